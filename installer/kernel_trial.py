@@ -11,7 +11,7 @@ from unittest.mock import patch
 
 import numpy as np
 
-from spherecal.adjust import engine_dense
+from spherecal.adjust import dense_elimination
 from spherecal.cameras.simulated.draw import digitise
 from spherecal.cameras.simulated.stage import Stage, StageView
 from spherecal.cli.main import main
@@ -39,7 +39,7 @@ def run_all(folder: Path) -> None:
     for method in ("auto", "free", "soft", "tao2021"):
         command("calibrate", f"{folder}/s", "-o", f"{folder}/{method}", "--method", method)
     command("calibrate", f"{folder}/s", "-o", f"{folder}/fixed", "--intrinsics", "fixed")
-    with patch.object(engine_dense, "LEAST_COLUMNS", 1):  # otherwise only rigs of a hundred cameras go that way
+    with patch.object(dense_elimination, "LEAST_COLUMNS", 1):  # otherwise only rigs of a hundred cameras go that way
         command("calibrate", f"{folder}/s", "-o", f"{folder}/dense", "--method", "rigid")
     places = lattice()
     clean_margins(admissible_triples(places)[:5], places)  # what the code book was made by

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 from threadpoolctl import threadpool_limits
 
-from spherecal.adjust import engine_numpy
 from spherecal.adjust.problem import LengthRows, Priors, Problem, State, sorted_problem
 from spherecal.base.arrays import FloatArray, IntArray
 from spherecal.calibrate import calibrate
@@ -23,6 +22,7 @@ from spherecal_sim.observe import look, observe
 from spherecal_sim.rigs import look_at
 from spherecal_sim.session import simulate_session
 from spherecal_sim.truth import SimulationOptions, Truth
+from tests import reference_engine
 
 
 @pytest.fixture(autouse=True, scope="module")
@@ -194,7 +194,7 @@ class Dense:
 
 def dense_equations(problem: Problem, state: State, robust_weight: FloatArray | None = None) -> Dense:
     """The weighted equations written out row by row, for comparison with what the engines do block by block."""
-    linear = engine_numpy.linearise(problem, state, robust_weight)
+    linear = reference_engine.linearise(problem, state, robust_weight)
     pose, intrinsic, after = _camera_columns(problem)
     placement = after + 6 * np.arange(problem.n_placements)
     after += 6 * problem.n_placements

@@ -12,7 +12,7 @@ from spherecal.adjust.covariance import covariance
 from spherecal.adjust.datum import Places
 from spherecal.adjust.deformable import groups_of, minimise_soft, soft_normal_equations, softened
 from spherecal.adjust.deformable_covariance import soft_covariance
-from spherecal.adjust.levenberg import Settings, load_engine, minimise
+from spherecal.adjust.levenberg import Settings, minimise
 from spherecal.adjust.problem import POSE, ShapePrior
 from spherecal.ball.shape import shape_cofactors
 from spherecal.base.arrays import FloatArray
@@ -38,7 +38,7 @@ TARGETS = 80
 
 def test_shape_cofactors_are_those_of_the_dots_among_themselves() -> None:
     problem, state, places = with_world(small_network(rigid=True, n_points=30, noise_px=0.0))
-    found = covariance(problem, state, "numpy", places)
+    found = covariance(problem, state, places)
     assert found is not None
     dots = np.arange(30)
     shape = shape_cofactors(found, state.points, dots)
@@ -82,7 +82,7 @@ def on_shape(sd_mm: float = 0.05):
 
 def test_stored_dots_are_observations_of_the_shape() -> None:
     problem, state, _ = on_shape()
-    soft = softened(problem, state, load_engine("numpy"), groups_of(problem))
+    soft = softened(problem, state, groups_of(problem))
     normal = soft_normal_equations(soft, state, 0.0)
     assert problem.shape is not None
     plain = replace(problem, shape=None, play=None, place=None)
@@ -108,11 +108,11 @@ def test_stored_dots_are_observations_of_the_shape() -> None:
 def test_the_shape_gives_the_size_and_the_datum_is_that_of_the_places() -> None:
     """Nothing sees shifts and turns of the whole; the covariance does not depend on the world's frame."""
     problem, state, places = on_shape()
-    found = soft_covariance(problem, state, "numpy", places)
+    found = soft_covariance(problem, state, places)
     assert found is not None
     turned = state.seen_from(2)
     np.testing.assert_allclose(turned.points, state.points)  # the shape keeps its frame
-    again = soft_covariance(problem, turned, "numpy", places)
+    again = soft_covariance(problem, turned, places)
     assert again is not None
     np.testing.assert_allclose(again.cameras[:, 3, 3], found.cameras[:, 3, 3], rtol=1e-6)
     sizes = [np.linalg.norm(c.points, axis=(1, 2)) for c in (found, again)]
@@ -123,7 +123,7 @@ def test_the_shape_gives_the_size_and_the_datum_is_that_of_the_places() -> None:
     size, free = (fit_similarity(state.points, m.state.points).scale for m in (minimum, alone))
     assert abs(size - 1) < 2e-4
     assert abs(free - 1) >= 0.0
-    weaker = covariance(*with_world(small_network(rigid=True, n_points=24))[:2], "numpy", _of_world())
+    weaker = covariance(*with_world(small_network(rigid=True, n_points=24))[:2], _of_world())
     assert weaker is not None
     assert np.median(found.cameras[:, 6, 6] / weaker.cameras[:, 6, 6]) < 0.8  # focal lengths are surer
 

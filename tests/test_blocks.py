@@ -1,13 +1,13 @@
 """Work by blocks of observations: the same bits as all at once, whatever the size of the blocks."""
 
 from dataclasses import fields, replace
-from types import ModuleType
 
 import numpy as np
 import pytest
 
 from spherecal.adjust import covariance as covariance_module
-from spherecal.adjust import engine_dense, engine_numba, engine_numpy, linear
+from spherecal.adjust import dense_elimination, linear
+from spherecal.adjust import engine as compiled
 from spherecal.adjust.bundle import datum_defect, residual_size
 from spherecal.adjust.covariance import Covariance, covariance, shift_matrix
 from spherecal.adjust.datum import Places
@@ -66,20 +66,20 @@ def test_blocks_cover_everything_once(monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.mark.parametrize("dense", [False, True], ids=["by runs", "dense"])
 @pytest.mark.parametrize("robust", [False, True], ids=["plain", "robust"])
 def test_a_step_is_the_same_bits(net: Small, dense: bool, robust: bool, small_blocks, monkeypatch) -> None:
-    monkeypatch.setattr(engine_dense, "LEAST_COLUMNS", 0 if dense else 10**9)
-    monkeypatch.setattr(engine_dense, "_CHUNK", 11)
+    monkeypatch.setattr(dense_elimination, "LEAST_COLUMNS", 0 if dense else 10**9)
+    monkeypatch.setattr(dense_elimination, "_CHUNK", 11)
     problem, state = net.problem.select(net.problem.point != 4), perturbed(net.problem, net.truth, 0.3)
     weight = np.random.default_rng(1).uniform(0.2, 1.0, len(problem.uv)) if robust else None
-    whole = engine_numba.linear_model(problem, state, weight)
+    whole = compiled.linear_model(problem, state, weight)
     step = np.random.default_rng(2).normal(size=problem.layout.expanded) * 1e-3
-    expected = engine_numba.reduce(problem, whole, 1e-3)
-    points, cost = engine_numba.back_substitute(problem, whole, expected, step)
+    expected = compiled.reduce(problem, whole, 1e-3)
+    points, cost = compiled.back_substitute(problem, whole, expected, step)
     small_blocks()
-    parts = engine_numba.linear_model(problem, state, weight)
-    assert isinstance(whole, engine_numpy.Linearisation) and isinstance(parts, linear.LinearByBlocks)
+    parts = compiled.linear_model(problem, state, weight)
+    assert isinstance(whole, linear.Linearisation) and isinstance(parts, linear.LinearByBlocks)
     np.testing.assert_array_equal(parts.residual, whole.residual)
     assert parts.width == whole.width
-    found = engine_numba.reduce(problem, parts, 1e-3)
+    found = compiled.reduce(problem, parts, 1e-3)
     unit = 1 / np.sqrt(np.where(expected.diagonal > 0, expected.diagonal, 1.0))
     # dots that the same cameras and placements see, but not equally often, may be parted between two products
     exact = net.problem.placement is None or dense
@@ -88,7 +88,7 @@ def test_a_step_is_the_same_bits(net: Small, dense: bool, robust: bool, small_bl
     )
     for name in ("gradient", "diagonal", "point_inverse", "point_gradient"):
         np.testing.assert_array_equal(getattr(found, name), getattr(expected, name), err_msg=name)
-    again, same_cost = engine_numba.back_substitute(problem, parts, expected, step)
+    again, same_cost = compiled.back_substitute(problem, parts, expected, step)
     np.testing.assert_array_equal(again, points)
     assert same_cost == cost
 
@@ -100,11 +100,9 @@ def test_runs_that_are_cut_are_the_same_bits(small_blocks) -> None:
     seen_by_all = np.bincount(problem.point, minlength=problem.n_points)[problem.point] == 3
     problem = problem.select(seen_by_all)
     assert seen_by_all.sum() > 3 * 100
-    expected = normal_equations(
-        problem, net.truth, engine_numba, engine_numba.linear_model(problem, net.truth, None), 0.1
-    )
+    expected = normal_equations(problem, net.truth, compiled.linear_model(problem, net.truth, None), 0.1)
     small_blocks()
-    found = normal_equations(problem, net.truth, engine_numba, engine_numba.linear_model(problem, net.truth, None), 0.1)
+    found = normal_equations(problem, net.truth, compiled.linear_model(problem, net.truth, None), 0.1)
     np.testing.assert_array_equal(found.matrix, expected.matrix)
     np.testing.assert_array_equal(found.gradient, expected.gradient)
 
@@ -121,11 +119,10 @@ def test_the_minimum_is_the_same(net: Small, small_blocks) -> None:
         np.testing.assert_array_equal(found.state.points, expected.state.points)
 
 
-@pytest.mark.parametrize("engine", [engine_numba, engine_numpy], ids=["numba", "numpy"])
-def test_what_points_leave_over_is_the_same(net: Small, engine: ModuleType, small_blocks) -> None:
-    expected = left_over_by_points(net.problem, net.truth, engine)
+def test_what_points_leave_over_is_the_same(net: Small, small_blocks, either_engine) -> None:
+    expected = left_over_by_points(net.problem, net.truth)
     small_blocks()
-    for found, whole in zip(left_over_by_points(net.problem, net.truth, engine), expected, strict=True):
+    for found, whole in zip(left_over_by_points(net.problem, net.truth), expected, strict=True):
         np.testing.assert_allclose(found, whole, rtol=1e-12, atol=1e-12)
 
 
@@ -169,7 +166,7 @@ def _solved(net: Small) -> tuple[Problem, Minimum, Places | None]:
 
 
 def _probed(problem: Problem, minimum: Minimum, places: Places | None) -> tuple[Covariance, Probe]:
-    cofactors = covariance(problem, minimum.state, "numba", places)
+    cofactors = covariance(problem, minimum.state, places)
     assert cofactors is not None
     redundancy = problem.rows - problem.unknowns + datum_defect(problem)
     return cofactors, make_probe(problem, minimum.state, cofactors, minimum.cost, redundancy)
@@ -264,7 +261,7 @@ def test_cameras_that_nobody_uses_do_not_disturb_the_blocks(small_blocks) -> Non
     problem = net.problem.select(net.problem.camera != 2)
     free_pose = problem.free_pose & (np.arange(problem.n_cameras) != 2)
     problem = replace(problem, free_pose=free_pose, free_intrinsics=problem.free_intrinsics & free_pose[:, None])
-    expected = engine_numba.reduce(problem, engine_numba.linear_model(problem, net.truth, None), 0.0)
+    expected = compiled.reduce(problem, compiled.linear_model(problem, net.truth, None), 0.0)
     small_blocks()
-    found = engine_numba.reduce(problem, engine_numba.linear_model(problem, net.truth, None), 0.0)
+    found = compiled.reduce(problem, compiled.linear_model(problem, net.truth, None), 0.0)
     np.testing.assert_array_equal(found.matrix, expected.matrix)

@@ -10,11 +10,11 @@ from spherecal.adjust.datum import Places, datum_motions
 from spherecal.adjust.levenberg import Settings, minimise
 from spherecal.adjust.problem import POSE, Problem, State
 from spherecal.base.arrays import FloatArray
-from spherecal.base.context import Engine
 from spherecal.diagnose.score import make_probe
 from spherecal.geometry.rotation import cross_matrix, exp_rotation, log_rotation
 from spherecal.geometry.transform import fit_similarity
 from tests.networks import Small, dense_equations, one_thread, small_network
+from tests.reference_engine import reference_instead
 
 __all__ = ["one_thread"]
 
@@ -225,7 +225,7 @@ def similar(state: State, centre: FloatArray, turn: FloatArray, shift: FloatArra
 def case(request: pytest.FixtureRequest) -> tuple[Whole, Covariance]:
     net = small_network(n_points=30, noise_px=0.0, **CASES[request.param])  # type: ignore[arg-type]
     problem, state, places = with_world(net)
-    found = covariance(problem, state, "numpy", places)
+    found = covariance(problem, state, places)
     assert found is not None
     return whole_by_brute_force(problem, state, places), found
 
@@ -357,14 +357,16 @@ def test_cameras_with_the_size_left_in(case: tuple[Whole, Covariance]) -> None:
 
 def test_cameras_alone_are_the_same(case: tuple[Whole, Covariance]) -> None:
     whole, found = case
-    alone = camera_cofactors(whole.problem, whole.state, "numpy", whole.places)
+    alone = camera_cofactors(whole.problem, whole.state, whole.places)
     np.testing.assert_array_equal(alone, found.all_cameras())
 
 
 @pytest.mark.parametrize("name", CASES)
 def test_both_engines_give_the_same(name: str) -> None:
     problem, state, places = with_world(small_network(**CASES[name]))  # type: ignore[arg-type]
-    one, other = (covariance(problem, state, engine, places) for engine in ("numba", "numpy"))
+    one = covariance(problem, state, places)
+    with reference_instead():
+        other = covariance(problem, state, places)
     assert one is not None and other is not None
     sd = np.sqrt(np.maximum(np.einsum("cii->ci", other.cameras), 1e-300))
     np.testing.assert_allclose((one.cameras - other.cameras) / sd[:, None] / sd[:, :, None], 0.0, atol=1e-6)
@@ -391,7 +393,7 @@ def test_datum_motions_are_similarities_that_no_observation_sees(case: tuple[Who
 def test_covariance_of_the_points_has_the_datum_of_all_of_them() -> None:
     """Inner constraints: a shift, turn or stretch of the whole has no variance."""
     net = small_network(n_points=30)
-    found = covariance(net.problem, net.truth, "numba")
+    found = covariance(net.problem, net.truth)
     assert found is not None
     centred = net.truth.points - net.truth.points.mean(axis=0)
     typical = np.median(np.einsum("pii->p", found.points))
@@ -405,7 +407,7 @@ def test_covariance_of_the_points_has_the_datum_of_all_of_them() -> None:
 def test_points_without_observations_have_no_covariance() -> None:
     net = small_network(n_points=30)
     problem = net.problem.select(net.problem.point != 4)
-    found = covariance(problem, net.truth, "numba")
+    found = covariance(problem, net.truth)
     assert found is not None
     assert np.isnan(found.points[4]).all()
     assert np.isfinite(np.delete(found.points, 4, axis=0)).all()
@@ -418,22 +420,22 @@ def test_dots_seen_by_nobody_have_no_places_at_any_placement() -> None:
     assert places is not None
     problem = problem.select(problem.point != 4)
     state = replace(state, points=np.where(np.arange(30)[:, None] == 4, np.nan, state.points))
-    found = covariance(problem, state, "numba", places)
+    found = covariance(problem, state, places)
     assert found is not None
     assert (np.isnan(found.points[:, 0, 0]) == (places.point == 4)).all()
     assert np.isfinite(found.cameras).all()
 
 
-@pytest.mark.parametrize("engine", ["numpy", "numba"])
-def test_singular_networks_have_none(engine: Engine) -> None:
+@pytest.mark.usefixtures("either_engine")
+def test_singular_networks_have_none() -> None:
     net = small_network(n_points=30)
     few = net.problem.select(net.problem.point < 3)  # nine numbers for a hundred unknowns
-    assert covariance(few, net.truth, engine) is None
+    assert covariance(few, net.truth) is None
     level = replace(net.truth, points=net.truth.points * [1.0, 1.0, 0.0])
     rigid = small_network(rigid=True)
     with pytest.raises(ValueError, match="rigid form"):
-        covariance(rigid.problem, rigid.truth, engine)
-    weak = covariance(net.problem, level, engine)
+        covariance(rigid.problem, rigid.truth)
+    weak = covariance(net.problem, level)
     assert weak is None or np.isfinite(weak.cameras).all()
 
 
@@ -441,7 +443,7 @@ def test_stated_uncertainties_are_those_of_repeated_trials() -> None:
     """200 times new noise: errors over stated standard deviations, in the datum of the points, have size 1."""
     sigma = 0.002
     net = small_network(n_points=40, noise_px=0.0, lengths=0)
-    found = covariance(net.problem, net.truth, "numba")
+    found = covariance(net.problem, net.truth)
     assert found is not None
     rng = np.random.default_rng(0)
     scores: dict[str, list[FloatArray]] = {"turn": [], "shift": [], "intrinsics": [], "points": []}
@@ -482,7 +484,7 @@ def test_lengths_take_the_scale_from_the_datum() -> None:
     assert net.problem.lengths is not None
     centred = net.truth.points - net.truth.points.mean(axis=0)
     gradient = centred / (centred**2).sum()
-    found = covariance(net.problem, net.truth, "numba")
+    found = covariance(net.problem, net.truth)
     assert found is not None
     assert found.stretch is not None
     rows = net.problem.lengths
@@ -490,7 +492,7 @@ def test_lengths_take_the_scale_from_the_datum() -> None:
     assert found.stretch > at_best * (1 - 1e-9)
     assert found.functional(gradient) < 1e-9 * found.stretch
     tighter = replace(net.problem, lengths=replace(rows, covariance=rows.covariance / 100))
-    better = covariance(tighter, net.truth, "numba")
+    better = covariance(tighter, net.truth)
     assert better is not None
     assert better.stretch is not None
     assert better.stretch < found.stretch
@@ -498,8 +500,8 @@ def test_lengths_take_the_scale_from_the_datum() -> None:
 
 def test_points_a_few_at_a_time_have_the_same_covariance(monkeypatch: pytest.MonkeyPatch) -> None:
     problem, state, places = with_world(small_network())
-    whole = covariance(problem, state, "numba", places)
+    whole = covariance(problem, state, places)
     monkeypatch.setattr("spherecal.adjust.covariance._MOST_PAIRS", 20)
-    parts = covariance(problem, state, "numba", places)
+    parts = covariance(problem, state, places)
     assert whole is not None and parts is not None
     np.testing.assert_allclose(parts.points, whole.points, rtol=1e-12)

@@ -37,7 +37,7 @@ def solved(seed: int = 0, **options: object) -> tuple[Probe, Problem, State]:
     """A small network at its minimum, ready for tests."""
     problem, state, places = with_world(small_network(seed=seed, **options))  # type: ignore[arg-type]
     minimum = minimise(problem, state, Settings(tolerance=1e-14, max_iterations=200))
-    cofactors = covariance(problem, minimum.state, "numba", places)
+    cofactors = covariance(problem, minimum.state, places)
     assert cofactors is not None
     redundancy = problem.rows - problem.unknowns + datum_defect(problem)
     return make_probe(problem, minimum.state, cofactors, minimum.cost, redundancy), problem, minimum.state
@@ -118,7 +118,7 @@ def moved_network(camera: int, placements: tuple[int, ...], step: np.ndarray) ->
     uv[rows] += project(shifted, intrinsics) - project(x, intrinsics)
     problem, state, places = with_world(replace(net, problem=replace(problem, uv=uv)))
     minimum = minimise(problem, state, Settings(tolerance=1e-14, max_iterations=200))
-    cofactors = covariance(problem, minimum.state, "numba", places)
+    cofactors = covariance(problem, minimum.state, places)
     assert cofactors is not None
     redundancy = problem.rows - problem.unknowns + datum_defect(problem)
     return make_probe(problem, minimum.state, cofactors, minimum.cost, redundancy), problem

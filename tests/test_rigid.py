@@ -274,7 +274,7 @@ def test_without_noise_the_truth_is_found_from_afar() -> None:
     )
     everything_used = np.ones(len(rig.network.uv), dtype=bool)
     spoilt = replace(spoilt, points=rigid.network.locate(spoilt, everything_used).points)
-    adjusted = refine(replace(rigid.network), spoilt, everything_used, np.ones(5, dtype=bool), Context(engine="numpy"))
+    adjusted = refine(replace(rigid.network), spoilt, everything_used, np.ones(5, dtype=bool), Context())
     assert adjusted.used.all()
     np.testing.assert_allclose(adjusted.state.intrinsics[:, :9], rig.truth.intrinsics[:, :9], atol=1e-2)
     assert adjusted.minimum.cost < 1e-8
@@ -283,16 +283,16 @@ def test_without_noise_the_truth_is_found_from_afar() -> None:
 def test_a_shared_shape_needs_fewer_unknowns_and_is_surer() -> None:
     rig = small_rig(noise_px=0.05)
     placed, used = np.ones(5, dtype=bool), np.ones(len(rig.network.uv), dtype=bool)
-    free = refine(rig.network, rig.truth, used, placed, Context(engine="numpy"))
+    free = refine(rig.network, rig.truth, used, placed, Context())
     alignment = align(rig.features, free.state.points, 3, 3)
     rigid, start = share_shape(rig.network, rig.features, free.state, alignment)
-    one = refine(rigid.network, start, free.used, placed, Context(engine="numpy"))
+    one = refine(rigid.network, start, free.used, placed, Context())
     dots = 14 * DOTS
     assert free.used.all() and one.used.all()
     assert free.redundancy == 2 * len(used) - 15 * 5 - 3 * 3 * dots + 7
     assert one.redundancy == 2 * len(used) - 15 * 5 - 3 * dots - 2 * 6 + 7
     assert one.variance == pytest.approx(0.05**2, rel=4 * np.sqrt(2 / one.redundancy))
-    surer, sure = (covariance(a.problem, a.state, "numpy", places) for a, places in ((one, rigid.places), (free, None)))
+    surer, sure = (covariance(a.problem, a.state, places) for a, places in ((one, rigid.places), (free, None)))
     assert surer is not None and sure is not None
     assert (np.einsum("cii->ci", surer.cameras) < np.einsum("cii->ci", sure.cameras)).mean() > 0.9
     score = (one.state.intrinsics - rig.truth.intrinsics)[:, one.problem.intrinsic_columns] ** 2

@@ -5,11 +5,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pytest
 
+from spherecal.adjust import engine
 from spherecal.adjust.covariance import Covariance, covariance
 from spherecal.adjust.datum import Places, datum_motions
 from spherecal.adjust.deformable import groups_of, minimise_soft, soft_normal_equations, softened
 from spherecal.adjust.deformable_covariance import soft_covariance
-from spherecal.adjust.levenberg import Settings, load_engine, minimise
+from spherecal.adjust.levenberg import Settings, minimise
 from spherecal.adjust.problem import POSE, Problem, State
 from spherecal.base.arrays import FloatArray
 from spherecal.geometry.transform import fit_similarity
@@ -45,7 +46,7 @@ def with_ties(problem: Problem, state: State) -> tuple[FloatArray, FloatArray, n
     """Jacobian and residuals with one play (3 columns) for every feature and its tie; the first of these columns."""
     assert problem.place is not None and problem.play is not None
     dense = dense_equations(problem, state)
-    linear = load_engine("numpy").linearise(problem, state, None)
+    linear = engine.linearise(problem, state, None)
     assert linear.by_placement is not None
     jacobian = dense.jacobian.copy()
     first_pose = dense.reduced - POSE * problem.n_placements - 3 * len(problem.kept_points)
@@ -75,7 +76,7 @@ class Case:
 @pytest.fixture(scope="module", params=CASES)
 def case(request: pytest.FixtureRequest) -> Case:
     problem, state, places = soft_network(request.param, noise_px=0.0)
-    found = soft_covariance(problem, state, "numpy", places)
+    found = soft_covariance(problem, state, places)
     assert found is not None
     rigid = whole_by_brute_force(problem, state, places)
     jacobian, _, columns = with_ties(problem, state)
@@ -153,10 +154,10 @@ def test_point_noise_is_that_with_known_cameras_and_placements(case: Case) -> No
 
 
 @pytest.mark.parametrize("name", CASES)
-@pytest.mark.parametrize("engine", ["numpy", "numba"])
-def test_normal_equations_are_those_of_the_whole_system(name: str, engine: str) -> None:
+@pytest.mark.usefixtures("either_engine")
+def test_normal_equations_are_those_of_the_whole_system(name: str) -> None:
     problem, state, _ = soft_network(name)
-    soft = softened(problem, state, load_engine(engine), groups_of(problem))  # type: ignore[arg-type]
+    soft = softened(problem, state, groups_of(problem))
     normal = soft_normal_equations(soft, state, 0.0)
     jacobian, residual, (_, reduced) = with_ties(problem, state)
     used = np.abs(jacobian).max(axis=0) > 0
@@ -183,7 +184,7 @@ def bent(problem: Problem, state: State, play_mm: float, seed: int) -> Problem:
     x += state.placement_translation[problem.placement] + off[problem.place]
     as_points = replace(state, points=x, placement_rotation=None, placement_translation=None)
     one_each = replace(problem, point=np.arange(len(x)), placement=None, n_points=len(x), uv=np.zeros_like(problem.uv))
-    seen = load_engine("numpy").residuals(one_each, as_points) / problem.weight
+    seen = engine.residuals(one_each, as_points) / problem.weight
     return replace(problem, uv=seen + rng.normal(size=seen.shape) / problem.weight)
 
 
@@ -223,7 +224,7 @@ def test_no_play_is_the_rigid_form() -> None:
     one, other = minimise_soft(stiff, state, Settings()), minimise(plain, state, Settings())
     assert one.cost == pytest.approx(other.cost, rel=1e-9)
     np.testing.assert_allclose(one.state.intrinsics, other.state.intrinsics, rtol=1e-5, atol=1e-6)
-    soft, rigid = soft_covariance(stiff, state, "numba", places), covariance(plain, state, "numba", places)
+    soft, rigid = soft_covariance(stiff, state, places), covariance(plain, state, places)
     assert soft is not None and rigid is not None
     assert_matrices_agree(soft.all_cameras(), rigid.all_cameras())
     np.testing.assert_allclose(soft.points, rigid.points, rtol=1e-6, atol=1e-12)
@@ -233,7 +234,7 @@ def test_dots_seen_by_nobody_have_no_places() -> None:
     problem, state, places = soft_network("plain", n_points=30)
     problem = problem.select(problem.point != 4)
     state = replace(state, points=np.where(np.arange(30)[:, None] == 4, np.nan, state.points))
-    found = soft_covariance(problem, state, "numba", places)
+    found = soft_covariance(problem, state, places)
     assert found is not None
     assert (np.isnan(found.points[:, 0, 0]) == (places.point == 4)).all()
     assert np.isfinite(found.cameras).all()
@@ -243,9 +244,9 @@ def test_a_place_that_no_camera_sees_is_where_the_shape_puts_it() -> None:
     """Its play is then only known by its standard deviation."""
     problem, state, places = soft_network("plain", n_points=30)
     assert problem.place is not None
-    there = soft_covariance(problem, state, "numba", places)
+    there = soft_covariance(problem, state, places)
     problem = problem.select(problem.place != 5)
-    found = soft_covariance(problem, state, "numba", places)
+    found = soft_covariance(problem, state, places)
     assert found is not None and there is not None
     assert found.points[5].trace() > 3 * PLAY_MM**2
     assert found.points[5].trace() > 2 * there.points[5].trace()
@@ -256,7 +257,7 @@ def test_datum_takes_back_what_no_observation_sees() -> None:
     jacobian, _, (before, _) = with_ties(problem, state)
     motions = datum_motions(problem, state, places)
     assert motions.unseen.sum() == 7
-    soft = softened(problem, state, load_engine("numpy"), groups_of(problem))
+    soft = softened(problem, state, groups_of(problem))
     normal = soft_normal_equations(soft, state, 0.0)
     full = np.triu(normal.matrix) + np.triu(normal.matrix, 1).T
     column = problem.layout.column
@@ -270,7 +271,7 @@ def test_places_that_a_camera_shows_twice_count_twice() -> None:
     """Their columns were opened twice: the compiled code wrote beyond its arrays, and the process died."""
     problem, state, _ = soft_network("plain")
     once = soft_normal_equations(
-        softened(replace(problem, weight=problem.weight * np.sqrt(2)), state, load_engine("numba"), groups_of(problem)),
+        softened(replace(problem, weight=problem.weight * np.sqrt(2)), state, groups_of(problem)),
         state, 0.0,
     )  # fmt: skip
     every = np.repeat(np.arange(len(problem.uv)), 2)
@@ -280,7 +281,7 @@ def test_places_that_a_camera_shows_twice_count_twice() -> None:
         problem, camera=problem.camera[every], point=problem.point[every], uv=problem.uv[every],
         weight=problem.weight[every], placement=problem.placement[every], place=problem.place[every],
     )  # fmt: skip
-    twice = soft_normal_equations(softened(double, state, load_engine("numba"), groups_of(double)), state, 0.0)
+    twice = soft_normal_equations(softened(double, state, groups_of(double)), state, 0.0)
     unit = 1 / np.sqrt(once.diagonal)
     np.testing.assert_allclose(
         np.triu(twice.matrix) * unit * unit[:, None], np.triu(once.matrix) * unit * unit[:, None], atol=1e-9

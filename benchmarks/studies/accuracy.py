@@ -205,7 +205,7 @@ def _covariance_difference(simulated: Simulated, form: Form, dense: DenseNetwork
         network = replace(network, lengths=rows)
     problem, _ = network.problem(simulated.usable_in(form), network.free, simulated.placed, weighted=True)
     state = simulated.state_in(form)
-    ours = covariance(problem, replace(state, points=np.nan_to_num(state.points)), "numba", places)
+    ours = covariance(problem, replace(state, points=np.nan_to_num(state.points)), places)
     assert ours is not None
     assert (np.isfinite(ours.points[:, 0, 0]) == dense.known).all()
     cameras = sigma * np.sqrt(np.einsum("cii->ci", ours.cameras))

@@ -227,7 +227,7 @@ def estimate_from_truth(simulated: Simulated, form: Form = "free", first: Estima
     adjusted = refine(network, start, simulated.usable, placed, context)
     network, adjusted = weighted(network, adjusted, placed, context)
     adjusted = replace(adjusted, state=adjusted.state.seen_from(0))
-    cofactors = covariance(adjusted.problem, adjusted.state, "numba", simulated.places_in(form))
+    cofactors = covariance(adjusted.problem, adjusted.state, simulated.places_in(form))
     held = np.zeros(len(placed), dtype=bool)
     rigid = None if form == "free" else replace(simulated.rigid[0], network=network)
     solved = BallFit(network, adjusted, cofactors, held, placed, rigid)

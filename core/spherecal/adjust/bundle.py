@@ -8,8 +8,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from spherecal.adjust import engine
 from spherecal.adjust.deformable import minimise_soft
-from spherecal.adjust.levenberg import Minimum, Settings, load_engine, minimise
+from spherecal.adjust.levenberg import Minimum, Settings, minimise
 from spherecal.adjust.network import Network
 from spherecal.adjust.problem import Problem, State
 from spherecal.base.arrays import BoolArray, FloatArray, IntArray, blocks
@@ -104,9 +105,9 @@ def robust_adjustment(
     names, iterations = step.intrinsics, step.iterations
     free = network.free if names is None else network.free & np.isin(INTRINSIC_NAMES, names)
     problem, _ = network.problem(used, free, placed, weighted=False)
-    typical = float(np.median(np.linalg.norm(load_engine(context.engine).residuals(problem, state), axis=1)))
+    typical = float(np.median(np.linalg.norm(engine.residuals(problem, state), axis=1)))
     for cauchy in (typical, CAUCHY_PX) if typical > CAUCHY_PX else (CAUCHY_PX,):
-        settings = Settings(cauchy=cauchy, max_iterations=iterations, tolerance=1e-4, engine=context.engine)
+        settings = Settings(cauchy=cauchy, max_iterations=iterations, tolerance=1e-4)
         state = minimise(problem, state, settings, _watch(context, step.stage, iterations)).state
     return _with_shared_lenses(network, state, placed)
 
@@ -175,7 +176,7 @@ def refine(network: Network, state: State, used: BoolArray, placed: BoolArray, c
         problem, rows = network.problem(gated, network.free, placed, weighted=True)
         known = np.where(np.isfinite(state.points), state.points, 0.0)
         solve = minimise if problem.play is None else minimise_soft
-        settings = Settings(engine=context.engine, first_damping=_first_damping(problem))
+        settings = Settings(first_damping=_first_damping(problem))
         minimum = solve(problem, replace(state, points=known), settings, _watch(context, "bundle adjustment", 20))
         lost = (network.views(gated) == 0) & ~network.known
         state = replace(minimum.state, points=np.where(lost[:, None], np.nan, minimum.state.points))

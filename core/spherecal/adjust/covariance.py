@@ -15,13 +15,13 @@ import numpy as np
 from scipy import sparse
 from scipy.linalg import LinAlgError, cho_factor, cho_solve
 
+from spherecal.adjust import engine
 from spherecal.adjust.datum import Places, carried_dots, datum_motions
-from spherecal.adjust.levenberg import load_engine, normal_equations
+from spherecal.adjust.levenberg import normal_equations
 from spherecal.adjust.linear import Linear
 from spherecal.adjust.problem import POSE, Problem, State, symmetric
 from spherecal.base import arrays
 from spherecal.base.arrays import FloatArray, IntArray, blocks, blocks_of_groups
-from spherecal.base.context import Engine
 from spherecal.base.threads import one_blas_thread
 from spherecal.geometry.rotation import cross_matrix
 
@@ -245,14 +245,14 @@ class CovarianceFactors:
         return self.pull @ self.carried + noise
 
 
-def covariance(problem: Problem, state: State, engine: Engine, places: Places | None = None) -> Covariance | None:
+def covariance(problem: Problem, state: State, places: Places | None = None) -> Covariance | None:
     """Cofactors of cameras and features at the minimum; None where the network is singular.
 
     `places` is needed in the rigid form, where one placement at least must stand for the world (locked).
     """
     if (problem.placement is None) != (places is None):
         raise ValueError("the rigid form, and only it, needs the features' places")
-    return finished_or_none(problem, lambda: _parts(problem, state, engine, places))
+    return finished_or_none(problem, lambda: _parts(problem, state, places))
 
 
 def finished_or_none(problem: Problem, pieces: Callable[[], tuple[CovarianceFactors, float]]) -> Covariance | None:
@@ -275,22 +275,19 @@ def finished(parts: CovarianceFactors, condition: float) -> Covariance:
     return Covariance(diagonal, parts.place_cofactors(), _stretch(parts), condition, parts)
 
 
-def camera_cofactors(problem: Problem, state: State, engine: Engine, places: Places | None) -> FloatArray | None:
+def camera_cofactors(problem: Problem, state: State, places: Places | None) -> FloatArray | None:
     """Cofactors of all cameras' parameters alone (c*w, c*w), for planning; None where the network is singular."""
     with one_blas_thread():
         try:
-            parts, condition = _parts(problem, state, engine, places)
+            parts, condition = _parts(problem, state, places)
         except (LinAlgError, np.linalg.LinAlgError):
             return None
         return Covariance(np.zeros(0), np.zeros(0), None, condition, parts).all_cameras()
 
 
-def _parts(
-    problem: Problem, state: State, engine_name: Engine, places: Places | None
-) -> tuple[CovarianceFactors, float]:
-    engine = load_engine(engine_name)
+def _parts(problem: Problem, state: State, places: Places | None) -> tuple[CovarianceFactors, float]:
     linear = engine.linear_model(problem, state, None)
-    normal = normal_equations(problem, state, engine, linear, 0.0)
+    normal = normal_equations(problem, state, linear, 0.0)
     if not (np.isfinite(normal.gradient).all() and (normal.matrix.diagonal() > 0).all()):
         raise LinAlgError  # as with a point whose rays are parallel to the last bit
     motions = datum_motions(problem, state, places)

@@ -8,19 +8,18 @@ step depends on where the points are off the shape, and ties do not shrink the n
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
-from types import ModuleType
 
 import numpy as np
 
-from spherecal.adjust.engine_numpy import Linearisation, Reduced
+from spherecal.adjust import engine
 from spherecal.adjust.levenberg import (
     Minimum,
     NormalEquations,
     Settings,
     extra_rows,
-    load_engine,
     solve_damped,
 )  # fmt: skip
+from spherecal.adjust.linear import Linearisation, Reduced
 from spherecal.adjust.problem import Problem, State, length_residuals, moved, prior_residuals
 from spherecal.base.arrays import FloatArray, IntArray
 from spherecal.base.threads import one_blas_thread
@@ -102,7 +101,7 @@ class Softened:
         return 0.5 * float(total)
 
 
-def softened(problem: Problem, state: State, engine: ModuleType, groups: Groups) -> Softened:
+def softened(problem: Problem, state: State, groups: Groups) -> Softened:
     """The linearisation at a state."""
     assert problem.play is not None and state.placement_rotation is not None
     linear = engine.linearise(problem, state, None)
@@ -135,19 +134,19 @@ def _minimise(
 ) -> Minimum:
     if not len(problem.uv):
         return Minimum(state, 0.0, 0, False, (0.0,))
-    engine, groups = load_engine(settings.engine), groups_of(problem)
+    groups = groups_of(problem)
     damping, costs, converged = settings.first_damping, list[float](), False
-    soft = softened(problem, state, engine, groups)
+    soft = softened(problem, state, groups)
     cost = _total(soft, soft.linear.residual, state)
     for iteration in range(1, settings.max_iterations + 1):
         costs.append(cost)
         if on_step is not None:
             on_step(iteration, cost)
-        trial, new_cost, predicted = _step(soft, state, engine, damping)
+        trial, new_cost, predicted = _step(soft, state, damping)
         if trial is not None and new_cost < cost:
             converged = cost - new_cost < settings.tolerance * cost
             state, damping = trial, max(damping / 10, LEAST_DAMPING)
-            soft = softened(problem, state, engine, groups)  # the weights follow the state
+            soft = softened(problem, state, groups)  # the weights follow the state
             cost = _total(soft, soft.linear.residual, state)
         else:
             converged = trial is not None and abs(predicted) <= settings.tolerance * cost
@@ -166,7 +165,7 @@ def _total(soft: Softened, residual: FloatArray, state: State) -> float:
     return total if np.isfinite(total) else np.inf
 
 
-def _step(soft: Softened, state: State, engine: ModuleType, damping: float) -> tuple[State | None, float, float]:
+def _step(soft: Softened, state: State, damping: float) -> tuple[State | None, float, float]:
     """The state after one damped step, its cost with the present weights, and the decrease that was predicted."""
     problem = soft.problem
     normal = soft_normal_equations(soft, state, damping)
@@ -236,9 +235,9 @@ def _back_substituted(soft: Softened, reduced: Reduced, step: FloatArray) -> tup
     return dots, change
 
 
-def left_over(problem: Problem, state: State, engine: ModuleType) -> tuple[FloatArray, FloatArray]:
+def left_over(problem: Problem, state: State) -> tuple[FloatArray, FloatArray]:
     """Residuals (n,2) that the play leaves, and how much of each observation's two rows its own point takes (n,)."""
-    soft = softened(problem, state, engine, groups_of(problem))
+    soft = softened(problem, state, groups_of(problem))
     groups, residual = soft.groups, soft.linear.residual
     off = np.einsum("gij,gj->gi", soft.q, soft.pulled(residual))
     through = soft.p @ soft.turn

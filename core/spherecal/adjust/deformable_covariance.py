@@ -14,10 +14,8 @@ from scipy.linalg import LinAlgError
 from spherecal.adjust.covariance import Covariance, CovarianceFactors, finished_or_none, generalised_inverse
 from spherecal.adjust.datum import Motions, Places, carried_dots, datum_motions
 from spherecal.adjust.deformable import Softened, groups_of, play_matrices, soft_normal_equations, softened
-from spherecal.adjust.levenberg import load_engine
 from spherecal.adjust.problem import POSE, Problem, State, symmetric
 from spherecal.base.arrays import FloatArray, IntArray
-from spherecal.base.context import Engine
 from spherecal.geometry.rotation import cross_matrix
 
 # Features whose places are worked on at a time: 1500 rows of up to 2,000 columns are 24 MB.
@@ -83,13 +81,13 @@ class SoftParts(CovarianceFactors):
         return out
 
 
-def soft_covariance(problem: Problem, state: State, engine: Engine, places: Places) -> Covariance | None:
+def soft_covariance(problem: Problem, state: State, places: Places) -> Covariance | None:
     """Cofactors of cameras and features at the minimum; None where the network is singular."""
-    return finished_or_none(problem, lambda: _parts(problem, state, engine, places))
+    return finished_or_none(problem, lambda: _parts(problem, state, places))
 
 
-def _parts(problem: Problem, state: State, engine: Engine, places: Places) -> tuple[SoftParts, float]:
-    soft = softened(problem, state, load_engine(engine), groups_of(problem))
+def _parts(problem: Problem, state: State, places: Places) -> tuple[SoftParts, float]:
+    soft = softened(problem, state, groups_of(problem))
     normal = soft_normal_equations(soft, state, 0.0)
     if not (np.isfinite(normal.gradient).all() and (normal.matrix.diagonal() > 0).all()):
         raise LinAlgError

@@ -6,16 +6,14 @@ makes poor starts fail ([Tao21] Table II). Damping control after H. B. Nielsen, 
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from types import ModuleType
 
 import numpy as np
 from scipy.linalg import LinAlgError, cho_factor, cho_solve
 
-from spherecal.adjust import engine_numpy
-from spherecal.adjust.linear import Linear
+from spherecal.adjust import engine
+from spherecal.adjust.linear import Linear, Reduced
 from spherecal.adjust.problem import Problem, State, length_residuals, moved, prior_residuals
 from spherecal.base.arrays import FloatArray
-from spherecal.base.context import Engine
 from spherecal.base.threads import one_blas_thread
 
 
@@ -32,7 +30,6 @@ class Settings:
     max_iterations: int = 60
     tolerance: float = 1e-10
     first_damping: float = 1e-4
-    engine: Engine = "numba"
 
 
 @dataclass(frozen=True)
@@ -53,16 +50,7 @@ class NormalEquations:
     matrix: FloatArray
     gradient: FloatArray
     diagonal: FloatArray
-    reduced: engine_numpy.Reduced
-
-
-def load_engine(name: Engine) -> ModuleType:
-    """The module with the inner stages; numba's is imported only when asked for (it takes half a second)."""
-    if name == "numpy":
-        return engine_numpy
-    from spherecal.adjust import engine_numba
-
-    return engine_numba
+    reduced: Reduced
 
 
 def minimise(
@@ -81,16 +69,15 @@ def _minimise(
 ) -> Minimum:
     if not len(problem.uv):
         return Minimum(state, 0.0, 0, False, (0.0,))
-    engine = load_engine(settings.engine)
     damping, growth = settings.first_damping, 2.0
-    cost = total_cost(problem, state, engine, settings.cauchy)
+    cost = total_cost(problem, state, settings.cauchy)
     costs = [cost]
     linear = None
     for iteration in range(1, settings.max_iterations + 1):
         if linear is None:
-            linear = engine.linear_model(problem, state, _robust_weight(problem, state, engine, settings.cauchy))
-        trial = _step(problem, state, engine, linear, damping)
-        new_cost = np.inf if trial is None else total_cost(problem, trial[0], engine, settings.cauchy)
+            linear = engine.linear_model(problem, state, _robust_weight(problem, state, settings.cauchy))
+        trial = _step(problem, state, linear, damping)
+        new_cost = np.inf if trial is None else total_cost(problem, trial[0], settings.cauchy)
         # the model's cost is that of the weighted rows; only the decrease is comparable
         predicted = 0.0 if trial is None else trial[1]
         if trial is not None and new_cost < cost and predicted > 0:
@@ -114,7 +101,7 @@ def _minimise(
     return Minimum(state, cost, len(costs) - 1, False, tuple(costs))
 
 
-def total_cost(problem: Problem, state: State, engine: ModuleType, cauchy: float | None) -> float:
+def total_cost(problem: Problem, state: State, cauchy: float | None) -> float:
     """Half the (robust) sum of squared weighted residuals of all rows; infinite where it is not defined."""
     squared = (engine.residuals(problem, state) ** 2).sum(axis=1)
     if cauchy is not None:
@@ -124,7 +111,7 @@ def total_cost(problem: Problem, state: State, engine: ModuleType, cauchy: float
     return total if np.isfinite(total) else np.inf
 
 
-def _robust_weight(problem: Problem, state: State, engine: ModuleType, cauchy: float | None) -> FloatArray | None:
+def _robust_weight(problem: Problem, state: State, cauchy: float | None) -> FloatArray | None:
     """Square roots of the weights (n,) by which Cauchy's loss scales each observation's rows."""
     if cauchy is None:
         return None
@@ -132,11 +119,9 @@ def _robust_weight(problem: Problem, state: State, engine: ModuleType, cauchy: f
     return 1.0 / np.sqrt(1.0 + (residual**2).sum(axis=1) / cauchy**2)
 
 
-def _step(
-    problem: Problem, state: State, engine: ModuleType, linear: Linear, damping: float
-) -> tuple[State, float] | None:
+def _step(problem: Problem, state: State, linear: Linear, damping: float) -> tuple[State, float] | None:
     """The state after one damped step and the decrease of cost that the linear model predicts; None if singular."""
-    normal = normal_equations(problem, state, engine, linear, damping)
+    normal = normal_equations(problem, state, linear, damping)
     step = solve_damped(normal, damping)
     if step is None:
         return None
@@ -170,12 +155,14 @@ def solve_damped(normal: NormalEquations, damping: float) -> FloatArray | None:
     return step if np.isfinite(step).all() else None
 
 
-def normal_equations(
-    problem: Problem, state: State, engine: ModuleType, linear: Linear, damping: float
-) -> NormalEquations:
+def normal_equations(problem: Problem, state: State, linear: Linear, damping: float) -> NormalEquations:
     """The reduced normal equations with the rows of priors and lengths added; points damped, the rest not."""
+    return assembled(problem, state, engine.reduce(problem, linear, damping))
+
+
+def assembled(problem: Problem, state: State, reduced: Reduced) -> NormalEquations:
+    """What is left of the observations once their points are eliminated, with the rows of priors and lengths."""
     layout = problem.layout
-    reduced = engine.reduce(problem, linear, damping)
     matrix = layout.fold_matrix(reduced.matrix, reduced.is_gathered)
     gradient = layout.fold_vector(reduced.gradient)
     diagonal = layout.fold_vector(reduced.diagonal)

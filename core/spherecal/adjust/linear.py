@@ -11,13 +11,49 @@ from typing import TypeAlias
 
 import numpy as np
 
-from spherecal.adjust.engine_numpy import Linearisation
 from spherecal.adjust.problem import POSE, Problem, State
 from spherecal.base import arrays
 from spherecal.base.arrays import BoolArray, FloatArray, IntArray, blocks
 
 # Up to this number of observations (20 MB) the linearisation is held: computing it again takes a tenth of a step.
 MOST_HELD = 50_000
+
+
+@dataclass(frozen=True)
+class Linearisation:
+    """Weighted residuals (n,2) and derivatives by camera (n,2,6+k), point (n,2,3) and placement (n,2,6) or None."""
+
+    residual: FloatArray
+    by_camera: FloatArray
+    by_point: FloatArray
+    by_placement: FloatArray | None
+
+    @property
+    def width(self) -> int:
+        """Columns of a camera: its pose and intrinsics."""
+        return self.by_camera.shape[2]
+
+    def at(self, rows: slice | IntArray) -> "Linearisation":
+        """The same of some observations."""
+        by_placement = None if self.by_placement is None else self.by_placement[rows]
+        return Linearisation(self.residual[rows], self.by_camera[rows], self.by_point[rows], by_placement)
+
+
+@dataclass(frozen=True)
+class Reduced:
+    """Normal equations in the expanded layout (upper block triangle) after eliminating the points.
+
+    `diagonal` (e,) is the diagonal before elimination; `point_inverse` (p,3,3) and `point_gradient` (p,3) serve the
+    back substitution. `is_gathered`: of cameras that share a lens, only the first has anything in its columns.
+    """
+
+    matrix: FloatArray
+    gradient: FloatArray
+    diagonal: FloatArray
+    point_inverse: FloatArray
+    point_gradient: FloatArray
+    is_gathered: bool = False
+
 
 Linearise = Callable[[Problem, State, FloatArray | None], Linearisation]
 

@@ -2,7 +2,7 @@
 
 The unknowns come in blocks: cameras (pose and intrinsics), placements (pose of the rigid ball, only in the rigid
 form) and points. Points are eliminated (Schur complement) except the few that length rows tie to each other; what
-remains is the reduced system. Both engines fill it camera by camera, in a layout where every camera has all its
+remains is the reduced system. The engine fills it camera by camera, in a layout where every camera has all its
 columns; `Layout.fold` then drops locked columns and adds up those of cameras that share intrinsics.
 """
 

@@ -7,18 +7,17 @@ five views of 113, which then had 20 to 70 times the noise of the others and pos
 """
 
 from dataclasses import replace
-from types import ModuleType
 
 import numpy as np
 from scipy.spatial import KDTree
 
+from spherecal.adjust import engine
 from spherecal.adjust.bundle import Adjustment, refine, residual_size
 from spherecal.adjust.deformable import left_over
-from spherecal.adjust.levenberg import load_engine
 from spherecal.adjust.network import Network
 from spherecal.adjust.problem import POSE, Problem, State
 from spherecal.base.arrays import BoolArray, FloatArray, blocks_of_groups
-from spherecal.base.context import Context, Engine
+from spherecal.base.context import Context
 
 # A camera 10 to 25 times noisier than the rest is found in two rounds, its neighbours are clean again after eight (1.03
 # and 1.02; 1.13 and 1.20 after three); clean data settle in one or two.
@@ -34,15 +33,13 @@ NEIGHBOURS = 4
 LEAST_NOISE, MOST_NOISE = 0.1, 100.0
 
 
-def camera_noise(problem: Problem, state: State, engine: Engine) -> FloatArray:
+def camera_noise(problem: Problem, state: State) -> FloatArray:
     """Noise (c,) of each camera against its weights, 1 on average over the observations.
 
     Its square is that between neighbouring dots plus what residuals of the whole network share: lenses that do not
     follow the model, in the median over the cameras.
     """
-    residual, by_points = (left_over_by_points if problem.play is None else left_over)(
-        problem, state, load_engine(engine)
-    )
+    residual, by_points = (left_over_by_points if problem.play is None else left_over)(problem, state)
     rest, scale = 2.0 - by_points, 1.0 / problem.weight.mean(axis=1)
     n = problem.n_cameras
     count, size = (np.bincount(problem.camera, values, n) for values in (np.ones(len(rest)), scale**2))
@@ -68,7 +65,7 @@ def camera_noise(problem: Problem, state: State, engine: Engine) -> FloatArray:
     return noise.clip(LEAST_NOISE, MOST_NOISE)
 
 
-def left_over_by_points(problem: Problem, state: State, engine: ModuleType) -> tuple[FloatArray, FloatArray]:
+def left_over_by_points(problem: Problem, state: State) -> tuple[FloatArray, FloatArray]:
     """Residuals (n,2), and of each observation's two rows how much its point is fitted to them (n,)."""
     residual, by_points = np.empty_like(problem.uv), np.empty(len(problem.uv))
     for first, last in blocks_of_groups(problem.point_start):
@@ -109,7 +106,7 @@ def rough_noise(network: Network, state: State, used: BoolArray) -> FloatArray:
 def weighted(network: Network, adjusted: Adjustment, placed: BoolArray, context: Context) -> tuple[Network, Adjustment]:
     """The adjustment again with every camera weighted by its own noise, and the network with these weights."""
     for _ in range(ROUNDS):
-        factor = camera_noise(adjusted.problem, adjusted.state, context.engine)
+        factor = camera_noise(adjusted.problem, adjusted.state)
         before = np.ones(len(placed)) if network.noise is None else network.noise
         network = replace(network, noise=before * factor)
         adjusted = refine(network, adjusted.state, adjusted.used, placed, context)

@@ -11,8 +11,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from spherecal.adjust import engine
 from spherecal.adjust.bundle import Adjustment
-from spherecal.adjust.levenberg import load_engine
 from spherecal.base.arrays import FloatArray, IntArray, blocks_of_groups
 
 # The part on which cameras agree, over the noise's share of the squares. Of balls bent by 0.05 to 0.2 mm on rigs A, B
@@ -47,7 +47,7 @@ def agreement(rigid: Adjustment, feature: IntArray, free_variance: float) -> Agr
     sums = np.zeros(4)
     for first, last in blocks_of_groups(problem.point_start):
         rows = slice(int(problem.point_start[first]), int(problem.point_start[last]))
-        linear = load_engine("numba").linearise(problem.select(rows), rigid.state, None)
+        linear = engine.linearise(problem.select(rows), rigid.state, None)
         sums += _terms(linear.by_point, linear.residual, problem.point[rows] - first, feature[rows])
     agreed, between, own, scatter = sums
     if not own > 0:

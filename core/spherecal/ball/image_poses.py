@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.linalg import LinAlgError, cho_factor, cho_solve
 
+from spherecal.adjust import engine
 from spherecal.adjust.bundle import (
     RobustStep,
     located,
@@ -18,13 +19,13 @@ from spherecal.adjust.bundle import (
     robust_adjustment,
     robust_start,
 )
-from spherecal.adjust.engine_numpy import Linearisation
-from spherecal.adjust.levenberg import load_engine, normal_equations
+from spherecal.adjust.levenberg import normal_equations
+from spherecal.adjust.linear import Linearisation
 from spherecal.adjust.network import Network
 from spherecal.adjust.problem import POSE, Problem, State, symmetric
 from spherecal.ball.rigid import Alignment
 from spherecal.base.arrays import BoolArray, FloatArray, IntArray
-from spherecal.base.context import Context, Engine
+from spherecal.base.context import Context
 from spherecal.base.threads import one_blas_thread
 from spherecal.data.observations import Features
 from spherecal.geometry.transform import Similarity
@@ -100,8 +101,8 @@ def solve_images(
     start, used = _settled(images, start, enough, context)
     solved = refine(images, start, used, enough, context)
     own = np.flatnonzero(np.bincount(solved.problem.camera, minlength=len(enough)))
-    linear = load_engine(context.engine).linearise(solved.problem, solved.state, None)
-    normal = _of_poses(solved.problem, solved.state, linear, own, context.engine)
+    linear = engine.linearise(solved.problem, solved.state, None)
+    normal = _of_poses(solved.problem, solved.state, linear, own)
     if normal is None or solved.redundancy <= 0 or not solved.minimum.converged:
         return None
     points = np.bincount(solved.problem.camera, minlength=len(enough))[own]
@@ -140,13 +141,11 @@ def _squares(problem: Problem, linear: Linearisation) -> FloatArray:
     return out
 
 
-def _of_poses(
-    problem: Problem, state: State, linear: Linearisation, images: IntArray, engine_name: Engine
-) -> FloatArray | None:
+def _of_poses(problem: Problem, state: State, linear: Linearisation, images: IntArray) -> FloatArray | None:
     """The normal matrix of the images' poses once dots and lenses are eliminated; None where lenses are not found."""
-    engine, layout = load_engine(engine_name), problem.layout
+    layout = problem.layout
     with one_blas_thread():
-        whole = symmetric(normal_equations(problem, state, engine, linear, 0.0).matrix)
+        whole = symmetric(normal_equations(problem, state, linear, 0.0).matrix)
         poses = layout.column[layout.block_offset[images][:, None] + np.arange(POSE)].ravel()
         lenses = np.setdiff1d(np.arange(layout.size), poses)
         size = 1 / np.sqrt(whole.diagonal()[lenses])

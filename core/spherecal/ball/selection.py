@@ -277,7 +277,7 @@ def _soft_solution(
         play, start = estimate_shape_variance(rigid, first, used, placed, noise**2, run.context)
     else:
         play = requested.shape_sd_mm / unit_mm / noise
-        start = adjusted_with(rigid, first, used, placed, play, run.context.engine)
+        start = adjusted_with(rigid, first, used, placed, play)
     if choice.limit is not None and not choice.asked and play * noise > MOST_PLAY * _radius(start):
         return None
     solved = _rigid_solution(_without_priors(rigid).softened(play), start, placed, run)
@@ -357,9 +357,9 @@ def finished_solution(
     release_freed()
     places = None if rigid is None else rigid.places
     if places is not None and adjusted.problem.play is not None:
-        cofactors = soft_covariance(adjusted.problem, adjusted.state, run.context.engine, places)
+        cofactors = soft_covariance(adjusted.problem, adjusted.state, places)
     else:
-        cofactors = covariance(adjusted.problem, adjusted.state, run.context.engine, places)
+        cofactors = covariance(adjusted.problem, adjusted.state, places)
     release_freed()
     return BallFit(network, adjusted, cofactors, np.zeros(len(placed), dtype=bool), placed, rigid)
 

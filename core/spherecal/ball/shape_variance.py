@@ -9,11 +9,11 @@ import numpy as np
 
 from spherecal.adjust.bundle import Adjustment, datum_defect
 from spherecal.adjust.deformable import groups_of, minimise_soft, softened
-from spherecal.adjust.levenberg import Settings, load_engine
+from spherecal.adjust.levenberg import Settings
 from spherecal.adjust.problem import Problem, State
 from spherecal.ball.rigid import RigidNetwork
 from spherecal.base.arrays import BoolArray, IntArray
-from spherecal.base.context import Context, Engine
+from spherecal.base.context import Context
 
 # The variance of unit weight of rig A scatters by 1.2 % from recording to recording.
 TOLERANCE = 0.003
@@ -39,7 +39,7 @@ def estimate_shape_variance(
     variance is no larger.
     """
     state, used, problem, rows = _start(rigid, first, used, placed)
-    tied, settings = problem.play, Settings(engine=context.engine, **TRIAL_SETTINGS)  # type: ignore[arg-type]
+    tied, settings = problem.play, Settings(**TRIAL_SETTINGS)  # type: ignore[arg-type]
     assert tied is not None
     redundancy = max(problem.rows - problem.unknowns + datum_defect(problem), 1)
     play, trials = 0.0, list[_Trial]()
@@ -50,20 +50,20 @@ def estimate_shape_variance(
         if abs(ratio - 1) < TOLERANCE or (play == 0.0 and ratio <= 1) or len(trials) == MOST_TRIALS:
             return play, Adjustment(state, replace(problem, play=play * tied), rows, used, done, redundancy)
         if play == 0.0:
-            play = _first_guess(problem, state, context.engine, ratio)
+            play = _first_guess(problem, state, ratio)
             continue
         trials.append(_Trial(float(np.log(play)), float(np.log(ratio))))
         play = float(np.exp(_next(trials)))
 
 
 def adjusted_with(
-    rigid: RigidNetwork, first: Adjustment, used: BoolArray, placed: BoolArray, play: float, engine: Engine
+    rigid: RigidNetwork, first: Adjustment, used: BoolArray, placed: BoolArray, play: float
 ) -> Adjustment:
     """The network adjusted with a known play."""
     state, used, problem, rows = _start(rigid, first, used, placed)
     assert problem.play is not None
     problem = replace(problem, play=play * problem.play)
-    done = minimise_soft(problem, state, Settings(engine=engine))
+    done = minimise_soft(problem, state, Settings())
     redundancy = problem.rows - problem.unknowns + datum_defect(problem)
     return Adjustment(done.state, problem, rows, used, done, redundancy)
 
@@ -94,8 +94,8 @@ def _next(trials: list[_Trial]) -> float:
     return 0.5 * (low + high) if np.isfinite(low + high) else last.play + np.sign(last.excess)
 
 
-def _first_guess(problem: Problem, state: State, engine: Engine, ratio: float) -> float:
+def _first_guess(problem: Problem, state: State, ratio: float) -> float:
     """The play that alone would make the images of a typical dot as much noisier."""
-    soft = softened(problem, state, load_engine(engine), groups_of(problem))
+    soft = softened(problem, state, groups_of(problem))
     per_row = np.einsum("gii->g", soft.normal) / (2.0 * np.diff(soft.groups.start))
     return float(np.sqrt((ratio - 1) / np.median(per_row)))

@@ -195,7 +195,7 @@ def _free_form(e: Evidence) -> _Probed | None:
         return None
     known = replace(state, points=np.where(np.isfinite(state.points), state.points, 0.0))
     minimum = minimise(problem, known, Settings(max_iterations=10), lambda *_: e.context.report(STAGE, 0.5))
-    cofactors = covariance(problem, minimum.state, "numba")
+    cofactors = covariance(problem, minimum.state)
     if cofactors is None:
         return None
     probe = make_probe(problem, minimum.state, cofactors, minimum.cost, redundancy)

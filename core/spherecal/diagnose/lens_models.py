@@ -11,7 +11,7 @@ from spherecal.adjust.network import Network
 from spherecal.adjust.problem import State
 from spherecal.ball.selection import BallFit
 from spherecal.base.arrays import BoolArray, FloatArray, IntArray
-from spherecal.base.context import Context, Engine
+from spherecal.base.context import Context
 from spherecal.base.messages.values import Phrase
 from spherecal.data.findings import Finding
 from spherecal.geometry.camera import LENS_MODELS, LensModel, estimated_mask, is_fisheye
@@ -97,22 +97,20 @@ def try_lenses(solved: BallFit, context: Context) -> list[LensTrial]:
         start = None if now == {model} else _start(solved, groups, model)
         if start is not None:
             free = np.where(members[:, None], estimated_mask(model), network.free)
-            trials.append(_trial(solved, replace(network, free=free), start, model, context.engine))
+            trials.append(_trial(solved, replace(network, free=free), start, model))
     if len(np.unique(network.group[members & solved.placed])) < (members & solved.placed).sum():
         own = replace(network, group=np.arange(len(network.group)))
-        trials.append(_trial(solved, own, _with_known_points(state), None, context.engine))
+        trials.append(_trial(solved, own, _with_known_points(state), None))
     return [trial for trial in trials if trial is not None]
 
 
-def _trial(
-    solved: BallFit, network: Network, start: State, model: LensModel | None, engine: Engine
-) -> LensTrial | None:
+def _trial(solved: BallFit, network: Network, start: State, model: LensModel | None) -> LensTrial | None:
     """The network with other lenses, from a start; None where that has no end."""
     adjusted = solved.adjusted
     noise = float(np.sqrt(adjusted.variance))
     network = hold(replace(network, priors=None), start.intrinsics, solved.held, noise)
     problem, _ = network.problem(adjusted.used, network.free, solved.placed, weighted=True)
-    found = minimise(problem, start, Settings(max_iterations=_ITERATIONS, engine=engine))
+    found = minimise(problem, start, Settings(max_iterations=_ITERATIONS))
     rows, before, after = 2 * len(adjusted.rows), 2 * adjusted.minimum.cost, 2 * found.cost
     more = problem.layout.size - adjusted.problem.layout.size
     if not 0 < after < np.inf or adjusted.redundancy <= more:

@@ -14,10 +14,9 @@ import numpy as np
 from scipy import sparse
 from scipy.stats import chi2
 
+from spherecal.adjust import engine
 from spherecal.adjust.covariance import Covariance, shift_matrix
-from spherecal.adjust.engine_numpy import Linearisation
-from spherecal.adjust.levenberg import load_engine
-from spherecal.adjust.linear import Linear
+from spherecal.adjust.linear import Linear, Linearisation
 from spherecal.adjust.problem import POSE, Problem, State
 from spherecal.base.arrays import FloatArray, IntArray, blocks, blocks_of_groups
 
@@ -172,7 +171,7 @@ class Probe:
 
 def make_probe(problem: Problem, state: State, cofactors: Covariance, cost: float, redundancy: int) -> Probe:
     """A network at its minimum (of this `cost`, v'Pv / 2) made ready for tests."""
-    linear, parts = load_engine("numba").linear_model(problem, state, None), cofactors._parts
+    linear, parts = engine.linear_model(problem, state, None), cofactors._parts
     shift = shift_matrix(parts) if 5 * linear.width * len(problem.uv) <= MOST_NONZERO else None
     return Probe(
         problem, linear, linear.residual.ravel(), parts.inverse, shift, parts.point_inverse, 2 * cost, redundancy

@@ -6,7 +6,6 @@ from dataclasses import replace
 import numpy as np
 
 from spherecal.adjust.bundle import Adjustment, refine
-from spherecal.adjust.levenberg import load_engine
 from spherecal.adjust.weights import left_over_by_points
 from spherecal.ball.rigid import align, share_shape
 from spherecal.ball.selection import NOTICEABLE
@@ -119,7 +118,7 @@ def _odd_one(e: Evidence) -> tuple[int, float] | None:
 def _shares(e: Evidence, rigid: Adjustment, free_variance: float) -> FloatArray:
     """What each placement (t,) adds to v'Pv beyond its share, as a share of the whole excess."""
     problem = rigid.problem
-    residual, taken = left_over_by_points(problem, rigid.state, load_engine("numba"))
+    residual, taken = left_over_by_points(problem, rigid.state)
     placement: IntArray = e.observations.placement[rigid.rows]
     count = len(e.session.placements)
     ball = placement < count

@@ -304,7 +304,7 @@ def _expanded(known: KnownNetwork, state: State, shown: _Shown | None, tests: Fl
     )  # fmt: skip
     assert problem.placement is not None
     seen = np.unique(np.stack([problem.point, problem.placement], axis=1), axis=0)
-    cofactors = camera_cofactors(problem, state, "numba", Places(seen[:, 0], seen[:, 1]))
+    cofactors = camera_cofactors(problem, state, Places(seen[:, 0], seen[:, 1]))
     if cofactors is None:
         return None
     cameras = Cameras(

@@ -16,7 +16,7 @@ from spherecal.adjust.levenberg import Minimum
 from spherecal.adjust.network import Network
 from spherecal.adjust.problem import Priors, State, sorted_problem
 from spherecal.base.arrays import BoolArray, FloatArray, IntArray
-from spherecal.base.context import Context, Engine
+from spherecal.base.context import Context
 from spherecal.data.session import Session
 from spherecal.geometry.camera import INTRINSIC_NAMES, project
 from spherecal.methods.bar_marks import BarRecording, known_lengths
@@ -92,7 +92,7 @@ def _robust_start(work: BarNetwork, state: State, candidates: BoolArray, context
         free = network.free if names is None else network.free & np.isin(INTRINSIC_NAMES, names)
         state = replace(state, points=np.where(good[:, None], points, 0.0))
         lengths = known_lengths(work.session, work.recording, good)
-        model = _model(work, candidates & good[network.feature], free, lengths, None, False, context.engine)
+        model = _model(work, candidates & good[network.feature], free, lengths, None, False)
         typical = float(np.median(np.linalg.norm(model.residuals(state), axis=1)))
         for cauchy in (typical, CAUCHY_PX) if typical > CAUCHY_PX else (CAUCHY_PX,):
             watch = progress(context, "robust adjustment", START_ITERATIONS)
@@ -123,7 +123,7 @@ def _refine(
         lengths = known_lengths(work.session, work.recording, seen)
         # certificates and dots are to weigh against each other as both really scatter
         lengths = replace(lengths, sigma=lengths.sigma / noise)
-        model = _model(work, gated, network.free, lengths, priors, True, context.engine)
+        model = _model(work, gated, network.free, lengths, priors, True)
         whole = replace(state, points=np.where(seen[:, None], state.points, 0.0))
         minimum = minimise(model, whole, None, 60, on_step=progress(context, "joint adjustment", 20))
         state = replace(minimum.state, points=np.where(seen[:, None], minimum.state.points, np.nan))
@@ -141,7 +141,6 @@ def _refine(
 
 def _model(
     work: BarNetwork, used: BoolArray, free: BoolArray, lengths: Lengths, priors: Priors | None, weighted: bool,
-    engine: Engine,
 ) -> BarModel:  # fmt: skip
     network = work.network
     rows = np.flatnonzero(used)
@@ -152,7 +151,7 @@ def _model(
         network.camera[rows], network.feature[rows], network.uv[rows], sigma, network.n_features,
         free_pose=pose, free_intrinsics=free & seen[:, None], group=network.group, priors=priors,
     )  # fmt: skip
-    return BarModel(problem, work.recording.slots, lengths, engine)
+    return BarModel(problem, work.recording.slots, lengths)
 
 
 def _located(network: Network, state: State, placed: BoolArray) -> State:

@@ -160,7 +160,7 @@ def _adjusted(
     linked &= np.isfinite(state.placement_translation[views.placement, 0])
     adjusted = adjust_boards(network, whole(state), candidates & linked, linked, context)
     if not shape_estimated(session):
-        return nominal_solution(adjusted), shape_finding(adjusted, context.engine)
+        return nominal_solution(adjusted), shape_finding(adjusted)
     solution = estimated_solution(network, adjusted, linked, context)
     return solution, [Finding("board-shape-estimated", "info", {"off_mm": solution.print_mm})]
 

@@ -9,7 +9,7 @@ from spherecal.adjust.bundle import CAUCHY_PX, GATE_LEAST_PX, GATE_ROUNDS, GATE_
 from spherecal.adjust.levenberg import Minimum
 from spherecal.adjust.problem import Priors, State
 from spherecal.base.arrays import BoolArray, FloatArray, IntArray
-from spherecal.base.context import Context, Engine
+from spherecal.base.context import Context
 from spherecal.geometry.camera import INTRINSIC_NAMES, project
 from spherecal.methods.board_model import BoardModel, BoardViews, board_model
 from spherecal.methods.board_start import LEAST_POINTS, BoardPose
@@ -102,7 +102,7 @@ def robust_start(
     """A state after robust adjustments: poses, then the main intrinsics, then all."""
     for names in ((), START_INTRINSICS, None):
         free = network.free if names is None else network.free & np.isin(INTRINSIC_NAMES, names)
-        model, _ = _model(network, candidates, free, None, False, context.engine)
+        model, _ = _model(network, candidates, free, None, False)
         typical = float(np.median(np.linalg.norm(model.residuals(state), axis=1)))
         for cauchy in (typical, CAUCHY_PX) if typical > CAUCHY_PX else (CAUCHY_PX,):
             watch = progress(context, "robust adjustment", START_ITERATIONS)
@@ -143,7 +143,7 @@ def _refine(
     while True:
         rounds += 1
         gated = gate(network, state, candidates)
-        model, rows = _model(network, gated, network.free, priors, True, context.engine)
+        model, rows = _model(network, gated, network.free, priors, True)
         minimum = minimise(model, state, None, 60, on_step=progress(context, "joint adjustment", 20))
         state = minimum.state
         if (gated == used).all() or rounds == GATE_ROUNDS:
@@ -167,10 +167,10 @@ def board_points(views: BoardViews, used: BoolArray) -> tuple[IntArray, IntArray
 
 
 def _model(
-    network: BoardNetwork, used: BoolArray, free: BoolArray, priors: Priors | None, weighted: bool, engine: Engine
+    network: BoardNetwork, used: BoolArray, free: BoolArray, priors: Priors | None, weighted: bool
 ) -> tuple[BoardModel, IntArray]:
     free_pose = np.arange(network.views.n_cameras) != network.reference
-    return board_model(network.views, used, free_pose, free, network.group, priors, weighted, engine)
+    return board_model(network.views, used, free_pose, free, network.group, priors, weighted)
 
 
 def residual_size(views: BoardViews, state: State) -> FloatArray:

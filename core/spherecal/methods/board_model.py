@@ -5,10 +5,9 @@ from functools import cached_property
 
 import numpy as np
 
-from spherecal.adjust.levenberg import load_engine
+from spherecal.adjust import engine
 from spherecal.adjust.problem import POSE, Priors, Problem, State, sorted_problem
 from spherecal.base.arrays import BoolArray, FloatArray, IntArray
-from spherecal.base.context import Engine
 from spherecal.data.observations import Observations
 from spherecal.geometry.rotation import cross_matrix, exp_rotation
 from spherecal.methods.frames import Ties, cameras_only
@@ -69,7 +68,6 @@ class BoardModel:
 
     rigid: Problem
     problem: Problem
-    engine: Engine
 
     @property
     def part(self) -> IntArray:
@@ -89,11 +87,11 @@ class BoardModel:
 
     def residuals(self, state: State) -> FloatArray:
         """Weighted residuals (n,2)."""
-        return load_engine(self.engine).residuals(self.rigid, state)
+        return engine.residuals(self.rigid, state)
 
     def linearise(self, state: State, robust: FloatArray | None) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Weighted residuals, derivatives by camera and by placement."""
-        linear = load_engine(self.engine).linearise(self.rigid, state, robust)
+        linear = engine.linearise(self.rigid, state, robust)
         assert linear.by_placement is not None
         return linear.residual, linear.by_camera, linear.by_placement
 
@@ -120,7 +118,7 @@ class BoardModel:
 
 def board_model(
     views: BoardViews, used: BoolArray, free_pose: BoolArray, free: BoolArray, group: IntArray,
-    priors: Priors | None, weighted: bool, engine: Engine,
+    priors: Priors | None, weighted: bool,
 ) -> tuple[BoardModel, IntArray]:  # fmt: skip
     """The adjustment of the used observations, and which observation each of its rows is."""
     rows = np.flatnonzero(used)
@@ -131,4 +129,4 @@ def board_model(
         free_pose=free_pose & seen, free_intrinsics=free & seen[:, None], group=group, priors=priors,
         placement=views.placement[rows], n_placements=views.n_placements,
     )  # fmt: skip
-    return BoardModel(problem, cameras_only(problem), engine), rows[order]
+    return BoardModel(problem, cameras_only(problem)), rows[order]

@@ -1,15 +1,15 @@
-"""The adjustment's inner stages compiled by numba: same functions and results as `engine_numpy`.
+"""The adjustment's inner stages compiled by numba: residuals, linearisation, elimination of points.
 
-The kernels of the points' elimination are in `schur_kernel`.
+linear_model -> reduce -> back_substitute. The kernels of the elimination are in `schur_kernel`. The same
+functions in plain numpy, to which these are equal to 1e-9, are in `tests/reference_engine.py`.
 """
 
 import numpy as np
 from numba import njit
 
-from spherecal.adjust import engine_dense, linear
-from spherecal.adjust.engine_numpy import Linearisation, Reduced
+from spherecal.adjust import dense_elimination, linear
 from spherecal.adjust.kernel import INNER, KERNEL
-from spherecal.adjust.linear import Linear, parts
+from spherecal.adjust.linear import Linear, Linearisation, Reduced, parts
 from spherecal.adjust.problem import POSE, Layout, Problem, State
 from spherecal.adjust.schur_kernel import RUN, add_squares, eliminate_points, substitute_points
 from spherecal.base.arrays import FloatArray, IntArray
@@ -63,13 +63,13 @@ def reduce(problem: Problem, linear: Linear, damping: float) -> Reduced:
     point_gradient = np.zeros((problem.n_points, 3))
     kept_block = np.full(problem.n_points, -1)
     kept_block[problem.kept_points] = problem.n_cameras + problem.n_placements + np.arange(len(problem.kept_points))
-    is_dense = engine_dense.is_dense(problem)
+    is_dense = dense_elimination.is_dense(problem)
     reduced = Reduced(matrix, gradient, diagonal, inverse, point_gradient, is_gathered=not is_dense)
     order, is_other = problem.elimination_runs
     lenses = _own_lenses(layout, problem.n_cameras) if is_dense else _lenses(layout, problem.n_cameras)
     if is_dense:
         is_kept = kept_block[order] >= 0
-        engine_dense.eliminate(problem, linear, damping, order[~is_kept], reduced)
+        dense_elimination.eliminate(problem, linear, damping, order[~is_kept], reduced)
         order, is_other = order[is_kept], np.ones(int(is_kept.sum()), dtype=bool)
     # parts end where a matrix product would as well, so that the sums are the same bits in one part or many
     place = np.arange(len(order))

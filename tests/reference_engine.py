@@ -1,52 +1,28 @@
-"""The adjustment's inner stages in plain numpy: the reference that the fast engine is tested against.
+"""The adjustment's inner stages in plain numpy: the reference that the compiled engine is tested against.
 
-linear_model -> reduce (eliminate the points) -> back_substitute. Same functions as `engine_numba`.
+linear_model -> reduce (eliminate the points) -> back_substitute: the functions of `spherecal.adjust.engine`.
 """
 
-from dataclasses import dataclass
+from collections.abc import Iterator
+from contextlib import contextmanager
+from unittest.mock import patch
 
 import numpy as np
 
+from spherecal.adjust import engine
+from spherecal.adjust.linear import Linearisation, Reduced
 from spherecal.adjust.problem import POSE, Layout, Problem, State
 from spherecal.base.arrays import FloatArray, IntArray
 from spherecal.geometry.camera import project, project_with_derivatives
 from spherecal.geometry.rotation import cross_matrix
 
 
-@dataclass(frozen=True)
-class Linearisation:
-    """Weighted residuals (n,2) and derivatives by camera (n,2,6+k), point (n,2,3) and placement (n,2,6) or None."""
-
-    residual: FloatArray
-    by_camera: FloatArray
-    by_point: FloatArray
-    by_placement: FloatArray | None
-
-    @property
-    def width(self) -> int:
-        """Columns of a camera: its pose and intrinsics."""
-        return self.by_camera.shape[2]
-
-    def at(self, rows: slice | IntArray) -> "Linearisation":
-        """The same of some observations."""
-        by_placement = None if self.by_placement is None else self.by_placement[rows]
-        return Linearisation(self.residual[rows], self.by_camera[rows], self.by_point[rows], by_placement)
-
-
-@dataclass(frozen=True)
-class Reduced:
-    """Normal equations in the expanded layout (upper block triangle) after eliminating the points.
-
-    `diagonal` (e,) is the diagonal before elimination; `point_inverse` (p,3,3) and `point_gradient` (p,3) serve the
-    back substitution. `is_gathered`: of cameras that share a lens, only the first has anything in its columns.
-    """
-
-    matrix: FloatArray
-    gradient: FloatArray
-    diagonal: FloatArray
-    point_inverse: FloatArray
-    point_gradient: FloatArray
-    is_gathered: bool = False
+@contextmanager
+def reference_instead() -> Iterator[None]:
+    """Within, every adjustment runs on the functions of this module."""
+    names = ("residuals", "linearise", "linear_model", "reduce", "back_substitute")
+    with patch.multiple(engine, **{name: globals()[name] for name in names}):
+        yield
 
 
 def world_points(problem: Problem, state: State) -> FloatArray:

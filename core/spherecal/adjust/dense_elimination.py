@@ -1,7 +1,7 @@
 """The reduced system of large rigs in the rigid form: points that half of all cameras see, one rank update for many.
 
 A dot of a ball that was walked through a hall, or stood in a dome, meets most cameras and placements, each dot others:
-runs of points that meet the same ones, as `engine_numba` has them, are then single points. Here the whitened couplings
+runs of points that meet the same ones, as `schur_kernel` has them, are then single points. Here the whitened couplings
 L^-1 W' of hundreds of points are put side by side over all columns and subtracted by one symmetric product (hall50:
 0.17 s instead of 0.88).
 """
@@ -10,9 +10,8 @@ import numpy as np
 from numba import njit
 from scipy.linalg.blas import dsyrk  # pyright: ignore[reportAttributeAccessIssue]
 
-from spherecal.adjust.engine_numpy import Reduced
 from spherecal.adjust.kernel import INNER, KERNEL
-from spherecal.adjust.linear import Linear, parts
+from spherecal.adjust.linear import Linear, Reduced, parts
 from spherecal.adjust.problem import Problem
 from spherecal.base.arrays import IntArray
 

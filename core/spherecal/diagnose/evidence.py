@@ -83,7 +83,7 @@ class Evidence:
     def noise_px(self) -> FloatArray:
         """Standard deviation (c,) px of one coordinate in each camera's images; NaN where it says nothing of itself."""
         problem, state = self.adjusted.problem, self.adjusted.state
-        factor = camera_noise(problem, state, "numpy")  # what the weights do not tell yet
+        factor = camera_noise(problem, state)  # what the weights do not tell yet
         total, count = (
             np.bincount(problem.camera, weights, problem.n_cameras)
             for weights in (1 / problem.weight.mean(axis=1), np.ones(len(problem.camera)))

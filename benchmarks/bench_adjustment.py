@@ -21,7 +21,8 @@ from stages import STAGES, timed_stages
 from starts import Start, make_start
 from threadpoolctl import threadpool_limits
 
-from spherecal.adjust.levenberg import Settings, minimise
+from spherecal.adjust.least_squares import minimise
+from spherecal.adjust.levenberg import Settings
 
 RIGS = ("rigA", "rigB", "hall24", "hall50", "hall100")
 OURS, CERES = ("numba",), ("SPARSE_SCHUR", "DENSE_SCHUR")

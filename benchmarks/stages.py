@@ -5,7 +5,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any
 
-from spherecal.adjust import engine, levenberg
+from spherecal.adjust import engine, least_squares, levenberg
 from spherecal.adjust.problem import Layout
 
 # where the minimiser finds its helpers, and what the table calls them
@@ -18,7 +18,7 @@ _HELPERS: dict[str, tuple[Any, str]] = {
     "fold_vector": (Layout, "fold"),
     "cho_factor": (levenberg, "factorise"),
     "cho_solve": (levenberg, "solve"),
-    "moved": (levenberg, "move"),
+    "moved": (least_squares, "move"),
 }
 STAGES = tuple(dict.fromkeys(stage for _, stage in _HELPERS.values()))
 

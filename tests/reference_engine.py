@@ -10,7 +10,7 @@ from unittest.mock import patch
 import numpy as np
 
 from spherecal.adjust import engine
-from spherecal.adjust.linear import Linearisation, Reduced
+from spherecal.adjust.linear import Linearisation, PointEquations, Reduced
 from spherecal.adjust.problem import POSE, Layout, Problem, State
 from spherecal.base.arrays import FloatArray, IntArray
 from spherecal.geometry.camera import project, project_with_derivatives
@@ -74,14 +74,20 @@ def linear_model(problem: Problem, state: State, robust_weight: FloatArray | Non
     return linearise(problem, state, robust_weight)
 
 
-def reduce(problem: Problem, linear: Linearisation, damping: float) -> Reduced:
-    """Normal equations with the points eliminated; `damping` multiplies the points' diagonals (Marquardt)."""
+def reduce(problem: Problem, linear: Linearisation, damping: float, known: PointEquations | None = None) -> Reduced:
+    """Normal equations with the points eliminated; `damping` multiplies the points' diagonals (Marquardt).
+
+    `known`: equations of the points themselves, beside their observations.
+    """
     layout = problem.layout
     matrix = np.zeros((layout.expanded, layout.expanded))
     gradient = np.zeros(layout.expanded)
     entries = _block_rows(problem, linear)
-    point_matrix = _sum_by(problem.point, linear.by_point.transpose(0, 2, 1) @ linear.by_point, problem.n_points)
-    point_gradient = _sum_by(problem.point, _at(linear.by_point, linear.residual), problem.n_points)
+    through, q = _through_play(problem, linear)
+    point_matrix = _sum_by(problem.point, through.transpose(0, 2, 1) @ linear.by_point, problem.n_points)
+    point_gradient = _sum_by(problem.point, _at(through, linear.residual), problem.n_points)
+    if known is not None:
+        point_matrix, point_gradient = point_matrix + known.normal, point_gradient + known.gradient
     for block, rows in entries:
         _add_products(matrix, layout.block_offset, block, rows, block, rows)
         _add_vector(gradient, layout, block, _at(rows, linear.residual))
@@ -103,7 +109,16 @@ def reduce(problem: Problem, linear: Linearisation, damping: float) -> Reduced:
     damped[:, i3, i3] *= 1.0 + damping
     inverse[observed] = _inverse(damped)
 
-    blocks, points, coupling = _coupling(problem, linear, entries)
+    for place in np.flatnonzero(q.any(axis=(1, 2))):
+        rows = np.flatnonzero(problem.place == place)
+        met = np.zeros((3, layout.expanded))
+        for block, derivatives in entries:
+            for k in rows:
+                columns = layout.block_offset[block[k]] + np.arange(derivatives.shape[2])
+                met[:, columns] += linear.by_point[k].T @ derivatives[k]
+        matrix -= np.triu(met.T @ q[place] @ met)
+        gradient -= met.T @ q[place] @ _at(linear.by_point, linear.residual)[rows].sum(axis=0)
+    blocks, points, coupling = _coupling(problem, through, entries)
     is_kept = kept[points] >= 0
     for b, p, e in zip(blocks[is_kept], points[is_kept], coupling[is_kept], strict=True):
         row, column, width = layout.block_offset[b], layout.block_offset[kept[p]], layout.block_width[b]
@@ -128,10 +143,26 @@ def back_substitute(
     if len(problem.kept_points):
         start = problem.layout.block_offset[problem.n_cameras + problem.n_placements]
         kept_step[problem.kept_points] = step[start:].reshape(-1, 3)
-    pulled = _sum_by(problem.point, _at(linear.by_point, change), problem.n_points)
+    through, q = _through_play(problem, linear)
+    pulled = _sum_by(problem.point, _at(through, change), problem.n_points)
     point_step = -np.einsum("pij,pj->pi", reduced.point_inverse, reduced.point_gradient + pulled)
     change += np.einsum("nij,nj->ni", linear.by_point, (point_step + kept_step)[problem.point])
-    return point_step, 0.5 * float(((linear.residual + change) ** 2).sum())
+    after = linear.residual + change
+    squares = (after**2).sum()
+    if problem.place is not None:
+        met = _sum_by(problem.place, _at(linear.by_point, after), len(q))
+        squares -= np.einsum("fi,fij,fj->", met, q, met)
+    return point_step, 0.5 * float(squares)
+
+
+def _through_play(problem: Problem, linear: Linearisation) -> tuple[FloatArray, FloatArray]:
+    """Derivatives by the points (n,2,3) times P = I - Q V of their places, and Q (places,3,3)."""
+    if problem.place is None or problem.play is None:
+        return linear.by_point, np.zeros((0, 3, 3))
+    normal = _sum_by(problem.place, linear.by_point.transpose(0, 2, 1) @ linear.by_point, len(problem.play))
+    variance = (problem.play**2)[:, None, None]
+    p = np.linalg.inv(np.eye(3) + variance * normal)
+    return linear.by_point @ p[problem.place], variance * p
 
 
 def _block_rows(problem: Problem, linear: Linearisation) -> list[tuple[IntArray, FloatArray]]:
@@ -143,17 +174,17 @@ def _block_rows(problem: Problem, linear: Linearisation) -> list[tuple[IntArray,
 
 
 def _coupling(
-    problem: Problem, linear: Linearisation, entries: list[tuple[IntArray, FloatArray]]
+    problem: Problem, through: FloatArray, entries: list[tuple[IntArray, FloatArray]]
 ) -> tuple[IntArray, IntArray, FloatArray]:
     """Block-point coupling (m,3,w), one for each pair that meets, with block (m,) and point (m,), sorted by point."""
     if len(entries) == 1:  # a camera sees a point once: every observation is a pair of its own
-        return problem.camera, problem.point, linear.by_point.transpose(0, 2, 1) @ linear.by_camera
+        return problem.camera, problem.point, through.transpose(0, 2, 1) @ entries[0][1]
     width = max(rows.shape[2] for _, rows in entries)
     n_blocks = problem.n_cameras + problem.n_placements
     keys, parts = [], []
     for block, rows in entries:
         part = np.zeros((len(rows), 3, width))
-        part[:, :, : rows.shape[2]] = linear.by_point.transpose(0, 2, 1) @ rows
+        part[:, :, : rows.shape[2]] = through.transpose(0, 2, 1) @ rows
         keys.append(problem.point * n_blocks + block)
         parts.append(part)
     key, position = np.unique(np.concatenate(keys), return_inverse=True)

@@ -14,7 +14,8 @@ from conftest import ROOT
 
 from spherecal.adjust import engine as compiled
 from spherecal.adjust.bundle import datum_defect
-from spherecal.adjust.levenberg import Settings, assembled, minimise
+from spherecal.adjust.least_squares import assembled, minimise
+from spherecal.adjust.levenberg import Settings
 from spherecal.adjust.problem import moved, symmetric
 from spherecal.base.arrays import FloatArray
 from tests import reference_engine as reference

@@ -9,7 +9,8 @@ from scipy.optimize import least_squares
 from spherecal.adjust import engine
 from spherecal.adjust.bundle import Adjustment, adjust, datum_defect, residual_size
 from spherecal.adjust.covariance import covariance
-from spherecal.adjust.levenberg import Minimum, Settings, minimise, total_cost
+from spherecal.adjust.least_squares import minimise, total_cost
+from spherecal.adjust.levenberg import Minimum, Settings
 from spherecal.adjust.network import Network
 from spherecal.adjust.problem import LengthRows, Priors, Problem, State, length_residuals, prior_residuals
 from spherecal.base.arrays import FloatArray

@@ -8,11 +8,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from spherecal.adjust import engine
 from spherecal.adjust.covariance import covariance
 from spherecal.adjust.datum import Places
-from spherecal.adjust.deformable import groups_of, minimise_soft, soft_normal_equations, softened
 from spherecal.adjust.deformable_covariance import soft_covariance
-from spherecal.adjust.levenberg import Settings, minimise
+from spherecal.adjust.least_squares import minimise, normal_equations
+from spherecal.adjust.levenberg import Settings
 from spherecal.adjust.problem import POSE, ShapePrior
 from spherecal.ball.shape import shape_cofactors
 from spherecal.base.arrays import FloatArray
@@ -75,6 +76,8 @@ def on_shape(sd_mm: float = 0.05):
         problem, placement=problem.placement + 1, n_placements=4, free_placement=np.arange(4) > 0, place=place,
         play=np.zeros(72), shape=ShapePrior(np.where(np.arange(24)[:, None] < 20, stored, np.nan), information),
     )  # fmt: skip
+    order = np.lexsort((problem.camera, place, problem.point))
+    problem = replace(problem.select(order), place=place[order])
     state = replace(state, placement_rotation=turn, placement_translation=shift, anchored=np.ones(24, dtype=bool))
     placement, point = np.divmod(np.arange(72), 24)
     return problem, state, Places(point, placement + 1)
@@ -82,8 +85,7 @@ def on_shape(sd_mm: float = 0.05):
 
 def test_stored_dots_are_observations_of_the_shape() -> None:
     problem, state, _ = on_shape()
-    soft = softened(problem, state, groups_of(problem))
-    normal = soft_normal_equations(soft, state, 0.0)
+    normal = normal_equations(problem, state, engine.linear_model(problem, state, None), 0.0)
     assert problem.shape is not None
     plain = replace(problem, shape=None, play=None, place=None)
     dense = dense_equations(plain, state)
@@ -117,7 +119,7 @@ def test_the_shape_gives_the_size_and_the_datum_is_that_of_the_places() -> None:
     np.testing.assert_allclose(again.cameras[:, 3, 3], found.cameras[:, 3, 3], rtol=1e-6)
     sizes = [np.linalg.norm(c.points, axis=(1, 2)) for c in (found, again)]
     np.testing.assert_allclose(sizes[0], sizes[1], rtol=1e-5)
-    minimum = minimise_soft(problem, state, Settings())
+    minimum = minimise(problem, state, Settings())
     assert minimum.converged
     alone = minimise(replace(problem, shape=None, play=None, place=None), state, Settings())
     size, free = (fit_similarity(state.points, m.state.points).scale for m in (minimum, alone))

@@ -11,7 +11,8 @@ from spherecal.adjust import engine as compiled
 from spherecal.adjust.bundle import datum_defect, residual_size
 from spherecal.adjust.covariance import Covariance, covariance, shift_matrix
 from spherecal.adjust.datum import Places
-from spherecal.adjust.levenberg import Minimum, Settings, minimise, normal_equations
+from spherecal.adjust.least_squares import minimise, normal_equations
+from spherecal.adjust.levenberg import Minimum, Settings
 from spherecal.adjust.network import Network
 from spherecal.adjust.problem import Problem
 from spherecal.adjust.weights import left_over_by_points

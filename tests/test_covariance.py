@@ -7,7 +7,8 @@ import pytest
 
 from spherecal.adjust.covariance import Covariance, camera_cofactors, covariance
 from spherecal.adjust.datum import Places, datum_motions
-from spherecal.adjust.levenberg import Settings, minimise
+from spherecal.adjust.least_squares import minimise
+from spherecal.adjust.levenberg import Settings
 from spherecal.adjust.problem import POSE, Problem, State
 from spherecal.base.arrays import FloatArray
 from spherecal.diagnose.score import make_probe

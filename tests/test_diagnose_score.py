@@ -8,7 +8,8 @@ from scipy import stats
 
 from spherecal.adjust.bundle import datum_defect
 from spherecal.adjust.covariance import covariance
-from spherecal.adjust.levenberg import Settings, minimise
+from spherecal.adjust.least_squares import minimise
+from spherecal.adjust.levenberg import Settings
 from spherecal.adjust.problem import Problem, State
 from spherecal.diagnose.geometry import articulations, bridges
 from spherecal.diagnose.lens import field_values, misfits

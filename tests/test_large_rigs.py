@@ -10,7 +10,8 @@ from spherecal.adjust import covariance as covariance_module
 from spherecal.adjust import dense_elimination
 from spherecal.adjust import engine as compiled
 from spherecal.adjust.covariance import covariance
-from spherecal.adjust.levenberg import Settings, minimise
+from spherecal.adjust.least_squares import minimise
+from spherecal.adjust.levenberg import Settings
 from spherecal.base import arrays
 from spherecal.initialise import view_graph as graph
 from spherecal.initialise.triple import Triple

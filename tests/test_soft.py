@@ -8,9 +8,9 @@ import pytest
 from spherecal.adjust import engine
 from spherecal.adjust.covariance import Covariance, covariance
 from spherecal.adjust.datum import Places, datum_motions
-from spherecal.adjust.deformable import groups_of, minimise_soft, soft_normal_equations, softened
 from spherecal.adjust.deformable_covariance import soft_covariance
-from spherecal.adjust.levenberg import Settings, minimise
+from spherecal.adjust.least_squares import NormalEquations, minimise, normal_equations
+from spherecal.adjust.levenberg import Settings
 from spherecal.adjust.problem import POSE, Problem, State
 from spherecal.base.arrays import FloatArray
 from spherecal.geometry.transform import fit_similarity
@@ -39,7 +39,13 @@ def soft_network(name: str, noise_px: float = 0.05, n_points: int = 24) -> tuple
     assert places is not None and problem.placement is not None
     play = np.where(np.isin(places.point, problem.kept_points), 0.0, PLAY_MM)
     place = problem.placement * problem.n_points + problem.point
-    return replace(problem, place=place, play=play), state, places
+    order = np.lexsort((problem.camera, place, problem.point))
+    return replace(problem.select(order), place=place[order], play=play), state, places
+
+
+def equations(problem: Problem, state: State) -> NormalEquations:
+    """The reduced normal equations, undamped."""
+    return normal_equations(problem, state, engine.linear_model(problem, state, None), 0.0)
 
 
 def with_ties(problem: Problem, state: State) -> tuple[FloatArray, FloatArray, np.ndarray]:
@@ -157,8 +163,7 @@ def test_point_noise_is_that_with_known_cameras_and_placements(case: Case) -> No
 @pytest.mark.usefixtures("either_engine")
 def test_normal_equations_are_those_of_the_whole_system(name: str) -> None:
     problem, state, _ = soft_network(name)
-    soft = softened(problem, state, groups_of(problem))
-    normal = soft_normal_equations(soft, state, 0.0)
+    normal = equations(problem, state)
     jacobian, residual, (_, reduced) = with_ties(problem, state)
     used = np.abs(jacobian).max(axis=0) > 0
     kept = used.copy()
@@ -185,15 +190,16 @@ def bent(problem: Problem, state: State, play_mm: float, seed: int) -> Problem:
     as_points = replace(state, points=x, placement_rotation=None, placement_translation=None)
     one_each = replace(problem, point=np.arange(len(x)), placement=None, n_points=len(x), uv=np.zeros_like(problem.uv))
     seen = engine.residuals(one_each, as_points) / problem.weight
-    return replace(problem, uv=seen + rng.normal(size=seen.shape) / problem.weight)
+    noise = np.empty_like(seen)
+    noise[np.lexsort((problem.placement, problem.camera, problem.point))] = rng.normal(size=seen.shape)
+    return replace(problem, uv=seen + noise / problem.weight)
 
 
 def test_minimum_is_that_of_all_unknowns_and_keeps_the_size() -> None:
     """Converged where no step of the whole system lowers its cost, the network as large as it was."""
     problem, state, _ = soft_network("weights", n_points=60)
     problem = bent(problem, state, PLAY_MM, 1)
-    problem = replace(problem, weight=problem.weight)
-    found = minimise_soft(problem, state, Settings())
+    found = minimise(problem, state, Settings())
     assert found.converged
     assert found.state.bend is not None and problem.play is not None and problem.place is not None
     jacobian, residual, (before, _) = with_ties(problem, found.state)
@@ -209,7 +215,7 @@ def test_minimum_is_that_of_all_unknowns_and_keeps_the_size() -> None:
 
 def test_play_is_found_again_and_the_cost_is_as_expected() -> None:
     problem, state, places = soft_network("weights", n_points=80)
-    found = minimise_soft(bent(problem, state, PLAY_MM, 2), state, Settings())
+    found = minimise(bent(problem, state, PLAY_MM, 2), state, Settings())
     redundancy = problem.rows - problem.unknowns + 7
     assert 2 * found.cost / redundancy == pytest.approx(1.0, abs=4 * np.sqrt(2 / redundancy))
     rigid = minimise(replace(bent(problem, state, PLAY_MM, 2), play=None, place=None), state, Settings())
@@ -221,7 +227,7 @@ def test_no_play_is_the_rigid_form() -> None:
     problem, state, places = soft_network("plain")
     stiff = replace(problem, play=np.zeros(len(places.point)))
     plain = replace(problem, play=None, place=None)
-    one, other = minimise_soft(stiff, state, Settings()), minimise(plain, state, Settings())
+    one, other = minimise(stiff, state, Settings()), minimise(plain, state, Settings())
     assert one.cost == pytest.approx(other.cost, rel=1e-9)
     np.testing.assert_allclose(one.state.intrinsics, other.state.intrinsics, rtol=1e-5, atol=1e-6)
     soft, rigid = soft_covariance(stiff, state, places), covariance(plain, state, places)
@@ -257,8 +263,7 @@ def test_datum_takes_back_what_no_observation_sees() -> None:
     jacobian, _, (before, _) = with_ties(problem, state)
     motions = datum_motions(problem, state, places)
     assert motions.unseen.sum() == 7
-    soft = softened(problem, state, groups_of(problem))
-    normal = soft_normal_equations(soft, state, 0.0)
+    normal = equations(problem, state)
     full = np.triu(normal.matrix) + np.triu(normal.matrix, 1).T
     column = problem.layout.column
     gauge = np.zeros((len(full), 7))
@@ -270,10 +275,7 @@ def test_datum_takes_back_what_no_observation_sees() -> None:
 def test_places_that_a_camera_shows_twice_count_twice() -> None:
     """Their columns were opened twice: the compiled code wrote beyond its arrays, and the process died."""
     problem, state, _ = soft_network("plain")
-    once = soft_normal_equations(
-        softened(replace(problem, weight=problem.weight * np.sqrt(2)), state, groups_of(problem)),
-        state, 0.0,
-    )  # fmt: skip
+    once = equations(replace(problem, weight=problem.weight * np.sqrt(2)), state)
     every = np.repeat(np.arange(len(problem.uv)), 2)
     assert problem.placement is not None
     assert problem.place is not None
@@ -281,7 +283,7 @@ def test_places_that_a_camera_shows_twice_count_twice() -> None:
         problem, camera=problem.camera[every], point=problem.point[every], uv=problem.uv[every],
         weight=problem.weight[every], placement=problem.placement[every], place=problem.place[every],
     )  # fmt: skip
-    twice = soft_normal_equations(softened(double, state, groups_of(double)), state, 0.0)
+    twice = equations(double, state)
     unit = 1 / np.sqrt(once.diagonal)
     np.testing.assert_allclose(
         np.triu(twice.matrix) * unit * unit[:, None], np.triu(once.matrix) * unit * unit[:, None], atol=1e-9

@@ -12,7 +12,8 @@ import numpy as np
 from benchmarks.studies.report import Report
 from benchmarks.studies.simulated import RIGS, Simulated, simulate
 from spherecal.adjust.bundle import adjust, refine
-from spherecal.adjust.levenberg import Settings, minimise
+from spherecal.adjust.least_squares import minimise
+from spherecal.adjust.levenberg import Settings
 from spherecal.adjust.weights import weighted as weighted_by_camera
 from spherecal.base.arrays import BoolArray, FloatArray
 from spherecal.base.context import Context

@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 
 from spherecal.adjust.bundle import usable_features
-from spherecal.adjust.levenberg import Settings, minimise
+from spherecal.adjust.least_squares import minimise
+from spherecal.adjust.levenberg import Settings
 from spherecal.adjust.network import Network
 from spherecal.adjust.problem import State
 from spherecal.base.arrays import BoolArray, FloatArray

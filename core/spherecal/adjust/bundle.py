@@ -9,8 +9,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from spherecal.adjust import engine
-from spherecal.adjust.deformable import minimise_soft
-from spherecal.adjust.levenberg import Minimum, Settings, minimise
+from spherecal.adjust.least_squares import minimise
+from spherecal.adjust.levenberg import Minimum, Settings
 from spherecal.adjust.network import Network
 from spherecal.adjust.problem import Problem, State
 from spherecal.base.arrays import BoolArray, FloatArray, IntArray, blocks
@@ -175,9 +175,8 @@ def refine(network: Network, state: State, used: BoolArray, placed: BoolArray, c
         gated = _gate(network, state, placed, used)
         problem, rows = network.problem(gated, network.free, placed, weighted=True)
         known = np.where(np.isfinite(state.points), state.points, 0.0)
-        solve = minimise if problem.play is None else minimise_soft
         settings = Settings(first_damping=_first_damping(problem))
-        minimum = solve(problem, replace(state, points=known), settings, _watch(context, "bundle adjustment", 20))
+        minimum = minimise(problem, replace(state, points=known), settings, _watch(context, "bundle adjustment", 20))
         lost = (network.views(gated) == 0) & ~network.known
         state = replace(minimum.state, points=np.where(lost[:, None], np.nan, minimum.state.points))
         if (gated == used).all() or rounds == GATE_ROUNDS:

@@ -17,7 +17,7 @@ from scipy.linalg import LinAlgError, cho_factor, cho_solve
 
 from spherecal.adjust import engine
 from spherecal.adjust.datum import Places, carried_dots, datum_motions
-from spherecal.adjust.levenberg import normal_equations
+from spherecal.adjust.least_squares import normal_equations
 from spherecal.adjust.linear import Linear
 from spherecal.adjust.problem import POSE, Problem, State, symmetric
 from spherecal.base import arrays

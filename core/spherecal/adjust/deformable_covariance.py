@@ -11,9 +11,12 @@ import numpy as np
 from scipy import sparse
 from scipy.linalg import LinAlgError
 
+from spherecal.adjust import engine
 from spherecal.adjust.covariance import Covariance, CovarianceFactors, finished_or_none, generalised_inverse
 from spherecal.adjust.datum import Motions, Places, carried_dots, datum_motions
-from spherecal.adjust.deformable import Softened, groups_of, play_matrices, soft_normal_equations, softened
+from spherecal.adjust.deformable import Play, play_matrices, play_of
+from spherecal.adjust.least_squares import normal_equations
+from spherecal.adjust.linear import Linearisation
 from spherecal.adjust.problem import POSE, Problem, State, symmetric
 from spherecal.base.arrays import FloatArray, IntArray
 from spherecal.geometry.rotation import cross_matrix
@@ -87,8 +90,8 @@ def soft_covariance(problem: Problem, state: State, places: Places) -> Covarianc
 
 
 def _parts(problem: Problem, state: State, places: Places) -> tuple[SoftParts, float]:
-    soft = softened(problem, state, groups_of(problem))
-    normal = soft_normal_equations(soft, state, 0.0)
+    linear = engine.linear_model(problem, state, None)
+    normal = normal_equations(problem, state, linear, 0.0)
     if not (np.isfinite(normal.gradient).all() and (normal.matrix.diagonal() > 0).all()):
         raise LinAlgError
     motions, layout = datum_motions(problem, state, places), problem.layout
@@ -97,24 +100,28 @@ def _parts(problem: Problem, state: State, places: Places) -> tuple[SoftParts, f
     gauge[layout.column[used]] = motions.columns[:, motions.unseen][used]
     inverse, condition = generalised_inverse(symmetric(normal.matrix), gauge)
     expanded = layout.expand_rows(layout.expand_rows(inverse).T)
-    return _assembled(soft, state, places, motions, expanded, normal.reduced.point_inverse), condition
+    return _assembled(
+        play_of(problem, linear), state, places, motions, expanded, normal.reduced.point_inverse
+    ), condition
 
 
 def _assembled(
-    soft: Softened, state: State, places: Places, motions: Motions, inverse: FloatArray, dot_inverse: FloatArray
+    play: Play, state: State, places: Places, motions: Motions, inverse: FloatArray, dot_inverse: FloatArray
 ) -> SoftParts:
-    problem = soft.problem
+    problem, linear = play.problem, play.linear.at(slice(None))
     assert problem.play is not None
     count, p, columns = len(places.point), problem.n_points, problem.layout.expanded
-    normal = np.zeros((count, 3, 3))
-    normal[soft.groups.place] = soft.normal
-    q, through = play_matrices(normal, problem.play)
     turn, arm = carried_dots(state, places)
+    normal, own = np.zeros((count, 3, 3)), turn[play.place]
+    normal[play.place] = own @ play.normal @ own.transpose(0, 2, 1)
+    q, through = play_matrices(normal, problem.play)
     start = int(problem.layout.block_offset[problem.n_cameras])
     pose = np.concatenate([-cross_matrix(arm), np.broadcast_to(np.eye(3), (count, 3, 3))], axis=2)
     of_pose = start + POSE * places.placement
     by_pose = _blocks(np.arange(count), of_pose, pose, (3 * count, columns))
-    met = _images_by_columns(soft, count) + _blocks(np.arange(count), of_pose, normal @ pose, (3 * count, columns))
+    met = _images_by_columns(problem, linear, count) + _blocks(
+        np.arange(count), of_pose, normal @ pose, (3 * count, columns)
+    )
     through = through @ turn
     through_dots = _blocks(np.arange(count), 3 * places.point, through, (3 * count, 3 * p))
     dots = -(_diagonal(dot_inverse) @ (through_dots.T @ met))
@@ -128,16 +135,15 @@ def _assembled(
     datum = np.stack([_by_noise(through_dots, motions.places[:, :, k]) for k in range(g)], axis=2) if g else (
         np.zeros((p + count, 3, 0)))  # fmt: skip
     return SoftParts(
-        problem, places, turn, arm, inverse, soft.linear, noise, motions.columns, motions.places, datum,
+        problem, places, turn, arm, inverse, linear, noise, motions.columns, motions.places, datum,
         np.zeros((columns, g)), moments, motions.spread, None, through, by_columns, through_dots,
     )  # fmt: skip
 
 
-def _images_by_columns(soft: Softened, count: int) -> sparse.csr_array:
+def _images_by_columns(problem: Problem, linear: Linearisation, count: int) -> sparse.csr_array:
     """J' times the cameras' derivatives, of every feature, (3f,e)."""
-    problem = soft.problem
-    assert problem.place is not None
-    met = soft.by_place.transpose(0, 2, 1) @ soft.linear.by_camera
+    assert problem.place is not None and linear.by_placement is not None
+    met = linear.by_placement[:, :, 3:].transpose(0, 2, 1) @ linear.by_camera
     first = problem.layout.block_offset[problem.camera]
     return _blocks(problem.place, first, met, (3 * count, problem.layout.expanded))
 

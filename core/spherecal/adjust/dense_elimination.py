@@ -22,8 +22,8 @@ _CHUNK = 400
 
 
 def is_dense(problem: Problem) -> bool:
-    """Whether this way pays: a large rig in the rigid form."""
-    return problem.placement is not None and problem.layout.expanded >= LEAST_COLUMNS
+    """Whether this way pays: a large rig and a rigid ball."""
+    return problem.placement is not None and problem.play is None and problem.layout.expanded >= LEAST_COLUMNS
 
 
 def eliminate(problem: Problem, linear: Linear, damping: float, points: IntArray, reduced: Reduced) -> None:
@@ -55,7 +55,7 @@ def _couple(
     for i in range(len(points)):
         p = points[i]
         w = rows[3 * i : 3 * i + 3]
-        v[:] = 0.0
+        v[:] = inverse[p]
         g = point_gradient[p]
         for k in range(begins[i], ends[i]):
             jp, r0, r1 = by_point[k], residual[k, 0], residual[k, 1]

@@ -8,8 +8,9 @@ import numpy as np
 from numba import njit
 
 from spherecal.adjust import dense_elimination, linear
+from spherecal.adjust.deformable_kernel import eliminate_places, substitute_places
 from spherecal.adjust.kernel import INNER, KERNEL
-from spherecal.adjust.linear import Linear, Linearisation, Reduced, parts
+from spherecal.adjust.linear import Linear, Linearisation, PointEquations, Reduced, parts
 from spherecal.adjust.problem import POSE, Layout, Problem, State
 from spherecal.adjust.schur_kernel import RUN, add_squares, eliminate_points, substitute_points
 from spherecal.base.arrays import FloatArray, IntArray
@@ -50,17 +51,18 @@ def linear_model(problem: Problem, state: State, robust_weight: FloatArray | Non
     return linear.linear_model(problem, state, robust_weight, linearise)
 
 
-def reduce(problem: Problem, linear: Linear, damping: float) -> Reduced:
+def reduce(problem: Problem, linear: Linear, damping: float, known: PointEquations | None = None) -> Reduced:
     """Normal equations with the points eliminated; `damping` multiplies the points' diagonals (Marquardt).
 
-    The columns of intrinsics that cameras share are those of the first of these cameras.
+    `known`: equations of the points themselves, beside their observations. The columns of intrinsics that cameras share
+    are those of the first of these cameras.
     """
     layout = problem.layout
     matrix = np.zeros((layout.expanded, layout.expanded))
     gradient = np.zeros(layout.expanded)
     diagonal = np.zeros(layout.expanded)
-    inverse = np.zeros((problem.n_points, 3, 3))
-    point_gradient = np.zeros((problem.n_points, 3))
+    inverse = np.zeros((problem.n_points, 3, 3)) if known is None else known.normal.copy()
+    point_gradient = np.zeros((problem.n_points, 3)) if known is None else known.gradient.copy()
     kept_block = np.full(problem.n_points, -1)
     kept_block[problem.kept_points] = problem.n_cameras + problem.n_placements + np.arange(len(problem.kept_points))
     is_dense = dense_elimination.is_dense(problem)
@@ -76,11 +78,15 @@ def reduce(problem: Problem, linear: Linear, damping: float) -> Reduced:
     in_run = place - np.maximum.accumulate(np.where(is_other, place, 0)) if len(order) else place
     square = np.zeros((len(lenses[0]), linear.width, linear.width))
     for part in parts(problem, linear, order, in_run % RUN == 0):
-        eliminate_points(
-            part.points, part.begin, part.end, part.camera, part.placement, problem.n_cameras,
-            kept_block, part.linear.residual, part.linear.by_camera, part.linear.by_point, _by_placement(part.linear),
-            *lenses, damping, matrix, gradient, diagonal, square, inverse, point_gradient,
+        rows = (part.points, part.begin, part.end, part.camera, part.placement, problem.n_cameras, kept_block)
+        derivatives = (
+            part.linear.residual, part.linear.by_camera, part.linear.by_point, _by_placement(part.linear)
         )  # fmt: skip
+        system = (matrix, gradient, diagonal, square, inverse, point_gradient)
+        if problem.play is None:
+            eliminate_points(*rows, *derivatives, *lenses, damping, *system)
+        else:
+            eliminate_places(*rows, part.place, problem.play, *derivatives, *lenses, damping, *system)
     add_squares(matrix, diagonal, square, *lenses)
     return reduced
 
@@ -118,11 +124,15 @@ def back_substitute(problem: Problem, linear: Linear, reduced: Reduced, step: Fl
     is_kept[kept] = True
     squares = 0.0
     for part in parts(problem, linear, np.arange(problem.n_points)):
-        squares = substitute_points(
-            part.points, part.begin, part.end, part.camera, part.placement, problem.n_cameras, is_kept,
+        rows = (part.points, part.begin, part.end, part.camera, part.placement, problem.n_cameras, is_kept)
+        rest = (
             part.linear.residual, part.linear.by_camera, part.linear.by_point, _by_placement(part.linear),
             layout.block_offset, reduced.point_inverse, reduced.point_gradient, step, point_step, squares,
         )  # fmt: skip
+        if problem.play is None:
+            squares = substitute_points(*rows, *rest)
+        else:
+            squares = substitute_places(*rows, part.place, problem.play, *rest)
     point_step[kept] = 0.0
     return point_step, 0.5 * squares
 

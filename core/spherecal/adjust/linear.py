@@ -55,6 +55,14 @@ class Reduced:
     is_gathered: bool = False
 
 
+@dataclass(frozen=True)
+class PointEquations:
+    """What is known of the points beside their observations: normal matrices (p,3,3) and gradients (p,3)."""
+
+    normal: FloatArray
+    gradient: FloatArray
+
+
 Linearise = Callable[[Problem, State, FloatArray | None], Linearisation]
 
 
@@ -91,21 +99,22 @@ Linear: TypeAlias = Linearisation | LinearByBlocks
 
 
 def linear_model(problem: Problem, state: State, robust_weight: FloatArray | None, linearise: Linearise) -> Linear:
-    """The linearisation: held where that takes little memory, else computed block by block."""
-    if len(problem.uv) <= MOST_HELD:
+    """The linearisation: held where that takes little memory or places have some play, else computed block by block."""
+    if len(problem.uv) <= MOST_HELD or problem.play is not None:
         return linearise(problem, state, robust_weight)
     return LinearByBlocks(problem, state, robust_weight, linearise)
 
 
 @dataclass(frozen=True)
 class Part:
-    """Some points (m,) and their observations: rows `begin` to `end` (m,) of camera, placement and linearisation."""
+    """Some points (m,) and their observations: rows `begin` to `end` (m,) of what follows."""
 
     points: IntArray
     begin: IntArray
     end: IntArray
     camera: IntArray
     placement: IntArray
+    place: IntArray
     linear: Linearisation
 
 
@@ -114,10 +123,12 @@ def parts(problem: Problem, linear: Linear, points: IntArray, may_begin: BoolArr
 
     `may_begin` (m,): where a new part may begin; None for anywhere.
     """
-    placement = np.zeros(0, dtype=np.int64) if problem.placement is None else problem.placement
+    nothing = np.zeros(0, dtype=np.int64)
+    placement = nothing if problem.placement is None else problem.placement
+    place = nothing if problem.place is None else problem.place
     start = problem.point_start
     if isinstance(linear, Linearisation):
-        yield Part(points, start[points], start[points + 1], problem.camera, placement, linear)
+        yield Part(points, start[points], start[points + 1], problem.camera, placement, place, linear)
         return
     count = start[points + 1] - start[points]
     at = np.arange(len(points)) if may_begin is None else np.flatnonzero(may_begin)
@@ -128,5 +139,6 @@ def parts(problem: Problem, linear: Linear, points: IntArray, may_begin: BoolArr
         begin = end - own
         rows = np.repeat(start[some] - begin, own) + np.arange(end[-1])
         yield Part(
-            some, begin, end, problem.camera[rows], placement[rows] if len(placement) else placement, linear.at(rows)
-        )
+            some, begin, end, problem.camera[rows], placement[rows] if len(placement) else placement,
+            place[rows] if len(place) else place, linear.at(rows),
+        )  # fmt: skip

@@ -136,7 +136,7 @@ class Priors:
 
 @dataclass(frozen=True)
 class Problem:
-    """A bundle adjustment without its values; observations are sorted by point, then camera.
+    """A bundle adjustment without its values; observations are sorted by point, then place (where given), then camera.
 
     camera, point (n,), uv (n,2) px, weight (n,2) = 1/sigma (square roots of the weights P), placement (n,) in the
     rigid form. `free_pose` (c,), `free_intrinsics` (c,16) and `free_placement` (t,) (None: all) say what is estimated,
@@ -246,7 +246,8 @@ def sorted_problem(
     camera: IntArray, point: IntArray, uv: FloatArray, sigma: FloatArray | None, n_points: int, **blocks: object
 ) -> tuple[Problem, IntArray]:
     """A Problem from observations in any order, and the order it put them in, (n,) indices."""
-    order = np.lexsort((camera, point))
+    place = blocks.get("place")
+    order = np.lexsort((camera, point) if place is None else (camera, np.asarray(place), point))
     weight = np.ones_like(uv) if sigma is None else 1.0 / sigma
     for name in ("placement", "place"):
         if blocks.get(name) is not None:

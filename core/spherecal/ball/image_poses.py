@@ -19,7 +19,7 @@ from spherecal.adjust.bundle import (
     robust_adjustment,
     robust_start,
 )
-from spherecal.adjust.levenberg import normal_equations
+from spherecal.adjust.least_squares import normal_equations
 from spherecal.adjust.linear import Linearisation
 from spherecal.adjust.network import Network
 from spherecal.adjust.problem import POSE, Problem, State, symmetric

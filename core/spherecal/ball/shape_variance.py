@@ -7,8 +7,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from spherecal.adjust import engine
 from spherecal.adjust.bundle import Adjustment, datum_defect
-from spherecal.adjust.deformable import groups_of, minimise_soft, softened
+from spherecal.adjust.deformable import play_of
+from spherecal.adjust.least_squares import minimise
 from spherecal.adjust.levenberg import Settings
 from spherecal.adjust.problem import Problem, State
 from spherecal.ball.rigid import RigidNetwork
@@ -45,7 +47,7 @@ def estimate_shape_variance(
     play, trials = 0.0, list[_Trial]()
     while True:
         context.report("soft ball", len(trials) / MOST_TRIALS)
-        done = minimise_soft(replace(problem, play=play * tied), state, settings)
+        done = minimise(replace(problem, play=play * tied), state, settings)
         state, ratio = done.state, 2 * done.cost / redundancy / variance
         if abs(ratio - 1) < TOLERANCE or (play == 0.0 and ratio <= 1) or len(trials) == MOST_TRIALS:
             return play, Adjustment(state, replace(problem, play=play * tied), rows, used, done, redundancy)
@@ -63,7 +65,7 @@ def adjusted_with(
     state, used, problem, rows = _start(rigid, first, used, placed)
     assert problem.play is not None
     problem = replace(problem, play=play * problem.play)
-    done = minimise_soft(problem, state, Settings())
+    done = minimise(problem, state, Settings())
     redundancy = problem.rows - problem.unknowns + datum_defect(problem)
     return Adjustment(done.state, problem, rows, used, done, redundancy)
 
@@ -96,6 +98,6 @@ def _next(trials: list[_Trial]) -> float:
 
 def _first_guess(problem: Problem, state: State, ratio: float) -> float:
     """The play that alone would make the images of a typical dot as much noisier."""
-    soft = softened(problem, state, groups_of(problem))
-    per_row = np.einsum("gii->g", soft.normal) / (2.0 * np.diff(soft.groups.start))
+    tied = play_of(problem, engine.linearise(problem, state, None))
+    per_row = np.einsum("gii->g", tied.normal) / (2.0 * np.diff(tied.start))
     return float(np.sqrt((ratio - 1) / np.median(per_row)))

@@ -7,7 +7,8 @@ import numpy as np
 
 from spherecal.adjust.bundle import MIN_ANGLE_RAD, datum_defect
 from spherecal.adjust.covariance import covariance
-from spherecal.adjust.levenberg import Settings, minimise
+from spherecal.adjust.least_squares import minimise
+from spherecal.adjust.levenberg import Settings
 from spherecal.adjust.network import Network
 from spherecal.adjust.problem import State
 from spherecal.ball.image_poses import solve_images

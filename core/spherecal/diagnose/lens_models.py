@@ -6,7 +6,8 @@ import numpy as np
 
 from spherecal.adjust.bundle import residual_size
 from spherecal.adjust.intrinsic_priors import hold
-from spherecal.adjust.levenberg import Settings, minimise
+from spherecal.adjust.least_squares import minimise
+from spherecal.adjust.levenberg import Settings
 from spherecal.adjust.network import Network
 from spherecal.adjust.problem import State
 from spherecal.ball.selection import BallFit

@@ -12,7 +12,7 @@ from spherecal.adjust.bundle import (
     START_INTRINSICS,
     usable_features,
 )
-from spherecal.adjust.levenberg import Minimum
+from spherecal.adjust.levenberg import Minimum, Settings
 from spherecal.adjust.network import Network
 from spherecal.adjust.problem import Priors, State, sorted_problem
 from spherecal.base.arrays import BoolArray, FloatArray, IntArray
@@ -96,7 +96,8 @@ def _robust_start(work: BarNetwork, state: State, candidates: BoolArray, context
         typical = float(np.median(np.linalg.norm(model.residuals(state), axis=1)))
         for cauchy in (typical, CAUCHY_PX) if typical > CAUCHY_PX else (CAUCHY_PX,):
             watch = progress(context, "robust adjustment", START_ITERATIONS)
-            state = minimise(model, state, cauchy, START_ITERATIONS, 1e-4, watch).state
+            settings = Settings(cauchy=cauchy, max_iterations=START_ITERATIONS, tolerance=1e-4)
+            state = minimise(model, state, settings, watch).state
         points, good = usable_features(network, state, candidates)
     return replace(state, points=np.where(good[:, None], points, np.nan)), good
 
@@ -125,7 +126,7 @@ def _refine(
         lengths = replace(lengths, sigma=lengths.sigma / noise)
         model = _model(work, gated, network.free, lengths, priors, True)
         whole = replace(state, points=np.where(seen[:, None], state.points, 0.0))
-        minimum = minimise(model, whole, None, 60, on_step=progress(context, "joint adjustment", 20))
+        minimum = minimise(model, whole, Settings(), progress(context, "joint adjustment", 20))
         state = replace(minimum.state, points=np.where(seen[:, None], minimum.state.points, np.nan))
         if (gated == used).all() or rounds == GATE_ROUNDS:
             break

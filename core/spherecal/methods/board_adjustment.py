@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from spherecal.adjust.bundle import CAUCHY_PX, GATE_LEAST_PX, GATE_ROUNDS, GATE_SIGMAS, START_INTRINSICS
-from spherecal.adjust.levenberg import Minimum
+from spherecal.adjust.levenberg import Minimum, Settings
 from spherecal.adjust.problem import Priors, State
 from spherecal.base.arrays import BoolArray, FloatArray, IntArray
 from spherecal.base.context import Context
@@ -106,7 +106,8 @@ def robust_start(
         typical = float(np.median(np.linalg.norm(model.residuals(state), axis=1)))
         for cauchy in (typical, CAUCHY_PX) if typical > CAUCHY_PX else (CAUCHY_PX,):
             watch = progress(context, "robust adjustment", START_ITERATIONS)
-            state = minimise(model, state, cauchy, START_ITERATIONS, 1e-4, watch).state
+            settings = Settings(cauchy=cauchy, max_iterations=START_ITERATIONS, tolerance=1e-4)
+            state = minimise(model, state, settings, watch).state
     return state
 
 
@@ -144,7 +145,7 @@ def _refine(
         rounds += 1
         gated = gate(network, state, candidates)
         model, rows = _model(network, gated, network.free, priors, True)
-        minimum = minimise(model, state, None, 60, on_step=progress(context, "joint adjustment", 20))
+        minimum = minimise(model, state, Settings(), progress(context, "joint adjustment", 20))
         state = minimum.state
         if (gated == used).all() or rounds == GATE_ROUNDS:
             break

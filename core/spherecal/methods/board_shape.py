@@ -8,8 +8,8 @@ from spherecal.adjust import engine
 from spherecal.adjust.bundle import GATE_ROUNDS, datum_defect
 from spherecal.adjust.covariance import Covariance, covariance
 from spherecal.adjust.datum import Places
+from spherecal.adjust.least_squares import minimise as minimise_points
 from spherecal.adjust.levenberg import Settings
-from spherecal.adjust.levenberg import minimise as minimise_points
 from spherecal.adjust.problem import Problem, State, sorted_problem
 from spherecal.base.arrays import BoolArray, FloatArray
 from spherecal.base.context import Context

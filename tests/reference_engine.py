@@ -28,9 +28,8 @@ def reference_instead() -> Iterator[None]:
 def world_points(problem: Problem, state: State) -> FloatArray:
     """The observed point of every observation in the world frame, (n,3)."""
     points = state.points[problem.point]
-    if problem.placement is None:
+    if not problem.n_placements:
         return points
-    assert state.placement_rotation is not None and state.placement_translation is not None
     turned = np.einsum("nij,nj->ni", state.placement_rotation[problem.placement], points)
     return turned + state.placement_translation[problem.placement]
 
@@ -60,9 +59,8 @@ def linearise(problem: Problem, state: State, robust_weight: FloatArray | None) 
     by_camera[:, :, 6:] = by_intrinsics[:, :, problem.intrinsic_columns] * weight[:, :, None]
     by_world = by_x @ rotation
     residual = (uv - problem.uv) * weight
-    if problem.placement is None:
-        return Linearisation(residual, by_camera, by_world, None)
-    assert state.placement_rotation is not None
+    if not problem.n_placements:
+        return Linearisation(residual, by_camera, by_world, np.zeros((0, 2, POSE)))
     turn = state.placement_rotation[problem.placement]
     turned = np.einsum("nij,nj->ni", turn, state.points[problem.point])
     by_placement = np.concatenate([-by_world @ cross_matrix(turned), by_world], axis=2)
@@ -110,7 +108,7 @@ def reduce(problem: Problem, linear: Linearisation, damping: float, known: Point
     inverse[observed] = _inverse(damped)
 
     for place in np.flatnonzero(q.any(axis=(1, 2))):
-        rows = np.flatnonzero(problem.place == place)
+        rows = np.flatnonzero(problem.ball.place == place)
         met = np.zeros((3, layout.expanded))
         for block, derivatives in entries:
             for k in rows:
@@ -149,26 +147,26 @@ def back_substitute(
     change += np.einsum("nij,nj->ni", linear.by_point, (point_step + kept_step)[problem.point])
     after = linear.residual + change
     squares = (after**2).sum()
-    if problem.place is not None:
-        met = _sum_by(problem.place, _at(linear.by_point, after), len(q))
+    if len(problem.ball.place):
+        met = _sum_by(problem.ball.place, _at(linear.by_point, after), len(q))
         squares -= np.einsum("fi,fij,fj->", met, q, met)
     return point_step, 0.5 * float(squares)
 
 
 def _through_play(problem: Problem, linear: Linearisation) -> tuple[FloatArray, FloatArray]:
     """Derivatives by the points (n,2,3) times P = I - Q V of their places, and Q (places,3,3)."""
-    if problem.place is None or problem.play is None:
+    if not len(problem.ball.place):
         return linear.by_point, np.zeros((0, 3, 3))
-    normal = _sum_by(problem.place, linear.by_point.transpose(0, 2, 1) @ linear.by_point, len(problem.play))
-    variance = (problem.play**2)[:, None, None]
+    normal = _sum_by(problem.ball.place, linear.by_point.transpose(0, 2, 1) @ linear.by_point, len(problem.ball.play))
+    variance = (problem.ball.play**2)[:, None, None]
     p = np.linalg.inv(np.eye(3) + variance * normal)
-    return linear.by_point @ p[problem.place], variance * p
+    return linear.by_point @ p[problem.ball.place], variance * p
 
 
 def _block_rows(problem: Problem, linear: Linearisation) -> list[tuple[IntArray, FloatArray]]:
     """Block and derivatives of every observation, for cameras and, in the rigid form, placements."""
     entries = [(problem.camera, linear.by_camera)]
-    if linear.by_placement is not None and problem.placement is not None:
+    if problem.n_placements:
         entries.append((problem.n_cameras + problem.placement, linear.by_placement))
     return entries
 

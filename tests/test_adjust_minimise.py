@@ -11,7 +11,7 @@ from spherecal.adjust.bundle import Adjustment, adjust, datum_defect, residual_s
 from spherecal.adjust.covariance import covariance
 from spherecal.adjust.least_squares import minimise, total_cost
 from spherecal.adjust.levenberg import Minimum, Settings
-from spherecal.adjust.network import Network
+from spherecal.adjust.network import Network, free_network
 from spherecal.adjust.problem import LengthRows, Priors, Problem, State, length_residuals, prior_residuals
 from spherecal.base.arrays import FloatArray
 from spherecal.base.context import Context
@@ -42,7 +42,7 @@ def camera_centres(state: State) -> FloatArray:
 
 def world_points(problem: Problem, state: State) -> FloatArray:
     """All points of all placements, one below the other."""
-    if state.placement_rotation is None or state.placement_translation is None:
+    if not len(state.placement_rotation):
         return state.points
     turned = np.einsum("tij,pj->tpi", state.placement_rotation, state.points)
     return (turned + state.placement_translation[:, None]).reshape(-1, 3)
@@ -286,7 +286,8 @@ def as_network(seed: int, noise_px: float = NOISE_PX, **options: object) -> tupl
     """A free network of full views for the whole adjustment, its truth and perfect image points."""
     net = small_network(noise_px=noise_px, seed=seed, n_points=150, n_cameras=6, **options)  # type: ignore[arg-type]
     p = net.problem
-    return Network(p.point, p.camera, p.uv, None, p.n_points, p.free_intrinsics, p.group), net.truth, net.perfect_uv
+    network = free_network(p.point, p.camera, p.uv, None, p.n_points, p.free_intrinsics, p.group)
+    return network, net.truth, net.perfect_uv
 
 
 def run(network: Network, start: State, points: FloatArray | None = None) -> Adjustment:

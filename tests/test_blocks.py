@@ -13,7 +13,7 @@ from spherecal.adjust.covariance import Covariance, covariance, shift_matrix
 from spherecal.adjust.datum import Places
 from spherecal.adjust.least_squares import minimise, normal_equations
 from spherecal.adjust.levenberg import Minimum, Settings
-from spherecal.adjust.network import Network
+from spherecal.adjust.network import Network, free_network
 from spherecal.adjust.problem import Problem
 from spherecal.adjust.weights import left_over_by_points
 from spherecal.base import arrays
@@ -83,7 +83,7 @@ def test_a_step_is_the_same_bits(net: Small, dense: bool, robust: bool, small_bl
     found = compiled.reduce(problem, parts, 1e-3)
     unit = 1 / np.sqrt(np.where(expected.diagonal > 0, expected.diagonal, 1.0))
     # dots that the same cameras and placements see, but not equally often, may be parted between two products
-    exact = net.problem.placement is None or dense
+    exact = not net.problem.n_placements or dense
     np.testing.assert_allclose(
         found.matrix * unit * unit[:, None], expected.matrix * unit * unit[:, None], rtol=0, atol=0 if exact else 1e-13
     )
@@ -115,7 +115,7 @@ def test_the_minimum_is_the_same(net: Small, small_blocks) -> None:
     found = minimise(net.problem, start, Settings(cauchy=2.0))
     assert found.cost == pytest.approx(expected.cost, rel=1e-12)
     np.testing.assert_allclose(found.state.intrinsics, expected.state.intrinsics, rtol=1e-6, atol=1e-9)
-    if net.problem.placement is None:
+    if not net.problem.n_placements:
         assert found.costs == expected.costs
         np.testing.assert_array_equal(found.state.points, expected.state.points)
 
@@ -129,10 +129,8 @@ def test_what_points_leave_over_is_the_same(net: Small, small_blocks, either_eng
 
 def _network(net: Small) -> Network:
     p = net.problem
-    return Network(
-        p.point, p.camera, p.uv, 1 / p.weight, p.n_points, p.free_intrinsics, p.group, placement=p.placement,
-        free_placement=p.free_placement if p.placement is None else np.ones(p.n_placements, dtype=bool),
-    )  # fmt: skip
+    network = free_network(p.point, p.camera, p.uv, 1 / p.weight, p.n_points, p.free_intrinsics, p.group)
+    return replace(network, ball=p.ball)
 
 
 def test_points_and_residuals_are_the_same_bits(net: Small, small_blocks) -> None:
@@ -191,7 +189,7 @@ def test_covariance_and_tests_of_changes_are_alike(net: Small, most_kept: int, s
     monkeypatch.setattr(covariance_module, "_MOST_KEPT", most_kept)
     found, again = _probed(*solved)
     _assert_alike(found, expected)
-    assert (found._parts.shifts is not None) == (most_kept == 0 and net.problem.placement is not None)
+    assert (found._parts.shifts is not None) == (most_kept == 0 and net.problem.n_placements > 0)
     whole, parts = shift_matrix(expected._parts).toarray(), shift_matrix(found._parts).toarray()
     np.testing.assert_allclose(parts, whole, rtol=1e-6, atol=1e-9 * np.abs(whole).max())
     for a, b in zip(again.block(rows, values), probe.block(rows, values), strict=True):

@@ -9,7 +9,7 @@ import pytest
 from conftest import ROOT
 
 from spherecal.adjust import engine
-from spherecal.adjust.network import Network
+from spherecal.adjust.network import free_network
 from spherecal.adjust.problem import moved
 from spherecal.data.rig import RigCamera
 from spherecal.files.read_session import read_session
@@ -115,7 +115,7 @@ def test_weights_are_one_over_sigma_squared_and_one_pixel_where_none_is_given() 
     w = weighted.problem.weight
     np.testing.assert_allclose(engine.residuals(weighted.problem, state) ** 2, raw**2 * w**2)
     # `weight` holds 1/sigma, the square root of P
-    network = Network(
+    network = free_network(
         np.array([0, 0]), np.array([0, 1]), np.zeros((2, 2)), np.full((2, 2), 0.04), 1,
         np.zeros((2, 16), dtype=bool), np.array([0, 1]),
     )  # fmt: skip

@@ -59,7 +59,7 @@ def with_world(net: Small) -> tuple[Problem, State, Places | None]:
     state = replace(
         state, points=state.points @ first.T + start, placement_rotation=turn, placement_translation=shift
     )  # fmt: skip
-    problem = replace(problem, free_placement=np.arange(len(turn)) > 0)
+    problem = replace(problem, ball=replace(problem.ball, free_placement=np.arange(len(turn)) > 0))
     placement, point = np.divmod(np.arange(len(turn) * problem.n_points), problem.n_points)
     return problem, state, Places(point, placement)
 
@@ -115,7 +115,7 @@ def whole_by_brute_force(problem: Problem, state: State, places: Places | None) 
     takes_part = np.bincount(problem.point, minlength=problem.n_points) > 0
     moved[~(takes_part if places is None else takes_part[places.point])] = 0.0
     conditions = np.einsum("fiu,fig->ug", by_unknown, moved)
-    unseen = motions.shape[1] - (problem.lengths is not None and motions.shape[1] > 0)
+    unseen = motions.shape[1] - (problem.has_lengths and motions.shape[1] > 0)
     cofactors = _bordered_inverse(jacobian, conditions[:, :unseen])
     in_datum = cofactors
     if motions.shape[1]:
@@ -147,7 +147,7 @@ def _places_by_unknown(
     out = np.zeros((count, 3, unknowns))
     for f in range(count):
         p = f if places is None else int(places.point[f])
-        if places is None or state.placement_rotation is None:
+        if places is None:
             out[f, :, point_column[p] + np.arange(3)] = np.eye(3)
             continue
         turn = state.placement_rotation[places.placement[f]]
@@ -215,7 +215,7 @@ def similar(state: State, centre: FloatArray, turn: FloatArray, shift: FloatArra
     rotation = state.rotation @ q.T
     translation = stretch * (state.translation + state.rotation @ centre) - rotation @ (centre + shift)
     new = replace(state, rotation=rotation, translation=translation, points=carried(state.points))
-    if state.placement_rotation is None or state.placement_translation is None:
+    if not len(state.placement_rotation):
         return new
     turned = q @ state.placement_rotation @ q.T
     of_centre = carried(state.placement_rotation @ centre + state.placement_translation)
@@ -337,7 +337,7 @@ def test_changes_by_residuals_of_some_rows_are_those_of_the_bordered_system(case
 
 def test_stretch_is_known_only_by_lengths(case: tuple[Whole, Covariance]) -> None:
     whole, found = case
-    if whole.problem.lengths is None or not whole.motions.shape[1]:
+    if not whole.problem.has_lengths or not whole.motions.shape[1]:
         assert found.stretch is None
         return
     flat = whole.moved.reshape(-1, whole.moved.shape[2])
@@ -385,7 +385,7 @@ def test_datum_motions_are_similarities_that_no_observation_sees(case: tuple[Who
     cameras = found.columns[: len(whole.expanded)] * unit
     used = whole.expanded.any(axis=1)
     np.testing.assert_allclose(cameras[used], (whole.expanded @ whole.motions)[used], rtol=0, atol=1e-6)
-    assert found.unseen.sum() == whole.motions.shape[1] - (found.unseen.size > 0 and problem.lengths is not None)
+    assert found.unseen.sum() == whole.motions.shape[1] - (found.unseen.size > 0 and problem.has_lengths)
     seen = whole.jacobian[: 2 * len(problem.uv)] @ whole.motions
     size = np.linalg.norm(whole.jacobian, axis=0) @ np.abs(whole.motions)
     assert (np.abs(seen).max(axis=0, initial=0.0) < 1e-7 * size).all()
@@ -482,7 +482,7 @@ def test_stated_uncertainties_are_those_of_repeated_trials() -> None:
 def test_lengths_take_the_scale_from_the_datum() -> None:
     """With lengths the size has the variance that they give it, and the datum takes it out of everything else."""
     net = small_network(n_points=30, lengths=5)
-    assert net.problem.lengths is not None
+    assert net.problem.has_lengths
     centred = net.truth.points - net.truth.points.mean(axis=0)
     gradient = centred / (centred**2).sum()
     found = covariance(net.problem, net.truth)

@@ -8,7 +8,7 @@ import pytest
 
 from spherecal.adjust.bundle import refine
 from spherecal.adjust.covariance import covariance
-from spherecal.adjust.network import Network
+from spherecal.adjust.network import Network, free_network
 from spherecal.adjust.problem import State
 from spherecal.ball.rigid import LEAST_SHARED, align, share_shape
 from spherecal.base.arrays import FloatArray
@@ -214,7 +214,7 @@ def small_rig(noise_px: float = 0.0, n_targets: int = 14, n_placements: int = 3,
     x = np.einsum("nij,nj->ni", rotation[camera], ball.points[feature]) + translation[camera]
     uv = project(x, intrinsics[camera]) + noise_px * rng.normal(size=(len(feature), 2))
     free = np.tile(estimated_mask("brown"), (n, 1))
-    network = Network(feature, camera, uv, None, len(ball.points), free, np.arange(n))
+    network = free_network(feature, camera, uv, None, len(ball.points), free, np.arange(n))
     return Rig(network, features, State(rotation, translation, intrinsics, ball.points), ball)
 
 
@@ -231,13 +231,12 @@ def test_a_shared_shape_predicts_the_same_images() -> None:
     dots = 14 * DOTS
     assert rigid.network.n_features == 3 * dots  # of the ball, and of two bar poses that stand for themselves
     assert rigid.network.n_placements == 3  # the world and two that moved
-    assert rigid.network.free_placement is not None
-    assert rigid.network.free_placement.tolist() == [False, True, True]
+    assert rigid.network.ball.free_placement.tolist() == [False, True, True]
     assert (rigid.network.placement[rig.features.placement[rig.network.feature] >= 3] == 0).all()  # type: ignore[index]
     located = replace(start, points=rigid.network.locate(start, np.ones(len(rig.network.uv), dtype=bool)).points)
     np.testing.assert_allclose(residuals(rigid.network, located), 0.0, atol=1e-6)
     again = rigid.as_features(located)
-    assert again.placement_rotation is None
+    assert len(again.placement_rotation) == 0
     np.testing.assert_allclose(again.points, rig.truth.points, atol=1e-5)
     np.testing.assert_allclose(residuals(rig.network, again), 0.0, atol=1e-6)
 

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from spherecal.adjust import engine
+from spherecal.adjust.ball_model import Deformable, Free, as_rigid
 from spherecal.adjust.covariance import Covariance, covariance
 from spherecal.adjust.datum import Places, datum_motions
 from spherecal.adjust.deformable_covariance import soft_covariance
@@ -40,7 +41,8 @@ def soft_network(name: str, noise_px: float = 0.05, n_points: int = 24) -> tuple
     play = np.where(np.isin(places.point, problem.kept_points), 0.0, PLAY_MM)
     place = problem.placement * problem.n_points + problem.point
     order = np.lexsort((problem.camera, place, problem.point))
-    return replace(problem.select(order), place=place[order], play=play), state, places
+    ball = Deformable(problem.placement, problem.ball.free_placement, place, play)
+    return replace(problem, ball=ball).select(order), state, places
 
 
 def equations(problem: Problem, state: State) -> NormalEquations:
@@ -50,22 +52,21 @@ def equations(problem: Problem, state: State) -> NormalEquations:
 
 def with_ties(problem: Problem, state: State) -> tuple[FloatArray, FloatArray, np.ndarray]:
     """Jacobian and residuals with one play (3 columns) for every feature and its tie; the first of these columns."""
-    assert problem.place is not None and problem.play is not None
     dense = dense_equations(problem, state)
     linear = engine.linearise(problem, state, None)
-    assert linear.by_placement is not None
     jacobian = dense.jacobian.copy()
     first_pose = dense.reduced - POSE * problem.n_placements - 3 * len(problem.kept_points)
     jacobian[:, first_pose : first_pose + POSE] = 0.0  # the world's own pose is none
-    count, before = len(problem.play), jacobian.shape[1]
+    count, before = len(problem.ball.play), jacobian.shape[1]
     wide = np.zeros((len(jacobian) + 3 * count, before + 3 * count))
     wide[: len(jacobian), :before] = jacobian
-    for k, place in enumerate(problem.place):
-        if problem.play[place] > 0:
+    for k, place in enumerate(problem.ball.place):
+        if problem.ball.play[place] > 0:
             own = before + 3 * place
             wide[2 * k : 2 * k + 2, own : own + 3] = linear.by_placement[k, :, 3:]
-    tied = np.repeat(problem.play > 0, 3)
-    wide[len(jacobian) + np.flatnonzero(tied), before + np.flatnonzero(tied)] = 1 / np.repeat(problem.play, 3)[tied]
+    tied = np.repeat(problem.ball.play > 0, 3)
+    sd = np.repeat(problem.ball.play, 3)[tied]
+    wide[len(jacobian) + np.flatnonzero(tied), before + np.flatnonzero(tied)] = 1 / sd
     right = np.concatenate([dense.residual, np.zeros(3 * count)])
     return wide, right, np.array([before, dense.reduced])
 
@@ -90,7 +91,7 @@ def case(request: pytest.FixtureRequest) -> Case:
     by_unknown = np.concatenate([rigid.by_unknown, np.eye(more).reshape(-1, 3, more)], axis=2)
     motions = np.vstack([rigid.motions, np.zeros((more, rigid.motions.shape[1]))])
     conditions = np.einsum("fiu,fig->ug", by_unknown, rigid.moved)
-    unseen = motions.shape[1] - (problem.lengths is not None and motions.shape[1] > 0)
+    unseen = motions.shape[1] - (problem.has_lengths and motions.shape[1] > 0)
     used = np.flatnonzero(np.abs(jacobian).max(axis=0) > 0)
     unit = 1 / np.linalg.norm(jacobian[:, used], axis=0)
     scaled = jacobian[:, used] * unit
@@ -136,7 +137,7 @@ def test_functions_of_places_have_all_correlations(case: Case) -> None:
 
 
 def test_size_is_known_only_by_lengths(case: Case) -> None:
-    if case.problem.lengths is None:
+    if not case.problem.has_lengths:
         assert case.found.stretch is None
         return
     flat = case.whole.moved.reshape(-1, case.whole.moved.shape[2])
@@ -182,13 +183,11 @@ def test_normal_equations_are_those_of_the_whole_system(name: str) -> None:
 def bent(problem: Problem, state: State, play_mm: float, seed: int) -> Problem:
     """The problem observed again with dots off the shape and image noise of one sigma."""
     rng = np.random.default_rng(seed)
-    assert problem.place is not None and problem.play is not None
-    assert state.placement_rotation is not None and state.placement_translation is not None
-    off = play_mm * rng.normal(size=(len(problem.play), 3)) * (problem.play > 0)[:, None]
+    off = play_mm * rng.normal(size=(len(problem.ball.play), 3)) * (problem.ball.play > 0)[:, None]
     x = np.einsum("nij,nj->ni", state.placement_rotation[problem.placement], state.points[problem.point])
-    x += state.placement_translation[problem.placement] + off[problem.place]
-    as_points = replace(state, points=x, placement_rotation=None, placement_translation=None)
-    one_each = replace(problem, point=np.arange(len(x)), placement=None, n_points=len(x), uv=np.zeros_like(problem.uv))
+    x += state.placement_translation[problem.placement] + off[problem.ball.place]
+    as_points = state.free(x)
+    one_each = replace(problem, point=np.arange(len(x)), ball=Free(), n_points=len(x), uv=np.zeros_like(problem.uv))
     seen = engine.residuals(one_each, as_points) / problem.weight
     noise = np.empty_like(seen)
     noise[np.lexsort((problem.placement, problem.camera, problem.point))] = rng.normal(size=seen.shape)
@@ -201,7 +200,7 @@ def test_minimum_is_that_of_all_unknowns_and_keeps_the_size() -> None:
     problem = bent(problem, state, PLAY_MM, 1)
     found = minimise(problem, state, Settings())
     assert found.converged
-    assert found.state.bend is not None and problem.play is not None and problem.place is not None
+    assert found.state.bend is not None and problem.ball.play is not None and problem.ball.place is not None
     jacobian, residual, (before, _) = with_ties(problem, found.state)
     bend = found.state.bend
     at = np.concatenate([np.zeros(before), bend.ravel()])
@@ -218,15 +217,16 @@ def test_play_is_found_again_and_the_cost_is_as_expected() -> None:
     found = minimise(bent(problem, state, PLAY_MM, 2), state, Settings())
     redundancy = problem.rows - problem.unknowns + 7
     assert 2 * found.cost / redundancy == pytest.approx(1.0, abs=4 * np.sqrt(2 / redundancy))
-    rigid = minimise(replace(bent(problem, state, PLAY_MM, 2), play=None, place=None), state, Settings())
+    rigid = minimise(replace(bent(problem, state, PLAY_MM, 2), ball=as_rigid(problem.ball)), state, Settings())
     assert rigid.cost > 1.5 * found.cost
     assert len(places.point) == len(found.state.bend)  # type: ignore[arg-type]
 
 
 def test_no_play_is_the_rigid_form() -> None:
     problem, state, places = soft_network("plain")
-    stiff = replace(problem, play=np.zeros(len(places.point)))
-    plain = replace(problem, play=None, place=None)
+    assert isinstance(problem.ball, Deformable)
+    stiff = replace(problem, ball=replace(problem.ball, play=np.zeros(len(places.point))))
+    plain = replace(problem, ball=as_rigid(problem.ball))
     one, other = minimise(stiff, state, Settings()), minimise(plain, state, Settings())
     assert one.cost == pytest.approx(other.cost, rel=1e-9)
     np.testing.assert_allclose(one.state.intrinsics, other.state.intrinsics, rtol=1e-5, atol=1e-6)
@@ -249,9 +249,9 @@ def test_dots_seen_by_nobody_have_no_places() -> None:
 def test_a_place_that_no_camera_sees_is_where_the_shape_puts_it() -> None:
     """Its play is then only known by its standard deviation."""
     problem, state, places = soft_network("plain", n_points=30)
-    assert problem.place is not None
+    assert problem.ball.place is not None
     there = soft_covariance(problem, state, places)
-    problem = problem.select(problem.place != 5)
+    problem = problem.select(problem.ball.place != 5)
     found = soft_covariance(problem, state, places)
     assert found is not None and there is not None
     assert found.points[5].trace() > 3 * PLAY_MM**2
@@ -278,10 +278,10 @@ def test_places_that_a_camera_shows_twice_count_twice() -> None:
     once = equations(replace(problem, weight=problem.weight * np.sqrt(2)), state)
     every = np.repeat(np.arange(len(problem.uv)), 2)
     assert problem.placement is not None
-    assert problem.place is not None
+    assert problem.ball.place is not None
     double = replace(
         problem, camera=problem.camera[every], point=problem.point[every], uv=problem.uv[every],
-        weight=problem.weight[every], placement=problem.placement[every], place=problem.place[every],
+        weight=problem.weight[every], ball=problem.ball.select(every),
     )  # fmt: skip
     twice = equations(double, state)
     unit = 1 / np.sqrt(once.diagonal)

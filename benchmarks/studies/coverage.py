@@ -122,7 +122,6 @@ def _of_bars(
     """By all cameras' joint covariance and the image noise that the adjustment found for each; true lengths (n,)."""
     variance, network = estimate.adjusted.variance, estimate.solved.network
     assert covariance is not None
-    assert network.noise is not None
     sigma = network.noise * np.sqrt(variance)
     uv, n_ends = bars.noisy_uv(noise), 2 * len(bars.lengths_mm)
     weight = 1.0 / sigma[bars.camera] ** 2

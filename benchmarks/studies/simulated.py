@@ -85,7 +85,6 @@ class Simulated:
     def true_rigid(self) -> State:
         """The rigid form's true state: every observed dot in the world of its first placement, in mm."""
         rigid, start = self.rigid
-        assert start.placement_rotation is not None and start.placement_translation is not None
         turn = start.placement_rotation[rigid.places.placement]
         there = self.places_mm - start.placement_translation[rigid.places.placement]
         points = np.full_like(start.points, np.nan)

@@ -175,6 +175,7 @@ class Stored:
         return self
 
 
+FREE = Free()
 BallModel: TypeAlias = Free | Rigid | Deformable | Stored
 
 

@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from spherecal.adjust import engine
+from spherecal.adjust.ball_model import Free, Stored
 from spherecal.adjust.least_squares import minimise
 from spherecal.adjust.levenberg import Minimum, Settings
 from spherecal.adjust.network import Network
@@ -228,10 +229,9 @@ def datum_defect(problem: Problem) -> int:
 
     One locked camera leaves the scale open, two or more nothing; a rigid ball's own frame is open in any case.
     """
-    every = problem.free_placement is None or bool(problem.free_placement.all())
-    rigid = 6 if problem.placement is not None and every else 0
+    rigid = 6 if problem.n_placements and problem.ball.free_placement.all() else 0
     locked = int((~problem.free_pose & _observed(problem)).sum())
-    scale = 1 if problem.lengths is None and problem.shape is None and locked < 2 else 0
+    scale = 1 if not (problem.has_lengths or isinstance(problem.ball, Stored)) and locked < 2 else 0
     return (6 if locked == 0 else 0) + scale + rigid
 
 
@@ -257,7 +257,7 @@ def _gate(network: Network, state: State, placed: BoolArray, used: BoolArray) ->
     size = residual_size(network, state)
     keep = placed[network.camera] & (size <= gate_px(network, size, placed, used))
     keep &= ((network.views(keep) >= 2) | network.known)[network.feature]
-    if network.placement is not None:  # one camera may see a dot of the ball twice along the same ray
+    if not isinstance(network.ball, Free):  # one camera may see a dot of the ball twice along the same ray
         wide = network.angles(state, keep) >= MIN_ANGLE_RAD
         keep &= (wide | network.known)[network.feature]
     return keep

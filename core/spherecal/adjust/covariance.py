@@ -16,6 +16,7 @@ from scipy import sparse
 from scipy.linalg import LinAlgError, cho_factor, cho_solve
 
 from spherecal.adjust import engine
+from spherecal.adjust.ball_model import Free
 from spherecal.adjust.datum import Places, carried_dots, datum_motions
 from spherecal.adjust.least_squares import normal_equations
 from spherecal.adjust.linear import Linear
@@ -138,21 +139,21 @@ class CovarianceFactors:
         """Expanded columns of cameras, the first ones."""
         return self.problem.n_cameras * self.linear.width
 
-    def shifts_of(self, rows: slice) -> tuple[FloatArray, FloatArray | None]:
+    def shifts_of(self, rows: slice) -> tuple[FloatArray, FloatArray]:
         """Shifts of some observations' points by their cameras' (k,3,w) and placements' (k,3,6) parameters: -V^-1 W'.
 
-        Zeros for points that are kept.
+        Those by placements are (0,3,6) in the free form. Zeros for points that are kept.
         """
         if len(self.problem.uv) > arrays.ROWS_AT_ONCE:
             return self._shifts_of(rows)
         by_camera, by_placement = self._all_shifts
-        return by_camera[rows], None if by_placement is None else by_placement[rows]
+        return by_camera[rows], by_placement[rows] if len(by_placement) else by_placement
 
     @cached_property
-    def _all_shifts(self) -> tuple[FloatArray, FloatArray | None]:
+    def _all_shifts(self) -> tuple[FloatArray, FloatArray]:
         return self._shifts_of(slice(None))
 
-    def _shifts_of(self, rows: slice) -> tuple[FloatArray, FloatArray | None]:
+    def _shifts_of(self, rows: slice) -> tuple[FloatArray, FloatArray]:
         linear, point = self.linear.at(rows), self.problem.point[rows]
         is_kept = np.isin(point, self.problem.kept_points)
         inverse = -self.point_inverse[point]
@@ -161,7 +162,9 @@ class CovarianceFactors:
         def shift(derivatives: FloatArray) -> FloatArray:
             return inverse @ np.einsum("nji,njw->niw", linear.by_point, derivatives)
 
-        return shift(linear.by_camera), None if linear.by_placement is None else shift(linear.by_placement)
+        return shift(linear.by_camera), shift(linear.by_placement) if self.problem.n_placements else np.zeros(
+            (0, 3, POSE)
+        )
 
     @property
     def own_noise(self) -> FloatArray:
@@ -205,7 +208,7 @@ class CovarianceFactors:
             at = gradients[:, problem.point[rows]]
             for total, own, pose in zip(cameras, at, poses, strict=True):
                 np.add.at(total, problem.camera[rows], np.einsum("ni,niw->nw", own, by_camera))
-                if by_placement is not None and problem.placement is not None:
+                if problem.n_placements:
                     np.add.at(pose, problem.placement[rows], np.einsum("ni,niw->nw", own, by_placement))
         pieces = (cameras, poses, gradients[:, problem.kept_points])
         return np.concatenate([piece.reshape(m, piece.shape[1] * piece.shape[2]) for piece in pieces], axis=1)
@@ -250,7 +253,7 @@ def covariance(problem: Problem, state: State, places: Places | None = None) -> 
 
     `places` is needed in the rigid form, where one placement at least must stand for the world (locked).
     """
-    if (problem.placement is None) != (places is None):
+    if isinstance(problem.ball, Free) != (places is None):
         raise ValueError("the rigid form, and only it, needs the features' places")
     return finished_or_none(problem, lambda: _parts(problem, state, places))
 
@@ -324,7 +327,7 @@ def _parts(problem: Problem, state: State, places: Places | None) -> tuple[Covar
 
 def _stretch(parts: CovarianceFactors) -> float | None:
     """Cofactor of the relative size of the whole where length rows give it: the datum's last parameter, M B' du."""
-    if parts.problem.lengths is None or not parts.moments.size:
+    if not parts.problem.has_lengths or not parts.moments.size:
         return None
     last = parts.moments[-1]
     return float(last @ parts.middle @ last) / parts.spread**2
@@ -434,7 +437,7 @@ def _shifts(parts: CovarianceFactors, first: int, last: int) -> sparse.csr_array
     by_camera, by_placement = parts.shifts_of(own)
     width = by_camera.shape[2]
     spread = [(by_camera, problem.camera[own] * width)]
-    if by_placement is not None and problem.placement is not None:
+    if problem.n_placements:
         spread.append((by_placement, problem.n_cameras * width + POSE * problem.placement[own]))
     kept = np.flatnonzero((problem.kept_points >= first) & (problem.kept_points < last))  # columns themselves
     rows = [(3 * (problem.kept_points[kept, None] - first) + np.arange(3)).astype(np.int32).ravel()]

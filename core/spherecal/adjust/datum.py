@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from spherecal.adjust.ball_model import Stored
 from spherecal.adjust.problem import POSE, Problem, State
 from spherecal.base.arrays import BoolArray, FloatArray, IntArray
 from spherecal.geometry.rotation import cross_matrix
@@ -23,7 +24,7 @@ class Places:
 
 def carried_dots(state: State, places: Places | None) -> tuple[FloatArray, FloatArray]:
     """Rotation (f,3,3) that carries each feature's point, and the point turned by it (f,3); empty in the free form."""
-    if places is None or state.placement_rotation is None:
+    if places is None:
         return np.zeros((0, 3, 3)), np.zeros((0, 3))
     turn = state.placement_rotation[places.placement]
     arm = np.einsum("fij,fj->fi", turn, state.points[places.point])
@@ -54,7 +55,6 @@ def datum_motions(problem: Problem, state: State, places: Places | None = None) 
     at, takes_part = state.points, seen
     if places is not None:
         _, arm = carried_dots(state, places)
-        assert state.placement_translation is not None
         at, takes_part = arm + state.placement_translation[places.placement], seen[places.point]
     centroid = at[takes_part].mean(axis=0)
     if len(locked):
@@ -64,12 +64,12 @@ def datum_motions(problem: Problem, state: State, places: Places | None = None) 
     moved[~takes_part] = 0.0
     pieces = [_moved_cameras(problem, state, centroid, spread)]
     if places is not None:
-        moved_placements = _moved_placements if state.anchored is None else _moved_anchored
+        moved_placements = _moved_anchored if state.is_anchored else _moved_placements
         pieces.append(moved_placements(state, centroid, spread))
     pieces.append(moved_points(state.points[problem.kept_points], centroid, spread).reshape(-1, 7))
     first = 6 if len(locked) else 0
     last = 7 if len(locked) < 2 else 6
-    unseen = np.arange(7) < (6 if problem.lengths is not None or problem.shape is not None else 7)
+    unseen = np.arange(7) < (6 if problem.has_lengths or isinstance(problem.ball, Stored) else 7)
     return Motions(np.vstack(pieces)[:, first:last], moved[:, :, first:last], unseen[first:last], float(spread))
 
 
@@ -97,7 +97,6 @@ def _moved_cameras(problem: Problem, state: State, centroid: FloatArray, spread:
 def _moved_placements(state: State, centroid: FloatArray, spread: float) -> FloatArray:
     """How placements move when the ball's points move as the world does, (t*6,7); nothing where R = I, T = 0."""
     turn, shift = state.placement_rotation, state.placement_translation
-    assert turn is not None and shift is not None
     out = np.zeros((len(turn), POSE, 7))
     carried = np.einsum("tij,j->ti", turn, centroid)
     out[:, 3:, :3] = np.eye(3) - turn
@@ -114,7 +113,6 @@ def _moved_anchored(state: State, centroid: FloatArray, spread: float) -> FloatA
     In a stretch the shape grows in its frame.
     """
     shift = state.placement_translation
-    assert shift is not None
     out = np.zeros((len(shift), POSE, 7))
     out[:, 3:, :3] = np.eye(3)
     out[:, :3, 3:6] = np.eye(3) / spread

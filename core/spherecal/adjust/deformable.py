@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from spherecal.adjust import engine
+from spherecal.adjust.ball_model import Deformable
 from spherecal.adjust.linear import Linear
 from spherecal.adjust.problem import Problem, State
 from spherecal.base.arrays import FloatArray, IntArray
@@ -45,28 +46,32 @@ class Play:
 
     def taken(self, residual: FloatArray) -> float:
         """What the play takes off the squares of residuals (n,2): r'J Q J'r."""
+        if not len(self.start):
+            return 0.0
         b = self.pulled(residual)
         return float(np.einsum("gi,gij,gj->", b, self.q, b))
 
     def bend(self, state: State) -> FloatArray:
         """How far each place (f,3) is off the shape in the world; 0 where nothing is observed."""
-        assert self.problem.play is not None and state.placement_rotation is not None
-        out = np.zeros((len(self.problem.play), 3))
+        out = np.zeros((len(self.problem.ball.play), 3))
         off = np.einsum("gij,gj->gi", self.q, self.pulled(self.linear.residual))
         out[self.place] = -np.einsum("gij,gj->gi", state.placement_rotation[self.placement], off)
         return out
 
 
 def play_of(problem: Problem, linear: Linear) -> Play:
-    """The play of a deformable ball's places at a linearisation."""
-    assert problem.place is not None and problem.play is not None and problem.placement is not None
-    is_first = (np.diff(problem.place, prepend=-1) != 0) | (np.diff(problem.point, prepend=-1) != 0)
+    """The play of a deformable ball's places at a linearisation; no groups for any other ball."""
+    if not isinstance(problem.ball, Deformable):
+        none, matrices = np.zeros(0, dtype=np.int64), np.zeros((0, 3, 3))
+        return Play(problem, linear, none, none, none, none, none, matrices, matrices, matrices)
+    of_row = problem.ball.place
+    is_first = (np.diff(of_row, prepend=-1) != 0) | (np.diff(problem.point, prepend=-1) != 0)
     first = np.flatnonzero(is_first)
     start = np.append(first, len(problem.uv))
     by_point = linear.at(slice(None)).by_point
     normal = _summed(np.einsum("nki,nkj->nij", by_point, by_point), start)
-    place = problem.place[first]
-    q, p = play_matrices(normal, problem.play[place])
+    place = of_row[first]
+    q, p = play_matrices(normal, problem.ball.play[place])
     return Play(
         problem, linear, start, np.cumsum(is_first) - 1, place, problem.point[first], problem.placement[first],
         normal, q, p,
@@ -93,8 +98,6 @@ def left_over(problem: Problem, state: State) -> tuple[FloatArray, FloatArray]:
     off = np.einsum("gij,gj->gi", play.q, play.pulled(linear.residual))
     normal = np.zeros((problem.n_points, 3, 3))
     np.add.at(normal, play.dot, play.p @ play.normal)
-    if problem.shape is not None:
-        normal += problem.shape.information
     noise = play.q + play.p @ np.linalg.pinv(normal, hermitian=True)[play.dot] @ play.p.transpose(0, 2, 1)
     taken = np.einsum("nki,nij,nkj->n", linear.by_point, noise[play.of], linear.by_point)
     return linear.residual - np.einsum("nki,ni->nk", linear.by_point, off[play.of]), taken

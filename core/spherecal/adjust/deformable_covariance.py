@@ -47,9 +47,9 @@ class SoftParts(CovarianceFactors):
     @property
     def point_of_feature(self) -> IntArray:
         """A number (f,) for each feature, its own where it has some play: then it tells more than its dot alone."""
-        assert self.places is not None and self.problem.play is not None
+        assert self.places is not None
         count = len(self.places.point)
-        return np.where(self.problem.play > 0, self.problem.n_points + np.arange(count), self.places.point)
+        return np.where(self.problem.ball.play > 0, self.problem.n_points + np.arange(count), self.places.point)
 
     def transformed(self, gradient: FloatArray) -> tuple[FloatArray, FloatArray]:
         """A gradient by places (f,3) in the datum, by columns (e,) and by the noise sources (p + f,3)."""
@@ -109,12 +109,11 @@ def _assembled(
     play: Play, state: State, places: Places, motions: Motions, inverse: FloatArray, dot_inverse: FloatArray
 ) -> SoftParts:
     problem, linear = play.problem, play.linear.at(slice(None))
-    assert problem.play is not None
     count, p, columns = len(places.point), problem.n_points, problem.layout.expanded
     turn, arm = carried_dots(state, places)
     normal, own = np.zeros((count, 3, 3)), turn[play.place]
     normal[play.place] = own @ play.normal @ own.transpose(0, 2, 1)
-    q, through = play_matrices(normal, problem.play)
+    q, through = play_matrices(normal, problem.ball.play)
     start = int(problem.layout.block_offset[problem.n_cameras])
     pose = np.concatenate([-cross_matrix(arm), np.broadcast_to(np.eye(3), (count, 3, 3))], axis=2)
     of_pose = start + POSE * places.placement
@@ -142,10 +141,9 @@ def _assembled(
 
 def _images_by_columns(problem: Problem, linear: Linearisation, count: int) -> sparse.csr_array:
     """J' times the cameras' derivatives, of every feature, (3f,e)."""
-    assert problem.place is not None and linear.by_placement is not None
     met = linear.by_placement[:, :, 3:].transpose(0, 2, 1) @ linear.by_camera
     first = problem.layout.block_offset[problem.camera]
-    return _blocks(problem.place, first, met, (3 * count, problem.layout.expanded))
+    return _blocks(problem.ball.place, first, met, (3 * count, problem.layout.expanded))
 
 
 def _blocks(feature: np.ndarray, first: np.ndarray, values: FloatArray, shape: tuple[int, int]) -> sparse.csr_array:

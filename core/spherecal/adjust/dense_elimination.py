@@ -10,6 +10,7 @@ import numpy as np
 from numba import njit
 from scipy.linalg.blas import dsyrk  # pyright: ignore[reportAttributeAccessIssue]
 
+from spherecal.adjust.ball_model import Rigid, Stored
 from spherecal.adjust.kernel import INNER, KERNEL
 from spherecal.adjust.linear import Linear, Reduced, parts
 from spherecal.adjust.problem import Problem
@@ -23,7 +24,7 @@ _CHUNK = 400
 
 def is_dense(problem: Problem) -> bool:
     """Whether this way pays: a large rig and a rigid ball."""
-    return problem.placement is not None and problem.play is None and problem.layout.expanded >= LEAST_COLUMNS
+    return isinstance(problem.ball, Rigid | Stored) and problem.layout.expanded >= LEAST_COLUMNS
 
 
 def eliminate(problem: Problem, linear: Linear, damping: float, points: IntArray, reduced: Reduced) -> None:

@@ -8,6 +8,7 @@ import numpy as np
 from numba import njit
 
 from spherecal.adjust import dense_elimination, linear
+from spherecal.adjust.ball_model import Deformable
 from spherecal.adjust.deformable_kernel import eliminate_places, substitute_places
 from spherecal.adjust.kernel import INNER, KERNEL
 from spherecal.adjust.linear import Linear, Linearisation, PointEquations, Reduced, parts
@@ -22,8 +23,9 @@ def residuals(problem: Problem, state: State) -> FloatArray:
     """Weighted residuals, predicted minus observed over sigma, (n,2)."""
     out = np.empty_like(problem.uv)
     _residuals(
-        problem.camera, problem.point, _placement(problem), problem.uv, problem.weight,
-        state.rotation, state.translation, state.intrinsics, *_placement_poses(state), state.points, out,
+        problem.camera, problem.point, problem.placement, problem.uv, problem.weight,
+        state.rotation, state.translation, state.intrinsics, state.placement_rotation, state.placement_translation,
+        state.points, out,
     )  # fmt: skip
     return out
 
@@ -36,12 +38,13 @@ def linearise(problem: Problem, state: State, robust_weight: FloatArray | None) 
         np.empty((n, 2)),
         np.empty((n, 2, width)),
         np.empty((n, 2, 3)),
-        None if problem.placement is None else np.empty((n, 2, POSE)),
+        np.empty((n if problem.n_placements else 0, 2, POSE)),
     )
     _linearise(
-        problem.camera, problem.point, _placement(problem), problem.uv, weight,
-        state.rotation, state.translation, state.intrinsics, *_placement_poses(state), state.points,
-        problem.intrinsic_columns, out.residual, out.by_camera, out.by_point, _by_placement(out),
+        problem.camera, problem.point, problem.placement, problem.uv, weight,
+        state.rotation, state.translation, state.intrinsics, state.placement_rotation, state.placement_translation,
+        state.points,
+        problem.intrinsic_columns, out.residual, out.by_camera, out.by_point, out.by_placement,
     )  # fmt: skip
     return out
 
@@ -80,13 +83,13 @@ def reduce(problem: Problem, linear: Linear, damping: float, known: PointEquatio
     for part in parts(problem, linear, order, in_run % RUN == 0):
         rows = (part.points, part.begin, part.end, part.camera, part.placement, problem.n_cameras, kept_block)
         derivatives = (
-            part.linear.residual, part.linear.by_camera, part.linear.by_point, _by_placement(part.linear)
+            part.linear.residual, part.linear.by_camera, part.linear.by_point, part.linear.by_placement
         )  # fmt: skip
         system = (matrix, gradient, diagonal, square, inverse, point_gradient)
-        if problem.play is None:
+        if not isinstance(problem.ball, Deformable):
             eliminate_points(*rows, *derivatives, *lenses, damping, *system)
         else:
-            eliminate_places(*rows, part.place, problem.play, *derivatives, *lenses, damping, *system)
+            eliminate_places(*rows, part.place, problem.ball.play, *derivatives, *lenses, damping, *system)
     add_squares(matrix, diagonal, square, *lenses)
     return reduced
 
@@ -126,33 +129,15 @@ def back_substitute(problem: Problem, linear: Linear, reduced: Reduced, step: Fl
     for part in parts(problem, linear, np.arange(problem.n_points)):
         rows = (part.points, part.begin, part.end, part.camera, part.placement, problem.n_cameras, is_kept)
         rest = (
-            part.linear.residual, part.linear.by_camera, part.linear.by_point, _by_placement(part.linear),
+            part.linear.residual, part.linear.by_camera, part.linear.by_point, part.linear.by_placement,
             layout.block_offset, reduced.point_inverse, reduced.point_gradient, step, point_step, squares,
         )  # fmt: skip
-        if problem.play is None:
+        if not isinstance(problem.ball, Deformable):
             squares = substitute_points(*rows, *rest)
         else:
-            squares = substitute_places(*rows, part.place, problem.play, *rest)
+            squares = substitute_places(*rows, part.place, problem.ball.play, *rest)
     point_step[kept] = 0.0
     return point_step, 0.5 * squares
-
-
-_NO_PLACEMENT = np.zeros(0, dtype=np.int64)
-_NO_ROTATION, _NO_TRANSLATION, _NO_ROWS = np.zeros((0, 3, 3)), np.zeros((0, 3)), np.zeros((0, 2, POSE))
-
-
-def _placement(problem: Problem) -> IntArray:
-    return _NO_PLACEMENT if problem.placement is None else problem.placement
-
-
-def _placement_poses(state: State) -> tuple[FloatArray, FloatArray]:
-    if state.placement_rotation is None or state.placement_translation is None:
-        return _NO_ROTATION, _NO_TRANSLATION
-    return state.placement_rotation, state.placement_translation
-
-
-def _by_placement(linear: Linearisation) -> FloatArray:
-    return _NO_ROWS if linear.by_placement is None else linear.by_placement
 
 
 @njit(**INNER)

@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from spherecal.adjust import engine
+from spherecal.adjust.ball_model import Deformable, Stored
 from spherecal.adjust.deformable import LEAST_DAMPING, Play, play_of
 from spherecal.adjust.levenberg import Damping, Minimum, OnStep, Settings, levenberg_marquardt, solve_damped
 from spherecal.adjust.linear import Linear, PointEquations, Reduced
@@ -25,10 +26,10 @@ class NormalEquations:
 
 @dataclass(frozen=True)
 class _Linearised:
-    """The observations' equations at a state; `play` of the places of a deformable ball, None of any other."""
+    """The observations' equations at a state, and the play of a deformable ball's places."""
 
     linear: Linear
-    play: Play | None
+    play: Play
 
 
 @dataclass(frozen=True)
@@ -40,7 +41,7 @@ class _Bundle:
 
     @property
     def damping(self) -> Damping:
-        return Damping() if self.problem.play is None else Damping(LEAST_DAMPING, by_gain=False)
+        return Damping(LEAST_DAMPING, by_gain=False) if isinstance(self.problem.ball, Deformable) else Damping()
 
     @property
     def count(self) -> int:
@@ -48,19 +49,18 @@ class _Bundle:
 
     def linearise(self, state: State) -> _Linearised:
         linear = engine.linear_model(self.problem, state, _robust_weight(self.problem, state, self.cauchy))
-        return _Linearised(linear, None if self.problem.play is None else play_of(self.problem, linear))
+        return _Linearised(linear, play_of(self.problem, linear))
 
     def cost(self, state: State, linear: _Linearised) -> float:
         residual = engine.residuals(self.problem, state)
         squared = (residual**2).sum(axis=1)
         if self.cauchy is not None:
             squared = self.cauchy**2 * np.log1p(squared / self.cauchy**2)
-        taken = 0.0 if linear.play is None else linear.play.taken(residual)
-        total = 0.5 * float(squared.sum() - taken + _other_squares(self.problem, state))
+        total = 0.5 * float(squared.sum() - linear.play.taken(residual) + _other_squares(self.problem, state))
         return total if np.isfinite(total) else np.inf
 
     def accepted(self, state: State, cost: float) -> tuple[_Linearised | None, float]:
-        if self.problem.play is None:
+        if not isinstance(self.problem.ball, Deformable):
             return None, cost
         linear = self.linearise(state)  # the weights follow the state
         return linear, self.cost(state, linear)
@@ -75,7 +75,7 @@ class _Bundle:
             problem, linear.linear, normal.reduced, problem.layout.expand_vector(step)
         )
         residual = linear.linear.residual
-        before = 0.5 * float((residual**2).sum() - (0.0 if linear.play is None else linear.play.taken(residual)))
+        before = 0.5 * float((residual**2).sum() - linear.play.taken(residual))
         new = moved(problem, state, step, point_step)
         if (new.intrinsics[:, :2] <= 0).any():  # no lens: as good as singular
             return None
@@ -100,7 +100,7 @@ def minimise(problem: Problem, state: State, settings: Settings, on_step: OnStep
     model = _Bundle(problem, settings.cauchy)
     with one_blas_thread():
         found = levenberg_marquardt(model, state, settings, on_step)
-        if problem.play is None or not len(problem.uv):
+        if not isinstance(problem.ball, Deformable) or not len(problem.uv):
             return found
         bend = play_of(problem, engine.linear_model(problem, found.state, None)).bend(found.state)
         return replace(found, state=replace(found.state, bend=bend))
@@ -127,9 +127,9 @@ def _other_squares(problem: Problem, state: State) -> float:
 
 
 def _shape_squares(problem: Problem, state: State) -> float:
-    if problem.shape is None:
+    if not isinstance(problem.ball, Stored):
         return 0.0
-    off, pull = problem.shape.off(state.points)
+    off, pull = problem.ball.shape.off(state.points)
     return float((off * pull)[problem.known_points].sum())
 
 
@@ -151,11 +151,11 @@ def normal_equations(problem: Problem, state: State, linear: Linear, damping: fl
 
 
 def _known(problem: Problem, state: State) -> PointEquations | None:
-    if problem.shape is None:
+    if not isinstance(problem.ball, Stored):
         return None
     known = problem.known_points
-    information = np.where(known[:, None, None], problem.shape.information, 0.0)
-    return PointEquations(information, np.where(known[:, None], problem.shape.off(state.points)[1], 0.0))
+    information = np.where(known[:, None, None], problem.ball.shape.information, 0.0)
+    return PointEquations(information, np.where(known[:, None], problem.ball.shape.off(state.points)[1], 0.0))
 
 
 def assembled(problem: Problem, state: State, reduced: Reduced) -> NormalEquations:
@@ -179,7 +179,7 @@ def extra_rows(problem: Problem, state: State) -> tuple[FloatArray, FloatArray]:
     length, by_difference = length_residuals(problem, state)
     rows = np.zeros((len(prior) + len(length), layout.size))
     rows[np.arange(len(prior)), layout.prior_columns] = prior_weight
-    if problem.lengths is not None:
+    if problem.has_lengths:
         first_kept = layout.size - 3 * len(problem.kept_points)
         own = rows[len(prior) :]
         for points, coefficient in zip(problem.lengths.points.T, problem.lengths.coefficient.T, strict=True):

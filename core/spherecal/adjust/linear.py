@@ -11,6 +11,7 @@ from typing import TypeAlias
 
 import numpy as np
 
+from spherecal.adjust.ball_model import Deformable
 from spherecal.adjust.problem import POSE, Problem, State
 from spherecal.base import arrays
 from spherecal.base.arrays import BoolArray, FloatArray, IntArray, blocks
@@ -21,12 +22,15 @@ MOST_HELD = 50_000
 
 @dataclass(frozen=True)
 class Linearisation:
-    """Weighted residuals (n,2) and derivatives by camera (n,2,6+k), point (n,2,3) and placement (n,2,6) or None."""
+    """Weighted residuals (n,2) and derivatives by camera (n,2,6+k), point (n,2,3) and placement (n,2,6).
+
+    Those by the placement are (0,2,6) in the free form.
+    """
 
     residual: FloatArray
     by_camera: FloatArray
     by_point: FloatArray
-    by_placement: FloatArray | None
+    by_placement: FloatArray
 
     @property
     def width(self) -> int:
@@ -35,7 +39,7 @@ class Linearisation:
 
     def at(self, rows: slice | IntArray) -> "Linearisation":
         """The same of some observations."""
-        by_placement = None if self.by_placement is None else self.by_placement[rows]
+        by_placement = self.by_placement[rows] if len(self.by_placement) else self.by_placement
         return Linearisation(self.residual[rows], self.by_camera[rows], self.by_point[rows], by_placement)
 
 
@@ -100,7 +104,7 @@ Linear: TypeAlias = Linearisation | LinearByBlocks
 
 def linear_model(problem: Problem, state: State, robust_weight: FloatArray | None, linearise: Linearise) -> Linear:
     """The linearisation: held where that takes little memory or places have some play, else computed block by block."""
-    if len(problem.uv) <= MOST_HELD or problem.play is not None:
+    if len(problem.uv) <= MOST_HELD or isinstance(problem.ball, Deformable):
         return linearise(problem, state, robust_weight)
     return LinearByBlocks(problem, state, robust_weight, linearise)
 
@@ -123,9 +127,7 @@ def parts(problem: Problem, linear: Linear, points: IntArray, may_begin: BoolArr
 
     `may_begin` (m,): where a new part may begin; None for anywhere.
     """
-    nothing = np.zeros(0, dtype=np.int64)
-    placement = nothing if problem.placement is None else problem.placement
-    place = nothing if problem.place is None else problem.place
+    placement, place = problem.ball.placement, problem.ball.place
     start = problem.point_start
     if isinstance(linear, Linearisation):
         yield Part(points, start[points], start[points + 1], problem.camera, placement, place, linear)

@@ -6,12 +6,13 @@ remains is the reduced system. The engine fills it camera by camera, in a layout
 columns; `Layout.fold` then drops locked columns and adds up those of cameras that share intrinsics.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
 from scipy import sparse
 
+from spherecal.adjust.ball_model import FREE, BallModel, Free, Stored
 from spherecal.base.arrays import BoolArray, FloatArray, IntArray
 from spherecal.geometry.rotation import exp_rotation
 
@@ -20,32 +21,51 @@ POSE = 6  # columns of a pose: rotation, then shift (docs/conventions.md)
 
 @dataclass(frozen=True)
 class State:
-    """The values of all unknowns: rotation (c,3,3), translation (c,3), intrinsics (c,16), points (p,3).
+    """The values of all unknowns.
 
-    In the rigid form points are in the ball's frame and `placement_rotation` (t,3,3), `placement_translation` (t,3)
-    bring them to the world; both are None in the free form. In the soft form `bend` (f,3) is, in the world, how far the
-    feature (dot at a placement) is off there. `anchored` (p,): points whose frame a stored shape of the ball holds.
+    Attributes
+    ----------
+    rotation, translation
+        Poses of the cameras, (c,3,3) and (c,3).
+    intrinsics
+        (c,16), see docs/conventions.md.
+    points
+        (p,3): of the world in the free form, else of the ball's frame.
+    placement_rotation, placement_translation
+        Poses (t,3,3) and (t,3) that bring the ball's points to the world; t = 0 in the free form.
+    bend
+        How far each feature (dot at a placement) of a deformable ball is off the shape in the world, (f,3); else (0,3).
+    anchored
+        Points whose frame a stored shape of the ball holds, (p,); else (0,).
     """
 
     rotation: FloatArray
     translation: FloatArray
     intrinsics: FloatArray
     points: FloatArray
-    placement_rotation: FloatArray | None = None
-    placement_translation: FloatArray | None = None
-    bend: FloatArray | None = None
-    anchored: BoolArray | None = None
+    placement_rotation: FloatArray = field(default_factory=lambda: np.zeros((0, 3, 3)))
+    placement_translation: FloatArray = field(default_factory=lambda: np.zeros((0, 3)))
+    bend: FloatArray = field(default_factory=lambda: np.zeros((0, 3)))
+    anchored: BoolArray = field(default_factory=lambda: np.zeros(0, dtype=bool))
+
+    @property
+    def is_anchored(self) -> bool:
+        """Whether a stored shape holds the ball's frame."""
+        return len(self.anchored) > 0
 
     def scaled(self, factor: float) -> "State":
         """The same network with all lengths multiplied by `factor`."""
-        shift = self.placement_translation
         return replace(
             self,
             translation=self.translation * factor,
             points=self.points * factor,
-            placement_translation=None if shift is None else shift * factor,
-            bend=None if self.bend is None else self.bend * factor,
+            placement_translation=self.placement_translation * factor,
+            bend=self.bend * factor,
         )
+
+    def free(self, points: FloatArray) -> "State":
+        """The free form: the same cameras and points (f,3) of the world."""
+        return State(self.rotation, self.translation, self.intrinsics, points)
 
     def seen_from(self, camera: int) -> "State":
         """The same network in the frame of a camera: its pose is R = I, t = 0.
@@ -59,11 +79,9 @@ class State:
             rotation=rotation,
             translation=self.translation - rotation @ t,
             points=self.points @ r.T + t,
-            bend=None if self.bend is None else self.bend @ r.T,
+            bend=self.bend @ r.T,
         )
-        if self.placement_rotation is None or self.placement_translation is None:
-            return moved
-        if self.anchored is not None:  # the placements move instead of the shape; the first one is the world itself
+        if self.is_anchored:  # the placements move instead of the shape; the first one is the world itself
             turn, shift = r @ self.placement_rotation, self.placement_translation @ r.T + t
             turn[0], shift[0] = np.eye(3), 0.0
             points = np.where(self.anchored[:, None], self.points, moved.points)
@@ -105,25 +123,7 @@ class LengthRows:
         )
 
 
-@dataclass(frozen=True)
-class ShapePrior:
-    """The ball's shape as it was found before: dots' places (p,3) and the inverses (p,3,3) of their covariances.
-
-    Zeros where nothing is known of a point. The inverses are for a standard deviation of unit weight of 1.
-    """
-
-    places: FloatArray
-    information: FloatArray
-
-    @cached_property
-    def known(self) -> BoolArray:
-        """Points (p,) that it knows."""
-        return self.information[:, 0, 0] > 0
-
-    def off(self, points: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """How far points (p,3) are from it, 0 where nothing is known, and that times the information."""
-        off = np.where(self.known[:, None], points - self.places, 0.0)
-        return off, np.einsum("pij,pj->pi", self.information, off)
+NO_LENGTHS = LengthRows(np.zeros((0, 2), dtype=np.int64), np.zeros((0, 2)), np.zeros(0), np.zeros((0, 0)))
 
 
 @dataclass(frozen=True)
@@ -133,17 +133,32 @@ class Priors:
     value: FloatArray
     sigma: FloatArray
 
+    def is_known(self, camera: int, intrinsic: int) -> bool:
+        """Whether anything is known of an intrinsic of a camera."""
+        return len(self.sigma) > 0 and bool(np.isfinite(self.sigma[camera, intrinsic]))
+
+
+NO_PRIORS = Priors(np.zeros((0, 16)), np.zeros((0, 16)))
+
 
 @dataclass(frozen=True)
 class Problem:
-    """A bundle adjustment without its values; observations are sorted by point, then place (where given), then camera.
+    """A bundle adjustment without its values; observations are sorted by point, then place (if any), then camera.
 
-    camera, point (n,), uv (n,2) px, weight (n,2) = 1/sigma (square roots of the weights P), placement (n,) in the
-    rigid form. `free_pose` (c,), `free_intrinsics` (c,16) and `free_placement` (t,) (None: all) say what is estimated,
-    `group` (c,) which cameras share intrinsics. In the soft form `place` (n,) is the feature that each observation
-    shows and `play` (f,) the standard deviation per coordinate by which it may be off the shape, in the network's unit
-    and for a standard deviation of unit weight of 1. `shape` is a stored shape of the ball (both or none of place and
-    play come with it); then all placements but the first, the world itself, are free.
+    Attributes
+    ----------
+    camera, point, uv, weight
+        Of each observation: camera and point (n,), image point (n,2) px, 1/sigma (n,2), the square root of its weight.
+    n_points
+        Points, observed or not.
+    free_pose, free_intrinsics
+        What is estimated of each camera, (c,) and (c,16).
+    group
+        Which cameras share intrinsics, (c,).
+    ball
+        How the ball joins the observations.
+    lengths, priors
+        Rows of other kinds; NO_LENGTHS and NO_PRIORS without any.
     """
 
     camera: IntArray
@@ -154,14 +169,24 @@ class Problem:
     free_pose: BoolArray
     free_intrinsics: BoolArray
     group: IntArray
-    placement: IntArray | None = None
-    n_placements: int = 0
-    lengths: LengthRows | None = None
-    priors: Priors | None = None
-    free_placement: BoolArray | None = None
-    place: IntArray | None = None
-    play: FloatArray | None = None
-    shape: ShapePrior | None = None
+    ball: BallModel = FREE
+    lengths: LengthRows = NO_LENGTHS
+    priors: Priors = NO_PRIORS
+
+    @property
+    def placement(self) -> IntArray:
+        """Pose of the ball at each observation (n,), (0,) in the free form."""
+        return self.ball.placement
+
+    @property
+    def n_placements(self) -> int:
+        """Poses of the ball, 0 in the free form."""
+        return len(self.ball.free_placement)
+
+    @property
+    def has_lengths(self) -> bool:
+        """Whether known lengths give the size of the network."""
+        return len(self.lengths.length) > 0
 
     @property
     def n_cameras(self) -> int:
@@ -187,7 +212,7 @@ class Problem:
         tag = np.random.default_rng(0).integers(1, 2**62, self.n_cameras + self.n_placements, dtype=np.uint64)
         pattern = np.zeros(self.n_points, dtype=np.uint64)  # sums of tags: equal for equal sets, wrapping around
         np.add.at(pattern, self.point, tag[self.camera])
-        if self.placement is not None:
+        if self.n_placements:
             np.add.at(pattern, self.point, tag[self.n_cameras + self.placement])
         order = np.argsort(pattern, kind="stable")
         order = order[np.diff(self.point_start)[order] > 0]
@@ -196,8 +221,6 @@ class Problem:
     @cached_property
     def kept_points(self) -> IntArray:
         """Points that length rows touch: they stay in the reduced system."""
-        if self.lengths is None:
-            return np.zeros(0, dtype=np.int64)
         return np.unique(self.lengths.points[self.lengths.coefficient != 0])
 
     @cached_property
@@ -213,14 +236,14 @@ class Problem:
     @property
     def rows(self) -> int:
         """Scalar observation equations: two an image point, one a length, one a prior, three a dot known before."""
-        lengths = 0 if self.lengths is None else len(self.lengths.length)
-        return 2 * len(self.uv) + lengths + len(self.layout.prior_columns) + 3 * int(self.known_points.sum())
+        others = len(self.lengths.length) + len(self.layout.prior_columns) + 3 * int(self.known_points.sum())
+        return 2 * len(self.uv) + others
 
     @cached_property
     def known_points(self) -> BoolArray:
         """Observed points (p,) that the stored shape knows."""
         seen = np.diff(self.point_start) > 0
-        return seen & self.shape.known if self.shape is not None else np.zeros_like(seen)
+        return seen & self.ball.shape.known if isinstance(self.ball, Stored) else np.zeros_like(seen)
 
     @property
     def unknowns(self) -> int:
@@ -237,22 +260,33 @@ class Problem:
             point=self.point[keep],
             uv=self.uv[keep],
             weight=self.weight[keep],
-            placement=None if self.placement is None else self.placement[keep],
-            place=None if self.place is None else self.place[keep],
+            ball=self.ball.select(keep),
         )
 
 
 def sorted_problem(
     camera: IntArray, point: IntArray, uv: FloatArray, sigma: FloatArray | None, n_points: int, **blocks: object
 ) -> tuple[Problem, IntArray]:
-    """A Problem from observations in any order, and the order it put them in, (n,) indices."""
-    place = blocks.get("place")
-    order = np.lexsort((camera, point) if place is None else (camera, np.asarray(place), point))
+    """A Problem from observations in any order, and the order it put them in, (n,) indices.
+
+    Parameters
+    ----------
+    camera, point, uv
+        As of the Problem.
+    sigma
+        Standard deviations (n,2) px of the image points; None where all weigh the same.
+    n_points
+        Points, observed or not.
+    blocks
+        The other fields of the Problem.
+    """
+    ball = blocks.pop("ball", Free())
+    assert isinstance(ball, BallModel)
+    order = np.lexsort((camera, ball.place, point) if len(ball.place) else (camera, point))
     weight = np.ones_like(uv) if sigma is None else 1.0 / sigma
-    for name in ("placement", "place"):
-        if blocks.get(name) is not None:
-            blocks[name] = np.asarray(blocks[name])[order]
-    problem = Problem(camera[order], point[order], uv[order], weight[order], n_points, **blocks)  # type: ignore[arg-type]
+    problem = Problem(
+        camera[order], point[order], uv[order], weight[order], n_points, ball=ball.select(order), **blocks  # type: ignore[arg-type]
+    )  # fmt: skip
     return problem, order
 
 
@@ -368,15 +402,14 @@ def _layout(problem: Problem) -> Layout:
             if key not in shared:
                 shared[key] = next_column
                 next_column += 1
-                if problem.priors is not None and np.isfinite(problem.priors.sigma[c, intrinsic]):
+                if problem.priors.is_known(c, int(intrinsic)):
                     prior_columns.append(shared[key])
                     prior_camera.append(c)
                     prior_intrinsic.append(intrinsic)
             column[base + POSE + i] = shared[key]
     rest = int(offset[n_cameras])
     free = np.ones(int(offset[-1]) - rest, dtype=bool)
-    if problem.free_placement is not None:
-        free[: POSE * problem.n_placements] = np.repeat(problem.free_placement, POSE)
+    free[: POSE * problem.n_placements] = np.repeat(problem.ball.free_placement, POSE)
     column[rest:][free] = next_column + np.arange(free.sum())
     return Layout(
         n_cameras,
@@ -405,7 +438,7 @@ def moved(problem: Problem, state: State, reduced_step: FloatArray, point_step: 
     if len(kept):
         points[kept] += step[layout.block_offset[after] :].reshape(-1, 3)
     new = replace(state, rotation=rotation, translation=translation, intrinsics=intrinsics, points=points)
-    if state.placement_rotation is None or state.placement_translation is None:
+    if not problem.n_placements:
         return new
     start = layout.block_offset[c]
     poses = step[start : start + POSE * problem.n_placements].reshape(-1, POSE)
@@ -424,7 +457,7 @@ def _moved_poses(rotation: FloatArray, translation: FloatArray, step: FloatArray
 def prior_residuals(problem: Problem, state: State) -> tuple[FloatArray, FloatArray]:
     """Weighted residuals (m,) of the prior rows and their weights 1/sigma (m,)."""
     layout = problem.layout
-    if problem.priors is None or not len(layout.prior_columns):
+    if not len(layout.prior_columns):
         return np.zeros(0), np.zeros(0)
     where = (layout.prior_camera, layout.prior_intrinsic)
     weight = 1.0 / problem.priors.sigma[where]
@@ -434,7 +467,7 @@ def prior_residuals(problem: Problem, state: State) -> tuple[FloatArray, FloatAr
 def length_residuals(problem: Problem, state: State) -> tuple[FloatArray, FloatArray]:
     """Residuals (m,) of the length rows, made independent, and the plain lengths' derivatives by their ends, (m,3)."""
     rows = problem.lengths
-    if rows is None:
+    if not problem.has_lengths:
         return np.zeros(0), np.zeros((0, 3))
     difference = np.einsum("mk,mki->mi", rows.coefficient, state.points[rows.points])
     length = np.linalg.norm(difference, axis=1)

@@ -58,7 +58,7 @@ def with_right_poses(
     for number in range(ROUNDS):
         context.report("resection", number / ROUNDS)
         doubtful = doubtful_cameras(network, state, used, candidates, placed)
-        doubtful &= ~_locked(network)
+        doubtful &= ~network.locked
         if not doubtful.any():
             break
         better = _better_poses(network, state, used, candidates, doubtful)
@@ -97,10 +97,6 @@ def _median(values: FloatArray) -> float:
     return float(np.median(values)) if len(values) else float("nan")
 
 
-def _locked(network: Network) -> BoolArray:
-    return np.zeros(len(network.group), dtype=bool) if network.locked is None else network.locked
-
-
 def _better_poses(
     network: Network, state: State, used: BoolArray, candidates: BoolArray, doubtful: BoolArray
 ) -> dict[int, ResectedPose]:
@@ -122,7 +118,7 @@ def _better_poses(
 def _ambiguous(network: Network, state: State, used: BoolArray, candidates: BoolArray, placed: BoolArray) -> BoolArray:
     """Doubtful cameras (c,) whose second-best pose fits nearly as well as the best, or which no points can confirm."""
     out = np.zeros(len(placed), dtype=bool)
-    doubtful = doubtful_cameras(network, state, used, candidates, placed) & ~_locked(network)
+    doubtful = doubtful_cameras(network, state, used, candidates, placed) & ~network.locked
     if not doubtful.any() or doubtful.sum() > placed.sum() / 2:
         return out
     noise_px = _noise_px(network, state, used & ~doubtful[network.camera])

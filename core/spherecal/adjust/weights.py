@@ -12,6 +12,7 @@ import numpy as np
 from scipy.spatial import KDTree
 
 from spherecal.adjust import engine
+from spherecal.adjust.ball_model import Deformable, Stored
 from spherecal.adjust.bundle import Adjustment, refine, residual_size
 from spherecal.adjust.deformable import left_over
 from spherecal.adjust.network import Network
@@ -39,7 +40,7 @@ def camera_noise(problem: Problem, state: State) -> FloatArray:
     Its square is that between neighbouring dots plus what residuals of the whole network share: lenses that do not
     follow the model, in the median over the cameras.
     """
-    residual, by_points = (left_over_by_points if problem.play is None else left_over)(problem, state)
+    residual, by_points = (left_over if isinstance(problem.ball, Deformable) else left_over_by_points)(problem, state)
     rest, scale = 2.0 - by_points, 1.0 / problem.weight.mean(axis=1)
     n = problem.n_cameras
     count, size = (np.bincount(problem.camera, values, n) for values in (np.ones(len(rest)), scale**2))
@@ -73,6 +74,8 @@ def left_over_by_points(problem: Problem, state: State) -> tuple[FloatArray, Flo
         linear, point = engine.linearise(problem.select(own), state, None), problem.point[own] - first
         normal = np.zeros((last - first, 3, 3))
         np.add.at(normal, point, np.einsum("nki,nkj->nij", linear.by_point, linear.by_point))
+        if isinstance(problem.ball, Stored):
+            normal += problem.ball.shape.information[first:last]
         inverse = np.linalg.pinv(normal, hermitian=True)
         residual[own] = linear.residual
         by_points[own] = np.einsum("nki,nij,nkj->n", linear.by_point, inverse[point], linear.by_point)
@@ -107,8 +110,7 @@ def weighted(network: Network, adjusted: Adjustment, placed: BoolArray, context:
     """The adjustment again with every camera weighted by its own noise, and the network with these weights."""
     for _ in range(ROUNDS):
         factor = camera_noise(adjusted.problem, adjusted.state)
-        before = np.ones(len(placed)) if network.noise is None else network.noise
-        network = replace(network, noise=before * factor)
+        network = replace(network, noise=network.noise * factor)
         adjusted = refine(network, adjusted.state, adjusted.used, placed, context)
         if (np.abs(factor - 1) < SETTLED).all():
             break

@@ -21,7 +21,7 @@ from spherecal.adjust.bundle import (
 )
 from spherecal.adjust.least_squares import normal_equations
 from spherecal.adjust.linear import Linearisation
-from spherecal.adjust.network import Network
+from spherecal.adjust.network import Network, free_network
 from spherecal.adjust.problem import POSE, Problem, State, symmetric
 from spherecal.ball.rigid import Alignment
 from spherecal.base.arrays import BoolArray, FloatArray, IntArray
@@ -69,11 +69,11 @@ def images_of(network: Network, features: Features, rows: IntArray, n_ball: int)
     image = network.camera[rows] * n_ball + features.placement[network.feature[rows]]
     dots = np.stack([features.target, features.point], axis=1)[network.feature[rows]]
     dot = np.unique(dots, axis=0, return_inverse=True)[1].reshape(-1)
-    return Network(
-        dot, image, network.uv[rows], None if network.sigma is None else network.sigma[rows],
-        int(dot.max(initial=-1)) + 1, np.repeat(network.free, n_ball, axis=0), np.repeat(network.group, n_ball),
-        noise=None if network.noise is None else np.repeat(network.noise, n_ball),
+    images = free_network(
+        dot, image, network.uv[rows], network.sigma[rows], int(dot.max(initial=-1)) + 1,
+        np.repeat(network.free, n_ball, axis=0), np.repeat(network.group, n_ball),
     )  # fmt: skip
+    return replace(images, noise=np.repeat(network.noise, n_ball))
 
 
 def solve_images(
@@ -180,4 +180,7 @@ def hang_together(
 def known_intrinsics(images: Network) -> Network:
     """The images for start values: nothing of their lenses is estimated, all points weigh the same."""
     count = len(images.group)
-    return replace(images, sigma=None, noise=None, free=np.zeros_like(images.free), group=np.arange(count))
+    return replace(
+        images, sigma=np.ones_like(images.uv), noise=np.ones(count), free=np.zeros_like(images.free),
+        group=np.arange(count),
+    )  # fmt: skip

@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from spherecal.adjust.ball_model import Deformable, Rigid
 from spherecal.adjust.datum import Places
 from spherecal.adjust.network import Network
 from spherecal.adjust.problem import State
@@ -62,19 +63,20 @@ class RigidNetwork:
 
     def as_features(self, state: State) -> State:
         """The state with a point for every feature of the free network, where its placement carries it."""
-        assert state.placement_rotation is not None and state.placement_translation is not None
         turn = state.placement_rotation[self.places.placement]
         points = np.einsum("fij,fj->fi", turn, state.points[self.places.point])
         points += state.placement_translation[self.places.placement]
-        if state.bend is not None:
+        if len(state.bend):
             points += state.bend
-        return replace(state, points=points, placement_rotation=None, placement_translation=None, bend=None)
+        return state.free(points)
 
     def softened(self, play: float) -> "RigidNetwork":
-        """The same ball with some play (see Problem.play) of the dots that may be seen at two placements."""
+        """The same ball with some play (see Deformable) of the dots that may be seen at two placements."""
         seen = np.bincount(self.places.point, minlength=self.network.n_features)
         own = np.where(seen[self.places.point] > 1, play, 0.0)  # a bar's marks have none
-        return replace(self, network=replace(self.network, place=self.feature, play=own))
+        ball = self.network.ball
+        deformable = Deformable(ball.placement, ball.free_placement, self.feature, own)
+        return replace(self, network=replace(self.network, ball=deformable))
 
 
 @dataclass(frozen=True)
@@ -188,8 +190,7 @@ def share_shape(
     point = point.reshape(-1)
     rigid = replace(
         network, feature=point[network.feature], n_features=len(dots),
-        placement=block[features.placement][network.feature],
-        free_placement=np.arange(1 + alignment.moved.sum()) > 0,
+        ball=Rigid(block[features.placement][network.feature], np.arange(1 + alignment.moved.sum()) > 0),
     )  # fmt: skip
     start = replace(
         state,

@@ -10,12 +10,13 @@ from typing import Literal
 
 import numpy as np
 
+from spherecal.adjust.ball_model import Deformable
 from spherecal.adjust.bundle import Adjustment, refine, robust_start
 from spherecal.adjust.covariance import Covariance, covariance
 from spherecal.adjust.deformable_covariance import soft_covariance
 from spherecal.adjust.intrinsic_priors import LEAST_NOISE, hold, poorly_determined, poorly_observed
 from spherecal.adjust.network import Network
-from spherecal.adjust.problem import LengthRows, State
+from spherecal.adjust.problem import NO_PRIORS, LengthRows, State
 from spherecal.adjust.reresection import with_right_poses
 from spherecal.adjust.weights import rough_noise, weighted
 from spherecal.ball.agreement import Agreement, agreement
@@ -177,7 +178,7 @@ def choose_ball_model(
 
 
 def _without_priors(rigid: RigidNetwork) -> RigidNetwork:
-    return replace(rigid, network=replace(rigid.network, priors=None))
+    return replace(rigid, network=replace(rigid.network, priors=NO_PRIORS))
 
 
 def _first_rigid(network: Network, start: State, free: BallFit, run: Run) -> Adjustment:
@@ -338,8 +339,8 @@ def with_lengths(solved: BallFit, rows: LengthRows, factor: float, run: Run) -> 
         rows = replace(rows, points=solved.rigid.places.point[rows.points])
     # rows are to weigh against image points as both really scatter
     rows = replace(rows, covariance=rows.covariance / max(solved.adjusted.variance, LEAST_NOISE**2))
-    play = None if solved.network.play is None else solved.network.play * factor
-    network, state = replace(solved.network, lengths=rows, play=play), solved.adjusted.state.scaled(factor)
+    network = replace(solved.network, lengths=rows, ball=solved.network.ball.scaled(factor))
+    state = solved.adjusted.state.scaled(factor)
     adjusted = refine(network, state, solved.adjusted.used, solved.placed, run.context)
     again = finished_solution(network, adjusted, solved.placed, replace(run, plain=True), solved.rigid)
     return replace(again, held=solved.held, free=free)
@@ -356,7 +357,7 @@ def finished_solution(
     run.context.report("uncertainty", 0.0)
     release_freed()
     places = None if rigid is None else rigid.places
-    if places is not None and adjusted.problem.play is not None:
+    if places is not None and isinstance(adjusted.problem.ball, Deformable):
         cofactors = soft_covariance(adjusted.problem, adjusted.state, places)
     else:
         cofactors = covariance(adjusted.problem, adjusted.state, places)

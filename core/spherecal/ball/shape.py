@@ -8,9 +8,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from spherecal.adjust.ball_model import ShapePrior, Stored
 from spherecal.adjust.covariance import Covariance, shift_matrix
 from spherecal.adjust.datum import Places, moved_points
-from spherecal.adjust.problem import ShapePrior, State
+from spherecal.adjust.problem import State
 from spherecal.ball.rigid import Alignment, BallNetwork, RigidNetwork, fit_motion
 from spherecal.base.arrays import BoolArray, FloatArray, IntArray
 from spherecal.data.observations import Features
@@ -108,9 +109,10 @@ def anchored(ball: BallNetwork, state: State, dots: KnownDots, variance: float) 
     turned = np.stack([np.eye(3), *(motion.rotation for motion in motions.values())])
     shifted = np.stack([np.zeros(3), *(motion.translation * unit for motion in motions.values())])
     rigid = replace(
-        network, feature=point[network.feature], n_features=len(every), placement=block[features.placement][
-            network.feature], free_placement=np.arange(1 + len(motions)) > 0, place=network.feature,
-        play=np.zeros(len(features)), shape=ShapePrior(places, information),
+        network, feature=point[network.feature], n_features=len(every),
+        ball=Stored(
+            block[features.placement][network.feature], np.arange(1 + len(motions)) > 0, ShapePrior(places, information)
+        ),
     )  # fmt: skip
     start = replace(
         state.scaled(unit), points=places.copy(), placement_rotation=turned, placement_translation=shifted,

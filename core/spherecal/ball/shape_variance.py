@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from spherecal.adjust import engine
+from spherecal.adjust.ball_model import Deformable
 from spherecal.adjust.bundle import Adjustment, datum_defect
 from spherecal.adjust.deformable import play_of
 from spherecal.adjust.least_squares import minimise
@@ -41,16 +42,15 @@ def estimate_shape_variance(
     variance is no larger.
     """
     state, used, problem, rows = _start(rigid, first, used, placed)
-    tied, settings = problem.play, Settings(**TRIAL_SETTINGS)  # type: ignore[arg-type]
-    assert tied is not None
+    settings = Settings(**TRIAL_SETTINGS)  # type: ignore[arg-type]
     redundancy = max(problem.rows - problem.unknowns + datum_defect(problem), 1)
     play, trials = 0.0, list[_Trial]()
     while True:
         context.report("soft ball", len(trials) / MOST_TRIALS)
-        done = minimise(replace(problem, play=play * tied), state, settings)
+        done = minimise(_with_play(problem, play), state, settings)
         state, ratio = done.state, 2 * done.cost / redundancy / variance
         if abs(ratio - 1) < TOLERANCE or (play == 0.0 and ratio <= 1) or len(trials) == MOST_TRIALS:
-            return play, Adjustment(state, replace(problem, play=play * tied), rows, used, done, redundancy)
+            return play, Adjustment(state, _with_play(problem, play), rows, used, done, redundancy)
         if play == 0.0:
             play = _first_guess(problem, state, ratio)
             continue
@@ -63,8 +63,7 @@ def adjusted_with(
 ) -> Adjustment:
     """The network adjusted with a known play."""
     state, used, problem, rows = _start(rigid, first, used, placed)
-    assert problem.play is not None
-    problem = replace(problem, play=play * problem.play)
+    problem = _with_play(problem, play)
     done = minimise(problem, state, Settings())
     redundancy = problem.rows - problem.unknowns + datum_defect(problem)
     return Adjustment(done.state, problem, rows, used, done, redundancy)
@@ -80,6 +79,12 @@ def _start(
     state = replace(state, points=np.where(np.isfinite(state.points), state.points, 0.0))
     problem, rows = network.problem(used, network.free, placed, weighted=True)
     return state, used, problem, rows
+
+
+def _with_play(problem: Problem, play: float) -> Problem:
+    """The problem of `_start` with another play."""
+    assert isinstance(problem.ball, Deformable)
+    return replace(problem, ball=replace(problem.ball, play=play * problem.ball.play))
 
 
 def _next(trials: list[_Trial]) -> float:

@@ -11,6 +11,7 @@ import numpy as np
 from spherecal.adjust.bundle import Adjustment, refine
 from spherecal.adjust.intrinsic_priors import LEAST_NOISE
 from spherecal.adjust.network import Network
+from spherecal.adjust.problem import NO_PRIORS
 from spherecal.ball.rigid import LEAST_SHARED, BallNetwork
 from spherecal.ball.run import Run
 from spherecal.ball.selection import BallFit, finished_solution, solve_or_hold
@@ -63,7 +64,7 @@ def solve_on_ball(free: BallFit, ball: BallNetwork, dots: KnownDots, run: Run) -
     if misfit > MOST_MISFIT or not np.isfinite(misfit):
         return StoredShapeFit(None, misfit, placements, common)
     first, placed = _with_the_rest(there, first, free.placed, ball.candidates, run)
-    whole = replace(there.rigid, network=replace(there.rigid.network, priors=None))
+    whole = replace(there.rigid, network=replace(there.rigid.network, priors=NO_PRIORS))
 
     def solution(described: Network) -> BallFit:
         adjusted = refine(described, first.state, first.used, placed, run.context)

@@ -5,12 +5,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from spherecal.adjust.ball_model import Free
 from spherecal.adjust.bundle import MIN_ANGLE_RAD, datum_defect
 from spherecal.adjust.covariance import covariance
 from spherecal.adjust.least_squares import minimise
 from spherecal.adjust.levenberg import Settings
 from spherecal.adjust.network import Network
-from spherecal.adjust.problem import State
+from spherecal.adjust.problem import NO_LENGTHS, NO_PRIORS, State
 from spherecal.ball.image_poses import solve_images
 from spherecal.ball.rigid import Alignment, align
 from spherecal.ball.selection import BallFit
@@ -138,7 +139,7 @@ def explained_by_moves(
     state = solved.by_features.state
     n_placements = int(features.placement.max(initial=0)) + 1
     alignment = align(features, state.points, n_placements, n_ball)
-    network = replace(network, free=network.free & ~solved.held[:, None], priors=None)
+    network = replace(network, free=network.free & ~solved.held[:, None], priors=NO_PRIORS)
     images = solve_images(network, features, state, solved.placed, alignment, n_ball, context)
     if images is None or (most_variance is not None and images.variance > most_variance):
         return DetectedMotions()
@@ -177,8 +178,8 @@ def _fields(e: Evidence, probed: _Probed, moves: list[Move], sizes: FloatArray) 
 
 def _free_network(e: Evidence) -> Network:
     return replace(
-        e.solved.network, feature=e.features.of_observation, n_features=len(e.features), placement=None,
-        free_placement=None, lengths=None,
+        e.solved.network, feature=e.features.of_observation, n_features=len(e.features), ball=Free(),
+        lengths=NO_LENGTHS,
     )  # fmt: skip
 
 

@@ -4,12 +4,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from spherecal.adjust.ball_model import Free, Rigid
 from spherecal.adjust.bundle import residual_size
 from spherecal.adjust.intrinsic_priors import hold
 from spherecal.adjust.least_squares import minimise
 from spherecal.adjust.levenberg import Settings
 from spherecal.adjust.network import Network
-from spherecal.adjust.problem import State
+from spherecal.adjust.problem import NO_PRIORS, State
 from spherecal.ball.selection import BallFit
 from spherecal.base.arrays import BoolArray, FloatArray, IntArray
 from spherecal.base.context import Context
@@ -90,7 +91,7 @@ def try_lenses(solved: BallFit, context: Context) -> list[LensTrial]:
     groups = _changeable(solved)
     members = np.isin(network.group, groups)
     now = {_model_of(network.free[c], state.intrinsics[c]) for c in np.flatnonzero(members)}
-    if not now or None in now or network.play is not None or not solved.adjusted.redundancy > 0:
+    if not now or None in now or not isinstance(network.ball, Free | Rigid) or not solved.adjusted.redundancy > 0:
         return []
     trials = []
     for model in LENS_MODELS:
@@ -109,7 +110,7 @@ def _trial(solved: BallFit, network: Network, start: State, model: LensModel | N
     """The network with other lenses, from a start; None where that has no end."""
     adjusted = solved.adjusted
     noise = float(np.sqrt(adjusted.variance))
-    network = hold(replace(network, priors=None), start.intrinsics, solved.held, noise)
+    network = hold(replace(network, priors=NO_PRIORS), start.intrinsics, solved.held, noise)
     problem, _ = network.problem(adjusted.used, network.free, solved.placed, weighted=True)
     found = minimise(problem, start, Settings(max_iterations=_ITERATIONS))
     rows, before, after = 2 * len(adjusted.rows), 2 * adjusted.minimum.cost, 2 * found.cost

@@ -117,7 +117,7 @@ class Probe:
         problem, count, width = self.problem, len(linear.residual), linear.width
         shape = (2 * count, problem.layout.expanded)
         direct = _spread(linear.by_camera, np.arange(count), width * problem.camera[rows], shape)
-        if problem.placement is not None and linear.by_placement is not None:
+        if problem.n_placements:
             first = width * problem.n_cameras + POSE * problem.placement[rows]
             direct += _spread(linear.by_placement, np.arange(count), first, shape)
         return sparse.csr_array(direct)

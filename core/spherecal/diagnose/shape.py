@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from spherecal.adjust.bundle import Adjustment, refine
+from spherecal.adjust.problem import NO_LENGTHS
 from spherecal.adjust.weights import left_over_by_points
 from spherecal.ball.rigid import align, share_shape
 from spherecal.ball.selection import NOTICEABLE
@@ -83,7 +84,7 @@ def _odd_one(e: Evidence) -> tuple[int, float] | None:
     count = len(e.session.placements)
     if alignment is None or ratio is None or alignment.moved.sum() < 2:
         return None
-    network = replace(e.solved.network, lengths=None)
+    network = replace(e.solved.network, lengths=NO_LENGTHS)
     if e.solved.rigid is None:
         known = e.adjusted.state  # in millimetres, which those of the choice are not
         alignment = align(e.features, known.points, len(alignment.root), count)

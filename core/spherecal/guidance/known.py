@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from spherecal.adjust.datum import Places
-from spherecal.adjust.network import Network
+from spherecal.adjust.network import Network, free_network
 from spherecal.adjust.problem import State
 from spherecal.ball.rigid import Alignment, align, share_shape
 from spherecal.base.arrays import FloatArray, IntArray
@@ -115,7 +115,7 @@ def _network(session: Session, calibration: Calibration) -> tuple[Network, State
     free = np.zeros((len(rig.cameras), 16), dtype=bool)
     free[:, covariance.intrinsics] = True
     sigma = np.full((len(rows), 2), _noise(calibration) * np.sqrt(share))
-    network = Network(
+    network = free_network(
         calibration.features.of_observation[rows],
         camera[rows],
         o.uv[rows],

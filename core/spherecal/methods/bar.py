@@ -8,7 +8,7 @@ from typing import Literal
 
 import numpy as np
 
-from spherecal.adjust.network import Network
+from spherecal.adjust.network import free_network
 from spherecal.adjust.problem import State
 from spherecal.base.arrays import IntArray
 from spherecal.base.context import Context, Stopwatch
@@ -49,7 +49,7 @@ def calibrate_bar(
     free = estimated_intrinsics(session, intrinsics == "free")
     names = [c.id if own_intrinsics else c.intrinsics_group for c in session.cameras]
     group = np.unique(names, return_inverse=True)[1].reshape(-1)
-    network = Network(
+    network = free_network(
         recording.point, o.camera, o.uv, o.sigma, recording.n_points, free, group
     )  # fmt: skip
     every = known_lengths(session, recording, np.bincount(recording.point, minlength=recording.n_points) >= 2)

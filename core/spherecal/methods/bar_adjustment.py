@@ -14,7 +14,7 @@ from spherecal.adjust.bundle import (
 )
 from spherecal.adjust.levenberg import Minimum, Settings
 from spherecal.adjust.network import Network
-from spherecal.adjust.problem import Priors, State, sorted_problem
+from spherecal.adjust.problem import NO_PRIORS, Priors, State, sorted_problem
 from spherecal.base.arrays import BoolArray, FloatArray, IntArray
 from spherecal.base.context import Context
 from spherecal.data.session import Session
@@ -92,7 +92,7 @@ def _robust_start(work: BarNetwork, state: State, candidates: BoolArray, context
         free = network.free if names is None else network.free & np.isin(INTRINSIC_NAMES, names)
         state = replace(state, points=np.where(good[:, None], points, 0.0))
         lengths = known_lengths(work.session, work.recording, good)
-        model = _model(work, candidates & good[network.feature], free, lengths, None, False)
+        model = _model(work, candidates & good[network.feature], free, lengths, NO_PRIORS, False)
         typical = float(np.median(np.linalg.norm(model.residuals(state), axis=1)))
         for cauchy in (typical, CAUCHY_PX) if typical > CAUCHY_PX else (CAUCHY_PX,):
             watch = progress(context, "robust adjustment", START_ITERATIONS)
@@ -104,15 +104,12 @@ def _robust_start(work: BarNetwork, state: State, candidates: BoolArray, context
 
 def _usual_noise(work: BarNetwork, state: State, used: BoolArray) -> float:
     """Robust standard deviation in units of the weights, for the lengths' rows to weigh against."""
-    size = residual_size(work.network, state)[used]
-    sigma = work.network.sigma
-    if sigma is not None:
-        size = size / sigma[used].mean(axis=1)
+    size = residual_size(work.network, state)[used] / work.network.sigma[used].mean(axis=1)
     return max(float(np.median(size)) / 1.1774, 1e-3) if len(size) else 1.0
 
 
 def _refine(
-    work: BarNetwork, state: State, used: BoolArray, priors: Priors | None, held: BoolArray, noise: float,
+    work: BarNetwork, state: State, used: BoolArray, priors: Priors, held: BoolArray, noise: float,
     context: Context,
 ) -> BarAdjusted:  # fmt: skip
     network, rounds = work.network, 0
@@ -141,12 +138,12 @@ def _refine(
 
 
 def _model(
-    work: BarNetwork, used: BoolArray, free: BoolArray, lengths: Lengths, priors: Priors | None, weighted: bool,
+    work: BarNetwork, used: BoolArray, free: BoolArray, lengths: Lengths, priors: Priors, weighted: bool,
 ) -> BarModel:  # fmt: skip
     network = work.network
     rows = np.flatnonzero(used)
     seen = work.placed & (np.bincount(network.camera[rows], minlength=len(work.placed)) > 0)
-    sigma = network.sigma[rows] if weighted and network.sigma is not None else None
+    sigma = network.sigma[rows] if weighted else None
     pose = seen & (np.arange(len(seen)) != work.reference)
     problem, _ = sorted_problem(
         network.camera[rows], network.feature[rows], network.uv[rows], sigma, network.n_features,

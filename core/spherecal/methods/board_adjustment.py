@@ -7,7 +7,7 @@ import numpy as np
 
 from spherecal.adjust.bundle import CAUCHY_PX, GATE_LEAST_PX, GATE_ROUNDS, GATE_SIGMAS, START_INTRINSICS
 from spherecal.adjust.levenberg import Minimum, Settings
-from spherecal.adjust.problem import Priors, State
+from spherecal.adjust.problem import NO_PRIORS, Priors, State
 from spherecal.base.arrays import BoolArray, FloatArray, IntArray
 from spherecal.base.context import Context
 from spherecal.geometry.camera import INTRINSIC_NAMES, project
@@ -102,7 +102,7 @@ def robust_start(
     """A state after robust adjustments: poses, then the main intrinsics, then all."""
     for names in ((), START_INTRINSICS, None):
         free = network.free if names is None else network.free & np.isin(INTRINSIC_NAMES, names)
-        model, _ = _model(network, candidates, free, None, False)
+        model, _ = _model(network, candidates, free, NO_PRIORS, False)
         typical = float(np.median(np.linalg.norm(model.residuals(state), axis=1)))
         for cauchy in (typical, CAUCHY_PX) if typical > CAUCHY_PX else (CAUCHY_PX,):
             watch = progress(context, "robust adjustment", START_ITERATIONS)
@@ -137,7 +137,7 @@ def adjust_boards(
 
 
 def _refine(
-    network: BoardNetwork, state: State, candidates: BoolArray, priors: Priors | None, held: BoolArray,
+    network: BoardNetwork, state: State, candidates: BoolArray, priors: Priors, held: BoolArray,
     context: Context,
 ) -> BoardAdjusted:  # fmt: skip
     used, rounds = candidates, 0
@@ -168,7 +168,7 @@ def board_points(views: BoardViews, used: BoolArray) -> tuple[IntArray, IntArray
 
 
 def _model(
-    network: BoardNetwork, used: BoolArray, free: BoolArray, priors: Priors | None, weighted: bool
+    network: BoardNetwork, used: BoolArray, free: BoolArray, priors: Priors, weighted: bool
 ) -> tuple[BoardModel, IntArray]:
     free_pose = np.arange(network.views.n_cameras) != network.reference
     return board_model(network.views, used, free_pose, free, network.group, priors, weighted)
@@ -181,7 +181,6 @@ def residual_size(views: BoardViews, state: State) -> FloatArray:
 
 def residuals_px(views: BoardViews, state: State) -> FloatArray:
     """Predicted minus observed (n,2) px; NaN without a prediction in front of the camera."""
-    assert state.placement_rotation is not None and state.placement_translation is not None
     world = np.einsum("nij,nj->ni", state.placement_rotation[views.placement], state.points[views.point])
     world += state.placement_translation[views.placement]
     x = np.einsum("nij,nj->ni", state.rotation[views.camera], world) + state.translation[views.camera]

@@ -6,6 +6,7 @@ from functools import cached_property
 import numpy as np
 
 from spherecal.adjust import engine
+from spherecal.adjust.ball_model import Rigid
 from spherecal.adjust.problem import POSE, Priors, Problem, State, sorted_problem
 from spherecal.base.arrays import BoolArray, FloatArray, IntArray
 from spherecal.data.observations import Observations
@@ -72,7 +73,6 @@ class BoardModel:
     @property
     def part(self) -> IntArray:
         """The placement of every observation."""
-        assert self.rigid.placement is not None
         return self.rigid.placement
 
     @property
@@ -92,7 +92,6 @@ class BoardModel:
     def linearise(self, state: State, robust: FloatArray | None) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Weighted residuals, derivatives by camera and by placement."""
         linear = engine.linearise(self.rigid, state, robust)
-        assert linear.by_placement is not None
         return linear.residual, linear.by_camera, linear.by_placement
 
     def ties(self, state: State) -> Ties:
@@ -101,7 +100,6 @@ class BoardModel:
 
     def moved_frames(self, state: State, step: FloatArray) -> State:
         """Placements turned about the board's origin, and shifted."""
-        assert state.placement_rotation is not None and state.placement_translation is not None
         return replace(
             state,
             placement_rotation=exp_rotation(step[:, :3]) @ state.placement_rotation,
@@ -110,7 +108,6 @@ class BoardModel:
 
     def point_rows(self, state: State, placement: IntArray, point: IntArray, in_datum: BoolArray) -> PointRows:
         """Points (p,) of the board at placements (p,) in the world, and how they follow the placements."""
-        assert state.placement_rotation is not None and state.placement_translation is not None
         turned = np.einsum("pij,pj->pi", state.placement_rotation[placement], state.points[point])
         by_frame = np.concatenate([-cross_matrix(turned), np.tile(np.eye(3), (len(point), 1, 1))], axis=2)
         return PointRows(placement, turned + state.placement_translation[placement], by_frame, in_datum)
@@ -118,7 +115,7 @@ class BoardModel:
 
 def board_model(
     views: BoardViews, used: BoolArray, free_pose: BoolArray, free: BoolArray, group: IntArray,
-    priors: Priors | None, weighted: bool,
+    priors: Priors, weighted: bool,
 ) -> tuple[BoardModel, IntArray]:  # fmt: skip
     """The adjustment of the used observations, and which observation each of its rows is."""
     rows = np.flatnonzero(used)
@@ -127,6 +124,6 @@ def board_model(
     problem, order = sorted_problem(
         views.camera[rows], views.point[rows], views.uv[rows], sigma, len(views.points_mm),
         free_pose=free_pose & seen, free_intrinsics=free & seen[:, None], group=group, priors=priors,
-        placement=views.placement[rows], n_placements=views.n_placements,
+        ball=Rigid(views.placement[rows], np.ones(views.n_placements, dtype=bool)),
     )  # fmt: skip
     return BoardModel(problem, cameras_only(problem)), rows[order]

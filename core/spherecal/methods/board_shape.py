@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from spherecal.adjust import engine
+from spherecal.adjust.ball_model import Rigid
 from spherecal.adjust.bundle import GATE_ROUNDS, datum_defect
 from spherecal.adjust.covariance import Covariance, covariance
 from spherecal.adjust.datum import Places
@@ -127,15 +128,13 @@ def _problem(network: BoardNetwork, used: BoolArray, priors) -> tuple[Problem, B
     problem, _ = sorted_problem(
         views.camera[rows], views.point[rows], views.uv[rows], None if views.sigma is None else views.sigma[rows],
         len(views.points_mm), free_pose=seen, free_intrinsics=network.free & seen[:, None], group=network.group,
-        priors=priors, placement=views.placement[rows], n_placements=views.n_placements, free_placement=free_placement,
+        priors=priors, ball=Rigid(views.placement[rows], free_placement),
     )  # fmt: skip
     return problem, twice
 
 
 def _world_is_first_board(state: State, problem: Problem) -> State:
     """The same network with the world frame that of the board at its reference placement."""
-    assert problem.placement is not None and problem.free_placement is not None
-    assert state.placement_rotation is not None and state.placement_translation is not None
     shown = np.bincount(problem.placement, minlength=problem.n_placements) > 0
     first = int(np.argmax(shown))
     r, t = state.placement_rotation[first], state.placement_translation[first]
@@ -151,7 +150,6 @@ def _metric(state: State, nominal: FloatArray, seen: BoolArray, reference: int) 
     state = state.seen_from(reference)
     fit = fit_similarity(state.points[seen], nominal[seen])
     state = state.scaled(fit.scale)
-    assert state.placement_rotation is not None and state.placement_translation is not None
     rotation = state.placement_rotation @ fit.rotation.T
     return replace(
         state, points=state.points @ fit.rotation.T + fit.translation, placement_rotation=rotation,
@@ -163,7 +161,7 @@ def _as_frames(
     cofactors: Covariance | None, problem: Problem, state: State, placement: np.ndarray, point: np.ndarray
 ) -> FrameCovariance | None:  # fmt: skip
     """The cofactors as those of frames; the scale's part comes from the print alone."""
-    if cofactors is None or state.placement_rotation is None or state.placement_translation is None:
+    if cofactors is None:
         return None
     places = np.einsum("pij,pj->pi", state.placement_rotation[placement], state.points[point])
     centroid = (places + state.placement_translation[placement]).mean(axis=0)

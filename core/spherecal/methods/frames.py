@@ -12,6 +12,7 @@ from typing import Protocol, TypeAlias
 import numpy as np
 from scipy.linalg import LinAlgError
 
+from spherecal.adjust.ball_model import Free
 from spherecal.adjust.least_squares import assembled, predicted_decrease
 from spherecal.adjust.levenberg import Damping, Minimum, OnStep, Settings, levenberg_marquardt, solve_damped
 from spherecal.adjust.linear import Reduced
@@ -267,13 +268,7 @@ def _step(
     pulled = np.einsum("mkw,mw->mk", normal.coupling, expanded[normal.pair_camera])
     pulled = sum_by(normal.pair_part, pulled, model.n_frames * model.parts).reshape(normal.gradient_own.shape)
     frame_step = -np.einsum("fqr,fr->fq", normal.inverse, normal.gradient_own + pulled)
-    # the frames' own unknowns are theirs to move
-    cameras = replace(state, placement_rotation=None, placement_translation=None)
-    cameras = moved(problem, cameras, step, np.zeros_like(state.points))
-    new = replace(
-        cameras, placement_rotation=state.placement_rotation, placement_translation=state.placement_translation
-    )
-    new = model.moved_frames(new, frame_step)
+    new = model.moved_frames(moved(problem, state, step, np.zeros_like(state.points)), frame_step)
     if (new.intrinsics[:, :2] <= 0).any():  # no lens: as good as singular
         return None
     residual, by_camera, by_part = linear
@@ -288,7 +283,7 @@ def _step(
 
 def cameras_only(problem: Problem) -> Problem:
     """The same problem without placements: the layout of its cameras alone."""
-    return replace(problem, placement=None, n_placements=0)
+    return replace(problem, ball=Free())
 
 
 def redundancy(model: FrameModel, state: State) -> int:

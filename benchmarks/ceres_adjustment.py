@@ -14,7 +14,8 @@ import pycolmap
 import pycolmap.pyceres as options_of
 from scipy.spatial.transform import Rotation
 
-from spherecal.adjust.problem import Problem, State
+from spherecal.adjust.problem import Problem
+from spherecal.adjust.state import State
 
 FUNCTION_TOLERANCE = 1e-9
 MAX_ITERATIONS = 200

@@ -12,7 +12,8 @@ import pycolmap
 from ceres_adjustment import HELD, OFFSET, CeresRun, solver_options
 from scipy.spatial.transform import Rotation
 
-from spherecal.adjust.problem import Problem, State
+from spherecal.adjust.problem import Problem
+from spherecal.adjust.state import State
 from spherecal.base.arrays import FloatArray
 
 

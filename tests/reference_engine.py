@@ -10,8 +10,10 @@ from unittest.mock import patch
 import numpy as np
 
 from spherecal.adjust import engine
+from spherecal.adjust.layout import POSE, Layout
 from spherecal.adjust.linear import Linearisation, PointEquations, Reduced
-from spherecal.adjust.problem import POSE, Layout, Problem, State
+from spherecal.adjust.problem import Problem
+from spherecal.adjust.state import State
 from spherecal.base.arrays import FloatArray, IntArray
 from spherecal.geometry.camera import project, project_with_derivatives
 from spherecal.geometry.rotation import cross_matrix

@@ -12,7 +12,9 @@ from spherecal.adjust.covariance import covariance
 from spherecal.adjust.least_squares import minimise, total_cost
 from spherecal.adjust.levenberg import Minimum, Settings
 from spherecal.adjust.network import Network, free_network
-from spherecal.adjust.problem import LengthRows, Priors, Problem, State, length_residuals, prior_residuals
+from spherecal.adjust.problem import Problem, length_residuals, prior_residuals
+from spherecal.adjust.rows import LengthRows, Priors
+from spherecal.adjust.state import State
 from spherecal.base.arrays import FloatArray
 from spherecal.base.context import Context
 from spherecal.base.errors import Cancelled
@@ -286,7 +288,7 @@ def as_network(seed: int, noise_px: float = NOISE_PX, **options: object) -> tupl
     """A free network of full views for the whole adjustment, its truth and perfect image points."""
     net = small_network(noise_px=noise_px, seed=seed, n_points=150, n_cameras=6, **options)  # type: ignore[arg-type]
     p = net.problem
-    network = free_network(p.point, p.camera, p.uv, None, p.n_points, p.free_intrinsics, p.group)
+    network = free_network(p.point, p.camera, p.uv, p.n_points, p.free_intrinsics, p.group)
     return network, net.truth, net.perfect_uv
 
 

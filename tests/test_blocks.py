@@ -5,15 +5,15 @@ from dataclasses import fields, replace
 import numpy as np
 import pytest
 
-from spherecal.adjust import covariance as covariance_module
-from spherecal.adjust import dense_elimination, linear
+from spherecal.adjust import dense_elimination, linear, point_factors
 from spherecal.adjust import engine as compiled
 from spherecal.adjust.bundle import datum_defect, residual_size
-from spherecal.adjust.covariance import Covariance, covariance, shift_matrix
+from spherecal.adjust.covariance import Covariance, covariance
 from spherecal.adjust.datum import Places
 from spherecal.adjust.least_squares import minimise, normal_equations
 from spherecal.adjust.levenberg import Minimum, Settings
 from spherecal.adjust.network import Network, free_network
+from spherecal.adjust.point_factors import shift_matrix
 from spherecal.adjust.problem import Problem
 from spherecal.adjust.weights import left_over_by_points
 from spherecal.base import arrays
@@ -129,8 +129,8 @@ def test_what_points_leave_over_is_the_same(net: Small, small_blocks, either_eng
 
 def _network(net: Small) -> Network:
     p = net.problem
-    network = free_network(p.point, p.camera, p.uv, 1 / p.weight, p.n_points, p.free_intrinsics, p.group)
-    return replace(network, ball=p.ball)
+    network = free_network(p.point, p.camera, p.uv, p.n_points, p.free_intrinsics, p.group)
+    return replace(network, sigma=1 / p.weight, ball=p.ball)
 
 
 def test_points_and_residuals_are_the_same_bits(net: Small, small_blocks) -> None:
@@ -186,7 +186,7 @@ def test_covariance_and_tests_of_changes_are_alike(net: Small, most_kept: int, s
     values = np.random.default_rng(4).normal(size=(len(rows), 2, 3))
     columns = np.random.default_rng(5).normal(size=(2 * len(probe.problem.uv), 2))
     small_blocks()
-    monkeypatch.setattr(covariance_module, "_MOST_KEPT", most_kept)
+    monkeypatch.setattr(point_factors, "_MOST_KEPT", most_kept)
     found, again = _probed(*solved)
     _assert_alike(found, expected)
     assert (found._parts.shifts is not None) == (most_kept == 0 and net.problem.n_placements > 0)

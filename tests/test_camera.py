@@ -15,7 +15,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from spherecal.adjust import engine as compiled
-from spherecal.adjust.problem import Problem, State, moved
+from spherecal.adjust.problem import Problem, moved
+from spherecal.adjust.state import State
 from spherecal.base.arrays import FloatArray
 from spherecal.geometry.camera import (
     INTRINSIC_NAMES,

@@ -116,9 +116,8 @@ def test_weights_are_one_over_sigma_squared_and_one_pixel_where_none_is_given() 
     np.testing.assert_allclose(engine.residuals(weighted.problem, state) ** 2, raw**2 * w**2)
     # `weight` holds 1/sigma, the square root of P
     network = free_network(
-        np.array([0, 0]), np.array([0, 1]), np.zeros((2, 2)), np.full((2, 2), 0.04), 1,
-        np.zeros((2, 16), dtype=bool), np.array([0, 1]),
-    )  # fmt: skip
+        np.array([0, 0]), np.array([0, 1]), np.zeros((2, 2)), 1, np.zeros((2, 16), dtype=bool), np.array([0, 1])
+    ).with_sigma(np.full((2, 2), 0.04))
     every, placed = np.ones(2, dtype=bool), np.ones(2, dtype=bool)
     assert network.problem(every, network.free, placed, weighted=True)[0].weight == pytest.approx(1 / 0.04)
     assert network.problem(every, network.free, placed, weighted=False)[0].weight == pytest.approx(1.0)

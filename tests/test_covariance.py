@@ -7,9 +7,11 @@ import pytest
 
 from spherecal.adjust.covariance import Covariance, camera_cofactors, covariance
 from spherecal.adjust.datum import Places, datum_motions
+from spherecal.adjust.layout import POSE
 from spherecal.adjust.least_squares import minimise
 from spherecal.adjust.levenberg import Settings
-from spherecal.adjust.problem import POSE, Problem, State
+from spherecal.adjust.problem import Problem
+from spherecal.adjust.state import State
 from spherecal.base.arrays import FloatArray
 from spherecal.diagnose.score import make_probe
 from spherecal.geometry.rotation import cross_matrix, exp_rotation, log_rotation
@@ -502,7 +504,7 @@ def test_lengths_take_the_scale_from_the_datum() -> None:
 def test_points_a_few_at_a_time_have_the_same_covariance(monkeypatch: pytest.MonkeyPatch) -> None:
     problem, state, places = with_world(small_network())
     whole = covariance(problem, state, places)
-    monkeypatch.setattr("spherecal.adjust.covariance._MOST_PAIRS", 20)
+    monkeypatch.setattr("spherecal.adjust.point_factors._MOST_PAIRS", 20)
     parts = covariance(problem, state, places)
     assert whole is not None and parts is not None
     np.testing.assert_allclose(parts.points, whole.points, rtol=1e-12)

@@ -10,7 +10,8 @@ from spherecal.adjust.bundle import datum_defect
 from spherecal.adjust.covariance import covariance
 from spherecal.adjust.least_squares import minimise
 from spherecal.adjust.levenberg import Settings
-from spherecal.adjust.problem import Problem, State
+from spherecal.adjust.problem import Problem
+from spherecal.adjust.state import State
 from spherecal.diagnose.geometry import articulations, bridges
 from spherecal.diagnose.lens import field_values, misfits
 from spherecal.diagnose.moves import alike, confirmed, differ, find_moves, pose_values, prepare

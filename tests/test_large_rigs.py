@@ -6,8 +6,7 @@ from itertools import combinations
 import numpy as np
 import pytest
 
-from spherecal.adjust import covariance as covariance_module
-from spherecal.adjust import dense_elimination
+from spherecal.adjust import dense_elimination, point_factors
 from spherecal.adjust import engine as compiled
 from spherecal.adjust.covariance import covariance
 from spherecal.adjust.least_squares import minimise
@@ -76,7 +75,7 @@ def test_many_observations_are_worked_on_by_parts(rigid: bool, monkeypatch: pyte
     problem, state, places = with_world(small_network(rigid=rigid, n_points=30))
     whole = covariance(problem, state, places)
     monkeypatch.setattr(arrays, "ROWS_AT_ONCE", 17)
-    monkeypatch.setattr(covariance_module, "_MOST_KEPT", 20)
+    monkeypatch.setattr(point_factors, "_MOST_KEPT", 20)
     parts = covariance(problem, state, places)
     assert whole is not None and parts is not None
     np.testing.assert_allclose(parts.cameras, whole.cameras, rtol=1e-9, atol=1e-12 * np.abs(whole.cameras).max())

@@ -9,7 +9,7 @@ import pytest
 from spherecal.adjust.bundle import refine
 from spherecal.adjust.covariance import covariance
 from spherecal.adjust.network import Network, free_network
-from spherecal.adjust.problem import State
+from spherecal.adjust.state import State
 from spherecal.ball.rigid import LEAST_SHARED, align, share_shape
 from spherecal.base.arrays import FloatArray
 from spherecal.base.context import Context
@@ -214,7 +214,7 @@ def small_rig(noise_px: float = 0.0, n_targets: int = 14, n_placements: int = 3,
     x = np.einsum("nij,nj->ni", rotation[camera], ball.points[feature]) + translation[camera]
     uv = project(x, intrinsics[camera]) + noise_px * rng.normal(size=(len(feature), 2))
     free = np.tile(estimated_mask("brown"), (n, 1))
-    network = free_network(feature, camera, uv, None, len(ball.points), free, np.arange(n))
+    network = free_network(feature, camera, uv, len(ball.points), free, np.arange(n))
     return Rig(network, features, State(rotation, translation, intrinsics, ball.points), ball)
 
 

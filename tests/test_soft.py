@@ -9,10 +9,11 @@ from spherecal.adjust import engine
 from spherecal.adjust.ball_model import Deformable, Free, as_rigid
 from spherecal.adjust.covariance import Covariance, covariance
 from spherecal.adjust.datum import Places, datum_motions
-from spherecal.adjust.deformable_covariance import soft_covariance
+from spherecal.adjust.layout import POSE
 from spherecal.adjust.least_squares import NormalEquations, minimise, normal_equations
 from spherecal.adjust.levenberg import Settings
-from spherecal.adjust.problem import POSE, Problem, State
+from spherecal.adjust.problem import Problem
+from spherecal.adjust.state import State
 from spherecal.base.arrays import FloatArray
 from spherecal.geometry.transform import fit_similarity
 from tests.networks import dense_equations, one_thread, small_network
@@ -83,7 +84,7 @@ class Case:
 @pytest.fixture(scope="module", params=CASES)
 def case(request: pytest.FixtureRequest) -> Case:
     problem, state, places = soft_network(request.param, noise_px=0.0)
-    found = soft_covariance(problem, state, places)
+    found = covariance(problem, state, places)
     assert found is not None
     rigid = whole_by_brute_force(problem, state, places)
     jacobian, _, columns = with_ties(problem, state)
@@ -230,7 +231,7 @@ def test_no_play_is_the_rigid_form() -> None:
     one, other = minimise(stiff, state, Settings()), minimise(plain, state, Settings())
     assert one.cost == pytest.approx(other.cost, rel=1e-9)
     np.testing.assert_allclose(one.state.intrinsics, other.state.intrinsics, rtol=1e-5, atol=1e-6)
-    soft, rigid = soft_covariance(stiff, state, places), covariance(plain, state, places)
+    soft, rigid = covariance(stiff, state, places), covariance(plain, state, places)
     assert soft is not None and rigid is not None
     assert_matrices_agree(soft.all_cameras(), rigid.all_cameras())
     np.testing.assert_allclose(soft.points, rigid.points, rtol=1e-6, atol=1e-12)
@@ -240,7 +241,7 @@ def test_dots_seen_by_nobody_have_no_places() -> None:
     problem, state, places = soft_network("plain", n_points=30)
     problem = problem.select(problem.point != 4)
     state = replace(state, points=np.where(np.arange(30)[:, None] == 4, np.nan, state.points))
-    found = soft_covariance(problem, state, places)
+    found = covariance(problem, state, places)
     assert found is not None
     assert (np.isnan(found.points[:, 0, 0]) == (places.point == 4)).all()
     assert np.isfinite(found.cameras).all()
@@ -250,9 +251,9 @@ def test_a_place_that_no_camera_sees_is_where_the_shape_puts_it() -> None:
     """Its play is then only known by its standard deviation."""
     problem, state, places = soft_network("plain", n_points=30)
     assert problem.ball.place is not None
-    there = soft_covariance(problem, state, places)
+    there = covariance(problem, state, places)
     problem = problem.select(problem.ball.place != 5)
-    found = soft_covariance(problem, state, places)
+    found = covariance(problem, state, places)
     assert found is not None and there is not None
     assert found.points[5].trace() > 3 * PLAY_MM**2
     assert found.points[5].trace() > 2 * there.points[5].trace()

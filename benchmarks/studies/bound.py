@@ -13,7 +13,7 @@ from scipy.linalg import lapack
 
 from benchmarks.studies.simulated import CERTIFICATE_SD_MM, THERMOMETER_SD_K, Bars, Form, Simulated
 from spherecal.adjust.datum import Places
-from spherecal.adjust.problem import State
+from spherecal.adjust.state import State
 from spherecal.base.arrays import BoolArray, FloatArray, IntArray
 from spherecal.geometry.camera import project
 

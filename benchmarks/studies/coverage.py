@@ -20,7 +20,7 @@ from benchmarks.studies.simulated import (
     simulate,
 )
 from benchmarks.studies.workers import Job, spread
-from spherecal.adjust.problem import State
+from spherecal.adjust.state import State
 from spherecal.base.arrays import FloatArray, IntArray
 from spherecal.geometry.triangulation import triangulate
 from spherecal_sim.session import observe_again

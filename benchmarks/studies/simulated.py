@@ -10,11 +10,11 @@ from spherecal.adjust.bundle import MIN_ANGLE_RAD, Adjustment, refine, usable_fe
 from spherecal.adjust.covariance import Covariance, covariance
 from spherecal.adjust.datum import Places
 from spherecal.adjust.network import Network
-from spherecal.adjust.problem import State
+from spherecal.adjust.state import State
 from spherecal.adjust.weights import rough_noise, weighted
+from spherecal.ball.fit import BallFit
 from spherecal.ball.rigid import RigidNetwork, align, share_shape
 from spherecal.ball.run import Run
-from spherecal.ball.selection import BallFit
 from spherecal.base.arrays import BoolArray, FloatArray
 from spherecal.base.context import Context
 from spherecal.data.observations import Features, Observations

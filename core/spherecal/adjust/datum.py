@@ -9,7 +9,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from spherecal.adjust.ball_model import Stored
-from spherecal.adjust.problem import POSE, Problem, State
+from spherecal.adjust.layout import POSE
+from spherecal.adjust.problem import Problem
+from spherecal.adjust.state import State
 from spherecal.base.arrays import BoolArray, FloatArray, IntArray
 from spherecal.geometry.rotation import cross_matrix
 
@@ -49,6 +51,13 @@ def datum_motions(problem: Problem, state: State, places: Places | None = None) 
 
     One locked camera leaves the stretch about its centre, two or more leave nothing. A known length makes the stretch
     seen.
+
+    Parameters
+    ----------
+    problem, state
+        The adjustment, and its minimum.
+    places
+        The features on a ball that keeps its shape; None in the free form.
     """
     locked = np.flatnonzero((np.bincount(problem.camera, minlength=problem.n_cameras) > 0) & ~problem.free_pose)
     seen = np.diff(problem.point_start) > 0
@@ -62,7 +71,7 @@ def datum_motions(problem: Problem, state: State, places: Places | None = None) 
     spread = np.sqrt(((at[takes_part] - centroid) ** 2).sum(axis=1).mean())
     moved = moved_points(at, centroid, spread)
     moved[~takes_part] = 0.0
-    pieces = [_moved_cameras(problem, state, centroid, spread)]
+    pieces = [moved_cameras(problem, state, centroid, spread)]
     if places is not None:
         moved_placements = _moved_anchored if state.is_anchored else _moved_placements
         pieces.append(moved_placements(state, centroid, spread))
@@ -74,7 +83,15 @@ def datum_motions(problem: Problem, state: State, places: Places | None = None) 
 
 
 def moved_points(at: FloatArray, centroid: FloatArray, spread: float) -> FloatArray:
-    """How points (m,3) move, (m,3,7)."""
+    """How points (m,3) move, (m,3,7).
+
+    Parameters
+    ----------
+    at
+        Points (m,3).
+    centroid, spread
+        Centre (3,) of turns and stretch, and the distance from it at which they move a point by 1.
+    """
     out = np.zeros((len(at), 3, 7))
     out[:, :, :3] = np.eye(3)
     out[:, :, 3:6] = -cross_matrix(at - centroid) / spread
@@ -82,7 +99,7 @@ def moved_points(at: FloatArray, centroid: FloatArray, spread: float) -> FloatAr
     return out
 
 
-def _moved_cameras(problem: Problem, state: State, centroid: FloatArray, spread: float) -> FloatArray:
+def moved_cameras(problem: Problem, state: State, centroid: FloatArray, spread: float) -> FloatArray:
     """How cameras move with the whole, (c*w,7): each keeps its view, x_camera stays or is stretched with the points."""
     cameras = np.zeros((problem.n_cameras, POSE + len(problem.intrinsic_columns), 7))
     rotation = state.rotation

@@ -13,7 +13,8 @@ import numpy as np
 from spherecal.adjust import engine
 from spherecal.adjust.ball_model import Deformable
 from spherecal.adjust.linear import Linear
-from spherecal.adjust.problem import Problem, State
+from spherecal.adjust.problem import Problem
+from spherecal.adjust.state import State
 from spherecal.base.arrays import FloatArray, IntArray
 
 # Below, the seven motions that no observation sees would wander; 1e-7 of a diagonal slows nothing else down.
@@ -73,9 +74,17 @@ def play_of(problem: Problem, linear: Linear) -> Play:
     place = of_row[first]
     q, p = play_matrices(normal, problem.ball.play[place])
     return Play(
-        problem, linear, start, np.cumsum(is_first) - 1, place, problem.point[first], problem.placement[first],
-        normal, q, p,
-    )  # fmt: skip
+        problem,
+        linear,
+        start,
+        np.cumsum(is_first) - 1,
+        place,
+        problem.point[first],
+        problem.placement[first],
+        normal,
+        q,
+        p,
+    )
 
 
 def _summed(values: FloatArray, start: IntArray) -> FloatArray:

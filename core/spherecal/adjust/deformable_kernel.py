@@ -13,18 +13,15 @@ from numba import njit
 from spherecal.adjust.kernel import INNER, KERNEL
 from spherecal.adjust.schur_kernel import (
     add_observations,
-    add_point_step,
-    change_of_row,
     inverse_damped,
     keep_point,
     meet,
     most_columns,
-    most_rows,
-    step_point,
     subtract_gradient,
     subtract_point,
     weigh,
 )
+from spherecal.adjust.substitution_kernel import add_squares_after, change_of_row, most_rows, step_point
 
 
 @njit(**INNER)
@@ -161,8 +158,8 @@ def _add_changes_through_play(begin, end, of_row, play, by_point, residual, chan
 
 
 @njit(**INNER)
-def _squares_of_play(begin, end, of_row, play, by_point, change, q, p):
-    """What the play of a point's places takes off the squares of residuals (in `change`)."""
+def _squares_of_play(begin, end, of_row, play, by_point, change, step, q, p):
+    """What the play of a point's places takes off the squares of residuals (in `change`) after the point's step."""
     taken, first = 0.0, begin
     met = np.empty(3)
     while first < end:
@@ -170,7 +167,11 @@ def _squares_of_play(begin, end, of_row, play, by_point, change, q, p):
         _play_of_place(first, last, by_point, play[of_row[first]] ** 2, q, p)
         met[:] = 0.0
         for k in range(first, last):
-            _add_change(by_point, k, change[k - begin, 0], change[k - begin, 1], met)
+            d0, d1 = change[k - begin, 0], change[k - begin, 1]
+            for j in range(3):
+                d0 += by_point[k, 0, j] * step[j]
+                d1 += by_point[k, 1, j] * step[j]
+            _add_change(by_point, k, d0, d1, met)
         for i in range(3):
             taken += met[i] * (q[i, 0] * met[0] + q[i, 1] * met[1] + q[i, 2] * met[2])
         first = last
@@ -195,6 +196,6 @@ def substitute_places(
         _add_changes_through_play(begin, end, of_row, play, by_point, residual, change, q, p, g)
         if not is_kept[point]:
             step_point(point_step[point], inverse[point], g[0], g[1], g[2])
-        squares = add_point_step(begin, end, by_point, point_step[point], change, squares)
-        squares -= _squares_of_play(begin, end, of_row, play, by_point, change, q, p)
+        squares = add_squares_after(begin, end, by_point, point_step[point], change, squares)
+        squares -= _squares_of_play(begin, end, of_row, play, by_point, change, point_step[point], q, p)
     return squares

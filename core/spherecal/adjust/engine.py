@@ -11,9 +11,12 @@ from spherecal.adjust import dense_elimination, linear
 from spherecal.adjust.ball_model import Deformable
 from spherecal.adjust.deformable_kernel import eliminate_places, substitute_places
 from spherecal.adjust.kernel import INNER, KERNEL
+from spherecal.adjust.layout import POSE, Layout
 from spherecal.adjust.linear import Linear, Linearisation, PointEquations, Reduced, parts
-from spherecal.adjust.problem import POSE, Layout, Problem, State
-from spherecal.adjust.schur_kernel import RUN, add_squares, eliminate_points, substitute_points
+from spherecal.adjust.problem import Problem
+from spherecal.adjust.schur_kernel import RUN, add_squares, eliminate_points
+from spherecal.adjust.state import State
+from spherecal.adjust.substitution_kernel import substitute_points
 from spherecal.base.arrays import FloatArray, IntArray
 from spherecal.geometry.camera import FISHEYE_MARK
 from spherecal.geometry.fisheye import AXIS_R2
@@ -31,7 +34,15 @@ def residuals(problem: Problem, state: State) -> FloatArray:
 
 
 def linearise(problem: Problem, state: State, robust_weight: FloatArray | None) -> Linearisation:
-    """Residuals and derivatives at a state; `robust_weight` (n,) multiplies the rows of each observation."""
+    """Residuals and derivatives at a state; `robust_weight` (n,) multiplies the rows of each observation.
+
+    Parameters
+    ----------
+    problem, state
+        The adjustment, and where to linearise.
+    robust_weight
+        Multiplies the rows of each observation, (n,); None for 1.
+    """
     n, width = len(problem.uv), POSE + len(problem.intrinsic_columns)
     weight = problem.weight if robust_weight is None else problem.weight * robust_weight[:, None]
     out = Linearisation(
@@ -50,7 +61,13 @@ def linearise(problem: Problem, state: State, robust_weight: FloatArray | None) 
 
 
 def linear_model(problem: Problem, state: State, robust_weight: FloatArray | None) -> Linear:
-    """What `reduce` and `back_substitute` work with: the linearisation, of large problems computed block by block."""
+    """What `reduce` and `back_substitute` work with: the linearisation, of large problems computed block by block.
+
+    Parameters
+    ----------
+    problem, state, robust_weight
+        As of `linearise`.
+    """
     return linear.linear_model(problem, state, robust_weight, linearise)
 
 
@@ -59,6 +76,15 @@ def reduce(problem: Problem, linear: Linear, damping: float, known: PointEquatio
 
     `known`: equations of the points themselves, beside their observations. The columns of intrinsics that cameras share
     are those of the first of these cameras.
+
+    Parameters
+    ----------
+    problem, linear
+        The adjustment and its linearisation.
+    damping
+        Marquardt's factor for the points' diagonals.
+    known
+        Equations of the points themselves; None without any.
     """
     layout = problem.layout
     matrix = np.zeros((layout.expanded, layout.expanded))
@@ -116,7 +142,15 @@ def _lenses(layout: Layout, n_cameras: int) -> tuple[IntArray, IntArray, IntArra
 
 
 def back_substitute(problem: Problem, linear: Linear, reduced: Reduced, step: FloatArray) -> tuple[FloatArray, float]:
-    """The step of the eliminated points (p,3) for an expanded step (e,), and the linear model's cost after it."""
+    """The step of the eliminated points (p,3) for an expanded step (e,), and the linear model's cost after it.
+
+    Parameters
+    ----------
+    problem, linear, reduced
+        The adjustment, its linearisation and what `reduce` made of it.
+    step
+        Step of the reduced system in the expanded layout, (e,).
+    """
     layout = problem.layout
     point_step = np.zeros((problem.n_points, 3))
     kept = problem.kept_points

@@ -9,7 +9,8 @@ from spherecal.adjust.ball_model import Deformable, Stored
 from spherecal.adjust.deformable import LEAST_DAMPING, Play, play_of
 from spherecal.adjust.levenberg import Damping, Minimum, OnStep, Settings, levenberg_marquardt, solve_damped
 from spherecal.adjust.linear import Linear, PointEquations, Reduced
-from spherecal.adjust.problem import Problem, State, length_residuals, moved, prior_residuals
+from spherecal.adjust.problem import Problem, length_residuals, moved, prior_residuals
+from spherecal.adjust.state import State
 from spherecal.base.arrays import FloatArray
 from spherecal.base.threads import one_blas_thread
 
@@ -107,7 +108,15 @@ def minimise(problem: Problem, state: State, settings: Settings, on_step: OnStep
 
 
 def total_cost(problem: Problem, state: State, cauchy: float | None) -> float:
-    """Half the (robust) sum of squared weighted residuals of all rows; infinite where it is not defined."""
+    """Half the (robust) sum of squared weighted residuals of all rows; infinite where it is not defined.
+
+    Parameters
+    ----------
+    problem, state
+        The adjustment, and the values of its unknowns.
+    cauchy
+        Scale of Cauchy's loss in units of sigma; None is plain least squares.
+    """
     model = _Bundle(problem, cauchy)
     return model.cost(state, model.linearise(state))
 
@@ -159,7 +168,15 @@ def _known(problem: Problem, state: State) -> PointEquations | None:
 
 
 def assembled(problem: Problem, state: State, reduced: Reduced) -> NormalEquations:
-    """What is left of the observations once their points are eliminated, with the rows of priors and lengths."""
+    """What is left of the observations once their points are eliminated, with the rows of priors and lengths.
+
+    Parameters
+    ----------
+    problem, state
+        The adjustment, and where it was linearised.
+    reduced
+        What the engine made of the observations.
+    """
     layout = problem.layout
     matrix = layout.fold_matrix(reduced.matrix, reduced.is_gathered)
     gradient = layout.fold_vector(reduced.gradient)
@@ -191,6 +208,14 @@ def extra_rows(problem: Problem, state: State) -> tuple[FloatArray, FloatArray]:
 
 
 def predicted_decrease(problem: Problem, state: State, step: FloatArray) -> float:
-    """By how much a step (d,) of the reduced unknowns lowers the cost of prior and length rows, as linearised."""
+    """By how much a step (d,) of the reduced unknowns lowers the cost of prior and length rows, as linearised.
+
+    Parameters
+    ----------
+    problem, state
+        The adjustment, and where it was linearised.
+    step
+        Step of the reduced unknowns, (d,).
+    """
     rows, residual = extra_rows(problem, state)
     return 0.5 * float((residual**2).sum() - ((residual + rows @ step) ** 2).sum())

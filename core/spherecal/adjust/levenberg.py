@@ -11,7 +11,7 @@ from typing import Protocol, TypeVar
 import numpy as np
 from scipy.linalg import LinAlgError, cho_factor, cho_solve
 
-from spherecal.adjust.problem import State
+from spherecal.adjust.state import State
 from spherecal.base.arrays import FloatArray
 
 # Damping of more than this is no step any more.

@@ -12,7 +12,9 @@ from typing import TypeAlias
 import numpy as np
 
 from spherecal.adjust.ball_model import Deformable
-from spherecal.adjust.problem import POSE, Problem, State
+from spherecal.adjust.layout import POSE
+from spherecal.adjust.problem import Problem
+from spherecal.adjust.state import State
 from spherecal.base import arrays
 from spherecal.base.arrays import BoolArray, FloatArray, IntArray, blocks
 
@@ -103,7 +105,13 @@ Linear: TypeAlias = Linearisation | LinearByBlocks
 
 
 def linear_model(problem: Problem, state: State, robust_weight: FloatArray | None, linearise: Linearise) -> Linear:
-    """The linearisation: held where that takes little memory or places have some play, else computed block by block."""
+    """The linearisation: held where that takes little memory or places have some play, else computed block by block.
+
+    Parameters
+    ----------
+    problem, state, robust_weight, linearise
+        The adjustment, where to linearise, factors of the rows (n,) or None, and what linearises.
+    """
     if len(problem.uv) <= MOST_HELD or isinstance(problem.ball, Deformable):
         return linearise(problem, state, robust_weight)
     return LinearByBlocks(problem, state, robust_weight, linearise)
@@ -126,6 +134,15 @@ def parts(problem: Problem, linear: Linear, points: IntArray, may_begin: BoolArr
     """The points in their order, in parts of some `ROWS_AT_ONCE` observations; all at once where they are held.
 
     `may_begin` (m,): where a new part may begin; None for anywhere.
+
+    Parameters
+    ----------
+    problem, linear
+        The adjustment and its linearisation.
+    points
+        Points in the order wanted, (m,).
+    may_begin
+        Where a new part may begin (m,); None for anywhere.
     """
     placement, place = problem.ball.placement, problem.ball.place
     start = problem.point_start
@@ -141,6 +158,11 @@ def parts(problem: Problem, linear: Linear, points: IntArray, may_begin: BoolArr
         begin = end - own
         rows = np.repeat(start[some] - begin, own) + np.arange(end[-1])
         yield Part(
-            some, begin, end, problem.camera[rows], placement[rows] if len(placement) else placement,
-            place[rows] if len(place) else place, linear.at(rows),
-        )  # fmt: skip
+            some,
+            begin,
+            end,
+            problem.camera[rows],
+            placement[rows] if len(placement) else placement,
+            place[rows] if len(place) else place,
+            linear.at(rows),
+        )

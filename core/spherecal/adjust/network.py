@@ -5,7 +5,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from spherecal.adjust.ball_model import FREE, BallModel, Free, Stored, as_rigid
-from spherecal.adjust.problem import NO_LENGTHS, NO_PRIORS, LengthRows, Priors, Problem, State, sorted_problem
+from spherecal.adjust.problem import Problem, sorted_problem
+from spherecal.adjust.rows import NO_LENGTHS, NO_PRIORS, LengthRows, Priors
+from spherecal.adjust.state import State
 from spherecal.base.arrays import BoolArray, FloatArray, IntArray
 from spherecal.geometry.consensus import agreeing_views
 from spherecal.geometry.triangulation import Triangulation, ray_angles, triangulate
@@ -54,6 +56,10 @@ class Network:
         each = {name: getattr(self, name)[rows] for name in _OF_OBSERVATIONS}
         return replace(self, ball=self.ball.select(rows), **each)
 
+    def with_sigma(self, sigma: FloatArray | None) -> "Network":
+        """The same with standard deviations (n,2) px of the observations, as it is where these state none."""
+        return self if sigma is None else replace(self, sigma=sigma)
+
     def problem(self, used: BoolArray, free: BoolArray, placed: BoolArray, weighted: bool) -> tuple[Problem, IntArray]:
         """The bundle adjustment of the used observations, and which observation each of its rows is.
 
@@ -77,11 +83,18 @@ class Network:
             seen = np.bincount(ball.placement, minlength=len(ball.free_placement)) > 0
             ball = replace(ball, free_placement=ball.free_placement & seen)
         problem, order = sorted_problem(
-            self.camera[rows], self.feature[rows], self.uv[rows], self._sigma(rows) if weighted else None,
-            self.n_features, free_pose=placed & ~self.locked, free_intrinsics=free & placed[:, None], group=self.group,
-            ball=ball if weighted else as_rigid(ball), priors=self.priors,
+            self.camera[rows],
+            self.feature[rows],
+            self.uv[rows],
+            self._sigma(rows) if weighted else None,
+            self.n_features,
+            free_pose=placed & ~self.locked,
+            free_intrinsics=free & placed[:, None],
+            group=self.group,
+            ball=ball if weighted else as_rigid(ball),
+            priors=self.priors,
             lengths=self._lengths_between(used) if weighted else NO_LENGTHS,
-        )  # fmt: skip
+        )
         return problem, rows[order]
 
     def _lengths_between(self, used: BoolArray) -> LengthRows:
@@ -105,7 +118,17 @@ class Network:
         return ray_angles(self.feature[take], view, self.uv[take], self.n_features, intrinsics, rotation)
 
     def agreeing(self, state: State, rows: IntArray, gate_px: FloatArray) -> BoolArray:
-        """Which of some observations (k,) belong to the largest set of views that agree on a point within `gate_px`."""
+        """Which of some observations (k,) belong to the largest set of views that agree on a point within `gate_px`.
+
+        Parameters
+        ----------
+        state
+            Poses and intrinsics.
+        rows
+            Observations, (k,) indices.
+        gate_px
+            How far each may be from the point, (k,).
+        """
         view, intrinsics, rotation, translation = self._views_of_the_ball(state, rows)
         return agreeing_views(self.feature[rows], view, self.uv[rows], gate_px, intrinsics, rotation, translation)
 
@@ -150,15 +173,20 @@ class Network:
 
 
 def free_network(
-    feature: IntArray, camera: IntArray, uv: FloatArray, sigma: FloatArray | None, n_features: int, free: BoolArray,
-    group: IntArray,
-) -> Network:  # fmt: skip
-    """The network in which every feature is a point of its own: no camera locked, all equally noisy.
+    feature: IntArray, camera: IntArray, uv: FloatArray, n_features: int, free: BoolArray, group: IntArray
+) -> Network:
+    """The network in which every feature is a point of its own: no camera locked, all observations weigh the same.
 
-    The parameters are the Network's; sigma None where observations state none: then all weigh the same.
+    The parameters are the Network's.
+
+    Parameters
+    ----------
+    feature, camera, uv
+        Of each observation (n,), (n,), (n,2) px.
+    n_features
+        Features, observed or not.
+    free, group
+        Intrinsics to estimate (c,16), and which cameras share them (c,).
     """
-    count = len(group)
-    return Network(
-        feature, camera, uv, np.ones_like(uv) if sigma is None else sigma, n_features, free, group, np.ones(count),
-        np.zeros(count, dtype=bool),
-    )  # fmt: skip
+    noise, locked = np.ones(len(group)), np.zeros(len(group), dtype=bool)
+    return Network(feature, camera, uv, np.ones_like(uv), n_features, free, group, noise, locked)

@@ -6,139 +6,17 @@ remains is the reduced system. The engine fills it camera by camera, in a layout
 columns; `Layout.fold` then drops locked columns and adds up those of cameras that share intrinsics.
 """
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from scipy import sparse
 
-from spherecal.adjust.ball_model import FREE, BallModel, Free, Stored
+from spherecal.adjust.ball_model import FREE, BallModel, Stored
+from spherecal.adjust.layout import POSE, Layout
+from spherecal.adjust.rows import NO_LENGTHS, NO_PRIORS, LengthRows, Priors
+from spherecal.adjust.state import State
 from spherecal.base.arrays import BoolArray, FloatArray, IntArray
 from spherecal.geometry.rotation import exp_rotation
-
-POSE = 6  # columns of a pose: rotation, then shift (docs/conventions.md)
-
-
-@dataclass(frozen=True)
-class State:
-    """The values of all unknowns.
-
-    Attributes
-    ----------
-    rotation, translation
-        Poses of the cameras, (c,3,3) and (c,3).
-    intrinsics
-        (c,16), see docs/conventions.md.
-    points
-        (p,3): of the world in the free form, else of the ball's frame.
-    placement_rotation, placement_translation
-        Poses (t,3,3) and (t,3) that bring the ball's points to the world; t = 0 in the free form.
-    bend
-        How far each feature (dot at a placement) of a deformable ball is off the shape in the world, (f,3); else (0,3).
-    anchored
-        Points whose frame a stored shape of the ball holds, (p,); else (0,).
-    """
-
-    rotation: FloatArray
-    translation: FloatArray
-    intrinsics: FloatArray
-    points: FloatArray
-    placement_rotation: FloatArray = field(default_factory=lambda: np.zeros((0, 3, 3)))
-    placement_translation: FloatArray = field(default_factory=lambda: np.zeros((0, 3)))
-    bend: FloatArray = field(default_factory=lambda: np.zeros((0, 3)))
-    anchored: BoolArray = field(default_factory=lambda: np.zeros(0, dtype=bool))
-
-    @property
-    def is_anchored(self) -> bool:
-        """Whether a stored shape holds the ball's frame."""
-        return len(self.anchored) > 0
-
-    def scaled(self, factor: float) -> "State":
-        """The same network with all lengths multiplied by `factor`."""
-        return replace(
-            self,
-            translation=self.translation * factor,
-            points=self.points * factor,
-            placement_translation=self.placement_translation * factor,
-            bend=self.bend * factor,
-        )
-
-    def free(self, points: FloatArray) -> "State":
-        """The free form: the same cameras and points (f,3) of the world."""
-        return State(self.rotation, self.translation, self.intrinsics, points)
-
-    def seen_from(self, camera: int) -> "State":
-        """The same network in the frame of a camera: its pose is R = I, t = 0.
-
-        In the rigid form the ball's frame moves along, so a placement that defines the world frame (R = I) still does.
-        """
-        r, t = self.rotation[camera], self.translation[camera]
-        rotation = self.rotation @ r.T
-        moved = replace(
-            self,
-            rotation=rotation,
-            translation=self.translation - rotation @ t,
-            points=self.points @ r.T + t,
-            bend=self.bend @ r.T,
-        )
-        if self.is_anchored:  # the placements move instead of the shape; the first one is the world itself
-            turn, shift = r @ self.placement_rotation, self.placement_translation @ r.T + t
-            turn[0], shift[0] = np.eye(3), 0.0
-            points = np.where(self.anchored[:, None], self.points, moved.points)
-            return replace(moved, points=points, placement_rotation=turn, placement_translation=shift)
-        turn = r @ self.placement_rotation @ r.T
-        return replace(
-            moved, placement_rotation=turn, placement_translation=self.placement_translation @ r.T + t - turn @ t
-        )
-
-
-@dataclass(frozen=True)
-class LengthRows:
-    """Known distances: |sum of coefficient (m,k) * points (m,k)| = length (m,), with a covariance (m,m).
-
-    Each end is a point, or a mark that its dots give: a sum of them whose coefficients add up to 1 (the first end's
-    to -1). A coefficient of 0 pads the row. One bar in many poses errs alike: its certificate correlates its rows.
-    """
-
-    points: IntArray
-    coefficient: FloatArray
-    length: FloatArray
-    covariance: FloatArray
-
-    @staticmethod
-    def between(first: IntArray, second: IntArray, length: FloatArray, sigma: FloatArray) -> "LengthRows":
-        """Independent distances between pairs of points, (m,) indices, with standard uncertainties (m,)."""
-        ends = np.column_stack([first, second])
-        return LengthRows(ends, np.broadcast_to([-1.0, 1.0], ends.shape), length, np.diag(np.square(sigma)))
-
-    @cached_property
-    def whitening(self) -> FloatArray:
-        """The matrix (m,m) that makes the rows' errors independent and of unit size."""
-        return np.asarray(np.linalg.inv(np.linalg.cholesky(self.covariance)), dtype=np.float64)
-
-    def select(self, keep: BoolArray) -> "LengthRows":
-        """Some of the rows, (m,) bool."""
-        return LengthRows(
-            self.points[keep], self.coefficient[keep], self.length[keep], self.covariance[np.ix_(keep, keep)]
-        )
-
-
-NO_LENGTHS = LengthRows(np.zeros((0, 2), dtype=np.int64), np.zeros((0, 2)), np.zeros(0), np.zeros((0, 0)))
-
-
-@dataclass(frozen=True)
-class Priors:
-    """Known values of intrinsics: value (c,16) and sigma (c,16), infinite where nothing is known."""
-
-    value: FloatArray
-    sigma: FloatArray
-
-    def is_known(self, camera: int, intrinsic: int) -> bool:
-        """Whether anything is known of an intrinsic of a camera."""
-        return len(self.sigma) > 0 and bool(np.isfinite(self.sigma[camera, intrinsic]))
-
-
-NO_PRIORS = Priors(np.zeros((0, 16)), np.zeros((0, 16)))
 
 
 @dataclass(frozen=True)
@@ -280,100 +158,20 @@ def sorted_problem(
     blocks
         The other fields of the Problem.
     """
-    ball = blocks.pop("ball", Free())
+    ball = blocks.pop("ball", FREE)
     assert isinstance(ball, BallModel)
     order = np.lexsort((camera, ball.place, point) if len(ball.place) else (camera, point))
     weight = np.ones_like(uv) if sigma is None else 1.0 / sigma
     problem = Problem(
-        camera[order], point[order], uv[order], weight[order], n_points, ball=ball.select(order), **blocks  # type: ignore[arg-type]
-    )  # fmt: skip
+        camera[order],
+        point[order],
+        uv[order],
+        weight[order],
+        n_points,
+        ball=ball.select(order),
+        **blocks,  # type: ignore[arg-type]
+    )
     return problem, order
-
-
-@dataclass(frozen=True)
-class Layout:
-    """Where each block has its columns in the expanded system, and how that folds into the reduced one.
-
-    `block_offset`, `block_width`: `n_cameras` cameras first, then placements, then kept points. `column` (expanded,) is
-    the reduced column or -1 where nothing is estimated. Prior rows: reduced column, camera and intrinsic of each.
-    """
-
-    n_cameras: int
-    block_offset: IntArray
-    block_width: IntArray
-    expanded: int
-    size: int
-    column: IntArray
-    prior_columns: IntArray
-    prior_camera: IntArray
-    prior_intrinsic: IntArray
-
-    @cached_property
-    def _fold(self) -> sparse.csr_array:
-        used = np.flatnonzero(self.column >= 0)
-        return sparse.csr_array((np.ones(len(used)), (self.column[used], used)), shape=(self.size, self.expanded))
-
-    @cached_property
-    def _first(self) -> IntArray | None:
-        """The first expanded column of each reduced one (d,), where that keeps their order."""
-        used = np.flatnonzero(self.column >= 0)
-        first = used[np.unique(self.column[used], return_index=True)[1]]
-        return first if (np.diff(first) > 0).all() else None  # another order would mix the two triangles
-
-    @cached_property
-    def _is_plain(self) -> bool:
-        """Whether no two expanded columns share a reduced one, so that folding is mere selection."""
-        return np.count_nonzero(self.column >= 0) == self.size
-
-    @property
-    def _intrinsics(self) -> IntArray:
-        """The reduced columns of each camera's intrinsics (c,i)."""
-        width = int(self.block_width[0]) if self.n_cameras else POSE
-        return self.column[: self.n_cameras * width].reshape(self.n_cameras, width)[:, POSE:]
-
-    @cached_property
-    def lens_owner(self) -> IntArray:
-        """For each camera (c,) the first one whose intrinsics are the same unknowns; itself where it is alone."""
-        intrinsics = self._intrinsics
-        _, first, same = np.unique(intrinsics, axis=0, return_index=True, return_inverse=True)
-        return np.where((intrinsics >= 0).any(axis=1), first[same.reshape(-1)], np.arange(self.n_cameras))
-
-    @cached_property
-    def _share_all(self) -> bool:
-        """Whether cameras that share an intrinsic share all, so that one camera can keep the lens for all."""
-        own = self._intrinsics[np.unique(self.lens_owner)]
-        used = own[own >= 0]
-        return len(np.unique(used)) == len(used)
-
-    def fold_matrix(self, expanded: FloatArray, is_gathered: bool = False) -> FloatArray:
-        """The reduced matrix (d, d), valid in its upper triangle, from the upper block triangle of the expanded one.
-
-        `is_gathered`: only the first camera of each `lens_owner` has anything in the lens' columns.
-        """
-        if self._first is not None and (self._is_plain or (is_gathered and self._share_all)):
-            return expanded if self.size == self.expanded else expanded[np.ix_(self._first, self._first)]
-        half = self._fold @ symmetric(expanded)
-        return np.asarray((self._fold @ half.T).T)
-
-    def fold_vector(self, expanded: FloatArray) -> FloatArray:
-        """The reduced vector (d,) from the expanded one."""
-        return self._fold @ expanded
-
-    def expand_vector(self, reduced: FloatArray) -> FloatArray:
-        """The expanded vector from the reduced one; zero where nothing is estimated."""
-        padded = np.append(reduced, 0.0)
-        return padded[self.column]
-
-    def expand_rows(self, reduced: FloatArray) -> FloatArray:
-        """A reduced matrix (d, m) brought to expanded rows (e, m)."""
-        return np.vstack([reduced, np.zeros((1, reduced.shape[1]))])[self.column]
-
-
-def symmetric(upper: FloatArray) -> FloatArray:
-    """The symmetric matrix of which only the upper triangle is valid."""
-    full = np.triu(upper)
-    full += np.triu(upper, 1).T
-    return full
 
 
 def _layout(problem: Problem) -> Layout:
@@ -425,7 +223,15 @@ def _layout(problem: Problem) -> Layout:
 
 
 def moved(problem: Problem, state: State, reduced_step: FloatArray, point_step: FloatArray) -> State:
-    """The state after a step: reduced unknowns (d,), eliminated points (p,3)."""
+    """The state after a step: reduced unknowns (d,), eliminated points (p,3).
+
+    Parameters
+    ----------
+    problem, state
+        The adjustment, and where the step begins.
+    reduced_step, point_step
+        Steps of the reduced unknowns (d,) and of the eliminated points (p,3).
+    """
     layout, c = problem.layout, problem.n_cameras
     step = layout.expand_vector(reduced_step)
     cameras = step[: c * (POSE + len(problem.intrinsic_columns))].reshape(c, -1)

@@ -12,7 +12,7 @@ import numpy as np
 
 from spherecal.adjust.bundle import RobustStep, located, residual_size, robust_adjustment, usable_features
 from spherecal.adjust.network import Network
-from spherecal.adjust.problem import State
+from spherecal.adjust.state import State
 from spherecal.base.arrays import BoolArray, FloatArray, IntArray
 from spherecal.base.context import Context
 from spherecal.geometry.camera import undistort
@@ -48,12 +48,23 @@ class Resections:
 
 
 def with_right_poses(
-    network: Network, state: State, used: BoolArray, candidates: BoolArray, placed: BoolArray, context: Context,
-) -> Resections:  # fmt: skip
+    network: Network, state: State, used: BoolArray, candidates: BoolArray, placed: BoolArray, context: Context
+) -> Resections:
     """The network with every doubtful camera at its best pose, adjusted again (equal weights) where one changed.
 
     `state` is near a minimum, `used` (n,) the observations that fit it, `candidates` (n,) all that may be used,
     `placed` (c,). A camera whose second-best pose fits nearly as well keeps none: `ambiguous`.
+
+    Parameters
+    ----------
+    network, state
+        The network, and its values.
+    used, candidates
+        Observations that fit, and all that may (n,).
+    placed
+        Cameras that have a pose, (c,).
+    context
+        For progress, and to stop.
     """
     for number in range(ROUNDS):
         context.report("resection", number / ROUNDS)
@@ -79,7 +90,17 @@ def with_right_poses(
 def doubtful_cameras(
     network: Network, state: State, used: BoolArray, candidates: BoolArray, placed: BoolArray
 ) -> BoolArray:
-    """Cameras (c,) that may be in a wrong minimum: residuals that stand out, few points, many left out."""
+    """Cameras (c,) that may be in a wrong minimum: residuals that stand out, few points, many left out.
+
+    Parameters
+    ----------
+    network, state
+        The network, and its values.
+    used, candidates
+        Observations that fit, and all that may (n,).
+    placed
+        Cameras that have a pose, (c,).
+    """
     size = residual_size(network, state)
     n = len(placed)
     known = candidates & np.isfinite(state.points[network.feature, 0])

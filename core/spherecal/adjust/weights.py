@@ -15,8 +15,10 @@ from spherecal.adjust import engine
 from spherecal.adjust.ball_model import Deformable, Stored
 from spherecal.adjust.bundle import Adjustment, refine, residual_size
 from spherecal.adjust.deformable import left_over
+from spherecal.adjust.layout import POSE
 from spherecal.adjust.network import Network
-from spherecal.adjust.problem import POSE, Problem, State
+from spherecal.adjust.problem import Problem
+from spherecal.adjust.state import State
 from spherecal.base.arrays import BoolArray, FloatArray, blocks_of_groups
 from spherecal.base.context import Context
 
@@ -95,6 +97,13 @@ def rough_noise(network: Network, state: State, used: BoolArray) -> FloatArray:
     """Noise (c,) of cameras before any is known, by their typical residuals: only what sticks out counts.
 
     Without it a blurred camera pulls the points it shares, and good observations of its partners fail the gate.
+
+    Parameters
+    ----------
+    network, state
+        The network, and its values.
+    used
+        Observations to judge by, (n,).
     """
     size = residual_size(network, state)
     typical = float(np.median(size[used])) if used.any() else 0.0
@@ -107,7 +116,17 @@ def rough_noise(network: Network, state: State, used: BoolArray) -> FloatArray:
 
 
 def weighted(network: Network, adjusted: Adjustment, placed: BoolArray, context: Context) -> tuple[Network, Adjustment]:
-    """The adjustment again with every camera weighted by its own noise, and the network with these weights."""
+    """The adjustment again with every camera weighted by its own noise, and the network with these weights.
+
+    Parameters
+    ----------
+    network, adjusted
+        The network, and its adjustment so far.
+    placed
+        Cameras that have a pose, (c,).
+    context
+        For progress, and to stop.
+    """
     for _ in range(ROUNDS):
         factor = camera_noise(adjusted.problem, adjusted.state)
         network = replace(network, noise=network.noise * factor)

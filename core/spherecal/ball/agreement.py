@@ -41,6 +41,15 @@ def agreement(rigid: Adjustment, feature: IntArray, free_variance: float) -> Agr
     """How far cameras agree on motions of dots; feature (n,) of all observations (placement, target, point).
 
     `free_variance`: variance of unit weight with free points. (0, inf) where no dot is seen at two placements.
+
+    Parameters
+    ----------
+    rigid
+        The adjustment of the rigid ball.
+    feature
+        Feature of each observation, those that are not used included, (n,).
+    free_variance
+        Variance of unit weight with free points.
     """
     problem = rigid.problem
     feature = feature[rigid.rows]
@@ -83,8 +92,14 @@ def _terms(by_point: FloatArray, residual: FloatArray, point: IntArray, feature:
     between = np.bincount(at, taken_alone, len(group)) - taken
     turned = np.einsum("nij,njk->nik", inverse[at], square)
     scatter = 3 - np.bincount(at, np.einsum("nij,nji->n", turned, turned), len(group))
-    return np.array([(gained - alone)[good].sum(), between[good].sum(), (3 - taken)[good].sum(),
-                     np.maximum(scatter, 0.0)[good].sum()])  # fmt: skip
+    return np.array(
+        [
+            (gained - alone)[good].sum(),
+            between[good].sum(),
+            (3 - taken)[good].sum(),
+            np.maximum(scatter, 0.0)[good].sum(),
+        ]
+    )
 
 
 def _summed(values: FloatArray, index: IntArray, count: int) -> FloatArray:

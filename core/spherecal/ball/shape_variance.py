@@ -13,7 +13,8 @@ from spherecal.adjust.bundle import Adjustment, datum_defect
 from spherecal.adjust.deformable import play_of
 from spherecal.adjust.least_squares import minimise
 from spherecal.adjust.levenberg import Settings
-from spherecal.adjust.problem import Problem, State
+from spherecal.adjust.problem import Problem
+from spherecal.adjust.state import State
 from spherecal.ball.rigid import RigidNetwork
 from spherecal.base.arrays import BoolArray, IntArray
 from spherecal.base.context import Context
@@ -34,12 +35,23 @@ class _Trial:
 
 
 def estimate_shape_variance(
-    rigid: RigidNetwork, first: Adjustment, used: BoolArray, placed: BoolArray, variance: float, context: Context,
-) -> tuple[float, Adjustment]:  # fmt: skip
+    rigid: RigidNetwork, first: Adjustment, used: BoolArray, placed: BoolArray, variance: float, context: Context
+) -> tuple[float, Adjustment]:
     """The play (network's unit, for a standard deviation of unit weight of 1) and the network adjusted with it.
 
     `first` is the rigid form's adjustment, `used` (n,) and `variance` are the free form's. 0 where the rigid form's
     variance is no larger.
+
+    Parameters
+    ----------
+    rigid, first
+        The network of the rigid ball, and its adjustment.
+    used, placed
+        Observations (n,) and cameras (c,) of the free form.
+    variance
+        Variance of unit weight of the free form.
+    context
+        For progress, and to stop.
     """
     state, used, problem, rows = _start(rigid, first, used, placed)
     settings = Settings(**TRIAL_SETTINGS)  # type: ignore[arg-type]
@@ -61,7 +73,15 @@ def estimate_shape_variance(
 def adjusted_with(
     rigid: RigidNetwork, first: Adjustment, used: BoolArray, placed: BoolArray, play: float
 ) -> Adjustment:
-    """The network adjusted with a known play."""
+    """The network adjusted with a known play.
+
+    Parameters
+    ----------
+    rigid, first, used, placed
+        As of `estimate_shape_variance`.
+    play
+        In the network's unit, for a standard deviation of unit weight of 1.
+    """
     state, used, problem, rows = _start(rigid, first, used, placed)
     problem = _with_play(problem, play)
     done = minimise(problem, state, Settings())

@@ -11,10 +11,11 @@ from spherecal.adjust.covariance import covariance
 from spherecal.adjust.least_squares import minimise
 from spherecal.adjust.levenberg import Settings
 from spherecal.adjust.network import Network
-from spherecal.adjust.problem import NO_LENGTHS, NO_PRIORS, State
+from spherecal.adjust.rows import NO_LENGTHS, NO_PRIORS
+from spherecal.adjust.state import State
+from spherecal.ball.fit import BallFit
 from spherecal.ball.image_poses import solve_images
-from spherecal.ball.rigid import Alignment, align
-from spherecal.ball.selection import BallFit
+from spherecal.ball.rigid import Alignment, BallNetwork
 from spherecal.base.arrays import FloatArray, IntArray
 from spherecal.base.context import Context
 from spherecal.data.observations import Features
@@ -138,9 +139,10 @@ def explained_by_moves(
     """
     state = solved.by_features.state
     n_placements = int(features.placement.max(initial=0)) + 1
-    alignment = align(features, state.points, n_placements, n_ball)
     network = replace(network, free=network.free & ~solved.held[:, None], priors=NO_PRIORS)
-    images = solve_images(network, features, state, solved.placed, alignment, n_ball, context)
+    ball = BallNetwork(network, features, n_placements, n_ball, np.ones(len(network.uv), dtype=bool))
+    alignment = ball.aligned(state.points)
+    images = solve_images(ball, state, solved.placed, alignment, context)
     if images is None or (most_variance is not None and images.variance > most_variance):
         return DetectedMotions()
     found = explain(images, len(solved.placed), context)

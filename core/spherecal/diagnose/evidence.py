@@ -7,7 +7,8 @@ import numpy as np
 
 from spherecal.adjust.bundle import MIN_ANGLE_RAD, Adjustment
 from spherecal.adjust.weights import camera_noise
-from spherecal.ball.selection import BallFit, ModelChoice
+from spherecal.ball.fit import BallFit
+from spherecal.ball.selection import ModelChoice
 from spherecal.base.arrays import BoolArray, FloatArray, IntArray
 from spherecal.base.context import Context
 from spherecal.data.observations import Features, Observations

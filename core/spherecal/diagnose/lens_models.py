@@ -10,8 +10,9 @@ from spherecal.adjust.intrinsic_priors import hold
 from spherecal.adjust.least_squares import minimise
 from spherecal.adjust.levenberg import Settings
 from spherecal.adjust.network import Network
-from spherecal.adjust.problem import NO_PRIORS, State
-from spherecal.ball.selection import BallFit
+from spherecal.adjust.rows import NO_PRIORS
+from spherecal.adjust.state import State
+from spherecal.ball.fit import BallFit
 from spherecal.base.arrays import BoolArray, FloatArray, IntArray
 from spherecal.base.context import Context
 from spherecal.base.messages.values import Phrase

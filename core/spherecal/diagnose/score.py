@@ -15,9 +15,12 @@ from scipy import sparse
 from scipy.stats import chi2
 
 from spherecal.adjust import engine
-from spherecal.adjust.covariance import Covariance, shift_matrix
+from spherecal.adjust.covariance import Covariance
+from spherecal.adjust.layout import POSE
 from spherecal.adjust.linear import Linear, Linearisation
-from spherecal.adjust.problem import POSE, Problem, State
+from spherecal.adjust.point_factors import PointFactors, shift_matrix
+from spherecal.adjust.problem import Problem
+from spherecal.adjust.state import State
 from spherecal.base.arrays import FloatArray, IntArray, blocks, blocks_of_groups
 
 # A change of which less than this share is left once the estimated unknowns have taken theirs is one of them. Fields of
@@ -172,6 +175,7 @@ class Probe:
 def make_probe(problem: Problem, state: State, cofactors: Covariance, cost: float, redundancy: int) -> Probe:
     """A network at its minimum (of this `cost`, v'Pv / 2) made ready for tests."""
     linear, parts = engine.linear_model(problem, state, None), cofactors._parts
+    assert isinstance(parts, PointFactors)
     shift = shift_matrix(parts) if 5 * linear.width * len(problem.uv) <= MOST_NONZERO else None
     return Probe(
         problem, linear, linear.residual.ravel(), parts.inverse, shift, parts.point_inverse, 2 * cost, redundancy

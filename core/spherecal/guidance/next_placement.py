@@ -12,7 +12,8 @@ from scipy.spatial import KDTree
 from spherecal.adjust.ball_model import Rigid
 from spherecal.adjust.covariance import camera_cofactors
 from spherecal.adjust.datum import Places
-from spherecal.adjust.problem import State, sorted_problem
+from spherecal.adjust.problem import sorted_problem
+from spherecal.adjust.state import State
 from spherecal.base.arrays import ByValue, FloatArray, IntArray
 from spherecal.base.context import Context
 from spherecal.base.threads import on_one_blas_thread

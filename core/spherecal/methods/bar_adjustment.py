@@ -14,7 +14,9 @@ from spherecal.adjust.bundle import (
 )
 from spherecal.adjust.levenberg import Minimum, Settings
 from spherecal.adjust.network import Network
-from spherecal.adjust.problem import NO_PRIORS, Priors, State, sorted_problem
+from spherecal.adjust.problem import sorted_problem
+from spherecal.adjust.rows import NO_PRIORS, Priors
+from spherecal.adjust.state import State
 from spherecal.base.arrays import BoolArray, FloatArray, IntArray
 from spherecal.base.context import Context
 from spherecal.data.session import Session

@@ -5,7 +5,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from spherecal.adjust import engine
-from spherecal.adjust.problem import Problem, State
+from spherecal.adjust.problem import Problem
+from spherecal.adjust.state import State
 from spherecal.base.arrays import BoolArray, FloatArray, IntArray
 from spherecal.methods.frames import Ties
 from spherecal.methods.frames_covariance import PointRows

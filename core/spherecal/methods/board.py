@@ -8,7 +8,7 @@ from typing import Literal
 
 import numpy as np
 
-from spherecal.adjust.problem import State
+from spherecal.adjust.state import State
 from spherecal.base.arrays import BoolArray, FloatArray, IntArray
 from spherecal.base.context import Context, Stopwatch
 from spherecal.base.errors import InputError

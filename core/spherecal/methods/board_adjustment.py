@@ -7,7 +7,8 @@ import numpy as np
 
 from spherecal.adjust.bundle import CAUCHY_PX, GATE_LEAST_PX, GATE_ROUNDS, GATE_SIGMAS, START_INTRINSICS
 from spherecal.adjust.levenberg import Minimum, Settings
-from spherecal.adjust.problem import NO_PRIORS, Priors, State
+from spherecal.adjust.rows import NO_PRIORS, Priors
+from spherecal.adjust.state import State
 from spherecal.base.arrays import BoolArray, FloatArray, IntArray
 from spherecal.base.context import Context
 from spherecal.geometry.camera import INTRINSIC_NAMES, project

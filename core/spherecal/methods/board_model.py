@@ -7,7 +7,10 @@ import numpy as np
 
 from spherecal.adjust import engine
 from spherecal.adjust.ball_model import Rigid
-from spherecal.adjust.problem import POSE, Priors, Problem, State, sorted_problem
+from spherecal.adjust.layout import POSE
+from spherecal.adjust.problem import Problem, sorted_problem
+from spherecal.adjust.rows import Priors
+from spherecal.adjust.state import State
 from spherecal.base.arrays import BoolArray, FloatArray, IntArray
 from spherecal.data.observations import Observations
 from spherecal.geometry.rotation import cross_matrix, exp_rotation

@@ -11,7 +11,8 @@ from spherecal.adjust.covariance import Covariance, covariance
 from spherecal.adjust.datum import Places
 from spherecal.adjust.least_squares import minimise as minimise_points
 from spherecal.adjust.levenberg import Settings
-from spherecal.adjust.problem import Problem, State, sorted_problem
+from spherecal.adjust.problem import Problem, sorted_problem
+from spherecal.adjust.state import State
 from spherecal.base.arrays import BoolArray, FloatArray
 from spherecal.base.context import Context
 from spherecal.data.findings import Finding

@@ -16,7 +16,8 @@ from spherecal.adjust.ball_model import Free
 from spherecal.adjust.least_squares import assembled, predicted_decrease
 from spherecal.adjust.levenberg import Damping, Minimum, OnStep, Settings, levenberg_marquardt, solve_damped
 from spherecal.adjust.linear import Reduced
-from spherecal.adjust.problem import Problem, State, moved, prior_residuals
+from spherecal.adjust.problem import Problem, moved, prior_residuals
+from spherecal.adjust.state import State
 from spherecal.base.arrays import FloatArray, IntArray
 from spherecal.base.threads import one_blas_thread
 

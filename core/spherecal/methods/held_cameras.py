@@ -3,7 +3,10 @@
 import numpy as np
 
 from spherecal.adjust.intrinsic_priors import LEAST_NOISE, LEAST_OBSERVATIONS, WORST_RELATIVE_FOCAL_SD, prior_sigmas
-from spherecal.adjust.problem import NO_PRIORS, POSE, Priors, Problem, State
+from spherecal.adjust.layout import POSE
+from spherecal.adjust.problem import Problem
+from spherecal.adjust.rows import NO_PRIORS, Priors
+from spherecal.adjust.state import State
 from spherecal.base.arrays import BoolArray, FloatArray, IntArray
 from spherecal.methods.frames_covariance import FrameCovariance
 

@@ -28,9 +28,8 @@ def describe_network(recording: Recording, settings: CalibrationSettings) -> Net
     names = [(c.earlier_pose_of or c.id) if settings.own_intrinsics else c.intrinsics_group for c in cameras]
     group = np.unique(names, return_inverse=True)[1].reshape(-1)
     return free_network(
-        features.of_observation, observations.camera, observations.uv, observations.sigma, len(features),
-        estimated, group,
-    )  # fmt: skip
+        features.of_observation, observations.camera, observations.uv, len(features), estimated, group
+    ).with_sigma(observations.sigma)
 
 
 def local_network(

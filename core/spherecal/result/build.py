@@ -6,9 +6,9 @@ import numpy as np
 
 from spherecal.adjust.ball_model import Rigid
 from spherecal.adjust.bundle import Adjustment
-from spherecal.adjust.problem import POSE
+from spherecal.adjust.layout import POSE
+from spherecal.ball.fit import BallFit
 from spherecal.ball.run import Run
-from spherecal.ball.selection import BallFit
 from spherecal.ball.shape import shape_cofactors
 from spherecal.base.arrays import BoolArray, FloatArray, blocks
 from spherecal.base.memory import release_freed

@@ -1,4 +1,4 @@
-"""Covariance of a network in the soft form, in the same datum and behind the same functions as the other forms'.
+"""Covariance factors of a deformable ball.
 
 A feature's place is x = R S + T + e. Its error comes from three sources that do not depend on each other: columns of
 the reduced system, the dots' own noise V^-1 and the noise Q of the play that their images leave.
@@ -9,15 +9,14 @@ from functools import cached_property
 
 import numpy as np
 from scipy import sparse
-from scipy.linalg import LinAlgError
 
-from spherecal.adjust import engine
-from spherecal.adjust.covariance import Covariance, CovarianceFactors, finished_or_none, generalised_inverse
-from spherecal.adjust.datum import Motions, Places, carried_dots, datum_motions
-from spherecal.adjust.deformable import Play, play_matrices, play_of
-from spherecal.adjust.least_squares import normal_equations
+from spherecal.adjust.covariance_factors import CovarianceFactors, Inverted, moments_of
+from spherecal.adjust.datum import Places, carried_dots
+from spherecal.adjust.deformable import play_matrices, play_of
+from spherecal.adjust.layout import POSE
 from spherecal.adjust.linear import Linearisation
-from spherecal.adjust.problem import POSE, Problem, State, symmetric
+from spherecal.adjust.problem import Problem
+from spherecal.adjust.state import State
 from spherecal.base.arrays import FloatArray, IntArray
 from spherecal.geometry.rotation import cross_matrix
 
@@ -26,7 +25,7 @@ _CHUNK = 500
 
 
 @dataclass(frozen=True)
-class SoftParts(CovarianceFactors):
+class DeformableFactors(CovarianceFactors):
     """Pieces of the covariance; the noise sources (p + f, 3) are the dots, then the features' plays.
 
     `by_columns` (3f,e): places by columns, `by_dots` (3f,3p): places by the dots' own noise; `through` (f,3,3): its
@@ -75,40 +74,25 @@ class SoftParts(CovarianceFactors):
             rows = self.by_columns[3 * first : 3 * (first + _CHUNK)].toarray()
             product = (rows @ self.inverse).reshape(-1, 3, rows.shape[1])
             out[first : first + _CHUNK] += product @ rows.reshape(product.shape).transpose(0, 2, 1)
-        if self.moments.size:
-            held = self.gauge_places @ self.moments
-            cross = carried @ held.transpose(0, 2, 1)
-            out += held @ self.middle @ held.transpose(0, 2, 1) - cross - cross.transpose(0, 2, 1)
+        self.take_back(out, carried, self.gauge_places @ self.moments)
         assert self.places is not None
         out[(np.diff(self.problem.point_start) == 0)[self.places.point]] = np.nan
         return out
 
 
-def soft_covariance(problem: Problem, state: State, places: Places) -> Covariance | None:
-    """Cofactors of cameras and features at the minimum; None where the network is singular."""
-    return finished_or_none(problem, lambda: _parts(problem, state, places))
+def deformable_factors(inverted: Inverted, state: State, places: Places) -> DeformableFactors:
+    """The factors of a network with a deformable ball, whose features are at `places`.
 
-
-def _parts(problem: Problem, state: State, places: Places) -> tuple[SoftParts, float]:
-    linear = engine.linear_model(problem, state, None)
-    normal = normal_equations(problem, state, linear, 0.0)
-    if not (np.isfinite(normal.gradient).all() and (normal.matrix.diagonal() > 0).all()):
-        raise LinAlgError
-    motions, layout = datum_motions(problem, state, places), problem.layout
-    gauge = np.zeros((layout.size, int(motions.unseen.sum())))
-    used = layout.column >= 0
-    gauge[layout.column[used]] = motions.columns[:, motions.unseen][used]
-    inverse, condition = generalised_inverse(symmetric(normal.matrix), gauge)
-    expanded = layout.expand_rows(layout.expand_rows(inverse).T)
-    return _assembled(
-        play_of(problem, linear), state, places, motions, expanded, normal.reduced.point_inverse
-    ), condition
-
-
-def _assembled(
-    play: Play, state: State, places: Places, motions: Motions, inverse: FloatArray, dot_inverse: FloatArray
-) -> SoftParts:
-    problem, linear = play.problem, play.linear.at(slice(None))
+    Parameters
+    ----------
+    inverted, state
+        The adjusted network before the S-transformation, and its minimum.
+    places
+        Which dot at which placement each feature is.
+    """
+    problem, motions, dot_inverse = inverted.problem, inverted.motions, inverted.point_inverse
+    linear = inverted.linear.at(slice(None))
+    play = play_of(problem, linear)
     count, p, columns = len(places.point), problem.n_points, problem.layout.expanded
     turn, arm = carried_dots(state, places)
     normal, own = np.zeros((count, 3, 3)), turn[play.place]
@@ -129,14 +113,28 @@ def _assembled(
     dots += _blocks(kept, first + 3 * np.arange(len(kept)), np.tile(np.eye(3), (len(kept), 1, 1)), dots.shape)
     by_columns = (by_pose - _diagonal(q) @ met + through_dots @ dots).tocsr()
     g = motions.columns.shape[1]
-    moments = np.linalg.inv(np.einsum("fig,fih->gh", motions.places, motions.places)) if g else np.zeros((0, 0))
     noise = np.concatenate([dot_inverse, q])
-    datum = np.stack([_by_noise(through_dots, motions.places[:, :, k]) for k in range(g)], axis=2) if g else (
-        np.zeros((p + count, 3, 0)))  # fmt: skip
-    return SoftParts(
-        problem, places, turn, arm, inverse, linear, noise, motions.columns, motions.places, datum,
-        np.zeros((columns, g)), moments, motions.spread, None, through, by_columns, through_dots,
-    )  # fmt: skip
+    datum = np.zeros((p + count, 3, g))
+    for k in range(g):
+        datum[:, :, k] = _by_noise(through_dots, motions.places[:, :, k])
+    return DeformableFactors(
+        problem,
+        places,
+        turn,
+        arm,
+        inverted.inverse,
+        linear,
+        noise,
+        motions.columns,
+        motions.places,
+        datum,
+        np.zeros((columns, g)),
+        moments_of(motions.places),
+        motions.spread,
+        through,
+        by_columns,
+        through_dots,
+    )
 
 
 def _images_by_columns(problem: Problem, linear: Linearisation, count: int) -> sparse.csr_array:

@@ -230,9 +230,9 @@ def test_a_shared_shape_predicts_the_same_images() -> None:
     assert np.isnan(start.points).all()
     dots = 14 * DOTS
     assert rigid.network.n_features == 3 * dots  # of the ball, and of two bar poses that stand for themselves
-    assert rigid.network.n_placements == 3  # the world and two that moved
+    assert len(rigid.network.ball.free_placement) == 3  # the world and two that moved
     assert rigid.network.ball.free_placement.tolist() == [False, True, True]
-    assert (rigid.network.placement[rig.features.placement[rig.network.feature] >= 3] == 0).all()  # type: ignore[index]
+    assert (rigid.network.ball.placement[rig.features.placement[rig.network.feature] >= 3] == 0).all()
     located = replace(start, points=rigid.network.locate(start, np.ones(len(rig.network.uv), dtype=bool)).points)
     np.testing.assert_allclose(residuals(rigid.network, located), 0.0, atol=1e-6)
     again = rigid.as_features(located)

@@ -33,14 +33,14 @@ class Weighed:
 
     @property
     def noise(self) -> FloatArray:
-        assert self.network.noise is not None
         return self.network.noise
 
 
 def weigh(simulated: Simulated, rigid: bool = False, sigma: FloatArray | None = None) -> Weighed:
     """The truth adjusted to its observations and weighted."""
     placed = np.ones(len(simulated.network.group), dtype=bool)
-    network, start = replace(simulated.network, sigma=sigma), simulated.true
+    unit = np.ones_like(simulated.network.uv)
+    network, start = simulated.network.with_sigma(unit if sigma is None else sigma), simulated.true
     if rigid:
         alignment = align(simulated.features, start.points, 4, 4)
         shared, start = share_shape(network, simulated.features, start, alignment)
@@ -106,7 +106,7 @@ def test_a_camera_with_few_observations_keeps_its_weight(observations: int) -> N
     own = np.flatnonzero(simulated.usable & (network.camera == BLURRED))
     keep = np.ones(len(network.uv), dtype=bool)
     keep[own[observations:]] = False
-    few = replace(network, feature=network.feature[keep], camera=network.camera[keep], uv=network.uv[keep])
+    few = network.only(np.flatnonzero(keep))
     plain = refine(few, simulated.true, simulated.usable[keep], np.ones(10, dtype=bool), Context())
     noise = camera_noise(plain.problem, plain.state)
     assert (plain.used & (few.camera == BLURRED)).sum() == observations  # twice the rows, fifteen unknowns

@@ -86,7 +86,7 @@ class Optimum:
 
     def _weighted(self, used: BoolArray) -> float:
         network, placed = self._simulated.network, self._placed
-        some = replace(network, feature=network.feature[used], camera=network.camera[used], uv=network.uv[used])
+        some = network.only(np.flatnonzero(used))
         every = np.ones(len(some.uv), dtype=bool)
         adjusted = refine(some, self._simulated.true, every, placed, Context())
         _, adjusted = weighted_by_camera(some, adjusted, placed, Context())

@@ -4,13 +4,14 @@ The dot of a place (one dot at one placement) is off the shape by e ~ N(0, tau^2
 have in common. With J their derivatives by the dot and V = J'J, their weight matrix is (I + tau^2 J J')^-1 = I - J Q J'
 with Q = tau^2 (I + tau^2 V)^-1 (matrix inversion lemma): e is eliminated before the dot itself, which then meets the
 other unknowns by P J' with P = I - Q V. tau = 0 is a place of a rigid ball. The pieces are those of `schur_kernel`; the
-loop is a kernel of its own, as it takes 15 seconds to compile and few balls need it.
+loops are kernels of their own, as these take 15 seconds to compile and few balls need them.
 """
 
 import numpy as np
 from numba import njit
 
 from spherecal.adjust.kernel import INNER, KERNEL
+from spherecal.adjust.layout import POSE
 from spherecal.adjust.schur_kernel import (
     add_observations,
     inverse_damped,
@@ -21,7 +22,6 @@ from spherecal.adjust.schur_kernel import (
     subtract_point,
     weigh,
 )
-from spherecal.adjust.substitution_kernel import add_squares_after, change_of_row, most_rows, step_point
 
 
 @njit(**INNER)
@@ -123,6 +123,50 @@ def eliminate_places(
 
 
 @njit(**INNER)
+def _change_of_row(k, camera, placement, n_cameras, by_camera, by_placement, offset, step, d0, d1):
+    """Residuals d0, d1 of row k after a step of the reduced system."""
+    first = offset[camera[k]]
+    for i in range(by_camera.shape[2]):
+        d0 += by_camera[k, 0, i] * step[first + i]
+        d1 += by_camera[k, 1, i] * step[first + i]
+    if len(placement) > 0:
+        first = offset[n_cameras + placement[k]]
+        for i in range(POSE):
+            d0 += by_placement[k, 0, i] * step[first + i]
+            d1 += by_placement[k, 1, i] * step[first + i]
+    return d0, d1
+
+
+@njit(**INNER)
+def _add_squares_after(begin, end, by_point, step, change, squares):
+    """Returns `squares` and those of residuals (in `change`) after their point's step."""
+    for k in range(begin, end):
+        for e in range(2):
+            value = change[k - begin, e]
+            for j in range(3):
+                value += by_point[k, e, j] * step[j]
+            squares += value * value
+    return squares
+
+
+@njit(**INNER)
+def _step_point(step, v, g0, g1, g2):
+    """The step of an eliminated point from the inverse of its V and its gradient."""
+    step[0] = -(v[0, 0] * g0 + v[0, 1] * g1 + v[0, 2] * g2)
+    step[1] = -(v[1, 0] * g0 + v[1, 1] * g1 + v[1, 2] * g2)
+    step[2] = -(v[2, 0] * g0 + v[2, 1] * g1 + v[2, 2] * g2)
+
+
+@njit(**INNER)
+def _most_rows(begins, ends):
+    """The largest number of rows of a point."""
+    longest = 0
+    for n in range(len(begins)):
+        longest = max(longest, ends[n] - begins[n])
+    return longest
+
+
+@njit(**INNER)
 def _add_change(by_point, k, d0, d1, out):
     """out += the derivatives of row k by its point times a change (2,) of its residuals."""
     for j in range(3):
@@ -184,18 +228,18 @@ def substitute_places(
     residual, by_camera, by_point, by_placement, offset, inverse, point_gradient, step, point_step, squares,
 ):  # fmt: skip
     """As `substitute_points`, with what the play of the places takes off the squares."""
-    change = np.empty((most_rows(begins, ends), 2))
+    change = np.empty((_most_rows(begins, ends), 2))
     q, p, g = np.empty((3, 3)), np.empty((3, 3)), np.empty(3)
     for n in range(len(points)):
         point, begin, end = points[n], begins[n], ends[n]
         g[:] = point_gradient[point]
         for k in range(begin, end):
-            change[k - begin] = change_of_row(
+            change[k - begin] = _change_of_row(
                 k, camera, placement, n_cameras, by_camera, by_placement, offset, step, residual[k, 0], residual[k, 1]
             )
         _add_changes_through_play(begin, end, of_row, play, by_point, residual, change, q, p, g)
         if not is_kept[point]:
-            step_point(point_step[point], inverse[point], g[0], g[1], g[2])
-        squares = add_squares_after(begin, end, by_point, point_step[point], change, squares)
+            _step_point(point_step[point], inverse[point], g[0], g[1], g[2])
+        squares = _add_squares_after(begin, end, by_point, point_step[point], change, squares)
         squares -= _squares_of_play(begin, end, of_row, play, by_point, change, point_step[point], q, p)
     return squares

@@ -53,7 +53,7 @@ def with_world(net: Small) -> tuple[Problem, State, Places | None]:
     """A network whose placement 0, in the rigid form, is the world, as the product has it; and its features' places."""
     problem, state = net.problem, net.truth
     turn, shift = state.placement_rotation, state.placement_translation
-    if turn is None or shift is None:
+    if not len(turn):
         return problem, state, None
     first, start = turn[0], shift[0]
     turn = turn @ first.T

@@ -17,8 +17,10 @@ from starts import SEED, make_start
 from threadpoolctl import threadpool_limits
 
 from spherecal.adjust.bundle import MIN_ANGLE_RAD
-from spherecal.adjust.levenberg import Settings, minimise
-from spherecal.adjust.problem import Problem, State
+from spherecal.adjust.least_squares import minimise
+from spherecal.adjust.levenberg import Settings
+from spherecal.adjust.problem import Problem
+from spherecal.adjust.state import State
 from spherecal.ball.rigid import align, share_shape
 from spherecal.data.observations import find_features
 from spherecal.data.recording import calibration_observations

@@ -15,7 +15,7 @@ from figures import Figures, add_options
 from studies.alignment import centre_errors
 from threadpoolctl import threadpool_limits
 
-from spherecal.adjust.problem import State
+from spherecal.adjust.state import State
 from spherecal.calibrate import calibrate
 from spherecal.methods.settings import CalibrationSettings, Method
 from spherecal_sim.session import simulate_session

@@ -14,7 +14,8 @@ import pycolmap
 import pycolmap.pyceres as options_of
 from scipy.spatial.transform import Rotation
 
-from spherecal.adjust.problem import Problem, State
+from spherecal.adjust.problem import Problem
+from spherecal.adjust.state import State
 
 FUNCTION_TOLERANCE = 1e-9
 MAX_ITERATIONS = 200
@@ -78,7 +79,7 @@ def solver_options(linear_solver: str) -> pycolmap.BundleAdjustmentOptions:
 
 def _reconstruction(problem: Problem, state: State) -> pycolmap.Reconstruction:
     """COLMAP's data of a problem; weights must be 1 and poses free."""
-    assert (problem.weight == 1).all() and problem.placement is None and problem.lengths is None
+    assert (problem.weight == 1).all() and not problem.n_placements and not problem.has_lengths
     out = pycolmap.Reconstruction()
     quaternion = Rotation.from_matrix(state.rotation).as_quat()
     within = np.empty(len(problem.camera), dtype=int)  # each observation's number in its image

@@ -12,7 +12,8 @@ import pycolmap
 from ceres_adjustment import HELD, OFFSET, CeresRun, solver_options
 from scipy.spatial.transform import Rotation
 
-from spherecal.adjust.problem import Problem, State
+from spherecal.adjust.problem import Problem
+from spherecal.adjust.state import State
 from spherecal.base.arrays import FloatArray
 
 
@@ -54,8 +55,7 @@ def _sensor(camera: int) -> pycolmap.sensor_t:
 
 def _reconstruction(problem: Problem, state: State) -> pycolmap.Reconstruction:
     """COLMAP's data of a problem in the rigid form; weights must be 1."""
-    assert (problem.weight == 1).all() and problem.placement is not None and problem.lengths is None
-    assert state.placement_rotation is not None and state.placement_translation is not None
+    assert (problem.weight == 1).all() and problem.n_placements and not problem.has_lengths
     n, placements = problem.n_cameras, problem.n_placements
     first, first_shift = state.rotation[0], state.translation[0]
     out, rig = pycolmap.Reconstruction(), pycolmap.Rig(rig_id=1)

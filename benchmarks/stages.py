@@ -3,27 +3,24 @@
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from types import SimpleNamespace
 from typing import Any
 
-from spherecal.adjust import levenberg
-from spherecal.adjust.problem import Layout
+from spherecal.adjust import engine, least_squares, levenberg
+from spherecal.adjust.layout import Layout
 
-_ENGINE = {
-    "linear_model": "linearise",
-    "reduce": "reduce",
-    "back_substitute": "back_substitute",
-    "residuals": "residuals",
-}
-# where the minimiser finds its other helpers, and what the table calls them
-_OTHERS: dict[str, tuple[Any, str]] = {
+# where the minimiser finds its helpers, and what the table calls them
+_HELPERS: dict[str, tuple[Any, str]] = {
+    "linear_model": (engine, "linearise"),
+    "reduce": (engine, "reduce"),
+    "back_substitute": (engine, "back_substitute"),
+    "residuals": (engine, "residuals"),
     "fold_matrix": (Layout, "fold"),
     "fold_vector": (Layout, "fold"),
     "cho_factor": (levenberg, "factorise"),
     "cho_solve": (levenberg, "solve"),
-    "moved": (levenberg, "move"),
+    "moved": (least_squares, "move"),
 }
-STAGES = (*_ENGINE.values(), "fold", "factorise", "solve", "move")
+STAGES = tuple(dict.fromkeys(stage for _, stage in _HELPERS.values()))
 
 
 @contextmanager
@@ -41,19 +38,11 @@ def timed_stages() -> Iterator[dict[str, float]]:
 
         return call
 
-    load = levenberg.load_engine
-
-    def load_timed(name: levenberg.Engine) -> Any:
-        engine = load(name)
-        return SimpleNamespace(**{name: timed(stage, getattr(engine, name)) for name, stage in _ENGINE.items()})
-
-    saved = [(place, name, getattr(place, name)) for name, (place, _) in _OTHERS.items() if hasattr(place, name)]
-    levenberg.load_engine = load_timed
+    saved = [(place, name, getattr(place, name)) for name, (place, _) in _HELPERS.items() if hasattr(place, name)]
     for place, name, function in saved:
-        setattr(place, name, timed(_OTHERS[name][1], function))
+        setattr(place, name, timed(_HELPERS[name][1], function))
     try:
         yield seconds
     finally:
-        levenberg.load_engine = load
         for place, name, function in saved:
             setattr(place, name, function)

@@ -6,7 +6,8 @@ import numpy as np
 
 from spherecal.adjust.bundle import usable_features
 from spherecal.adjust.network import Network
-from spherecal.adjust.problem import Problem, State
+from spherecal.adjust.problem import Problem
+from spherecal.adjust.state import State
 from spherecal.base.arrays import BoolArray
 from spherecal.base.context import Context
 from spherecal.data.recording import Recording

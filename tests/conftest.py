@@ -136,3 +136,15 @@ def pytest_assertrepr_compare(op: str, left: object, right: object) -> list[str]
     return [
         f"{len(left)} and {len(right)} bytes that differ from byte {at} on", f"{left[around]!r}", f"{right[around]!r}",
     ]  # fmt: skip
+
+
+@pytest.fixture(params=["compiled", "reference"])
+def either_engine(request: pytest.FixtureRequest) -> Iterator[None]:
+    """A test that asks for it runs on the compiled engine of the adjustment and on the reference."""
+    if request.param == "compiled":
+        yield
+        return
+    from tests.reference_engine import reference_instead
+
+    with reference_instead():
+        yield

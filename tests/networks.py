@@ -8,8 +8,10 @@ import numpy as np
 import pytest
 from threadpoolctl import threadpool_limits
 
-from spherecal.adjust import engine_numpy
-from spherecal.adjust.problem import LengthRows, Priors, Problem, State, sorted_problem
+from spherecal.adjust.ball_model import Free, Rigid
+from spherecal.adjust.problem import Problem, sorted_problem
+from spherecal.adjust.rows import NO_LENGTHS, NO_PRIORS, LengthRows, Priors
+from spherecal.adjust.state import State
 from spherecal.base.arrays import FloatArray, IntArray
 from spherecal.calibrate import calibrate
 from spherecal.data.observations import Observations
@@ -23,6 +25,7 @@ from spherecal_sim.observe import look, observe
 from spherecal_sim.rigs import look_at
 from spherecal_sim.session import simulate_session
 from spherecal_sim.truth import SimulationOptions, Truth
+from tests import reference_engine
 
 
 @pytest.fixture(autouse=True, scope="module")
@@ -67,7 +70,7 @@ def small_network(
     order = np.lexsort((placement, camera, point))
     camera, point, placement = camera[order], point[order], placement[order]
     x = truth.points[point]
-    if truth.placement_rotation is not None and truth.placement_translation is not None:
+    if rigid:
         x = np.einsum("nij,nj->ni", truth.placement_rotation[placement], x) + truth.placement_translation[placement]
     in_camera = np.einsum("nij,nj->ni", truth.rotation[camera], x) + truth.translation[camera]
     assert (in_camera[:, 2] > 0).all()
@@ -82,12 +85,12 @@ def small_network(
     elif intrinsics == "partly":
         truth.intrinsics[group == group[-1]] = truth.intrinsics[-1]
         perfect = project(in_camera, truth.intrinsics[camera])
-    rows = None
+    rows = NO_LENGTHS
     if lengths:
         first, second = np.arange(lengths), np.arange(lengths) + n_points // 2
         true = np.linalg.norm(truth.points[second] - truth.points[first], axis=1)
         rows = LengthRows.between(first, second, true, rng.uniform(0.01, 0.05, lengths))
-    known = None
+    known = NO_PRIORS
     if priors:
         wide = np.where(rng.random((n_cameras, N_INTRINSICS)) < 0.5, 5.0, np.inf)
         known = Priors(truth.intrinsics + rng.normal(0, 0.01, truth.intrinsics.shape), wide)
@@ -95,7 +98,7 @@ def small_network(
         camera, point, perfect + noise_px * rng.normal(size=perfect.shape),
         rng.uniform(0.02, 0.2, perfect.shape) if sigma else None, n_points,
         free_pose=free_pose, free_intrinsics=free, group=group,
-        placement=placement if rigid else None, n_placements=3 if rigid else 0, lengths=rows, priors=known,
+        ball=Rigid(placement, np.ones(3, dtype=bool)) if rigid else Free(), lengths=rows, priors=known,
     )  # fmt: skip
     return Small(problem, truth, perfect[again])
 
@@ -170,7 +173,7 @@ def perturbed(problem: Problem, truth: State, size: float = 1.0, seed: int = 1) 
         intrinsics=truth.intrinsics + size * step * by_group * problem.free_intrinsics,
         points=truth.points + 5.0 * size * rng.normal(size=truth.points.shape),
     )
-    if truth.placement_rotation is None or truth.placement_translation is None:
+    if not len(truth.placement_rotation):
         return moved
     return replace(
         moved,
@@ -194,7 +197,7 @@ class Dense:
 
 def dense_equations(problem: Problem, state: State, robust_weight: FloatArray | None = None) -> Dense:
     """The weighted equations written out row by row, for comparison with what the engines do block by block."""
-    linear = engine_numpy.linearise(problem, state, robust_weight)
+    linear = reference_engine.linearise(problem, state, robust_weight)
     pose, intrinsic, after = _camera_columns(problem)
     placement = after + 6 * np.arange(problem.n_placements)
     after += 6 * problem.n_placements
@@ -214,7 +217,7 @@ def dense_equations(problem: Problem, state: State, robust_weight: FloatArray | 
             for i, name in enumerate(problem.intrinsic_columns):
                 if problem.free_intrinsics[c, name]:
                     row[intrinsic[int(problem.group[c]), int(name)]] = linear.by_camera[k, e, 6 + i]
-            if problem.placement is not None and linear.by_placement is not None:
+            if problem.n_placements:
                 first = placement[problem.placement[k]]
                 row[first : first + 6] = linear.by_placement[k, e]
             row[point_column[p] : point_column[p] + 3] = linear.by_point[k, e]
@@ -234,7 +237,7 @@ _Row = tuple[list[tuple[int, float]], float]  # columns with their derivatives, 
 
 def _prior_rows(problem: Problem, state: State, intrinsic: dict[tuple[int, int], int]) -> Iterator[_Row]:
     """One row for each number that is estimated and known of: that of its first camera, where several share it."""
-    if problem.priors is None:
+    if not len(problem.priors.sigma):
         return
     for (group, name), column in intrinsic.items():
         c = int(np.flatnonzero((problem.group == group) & problem.free_intrinsics[:, name])[0])
@@ -244,7 +247,7 @@ def _prior_rows(problem: Problem, state: State, intrinsic: dict[tuple[int, int],
 
 
 def _length_rows(problem: Problem, state: State, point_column: IntArray) -> Iterator[_Row]:
-    if problem.lengths is None:
+    if not problem.has_lengths:
         return
     of = problem.lengths
     spread = np.sqrt(of.covariance.diagonal())

@@ -8,12 +8,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from spherecal.adjust import engine
+from spherecal.adjust.ball_model import ShapePrior, Stored, as_rigid
 from spherecal.adjust.covariance import covariance
 from spherecal.adjust.datum import Places
-from spherecal.adjust.deformable import groups_of, minimise_soft, soft_normal_equations, softened
-from spherecal.adjust.deformable_covariance import soft_covariance
-from spherecal.adjust.levenberg import Settings, load_engine, minimise
-from spherecal.adjust.problem import POSE, ShapePrior
+from spherecal.adjust.layout import POSE
+from spherecal.adjust.least_squares import minimise, normal_equations
+from spherecal.adjust.levenberg import Settings
 from spherecal.ball.shape import shape_cofactors
 from spherecal.base.arrays import FloatArray
 from spherecal.base.errors import InputError
@@ -38,7 +39,7 @@ TARGETS = 80
 
 def test_shape_cofactors_are_those_of_the_dots_among_themselves() -> None:
     problem, state, places = with_world(small_network(rigid=True, n_points=30, noise_px=0.0))
-    found = covariance(problem, state, "numpy", places)
+    found = covariance(problem, state, places)
     assert found is not None
     dots = np.arange(30)
     shape = shape_cofactors(found, state.points, dots)
@@ -63,17 +64,17 @@ def on_shape(sd_mm: float = 0.05):
     """A small network that stands on a stored shape of most dots: problem, true state, places; the world sees none."""
     net = small_network(rigid=True, n_points=24)
     problem, state = net.problem, net.truth
-    assert problem.placement is not None and state.placement_rotation is not None
-    assert state.placement_translation is not None
-    place = problem.placement * 24 + problem.point
     turn = np.concatenate([np.eye(3)[None], state.placement_rotation])
     shift = np.concatenate([np.zeros((1, 3)), state.placement_translation])
     information = np.tile(np.eye(3) / sd_mm**2, (24, 1, 1))
     information[20:] = 0.0
     stored = state.points + sd_mm * np.random.default_rng(1).normal(size=(24, 3))
     problem = replace(
-        problem, placement=problem.placement + 1, n_placements=4, free_placement=np.arange(4) > 0, place=place,
-        play=np.zeros(72), shape=ShapePrior(np.where(np.arange(24)[:, None] < 20, stored, np.nan), information),
+        problem,
+        ball=Stored(
+            problem.placement + 1, np.arange(4) > 0,
+            ShapePrior(np.where(np.arange(24)[:, None] < 20, stored, np.nan), information),
+        ),
     )  # fmt: skip
     state = replace(state, placement_rotation=turn, placement_translation=shift, anchored=np.ones(24, dtype=bool))
     placement, point = np.divmod(np.arange(72), 24)
@@ -82,16 +83,15 @@ def on_shape(sd_mm: float = 0.05):
 
 def test_stored_dots_are_observations_of_the_shape() -> None:
     problem, state, _ = on_shape()
-    soft = softened(problem, state, load_engine("numpy"), groups_of(problem))
-    normal = soft_normal_equations(soft, state, 0.0)
-    assert problem.shape is not None
-    plain = replace(problem, shape=None, play=None, place=None)
+    normal = normal_equations(problem, state, engine.linear_model(problem, state, None), 0.0)
+    assert isinstance(problem.ball, Stored)
+    plain = replace(problem, ball=as_rigid(problem.ball))
     dense = dense_equations(plain, state)
     n, g = dense.jacobian.T @ dense.jacobian, dense.jacobian.T @ dense.residual
     for p in range(20):
         own = dense.point_column[p] + np.arange(3)
-        n[np.ix_(own, own)] += problem.shape.information[p]
-        g[own] += problem.shape.information[p] @ (state.points[p] - problem.shape.places[p])
+        n[np.ix_(own, own)] += problem.ball.shape.information[p]
+        g[own] += problem.ball.shape.information[p] @ (state.points[p] - problem.ball.shape.places[p])
     kept = np.arange(len(n)) < dense.reduced
     first = dense.reduced - POSE * problem.n_placements
     kept[first : first + POSE] = False  # the world's own pose
@@ -108,22 +108,22 @@ def test_stored_dots_are_observations_of_the_shape() -> None:
 def test_the_shape_gives_the_size_and_the_datum_is_that_of_the_places() -> None:
     """Nothing sees shifts and turns of the whole; the covariance does not depend on the world's frame."""
     problem, state, places = on_shape()
-    found = soft_covariance(problem, state, "numpy", places)
+    found = covariance(problem, state, places)
     assert found is not None
     turned = state.seen_from(2)
     np.testing.assert_allclose(turned.points, state.points)  # the shape keeps its frame
-    again = soft_covariance(problem, turned, "numpy", places)
+    again = covariance(problem, turned, places)
     assert again is not None
     np.testing.assert_allclose(again.cameras[:, 3, 3], found.cameras[:, 3, 3], rtol=1e-6)
     sizes = [np.linalg.norm(c.points, axis=(1, 2)) for c in (found, again)]
     np.testing.assert_allclose(sizes[0], sizes[1], rtol=1e-5)
-    minimum = minimise_soft(problem, state, Settings())
+    minimum = minimise(problem, state, Settings())
     assert minimum.converged
-    alone = minimise(replace(problem, shape=None, play=None, place=None), state, Settings())
+    alone = minimise(replace(problem, ball=as_rigid(problem.ball)), state, Settings())
     size, free = (fit_similarity(state.points, m.state.points).scale for m in (minimum, alone))
     assert abs(size - 1) < 2e-4
     assert abs(free - 1) >= 0.0
-    weaker = covariance(*with_world(small_network(rigid=True, n_points=24))[:2], "numpy", _of_world())
+    weaker = covariance(*with_world(small_network(rigid=True, n_points=24))[:2], _of_world())
     assert weaker is not None
     assert np.median(found.cameras[:, 6, 6] / weaker.cameras[:, 6, 6]) < 0.8  # focal lengths are surer
 

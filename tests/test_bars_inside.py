@@ -9,7 +9,7 @@ import pytest
 from spherecal.base.arrays import FloatArray
 from spherecal.calibrate import calibrate
 from spherecal.data.observations import find_features
-from spherecal.data.recording import calibration_observations
+from spherecal.data.recording import Recording, calibration_observations
 from spherecal.data.rig import Calibration
 from spherecal.data.session import Bar, Session
 from spherecal.methods.settings import CalibrationSettings
@@ -63,7 +63,7 @@ def true_points(truth: Truth, session: Session, bar_poses: bool = True) -> Float
 def test_rows_hold_at_the_truth() -> None:
     session, truth = simulated("demo", 1, **WITH_BAR)
     o = calibration_observations(session)
-    rows = length_rows(session, "B", o, find_features(o), true_points(truth, session))
+    rows = length_rows(Recording(session, o, find_features(o)), "B", true_points(truth, session))
     assert rows is not None
     assert len(rows.length) == 3 * 6
     np.testing.assert_allclose(rows.coefficient.sum(axis=1), 0.0, atol=1e-12)
@@ -85,7 +85,7 @@ def test_marks_of_eight_dots_are_their_centres() -> None:
             flat = session.target_set.layouts[int(features.target[row])][o.points[features.point[row]]]
             at = np.array([bar.x_mm[bar.targets.index(int(features.target[row]))] * stretch + flat[0], flat[1], 0.0])
             points[row] = pose.rotation @ at + pose.place_mm
-    rows = length_rows(session, "B", o, features, points)
+    rows = length_rows(Recording(session, o, features), "B", points)
     assert rows is not None
     assert rows.points.shape[1] == 16
     known = np.nan_to_num(points)
@@ -96,7 +96,7 @@ def test_marks_of_eight_dots_are_their_centres() -> None:
 def test_a_certificate_errs_alike_in_all_poses() -> None:
     session, truth = simulated("demo", 1, **WITH_BAR)
     o = calibration_observations(session)
-    rows = length_rows(session, "B", o, find_features(o), true_points(truth, session))
+    rows = length_rows(Recording(session, o, find_features(o)), "B", true_points(truth, session))
     assert rows is not None
     sd = np.sqrt(rows.covariance.diagonal())
     correlation = rows.covariance / sd / sd[:, None]

@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 from threadpoolctl import threadpool_limits
 
-from spherecal.base.context import Context
 from spherecal.base.errors import InputError
 from spherecal.calibrate import calibrate
 from spherecal.cli.main import main
@@ -23,8 +22,6 @@ from spherecal_sim.session import simulate_session
 from spherecal_sim.session_folder import write_session
 from spherecal_sim.truth import SimulationOptions
 
-NUMPY = Context(engine="numpy")
-
 
 @pytest.fixture(autouse=True, scope="module")
 def one_thread():
@@ -39,7 +36,7 @@ def recording() -> SimulatedRecording:
 
 @pytest.fixture(scope="module")
 def calibration(recording) -> Calibration:
-    return calibrate_bar(recording.session, context=NUMPY)
+    return calibrate_bar(recording.session)
 
 
 def errors_over_sigma(recording: SimulatedRecording, calibration: Calibration) -> dict[str, np.ndarray]:
@@ -90,13 +87,13 @@ def test_the_bar_has_its_length(recording, calibration):
 def test_the_certificate_is_not_averaged(recording):
     bar = recording.session.bars[0]
     worse = replace(bar, lengths=(replace(bar.lengths[0], expanded_uncertainty_mm=0.3),))
-    result = calibrate_bar(replace(recording.session, bars=(worse,)), context=NUMPY)
+    result = calibrate_bar(replace(recording.session, bars=(worse,)))
     assert result.rig.scale.relative_uncertainty == pytest.approx(0.15 / 300, rel=0.05)
 
 
 def test_temperature_stretches_the_bar(recording, calibration):
     warm = tuple(replace(pose, temperature_c=30.0) for pose in recording.session.bar_poses)
-    result = calibrate_bar(replace(recording.session, bar_poses=warm), context=NUMPY)
+    result = calibrate_bar(replace(recording.session, bar_poses=warm))
     ratio = [
         np.linalg.norm(a.centre_mm - result.rig.cameras[0].centre_mm)
         / np.linalg.norm(b.centre_mm - calibration.rig.cameras[0].centre_mm)
@@ -108,7 +105,7 @@ def test_temperature_stretches_the_bar(recording, calibration):
 def test_known_intrinsics_stay_and_help(recording):
     true = {c.id: c.intrinsics for c in recording.cameras}
     cameras = tuple(replace(c, prior=true[c.id]) for c in recording.session.cameras)
-    result = calibrate_bar(replace(recording.session, cameras=cameras), intrinsics="fixed", context=NUMPY)
+    result = calibrate_bar(replace(recording.session, cameras=cameras), intrinsics="fixed")
     assert all((c.intrinsics == true[c.id]).all() for c in result.rig.cameras)
     z = errors_over_sigma(recording, result)
     assert 0.8 < np.sqrt((z["points"] ** 2).mean()) < 1.2
@@ -124,7 +121,7 @@ def only(session: Session, cameras: list[int]) -> Session:
 
 
 def test_two_cameras_are_enough(recording):
-    result = calibrate_bar(only(recording.session, [0, 1]), context=NUMPY)
+    result = calibrate_bar(only(recording.session, [0, 1]))
     assert result.rig.quality.valid
     two = replace(recording, cameras=recording.cameras[:2])
     z = errors_over_sigma(two, result)
@@ -142,7 +139,7 @@ def test_three_marks_and_wrong_matches():
     uv = o.uv.copy()
     wrong = rng.permutation(len(o))[: len(o) // 30]
     uv[wrong] += rng.uniform(8, 60, (len(wrong), 2)) * rng.choice([-1, 1], (len(wrong), 2))
-    result = calibrate_bar(replace(recording.session, observations=replace(o, uv=uv)), context=NUMPY)
+    result = calibrate_bar(replace(recording.session, observations=replace(o, uv=uv)))
     assert result.rig.quality.valid
     assert result.used[wrong].mean() < 0.02  # what lies along the ray of a second camera alone looks right
     z = errors_over_sigma(recording, result)
@@ -158,7 +155,7 @@ def test_marks_found_from_their_dots():
     lengths = known_lengths(session, recording, np.ones(recording.n_points, dtype=bool))
     assert len(lengths.frame) == 3 * 50
     assert np.abs(lengths.coefficient.sum(axis=1)).max() < 1e-9
-    result = calibrate_bar(session, context=NUMPY)
+    result = calibrate_bar(session)
     assert result.rig.quality.valid
     true = np.array([c.centre_mm for c in truth.cameras])
     found = np.array([c.centre_mm for c in result.rig.cameras])
@@ -172,7 +169,7 @@ def test_marks_found_from_their_dots():
 def test_unlinked_cameras_are_named(recording):
     o = recording.session.observations
     half = np.isin(o.camera, [0, 1, 3]) == (o.placement % 2 == 0)
-    result = calibrate_bar(replace(recording.session, observations=o.select(half)), context=NUMPY)
+    result = calibrate_bar(replace(recording.session, observations=o.select(half)))
     assert not result.rig.quality.valid
     finding = next(f for f in result.rig.quality.findings if f.code == "cameras-unlinked")
     assert "C01 C02 C04" in finding.message
@@ -183,7 +180,7 @@ def test_unlinked_cameras_are_named(recording):
 def test_nothing_in_common_is_a_result_too(recording):
     o = recording.session.observations
     alone = o.select(o.placement % 6 == o.camera)
-    result = calibrate_bar(replace(recording.session, observations=alone), context=NUMPY)
+    result = calibrate_bar(replace(recording.session, observations=alone))
     assert not result.rig.quality.valid
     assert result.rig.quality.findings[0].code == "nothing-reconstructed"
 
@@ -200,7 +197,7 @@ def test_refused_sessions(recording):
 
 
 def test_the_same_input_gives_the_same_bytes(recording, calibration):
-    again = calibrate(recording.session, CalibrationSettings(method="bar"), NUMPY)
+    again = calibrate(recording.session, CalibrationSettings(method="bar"))
     for a, b in zip(calibration.rig.cameras, again.rig.cameras, strict=True):
         assert (a.translation_mm == b.translation_mm).all()
         assert (a.intrinsics == b.intrinsics).all()
@@ -211,7 +208,7 @@ def test_command_line(tmp_path):
     session, truth = simulate_session("demo", 1, options)
     write_session(session, truth, tmp_path / "s")
     code = main(
-        ["calibrate", str(tmp_path / "s"), "-o", str(tmp_path / "r"), "--method", "bar", "--engine", "numpy"]
+        ["calibrate", str(tmp_path / "s"), "-o", str(tmp_path / "r"), "--method", "bar"]
     )  # fmt: skip
     assert code == 0
     rig = json.loads((tmp_path / "r" / "rig.json").read_text())

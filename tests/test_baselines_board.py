@@ -23,8 +23,6 @@ from spherecal.methods.board_images import find_boards
 from spherecal.methods.board_pattern import read_board_pattern
 from spherecal_sim.boards import SimulatedRecording, simulate_board
 
-NUMPY = Context(engine="numpy")
-
 PITCH = 33.0
 
 
@@ -41,7 +39,7 @@ def recording() -> SimulatedRecording:
 
 @pytest.fixture(scope="module")
 def calibration(recording) -> Calibration:
-    return calibrate_board(recording.session, context=NUMPY)
+    return calibrate_board(recording.session)
 
 
 def codes(calibration: Calibration) -> set[str]:
@@ -100,12 +98,12 @@ def test_points_are_the_boards_at_every_placement(recording, calibration):
 
 def test_shared_and_fixed_intrinsics(recording):
     cameras = tuple(replace(c, intrinsics_group="all") for c in recording.session.cameras)
-    shared = calibrate_board(replace(recording.session, cameras=cameras), context=NUMPY)
+    shared = calibrate_board(replace(recording.session, cameras=cameras))
     assert len({tuple(c.intrinsics) for c in shared.rig.cameras}) == 1
     true = {c.id: c.intrinsics for c in recording.cameras}
     cameras = tuple(replace(c, prior=true[c.id]) for c in recording.session.cameras)
     session = replace(recording.session, cameras=cameras)
-    fixed = calibrate_board(session, intrinsics="fixed", context=NUMPY)
+    fixed = calibrate_board(session, intrinsics="fixed")
     for camera in fixed.rig.cameras:
         assert (camera.intrinsics == true[camera.id]).all()
         assert camera.sigma is not None and not camera.sigma.intrinsics.any()
@@ -126,7 +124,7 @@ def test_outliers_are_left_out(recording, calibration):
     uv = o.uv.copy()
     wrong = rng.permutation(len(o))[: len(o) // 25]
     uv[wrong] += rng.uniform(5, 40, (len(wrong), 2)) * rng.choice([-1, 1], (len(wrong), 2))
-    spoilt = calibrate_board(replace(recording.session, observations=replace(o, uv=uv)), context=NUMPY)
+    spoilt = calibrate_board(replace(recording.session, observations=replace(o, uv=uv)))
     assert spoilt.rig.quality.valid
     assert not spoilt.used[wrong].any()
     assert (~spoilt.used).sum() < 1.02 * len(wrong)
@@ -146,7 +144,7 @@ def test_unlinked_cameras_are_named_group_by_group(recording):
     def drop(o):  # each half of the cameras has placements of its own
         return (np.isin(o.camera, first) & (o.placement % 2 == 0)) | (np.isin(o.camera, last) & (o.placement % 2 == 1))
 
-    result = calibrate_board(without(recording.session, drop), context=NUMPY)
+    result = calibrate_board(without(recording.session, drop))
     assert not result.rig.quality.valid
     assert len(result.rig.cameras) == 3
     finding = next(f for f in result.rig.quality.findings if f.code == "cameras-unlinked")
@@ -157,7 +155,7 @@ def test_unlinked_cameras_are_named_group_by_group(recording):
 
 
 def test_a_single_camera_is_a_rig(recording):
-    alone = calibrate_board(_only(recording.session, 0), context=NUMPY)
+    alone = calibrate_board(_only(recording.session, 0))
     assert alone.rig.quality.valid
     assert alone.rig.reference_camera == "C01"
     assert alone.rig.cameras[0].intrinsics[0] == pytest.approx(recording.cameras[0].intrinsics[0], rel=1e-3)
@@ -174,9 +172,7 @@ def _only(session: Session, camera: int) -> Session:
 def test_a_camera_with_one_view_is_held_by_its_prior(recording):
     once = {int(p) for p in recording.session.observations.placement[recording.session.observations.camera == 5]}
     kept = min(once)
-    result = calibrate_board(
-        without(recording.session, lambda o: (o.camera == 5) & (o.placement != kept)), context=NUMPY
-    )
+    result = calibrate_board(without(recording.session, lambda o: (o.camera == 5) & (o.placement != kept)))
     finding = next(f for f in result.rig.quality.findings if f.code == "intrinsics-held")
     assert finding.where == ("C06",)
     held = next(c for c in result.rig.cameras if c.id == "C06")
@@ -191,7 +187,7 @@ def test_a_solid_figure_of_points_serves_as_well(recording):
         for p, z in zip(recording.session.board, lift, strict=True)
     )
     solid = _observed_again(recording, board)
-    result = calibrate_board(solid.session, context=NUMPY)
+    result = calibrate_board(solid.session)
     assert result.rig.quality.valid
     z = errors_over_sigma(solid, result)
     assert 0.6 < np.sqrt((z["points"] ** 2).mean()) < 1.4
@@ -218,7 +214,7 @@ def _observed_again(recording: SimulatedRecording, board) -> SimulatedRecording:
 
 def test_observations_of_other_things_are_left_out(recording):
     board = tuple(p for p in recording.session.board if p.target < 40)
-    result = calibrate_board(replace(recording.session, board=board), context=NUMPY)
+    result = calibrate_board(replace(recording.session, board=board))
     assert result.rig.quality.valid
     assert "not-on-board" in codes(result)
     assert result.features.target.max() == 39
@@ -244,7 +240,7 @@ def write(recording: SimulatedRecording, folder: Path, **board) -> Path:
 
 def test_command_line_and_the_boards_own_uncertainty(recording, tmp_path):
     session = write(recording, tmp_path / "session", relative_uncertainty=2e-4)
-    assert main(["calibrate", str(session), "-o", str(tmp_path / "r"), "--method", "board", "--engine", "numpy"]) == 0
+    assert main(["calibrate", str(session), "-o", str(tmp_path / "r"), "--method", "board"]) == 0
     rig = json.loads((tmp_path / "r" / "rig.json").read_text())
     assert rig["scale"]["source"] == "board"
     assert rig["scale"]["relative_uncertainty"] == pytest.approx(2e-4, rel=0.05)
@@ -281,11 +277,11 @@ def test_refused_sessions(recording, tmp_path):
 
 def test_a_badly_printed_board_is_noticed_and_estimated(tmp_path):
     recording = simulate_board("demo", 6, 24, rows=6, columns=8, print_sd_mm=0.08)
-    nominal = calibrate_board(recording.session, context=NUMPY)
+    nominal = calibrate_board(recording.session)
     assert "board-shape" in codes(nominal)
     assert nominal.rig.quality.sigma0 > 0.05
     session = read_session(write(recording, tmp_path / "session", shape="estimated"))
-    estimated = calibrate_board(session, context=NUMPY)
+    estimated = calibrate_board(session)
     assert "board-shape-estimated" in codes(estimated)
     assert estimated.rig.quality.sigma0 == pytest.approx(0.04, rel=0.03)
     found = replace(recording, session=session)
@@ -339,7 +335,7 @@ def test_real_boards_are_found_although_dots_run_out_of_the_picture(dotboard):
 
 @pytest.mark.parametrize(("camera", "rms_px"), [(0, 0.48), (1, 0.49)])
 def test_real_camera_alone(dotboard, camera, rms_px):
-    result = calibrate_board(_only(replace(dotboard, folder=Path()), camera), context=NUMPY)
+    result = calibrate_board(_only(replace(dotboard, folder=Path()), camera))
     assert result.rig.quality.valid
     assert result.rig.quality.rms_px <= rms_px
     assert result.used.mean() > 0.98  # the figure is not bought by leaving dots out
@@ -350,7 +346,7 @@ def baseline(result: Calibration) -> float:
 
 
 def test_real_pair(dotboard):
-    result = calibrate_board(replace(dotboard, folder=Path()), context=NUMPY)
+    result = calibrate_board(replace(dotboard, folder=Path()))
     assert result.rig.quality.valid
     assert result.rig.quality.rms_px <= 0.60
     assert result.used.mean() > 0.98
@@ -358,7 +354,7 @@ def test_real_pair(dotboard):
 
 
 def test_real_pair_with_the_print_estimated(dotboard):
-    result = calibrate_board(dotboard, context=NUMPY)
+    result = calibrate_board(dotboard)
     assert result.rig.quality.valid
     assert result.rig.quality.rms_px < 0.05
     assert result.used.mean() > 0.98
@@ -373,10 +369,10 @@ def test_a_focal_length_that_is_only_assumed_may_be_far_off(recording, calibrati
     """As `session new` writes it where EXIF says nothing: lenses may be four times as long."""
     scaled = np.array([0.24, 0.24, 1, 1, *[1.0] * 12])
     cameras = tuple(replace(c, prior=c.prior * scaled, assumed=("focal_length",)) for c in recording.session.cameras)
-    found = calibrate_board(replace(recording.session, cameras=cameras), context=NUMPY)
+    found = calibrate_board(replace(recording.session, cameras=cameras))
     assert found.rig.quality.valid and len(found.rig.cameras) == 6
     for ours, known in zip(found.rig, calibration.rig, strict=True):
         assert ours.K[0, 0] == pytest.approx(known.K[0, 0], rel=1e-4)
     stated = tuple(replace(camera, assumed=()) for camera in cameras)
-    refused = calibrate_board(replace(recording.session, cameras=stated), context=NUMPY)
+    refused = calibrate_board(replace(recording.session, cameras=stated))
     assert not refused.rig.quality.valid or len(refused.rig.cameras) < 6 or refused.rig.quality.rms_px > 0.1

@@ -1,18 +1,19 @@
 """Work by blocks of observations: the same bits as all at once, whatever the size of the blocks."""
 
 from dataclasses import fields, replace
-from types import ModuleType
 
 import numpy as np
 import pytest
 
-from spherecal.adjust import covariance as covariance_module
-from spherecal.adjust import engine_dense, engine_numba, engine_numpy, linear
+from spherecal.adjust import dense_elimination, linear, point_factors
+from spherecal.adjust import engine as compiled
 from spherecal.adjust.bundle import datum_defect, residual_size
-from spherecal.adjust.covariance import Covariance, covariance, shift_matrix
+from spherecal.adjust.covariance import Covariance, covariance
 from spherecal.adjust.datum import Places
-from spherecal.adjust.levenberg import Minimum, Settings, minimise, normal_equations
-from spherecal.adjust.network import Network
+from spherecal.adjust.least_squares import minimise, normal_equations
+from spherecal.adjust.levenberg import Minimum, Settings
+from spherecal.adjust.network import Network, free_network
+from spherecal.adjust.point_factors import shift_matrix
 from spherecal.adjust.problem import Problem
 from spherecal.adjust.weights import left_over_by_points
 from spherecal.base import arrays
@@ -66,29 +67,29 @@ def test_blocks_cover_everything_once(monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.mark.parametrize("dense", [False, True], ids=["by runs", "dense"])
 @pytest.mark.parametrize("robust", [False, True], ids=["plain", "robust"])
 def test_a_step_is_the_same_bits(net: Small, dense: bool, robust: bool, small_blocks, monkeypatch) -> None:
-    monkeypatch.setattr(engine_dense, "LEAST_COLUMNS", 0 if dense else 10**9)
-    monkeypatch.setattr(engine_dense, "_CHUNK", 11)
+    monkeypatch.setattr(dense_elimination, "LEAST_COLUMNS", 0 if dense else 10**9)
+    monkeypatch.setattr(dense_elimination, "_CHUNK", 11)
     problem, state = net.problem.select(net.problem.point != 4), perturbed(net.problem, net.truth, 0.3)
     weight = np.random.default_rng(1).uniform(0.2, 1.0, len(problem.uv)) if robust else None
-    whole = engine_numba.linear_model(problem, state, weight)
+    whole = compiled.linear_model(problem, state, weight)
     step = np.random.default_rng(2).normal(size=problem.layout.expanded) * 1e-3
-    expected = engine_numba.reduce(problem, whole, 1e-3)
-    points, cost = engine_numba.back_substitute(problem, whole, expected, step)
+    expected = compiled.reduce(problem, whole, 1e-3)
+    points, cost = compiled.back_substitute(problem, whole, expected, step)
     small_blocks()
-    parts = engine_numba.linear_model(problem, state, weight)
-    assert isinstance(whole, engine_numpy.Linearisation) and isinstance(parts, linear.LinearByBlocks)
+    parts = compiled.linear_model(problem, state, weight)
+    assert isinstance(whole, linear.Linearisation) and isinstance(parts, linear.LinearByBlocks)
     np.testing.assert_array_equal(parts.residual, whole.residual)
     assert parts.width == whole.width
-    found = engine_numba.reduce(problem, parts, 1e-3)
+    found = compiled.reduce(problem, parts, 1e-3)
     unit = 1 / np.sqrt(np.where(expected.diagonal > 0, expected.diagonal, 1.0))
     # dots that the same cameras and placements see, but not equally often, may be parted between two products
-    exact = net.problem.placement is None or dense
+    exact = not net.problem.n_placements or dense
     np.testing.assert_allclose(
         found.matrix * unit * unit[:, None], expected.matrix * unit * unit[:, None], rtol=0, atol=0 if exact else 1e-13
     )
     for name in ("gradient", "diagonal", "point_inverse", "point_gradient"):
         np.testing.assert_array_equal(getattr(found, name), getattr(expected, name), err_msg=name)
-    again, same_cost = engine_numba.back_substitute(problem, parts, expected, step)
+    again, same_cost = compiled.back_substitute(problem, parts, expected, step)
     np.testing.assert_array_equal(again, points)
     assert same_cost == cost
 
@@ -100,11 +101,9 @@ def test_runs_that_are_cut_are_the_same_bits(small_blocks) -> None:
     seen_by_all = np.bincount(problem.point, minlength=problem.n_points)[problem.point] == 3
     problem = problem.select(seen_by_all)
     assert seen_by_all.sum() > 3 * 100
-    expected = normal_equations(
-        problem, net.truth, engine_numba, engine_numba.linear_model(problem, net.truth, None), 0.1
-    )
+    expected = normal_equations(problem, net.truth, compiled.linear_model(problem, net.truth, None), 0.1)
     small_blocks()
-    found = normal_equations(problem, net.truth, engine_numba, engine_numba.linear_model(problem, net.truth, None), 0.1)
+    found = normal_equations(problem, net.truth, compiled.linear_model(problem, net.truth, None), 0.1)
     np.testing.assert_array_equal(found.matrix, expected.matrix)
     np.testing.assert_array_equal(found.gradient, expected.gradient)
 
@@ -116,25 +115,22 @@ def test_the_minimum_is_the_same(net: Small, small_blocks) -> None:
     found = minimise(net.problem, start, Settings(cauchy=2.0))
     assert found.cost == pytest.approx(expected.cost, rel=1e-12)
     np.testing.assert_allclose(found.state.intrinsics, expected.state.intrinsics, rtol=1e-6, atol=1e-9)
-    if net.problem.placement is None:
+    if not net.problem.n_placements:
         assert found.costs == expected.costs
         np.testing.assert_array_equal(found.state.points, expected.state.points)
 
 
-@pytest.mark.parametrize("engine", [engine_numba, engine_numpy], ids=["numba", "numpy"])
-def test_what_points_leave_over_is_the_same(net: Small, engine: ModuleType, small_blocks) -> None:
-    expected = left_over_by_points(net.problem, net.truth, engine)
+def test_what_points_leave_over_is_the_same(net: Small, small_blocks, either_engine) -> None:
+    expected = left_over_by_points(net.problem, net.truth)
     small_blocks()
-    for found, whole in zip(left_over_by_points(net.problem, net.truth, engine), expected, strict=True):
+    for found, whole in zip(left_over_by_points(net.problem, net.truth), expected, strict=True):
         np.testing.assert_allclose(found, whole, rtol=1e-12, atol=1e-12)
 
 
 def _network(net: Small) -> Network:
     p = net.problem
-    return Network(
-        p.point, p.camera, p.uv, 1 / p.weight, p.n_points, p.free_intrinsics, p.group, placement=p.placement,
-        free_placement=p.free_placement if p.placement is None else np.ones(p.n_placements, dtype=bool),
-    )  # fmt: skip
+    network = free_network(p.point, p.camera, p.uv, p.n_points, p.free_intrinsics, p.group)
+    return replace(network, sigma=1 / p.weight, ball=p.ball)
 
 
 def test_points_and_residuals_are_the_same_bits(net: Small, small_blocks) -> None:
@@ -169,7 +165,7 @@ def _solved(net: Small) -> tuple[Problem, Minimum, Places | None]:
 
 
 def _probed(problem: Problem, minimum: Minimum, places: Places | None) -> tuple[Covariance, Probe]:
-    cofactors = covariance(problem, minimum.state, "numba", places)
+    cofactors = covariance(problem, minimum.state, places)
     assert cofactors is not None
     redundancy = problem.rows - problem.unknowns + datum_defect(problem)
     return cofactors, make_probe(problem, minimum.state, cofactors, minimum.cost, redundancy)
@@ -190,10 +186,10 @@ def test_covariance_and_tests_of_changes_are_alike(net: Small, most_kept: int, s
     values = np.random.default_rng(4).normal(size=(len(rows), 2, 3))
     columns = np.random.default_rng(5).normal(size=(2 * len(probe.problem.uv), 2))
     small_blocks()
-    monkeypatch.setattr(covariance_module, "_MOST_KEPT", most_kept)
+    monkeypatch.setattr(point_factors, "_MOST_KEPT", most_kept)
     found, again = _probed(*solved)
     _assert_alike(found, expected)
-    assert (found._parts.shifts is not None) == (most_kept == 0 and net.problem.placement is not None)
+    assert (found._parts.shifts is not None) == (most_kept == 0 and net.problem.n_placements > 0)
     whole, parts = shift_matrix(expected._parts).toarray(), shift_matrix(found._parts).toarray()
     np.testing.assert_allclose(parts, whole, rtol=1e-6, atol=1e-9 * np.abs(whole).max())
     for a, b in zip(again.block(rows, values), probe.block(rows, values), strict=True):
@@ -264,7 +260,7 @@ def test_cameras_that_nobody_uses_do_not_disturb_the_blocks(small_blocks) -> Non
     problem = net.problem.select(net.problem.camera != 2)
     free_pose = problem.free_pose & (np.arange(problem.n_cameras) != 2)
     problem = replace(problem, free_pose=free_pose, free_intrinsics=problem.free_intrinsics & free_pose[:, None])
-    expected = engine_numba.reduce(problem, engine_numba.linear_model(problem, net.truth, None), 0.0)
+    expected = compiled.reduce(problem, compiled.linear_model(problem, net.truth, None), 0.0)
     small_blocks()
-    found = engine_numba.reduce(problem, engine_numba.linear_model(problem, net.truth, None), 0.0)
+    found = compiled.reduce(problem, compiled.linear_model(problem, net.truth, None), 0.0)
     np.testing.assert_array_equal(found.matrix, expected.matrix)

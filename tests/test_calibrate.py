@@ -4,7 +4,6 @@ import warnings
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
-from typing import Literal
 
 import numpy as np
 import pytest
@@ -35,6 +34,7 @@ from tests.networks import (
     simulated,
     with_observations,
 )
+from tests.reference_engine import reference_instead
 
 __all__ = ["one_thread"]
 
@@ -155,9 +155,10 @@ def test_other_ways_end_in_the_same_minimum(preset: str, way: str) -> None:
     assert_same_minimum(calibrated(preset, 3, OTHER_WAYS[way])[0], calibrated(preset, 3)[0])
 
 
-def test_the_other_engine_ends_in_the_same_minimum() -> None:
-    by_numba, session, _ = calibrated("rigB", 3)
-    assert_same_minimum(calibrate(session, context=Context(engine="numpy")), by_numba)
+def test_the_reference_ends_in_the_same_minimum() -> None:
+    compiled, session, _ = calibrated("rigB", 3)
+    with reference_instead():
+        assert_same_minimum(calibrate(session), compiled)
 
 
 def assert_same_minimum(one: Calibration, other: Calibration) -> None:
@@ -337,7 +338,7 @@ NOTHING_TO_FIND: dict[str, Callable[[], FloatArray]] = {
 @pytest.mark.parametrize("noise_px", [0.0, 0.04])
 @pytest.mark.parametrize("name", NOTHING_TO_FIND)
 def test_degenerate_points_are_no_valid_result(name: str, noise_px: float) -> None:
-    check_is_refused(session_of_points("demo", NOTHING_TO_FIND[name](), noise_px)[0], "numba")
+    check_is_refused(session_of_points("demo", NOTHING_TO_FIND[name](), noise_px)[0])
 
 
 @pytest.mark.parametrize("points", [plane()[None], plane(400).reshape(4, 100, 3)], ids=["once", "four times"])
@@ -356,14 +357,15 @@ def test_one_plane_is_calibrated_with_care(points: FloatArray) -> None:
         assert abs(camera.intrinsics[0] - true[camera.id].intrinsics[0]) < 5 * camera.sigma.intrinsics[0]
 
 
-def test_degenerate_points_in_the_other_engine() -> None:
-    check_is_refused(session_of_points("demo", line(50)[None], 0.0)[0], "numpy")
+def test_degenerate_points_in_the_reference() -> None:
+    with reference_instead():
+        check_is_refused(session_of_points("demo", line(50)[None], 0.0)[0])
 
 
-def check_is_refused(session: Session, engine: Literal["numba", "numpy"]) -> None:
+def check_is_refused(session: Session) -> None:
     with warnings.catch_warnings():
         warnings.simplefilter("error", RuntimeWarning)  # it would stand in the user's way on the command line
-        calibration = calibrate(session, context=Context(engine=engine))
+        calibration = calibrate(session)
     quality = calibration.rig.quality
     assert not quality.valid
     assert any(finding.severity == "error" for finding in quality.findings)

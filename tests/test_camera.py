@@ -14,8 +14,9 @@ from conftest import ROOT
 from hypothesis import given
 from hypothesis import strategies as st
 
-from spherecal.adjust import engine_numba, engine_numpy
-from spherecal.adjust.problem import Problem, State, moved
+from spherecal.adjust import engine as compiled
+from spherecal.adjust.problem import Problem, moved
+from spherecal.adjust.state import State
 from spherecal.base.arrays import FloatArray
 from spherecal.geometry.camera import (
     INTRINSIC_NAMES,
@@ -28,6 +29,7 @@ from spherecal.geometry.camera import (
     project_with_point_derivatives,
     undistort,
 )
+from tests import reference_engine as reference
 from tests.networks import small_network
 
 EXCERPT = ROOT / "tests" / "data" / "projection_excerpt.json"
@@ -140,8 +142,8 @@ def test_derivatives_by_each_intrinsic(derivative_case: tuple[FloatArray, FloatA
     assert_block(project_with_derivatives(x, c)[2][:, :, i], numeric, INTRINSIC_NAMES[i])
 
 
-ENGINES = [engine_numpy, engine_numba]
-ENGINE_NAMES = ["numpy", "numba"]
+ENGINES = [reference, compiled]
+ENGINE_NAMES = ["reference", "compiled"]
 
 
 def shifted(problem: Problem, state: State, column: int, by: float) -> State:

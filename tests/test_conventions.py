@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from conftest import ROOT
 
-from spherecal.adjust import engine_numpy
-from spherecal.adjust.network import Network
+from spherecal.adjust import engine
+from spherecal.adjust.network import free_network
 from spherecal.adjust.problem import moved
 from spherecal.data.rig import RigCamera
 from spherecal.files.read_session import read_session
@@ -91,8 +91,8 @@ def test_residual_is_predicted_minus_observed() -> None:
     shift = np.zeros_like(net.problem.uv)
     shift[3] = [2.0, -5.0]
     problem = replace(net.problem, uv=net.problem.uv + shift)
-    np.testing.assert_allclose(engine_numpy.residuals(problem, net.truth), -shift, atol=1e-9)
-    np.testing.assert_allclose(engine_numpy.linearise(problem, net.truth, None).residual, -shift, atol=1e-9)
+    np.testing.assert_allclose(engine.residuals(problem, net.truth), -shift, atol=1e-9)
+    np.testing.assert_allclose(engine.linearise(problem, net.truth, None).residual, -shift, atol=1e-9)
 
 
 def test_residuals_of_a_result_are_predicted_minus_observed() -> None:
@@ -111,14 +111,13 @@ def test_weights_are_one_over_sigma_squared_and_one_pixel_where_none_is_given() 
     plain, weighted = small_network(), small_network(sigma=True)
     assert (plain.problem.weight == 1.0).all()
     state = weighted.truth
-    raw = engine_numpy.residuals(replace(weighted.problem, weight=np.ones_like(weighted.problem.uv)), state)
+    raw = engine.residuals(replace(weighted.problem, weight=np.ones_like(weighted.problem.uv)), state)
     w = weighted.problem.weight
-    np.testing.assert_allclose(engine_numpy.residuals(weighted.problem, state) ** 2, raw**2 * w**2)
+    np.testing.assert_allclose(engine.residuals(weighted.problem, state) ** 2, raw**2 * w**2)
     # `weight` holds 1/sigma, the square root of P
-    network = Network(
-        np.array([0, 0]), np.array([0, 1]), np.zeros((2, 2)), np.full((2, 2), 0.04), 1,
-        np.zeros((2, 16), dtype=bool), np.array([0, 1]),
-    )  # fmt: skip
+    network = free_network(
+        np.array([0, 0]), np.array([0, 1]), np.zeros((2, 2)), 1, np.zeros((2, 16), dtype=bool), np.array([0, 1])
+    ).with_sigma(np.full((2, 2), 0.04))
     every, placed = np.ones(2, dtype=bool), np.ones(2, dtype=bool)
     assert network.problem(every, network.free, placed, weighted=True)[0].weight == pytest.approx(1 / 0.04)
     assert network.problem(every, network.free, placed, weighted=False)[0].weight == pytest.approx(1.0)

@@ -7,14 +7,17 @@ import pytest
 
 from spherecal.adjust.covariance import Covariance, camera_cofactors, covariance
 from spherecal.adjust.datum import Places, datum_motions
-from spherecal.adjust.levenberg import Settings, minimise
-from spherecal.adjust.problem import POSE, Problem, State
+from spherecal.adjust.layout import POSE
+from spherecal.adjust.least_squares import minimise
+from spherecal.adjust.levenberg import Settings
+from spherecal.adjust.problem import Problem
+from spherecal.adjust.state import State
 from spherecal.base.arrays import FloatArray
-from spherecal.base.context import Engine
 from spherecal.diagnose.score import make_probe
 from spherecal.geometry.rotation import cross_matrix, exp_rotation, log_rotation
 from spherecal.geometry.transform import fit_similarity
 from tests.networks import Small, dense_equations, one_thread, small_network
+from tests.reference_engine import reference_instead
 
 __all__ = ["one_thread"]
 
@@ -50,7 +53,7 @@ def with_world(net: Small) -> tuple[Problem, State, Places | None]:
     """A network whose placement 0, in the rigid form, is the world, as the product has it; and its features' places."""
     problem, state = net.problem, net.truth
     turn, shift = state.placement_rotation, state.placement_translation
-    if turn is None or shift is None:
+    if not len(turn):
         return problem, state, None
     first, start = turn[0], shift[0]
     turn = turn @ first.T
@@ -58,7 +61,7 @@ def with_world(net: Small) -> tuple[Problem, State, Places | None]:
     state = replace(
         state, points=state.points @ first.T + start, placement_rotation=turn, placement_translation=shift
     )  # fmt: skip
-    problem = replace(problem, free_placement=np.arange(len(turn)) > 0)
+    problem = replace(problem, ball=replace(problem.ball, free_placement=np.arange(len(turn)) > 0))
     placement, point = np.divmod(np.arange(len(turn) * problem.n_points), problem.n_points)
     return problem, state, Places(point, placement)
 
@@ -114,7 +117,7 @@ def whole_by_brute_force(problem: Problem, state: State, places: Places | None) 
     takes_part = np.bincount(problem.point, minlength=problem.n_points) > 0
     moved[~(takes_part if places is None else takes_part[places.point])] = 0.0
     conditions = np.einsum("fiu,fig->ug", by_unknown, moved)
-    unseen = motions.shape[1] - (problem.lengths is not None and motions.shape[1] > 0)
+    unseen = motions.shape[1] - (problem.has_lengths and motions.shape[1] > 0)
     cofactors = _bordered_inverse(jacobian, conditions[:, :unseen])
     in_datum = cofactors
     if motions.shape[1]:
@@ -146,7 +149,7 @@ def _places_by_unknown(
     out = np.zeros((count, 3, unknowns))
     for f in range(count):
         p = f if places is None else int(places.point[f])
-        if places is None or state.placement_rotation is None:
+        if places is None:
             out[f, :, point_column[p] + np.arange(3)] = np.eye(3)
             continue
         turn = state.placement_rotation[places.placement[f]]
@@ -214,7 +217,7 @@ def similar(state: State, centre: FloatArray, turn: FloatArray, shift: FloatArra
     rotation = state.rotation @ q.T
     translation = stretch * (state.translation + state.rotation @ centre) - rotation @ (centre + shift)
     new = replace(state, rotation=rotation, translation=translation, points=carried(state.points))
-    if state.placement_rotation is None or state.placement_translation is None:
+    if not len(state.placement_rotation):
         return new
     turned = q @ state.placement_rotation @ q.T
     of_centre = carried(state.placement_rotation @ centre + state.placement_translation)
@@ -225,7 +228,7 @@ def similar(state: State, centre: FloatArray, turn: FloatArray, shift: FloatArra
 def case(request: pytest.FixtureRequest) -> tuple[Whole, Covariance]:
     net = small_network(n_points=30, noise_px=0.0, **CASES[request.param])  # type: ignore[arg-type]
     problem, state, places = with_world(net)
-    found = covariance(problem, state, "numpy", places)
+    found = covariance(problem, state, places)
     assert found is not None
     return whole_by_brute_force(problem, state, places), found
 
@@ -336,7 +339,7 @@ def test_changes_by_residuals_of_some_rows_are_those_of_the_bordered_system(case
 
 def test_stretch_is_known_only_by_lengths(case: tuple[Whole, Covariance]) -> None:
     whole, found = case
-    if whole.problem.lengths is None or not whole.motions.shape[1]:
+    if not whole.problem.has_lengths or not whole.motions.shape[1]:
         assert found.stretch is None
         return
     flat = whole.moved.reshape(-1, whole.moved.shape[2])
@@ -357,14 +360,16 @@ def test_cameras_with_the_size_left_in(case: tuple[Whole, Covariance]) -> None:
 
 def test_cameras_alone_are_the_same(case: tuple[Whole, Covariance]) -> None:
     whole, found = case
-    alone = camera_cofactors(whole.problem, whole.state, "numpy", whole.places)
+    alone = camera_cofactors(whole.problem, whole.state, whole.places)
     np.testing.assert_array_equal(alone, found.all_cameras())
 
 
 @pytest.mark.parametrize("name", CASES)
 def test_both_engines_give_the_same(name: str) -> None:
     problem, state, places = with_world(small_network(**CASES[name]))  # type: ignore[arg-type]
-    one, other = (covariance(problem, state, engine, places) for engine in ("numba", "numpy"))
+    one = covariance(problem, state, places)
+    with reference_instead():
+        other = covariance(problem, state, places)
     assert one is not None and other is not None
     sd = np.sqrt(np.maximum(np.einsum("cii->ci", other.cameras), 1e-300))
     np.testing.assert_allclose((one.cameras - other.cameras) / sd[:, None] / sd[:, :, None], 0.0, atol=1e-6)
@@ -382,7 +387,7 @@ def test_datum_motions_are_similarities_that_no_observation_sees(case: tuple[Who
     cameras = found.columns[: len(whole.expanded)] * unit
     used = whole.expanded.any(axis=1)
     np.testing.assert_allclose(cameras[used], (whole.expanded @ whole.motions)[used], rtol=0, atol=1e-6)
-    assert found.unseen.sum() == whole.motions.shape[1] - (found.unseen.size > 0 and problem.lengths is not None)
+    assert found.unseen.sum() == whole.motions.shape[1] - (found.unseen.size > 0 and problem.has_lengths)
     seen = whole.jacobian[: 2 * len(problem.uv)] @ whole.motions
     size = np.linalg.norm(whole.jacobian, axis=0) @ np.abs(whole.motions)
     assert (np.abs(seen).max(axis=0, initial=0.0) < 1e-7 * size).all()
@@ -391,7 +396,7 @@ def test_datum_motions_are_similarities_that_no_observation_sees(case: tuple[Who
 def test_covariance_of_the_points_has_the_datum_of_all_of_them() -> None:
     """Inner constraints: a shift, turn or stretch of the whole has no variance."""
     net = small_network(n_points=30)
-    found = covariance(net.problem, net.truth, "numba")
+    found = covariance(net.problem, net.truth)
     assert found is not None
     centred = net.truth.points - net.truth.points.mean(axis=0)
     typical = np.median(np.einsum("pii->p", found.points))
@@ -405,7 +410,7 @@ def test_covariance_of_the_points_has_the_datum_of_all_of_them() -> None:
 def test_points_without_observations_have_no_covariance() -> None:
     net = small_network(n_points=30)
     problem = net.problem.select(net.problem.point != 4)
-    found = covariance(problem, net.truth, "numba")
+    found = covariance(problem, net.truth)
     assert found is not None
     assert np.isnan(found.points[4]).all()
     assert np.isfinite(np.delete(found.points, 4, axis=0)).all()
@@ -418,22 +423,22 @@ def test_dots_seen_by_nobody_have_no_places_at_any_placement() -> None:
     assert places is not None
     problem = problem.select(problem.point != 4)
     state = replace(state, points=np.where(np.arange(30)[:, None] == 4, np.nan, state.points))
-    found = covariance(problem, state, "numba", places)
+    found = covariance(problem, state, places)
     assert found is not None
     assert (np.isnan(found.points[:, 0, 0]) == (places.point == 4)).all()
     assert np.isfinite(found.cameras).all()
 
 
-@pytest.mark.parametrize("engine", ["numpy", "numba"])
-def test_singular_networks_have_none(engine: Engine) -> None:
+@pytest.mark.usefixtures("either_engine")
+def test_singular_networks_have_none() -> None:
     net = small_network(n_points=30)
     few = net.problem.select(net.problem.point < 3)  # nine numbers for a hundred unknowns
-    assert covariance(few, net.truth, engine) is None
+    assert covariance(few, net.truth) is None
     level = replace(net.truth, points=net.truth.points * [1.0, 1.0, 0.0])
     rigid = small_network(rigid=True)
     with pytest.raises(ValueError, match="rigid form"):
-        covariance(rigid.problem, rigid.truth, engine)
-    weak = covariance(net.problem, level, engine)
+        covariance(rigid.problem, rigid.truth)
+    weak = covariance(net.problem, level)
     assert weak is None or np.isfinite(weak.cameras).all()
 
 
@@ -441,7 +446,7 @@ def test_stated_uncertainties_are_those_of_repeated_trials() -> None:
     """200 times new noise: errors over stated standard deviations, in the datum of the points, have size 1."""
     sigma = 0.002
     net = small_network(n_points=40, noise_px=0.0, lengths=0)
-    found = covariance(net.problem, net.truth, "numba")
+    found = covariance(net.problem, net.truth)
     assert found is not None
     rng = np.random.default_rng(0)
     scores: dict[str, list[FloatArray]] = {"turn": [], "shift": [], "intrinsics": [], "points": []}
@@ -479,10 +484,10 @@ def test_stated_uncertainties_are_those_of_repeated_trials() -> None:
 def test_lengths_take_the_scale_from_the_datum() -> None:
     """With lengths the size has the variance that they give it, and the datum takes it out of everything else."""
     net = small_network(n_points=30, lengths=5)
-    assert net.problem.lengths is not None
+    assert net.problem.has_lengths
     centred = net.truth.points - net.truth.points.mean(axis=0)
     gradient = centred / (centred**2).sum()
-    found = covariance(net.problem, net.truth, "numba")
+    found = covariance(net.problem, net.truth)
     assert found is not None
     assert found.stretch is not None
     rows = net.problem.lengths
@@ -490,7 +495,7 @@ def test_lengths_take_the_scale_from_the_datum() -> None:
     assert found.stretch > at_best * (1 - 1e-9)
     assert found.functional(gradient) < 1e-9 * found.stretch
     tighter = replace(net.problem, lengths=replace(rows, covariance=rows.covariance / 100))
-    better = covariance(tighter, net.truth, "numba")
+    better = covariance(tighter, net.truth)
     assert better is not None
     assert better.stretch is not None
     assert better.stretch < found.stretch
@@ -498,8 +503,8 @@ def test_lengths_take_the_scale_from_the_datum() -> None:
 
 def test_points_a_few_at_a_time_have_the_same_covariance(monkeypatch: pytest.MonkeyPatch) -> None:
     problem, state, places = with_world(small_network())
-    whole = covariance(problem, state, "numba", places)
-    monkeypatch.setattr("spherecal.adjust.covariance._MOST_PAIRS", 20)
-    parts = covariance(problem, state, "numba", places)
+    whole = covariance(problem, state, places)
+    monkeypatch.setattr("spherecal.adjust.point_factors._MOST_PAIRS", 20)
+    parts = covariance(problem, state, places)
     assert whole is not None and parts is not None
     np.testing.assert_allclose(parts.points, whole.points, rtol=1e-12)

@@ -8,8 +8,10 @@ from scipy import stats
 
 from spherecal.adjust.bundle import datum_defect
 from spherecal.adjust.covariance import covariance
-from spherecal.adjust.levenberg import Settings, minimise
-from spherecal.adjust.problem import Problem, State
+from spherecal.adjust.least_squares import minimise
+from spherecal.adjust.levenberg import Settings
+from spherecal.adjust.problem import Problem
+from spherecal.adjust.state import State
 from spherecal.diagnose.geometry import articulations, bridges
 from spherecal.diagnose.lens import field_values, misfits
 from spherecal.diagnose.moves import alike, confirmed, differ, find_moves, pose_values, prepare
@@ -37,7 +39,7 @@ def solved(seed: int = 0, **options: object) -> tuple[Probe, Problem, State]:
     """A small network at its minimum, ready for tests."""
     problem, state, places = with_world(small_network(seed=seed, **options))  # type: ignore[arg-type]
     minimum = minimise(problem, state, Settings(tolerance=1e-14, max_iterations=200))
-    cofactors = covariance(problem, minimum.state, "numba", places)
+    cofactors = covariance(problem, minimum.state, places)
     assert cofactors is not None
     redundancy = problem.rows - problem.unknowns + datum_defect(problem)
     return make_probe(problem, minimum.state, cofactors, minimum.cost, redundancy), problem, minimum.state
@@ -118,7 +120,7 @@ def moved_network(camera: int, placements: tuple[int, ...], step: np.ndarray) ->
     uv[rows] += project(shifted, intrinsics) - project(x, intrinsics)
     problem, state, places = with_world(replace(net, problem=replace(problem, uv=uv)))
     minimum = minimise(problem, state, Settings(tolerance=1e-14, max_iterations=200))
-    cofactors = covariance(problem, minimum.state, "numba", places)
+    cofactors = covariance(problem, minimum.state, places)
     assert cofactors is not None
     redundancy = problem.rows - problem.unknowns + datum_defect(problem)
     return make_probe(problem, minimum.state, cofactors, minimum.cost, redundancy), problem

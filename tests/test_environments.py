@@ -184,7 +184,7 @@ def test_kernels_find_room_where_program_and_home_are_read_only(tmp_path: Path) 
         "assert str(Path(spherecal.__file__).parent.parent) == sys.argv[1], spherecal.__file__\n"
         "folder = Path(os.environ['NUMBA_CACHE_DIR']); mode = folder.stat().st_mode & 0o777\n"
         "assert mode == 0o700 and folder.stat().st_uid == os.getuid(), oct(mode)\n"
-        "import spherecal.adjust.engine_numba\n"
+        "import spherecal.adjust.engine\n"
     )
     inside = tmp_path / "temporary"
     inside.mkdir()

@@ -184,7 +184,7 @@ def test_the_trial_of_the_build_reaches_every_kernel_that_the_program_calls() ->
     finally:
         sys.path.pop(0)
     found = kernels.entries()
-    assert ("spherecal.adjust.engine_numba", "_linearise") in found
+    assert ("spherecal.adjust.engine", "_linearise") in found
     assert ("spherecal_sim.radiance", "trace_band") in found
     assert ("spherecal_sim.shading", "light") not in found  # only other kernels call it
 

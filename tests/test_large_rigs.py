@@ -6,13 +6,15 @@ from itertools import combinations
 import numpy as np
 import pytest
 
-from spherecal.adjust import covariance as covariance_module
-from spherecal.adjust import engine_dense, engine_numba, engine_numpy
+from spherecal.adjust import dense_elimination, point_factors
+from spherecal.adjust import engine as compiled
 from spherecal.adjust.covariance import covariance
-from spherecal.adjust.levenberg import Settings, minimise
+from spherecal.adjust.least_squares import minimise
+from spherecal.adjust.levenberg import Settings
 from spherecal.base import arrays
 from spherecal.initialise import view_graph as graph
 from spherecal.initialise.triple import Triple
+from tests import reference_engine as reference
 from tests.networks import one_thread, small_network
 from tests.test_covariance import with_world
 
@@ -31,12 +33,12 @@ CASES: dict[str, dict[str, object]] = {
 def test_dense_elimination_is_that_by_runs(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     net = small_network(rigid=True, n_points=30, **CASES[name])  # type: ignore[arg-type]
     problem = net.problem.select(net.problem.point != 4)  # one dot that nobody sees
-    linear = engine_numpy.linearise(problem, net.truth, None)
-    expected = engine_numpy.reduce(problem, linear, 1e-3)
-    monkeypatch.setattr(engine_dense, "LEAST_COLUMNS", 0)
-    monkeypatch.setattr(engine_dense, "_CHUNK", 7)
-    assert engine_dense.is_dense(problem)
-    found = engine_numba.reduce(problem, linear, 1e-3)
+    linear = reference.linearise(problem, net.truth, None)
+    expected = reference.reduce(problem, linear, 1e-3)
+    monkeypatch.setattr(dense_elimination, "LEAST_COLUMNS", 0)
+    monkeypatch.setattr(dense_elimination, "_CHUNK", 7)
+    assert dense_elimination.is_dense(problem)
+    found = compiled.reduce(problem, linear, 1e-3)
     unit = 1 / np.sqrt(expected.diagonal)
     np.testing.assert_allclose(
         np.triu(found.matrix) * unit * unit[:, None], np.triu(expected.matrix) * unit * unit[:, None],
@@ -51,7 +53,7 @@ def test_dense_elimination_is_that_by_runs(name: str, monkeypatch: pytest.Monkey
 def test_the_minimum_is_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
     net = small_network(rigid=True)
     usual = minimise(net.problem, net.truth, Settings())
-    monkeypatch.setattr(engine_dense, "LEAST_COLUMNS", 0)
+    monkeypatch.setattr(dense_elimination, "LEAST_COLUMNS", 0)
     dense = minimise(net.problem, net.truth, Settings(first_damping=1e-8))
     assert dense.cost == pytest.approx(usual.cost, rel=1e-10)
     np.testing.assert_allclose(dense.state.intrinsics, usual.state.intrinsics, rtol=1e-5, atol=1e-6)
@@ -60,21 +62,21 @@ def test_the_minimum_is_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_a_singular_dot_is_seen_as_such(monkeypatch: pytest.MonkeyPatch) -> None:
     """Rays to the same place in the same direction: no finite step, and no exception."""
     net = small_network(rigid=True)
-    monkeypatch.setattr(engine_dense, "LEAST_COLUMNS", 0)
+    monkeypatch.setattr(dense_elimination, "LEAST_COLUMNS", 0)
     first = np.flatnonzero(net.problem.point == 0)[1:]
     problem = net.problem.select(~np.isin(np.arange(len(net.problem.point)), first))
-    linear = engine_numba.linearise(problem, net.truth, None)
-    reduced = engine_numba.reduce(problem, linear, 0.0)  # two rows for three coordinates
+    linear = compiled.linearise(problem, net.truth, None)
+    reduced = compiled.reduce(problem, linear, 0.0)  # two rows for three coordinates
     assert not np.isfinite(reduced.matrix).all() or np.abs(reduced.matrix).max() > 1e3
 
 
 @pytest.mark.parametrize("rigid", [False, True])
 def test_many_observations_are_worked_on_by_parts(rigid: bool, monkeypatch: pytest.MonkeyPatch) -> None:
     problem, state, places = with_world(small_network(rigid=rigid, n_points=30))
-    whole = covariance(problem, state, "numpy", places)
+    whole = covariance(problem, state, places)
     monkeypatch.setattr(arrays, "ROWS_AT_ONCE", 17)
-    monkeypatch.setattr(covariance_module, "_MOST_KEPT", 20)
-    parts = covariance(problem, state, "numpy", places)
+    monkeypatch.setattr(point_factors, "_MOST_KEPT", 20)
+    parts = covariance(problem, state, places)
     assert whole is not None and parts is not None
     np.testing.assert_allclose(parts.cameras, whole.cameras, rtol=1e-9, atol=1e-12 * np.abs(whole.cameras).max())
     np.testing.assert_allclose(parts.points, whole.points, rtol=1e-9, atol=1e-12 * np.abs(whole.points).max())

@@ -191,7 +191,7 @@ def test_what_neighbouring_dots_share_is_no_noise() -> None:
     bent = network.uv.copy()
     bent[own, 0] += 0.2 * np.sin(network.uv[own, 1] / 150.0)
     adjusted = refine(replace(network, uv=bent), simulated.true, simulated.usable, np.ones(10, dtype=bool), Context())
-    noise = camera_noise(adjusted.problem, adjusted.state, "numba")
+    noise = camera_noise(adjusted.problem, adjusted.state)
     rest = np.median(np.delete(noise, [2, 6]))
     assert noise[2] < 2.0 * rest
     assert noise[6] > 3.0 * rest

@@ -8,8 +8,8 @@ import pytest
 
 from spherecal.adjust.bundle import refine
 from spherecal.adjust.covariance import covariance
-from spherecal.adjust.network import Network
-from spherecal.adjust.problem import State
+from spherecal.adjust.network import Network, free_network
+from spherecal.adjust.state import State
 from spherecal.ball.rigid import LEAST_SHARED, align, share_shape
 from spherecal.base.arrays import FloatArray
 from spherecal.base.context import Context
@@ -214,7 +214,7 @@ def small_rig(noise_px: float = 0.0, n_targets: int = 14, n_placements: int = 3,
     x = np.einsum("nij,nj->ni", rotation[camera], ball.points[feature]) + translation[camera]
     uv = project(x, intrinsics[camera]) + noise_px * rng.normal(size=(len(feature), 2))
     free = np.tile(estimated_mask("brown"), (n, 1))
-    network = Network(feature, camera, uv, None, len(ball.points), free, np.arange(n))
+    network = free_network(feature, camera, uv, len(ball.points), free, np.arange(n))
     return Rig(network, features, State(rotation, translation, intrinsics, ball.points), ball)
 
 
@@ -230,14 +230,13 @@ def test_a_shared_shape_predicts_the_same_images() -> None:
     assert np.isnan(start.points).all()
     dots = 14 * DOTS
     assert rigid.network.n_features == 3 * dots  # of the ball, and of two bar poses that stand for themselves
-    assert rigid.network.n_placements == 3  # the world and two that moved
-    assert rigid.network.free_placement is not None
-    assert rigid.network.free_placement.tolist() == [False, True, True]
-    assert (rigid.network.placement[rig.features.placement[rig.network.feature] >= 3] == 0).all()  # type: ignore[index]
+    assert len(rigid.network.ball.free_placement) == 3  # the world and two that moved
+    assert rigid.network.ball.free_placement.tolist() == [False, True, True]
+    assert (rigid.network.ball.placement[rig.features.placement[rig.network.feature] >= 3] == 0).all()
     located = replace(start, points=rigid.network.locate(start, np.ones(len(rig.network.uv), dtype=bool)).points)
     np.testing.assert_allclose(residuals(rigid.network, located), 0.0, atol=1e-6)
     again = rigid.as_features(located)
-    assert again.placement_rotation is None
+    assert len(again.placement_rotation) == 0
     np.testing.assert_allclose(again.points, rig.truth.points, atol=1e-5)
     np.testing.assert_allclose(residuals(rig.network, again), 0.0, atol=1e-6)
 
@@ -274,7 +273,7 @@ def test_without_noise_the_truth_is_found_from_afar() -> None:
     )
     everything_used = np.ones(len(rig.network.uv), dtype=bool)
     spoilt = replace(spoilt, points=rigid.network.locate(spoilt, everything_used).points)
-    adjusted = refine(replace(rigid.network), spoilt, everything_used, np.ones(5, dtype=bool), Context(engine="numpy"))
+    adjusted = refine(replace(rigid.network), spoilt, everything_used, np.ones(5, dtype=bool), Context())
     assert adjusted.used.all()
     np.testing.assert_allclose(adjusted.state.intrinsics[:, :9], rig.truth.intrinsics[:, :9], atol=1e-2)
     assert adjusted.minimum.cost < 1e-8
@@ -283,16 +282,16 @@ def test_without_noise_the_truth_is_found_from_afar() -> None:
 def test_a_shared_shape_needs_fewer_unknowns_and_is_surer() -> None:
     rig = small_rig(noise_px=0.05)
     placed, used = np.ones(5, dtype=bool), np.ones(len(rig.network.uv), dtype=bool)
-    free = refine(rig.network, rig.truth, used, placed, Context(engine="numpy"))
+    free = refine(rig.network, rig.truth, used, placed, Context())
     alignment = align(rig.features, free.state.points, 3, 3)
     rigid, start = share_shape(rig.network, rig.features, free.state, alignment)
-    one = refine(rigid.network, start, free.used, placed, Context(engine="numpy"))
+    one = refine(rigid.network, start, free.used, placed, Context())
     dots = 14 * DOTS
     assert free.used.all() and one.used.all()
     assert free.redundancy == 2 * len(used) - 15 * 5 - 3 * 3 * dots + 7
     assert one.redundancy == 2 * len(used) - 15 * 5 - 3 * dots - 2 * 6 + 7
     assert one.variance == pytest.approx(0.05**2, rel=4 * np.sqrt(2 / one.redundancy))
-    surer, sure = (covariance(a.problem, a.state, "numpy", places) for a, places in ((one, rigid.places), (free, None)))
+    surer, sure = (covariance(a.problem, a.state, places) for a, places in ((one, rigid.places), (free, None)))
     assert surer is not None and sure is not None
     assert (np.einsum("cii->ci", surer.cameras) < np.einsum("cii->ci", sure.cameras)).mean() > 0.9
     score = (one.state.intrinsics - rig.truth.intrinsics)[:, one.problem.intrinsic_columns] ** 2

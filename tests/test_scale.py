@@ -10,6 +10,7 @@ from spherecal.adjust.covariance import Covariance
 from spherecal.base.arrays import FloatArray
 from spherecal.calibrate import calibrate
 from spherecal.data.observations import Features, Observations, find_features
+from spherecal.data.recording import Recording
 from spherecal.data.session import Bar, BarLength, BarPose, Mark, Scale, Session
 from spherecal.methods.settings import CalibrationSettings
 from spherecal.scale.bars import scale_from_bars
@@ -227,7 +228,7 @@ def bar_network(
 
 def bar_scale(case: tuple[Session, Observations, Features, FloatArray, FloatArray], points: FloatArray) -> FoundScale:
     session, observations, features, _, sd = case
-    found = scale_from_bars(session, "S", observations, features, points, cofactors(len(sd), sd), 1.0)
+    found = scale_from_bars(Recording(session, observations, features), "S", points, cofactors(len(sd), sd), 1.0)
     assert found is not None
     return found
 
@@ -268,11 +269,11 @@ def test_bar_that_nobody_sees_gives_no_scale() -> None:
     session, observations, features, place, sd = bar_network(np.random.default_rng(0), False)
     noise = cofactors(len(sd), sd)
     noise.points[features.target == 902] = np.nan
-    assert scale_from_bars(session, "S", observations, features, place, noise, 1.0) is None
+    assert scale_from_bars(Recording(session, observations, features), "S", place, noise, 1.0) is None
     three = bar_network(np.random.default_rng(0), True)
     noise = cofactors(len(three[4]), three[4])
     noise.points[three[2].point >= 3] = np.nan  # a layout needs four dots
-    assert scale_from_bars(three[0], "S", three[1], three[2], three[3], noise, 1.0) is None
+    assert scale_from_bars(Recording(three[0], three[1], three[2]), "S", three[3], noise, 1.0) is None
 
 
 @pytest.mark.parametrize("preset", ["rigA", "rigB"])

@@ -5,12 +5,15 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pytest
 
+from spherecal.adjust import engine
+from spherecal.adjust.ball_model import Deformable, Free, as_rigid
 from spherecal.adjust.covariance import Covariance, covariance
 from spherecal.adjust.datum import Places, datum_motions
-from spherecal.adjust.deformable import groups_of, minimise_soft, soft_normal_equations, softened
-from spherecal.adjust.deformable_covariance import soft_covariance
-from spherecal.adjust.levenberg import Settings, load_engine, minimise
-from spherecal.adjust.problem import POSE, Problem, State
+from spherecal.adjust.layout import POSE
+from spherecal.adjust.least_squares import NormalEquations, minimise, normal_equations
+from spherecal.adjust.levenberg import Settings
+from spherecal.adjust.problem import Problem
+from spherecal.adjust.state import State
 from spherecal.base.arrays import FloatArray
 from spherecal.geometry.transform import fit_similarity
 from tests.networks import dense_equations, one_thread, small_network
@@ -38,27 +41,33 @@ def soft_network(name: str, noise_px: float = 0.05, n_points: int = 24) -> tuple
     assert places is not None and problem.placement is not None
     play = np.where(np.isin(places.point, problem.kept_points), 0.0, PLAY_MM)
     place = problem.placement * problem.n_points + problem.point
-    return replace(problem, place=place, play=play), state, places
+    order = np.lexsort((problem.camera, place, problem.point))
+    ball = Deformable(problem.placement, problem.ball.free_placement, place, play)
+    return replace(problem, ball=ball).select(order), state, places
+
+
+def equations(problem: Problem, state: State) -> NormalEquations:
+    """The reduced normal equations, undamped."""
+    return normal_equations(problem, state, engine.linear_model(problem, state, None), 0.0)
 
 
 def with_ties(problem: Problem, state: State) -> tuple[FloatArray, FloatArray, np.ndarray]:
     """Jacobian and residuals with one play (3 columns) for every feature and its tie; the first of these columns."""
-    assert problem.place is not None and problem.play is not None
     dense = dense_equations(problem, state)
-    linear = load_engine("numpy").linearise(problem, state, None)
-    assert linear.by_placement is not None
+    linear = engine.linearise(problem, state, None)
     jacobian = dense.jacobian.copy()
     first_pose = dense.reduced - POSE * problem.n_placements - 3 * len(problem.kept_points)
     jacobian[:, first_pose : first_pose + POSE] = 0.0  # the world's own pose is none
-    count, before = len(problem.play), jacobian.shape[1]
+    count, before = len(problem.ball.play), jacobian.shape[1]
     wide = np.zeros((len(jacobian) + 3 * count, before + 3 * count))
     wide[: len(jacobian), :before] = jacobian
-    for k, place in enumerate(problem.place):
-        if problem.play[place] > 0:
+    for k, place in enumerate(problem.ball.place):
+        if problem.ball.play[place] > 0:
             own = before + 3 * place
             wide[2 * k : 2 * k + 2, own : own + 3] = linear.by_placement[k, :, 3:]
-    tied = np.repeat(problem.play > 0, 3)
-    wide[len(jacobian) + np.flatnonzero(tied), before + np.flatnonzero(tied)] = 1 / np.repeat(problem.play, 3)[tied]
+    tied = np.repeat(problem.ball.play > 0, 3)
+    sd = np.repeat(problem.ball.play, 3)[tied]
+    wide[len(jacobian) + np.flatnonzero(tied), before + np.flatnonzero(tied)] = 1 / sd
     right = np.concatenate([dense.residual, np.zeros(3 * count)])
     return wide, right, np.array([before, dense.reduced])
 
@@ -75,7 +84,7 @@ class Case:
 @pytest.fixture(scope="module", params=CASES)
 def case(request: pytest.FixtureRequest) -> Case:
     problem, state, places = soft_network(request.param, noise_px=0.0)
-    found = soft_covariance(problem, state, "numpy", places)
+    found = covariance(problem, state, places)
     assert found is not None
     rigid = whole_by_brute_force(problem, state, places)
     jacobian, _, columns = with_ties(problem, state)
@@ -83,7 +92,7 @@ def case(request: pytest.FixtureRequest) -> Case:
     by_unknown = np.concatenate([rigid.by_unknown, np.eye(more).reshape(-1, 3, more)], axis=2)
     motions = np.vstack([rigid.motions, np.zeros((more, rigid.motions.shape[1]))])
     conditions = np.einsum("fiu,fig->ug", by_unknown, rigid.moved)
-    unseen = motions.shape[1] - (problem.lengths is not None and motions.shape[1] > 0)
+    unseen = motions.shape[1] - (problem.has_lengths and motions.shape[1] > 0)
     used = np.flatnonzero(np.abs(jacobian).max(axis=0) > 0)
     unit = 1 / np.linalg.norm(jacobian[:, used], axis=0)
     scaled = jacobian[:, used] * unit
@@ -129,7 +138,7 @@ def test_functions_of_places_have_all_correlations(case: Case) -> None:
 
 
 def test_size_is_known_only_by_lengths(case: Case) -> None:
-    if case.problem.lengths is None:
+    if not case.problem.has_lengths:
         assert case.found.stretch is None
         return
     flat = case.whole.moved.reshape(-1, case.whole.moved.shape[2])
@@ -153,11 +162,10 @@ def test_point_noise_is_that_with_known_cameras_and_placements(case: Case) -> No
 
 
 @pytest.mark.parametrize("name", CASES)
-@pytest.mark.parametrize("engine", ["numpy", "numba"])
-def test_normal_equations_are_those_of_the_whole_system(name: str, engine: str) -> None:
+@pytest.mark.usefixtures("either_engine")
+def test_normal_equations_are_those_of_the_whole_system(name: str) -> None:
     problem, state, _ = soft_network(name)
-    soft = softened(problem, state, load_engine(engine), groups_of(problem))  # type: ignore[arg-type]
-    normal = soft_normal_equations(soft, state, 0.0)
+    normal = equations(problem, state)
     jacobian, residual, (_, reduced) = with_ties(problem, state)
     used = np.abs(jacobian).max(axis=0) > 0
     kept = used.copy()
@@ -176,25 +184,24 @@ def test_normal_equations_are_those_of_the_whole_system(name: str, engine: str) 
 def bent(problem: Problem, state: State, play_mm: float, seed: int) -> Problem:
     """The problem observed again with dots off the shape and image noise of one sigma."""
     rng = np.random.default_rng(seed)
-    assert problem.place is not None and problem.play is not None
-    assert state.placement_rotation is not None and state.placement_translation is not None
-    off = play_mm * rng.normal(size=(len(problem.play), 3)) * (problem.play > 0)[:, None]
+    off = play_mm * rng.normal(size=(len(problem.ball.play), 3)) * (problem.ball.play > 0)[:, None]
     x = np.einsum("nij,nj->ni", state.placement_rotation[problem.placement], state.points[problem.point])
-    x += state.placement_translation[problem.placement] + off[problem.place]
-    as_points = replace(state, points=x, placement_rotation=None, placement_translation=None)
-    one_each = replace(problem, point=np.arange(len(x)), placement=None, n_points=len(x), uv=np.zeros_like(problem.uv))
-    seen = load_engine("numpy").residuals(one_each, as_points) / problem.weight
-    return replace(problem, uv=seen + rng.normal(size=seen.shape) / problem.weight)
+    x += state.placement_translation[problem.placement] + off[problem.ball.place]
+    as_points = state.free(x)
+    one_each = replace(problem, point=np.arange(len(x)), ball=Free(), n_points=len(x), uv=np.zeros_like(problem.uv))
+    seen = engine.residuals(one_each, as_points) / problem.weight
+    noise = np.empty_like(seen)
+    noise[np.lexsort((problem.placement, problem.camera, problem.point))] = rng.normal(size=seen.shape)
+    return replace(problem, uv=seen + noise / problem.weight)
 
 
 def test_minimum_is_that_of_all_unknowns_and_keeps_the_size() -> None:
     """Converged where no step of the whole system lowers its cost, the network as large as it was."""
     problem, state, _ = soft_network("weights", n_points=60)
     problem = bent(problem, state, PLAY_MM, 1)
-    problem = replace(problem, weight=problem.weight)
-    found = minimise_soft(problem, state, Settings())
+    found = minimise(problem, state, Settings())
     assert found.converged
-    assert found.state.bend is not None and problem.play is not None and problem.place is not None
+    assert found.state.bend is not None and problem.ball.play is not None and problem.ball.place is not None
     jacobian, residual, (before, _) = with_ties(problem, found.state)
     bend = found.state.bend
     at = np.concatenate([np.zeros(before), bend.ravel()])
@@ -208,22 +215,23 @@ def test_minimum_is_that_of_all_unknowns_and_keeps_the_size() -> None:
 
 def test_play_is_found_again_and_the_cost_is_as_expected() -> None:
     problem, state, places = soft_network("weights", n_points=80)
-    found = minimise_soft(bent(problem, state, PLAY_MM, 2), state, Settings())
+    found = minimise(bent(problem, state, PLAY_MM, 2), state, Settings())
     redundancy = problem.rows - problem.unknowns + 7
     assert 2 * found.cost / redundancy == pytest.approx(1.0, abs=4 * np.sqrt(2 / redundancy))
-    rigid = minimise(replace(bent(problem, state, PLAY_MM, 2), play=None, place=None), state, Settings())
+    rigid = minimise(replace(bent(problem, state, PLAY_MM, 2), ball=as_rigid(problem.ball)), state, Settings())
     assert rigid.cost > 1.5 * found.cost
     assert len(places.point) == len(found.state.bend)  # type: ignore[arg-type]
 
 
 def test_no_play_is_the_rigid_form() -> None:
     problem, state, places = soft_network("plain")
-    stiff = replace(problem, play=np.zeros(len(places.point)))
-    plain = replace(problem, play=None, place=None)
-    one, other = minimise_soft(stiff, state, Settings()), minimise(plain, state, Settings())
+    assert isinstance(problem.ball, Deformable)
+    stiff = replace(problem, ball=replace(problem.ball, play=np.zeros(len(places.point))))
+    plain = replace(problem, ball=as_rigid(problem.ball))
+    one, other = minimise(stiff, state, Settings()), minimise(plain, state, Settings())
     assert one.cost == pytest.approx(other.cost, rel=1e-9)
     np.testing.assert_allclose(one.state.intrinsics, other.state.intrinsics, rtol=1e-5, atol=1e-6)
-    soft, rigid = soft_covariance(stiff, state, "numba", places), covariance(plain, state, "numba", places)
+    soft, rigid = covariance(stiff, state, places), covariance(plain, state, places)
     assert soft is not None and rigid is not None
     assert_matrices_agree(soft.all_cameras(), rigid.all_cameras())
     np.testing.assert_allclose(soft.points, rigid.points, rtol=1e-6, atol=1e-12)
@@ -233,7 +241,7 @@ def test_dots_seen_by_nobody_have_no_places() -> None:
     problem, state, places = soft_network("plain", n_points=30)
     problem = problem.select(problem.point != 4)
     state = replace(state, points=np.where(np.arange(30)[:, None] == 4, np.nan, state.points))
-    found = soft_covariance(problem, state, "numba", places)
+    found = covariance(problem, state, places)
     assert found is not None
     assert (np.isnan(found.points[:, 0, 0]) == (places.point == 4)).all()
     assert np.isfinite(found.cameras).all()
@@ -242,10 +250,10 @@ def test_dots_seen_by_nobody_have_no_places() -> None:
 def test_a_place_that_no_camera_sees_is_where_the_shape_puts_it() -> None:
     """Its play is then only known by its standard deviation."""
     problem, state, places = soft_network("plain", n_points=30)
-    assert problem.place is not None
-    there = soft_covariance(problem, state, "numba", places)
-    problem = problem.select(problem.place != 5)
-    found = soft_covariance(problem, state, "numba", places)
+    assert problem.ball.place is not None
+    there = covariance(problem, state, places)
+    problem = problem.select(problem.ball.place != 5)
+    found = covariance(problem, state, places)
     assert found is not None and there is not None
     assert found.points[5].trace() > 3 * PLAY_MM**2
     assert found.points[5].trace() > 2 * there.points[5].trace()
@@ -256,8 +264,7 @@ def test_datum_takes_back_what_no_observation_sees() -> None:
     jacobian, _, (before, _) = with_ties(problem, state)
     motions = datum_motions(problem, state, places)
     assert motions.unseen.sum() == 7
-    soft = softened(problem, state, load_engine("numpy"), groups_of(problem))
-    normal = soft_normal_equations(soft, state, 0.0)
+    normal = equations(problem, state)
     full = np.triu(normal.matrix) + np.triu(normal.matrix, 1).T
     column = problem.layout.column
     gauge = np.zeros((len(full), 7))
@@ -269,18 +276,15 @@ def test_datum_takes_back_what_no_observation_sees() -> None:
 def test_places_that_a_camera_shows_twice_count_twice() -> None:
     """Their columns were opened twice: the compiled code wrote beyond its arrays, and the process died."""
     problem, state, _ = soft_network("plain")
-    once = soft_normal_equations(
-        softened(replace(problem, weight=problem.weight * np.sqrt(2)), state, load_engine("numba"), groups_of(problem)),
-        state, 0.0,
-    )  # fmt: skip
+    once = equations(replace(problem, weight=problem.weight * np.sqrt(2)), state)
     every = np.repeat(np.arange(len(problem.uv)), 2)
     assert problem.placement is not None
-    assert problem.place is not None
+    assert problem.ball.place is not None
     double = replace(
         problem, camera=problem.camera[every], point=problem.point[every], uv=problem.uv[every],
-        weight=problem.weight[every], placement=problem.placement[every], place=problem.place[every],
+        weight=problem.weight[every], ball=problem.ball.select(every),
     )  # fmt: skip
-    twice = soft_normal_equations(softened(double, state, load_engine("numba"), groups_of(double)), state, 0.0)
+    twice = equations(double, state)
     unit = 1 / np.sqrt(once.diagonal)
     np.testing.assert_allclose(
         np.triu(twice.matrix) * unit * unit[:, None], np.triu(once.matrix) * unit * unit[:, None], atol=1e-9

@@ -36,7 +36,7 @@ class Case:
     epipolar: dict[tuple[int, int], FloatArray]
 
     def vote(self, seed: int = 0, context: Context | None = None) -> Gate:
-        return vote(self.table, self.uv, self.counts, len(self.uv), GATE_PX, seed, context or Context())
+        return vote(self.table, self.uv, self.counts, GATE_PX, seed, context or Context())
 
 
 def gate_case(preset: str, fraction: float) -> Case:
@@ -146,7 +146,7 @@ def test_common_features_of_a_triple(spoilt: tuple[Case, Gate]) -> None:
 def test_pairs_with_too_few_matches_have_no_say() -> None:
     rng = np.random.default_rng(0)
     table = np.arange(14).reshape(2, 7)
-    gate = vote(table, rng.uniform(0, 1000, (14, 2)), np.full((2, 2), 7), 14, GATE_PX, 0, Context())
+    gate = vote(table, rng.uniform(0, 1000, (14, 2)), np.full((2, 2), 7), GATE_PX, 0, Context())
     assert gate.keep.all()
     assert gate.consistent == {}
 
@@ -213,7 +213,7 @@ def test_points_without_a_fundamental_matrix_raise_nothing() -> None:
         assert found is None or found.shape == (3, 3)
     assert robust_fundamental(a[:6], b[:6], 3.0, 0) is None
     table = np.arange(40).reshape(2, 20)
-    gate = vote(table, np.zeros((40, 2)), np.full((2, 2), 20), 40, GATE_PX, 0, Context())
+    gate = vote(table, np.zeros((40, 2)), np.full((2, 2), 20), GATE_PX, 0, Context())
     assert gate.keep.shape == (40,)
 
 

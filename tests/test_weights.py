@@ -16,6 +16,7 @@ from spherecal.calibrate import calibrate
 from spherecal.methods.settings import CalibrationSettings
 from spherecal_sim.truth import SimulationOptions
 from tests.networks import errors_of, observed, one_thread, rms
+from tests.reference_engine import reference_instead
 
 __all__ = ["one_thread"]
 
@@ -32,14 +33,14 @@ class Weighed:
 
     @property
     def noise(self) -> FloatArray:
-        assert self.network.noise is not None
         return self.network.noise
 
 
 def weigh(simulated: Simulated, rigid: bool = False, sigma: FloatArray | None = None) -> Weighed:
     """The truth adjusted to its observations and weighted."""
     placed = np.ones(len(simulated.network.group), dtype=bool)
-    network, start = replace(simulated.network, sigma=sigma), simulated.true
+    unit = np.ones_like(simulated.network.uv)
+    network, start = simulated.network.with_sigma(unit if sigma is None else sigma), simulated.true
     if rigid:
         alignment = align(simulated.features, start.points, 4, 4)
         shared, start = share_shape(network, simulated.features, start, alignment)
@@ -71,7 +72,7 @@ def test_clean_cameras_keep_their_weights(rigid: bool) -> None:
     found = weigh(simulate("rigA", 1, SimulationOptions(targets=100)), rigid)
     np.testing.assert_allclose(found.noise, 1.0, atol=4 * noise_sd(found.adjusted, 10))
     assert found.adjusted.variance == pytest.approx(found.plain.variance, rel=0.02)
-    again = camera_noise(found.adjusted.problem, found.adjusted.state, "numba")
+    again = camera_noise(found.adjusted.problem, found.adjusted.state)
     np.testing.assert_allclose(again, 1.0, atol=0.03)  # it has settled
 
 
@@ -87,11 +88,13 @@ def test_weights_are_beside_the_stated_sigmas() -> None:
     assert ratio == pytest.approx(5.0, rel=0.1)
 
 
-def test_both_engines_find_the_same_noise() -> None:
+def test_the_reference_finds_the_same_noise() -> None:
     simulated = simulate("rigA", 1, SimulationOptions(targets=40, blurred={"C04": 0.2}))
     placed = np.ones(10, dtype=bool)
-    plain = refine(simulated.network, simulated.true, simulated.usable, placed, Context(engine="numpy"))
-    one, other = (camera_noise(plain.problem, plain.state, engine) for engine in ("numba", "numpy"))
+    plain = refine(simulated.network, simulated.true, simulated.usable, placed, Context())
+    one = camera_noise(plain.problem, plain.state)
+    with reference_instead():
+        other = camera_noise(plain.problem, plain.state)
     np.testing.assert_allclose(one, other, rtol=1e-9)
 
 
@@ -103,9 +106,9 @@ def test_a_camera_with_few_observations_keeps_its_weight(observations: int) -> N
     own = np.flatnonzero(simulated.usable & (network.camera == BLURRED))
     keep = np.ones(len(network.uv), dtype=bool)
     keep[own[observations:]] = False
-    few = replace(network, feature=network.feature[keep], camera=network.camera[keep], uv=network.uv[keep])
+    few = network.only(np.flatnonzero(keep))
     plain = refine(few, simulated.true, simulated.usable[keep], np.ones(10, dtype=bool), Context())
-    noise = camera_noise(plain.problem, plain.state, "numba")
+    noise = camera_noise(plain.problem, plain.state)
     assert (plain.used & (few.camera == BLURRED)).sum() == observations  # twice the rows, fifteen unknowns
     assert noise[BLURRED] == 1.0
     np.testing.assert_allclose(np.delete(noise, BLURRED), 1.0, atol=0.2)

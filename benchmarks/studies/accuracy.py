@@ -31,6 +31,7 @@ from benchmarks.studies.workers import Job, spread
 from spherecal.adjust.covariance import covariance
 from spherecal.base.arrays import FloatArray, IntArray
 from spherecal.calibrate import calibrate
+from spherecal.data.recording import Recording
 from spherecal.data.rig import Calibration
 from spherecal.geometry.camera import INTRINSIC_NAMES, project
 from spherecal.methods.settings import CalibrationSettings
@@ -196,7 +197,7 @@ def _covariance_difference(simulated: Simulated, form: Form, dense: DenseNetwork
     if dense.with_lengths:
         scale, known = simulated.session.scale, np.where(dense.known[:, None], simulated.places_mm, np.nan)
         assert scale is not None and scale.bar is not None
-        rows = length_rows(simulated.session, scale.bar, simulated.observations, simulated.features, known)
+        rows = length_rows(Recording(simulated.session, simulated.observations, simulated.features), scale.bar, known)
         assert rows is not None
         # certified at the truth, and with the thermometer that the bound has
         difference = np.einsum("mk,mki->mi", rows.coefficient, simulated.places_mm[rows.points])
@@ -205,7 +206,7 @@ def _covariance_difference(simulated: Simulated, form: Form, dense: DenseNetwork
         network = replace(network, lengths=rows)
     problem, _ = network.problem(simulated.usable_in(form), network.free, simulated.placed, weighted=True)
     state = simulated.state_in(form)
-    ours = covariance(problem, replace(state, points=np.nan_to_num(state.points)), "numba", places)
+    ours = covariance(problem, replace(state, points=np.nan_to_num(state.points)), places)
     assert ours is not None
     assert (np.isfinite(ours.points[:, 0, 0]) == dense.known).all()
     cameras = sigma * np.sqrt(np.einsum("cii->ci", ours.cameras))

@@ -13,7 +13,7 @@ from scipy.linalg import lapack
 
 from benchmarks.studies.simulated import CERTIFICATE_SD_MM, THERMOMETER_SD_K, Bars, Form, Simulated
 from spherecal.adjust.datum import Places
-from spherecal.adjust.problem import State
+from spherecal.adjust.state import State
 from spherecal.base.arrays import BoolArray, FloatArray, IntArray
 from spherecal.geometry.camera import project
 
@@ -158,7 +158,6 @@ def _unknowns(simulated: Simulated, form: Form, state: State, use: BoolArray, wi
     arm = simulated.places_mm
     n_blocks = 1
     if places is not None:
-        assert state.placement_rotation is not None and state.placement_translation is not None
         n_blocks, block, number = len(state.placement_rotation), places.placement, places.point
         turn, arm = state.placement_rotation[block], simulated.places_mm - state.placement_translation[block]
     taking_part = np.unique(number[feature])
@@ -249,7 +248,7 @@ def _motions(simulated: Simulated, state: State, unknowns: _Unknowns) -> tuple[F
         cameras[:, :3, 3 + k] = -axis
         cameras[:, 3:_POSE, 3 + k] = np.cross(axis, seen)
     cameras[:, 3:_POSE, 6] = seen
-    if state.placement_rotation is not None and state.placement_translation is not None:
+    if len(state.placement_rotation):
         turn, shift = state.placement_rotation[1:], state.placement_translation[1:]
         poses = out[first_pose : unknowns.first_point].reshape(-1, _POSE, 7)
         poses[:, :3, 3:6] = np.eye(3) - turn  # the world turns, and the ball's frame with it

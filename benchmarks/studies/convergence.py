@@ -12,7 +12,8 @@ import numpy as np
 from benchmarks.studies.report import Report
 from benchmarks.studies.simulated import RIGS, Simulated, simulate
 from spherecal.adjust.bundle import adjust, refine
-from spherecal.adjust.levenberg import Settings, minimise
+from spherecal.adjust.least_squares import minimise
+from spherecal.adjust.levenberg import Settings
 from spherecal.adjust.weights import weighted as weighted_by_camera
 from spherecal.base.arrays import BoolArray, FloatArray
 from spherecal.base.context import Context
@@ -85,7 +86,7 @@ class Optimum:
 
     def _weighted(self, used: BoolArray) -> float:
         network, placed = self._simulated.network, self._placed
-        some = replace(network, feature=network.feature[used], camera=network.camera[used], uv=network.uv[used])
+        some = network.only(np.flatnonzero(used))
         every = np.ones(len(some.uv), dtype=bool)
         adjusted = refine(some, self._simulated.true, every, placed, Context())
         _, adjusted = weighted_by_camera(some, adjusted, placed, Context())

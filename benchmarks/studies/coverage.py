@@ -20,7 +20,7 @@ from benchmarks.studies.simulated import (
     simulate,
 )
 from benchmarks.studies.workers import Job, spread
-from spherecal.adjust.problem import State
+from spherecal.adjust.state import State
 from spherecal.base.arrays import FloatArray, IntArray
 from spherecal.geometry.triangulation import triangulate
 from spherecal_sim.session import observe_again
@@ -122,7 +122,6 @@ def _of_bars(
     """By all cameras' joint covariance and the image noise that the adjustment found for each; true lengths (n,)."""
     variance, network = estimate.adjusted.variance, estimate.solved.network
     assert covariance is not None
-    assert network.noise is not None
     sigma = network.noise * np.sqrt(variance)
     uv, n_ends = bars.noisy_uv(noise), 2 * len(bars.lengths_mm)
     weight = 1.0 / sigma[bars.camera] ** 2

@@ -10,11 +10,11 @@ from spherecal.adjust.bundle import MIN_ANGLE_RAD, Adjustment, refine, usable_fe
 from spherecal.adjust.covariance import Covariance, covariance
 from spherecal.adjust.datum import Places
 from spherecal.adjust.network import Network
-from spherecal.adjust.problem import State
+from spherecal.adjust.state import State
 from spherecal.adjust.weights import rough_noise, weighted
+from spherecal.ball.fit import BallFit
 from spherecal.ball.rigid import RigidNetwork, align, share_shape
 from spherecal.ball.run import Run
-from spherecal.ball.selection import BallFit
 from spherecal.base.arrays import BoolArray, FloatArray
 from spherecal.base.context import Context
 from spherecal.data.observations import Features, Observations
@@ -85,7 +85,6 @@ class Simulated:
     def true_rigid(self) -> State:
         """The rigid form's true state: every observed dot in the world of its first placement, in mm."""
         rigid, start = self.rigid
-        assert start.placement_rotation is not None and start.placement_translation is not None
         turn = start.placement_rotation[rigid.places.placement]
         there = self.places_mm - start.placement_translation[rigid.places.placement]
         points = np.full_like(start.points, np.nan)
@@ -227,7 +226,7 @@ def estimate_from_truth(simulated: Simulated, form: Form = "free", first: Estima
     adjusted = refine(network, start, simulated.usable, placed, context)
     network, adjusted = weighted(network, adjusted, placed, context)
     adjusted = replace(adjusted, state=adjusted.state.seen_from(0))
-    cofactors = covariance(adjusted.problem, adjusted.state, "numba", simulated.places_in(form))
+    cofactors = covariance(adjusted.problem, adjusted.state, simulated.places_in(form))
     held = np.zeros(len(placed), dtype=bool)
     rigid = None if form == "free" else replace(simulated.rigid[0], network=network)
     solved = BallFit(network, adjusted, cofactors, held, placed, rigid)

@@ -19,7 +19,7 @@ from benchmarks.studies.judged import robust_similarity, verdict_of
 from benchmarks.studies.report import Report
 from spherecal.adjust.bundle import MIN_ANGLE_RAD
 from spherecal.base.arrays import BoolArray, FloatArray
-from spherecal.base.context import Context, Engine
+from spherecal.base.context import Context
 from spherecal.calibrate import calibrate
 from spherecal.data.rig import Calibration, RigCamera
 from spherecal_sim.networks import KINDS, TrueNetwork, simulate_network
@@ -76,10 +76,10 @@ class Run:
         return self.placed >= self.views - self.weak and not self.wrong_views and self.fit < _FIT
 
 
-def one(kind: str, seed: int, engine: Engine = "numba") -> Run:
+def one(kind: str, seed: int) -> Run:
     """One recording calibrated and compared; meant for a process of its own, since it reads the peak memory."""
     session, truth = simulate_network(kind, seed)
-    context = Context(engine=engine)
+    context = Context()
     warm, _ = simulate_network("sheet", 10_000)
     calibrate(warm, context=context)  # compiled code is loaded, not timed
     begin, used = time.perf_counter(), time.process_time()

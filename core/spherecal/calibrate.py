@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from spherecal.ball.selection import solve_free
+from spherecal.ball.fit import solve_free
 from spherecal.base.context import Context, Stopwatch
 from spherecal.base.errors import PartialResultAccepted
 from spherecal.base.memory import release_freed

@@ -7,9 +7,12 @@ Damping that does not know the unknowns' units holds pixels, radians and lengths
 import numpy as np
 from scipy.linalg import LinAlgError, cho_factor, cho_solve
 
-from spherecal.adjust import engine_numpy
+from spherecal.adjust import engine
+from spherecal.adjust.layout import symmetric
 from spherecal.adjust.levenberg import Minimum
-from spherecal.adjust.problem import Problem, State, moved, symmetric
+from spherecal.adjust.linear import Linearisation
+from spherecal.adjust.problem import Problem, moved
+from spherecal.adjust.state import State
 from spherecal.base.arrays import FloatArray
 from spherecal.base.threads import one_blas_thread
 
@@ -24,7 +27,7 @@ def minimise_with_identity(problem: Problem, state: State, tolerance: float = 1e
     with one_blas_thread():
         cost, growth = _cost(problem, state), 2.0
         costs = [cost]
-        linear = engine_numpy.linearise(problem, state, None)
+        linear = engine.linearise(problem, state, None)
         damping = _FIRST * _largest_diagonal(problem, linear)
         for iteration in range(1, ITERATIONS + 1):
             new = _step(problem, state, linear, damping)
@@ -40,11 +43,11 @@ def minimise_with_identity(problem: Problem, state: State, tolerance: float = 1e
             if decrease < tolerance:
                 return Minimum(state, cost, iteration, True, tuple(costs))
             damping, growth = damping * max(1 / 3, 1 - (2 * gain - 1) ** 3), 2.0
-            linear = engine_numpy.linearise(problem, state, None)
+            linear = engine.linearise(problem, state, None)
         return Minimum(state, cost, len(costs) - 1, False, tuple(costs))
 
 
-def _largest_diagonal(problem: Problem, linear: engine_numpy.Linearisation) -> float:
+def _largest_diagonal(problem: Problem, linear: Linearisation) -> float:
     """The largest element of J'J's diagonal, over cameras and points."""
     by_point = np.zeros((problem.n_points, 3))
     np.add.at(by_point, problem.point, (linear.by_point**2).sum(axis=1))
@@ -55,13 +58,11 @@ def _largest_diagonal(problem: Problem, linear: engine_numpy.Linearisation) -> f
 
 def _cost(problem: Problem, state: State) -> float:
     with np.errstate(all="ignore"):
-        cost = 0.5 * float((engine_numpy.residuals(problem, state) ** 2).sum())
+        cost = 0.5 * float((engine.residuals(problem, state) ** 2).sum())
     return cost if np.isfinite(cost) else np.inf
 
 
-def _step(
-    problem: Problem, state: State, linear: engine_numpy.Linearisation, damping: float
-) -> tuple[State, float] | None:
+def _step(problem: Problem, state: State, linear: Linearisation, damping: float) -> tuple[State, float] | None:
     """The state after a step of (J'J + lambda 1) d = -J'v, the points eliminated, and the decrease it promises."""
     layout, n = problem.layout, problem.n_points
     width = linear.by_camera.shape[2]

@@ -9,9 +9,10 @@ from typing import Any
 import numpy as np
 
 from spherecal.adjust.bundle import usable_features
-from spherecal.adjust.levenberg import Settings, minimise
+from spherecal.adjust.least_squares import minimise
+from spherecal.adjust.levenberg import Settings
 from spherecal.adjust.network import Network
-from spherecal.adjust.problem import State
+from spherecal.adjust.state import State
 from spherecal.base.arrays import BoolArray, FloatArray
 from spherecal.base.context import Context
 from spherecal.calibrate import calibrate

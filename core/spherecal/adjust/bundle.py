@@ -8,10 +8,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from spherecal.adjust.deformable import minimise_soft
-from spherecal.adjust.levenberg import Minimum, Settings, load_engine, minimise
+from spherecal.adjust import engine
+from spherecal.adjust.ball_model import Free, Stored
+from spherecal.adjust.least_squares import minimise
+from spherecal.adjust.levenberg import Minimum, Settings
 from spherecal.adjust.network import Network
-from spherecal.adjust.problem import Problem, State
+from spherecal.adjust.problem import Problem
+from spherecal.adjust.state import State
 from spherecal.base.arrays import BoolArray, FloatArray, IntArray, blocks
 from spherecal.base.context import Context
 from spherecal.geometry.camera import INTRINSIC_NAMES, project
@@ -66,7 +69,15 @@ class Adjustment:
 
 
 def usable_features(network: Network, state: State, candidates: BoolArray) -> tuple[FloatArray, BoolArray]:
-    """Triangulated points (m,3) and which of them may enter an adjustment: in front, well conditioned, not wild."""
+    """Triangulated points (m,3) and which of them may enter an adjustment: in front, well conditioned, not wild.
+
+    Parameters
+    ----------
+    network, state
+        The network, and its values.
+    candidates
+        Observations to locate points from, (n,).
+    """
     located = network.locate(state, candidates)
     good = located.in_front & (located.max_angle_rad >= MIN_ANGLE_RAD)
     size = np.linalg.norm(located.residual, axis=1)
@@ -95,7 +106,19 @@ class RobustStep:
 def robust_adjustment(
     network: Network, state: State, candidates: BoolArray, placed: BoolArray, step: RobustStep, context: Context
 ) -> State:
-    """A state after a short robust adjustment of the cameras and the points that it knows; the others are NaN."""
+    """A state after a short robust adjustment of the cameras and the points that it knows; the others are NaN.
+
+    Parameters
+    ----------
+    network, state
+        The network, and its values.
+    candidates, placed
+        Observations to use (n,), and cameras that have a pose (c,).
+    step
+        What is estimated, and how long.
+    context
+        For progress, and to stop.
+    """
     good = np.isfinite(state.points[:, 0])
     used = candidates & good[network.feature]
     if not used.any():
@@ -104,9 +127,9 @@ def robust_adjustment(
     names, iterations = step.intrinsics, step.iterations
     free = network.free if names is None else network.free & np.isin(INTRINSIC_NAMES, names)
     problem, _ = network.problem(used, free, placed, weighted=False)
-    typical = float(np.median(np.linalg.norm(load_engine(context.engine).residuals(problem, state), axis=1)))
+    typical = float(np.median(np.linalg.norm(engine.residuals(problem, state), axis=1)))
     for cauchy in (typical, CAUCHY_PX) if typical > CAUCHY_PX else (CAUCHY_PX,):
-        settings = Settings(cauchy=cauchy, max_iterations=iterations, tolerance=1e-4, engine=context.engine)
+        settings = Settings(cauchy=cauchy, max_iterations=iterations, tolerance=1e-4)
         state = minimise(problem, state, settings, _watch(context, step.stage, iterations)).state
     return _with_shared_lenses(network, state, placed)
 
@@ -127,13 +150,28 @@ def _with_shared_lenses(network: Network, state: State, placed: BoolArray) -> St
 
 
 def robust_start(
-    network: Network, state: State, points: FloatArray | None, candidates: BoolArray, placed: BoolArray,
+    network: Network,
+    state: State,
+    points: FloatArray | None,
+    candidates: BoolArray,
+    placed: BoolArray,
     context: Context,
-) -> tuple[State, BoolArray]:  # fmt: skip
+) -> tuple[State, BoolArray]:
     """A network near its minimum from a rough start, by robust adjustments, and the observations (n,) that fit it.
 
     points (m,3): start values with NaN where unknown, None to triangulate; candidates (n,): observations to start with;
     placed (c,): cameras that have a pose.
+
+    Parameters
+    ----------
+    network, state
+        The network, and its values.
+    points
+        Start values (m,3), NaN where unknown; None to triangulate.
+    candidates, placed
+        Observations to start with (n,), and cameras that have a pose (c,).
+    context
+        For progress, and to stop.
     """
     state = located(network, state, candidates) if points is None else replace(state, points=points)
     for names in ((), START_INTRINSICS, None):
@@ -143,18 +181,39 @@ def robust_start(
 
 
 def located(network: Network, state: State, candidates: BoolArray) -> State:
-    """The state with the points that may enter an adjustment (`usable_features`), NaN for the others."""
+    """The state with the points that may enter an adjustment (`usable_features`), NaN for the others.
+
+    Parameters
+    ----------
+    network, state
+        The network, and its values.
+    candidates
+        Observations to locate points from, (n,).
+    """
     points, good = usable_features(network, state, candidates)
     return replace(state, points=np.where(good[:, None], points, np.nan))
 
 
 def adjust(
-    network: Network, state: State, points: FloatArray | None, candidates: BoolArray, placed: BoolArray,
+    network: Network,
+    state: State,
+    points: FloatArray | None,
+    candidates: BoolArray,
+    placed: BoolArray,
     context: Context,
-) -> Adjustment:  # fmt: skip
+) -> Adjustment:
     """The least-squares network from a start (see `robust_start`), every observation with its own weight.
 
     All observations of placed cameras are judged again by the gate.
+
+    Parameters
+    ----------
+    network, state
+        The network, and its values.
+    points, candidates, placed
+        As of `robust_start`.
+    context
+        For progress, and to stop.
     """
     state, used = robust_start(network, state, points, candidates, placed, context)
     return refine(network, state, used, placed, context)
@@ -164,6 +223,15 @@ def refine(network: Network, state: State, used: BoolArray, placed: BoolArray, c
     """Gate and plain least squares in turns until the gate changes nothing, from a good start.
 
     Points of `state` NaN where unknown; `used` (n,): the observations that the last round kept.
+
+    Parameters
+    ----------
+    network, state
+        The network, and its values.
+    used, placed
+        Observations to begin with (n,), and cameras that have a pose (c,).
+    context
+        For progress, and to stop.
     """
     rounds = 0
     while True:
@@ -174,9 +242,8 @@ def refine(network: Network, state: State, used: BoolArray, placed: BoolArray, c
         gated = _gate(network, state, placed, used)
         problem, rows = network.problem(gated, network.free, placed, weighted=True)
         known = np.where(np.isfinite(state.points), state.points, 0.0)
-        solve = minimise if problem.play is None else minimise_soft
-        settings = Settings(engine=context.engine, first_damping=_first_damping(problem))
-        minimum = solve(problem, replace(state, points=known), settings, _watch(context, "bundle adjustment", 20))
+        settings = Settings(first_damping=_first_damping(problem))
+        minimum = minimise(problem, replace(state, points=known), settings, _watch(context, "bundle adjustment", 20))
         lost = (network.views(gated) == 0) & ~network.known
         state = replace(minimum.state, points=np.where(lost[:, None], np.nan, minimum.state.points))
         if (gated == used).all() or rounds == GATE_ROUNDS:
@@ -228,10 +295,9 @@ def datum_defect(problem: Problem) -> int:
 
     One locked camera leaves the scale open, two or more nothing; a rigid ball's own frame is open in any case.
     """
-    every = problem.free_placement is None or bool(problem.free_placement.all())
-    rigid = 6 if problem.placement is not None and every else 0
+    rigid = 6 if problem.n_placements and problem.ball.free_placement.all() else 0
     locked = int((~problem.free_pose & _observed(problem)).sum())
-    scale = 1 if problem.lengths is None and problem.shape is None and locked < 2 else 0
+    scale = 1 if not (problem.has_lengths or isinstance(problem.ball, Stored)) and locked < 2 else 0
     return (6 if locked == 0 else 0) + scale + rigid
 
 
@@ -244,6 +310,15 @@ def gate_px(network: Network, size: FloatArray, placed: BoolArray, used: BoolArr
 
     `size` (n,) px: how far it is (`residual_size`). The gate is wider for a camera that is noisier than the rest, so
     that a blurred camera is not thrown away.
+
+    Parameters
+    ----------
+    network
+        The network.
+    size
+        How far each observation is from its prediction (n,) px, see `residual_size`.
+    placed, used
+        Cameras that have a pose (c,), and observations that tell the noise (n,).
     """
     noise = np.full(len(network.group), np.nan)
     overall = _noise(size[used])
@@ -257,7 +332,7 @@ def _gate(network: Network, state: State, placed: BoolArray, used: BoolArray) ->
     size = residual_size(network, state)
     keep = placed[network.camera] & (size <= gate_px(network, size, placed, used))
     keep &= ((network.views(keep) >= 2) | network.known)[network.feature]
-    if network.placement is not None:  # one camera may see a dot of the ball twice along the same ray
+    if not isinstance(network.ball, Free):  # one camera may see a dot of the ball twice along the same ray
         wide = network.angles(state, keep) >= MIN_ANGLE_RAD
         keep &= (wide | network.known)[network.feature]
     return keep

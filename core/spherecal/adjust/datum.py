@@ -8,7 +8,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from spherecal.adjust.problem import POSE, Problem, State
+from spherecal.adjust.ball_model import Stored
+from spherecal.adjust.layout import POSE
+from spherecal.adjust.problem import Problem
+from spherecal.adjust.state import State
 from spherecal.base.arrays import BoolArray, FloatArray, IntArray
 from spherecal.geometry.rotation import cross_matrix
 
@@ -23,7 +26,7 @@ class Places:
 
 def carried_dots(state: State, places: Places | None) -> tuple[FloatArray, FloatArray]:
     """Rotation (f,3,3) that carries each feature's point, and the point turned by it (f,3); empty in the free form."""
-    if places is None or state.placement_rotation is None:
+    if places is None:
         return np.zeros((0, 3, 3)), np.zeros((0, 3))
     turn = state.placement_rotation[places.placement]
     arm = np.einsum("fij,fj->fi", turn, state.points[places.point])
@@ -48,13 +51,19 @@ def datum_motions(problem: Problem, state: State, places: Places | None = None) 
 
     One locked camera leaves the stretch about its centre, two or more leave nothing. A known length makes the stretch
     seen.
+
+    Parameters
+    ----------
+    problem, state
+        The adjustment, and its minimum.
+    places
+        The features on a ball that keeps its shape; None in the free form.
     """
     locked = np.flatnonzero((np.bincount(problem.camera, minlength=problem.n_cameras) > 0) & ~problem.free_pose)
     seen = np.diff(problem.point_start) > 0
     at, takes_part = state.points, seen
     if places is not None:
         _, arm = carried_dots(state, places)
-        assert state.placement_translation is not None
         at, takes_part = arm + state.placement_translation[places.placement], seen[places.point]
     centroid = at[takes_part].mean(axis=0)
     if len(locked):
@@ -62,19 +71,27 @@ def datum_motions(problem: Problem, state: State, places: Places | None = None) 
     spread = np.sqrt(((at[takes_part] - centroid) ** 2).sum(axis=1).mean())
     moved = moved_points(at, centroid, spread)
     moved[~takes_part] = 0.0
-    pieces = [_moved_cameras(problem, state, centroid, spread)]
+    pieces = [moved_cameras(problem, state, centroid, spread)]
     if places is not None:
-        moved_placements = _moved_placements if state.anchored is None else _moved_anchored
+        moved_placements = _moved_anchored if state.is_anchored else _moved_placements
         pieces.append(moved_placements(state, centroid, spread))
     pieces.append(moved_points(state.points[problem.kept_points], centroid, spread).reshape(-1, 7))
     first = 6 if len(locked) else 0
     last = 7 if len(locked) < 2 else 6
-    unseen = np.arange(7) < (6 if problem.lengths is not None or problem.shape is not None else 7)
+    unseen = np.arange(7) < (6 if problem.has_lengths or isinstance(problem.ball, Stored) else 7)
     return Motions(np.vstack(pieces)[:, first:last], moved[:, :, first:last], unseen[first:last], float(spread))
 
 
 def moved_points(at: FloatArray, centroid: FloatArray, spread: float) -> FloatArray:
-    """How points (m,3) move, (m,3,7)."""
+    """How points (m,3) move, (m,3,7).
+
+    Parameters
+    ----------
+    at
+        Points (m,3).
+    centroid, spread
+        Centre (3,) of turns and stretch, and the distance from it at which they move a point by 1.
+    """
     out = np.zeros((len(at), 3, 7))
     out[:, :, :3] = np.eye(3)
     out[:, :, 3:6] = -cross_matrix(at - centroid) / spread
@@ -82,7 +99,7 @@ def moved_points(at: FloatArray, centroid: FloatArray, spread: float) -> FloatAr
     return out
 
 
-def _moved_cameras(problem: Problem, state: State, centroid: FloatArray, spread: float) -> FloatArray:
+def moved_cameras(problem: Problem, state: State, centroid: FloatArray, spread: float) -> FloatArray:
     """How cameras move with the whole, (c*w,7): each keeps its view, x_camera stays or is stretched with the points."""
     cameras = np.zeros((problem.n_cameras, POSE + len(problem.intrinsic_columns), 7))
     rotation = state.rotation
@@ -97,7 +114,6 @@ def _moved_cameras(problem: Problem, state: State, centroid: FloatArray, spread:
 def _moved_placements(state: State, centroid: FloatArray, spread: float) -> FloatArray:
     """How placements move when the ball's points move as the world does, (t*6,7); nothing where R = I, T = 0."""
     turn, shift = state.placement_rotation, state.placement_translation
-    assert turn is not None and shift is not None
     out = np.zeros((len(turn), POSE, 7))
     carried = np.einsum("tij,j->ti", turn, centroid)
     out[:, 3:, :3] = np.eye(3) - turn
@@ -114,7 +130,6 @@ def _moved_anchored(state: State, centroid: FloatArray, spread: float) -> FloatA
     In a stretch the shape grows in its frame.
     """
     shift = state.placement_translation
-    assert shift is not None
     out = np.zeros((len(shift), POSE, 7))
     out[:, 3:, :3] = np.eye(3)
     out[:, :3, 3:6] = np.eye(3) / spread

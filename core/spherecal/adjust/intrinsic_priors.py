@@ -5,8 +5,11 @@ from dataclasses import replace
 import numpy as np
 
 from spherecal.adjust.covariance import Covariance
+from spherecal.adjust.layout import POSE
 from spherecal.adjust.network import Network
-from spherecal.adjust.problem import POSE, Priors, Problem, State
+from spherecal.adjust.problem import Problem
+from spherecal.adjust.rows import Priors
+from spherecal.adjust.state import State
 from spherecal.base.arrays import BoolArray, FloatArray
 from spherecal.geometry.camera import INTRINSIC_NAMES, is_fisheye
 
@@ -42,6 +45,17 @@ def hold(network: Network, known: FloatArray, held: BoolArray, noise: float) -> 
     """The network with a prior on the intrinsics (c,16) of the held cameras' groups, and on rational denominators.
 
     `noise` is the standard deviation of unit weight: priors are to weigh against image points as both really scatter.
+
+    Parameters
+    ----------
+    network
+        The network.
+    known
+        Intrinsics before the adjustment, (c,16).
+    held
+        Cameras whose intrinsics the data cannot carry, (c,).
+    noise
+        Standard deviation of unit weight.
     """
     rational = network.free[:, _DENOMINATOR].any(axis=1)
     if not (held | rational).any():
@@ -61,7 +75,15 @@ def poorly_observed(network: Network, candidates: BoolArray) -> BoolArray:
 
 
 def poorly_determined(problem: Problem, state: State, covariance: Covariance, variance: float) -> BoolArray:
-    """Cameras (c,) whose focal length came out worse than a data sheet's."""
+    """Cameras (c,) whose focal length came out worse than a data sheet's.
+
+    Parameters
+    ----------
+    problem, state
+        The adjustment, and its minimum.
+    covariance, variance
+        Its cofactors and variance of unit weight.
+    """
     out = np.zeros(problem.n_cameras, dtype=bool)
     columns = problem.intrinsic_columns
     if not len(columns) or columns[0] != 0:

@@ -4,7 +4,7 @@ from typing import Any
 
 # Released from Python's global lock, so that a window stays responsive, and cached on disk after the first call. Fast
 # floating point keeps NaN and infinities, as a wild start must be seen as wild. "numpy": dividing by zero gives
-# infinity, as in `engine_numpy`, and no exception.
+# infinity, as in numpy, and no exception.
 KERNEL: dict[str, Any] = {
     "nogil": True, "cache": True, "fastmath": {"contract", "reassoc", "nsz"}, "error_model": "numpy",
 }  # fmt: skip

@@ -11,13 +11,63 @@ from typing import TypeAlias
 
 import numpy as np
 
-from spherecal.adjust.engine_numpy import Linearisation
-from spherecal.adjust.problem import POSE, Problem, State
+from spherecal.adjust.ball_model import Deformable
+from spherecal.adjust.layout import POSE
+from spherecal.adjust.problem import Problem
+from spherecal.adjust.state import State
 from spherecal.base import arrays
 from spherecal.base.arrays import BoolArray, FloatArray, IntArray, blocks
 
 # Up to this number of observations (20 MB) the linearisation is held: computing it again takes a tenth of a step.
 MOST_HELD = 50_000
+
+
+@dataclass(frozen=True)
+class Linearisation:
+    """Weighted residuals (n,2) and derivatives by camera (n,2,6+k), point (n,2,3) and placement (n,2,6).
+
+    Those by the placement are (0,2,6) in the free form.
+    """
+
+    residual: FloatArray
+    by_camera: FloatArray
+    by_point: FloatArray
+    by_placement: FloatArray
+
+    @property
+    def width(self) -> int:
+        """Columns of a camera: its pose and intrinsics."""
+        return self.by_camera.shape[2]
+
+    def at(self, rows: slice | IntArray) -> "Linearisation":
+        """The same of some observations."""
+        by_placement = self.by_placement[rows] if len(self.by_placement) else self.by_placement
+        return Linearisation(self.residual[rows], self.by_camera[rows], self.by_point[rows], by_placement)
+
+
+@dataclass(frozen=True)
+class Reduced:
+    """Normal equations in the expanded layout (upper block triangle) after eliminating the points.
+
+    `diagonal` (e,) is the diagonal before elimination; `point_inverse` (p,3,3) and `point_gradient` (p,3) serve the
+    back substitution. `is_gathered`: of cameras that share a lens, only the first has anything in its columns.
+    """
+
+    matrix: FloatArray
+    gradient: FloatArray
+    diagonal: FloatArray
+    point_inverse: FloatArray
+    point_gradient: FloatArray
+    is_gathered: bool = False
+
+
+@dataclass(frozen=True)
+class PointEquations:
+    """What is known of the points beside their observations: normal matrices (p,3,3) and gradients (p,3)."""
+
+    normal: FloatArray
+    gradient: FloatArray
+
 
 Linearise = Callable[[Problem, State, FloatArray | None], Linearisation]
 
@@ -55,21 +105,28 @@ Linear: TypeAlias = Linearisation | LinearByBlocks
 
 
 def linear_model(problem: Problem, state: State, robust_weight: FloatArray | None, linearise: Linearise) -> Linear:
-    """The linearisation: held where that takes little memory, else computed block by block."""
-    if len(problem.uv) <= MOST_HELD:
+    """The linearisation: held where that takes little memory or places have some play, else computed block by block.
+
+    Parameters
+    ----------
+    problem, state, robust_weight, linearise
+        The adjustment, where to linearise, factors of the rows (n,) or None, and what linearises.
+    """
+    if len(problem.uv) <= MOST_HELD or isinstance(problem.ball, Deformable):
         return linearise(problem, state, robust_weight)
     return LinearByBlocks(problem, state, robust_weight, linearise)
 
 
 @dataclass(frozen=True)
 class Part:
-    """Some points (m,) and their observations: rows `begin` to `end` (m,) of camera, placement and linearisation."""
+    """Some points (m,) and their observations: rows `begin` to `end` (m,) of what follows."""
 
     points: IntArray
     begin: IntArray
     end: IntArray
     camera: IntArray
     placement: IntArray
+    place: IntArray
     linear: Linearisation
 
 
@@ -77,11 +134,20 @@ def parts(problem: Problem, linear: Linear, points: IntArray, may_begin: BoolArr
     """The points in their order, in parts of some `ROWS_AT_ONCE` observations; all at once where they are held.
 
     `may_begin` (m,): where a new part may begin; None for anywhere.
+
+    Parameters
+    ----------
+    problem, linear
+        The adjustment and its linearisation.
+    points
+        Points in the order wanted, (m,).
+    may_begin
+        Where a new part may begin (m,); None for anywhere.
     """
-    placement = np.zeros(0, dtype=np.int64) if problem.placement is None else problem.placement
+    placement, place = problem.ball.placement, problem.ball.place
     start = problem.point_start
     if isinstance(linear, Linearisation):
-        yield Part(points, start[points], start[points + 1], problem.camera, placement, linear)
+        yield Part(points, start[points], start[points + 1], problem.camera, placement, place, linear)
         return
     count = start[points + 1] - start[points]
     at = np.arange(len(points)) if may_begin is None else np.flatnonzero(may_begin)
@@ -92,5 +158,11 @@ def parts(problem: Problem, linear: Linear, points: IntArray, may_begin: BoolArr
         begin = end - own
         rows = np.repeat(start[some] - begin, own) + np.arange(end[-1])
         yield Part(
-            some, begin, end, problem.camera[rows], placement[rows] if len(placement) else placement, linear.at(rows)
+            some,
+            begin,
+            end,
+            problem.camera[rows],
+            placement[rows] if len(placement) else placement,
+            place[rows] if len(place) else place,
+            linear.at(rows),
         )

@@ -12,7 +12,7 @@ import numpy as np
 
 from spherecal.adjust.bundle import RobustStep, located, residual_size, robust_adjustment, usable_features
 from spherecal.adjust.network import Network
-from spherecal.adjust.problem import State
+from spherecal.adjust.state import State
 from spherecal.base.arrays import BoolArray, FloatArray, IntArray
 from spherecal.base.context import Context
 from spherecal.geometry.camera import undistort
@@ -48,17 +48,28 @@ class Resections:
 
 
 def with_right_poses(
-    network: Network, state: State, used: BoolArray, candidates: BoolArray, placed: BoolArray, context: Context,
-) -> Resections:  # fmt: skip
+    network: Network, state: State, used: BoolArray, candidates: BoolArray, placed: BoolArray, context: Context
+) -> Resections:
     """The network with every doubtful camera at its best pose, adjusted again (equal weights) where one changed.
 
     `state` is near a minimum, `used` (n,) the observations that fit it, `candidates` (n,) all that may be used,
     `placed` (c,). A camera whose second-best pose fits nearly as well keeps none: `ambiguous`.
+
+    Parameters
+    ----------
+    network, state
+        The network, and its values.
+    used, candidates
+        Observations that fit, and all that may (n,).
+    placed
+        Cameras that have a pose, (c,).
+    context
+        For progress, and to stop.
     """
     for number in range(ROUNDS):
         context.report("resection", number / ROUNDS)
         doubtful = doubtful_cameras(network, state, used, candidates, placed)
-        doubtful &= ~_locked(network)
+        doubtful &= ~network.locked
         if not doubtful.any():
             break
         better = _better_poses(network, state, used, candidates, doubtful)
@@ -79,7 +90,17 @@ def with_right_poses(
 def doubtful_cameras(
     network: Network, state: State, used: BoolArray, candidates: BoolArray, placed: BoolArray
 ) -> BoolArray:
-    """Cameras (c,) that may be in a wrong minimum: residuals that stand out, few points, many left out."""
+    """Cameras (c,) that may be in a wrong minimum: residuals that stand out, few points, many left out.
+
+    Parameters
+    ----------
+    network, state
+        The network, and its values.
+    used, candidates
+        Observations that fit, and all that may (n,).
+    placed
+        Cameras that have a pose, (c,).
+    """
     size = residual_size(network, state)
     n = len(placed)
     known = candidates & np.isfinite(state.points[network.feature, 0])
@@ -95,10 +116,6 @@ def doubtful_cameras(
 
 def _median(values: FloatArray) -> float:
     return float(np.median(values)) if len(values) else float("nan")
-
-
-def _locked(network: Network) -> BoolArray:
-    return np.zeros(len(network.group), dtype=bool) if network.locked is None else network.locked
 
 
 def _better_poses(
@@ -122,7 +139,7 @@ def _better_poses(
 def _ambiguous(network: Network, state: State, used: BoolArray, candidates: BoolArray, placed: BoolArray) -> BoolArray:
     """Doubtful cameras (c,) whose second-best pose fits nearly as well as the best, or which no points can confirm."""
     out = np.zeros(len(placed), dtype=bool)
-    doubtful = doubtful_cameras(network, state, used, candidates, placed) & ~_locked(network)
+    doubtful = doubtful_cameras(network, state, used, candidates, placed) & ~network.locked
     if not doubtful.any() or doubtful.sum() > placed.sum() / 2:
         return out
     noise_px = _noise_px(network, state, used & ~doubtful[network.camera])

@@ -1,13 +1,13 @@
-"""Elimination of the points, compiled: the Schur complement of their blocks, and the step back to them.
+"""Elimination of the points, compiled: the Schur complement of their blocks.
 
 A block has some columns of the expanded system: a camera with its lens, a placement, a point that is kept, or a lens
-that several cameras share.
+that several cameras share. The dots of a deformable ball are eliminated in `deformable_kernel`.
 """
 
 import numpy as np
 
 from spherecal.adjust.kernel import INNER, KERNEL
-from spherecal.adjust.problem import POSE
+from spherecal.adjust.layout import POSE
 from spherecal.base.kernels import njit
 
 # Points that are eliminated by one matrix product; more than 64 gain nothing.
@@ -16,7 +16,7 @@ _KINDS = 3  # of blocks that an observation may meet, see `_block`
 
 
 @njit(**INNER)
-def _inverse_damped(v, damping, out):
+def inverse_damped(v, damping, out):
     """Inverse of a symmetric 3x3 matrix whose diagonal is multiplied by 1 + damping."""
     f = 1.0 + damping
     a, b, c, d, e, g = v[0, 0] * f, v[0, 1], v[0, 2], v[1, 1] * f, v[1, 2], v[2, 2] * f
@@ -38,7 +38,7 @@ def _add_square(square, rows):
 
 
 @njit(**INNER)
-def _weigh(weighted, coupling, at, inverse, size):
+def weigh(weighted, coupling, at, inverse, size):
     """weighted = V^-1 W' (3, size), both from place `at` on."""
     one, two = at + size, at + 2 * size
     for j in range(3):
@@ -54,7 +54,7 @@ def _flush(matrix, weighted, coupling, n_rows, size, blocks, n_blocks, offset, w
     if n_rows == 0:
         return
     if n_rows == 3:
-        _subtract_point(matrix, weighted, coupling, size, blocks, n_blocks, offset, width)
+        subtract_point(matrix, weighted, coupling, size, blocks, n_blocks, offset, width)
         return
     product = np.dot(weighted[: n_rows * size].reshape(n_rows, size).T, coupling[: n_rows * size].reshape(n_rows, size))
     left = 0
@@ -75,7 +75,7 @@ def _flush(matrix, weighted, coupling, n_rows, size, blocks, n_blocks, offset, w
 
 
 @njit(**INNER)
-def _subtract_point(matrix, weighted, coupling, size, blocks, n_blocks, offset, width):
+def subtract_point(matrix, weighted, coupling, size, blocks, n_blocks, offset, width):
     """The same of a single point, for which a matrix product costs more than it saves."""
     left = 0
     for s in range(n_blocks):
@@ -108,7 +108,7 @@ def _block(kind, k, camera, placement, n_cameras, lens):
 
 
 @njit(**INNER)
-def _meet(begin, end, camera, placement, n_cameras, lens, width, place, blocks):
+def meet(begin, end, camera, placement, n_cameras, lens, width, place, blocks):
     """Lists the blocks that meet a point and gives each its first column; returns how many, and all their columns."""
     size, n_blocks = 0, 0
     for k in range(begin, end):
@@ -162,6 +162,32 @@ def _add_point(v, g, by_point, r0, r1):
             v[i, j] += by_point[0, i] * by_point[0, j] + by_point[1, i] * by_point[1, j]
 
 
+@njit(**INNER)
+def add_observations(
+    begin, end, camera, placement, n_cameras, residual, by_camera, by_point, by_placement, offset, width, lens,
+    place, coupling, at, size, v, g, matrix, gradient, square,
+):  # fmt: skip
+    """Rows begin to end of a point: the blocks' own equations, and what its coupling W' (from `at` on), V and g get."""
+    for k in range(begin, end):
+        c, jp, r0, r1 = camera[k], by_point[k], residual[k, 0], residual[k, 1]
+        rows = by_camera[k]
+        _add_square(square[c], rows)
+        split, shared = width[c], lens[c]  # from column `split` on, a lens that cameras share
+        _add_block(rows, 0, split, r0, r1, jp, coupling, at + place[c], size, gradient, offset[c])
+        if shared >= 0:
+            _add_block(
+                rows, split, rows.shape[1], r0, r1, jp, coupling, at + place[shared], size, gradient, offset[shared]
+            )  # fmt: skip
+        if len(placement) > 0:
+            t, pose = n_cameras + placement[k], by_placement[k]
+            _add_square(square[t], pose)
+            _add_block(pose, 0, POSE, r0, r1, jp, coupling, at + place[t], size, gradient, offset[t])
+            _add_rows(matrix, rows, 0, split, pose, offset[c], offset[t])
+            if shared >= 0:
+                _add_rows(matrix, rows, split, rows.shape[1], pose, offset[shared], offset[t])
+        _add_point(v, g, jp, r0, r1)
+
+
 @njit(**KERNEL)
 def eliminate_points(
     order, begins, ends, camera, placement, n_cameras, kept_block,
@@ -171,18 +197,20 @@ def eliminate_points(
     """Adds points, in the given order, to the reduced system; runs that meet the same blocks are eliminated together.
 
     Point `order[i]` has the rows `begins[i]` to `ends[i]`. `square` (blocks,w,w) takes the blocks' own normal
-    equations, a camera's with its lens, shared or not: `add_squares` brings them into the matrix.
+    equations, a camera's with its lens, shared or not: `add_squares` brings them into the matrix. `inverse` and
+    `point_gradient` hold what is known of the points without their observations, and in the end the inverses of their
+    damped V and their gradients.
     """
     n_all = len(offset)
     place = np.full(n_all, -1)  # a block's first column among those that meet the present point
     blocks, run = np.empty(n_all, dtype=np.int64), np.empty(n_all, dtype=np.int64)
     n_run, run_size, run_rows = 0, 0, 0
-    most = _most_columns(camera, placement, n_cameras, begins, ends, lens, width, place)
+    most = most_columns(camera, placement, n_cameras, begins, ends, lens, width, place)
     coupling, weighted = np.empty(3 * RUN * most), np.empty(3 * RUN * most)
     v = np.empty((3, 3))
     for n in range(len(order)):
         p, begin, end = order[n], begins[n], ends[n]
-        n_blocks, size = _meet(begin, end, camera, placement, n_cameras, lens, width, place, blocks)
+        n_blocks, size = meet(begin, end, camera, placement, n_cameras, lens, width, place, blocks)
         if run_rows == 3 * RUN or not _equal(blocks, n_blocks, run, n_run):
             _flush(matrix, weighted, coupling, run_rows, run_size, run, n_run, offset, width)
             for s in range(n_blocks):
@@ -191,34 +219,21 @@ def eliminate_points(
         at = run_rows * size  # where the point's W' begins
         for i in range(at, at + 3 * size):
             coupling[i] = 0.0
-        v[:] = 0.0
+        v[:] = inverse[p]
         g = point_gradient[p]
-        for k in range(begin, end):
-            c, jp, r0, r1 = camera[k], by_point[k], residual[k, 0], residual[k, 1]
-            rows = by_camera[k]
-            _add_square(square[c], rows)
-            split, shared = width[c], lens[c]  # from column `split` on, a lens that cameras share
-            _add_block(rows, 0, split, r0, r1, jp, coupling, at + place[c], size, gradient, offset[c])
-            if shared >= 0:
-                _add_block(
-                    rows, split, rows.shape[1], r0, r1, jp, coupling, at + place[shared], size, gradient, offset[shared]
-                )  # fmt: skip
-            if len(placement) > 0:
-                t, pose = n_cameras + placement[k], by_placement[k]
-                _add_square(square[t], pose)
-                _add_block(pose, 0, POSE, r0, r1, jp, coupling, at + place[t], size, gradient, offset[t])
-                _add_rows(matrix, rows, 0, split, pose, offset[c], offset[t])
-                if shared >= 0:
-                    _add_rows(matrix, rows, split, rows.shape[1], pose, offset[shared], offset[t])
-            _add_point(v, g, jp, r0, r1)
+        add_observations(
+            begin, end, camera, placement, n_cameras, residual, by_camera, by_point, by_placement, offset, width, lens,
+            place, coupling, at, size, v, g, matrix, gradient, square,
+        )  # fmt: skip
         if kept_block[p] >= 0:
-            _keep_point(
+            keep_point(
                 matrix, gradient, diagonal, offset, width, kept_block[p], v, g, blocks, n_blocks, coupling[at:], size
             )  # fmt: skip
+            inverse[p] = 0.0
         else:
-            _inverse_damped(v, damping, inverse[p])
-            _weigh(weighted, coupling, at, inverse[p], size)
-            _subtract_gradient(gradient, weighted, at, size, g, blocks, n_blocks, offset, width)
+            inverse_damped(v, damping, inverse[p])
+            weigh(weighted, coupling, at, inverse[p], size)
+            subtract_gradient(gradient, weighted, at, size, g, blocks, n_blocks, offset, width)
             run_rows += 3
         for s in range(n_blocks):
             place[blocks[s]] = -1
@@ -226,7 +241,7 @@ def eliminate_points(
 
 
 @njit(**INNER)
-def _subtract_gradient(gradient, weighted, at, size, g, blocks, n_blocks, offset, width):
+def subtract_gradient(gradient, weighted, at, size, g, blocks, n_blocks, offset, width):
     """gradient -= W V^-1 g of one point."""
     first, g0, g1, g2 = at, g[0], g[1], g[2]
     for s in range(n_blocks):
@@ -261,7 +276,7 @@ def add_squares(matrix, diagonal, square, offset, width, lens):
 
 
 @njit(**INNER)
-def _most_columns(camera, placement, n_cameras, begins, ends, lens, width, place):
+def most_columns(camera, placement, n_cameras, begins, ends, lens, width, place):
     """The largest number of columns that meet in one point."""
     most = 0
     for p in range(len(begins)):
@@ -278,7 +293,7 @@ def _most_columns(camera, placement, n_cameras, begins, ends, lens, width, place
 
 
 @njit(**INNER)
-def _keep_point(matrix, gradient, diagonal, offset, width, kept, v, g, blocks, n_blocks, coupling, size):
+def keep_point(matrix, gradient, diagonal, offset, width, kept, v, g, blocks, n_blocks, coupling, size):
     """A point of a length row stays: its own block and its coupling go into the reduced system."""
     column = offset[kept]
     for j in range(3):
@@ -293,48 +308,3 @@ def _keep_point(matrix, gradient, diagonal, offset, width, kept, v, g, blocks, n
             for j in range(3):
                 matrix[offset[b] + i, column + j] += coupling[j * size + first + i]
         first += width[b]
-
-
-@njit(**KERNEL)
-def substitute_points(
-    points, begins, ends, camera, placement, n_cameras, is_kept,
-    residual, by_camera, by_point, by_placement, offset, inverse, point_gradient, step, point_step, squares,
-):  # fmt: skip
-    """Fills the points' step for a step of the reduced system; returns `squares` and those that both leave."""
-    widest = by_camera.shape[2]
-    longest = 0
-    for n in range(len(points)):
-        longest = max(longest, ends[n] - begins[n])
-    change = np.empty((longest, 2))
-    for n in range(len(points)):
-        p, begin, end = points[n], begins[n], ends[n]
-        g0, g1, g2 = point_gradient[p]
-        for k in range(begin, end):
-            first = offset[camera[k]]
-            d0, d1 = residual[k, 0], residual[k, 1]
-            for i in range(widest):
-                d0 += by_camera[k, 0, i] * step[first + i]
-                d1 += by_camera[k, 1, i] * step[first + i]
-            if len(placement) > 0:
-                first = offset[n_cameras + placement[k]]
-                for i in range(POSE):
-                    d0 += by_placement[k, 0, i] * step[first + i]
-                    d1 += by_placement[k, 1, i] * step[first + i]
-            change[k - begin, 0], change[k - begin, 1] = d0, d1
-            d0, d1 = d0 - residual[k, 0], d1 - residual[k, 1]
-            g0 += by_point[k, 0, 0] * d0 + by_point[k, 1, 0] * d1
-            g1 += by_point[k, 0, 1] * d0 + by_point[k, 1, 1] * d1
-            g2 += by_point[k, 0, 2] * d0 + by_point[k, 1, 2] * d1
-        s = point_step[p]
-        if not is_kept[p]:
-            v = inverse[p]
-            s[0] = -(v[0, 0] * g0 + v[0, 1] * g1 + v[0, 2] * g2)
-            s[1] = -(v[1, 0] * g0 + v[1, 1] * g1 + v[1, 2] * g2)
-            s[2] = -(v[2, 0] * g0 + v[2, 1] * g1 + v[2, 2] * g2)
-        for k in range(begin, end):
-            for e in range(2):
-                value = change[k - begin, e]
-                for j in range(3):
-                    value += by_point[k, e, j] * s[j]
-                squares += value * value
-    return squares

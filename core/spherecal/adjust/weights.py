@@ -7,18 +7,20 @@ five views of 113, which then had 20 to 70 times the noise of the others and pos
 """
 
 from dataclasses import replace
-from types import ModuleType
 
 import numpy as np
 from scipy.spatial import KDTree
 
+from spherecal.adjust import engine
+from spherecal.adjust.ball_model import Deformable, Stored
 from spherecal.adjust.bundle import Adjustment, refine, residual_size
 from spherecal.adjust.deformable import left_over
-from spherecal.adjust.levenberg import load_engine
+from spherecal.adjust.layout import POSE
 from spherecal.adjust.network import Network
-from spherecal.adjust.problem import POSE, Problem, State
+from spherecal.adjust.problem import Problem
+from spherecal.adjust.state import State
 from spherecal.base.arrays import BoolArray, FloatArray, blocks_of_groups
-from spherecal.base.context import Context, Engine
+from spherecal.base.context import Context
 
 # A camera 10 to 25 times noisier than the rest is found in two rounds, its neighbours are clean again after eight (1.03
 # and 1.02; 1.13 and 1.20 after three); clean data settle in one or two.
@@ -34,15 +36,13 @@ NEIGHBOURS = 4
 LEAST_NOISE, MOST_NOISE = 0.1, 100.0
 
 
-def camera_noise(problem: Problem, state: State, engine: Engine) -> FloatArray:
+def camera_noise(problem: Problem, state: State) -> FloatArray:
     """Noise (c,) of each camera against its weights, 1 on average over the observations.
 
     Its square is that between neighbouring dots plus what residuals of the whole network share: lenses that do not
     follow the model, in the median over the cameras.
     """
-    residual, by_points = (left_over_by_points if problem.play is None else left_over)(
-        problem, state, load_engine(engine)
-    )
+    residual, by_points = (left_over if isinstance(problem.ball, Deformable) else left_over_by_points)(problem, state)
     rest, scale = 2.0 - by_points, 1.0 / problem.weight.mean(axis=1)
     n = problem.n_cameras
     count, size = (np.bincount(problem.camera, values, n) for values in (np.ones(len(rest)), scale**2))
@@ -68,7 +68,7 @@ def camera_noise(problem: Problem, state: State, engine: Engine) -> FloatArray:
     return noise.clip(LEAST_NOISE, MOST_NOISE)
 
 
-def left_over_by_points(problem: Problem, state: State, engine: ModuleType) -> tuple[FloatArray, FloatArray]:
+def left_over_by_points(problem: Problem, state: State) -> tuple[FloatArray, FloatArray]:
     """Residuals (n,2), and of each observation's two rows how much its point is fitted to them (n,)."""
     residual, by_points = np.empty_like(problem.uv), np.empty(len(problem.uv))
     for first, last in blocks_of_groups(problem.point_start):
@@ -76,6 +76,8 @@ def left_over_by_points(problem: Problem, state: State, engine: ModuleType) -> t
         linear, point = engine.linearise(problem.select(own), state, None), problem.point[own] - first
         normal = np.zeros((last - first, 3, 3))
         np.add.at(normal, point, np.einsum("nki,nkj->nij", linear.by_point, linear.by_point))
+        if isinstance(problem.ball, Stored):
+            normal += problem.ball.shape.information[first:last]
         inverse = np.linalg.pinv(normal, hermitian=True)
         residual[own] = linear.residual
         by_points[own] = np.einsum("nki,nij,nkj->n", linear.by_point, inverse[point], linear.by_point)
@@ -95,6 +97,13 @@ def rough_noise(network: Network, state: State, used: BoolArray) -> FloatArray:
     """Noise (c,) of cameras before any is known, by their typical residuals: only what sticks out counts.
 
     Without it a blurred camera pulls the points it shares, and good observations of its partners fail the gate.
+
+    Parameters
+    ----------
+    network, state
+        The network, and its values.
+    used
+        Observations to judge by, (n,).
     """
     size = residual_size(network, state)
     typical = float(np.median(size[used])) if used.any() else 0.0
@@ -107,11 +116,20 @@ def rough_noise(network: Network, state: State, used: BoolArray) -> FloatArray:
 
 
 def weighted(network: Network, adjusted: Adjustment, placed: BoolArray, context: Context) -> tuple[Network, Adjustment]:
-    """The adjustment again with every camera weighted by its own noise, and the network with these weights."""
+    """The adjustment again with every camera weighted by its own noise, and the network with these weights.
+
+    Parameters
+    ----------
+    network, adjusted
+        The network, and its adjustment so far.
+    placed
+        Cameras that have a pose, (c,).
+    context
+        For progress, and to stop.
+    """
     for _ in range(ROUNDS):
-        factor = camera_noise(adjusted.problem, adjusted.state, context.engine)
-        before = np.ones(len(placed)) if network.noise is None else network.noise
-        network = replace(network, noise=before * factor)
+        factor = camera_noise(adjusted.problem, adjusted.state)
+        network = replace(network, noise=network.noise * factor)
         adjusted = refine(network, adjusted.state, adjusted.used, placed, context)
         if (np.abs(factor - 1) < SETTLED).all():
             break

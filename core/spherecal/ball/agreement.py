@@ -11,8 +11,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from spherecal.adjust import engine
 from spherecal.adjust.bundle import Adjustment
-from spherecal.adjust.levenberg import load_engine
 from spherecal.base.arrays import FloatArray, IntArray, blocks_of_groups
 
 # The part on which cameras agree, over the noise's share of the squares. Of balls bent by 0.05 to 0.2 mm on rigs A, B
@@ -41,13 +41,22 @@ def agreement(rigid: Adjustment, feature: IntArray, free_variance: float) -> Agr
     """How far cameras agree on motions of dots; feature (n,) of all observations (placement, target, point).
 
     `free_variance`: variance of unit weight with free points. (0, inf) where no dot is seen at two placements.
+
+    Parameters
+    ----------
+    rigid
+        The adjustment of the rigid ball.
+    feature
+        Feature of each observation, those that are not used included, (n,).
+    free_variance
+        Variance of unit weight with free points.
     """
     problem = rigid.problem
     feature = feature[rigid.rows]
     sums = np.zeros(4)
     for first, last in blocks_of_groups(problem.point_start):
         rows = slice(int(problem.point_start[first]), int(problem.point_start[last]))
-        linear = load_engine("numba").linearise(problem.select(rows), rigid.state, None)
+        linear = engine.linearise(problem.select(rows), rigid.state, None)
         sums += _terms(linear.by_point, linear.residual, problem.point[rows] - first, feature[rows])
     agreed, between, own, scatter = sums
     if not own > 0:
@@ -83,8 +92,14 @@ def _terms(by_point: FloatArray, residual: FloatArray, point: IntArray, feature:
     between = np.bincount(at, taken_alone, len(group)) - taken
     turned = np.einsum("nij,njk->nik", inverse[at], square)
     scatter = 3 - np.bincount(at, np.einsum("nij,nji->n", turned, turned), len(group))
-    return np.array([(gained - alone)[good].sum(), between[good].sum(), (3 - taken)[good].sum(),
-                     np.maximum(scatter, 0.0)[good].sum()])  # fmt: skip
+    return np.array(
+        [
+            (gained - alone)[good].sum(),
+            between[good].sum(),
+            (3 - taken)[good].sum(),
+            np.maximum(scatter, 0.0)[good].sum(),
+        ]
+    )
 
 
 def _summed(values: FloatArray, index: IntArray, count: int) -> FloatArray:

@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.linalg import LinAlgError, cho_factor, cho_solve
 
+from spherecal.adjust import engine
 from spherecal.adjust.bundle import (
     RobustStep,
     located,
@@ -18,13 +19,15 @@ from spherecal.adjust.bundle import (
     robust_adjustment,
     robust_start,
 )
-from spherecal.adjust.engine_numpy import Linearisation
-from spherecal.adjust.levenberg import load_engine, normal_equations
-from spherecal.adjust.network import Network
-from spherecal.adjust.problem import POSE, Problem, State, symmetric
-from spherecal.ball.rigid import Alignment
+from spherecal.adjust.layout import POSE, symmetric
+from spherecal.adjust.least_squares import normal_equations
+from spherecal.adjust.linear import Linearisation
+from spherecal.adjust.network import Network, free_network
+from spherecal.adjust.problem import Problem
+from spherecal.adjust.state import State
+from spherecal.ball.rigid import Alignment, BallNetwork
 from spherecal.base.arrays import BoolArray, FloatArray, IntArray
-from spherecal.base.context import Context, Engine
+from spherecal.base.context import Context
 from spherecal.base.threads import one_blas_thread
 from spherecal.data.observations import Features
 from spherecal.geometry.transform import Similarity
@@ -64,25 +67,48 @@ class ImagePoses:
 
 
 def images_of(network: Network, features: Features, rows: IntArray, n_ball: int) -> Network:
-    """The network of images, camera by camera, of the ball that does not move: image = camera * n_ball + placement."""
+    """The network of images, camera by camera, of the ball that does not move: image = camera * n_ball + placement.
+
+    Parameters
+    ----------
+    network, features
+        The network in the free form, and what its features are.
+    rows
+        Observations to take, (k,) indices.
+    n_ball
+        Placements of the ball.
+    """
     image = network.camera[rows] * n_ball + features.placement[network.feature[rows]]
     dots = np.stack([features.target, features.point], axis=1)[network.feature[rows]]
     dot = np.unique(dots, axis=0, return_inverse=True)[1].reshape(-1)
-    return Network(
-        dot, image, network.uv[rows], None if network.sigma is None else network.sigma[rows],
-        int(dot.max(initial=-1)) + 1, np.repeat(network.free, n_ball, axis=0), np.repeat(network.group, n_ball),
-        noise=None if network.noise is None else np.repeat(network.noise, n_ball),
-    )  # fmt: skip
+    images = free_network(
+        dot,
+        image,
+        network.uv[rows],
+        int(dot.max(initial=-1)) + 1,
+        np.repeat(network.free, n_ball, axis=0),
+        np.repeat(network.group, n_ball),
+    )
+    return replace(images, sigma=network.sigma[rows], noise=np.repeat(network.noise, n_ball))
 
 
 def solve_images(
-    network: Network, features: Features, state: State, placed: BoolArray, alignment: Alignment, n_ball: int,
-    context: Context,
-) -> ImagePoses | None:  # fmt: skip
+    ball: BallNetwork, state: State, placed: BoolArray, alignment: Alignment, context: Context
+) -> ImagePoses | None:
     """The images' own poses from a rig's; None where there are too many, or too few to say anything.
 
-    `network` and `state` in the free form; only the largest part of the placements that `alignment` links takes part.
+    Parameters
+    ----------
+    ball, state
+        The network in the free form, and its state.
+    placed
+        Cameras that have a pose, (c,).
+    alignment
+        How the placements hang together; only the largest part that it links takes part.
+    context
+        For progress, and to stop.
     """
+    network, features, n_ball = ball.network, ball.features, ball.n_ball
     roots = alignment.root[:n_ball]
     together = roots == np.bincount(roots).argmax()
     of_ball = features.placement[network.feature] < n_ball
@@ -94,26 +120,32 @@ def solve_images(
     rotation = np.einsum("cij,tjk->ctik", state.rotation, alignment.turn[:n_ball])
     translation = np.einsum("cij,tj->cti", state.rotation, alignment.shift[:n_ball]) + state.translation[:, None]
     start = State(
-        rotation.reshape(-1, 3, 3), translation.reshape(-1, 3), np.repeat(state.intrinsics, n_ball, axis=0),
+        rotation.reshape(-1, 3, 3),
+        translation.reshape(-1, 3),
+        np.repeat(state.intrinsics, n_ball, axis=0),
         np.full((images.n_features, 3), np.nan),
-    )  # fmt: skip
+    )
     start, used = _settled(images, start, enough, context)
     solved = refine(images, start, used, enough, context)
     own = np.flatnonzero(np.bincount(solved.problem.camera, minlength=len(enough)))
-    linear = load_engine(context.engine).linearise(solved.problem, solved.state, None)
-    normal = _of_poses(solved.problem, solved.state, linear, own, context.engine)
+    linear = engine.linearise(solved.problem, solved.state, None)
+    normal = _of_poses(solved.problem, solved.state, linear, own)
     if normal is None or solved.redundancy <= 0 or not solved.minimum.converged:
         return None
     points = np.bincount(solved.problem.camera, minlength=len(enough))[own]
     return ImagePoses(
-        own // n_ball, own % n_ball, points, solved.state.rotation[own], solved.state.translation[own], normal,
-        _squares(solved.problem, linear)[own], solved.variance,
-    )  # fmt: skip
+        own // n_ball,
+        own % n_ball,
+        points,
+        solved.state.rotation[own],
+        solved.state.translation[own],
+        normal,
+        _squares(solved.problem, linear)[own],
+        solved.variance,
+    )
 
 
-def _settled(
-    images: Network, start: State, enough: BoolArray, context: Context
-) -> tuple[State, BoolArray]:  # fmt: skip
+def _settled(images: Network, start: State, enough: BoolArray, context: Context) -> tuple[State, BoolArray]:
     """The images near their minimum, and the observations (n,) that fit: poses alone, and lenses where these bent."""
     candidates = enough[images.camera]
     state = located(images, start, candidates)
@@ -140,13 +172,11 @@ def _squares(problem: Problem, linear: Linearisation) -> FloatArray:
     return out
 
 
-def _of_poses(
-    problem: Problem, state: State, linear: Linearisation, images: IntArray, engine_name: Engine
-) -> FloatArray | None:
+def _of_poses(problem: Problem, state: State, linear: Linearisation, images: IntArray) -> FloatArray | None:
     """The normal matrix of the images' poses once dots and lenses are eliminated; None where lenses are not found."""
-    engine, layout = load_engine(engine_name), problem.layout
+    layout = problem.layout
     with one_blas_thread():
-        whole = symmetric(normal_equations(problem, state, engine, linear, 0.0).matrix)
+        whole = symmetric(normal_equations(problem, state, linear, 0.0).matrix)
         poses = layout.column[layout.block_offset[images][:, None] + np.arange(POSE)].ravel()
         lenses = np.setdiff1d(np.arange(layout.size), poses)
         size = 1 / np.sqrt(whole.diagonal()[lenses])
@@ -160,12 +190,23 @@ def _of_poses(
 
 
 def hang_together(
-    images: dict[tuple[int, int], Similarity], points: dict[tuple[int, int], int], cameras: dict[int, Similarity],
+    images: dict[tuple[int, int], Similarity],
+    points: dict[tuple[int, int], int],
+    cameras: dict[int, Similarity],
     placements: dict[int, Similarity],
-) -> None:  # fmt: skip
+) -> None:
     """Add cameras and placements that images (camera, placement) lead to: the best one of which one end is known first.
 
     A pose of an image is its camera's after its placement's.
+
+    Parameters
+    ----------
+    images
+        Pose of every image (camera, placement).
+    points
+        Points in each of them.
+    cameras, placements
+        Poses that are known; the others are added.
     """
     while True:
         open_ended = [(c, t) for c, t in images if (c in cameras) != (t in placements)]
@@ -181,4 +222,10 @@ def hang_together(
 def known_intrinsics(images: Network) -> Network:
     """The images for start values: nothing of their lenses is estimated, all points weigh the same."""
     count = len(images.group)
-    return replace(images, sigma=None, noise=None, free=np.zeros_like(images.free), group=np.arange(count))
+    return replace(
+        images,
+        sigma=np.ones_like(images.uv),
+        noise=np.ones(count),
+        free=np.zeros_like(images.free),
+        group=np.arange(count),
+    )

@@ -12,7 +12,7 @@ from dataclasses import replace
 import numpy as np
 
 from spherecal.adjust.network import Network
-from spherecal.adjust.problem import State
+from spherecal.adjust.state import State
 from spherecal.ball.image_poses import hang_together, images_of, known_intrinsics
 from spherecal.ball.rigid import Alignment, BallNetwork
 from spherecal.base.arrays import IntArray
@@ -28,6 +28,17 @@ def link_camera_groups(
 
     groups: the cameras of each group in a frame and size of its own, the first one's is kept; `alignment` only gives
     the numbers of dots shared.
+
+    Parameters
+    ----------
+    ball
+        The network in the free form.
+    groups
+        Cameras of each group in a frame and size of its own; the first keeps its frame.
+    alignment
+        Gives the numbers of dots shared.
+    context
+        For progress, and to stop.
     """
     network, n_ball = ball.network, ball.n_ball
     known = np.any([group.placed for group in groups], axis=0)
@@ -51,9 +62,11 @@ def _first(images: Network, groups: list[InitialPoses], n_ball: int) -> tuple[in
     for group in groups[1:]:
         intrinsics[group.placed] = group.state.intrinsics[group.placed]
     state = State(
-        np.repeat(main.state.rotation, n_ball, axis=0), np.repeat(main.state.translation, n_ball, axis=0),
-        np.repeat(intrinsics, n_ball, axis=0), np.full((images.n_features, 3), np.nan),
-    )  # fmt: skip
+        np.repeat(main.state.rotation, n_ball, axis=0),
+        np.repeat(main.state.translation, n_ball, axis=0),
+        np.repeat(intrinsics, n_ball, axis=0),
+        np.full((images.n_features, 3), np.nan),
+    )
     return root, InitialPoses(
         state, np.repeat(main.placed, n_ball) & np.tile(np.arange(n_ball) == root, len(main.placed))
     )
@@ -102,7 +115,7 @@ def _pose(state: State, camera: int, size: float = 1.0) -> Similarity:
 
 def _rig(
     start: InitialPoses, grown: InitialPoses, count: IntArray, alignment: Alignment, root: int
-) -> tuple[InitialPoses, Alignment]:  # fmt: skip
+) -> tuple[InitialPoses, Alignment]:
     """Cameras and placements from the images' poses, each from the image with most dots (count (c,t)) that tells it."""
     n_ball = count.shape[1]
     placed = grown.placed.reshape(-1, n_ball) & (count > 0)

@@ -9,9 +9,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from spherecal.adjust.ball_model import Deformable, Rigid
 from spherecal.adjust.datum import Places
 from spherecal.adjust.network import Network
-from spherecal.adjust.problem import State
+from spherecal.adjust.state import State
 from spherecal.base.arrays import BoolArray, FloatArray, IntArray
 from spherecal.data.observations import Features
 from spherecal.geometry.rotation import log_rotation
@@ -62,19 +63,20 @@ class RigidNetwork:
 
     def as_features(self, state: State) -> State:
         """The state with a point for every feature of the free network, where its placement carries it."""
-        assert state.placement_rotation is not None and state.placement_translation is not None
         turn = state.placement_rotation[self.places.placement]
         points = np.einsum("fij,fj->fi", turn, state.points[self.places.point])
         points += state.placement_translation[self.places.placement]
-        if state.bend is not None:
+        if len(state.bend):
             points += state.bend
-        return replace(state, points=points, placement_rotation=None, placement_translation=None, bend=None)
+        return state.free(points)
 
     def softened(self, play: float) -> "RigidNetwork":
-        """The same ball with some play (see Problem.play) of the dots that may be seen at two placements."""
+        """The same ball with some play (see Deformable) of the dots that may be seen at two placements."""
         seen = np.bincount(self.places.point, minlength=self.network.n_features)
         own = np.where(seen[self.places.point] > 1, play, 0.0)  # a bar's marks have none
-        return replace(self, network=replace(self.network, place=self.feature, play=own))
+        ball = self.network.ball
+        deformable = Deformable(ball.placement, ball.free_placement, self.feature, own)
+        return replace(self, network=replace(self.network, ball=deformable))
 
 
 @dataclass(frozen=True)
@@ -100,6 +102,15 @@ def align(features: Features, points: FloatArray, n_placements: int, n_ball: int
     """How the first `n_ball` of the placements (the ball's; the rest are bars') hang together; points (f,3) or NaN.
 
     A tree of the pairs with most shared dots, outward from the placement that shares most.
+
+    Parameters
+    ----------
+    features
+        What the features are.
+    points
+        Where they are (f,3), NaN where unknown.
+    n_placements, n_ball
+        Placements, and how many of them are the ball's, which come first.
     """
     place = _by_dot(features, points, n_ball)
     known = np.isfinite(place[:, :, 0])
@@ -142,7 +153,17 @@ def _tree(shared: IntArray, place: FloatArray, known: BoolArray, target: IntArra
 
 
 def fit_motion(source: FloatArray, goal: FloatArray, tags: IntArray, with_scale: bool) -> Similarity | None:
-    """The motion that takes dots (n,3) to where they went, None where too few agree; tags (n,): their targets."""
+    """The motion that takes dots (n,3) to where they went, None where too few agree; tags (n,): their targets.
+
+    Parameters
+    ----------
+    source, goal
+        Dots before and after, (n,3).
+    tags
+        Their targets, (n,).
+    with_scale
+        Whether the size may differ.
+    """
     if len(source) < LEAST_SHARED:
         return None
     motion = fit_similarity(source, goal, with_scale)
@@ -174,12 +195,17 @@ def _outward(shared: IntArray, motions: dict[tuple[int, int], Similarity]) -> di
     return carried
 
 
-def share_shape(
-    network: Network, features: Features, state: State, alignment: Alignment
-) -> tuple[RigidNetwork, State]:  # fmt: skip
+def share_shape(network: Network, features: Features, state: State, alignment: Alignment) -> tuple[RigidNetwork, State]:
     """The rigid network of a free one, and its start: the free state's cameras, the placements as aligned.
 
     The start's points are unknown (NaN): they are to be located from all their placements.
+
+    Parameters
+    ----------
+    network, features, state
+        The network in the free form, what its features are, and its state.
+    alignment
+        How the placements hang together.
     """
     block = np.zeros(len(alignment.root), dtype=np.int64)
     block[alignment.moved] = 1 + np.arange(alignment.moved.sum())  # block 0 is the world
@@ -187,10 +213,11 @@ def share_shape(
     dots, point = np.unique(keys, axis=0, return_inverse=True)
     point = point.reshape(-1)
     rigid = replace(
-        network, feature=point[network.feature], n_features=len(dots),
-        placement=block[features.placement][network.feature],
-        free_placement=np.arange(1 + alignment.moved.sum()) > 0,
-    )  # fmt: skip
+        network,
+        feature=point[network.feature],
+        n_features=len(dots),
+        ball=Rigid(block[features.placement][network.feature], np.arange(1 + alignment.moved.sum()) > 0),
+    )
     start = replace(
         state,
         points=np.full((len(dots), 3), np.nan),

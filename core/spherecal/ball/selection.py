@@ -11,28 +11,23 @@ from typing import Literal
 import numpy as np
 
 from spherecal.adjust.bundle import Adjustment, refine, robust_start
-from spherecal.adjust.covariance import Covariance, covariance
-from spherecal.adjust.deformable_covariance import soft_covariance
-from spherecal.adjust.intrinsic_priors import LEAST_NOISE, hold, poorly_determined, poorly_observed
+from spherecal.adjust.intrinsic_priors import LEAST_NOISE
 from spherecal.adjust.network import Network
-from spherecal.adjust.problem import LengthRows, State
-from spherecal.adjust.reresection import with_right_poses
-from spherecal.adjust.weights import rough_noise, weighted
+from spherecal.adjust.rows import NO_PRIORS
+from spherecal.adjust.state import State
 from spherecal.ball.agreement import Agreement, agreement
+from spherecal.ball.fit import BallFit, finished_solution, solve_from, solve_or_hold
 from spherecal.ball.linking import link_camera_groups
 from spherecal.ball.rigid import LEAST_SHARED, Alignment, BallNetwork, RigidNetwork, share_shape
 from spherecal.ball.run import Run
 from spherecal.ball.shape_variance import adjusted_with, estimate_shape_variance
-from spherecal.base.arrays import BoolArray, FloatArray, IntArray
-from spherecal.base.memory import release_freed
+from spherecal.base.arrays import BoolArray, IntArray
 from spherecal.base.messages.values import Phrase
 from spherecal.initialise.incremental import InitialPoses
 
 FormName = Literal["free", "soft", "rigid"]
 Wanted = Literal["auto", "soft", "rigid"]
 
-# Nominal intrinsics that are simply wrong make the fit many times worse when held; right ones hardly change it.
-MOST_WORSE_BY_HOLDING = 2.0
 # A ball that changed its shape by 0.05 mm rms between placements (turned) or 0.017 mm (only moved) makes the rigid form
 # as bad as the free one; the variance of unit weight is then 1.45 and 1.12 times the free form's.
 MOST_WORSE_TURNED, MOST_WORSE_MOVED = 1.15, 1.05
@@ -51,38 +46,6 @@ SURE = 3.0
 NOTICEABLE = 1.06
 # Below this turn the placements are as good as only moved.
 TURNED_DEG = 15.0
-
-
-@dataclass(frozen=True)
-class BallFit:
-    """A network solved in one form, in the reference camera's frame.
-
-    `network` has the weights and priors of the solution; in the rigid form its features are dots of the ball, and
-    `rigid` tells which. `held` (c,): cameras whose intrinsics the data cannot carry. `ambiguous` (c,): those without a
-    pose because two fit equally well. `free`: of the soft form, the free one, which shows what is wrong without taking
-    a moved camera for a ball that gave way.
-    """
-
-    network: Network
-    adjusted: Adjustment
-    cofactors: Covariance | None
-    held: BoolArray
-    placed: BoolArray
-    rigid: RigidNetwork | None = None
-    free: "BallFit | None" = None
-    ambiguous: BoolArray | None = None
-
-    @property
-    def by_features(self) -> Adjustment:
-        """The adjustment with a point for every feature (placement, target, point)."""
-        if self.rigid is None:
-            return self.adjusted
-        return replace(self.adjusted, state=self.rigid.as_features(self.adjusted.state))
-
-    @property
-    def point_views(self) -> IntArray:
-        """How many observations each unknown point has (p,)."""
-        return self.network.views(self.adjusted.used)
 
 
 @dataclass(frozen=True)
@@ -133,24 +96,29 @@ class RequestedModel:
     mm_per_unit: Callable[[BallFit], float]
 
 
-def solve_free(
-    network: Network, start: InitialPoses, points: FloatArray | None, candidates: BoolArray, run: Run,
-) -> BallFit:  # fmt: skip
-    """The free form from the start of the network; points (m,3) start values, None to triangulate."""
-
-    def solution(described: Network) -> BallFit:
-        return _solved_from(described, start, points, candidates, run)
-
-    return solve_or_hold(network, candidates & start.placed[network.camera], start.placed, solution, run)
-
-
 def choose_ball_model(
-    free: BallFit, ball: BallNetwork, other_groups: Callable[[BoolArray], list[BallFit]], requested: RequestedModel,
+    free: BallFit,
+    ball: BallNetwork,
+    other_groups: Callable[[BoolArray], list[BallFit]],
+    requested: RequestedModel,
     run: Run,
-) -> tuple[BallFit, ModelChoice]:  # fmt: skip
+) -> tuple[BallFit, ModelChoice]:
     """The rigid form where the data carry it (or it is requested), else the soft or the free one, with the reason.
 
     `other_groups` solves the groups of cameras that have no common view with those placed (c,).
+
+    Parameters
+    ----------
+    free
+        The solution in the free form.
+    ball
+        The network in the free form.
+    other_groups
+        Solves the groups of cameras that have no common view with those placed (c,).
+    requested
+        What the user asks for.
+    run
+        What the stages share.
     """
     run.context.report("rigid ball", 0.0)
     alignment = ball.aligned(free.adjusted.state.points)
@@ -177,7 +145,7 @@ def choose_ball_model(
 
 
 def _without_priors(rigid: RigidNetwork) -> RigidNetwork:
-    return replace(rigid, network=replace(rigid.network, priors=None))
+    return replace(rigid, network=replace(rigid.network, priors=NO_PRIORS))
 
 
 def _first_rigid(network: Network, start: State, free: BallFit, run: Run) -> Adjustment:
@@ -214,7 +182,7 @@ def _rigid_from(rigid: RigidNetwork, start: InitialPoses, candidates: BoolArray,
     everything = candidates & start.placed[rigid.network.camera]
 
     def solution(described: Network) -> BallFit:
-        return _solved_from(described, start, None, everything, run, rigid)
+        return solve_from(described, start, None, everything, run, rigid)
 
     return solve_or_hold(rigid.network, everything, start.placed, solution, run)
 
@@ -247,23 +215,6 @@ def _rigid_solution(rigid: RigidNetwork, first: Adjustment, placed: BoolArray, r
     return solve_or_hold(rigid.network, first.used, placed, solution, run)
 
 
-def _solved_from(
-    network: Network, start: InitialPoses, points: FloatArray | None, candidates: BoolArray, run: Run,
-    rigid: RigidNetwork | None = None,
-) -> BallFit:  # fmt: skip
-    """The solution from a rough start."""
-    placed = start.placed
-    state, used = robust_start(network, start.state, points, candidates, placed, run.context)
-    ambiguous = np.zeros(len(placed), dtype=bool)
-    if not run.plain:
-        found = with_right_poses(network, state, used, candidates, placed, run.context)
-        state, used, ambiguous = found.state, found.used & ~found.ambiguous[network.camera], found.ambiguous
-        placed = placed & ~ambiguous
-        network = replace(network, noise=rough_noise(network, state, used))
-    adjusted = refine(network, state, used, placed, run.context)
-    return replace(finished_solution(network, adjusted, placed, run, rigid), ambiguous=ambiguous)
-
-
 def _soft_solution(
     rigid: RigidNetwork, first: Adjustment, free: BallFit, choice: ModelChoice, requested: RequestedModel, run: Run
 ) -> tuple[BallFit, ModelChoice] | None:
@@ -277,7 +228,7 @@ def _soft_solution(
         play, start = estimate_shape_variance(rigid, first, used, placed, noise**2, run.context)
     else:
         play = requested.shape_sd_mm / unit_mm / noise
-        start = adjusted_with(rigid, first, used, placed, play, run.context.engine)
+        start = adjusted_with(rigid, first, used, placed, play)
     if choice.limit is not None and not choice.asked and play * noise > MOST_PLAY * _radius(start):
         return None
     solved = _rigid_solution(_without_priors(rigid).softened(play), start, placed, run)
@@ -329,62 +280,3 @@ def _nothing_shared(alignment: Alignment, n_ball: int) -> Phrase:
     if most == 0:
         return Phrase("form-no-dot-twice")
     return Phrase("form-little-shared", {"least": LEAST_SHARED, "most": most})
-
-
-def with_lengths(solved: BallFit, rows: LengthRows, factor: float, run: Run) -> BallFit:
-    """The solution again with known lengths between features inside; `factor` brings it to their unit."""
-    free = None if solved.free is None else with_lengths(solved.free, rows, factor, run)
-    if solved.rigid is not None:
-        rows = replace(rows, points=solved.rigid.places.point[rows.points])
-    # rows are to weigh against image points as both really scatter
-    rows = replace(rows, covariance=rows.covariance / max(solved.adjusted.variance, LEAST_NOISE**2))
-    play = None if solved.network.play is None else solved.network.play * factor
-    network, state = replace(solved.network, lengths=rows, play=play), solved.adjusted.state.scaled(factor)
-    adjusted = refine(network, state, solved.adjusted.used, solved.placed, run.context)
-    again = finished_solution(network, adjusted, solved.placed, replace(run, plain=True), solved.rigid)
-    return replace(again, held=solved.held, free=free)
-
-
-def finished_solution(
-    network: Network, adjusted: Adjustment, placed: BoolArray, run: Run,
-    rigid: RigidNetwork | None = None,
-) -> BallFit:  # fmt: skip
-    """The solution with its weights and its covariance."""
-    if not run.plain:
-        network, adjusted = weighted(network, adjusted, placed, run.context)
-    adjusted = replace(adjusted, state=adjusted.state.seen_from(run.reference_in(adjusted)))
-    run.context.report("uncertainty", 0.0)
-    release_freed()
-    places = None if rigid is None else rigid.places
-    if places is not None and adjusted.problem.play is not None:
-        cofactors = soft_covariance(adjusted.problem, adjusted.state, run.context.engine, places)
-    else:
-        cofactors = covariance(adjusted.problem, adjusted.state, run.context.engine, places)
-    release_freed()
-    return BallFit(network, adjusted, cofactors, np.zeros(len(placed), dtype=bool), placed, rigid)
-
-
-def solve_or_hold(
-    network: Network,
-    candidates: BoolArray,
-    placed: BoolArray,
-    solution: Callable[[Network], BallFit],
-    run: Run,
-) -> BallFit:
-    """The solution; cameras whose intrinsics the data cannot carry are held by their prior."""
-    known = run.known
-    held = poorly_observed(network, candidates) & placed
-    solved = solution(hold(network, known, held, 1.0))
-    if held.any():  # again with the noise that only the adjustment tells
-        solved = solution(hold(network, known, held, np.sqrt(solved.adjusted.variance)))
-    while solved.cofactors is not None:
-        weak = poorly_determined(
-            solved.adjusted.problem, solved.adjusted.state, solved.cofactors, solved.adjusted.variance
-        )
-        if not (weak & ~held).any():
-            break
-        again = solution(hold(network, known, held | weak, np.sqrt(solved.adjusted.variance)))
-        if again.adjusted.variance > MOST_WORSE_BY_HOLDING * solved.adjusted.variance:
-            break
-        solved, held = again, held | weak
-    return replace(solved, held=held)

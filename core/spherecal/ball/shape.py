@@ -8,9 +8,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from spherecal.adjust.covariance import Covariance, shift_matrix
+from spherecal.adjust.ball_model import ShapePrior, Stored
+from spherecal.adjust.covariance import Covariance
 from spherecal.adjust.datum import Places, moved_points
-from spherecal.adjust.problem import ShapePrior, State
+from spherecal.adjust.point_factors import PointFactors, shift_matrix
+from spherecal.adjust.state import State
 from spherecal.ball.rigid import Alignment, BallNetwork, RigidNetwork, fit_motion
 from spherecal.base.arrays import BoolArray, FloatArray, IntArray
 from spherecal.data.observations import Features
@@ -23,8 +25,19 @@ OTHER_BALL = 0.03
 
 
 def shape_cofactors(covariance: Covariance, points: FloatArray, dots: IntArray) -> FloatArray:
-    """Cofactors (d,3,3) of dots (their numbers (d,)) among themselves; points (p,3) of a network in the rigid form."""
+    """Cofactors (d,3,3) of dots (their numbers (d,)) among themselves; points (p,3) of a network in the rigid form.
+
+    Parameters
+    ----------
+    covariance
+        Of a network with a rigid ball.
+    points
+        Its points, (p,3).
+    dots
+        Which of them, (d,) indices.
+    """
     parts = covariance._parts
+    assert isinstance(parts, PointFactors)
     own, at = parts.point_inverse[dots], points[dots]
     centroid = at.mean(axis=0)
     spread = float(np.sqrt(((at - centroid) ** 2).sum(axis=1).mean()))
@@ -77,6 +90,15 @@ def anchored(ball: BallNetwork, state: State, dots: KnownDots, variance: float) 
     """A free network with the stored shape in place of its ball; None where no placement shows that shape.
 
     state: the free form's, in its own unit; variance: the square of its standard deviation of unit weight.
+
+    Parameters
+    ----------
+    ball, state
+        The network in the free form, in its own unit, and its state.
+    dots
+        The stored shape.
+    variance
+        Variance of unit weight of the free form.
     """
     network, features, n_placements = ball.network, ball.features, ball.n_placements
     known = _place_known(features, dots)
@@ -108,18 +130,26 @@ def anchored(ball: BallNetwork, state: State, dots: KnownDots, variance: float) 
     turned = np.stack([np.eye(3), *(motion.rotation for motion in motions.values())])
     shifted = np.stack([np.zeros(3), *(motion.translation * unit for motion in motions.values())])
     rigid = replace(
-        network, feature=point[network.feature], n_features=len(every), placement=block[features.placement][
-            network.feature], free_placement=np.arange(1 + len(motions)) > 0, place=network.feature,
-        play=np.zeros(len(features)), shape=ShapePrior(places, information),
-    )  # fmt: skip
+        network,
+        feature=point[network.feature],
+        n_features=len(every),
+        ball=Stored(
+            block[features.placement][network.feature], np.arange(1 + len(motions)) > 0, ShapePrior(places, information)
+        ),
+    )
     start = replace(
-        state.scaled(unit), points=places.copy(), placement_rotation=turned, placement_translation=shifted,
+        state.scaled(unit),
+        points=places.copy(),
+        placement_rotation=turned,
+        placement_translation=shifted,
         anchored=every[:, 0] < 0,
-    )  # fmt: skip
+    )
     alignment = Alignment(
-        np.arange(n_placements), np.tile(np.eye(3), (n_placements, 1, 1)), np.zeros((n_placements, 3)),
+        np.arange(n_placements),
+        np.tile(np.eye(3), (n_placements, 1, 1)),
+        np.zeros((n_placements, 3)),
         np.zeros((n_placements, n_placements), dtype=np.int64),
-    )  # fmt: skip
+    )
     places_of = Places(point, block[features.placement])
     return Anchored(RigidNetwork(rigid, places_of, alignment, network.feature), start, matched, common, unit)
 

@@ -7,13 +7,17 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from spherecal.adjust import engine
+from spherecal.adjust.ball_model import Deformable
 from spherecal.adjust.bundle import Adjustment, datum_defect
-from spherecal.adjust.deformable import groups_of, minimise_soft, softened
-from spherecal.adjust.levenberg import Settings, load_engine
-from spherecal.adjust.problem import Problem, State
+from spherecal.adjust.deformable import play_of
+from spherecal.adjust.least_squares import minimise
+from spherecal.adjust.levenberg import Settings
+from spherecal.adjust.problem import Problem
+from spherecal.adjust.state import State
 from spherecal.ball.rigid import RigidNetwork
 from spherecal.base.arrays import BoolArray, IntArray
-from spherecal.base.context import Context, Engine
+from spherecal.base.context import Context
 
 # The variance of unit weight of rig A scatters by 1.2 % from recording to recording.
 TOLERANCE = 0.003
@@ -31,39 +35,56 @@ class _Trial:
 
 
 def estimate_shape_variance(
-    rigid: RigidNetwork, first: Adjustment, used: BoolArray, placed: BoolArray, variance: float, context: Context,
-) -> tuple[float, Adjustment]:  # fmt: skip
+    rigid: RigidNetwork, first: Adjustment, used: BoolArray, placed: BoolArray, variance: float, context: Context
+) -> tuple[float, Adjustment]:
     """The play (network's unit, for a standard deviation of unit weight of 1) and the network adjusted with it.
 
     `first` is the rigid form's adjustment, `used` (n,) and `variance` are the free form's. 0 where the rigid form's
     variance is no larger.
+
+    Parameters
+    ----------
+    rigid, first
+        The network of the rigid ball, and its adjustment.
+    used, placed
+        Observations (n,) and cameras (c,) of the free form.
+    variance
+        Variance of unit weight of the free form.
+    context
+        For progress, and to stop.
     """
     state, used, problem, rows = _start(rigid, first, used, placed)
-    tied, settings = problem.play, Settings(engine=context.engine, **TRIAL_SETTINGS)  # type: ignore[arg-type]
-    assert tied is not None
+    settings = Settings(**TRIAL_SETTINGS)  # type: ignore[arg-type]
     redundancy = max(problem.rows - problem.unknowns + datum_defect(problem), 1)
     play, trials = 0.0, list[_Trial]()
     while True:
         context.report("soft ball", len(trials) / MOST_TRIALS)
-        done = minimise_soft(replace(problem, play=play * tied), state, settings)
+        done = minimise(_with_play(problem, play), state, settings)
         state, ratio = done.state, 2 * done.cost / redundancy / variance
         if abs(ratio - 1) < TOLERANCE or (play == 0.0 and ratio <= 1) or len(trials) == MOST_TRIALS:
-            return play, Adjustment(state, replace(problem, play=play * tied), rows, used, done, redundancy)
+            return play, Adjustment(state, _with_play(problem, play), rows, used, done, redundancy)
         if play == 0.0:
-            play = _first_guess(problem, state, context.engine, ratio)
+            play = _first_guess(problem, state, ratio)
             continue
         trials.append(_Trial(float(np.log(play)), float(np.log(ratio))))
         play = float(np.exp(_next(trials)))
 
 
 def adjusted_with(
-    rigid: RigidNetwork, first: Adjustment, used: BoolArray, placed: BoolArray, play: float, engine: Engine
+    rigid: RigidNetwork, first: Adjustment, used: BoolArray, placed: BoolArray, play: float
 ) -> Adjustment:
-    """The network adjusted with a known play."""
+    """The network adjusted with a known play.
+
+    Parameters
+    ----------
+    rigid, first, used, placed
+        As of `estimate_shape_variance`.
+    play
+        In the network's unit, for a standard deviation of unit weight of 1.
+    """
     state, used, problem, rows = _start(rigid, first, used, placed)
-    assert problem.play is not None
-    problem = replace(problem, play=play * problem.play)
-    done = minimise_soft(problem, state, Settings(engine=engine))
+    problem = _with_play(problem, play)
+    done = minimise(problem, state, Settings())
     redundancy = problem.rows - problem.unknowns + datum_defect(problem)
     return Adjustment(done.state, problem, rows, used, done, redundancy)
 
@@ -80,6 +101,12 @@ def _start(
     return state, used, problem, rows
 
 
+def _with_play(problem: Problem, play: float) -> Problem:
+    """The problem of `_start` with another play."""
+    assert isinstance(problem.ball, Deformable)
+    return replace(problem, ball=replace(problem.ball, play=play * problem.ball.play))
+
+
 def _next(trials: list[_Trial]) -> float:
     """Where the secant through the last two trials meets zero, within what all trials leave (logarithm of the play)."""
     last = trials[-1]
@@ -94,8 +121,8 @@ def _next(trials: list[_Trial]) -> float:
     return 0.5 * (low + high) if np.isfinite(low + high) else last.play + np.sign(last.excess)
 
 
-def _first_guess(problem: Problem, state: State, engine: Engine, ratio: float) -> float:
+def _first_guess(problem: Problem, state: State, ratio: float) -> float:
     """The play that alone would make the images of a typical dot as much noisier."""
-    soft = softened(problem, state, load_engine(engine), groups_of(problem))
-    per_row = np.einsum("gii->g", soft.normal) / (2.0 * np.diff(soft.groups.start))
+    tied = play_of(problem, engine.linearise(problem, state, None))
+    per_row = np.einsum("gii->g", tied.normal) / (2.0 * np.diff(tied.start))
     return float(np.sqrt((ratio - 1) / np.median(per_row)))

@@ -11,9 +11,10 @@ import numpy as np
 from spherecal.adjust.bundle import Adjustment, refine
 from spherecal.adjust.intrinsic_priors import LEAST_NOISE
 from spherecal.adjust.network import Network
+from spherecal.adjust.rows import NO_PRIORS
+from spherecal.ball.fit import BallFit, finished_solution, solve_or_hold
 from spherecal.ball.rigid import LEAST_SHARED, BallNetwork
 from spherecal.ball.run import Run
-from spherecal.ball.selection import BallFit, finished_solution, solve_or_hold
 from spherecal.ball.shape import Anchored, KnownDots, anchored
 from spherecal.base.arrays import BoolArray
 from spherecal.base.messages.values import Phrase
@@ -47,7 +48,17 @@ class StoredShapeFit:
 
 
 def solve_on_ball(free: BallFit, ball: BallNetwork, dots: KnownDots, run: Run) -> StoredShapeFit:
-    """The solution in the profile's millimetres, or why there is none."""
+    """The solution in the profile's millimetres, or why there is none.
+
+    Parameters
+    ----------
+    free, ball
+        The solution in the free form, and its network.
+    dots
+        The stored shape.
+    run
+        What the stages share.
+    """
     run.context.report("known ball", 0.0)
     described = replace(ball.network, noise=free.network.noise, priors=free.network.priors)
     variance = max(free.adjusted.variance, LEAST_NOISE**2)
@@ -63,7 +74,7 @@ def solve_on_ball(free: BallFit, ball: BallNetwork, dots: KnownDots, run: Run) -
     if misfit > MOST_MISFIT or not np.isfinite(misfit):
         return StoredShapeFit(None, misfit, placements, common)
     first, placed = _with_the_rest(there, first, free.placed, ball.candidates, run)
-    whole = replace(there.rigid, network=replace(there.rigid.network, priors=None))
+    whole = replace(there.rigid, network=replace(there.rigid.network, priors=NO_PRIORS))
 
     def solution(described: Network) -> BallFit:
         adjusted = refine(described, first.state, first.used, placed, run.context)

@@ -3,14 +3,10 @@
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Literal
 
 from spherecal.base.errors import Cancelled, PartialResultAccepted
 from spherecal.base.messages.catalogue import phrase
 from spherecal.base.messages.values import Phrase
-
-# What computes: compiled code, or the same in numpy, to compare with.
-Engine = Literal["numba", "numpy"]
 
 
 @dataclass(frozen=True)
@@ -51,14 +47,12 @@ class Context:
     """Carries progress events to whoever asked for the work and their wish to stop back to it.
 
     `is_enough`: the user wants what there is so far. Work that can end with it goes on under `accepting_partial()`.
-    `engine`: what the adjustments compute with.
     """
 
     on_progress: Callable[[Progress], None] = _ignore
     is_cancelled: Callable[[], bool] = _never
     is_enough: Callable[[], bool] = _never
     has_partial_result: bool = False
-    engine: Engine = "numba"
 
     def accepting_partial(self) -> "Context":
         """The same, for work whose caller holds a partial result and catches PartialResultAccepted."""

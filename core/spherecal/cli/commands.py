@@ -6,7 +6,6 @@ import os
 import sys
 import time
 from contextlib import suppress
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -88,7 +87,7 @@ def calibrate(options: argparse.Namespace) -> int:
     with shown_progress() as context:
         context.report("reading the session", 0.0)
         with session_of(options.session) as folder:
-            calibration = run(read_session(folder), settings, replace(context, engine=options.engine))
+            calibration = run(read_session(folder), settings, context)
         context.report("writing the result", 0.0)
         write_result(calibration, options.output, {"method": calibration.method, "seed": options.seed})
     _log_findings(calibration.rig.quality.findings)

@@ -99,9 +99,9 @@ def _calibrated(*options: str) -> Step:
 
 
 def _dense(folder: Path) -> None:
-    from spherecal.adjust import engine_dense
+    from spherecal.adjust import dense_elimination
 
-    with patch.object(engine_dense, "LEAST_COLUMNS", 1):  # otherwise only rigs of a hundred cameras go that way
+    with patch.object(dense_elimination, "LEAST_COLUMNS", 1):  # otherwise only rigs of a hundred cameras go that way
         _calibrated("--method", "rigid")(folder)
 
 

@@ -143,7 +143,6 @@ def _add_calibrate(add: Add) -> None:
     calibrate.add_argument("--dijkstra", action="store_true", help="shortest paths instead of A*")
     calibrate.add_argument("--no-spo", action="store_true", help="none-SPO: no spherical projection (tao2021)")
     _add_lenses(calibrate)
-    calibrate.add_argument("--engine", choices=("numba", "numpy"), default="numba", help=argparse.SUPPRESS)
     _add_repairs(calibrate)
     calibrate.add_argument("--seed", type=_seed, default=0, help="of the random choices of triples (default 0)")
     calibrate.add_argument("--reference", metavar="CAMERA", help="the camera whose frame is the world, if it is placed")

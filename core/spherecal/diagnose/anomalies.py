@@ -5,14 +5,17 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from spherecal.adjust.ball_model import Free
 from spherecal.adjust.bundle import MIN_ANGLE_RAD, datum_defect
 from spherecal.adjust.covariance import covariance
-from spherecal.adjust.levenberg import Settings, minimise
+from spherecal.adjust.least_squares import minimise
+from spherecal.adjust.levenberg import Settings
 from spherecal.adjust.network import Network
-from spherecal.adjust.problem import State
+from spherecal.adjust.rows import NO_LENGTHS, NO_PRIORS
+from spherecal.adjust.state import State
+from spherecal.ball.fit import BallFit
 from spherecal.ball.image_poses import solve_images
-from spherecal.ball.rigid import Alignment, align
-from spherecal.ball.selection import BallFit
+from spherecal.ball.rigid import Alignment, BallNetwork
 from spherecal.base.arrays import FloatArray, IntArray
 from spherecal.base.context import Context
 from spherecal.data.observations import Features
@@ -136,9 +139,10 @@ def explained_by_moves(
     """
     state = solved.by_features.state
     n_placements = int(features.placement.max(initial=0)) + 1
-    alignment = align(features, state.points, n_placements, n_ball)
-    network = replace(network, free=network.free & ~solved.held[:, None], priors=None)
-    images = solve_images(network, features, state, solved.placed, alignment, n_ball, context)
+    network = replace(network, free=network.free & ~solved.held[:, None], priors=NO_PRIORS)
+    ball = BallNetwork(network, features, n_placements, n_ball, np.ones(len(network.uv), dtype=bool))
+    alignment = ball.aligned(state.points)
+    images = solve_images(ball, state, solved.placed, alignment, context)
     if images is None or (most_variance is not None and images.variance > most_variance):
         return DetectedMotions()
     found = explain(images, len(solved.placed), context)
@@ -176,8 +180,8 @@ def _fields(e: Evidence, probed: _Probed, moves: list[Move], sizes: FloatArray) 
 
 def _free_network(e: Evidence) -> Network:
     return replace(
-        e.solved.network, feature=e.features.of_observation, n_features=len(e.features), placement=None,
-        free_placement=None, lengths=None,
+        e.solved.network, feature=e.features.of_observation, n_features=len(e.features), ball=Free(),
+        lengths=NO_LENGTHS,
     )  # fmt: skip
 
 
@@ -195,7 +199,7 @@ def _free_form(e: Evidence) -> _Probed | None:
         return None
     known = replace(state, points=np.where(np.isfinite(state.points), state.points, 0.0))
     minimum = minimise(problem, known, Settings(max_iterations=10), lambda *_: e.context.report(STAGE, 0.5))
-    cofactors = covariance(problem, minimum.state, "numba")
+    cofactors = covariance(problem, minimum.state)
     if cofactors is None:
         return None
     probe = make_probe(problem, minimum.state, cofactors, minimum.cost, redundancy)

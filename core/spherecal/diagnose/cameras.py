@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from spherecal.adjust.problem import POSE
+from spherecal.adjust.layout import POSE
 from spherecal.base.arrays import BoolArray, FloatArray, IntArray
 from spherecal.base.messages.values import Phrase
 from spherecal.data.findings import Finding, leave_out

@@ -7,7 +7,7 @@ import numpy as np
 from scipy.sparse import csr_array
 from scipy.sparse.csgraph import connected_components
 
-from spherecal.adjust.problem import POSE
+from spherecal.adjust.layout import POSE
 from spherecal.base.arrays import BoolArray, FloatArray, IntArray
 from spherecal.base.errors import PartialResultAccepted
 from spherecal.base.messages.values import Phrase

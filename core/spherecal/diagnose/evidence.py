@@ -7,7 +7,8 @@ import numpy as np
 
 from spherecal.adjust.bundle import MIN_ANGLE_RAD, Adjustment
 from spherecal.adjust.weights import camera_noise
-from spherecal.ball.selection import BallFit, ModelChoice
+from spherecal.ball.fit import BallFit
+from spherecal.ball.selection import ModelChoice
 from spherecal.base.arrays import BoolArray, FloatArray, IntArray
 from spherecal.base.context import Context
 from spherecal.data.observations import Features, Observations
@@ -83,7 +84,7 @@ class Evidence:
     def noise_px(self) -> FloatArray:
         """Standard deviation (c,) px of one coordinate in each camera's images; NaN where it says nothing of itself."""
         problem, state = self.adjusted.problem, self.adjusted.state
-        factor = camera_noise(problem, state, "numpy")  # what the weights do not include yet
+        factor = camera_noise(problem, state)  # what the weights do not include yet
         total, count = (
             np.bincount(problem.camera, weights, problem.n_cameras)
             for weights in (1 / problem.weight.mean(axis=1), np.ones(len(problem.camera)))

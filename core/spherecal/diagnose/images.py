@@ -9,7 +9,7 @@ from typing import Literal
 
 import numpy as np
 
-from spherecal.adjust.problem import State
+from spherecal.adjust.state import State
 from spherecal.base.arrays import FloatArray, IntArray
 from spherecal.diagnose.evidence import Evidence
 from spherecal.geometry.camera import project, undistort

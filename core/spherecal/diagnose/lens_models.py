@@ -4,14 +4,17 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from spherecal.adjust.ball_model import Free, Rigid
 from spherecal.adjust.bundle import residual_size
 from spherecal.adjust.intrinsic_priors import hold
-from spherecal.adjust.levenberg import Settings, minimise
+from spherecal.adjust.least_squares import minimise
+from spherecal.adjust.levenberg import Settings
 from spherecal.adjust.network import Network
-from spherecal.adjust.problem import State
-from spherecal.ball.selection import BallFit
+from spherecal.adjust.rows import NO_PRIORS
+from spherecal.adjust.state import State
+from spherecal.ball.fit import BallFit
 from spherecal.base.arrays import BoolArray, FloatArray, IntArray
-from spherecal.base.context import Context, Engine
+from spherecal.base.context import Context
 from spherecal.base.messages.values import Phrase
 from spherecal.data.findings import Finding
 from spherecal.geometry.camera import LENS_MODELS, LensModel, estimated_mask, is_fisheye
@@ -89,7 +92,7 @@ def try_lenses(solved: BallFit, context: Context) -> list[LensTrial]:
     groups = _changeable(solved)
     members = np.isin(network.group, groups)
     now = {_model_of(network.free[c], state.intrinsics[c]) for c in np.flatnonzero(members)}
-    if not now or None in now or network.play is not None or not solved.adjusted.redundancy > 0:
+    if not now or None in now or not isinstance(network.ball, Free | Rigid) or not solved.adjusted.redundancy > 0:
         return []
     trials = []
     for model in LENS_MODELS:
@@ -97,22 +100,20 @@ def try_lenses(solved: BallFit, context: Context) -> list[LensTrial]:
         start = None if now == {model} else _start(solved, groups, model)
         if start is not None:
             free = np.where(members[:, None], estimated_mask(model), network.free)
-            trials.append(_trial(solved, replace(network, free=free), start, model, context.engine))
+            trials.append(_trial(solved, replace(network, free=free), start, model))
     if len(np.unique(network.group[members & solved.placed])) < (members & solved.placed).sum():
         own = replace(network, group=np.arange(len(network.group)))
-        trials.append(_trial(solved, own, _with_known_points(state), None, context.engine))
+        trials.append(_trial(solved, own, _with_known_points(state), None))
     return [trial for trial in trials if trial is not None]
 
 
-def _trial(
-    solved: BallFit, network: Network, start: State, model: LensModel | None, engine: Engine
-) -> LensTrial | None:
+def _trial(solved: BallFit, network: Network, start: State, model: LensModel | None) -> LensTrial | None:
     """The network with other lenses, from a start; None where that has no end."""
     adjusted = solved.adjusted
     noise = float(np.sqrt(adjusted.variance))
-    network = hold(replace(network, priors=None), start.intrinsics, solved.held, noise)
+    network = hold(replace(network, priors=NO_PRIORS), start.intrinsics, solved.held, noise)
     problem, _ = network.problem(adjusted.used, network.free, solved.placed, weighted=True)
-    found = minimise(problem, start, Settings(max_iterations=_ITERATIONS, engine=engine))
+    found = minimise(problem, start, Settings(max_iterations=_ITERATIONS))
     rows, before, after = 2 * len(adjusted.rows), 2 * adjusted.minimum.cost, 2 * found.cost
     more = problem.layout.size - adjusted.problem.layout.size
     if not 0 < after < np.inf or adjusted.redundancy <= more:

@@ -7,7 +7,7 @@ from functools import cached_property
 import numpy as np
 from scipy.stats import chi2
 
-from spherecal.adjust.problem import POSE
+from spherecal.adjust.layout import POSE
 from spherecal.base.arrays import BoolArray, FloatArray, IntArray
 from spherecal.base.context import Context
 from spherecal.diagnose.score import Probe, settle, settle_all

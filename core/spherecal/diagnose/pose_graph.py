@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import sparse
 
-from spherecal.adjust.problem import POSE
+from spherecal.adjust.layout import POSE
 from spherecal.ball.image_poses import ImagePoses, hang_together
 from spherecal.base.arrays import FloatArray, IntArray
 from spherecal.base.context import Context

@@ -14,11 +14,13 @@ import numpy as np
 from scipy import sparse
 from scipy.stats import chi2
 
-from spherecal.adjust.covariance import Covariance, shift_matrix
-from spherecal.adjust.engine_numpy import Linearisation
-from spherecal.adjust.levenberg import load_engine
-from spherecal.adjust.linear import Linear
-from spherecal.adjust.problem import POSE, Problem, State
+from spherecal.adjust import engine
+from spherecal.adjust.covariance import Covariance
+from spherecal.adjust.layout import POSE
+from spherecal.adjust.linear import Linear, Linearisation
+from spherecal.adjust.point_factors import PointFactors, shift_matrix
+from spherecal.adjust.problem import Problem
+from spherecal.adjust.state import State
 from spherecal.base.arrays import FloatArray, IntArray, blocks, blocks_of_groups
 
 # A change of which less than this share is left once the estimated unknowns have taken theirs is one of them. Fields of
@@ -118,7 +120,7 @@ class Probe:
         problem, count, width = self.problem, len(linear.residual), linear.width
         shape = (2 * count, problem.layout.expanded)
         direct = _spread(linear.by_camera, np.arange(count), width * problem.camera[rows], shape)
-        if problem.placement is not None and linear.by_placement is not None:
+        if problem.n_placements:
             first = width * problem.n_cameras + POSE * problem.placement[rows]
             direct += _spread(linear.by_placement, np.arange(count), first, shape)
         return sparse.csr_array(direct)
@@ -172,7 +174,8 @@ class Probe:
 
 def make_probe(problem: Problem, state: State, cofactors: Covariance, cost: float, redundancy: int) -> Probe:
     """A network at its minimum (of this `cost`, v'Pv / 2) made ready for tests."""
-    linear, parts = load_engine("numba").linear_model(problem, state, None), cofactors._parts
+    linear, parts = engine.linear_model(problem, state, None), cofactors._parts
+    assert isinstance(parts, PointFactors)
     shift = shift_matrix(parts) if 5 * linear.width * len(problem.uv) <= MOST_NONZERO else None
     return Probe(
         problem, linear, linear.residual.ravel(), parts.inverse, shift, parts.point_inverse, 2 * cost, redundancy

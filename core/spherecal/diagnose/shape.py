@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from spherecal.adjust.bundle import Adjustment, refine
-from spherecal.adjust.levenberg import load_engine
+from spherecal.adjust.rows import NO_LENGTHS
 from spherecal.adjust.weights import left_over_by_points
 from spherecal.ball.rigid import align, share_shape
 from spherecal.ball.selection import NOTICEABLE
@@ -84,7 +84,7 @@ def _odd_one(e: Evidence) -> tuple[int, float] | None:
     count = len(e.session.placements)
     if alignment is None or ratio is None or alignment.moved.sum() < 2:
         return None
-    network = replace(e.solved.network, lengths=None)
+    network = replace(e.solved.network, lengths=NO_LENGTHS)
     if e.solved.rigid is None:
         known = e.adjusted.state  # in millimetres, which those of the choice are not
         alignment = align(e.features, known.points, len(alignment.root), count)
@@ -119,7 +119,7 @@ def _odd_one(e: Evidence) -> tuple[int, float] | None:
 def _shares(e: Evidence, rigid: Adjustment, free_variance: float) -> FloatArray:
     """What each placement (t,) adds to v'Pv beyond its share, as a share of the whole excess."""
     problem = rigid.problem
-    residual, taken = left_over_by_points(problem, rigid.state, load_engine("numba"))
+    residual, taken = left_over_by_points(problem, rigid.state)
     placement: IntArray = e.observations.placement[rigid.rows]
     count = len(e.session.placements)
     ball = placement < count

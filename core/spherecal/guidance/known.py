@@ -5,8 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from spherecal.adjust.datum import Places
-from spherecal.adjust.network import Network
-from spherecal.adjust.problem import State
+from spherecal.adjust.network import Network, free_network
+from spherecal.adjust.state import State
 from spherecal.ball.rigid import Alignment, align, share_shape
 from spherecal.base.arrays import FloatArray, IntArray
 from spherecal.data.rig import Calibration
@@ -115,15 +115,9 @@ def _network(session: Session, calibration: Calibration) -> tuple[Network, State
     free = np.zeros((len(rig.cameras), 16), dtype=bool)
     free[:, covariance.intrinsics] = True
     sigma = np.full((len(rows), 2), _noise(calibration) * np.sqrt(share))
-    network = Network(
-        calibration.features.of_observation[rows],
-        camera[rows],
-        o.uv[rows],
-        sigma,
-        len(calibration.features),
-        free,
-        group,
-    )
+    network = free_network(
+        calibration.features.of_observation[rows], camera[rows], o.uv[rows], len(calibration.features), free, group
+    ).with_sigma(sigma)
     state = State(
         np.array([c.rotation for c in rig.cameras]), np.array([c.translation_mm for c in rig.cameras]),
         np.array([c.intrinsics for c in rig.cameras]), calibration.points_mm,

@@ -9,9 +9,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.spatial import KDTree
 
+from spherecal.adjust.ball_model import Rigid
 from spherecal.adjust.covariance import camera_cofactors
 from spherecal.adjust.datum import Places
-from spherecal.adjust.problem import State, sorted_problem
+from spherecal.adjust.problem import sorted_problem
+from spherecal.adjust.state import State
 from spherecal.base.arrays import ByValue, FloatArray, IntArray
 from spherecal.base.context import Context
 from spherecal.base.threads import on_one_blas_thread
@@ -279,15 +281,13 @@ def _predicted(ball: _Ball, known: KnownNetwork, turn: FloatArray, shift: FloatA
 def _expanded(known: KnownNetwork, state: State, shown: _Shown | None, tests: FloatArray) -> float | None:
     """The test lengths' expanded uncertainty (median) with a further placement; None where it is not determined."""
     network = known.network
-    assert network.placement is not None and network.free_placement is not None and network.sigma is not None
-    camera, point, sigma, placement = network.camera, network.feature, network.sigma, network.placement
-    free = network.free_placement
+    camera, point, sigma, placement = network.camera, network.feature, network.sigma, network.ball.placement
+    free = network.ball.free_placement
     if shown is not None:
         n = len(shown.camera)
         camera, point = np.concatenate([camera, shown.camera]), np.concatenate([point, shown.point])
         placement = np.concatenate([placement, np.full(n, len(free))])
         sigma = np.concatenate([sigma, np.full((n, 2), sigma[0, 0])])
-        assert state.placement_rotation is not None and state.placement_translation is not None
         state = replace(
             state,
             placement_rotation=np.concatenate([state.placement_rotation, shown.rotation[None]]),
@@ -300,11 +300,10 @@ def _expanded(known: KnownNetwork, state: State, shown: _Shown | None, tests: Fl
     problem, _ = sorted_problem(
         camera[keep], point[keep], np.zeros((int(keep.sum()), 2)), sigma[keep], n_points,
         free_pose=np.ones(len(known.camera_ids), dtype=bool), free_intrinsics=network.free, group=network.group,
-        placement=placement[keep], n_placements=len(free), free_placement=free,
+        ball=Rigid(placement[keep], free),
     )  # fmt: skip
-    assert problem.placement is not None
     seen = np.unique(np.stack([problem.point, problem.placement], axis=1), axis=0)
-    cofactors = camera_cofactors(problem, state, "numba", Places(seen[:, 0], seen[:, 1]))
+    cofactors = camera_cofactors(problem, state, Places(seen[:, 0], seen[:, 1]))
     if cofactors is None:
         return None
     cameras = Cameras(

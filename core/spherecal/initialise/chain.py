@@ -8,7 +8,17 @@ from spherecal.initialise.triple import Triple
 
 
 def relative_pose(triple: Triple, camera: int, other: int, scale: float) -> tuple[FloatArray, FloatArray]:
-    """R, t with `x_camera = R x_other + t`, in the common scale."""
+    """R, t with `x_camera = R x_other + t`, in the common scale.
+
+    Parameters
+    ----------
+    triple
+        The reconstruction.
+    camera, other
+        Two of its cameras.
+    scale
+        Factor to the common scale.
+    """
     j, g = triple.cameras.index(camera), triple.cameras.index(other)
     rotation = triple.rotation[j] @ triple.rotation[g].T
     return rotation, (triple.translation[j] - rotation @ triple.translation[g]) * scale
@@ -17,7 +27,15 @@ def relative_pose(triple: Triple, camera: int, other: int, scale: float) -> tupl
 def chain_poses(
     paths: dict[int, Path], triples: list[Triple], scale: FloatArray, n_cameras: int
 ) -> tuple[FloatArray, FloatArray]:
-    """Rotations (c,3,3) and translations (c,3) of all cameras that have a path; NaN for the rest."""
+    """Rotations (c,3,3) and translations (c,3) of all cameras that have a path; NaN for the rest.
+
+    Parameters
+    ----------
+    paths, triples, scale
+        Paths to the cameras, the reconstructions, and their factors to the common scale.
+    n_cameras
+        Cameras, linked or not.
+    """
     rotation, translation = np.full((n_cameras, 3, 3), np.nan), np.full((n_cameras, 3), np.nan)
     for camera, path in paths.items():
         r, t = np.eye(3), np.zeros(3)
@@ -29,12 +47,25 @@ def chain_poses(
 
 
 def chain_points(
-    paths: dict[int, Path], triples: list[Triple], scale: FloatArray,
-    rotation: FloatArray, translation: FloatArray, n_features: int,
-) -> FloatArray:  # fmt: skip
+    paths: dict[int, Path],
+    triples: list[Triple],
+    scale: FloatArray,
+    rotation: FloatArray,
+    translation: FloatArray,
+    n_features: int,
+) -> FloatArray:
     """Points (m,3) as the triples on the paths have them, brought to the reference frame; NaN where none has.
 
     A point in several triples gets their mean.
+
+    Parameters
+    ----------
+    paths, triples, scale
+        As of `chain_poses`.
+    rotation, translation
+        Poses that came of it, (c,3,3) and (c,3).
+    n_features
+        Features, reconstructed or not.
     """
     total, count = np.zeros((n_features, 3)), np.zeros(n_features)
     for camera, path in paths.items():

@@ -12,7 +12,7 @@ import numpy as np
 
 from spherecal.adjust.bundle import START_INTRINSICS, RobustStep, located, robust_adjustment
 from spherecal.adjust.network import Network
-from spherecal.adjust.problem import State
+from spherecal.adjust.state import State
 from spherecal.base.arrays import BoolArray, FloatArray, IntArray
 from spherecal.base.context import Context
 from spherecal.base.messages.values import Phrase
@@ -42,9 +42,21 @@ class InitialPoses:
 
 
 def grow(
-    local: LocalNetwork, network: Network, intrinsics: FloatArray, candidates: BoolArray, context: Context,
-) -> InitialPoses:  # fmt: skip
-    """Poses of all cameras that triples or points reach, in the reference camera's frame."""
+    local: LocalNetwork, network: Network, intrinsics: FloatArray, candidates: BoolArray, context: Context
+) -> InitialPoses:
+    """Poses of all cameras that triples or points reach, in the reference camera's frame.
+
+    Parameters
+    ----------
+    local, network
+        The local reconstructions, and the network.
+    intrinsics
+        Before the adjustment, (c,16).
+    candidates
+        Observations to use, (n,).
+    context
+        For progress, and to stop.
+    """
     rotation, translation = chain_poses(local.paths, local.triples, local.graph.scale, len(intrinsics))
     state = State(rotation, translation, intrinsics, np.full((network.n_features, 3), np.nan))
     grown = InitialPoses(state, np.isfinite(translation[:, 0]))
@@ -104,7 +116,17 @@ def _scale_to_adjusted(triple: Triple, parent: int, state: State) -> float | Non
 
 
 def settle(network: Network, state: State, placed: BoolArray, candidates: BoolArray, context: Context) -> State:
-    """A short robust adjustment of the placed cameras over their best observations; points NaN where unknown."""
+    """A short robust adjustment of the placed cameras over their best observations; points NaN where unknown.
+
+    Parameters
+    ----------
+    network, state
+        The network, and its values.
+    placed, candidates
+        Cameras that have a pose (c,), and observations to use (n,).
+    context
+        For progress, and to stop.
+    """
     some = _best_observations(network, candidates & placed[network.camera])
     step = RobustStep(START_INTRINSICS, RING_ITERATIONS, "growing the network")
     state = robust_adjustment(network, located(network, state, some), some, placed, step, context)
@@ -126,12 +148,26 @@ def _best_observations(network: Network, candidates: BoolArray) -> BoolArray:
 
 
 def resect_rest(
-    network: Network, grown: InitialPoses, candidates: BoolArray, context: Context,
+    network: Network,
+    grown: InitialPoses,
+    candidates: BoolArray,
+    context: Context,
     follow: Callable[[InitialPoses], InitialPoses] = lambda grown: grown,
-) -> InitialPoses:  # fmt: skip
+) -> InitialPoses:
     """Cameras that have no pose yet, those first that see most known points, an adjustment after each round.
 
     `follow` gives poses to cameras that depend on those placed.
+
+    Parameters
+    ----------
+    network, grown
+        The network, and the poses so far.
+    candidates
+        Observations to use, (n,).
+    context
+        For progress, and to stop.
+    follow
+        Adds what a new pose brings along.
     """
     state, placed = grown.state, grown.placed.copy()
     tried: set[int] = set()
@@ -159,7 +195,15 @@ def resect_rest(
 
 
 def resect_camera(network: Network, state: State, camera: int, rows: IntArray) -> tuple[FloatArray, FloatArray] | None:
-    """Rotation and translation of a camera from its observations (rows) of known points; None where few agree."""
+    """Rotation and translation of a camera from its observations (rows) of known points; None where few agree.
+
+    Parameters
+    ----------
+    network, state
+        The network, and its values.
+    camera, rows
+        Which camera, and its observations of known points (k,).
+    """
     xy, usable = undistort(network.uv[rows], state.intrinsics[camera])
     rows, xy = rows[usable], xy[usable]
     points = network.only(rows).world_points(state)

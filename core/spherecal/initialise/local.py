@@ -50,6 +50,17 @@ def reconstruct_locally(
     """Robust two-view gate, triples by factorisation, camera graph and paths (steps 2 to 5 of the method).
 
     intrinsics (c,16) as known before; the reference is the camera in most triples.
+
+    Parameters
+    ----------
+    observations, features
+        What was observed, and what features are.
+    intrinsics
+        Before the adjustment, (c,16).
+    search, seed
+        How paths are searched, and the seed of the robust estimates.
+    context
+        For progress, and to stop.
     """
     n_cameras = len(observations.cameras)
     xy, usable = undistort_views(observations.uv, observations.camera, intrinsics)
@@ -59,7 +70,7 @@ def reconstruct_locally(
     table[observations.camera[usable], features.of_observation[usable]] = np.flatnonzero(usable)
 
     pairs = strongest_pairs(common_counts(table >= 0), GATED_PARTNERS)
-    gate = vote(table, flat, pairs, len(observations), GATE_PX, seed, context)
+    gate = vote(table, flat, pairs, GATE_PX, seed, context)
     keep = gate.keep & usable
     seen = seen_matrix(features, observations, keep)
     counts = common_counts(seen)

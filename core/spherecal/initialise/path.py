@@ -30,6 +30,13 @@ def find_paths(
     """The path of every camera that can be reached; the reference's own has no steps.
 
     `opt`: A* on f = base^m g + h; `dijkstra`: shortest paths, base 1; `first`: none-OPT, Algorithm 3.
+
+    Parameters
+    ----------
+    graph, triples
+        The view graph and its reconstructions.
+    search, base
+        The search, and b of (14).
     """
     if search == "first":
         return _first_paths(graph, triples)

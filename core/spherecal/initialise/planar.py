@@ -30,7 +30,15 @@ class _View:
 
 
 def homography(a: FloatArray, b: FloatArray, gate: float) -> tuple[FloatArray, BoolArray] | None:
-    """H with b ~ H a of matches (n,2) in normalised units and which agree within `gate`; None where there is none."""
+    """H with b ~ H a of matches (n,2) in normalised units and which agree within `gate`; None where there is none.
+
+    Parameters
+    ----------
+    a, b
+        Matches, (k,2) each.
+    gate
+        How far a match may be off.
+    """
     if len(a) < MIN_POINTS:
         return None
     cv2.setRNGSeed(1)
@@ -45,7 +53,15 @@ def homography(a: FloatArray, b: FloatArray, gate: float) -> tuple[FloatArray, B
 
 
 def is_flat(xy_a: FloatArray, xy_b: FloatArray, focal_px: float) -> bool:
-    """Whether two views' matches (n,2) in normalised units lie on one plane, as far as these views can show."""
+    """Whether two views' matches (n,2) in normalised units lie on one plane, as far as these views can show.
+
+    Parameters
+    ----------
+    xy_a, xy_b
+        Matches in normalised coordinates, (k,2) each.
+    focal_px
+        Focal length of the second view, for the gate in px.
+    """
     found = homography(xy_a, xy_b, PLANE_PX / focal_px)
     return found is not None and found[1].mean() >= ON_PLANE
 
@@ -57,6 +73,15 @@ def reconstruct_planar_triple(
 
     xy (3, n, 2): normalised image points with known distortion removed; focal_px (3,) turns errors to pixels. The
     first camera is the origin; the plane's distance from it is the unit of length.
+
+    Parameters
+    ----------
+    cameras, features
+        The triple, and the features common to it (m,).
+    xy
+        Their image points in normalised coordinates, by camera.
+    focal_px
+        Focal lengths.
     """
     good = np.ones(len(features), dtype=bool)
     h = []

@@ -46,6 +46,15 @@ def reconstruct_triple(
     xy (3, n, 2): normalised image points with known distortion removed; focal_px (3,) turns errors to pixels. Points
     far worse than the rest are left out in a second attempt: the two-view gate before this lets through what lies
     along the epipolar lines by chance.
+
+    Parameters
+    ----------
+    cameras, features
+        The triple, and the features common to it (m,).
+    xy
+        Their image points in normalised coordinates, by camera.
+    focal_px
+        Focal lengths.
     """
     attempt = _attempt(xy)
     if attempt is None:

@@ -36,15 +36,27 @@ class Gate:
 
 
 def vote(
-    feature_table: IntArray, flat: FloatArray, counts: IntArray, n_observations: int, gate_px: float, seed: int,
-    context: Context,
-) -> Gate:  # fmt: skip
+    feature_table: IntArray, flat: FloatArray, counts: IntArray, gate_px: float, seed: int, context: Context
+) -> Gate:
     """Observations that at least half of their pairs of cameras find consistent (MAGSAC on fundamental matrices).
 
     feature_table (c, m): each camera's observation of each feature, -1 where it does not see it; flat (n, 2): image
     points in pixels with known distortion removed; counts (c, c): common features.
+
+    Parameters
+    ----------
+    feature_table
+        Each camera's observation of each feature (c,m), -1 where it does not see it.
+    flat
+        Image points without their known distortion, (n,2) px.
+    counts
+        Common features, (c,c).
+    gate_px, seed
+        Distance from the epipolar line that is allowed, and the seed of MAGSAC.
+    context
+        For progress, and to stop.
     """
-    agreed, asked = np.zeros(n_observations), np.zeros(n_observations)
+    agreed, asked = np.zeros(len(flat)), np.zeros(len(flat))
     consistent = {}
     pairs = [(i, j) for i, j in combinations(range(len(counts)), 2) if counts[i, j] >= MIN_POINTS_A_PAIR]
     for number, (i, j) in enumerate(pairs):
@@ -69,7 +81,15 @@ def _consistent(a: FloatArray, b: FloatArray, gate_px: float, seed: int) -> Bool
 
 
 def robust_fundamental(a: FloatArray, b: FloatArray, gate_px: float, seed: int) -> FloatArray | None:
-    """F with b' F a = 0 by MAGSAC, None where the points define none; deterministic for a seed."""
+    """F with b' F a = 0 by MAGSAC, None where the points define none; deterministic for a seed.
+
+    Parameters
+    ----------
+    a, b
+        Matches (k,2) px each.
+    gate_px, seed
+        Distance from the epipolar line that is allowed, and the seed of MAGSAC.
+    """
     parameters = cv2.UsacParams()
     parameters.threshold = gate_px
     parameters.confidence = 0.9999
@@ -86,7 +106,15 @@ def robust_fundamental(a: FloatArray, b: FloatArray, gate_px: float, seed: int) 
 
 
 def epipolar_distance(fundamental: FloatArray, a: FloatArray, b: FloatArray) -> FloatArray:
-    """The larger of a match's two distances from its epipolar lines in pixels, (k,)."""
+    """The larger of a match's two distances from its epipolar lines in pixels, (k,).
+
+    Parameters
+    ----------
+    fundamental
+        F with b' F a = 0.
+    a, b
+        Matches (k,2) px each.
+    """
     a1, b1 = np.column_stack([a, np.ones(len(a))]), np.column_stack([b, np.ones(len(b))])
     in_b, in_a = a1 @ fundamental.T, b1 @ fundamental
     product = np.abs((b1 * in_b).sum(axis=1))

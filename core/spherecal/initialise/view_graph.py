@@ -47,7 +47,17 @@ class Candidates:
 
 
 def candidate_triples(seen: BoolArray, counts: IntArray, min_common: int = MIN_COMMON) -> Candidates:
-    """All triples whose every pair shares at least `min_common` features."""
+    """All triples whose every pair shares at least `min_common` features.
+
+    Parameters
+    ----------
+    seen
+        Which camera sees which feature, (c,m).
+    counts
+        Common features, (c,c).
+    min_common
+        Features that each pair must share.
+    """
     patterns, weight = np.unique(seen.T, axis=0, return_counts=True)
     edge = counts >= min_common
     rows, common = [], []
@@ -75,6 +85,17 @@ def solve_triples(
 
     The pruned ones are the re-try list: they are solved too as long as cameras stay apart that they could join, since
     the triples of an edge may all have failed.
+
+    Parameters
+    ----------
+    candidates, n_cameras
+        Triples to try, richest first, and how many cameras there are.
+    solve
+        Reconstructs one triple.
+    min_points
+        Points that a reconstruction must have.
+    context
+        For progress, and to stop.
     """
     solved: list[Triple] = []
     in_edge = np.zeros((n_cameras, n_cameras), dtype=int)
@@ -187,7 +208,17 @@ def build_graph(triples: list[Triple], counts: IntArray) -> CameraGraph:
 
 
 def edge_weight(error_j: float, error_g: float, common: int, threshold_px: float) -> float:
-    """alpha = xi1 alpha1 + xi2 alpha2 of (10)-(12): mean reprojection errors in px, one over the common features."""
+    """alpha = xi1 alpha1 + xi2 alpha2 of (10)-(12): mean reprojection errors in px, one over the common features.
+
+    Parameters
+    ----------
+    error_j, error_g
+        The two cameras' mean reprojection errors in px.
+    common
+        N_jg, the features that they have in common.
+    threshold_px
+        TH_er of (11).
+    """
     if not (0 <= error_j <= threshold_px and 0 <= error_g <= threshold_px) or common <= 0:
         return float("inf")
     return XI_ERROR * (error_j + error_g) / 2 + XI_COUNT / common

@@ -5,9 +5,10 @@ from dataclasses import replace
 import numpy as np
 
 from spherecal.adjust.network import Network
+from spherecal.ball.fit import BallFit, solve_free
 from spherecal.ball.rigid import BallNetwork
 from spherecal.ball.run import Run
-from spherecal.ball.selection import BallFit, ModelChoice, RequestedModel, Wanted, choose_ball_model, solve_free
+from spherecal.ball.selection import ModelChoice, RequestedModel, Wanted, choose_ball_model
 from spherecal.base.arrays import BoolArray
 from spherecal.base.errors import InputError
 from spherecal.base.messages.values import Phrase

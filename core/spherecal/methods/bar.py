@@ -8,8 +8,8 @@ from typing import Literal
 
 import numpy as np
 
-from spherecal.adjust.network import Network
-from spherecal.adjust.problem import State
+from spherecal.adjust.network import free_network
+from spherecal.adjust.state import State
 from spherecal.base.arrays import IntArray
 from spherecal.base.context import Context, Stopwatch
 from spherecal.data.findings import Finding
@@ -49,9 +49,7 @@ def calibrate_bar(
     free = estimated_intrinsics(session, intrinsics == "free")
     names = [c.id if own_intrinsics else c.intrinsics_group for c in session.cameras]
     group = np.unique(names, return_inverse=True)[1].reshape(-1)
-    network = Network(
-        recording.point, o.camera, o.uv, o.sigma, recording.n_points, free, group
-    )  # fmt: skip
+    network = free_network(recording.point, o.camera, o.uv, recording.n_points, free, group).with_sigma(o.sigma)
     every = known_lengths(session, recording, np.bincount(recording.point, minlength=recording.n_points) >= 2)
     start = start_from_pairs(recording, every, known, seed, context)
     watch.lap("pairs of cameras")

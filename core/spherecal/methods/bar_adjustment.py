@@ -12,11 +12,13 @@ from spherecal.adjust.bundle import (
     START_INTRINSICS,
     usable_features,
 )
-from spherecal.adjust.levenberg import Minimum
+from spherecal.adjust.levenberg import Minimum, Settings
 from spherecal.adjust.network import Network
-from spherecal.adjust.problem import Priors, State, sorted_problem
+from spherecal.adjust.problem import sorted_problem
+from spherecal.adjust.rows import NO_PRIORS, Priors
+from spherecal.adjust.state import State
 from spherecal.base.arrays import BoolArray, FloatArray, IntArray
-from spherecal.base.context import Context, Engine
+from spherecal.base.context import Context
 from spherecal.data.session import Session
 from spherecal.geometry.camera import INTRINSIC_NAMES, project
 from spherecal.methods.bar_marks import BarRecording, known_lengths
@@ -92,26 +94,24 @@ def _robust_start(work: BarNetwork, state: State, candidates: BoolArray, context
         free = network.free if names is None else network.free & np.isin(INTRINSIC_NAMES, names)
         state = replace(state, points=np.where(good[:, None], points, 0.0))
         lengths = known_lengths(work.session, work.recording, good)
-        model = _model(work, candidates & good[network.feature], free, lengths, None, False, context.engine)
+        model = _model(work, candidates & good[network.feature], free, lengths, NO_PRIORS, False)
         typical = float(np.median(np.linalg.norm(model.residuals(state), axis=1)))
         for cauchy in (typical, CAUCHY_PX) if typical > CAUCHY_PX else (CAUCHY_PX,):
             watch = progress(context, "robust adjustment", START_ITERATIONS)
-            state = minimise(model, state, cauchy, START_ITERATIONS, 1e-4, watch).state
+            settings = Settings(cauchy=cauchy, max_iterations=START_ITERATIONS, tolerance=1e-4)
+            state = minimise(model, state, settings, watch).state
         points, good = usable_features(network, state, candidates)
     return replace(state, points=np.where(good[:, None], points, np.nan)), good
 
 
 def _usual_noise(work: BarNetwork, state: State, used: BoolArray) -> float:
     """Robust standard deviation in units of the weights, for the lengths' rows to weigh against."""
-    size = residual_size(work.network, state)[used]
-    sigma = work.network.sigma
-    if sigma is not None:
-        size = size / sigma[used].mean(axis=1)
+    size = residual_size(work.network, state)[used] / work.network.sigma[used].mean(axis=1)
     return max(float(np.median(size)) / 1.1774, 1e-3) if len(size) else 1.0
 
 
 def _refine(
-    work: BarNetwork, state: State, used: BoolArray, priors: Priors | None, held: BoolArray, noise: float,
+    work: BarNetwork, state: State, used: BoolArray, priors: Priors, held: BoolArray, noise: float,
     context: Context,
 ) -> BarAdjusted:  # fmt: skip
     network, rounds = work.network, 0
@@ -123,9 +123,9 @@ def _refine(
         lengths = known_lengths(work.session, work.recording, seen)
         # certificates and dots are to weigh against each other as both really scatter
         lengths = replace(lengths, sigma=lengths.sigma / noise)
-        model = _model(work, gated, network.free, lengths, priors, True, context.engine)
+        model = _model(work, gated, network.free, lengths, priors, True)
         whole = replace(state, points=np.where(seen[:, None], state.points, 0.0))
-        minimum = minimise(model, whole, None, 60, on_step=progress(context, "joint adjustment", 20))
+        minimum = minimise(model, whole, Settings(), progress(context, "joint adjustment", 20))
         state = replace(minimum.state, points=np.where(seen[:, None], minimum.state.points, np.nan))
         if (gated == used).all() or rounds == GATE_ROUNDS:
             break
@@ -140,19 +140,18 @@ def _refine(
 
 
 def _model(
-    work: BarNetwork, used: BoolArray, free: BoolArray, lengths: Lengths, priors: Priors | None, weighted: bool,
-    engine: Engine,
+    work: BarNetwork, used: BoolArray, free: BoolArray, lengths: Lengths, priors: Priors, weighted: bool,
 ) -> BarModel:  # fmt: skip
     network = work.network
     rows = np.flatnonzero(used)
     seen = work.placed & (np.bincount(network.camera[rows], minlength=len(work.placed)) > 0)
-    sigma = network.sigma[rows] if weighted and network.sigma is not None else None
+    sigma = network.sigma[rows] if weighted else None
     pose = seen & (np.arange(len(seen)) != work.reference)
     problem, _ = sorted_problem(
         network.camera[rows], network.feature[rows], network.uv[rows], sigma, network.n_features,
         free_pose=pose, free_intrinsics=free & seen[:, None], group=network.group, priors=priors,
     )  # fmt: skip
-    return BarModel(problem, work.recording.slots, lengths, engine)
+    return BarModel(problem, work.recording.slots, lengths)
 
 
 def _located(network: Network, state: State, placed: BoolArray) -> State:

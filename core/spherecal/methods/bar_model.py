@@ -4,10 +4,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from spherecal.adjust.levenberg import load_engine
-from spherecal.adjust.problem import Problem, State
+from spherecal.adjust import engine
+from spherecal.adjust.problem import Problem
+from spherecal.adjust.state import State
 from spherecal.base.arrays import BoolArray, FloatArray, IntArray
-from spherecal.base.context import Engine
 from spherecal.methods.frames import Ties
 from spherecal.methods.frames_covariance import PointRows
 
@@ -40,7 +40,6 @@ class BarModel:
     problem: Problem
     slots: int
     lengths: Lengths
-    engine: Engine
 
     @property
     def part(self) -> IntArray:
@@ -59,11 +58,11 @@ class BarModel:
 
     def residuals(self, state: State) -> FloatArray:
         """Weighted residuals (n,2)."""
-        return load_engine(self.engine).residuals(self.problem, state)
+        return engine.residuals(self.problem, state)
 
     def linearise(self, state: State, robust: FloatArray | None) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Weighted residuals, derivatives by camera and by the point."""
-        linear = load_engine(self.engine).linearise(self.problem, state, robust)
+        linear = engine.linearise(self.problem, state, robust)
         return linear.residual, linear.by_camera, linear.by_point
 
     def ties(self, state: State) -> Ties:

@@ -8,7 +8,7 @@ from typing import Literal
 
 import numpy as np
 
-from spherecal.adjust.problem import State
+from spherecal.adjust.state import State
 from spherecal.base.arrays import BoolArray, FloatArray, IntArray
 from spherecal.base.context import Context, Stopwatch
 from spherecal.base.errors import InputError
@@ -155,12 +155,11 @@ def _adjusted(
 ) -> tuple[BoardSolution, list[Finding]]:
     """The joint adjustment with the board's points held or estimated, and what is to be said about its shape."""
     views = network.views
-    assert state.placement_translation is not None
     linked = np.isfinite(state.translation[views.camera, 0])
     linked &= np.isfinite(state.placement_translation[views.placement, 0])
     adjusted = adjust_boards(network, whole(state), candidates & linked, linked, context)
     if not shape_estimated(session):
-        return nominal_solution(adjusted), shape_finding(adjusted, context.engine)
+        return nominal_solution(adjusted), shape_finding(adjusted)
     solution = estimated_solution(network, adjusted, linked, context)
     return solution, [Finding("board-shape-estimated", "info", {"off_mm": solution.print_mm})]
 
@@ -210,7 +209,6 @@ def _result(
     position = np.full((views.n_placements, len(views.points_mm)), -1)
     position[frame, point] = np.arange(len(frame))
     at = position[placement, of_board]
-    assert state.placement_rotation is not None and state.placement_translation is not None
     points = np.einsum("pij,pj->pi", state.placement_rotation[placement], state.points[of_board])
     points = np.where((at >= 0)[:, None], points + state.placement_translation[placement], np.nan)
     cofactor = np.full((len(features), 3, 3), np.nan)

@@ -6,10 +6,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from spherecal.adjust.bundle import CAUCHY_PX, GATE_LEAST_PX, GATE_ROUNDS, GATE_SIGMAS, START_INTRINSICS
-from spherecal.adjust.levenberg import Minimum
-from spherecal.adjust.problem import Priors, State
+from spherecal.adjust.levenberg import Minimum, Settings
+from spherecal.adjust.rows import NO_PRIORS, Priors
+from spherecal.adjust.state import State
 from spherecal.base.arrays import BoolArray, FloatArray, IntArray
-from spherecal.base.context import Context, Engine
+from spherecal.base.context import Context
 from spherecal.geometry.camera import INTRINSIC_NAMES, project
 from spherecal.methods.board_model import BoardModel, BoardViews, board_model
 from spherecal.methods.board_start import LEAST_POINTS, BoardPose
@@ -102,11 +103,12 @@ def robust_start(
     """A state after robust adjustments: poses, then the main intrinsics, then all."""
     for names in ((), START_INTRINSICS, None):
         free = network.free if names is None else network.free & np.isin(INTRINSIC_NAMES, names)
-        model, _ = _model(network, candidates, free, None, False, context.engine)
+        model, _ = _model(network, candidates, free, NO_PRIORS, False)
         typical = float(np.median(np.linalg.norm(model.residuals(state), axis=1)))
         for cauchy in (typical, CAUCHY_PX) if typical > CAUCHY_PX else (CAUCHY_PX,):
             watch = progress(context, "robust adjustment", START_ITERATIONS)
-            state = minimise(model, state, cauchy, START_ITERATIONS, 1e-4, watch).state
+            settings = Settings(cauchy=cauchy, max_iterations=START_ITERATIONS, tolerance=1e-4)
+            state = minimise(model, state, settings, watch).state
     return state
 
 
@@ -136,15 +138,15 @@ def adjust_boards(
 
 
 def _refine(
-    network: BoardNetwork, state: State, candidates: BoolArray, priors: Priors | None, held: BoolArray,
+    network: BoardNetwork, state: State, candidates: BoolArray, priors: Priors, held: BoolArray,
     context: Context,
 ) -> BoardAdjusted:  # fmt: skip
     used, rounds = candidates, 0
     while True:
         rounds += 1
         gated = gate(network, state, candidates)
-        model, rows = _model(network, gated, network.free, priors, True, context.engine)
-        minimum = minimise(model, state, None, 60, on_step=progress(context, "joint adjustment", 20))
+        model, rows = _model(network, gated, network.free, priors, True)
+        minimum = minimise(model, state, Settings(), progress(context, "joint adjustment", 20))
         state = minimum.state
         if (gated == used).all() or rounds == GATE_ROUNDS:
             break
@@ -167,10 +169,10 @@ def board_points(views: BoardViews, used: BoolArray) -> tuple[IntArray, IntArray
 
 
 def _model(
-    network: BoardNetwork, used: BoolArray, free: BoolArray, priors: Priors | None, weighted: bool, engine: Engine
+    network: BoardNetwork, used: BoolArray, free: BoolArray, priors: Priors, weighted: bool
 ) -> tuple[BoardModel, IntArray]:
     free_pose = np.arange(network.views.n_cameras) != network.reference
-    return board_model(network.views, used, free_pose, free, network.group, priors, weighted, engine)
+    return board_model(network.views, used, free_pose, free, network.group, priors, weighted)
 
 
 def residual_size(views: BoardViews, state: State) -> FloatArray:
@@ -180,7 +182,6 @@ def residual_size(views: BoardViews, state: State) -> FloatArray:
 
 def residuals_px(views: BoardViews, state: State) -> FloatArray:
     """Predicted minus observed (n,2) px; NaN without a prediction in front of the camera."""
-    assert state.placement_rotation is not None and state.placement_translation is not None
     world = np.einsum("nij,nj->ni", state.placement_rotation[views.placement], state.points[views.point])
     world += state.placement_translation[views.placement]
     x = np.einsum("nij,nj->ni", state.rotation[views.camera], world) + state.translation[views.camera]

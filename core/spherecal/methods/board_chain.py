@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from spherecal.adjust.problem import State
+from spherecal.adjust.state import State
 from spherecal.base.arrays import BoolArray, FloatArray, IntArray
 from spherecal.base.context import Context
 from spherecal.geometry.camera import project
@@ -160,7 +160,6 @@ def _adjust_group(
 
 def whole(state: State) -> State:
     """The state with some pose for placements and cameras that have none, for kernels that run over all."""
-    assert state.placement_rotation is not None and state.placement_translation is not None
     known = np.isfinite(state.placement_translation[:, 0])
     placed = np.isfinite(state.translation[:, 0])
     return replace(

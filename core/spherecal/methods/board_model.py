@@ -5,10 +5,13 @@ from functools import cached_property
 
 import numpy as np
 
-from spherecal.adjust.levenberg import load_engine
-from spherecal.adjust.problem import POSE, Priors, Problem, State, sorted_problem
+from spherecal.adjust import engine
+from spherecal.adjust.ball_model import Rigid
+from spherecal.adjust.layout import POSE
+from spherecal.adjust.problem import Problem, sorted_problem
+from spherecal.adjust.rows import Priors
+from spherecal.adjust.state import State
 from spherecal.base.arrays import BoolArray, FloatArray, IntArray
-from spherecal.base.context import Engine
 from spherecal.data.observations import Observations
 from spherecal.geometry.rotation import cross_matrix, exp_rotation
 from spherecal.methods.frames import Ties, cameras_only
@@ -69,12 +72,10 @@ class BoardModel:
 
     rigid: Problem
     problem: Problem
-    engine: Engine
 
     @property
     def part(self) -> IntArray:
         """The placement of every observation."""
-        assert self.rigid.placement is not None
         return self.rigid.placement
 
     @property
@@ -89,12 +90,11 @@ class BoardModel:
 
     def residuals(self, state: State) -> FloatArray:
         """Weighted residuals (n,2)."""
-        return load_engine(self.engine).residuals(self.rigid, state)
+        return engine.residuals(self.rigid, state)
 
     def linearise(self, state: State, robust: FloatArray | None) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Weighted residuals, derivatives by camera and by placement."""
-        linear = load_engine(self.engine).linearise(self.rigid, state, robust)
-        assert linear.by_placement is not None
+        linear = engine.linearise(self.rigid, state, robust)
         return linear.residual, linear.by_camera, linear.by_placement
 
     def ties(self, state: State) -> Ties:
@@ -103,7 +103,6 @@ class BoardModel:
 
     def moved_frames(self, state: State, step: FloatArray) -> State:
         """Placements turned about the board's origin, and shifted."""
-        assert state.placement_rotation is not None and state.placement_translation is not None
         return replace(
             state,
             placement_rotation=exp_rotation(step[:, :3]) @ state.placement_rotation,
@@ -112,7 +111,6 @@ class BoardModel:
 
     def point_rows(self, state: State, placement: IntArray, point: IntArray, in_datum: BoolArray) -> PointRows:
         """Points (p,) of the board at placements (p,) in the world, and how they follow the placements."""
-        assert state.placement_rotation is not None and state.placement_translation is not None
         turned = np.einsum("pij,pj->pi", state.placement_rotation[placement], state.points[point])
         by_frame = np.concatenate([-cross_matrix(turned), np.tile(np.eye(3), (len(point), 1, 1))], axis=2)
         return PointRows(placement, turned + state.placement_translation[placement], by_frame, in_datum)
@@ -120,7 +118,7 @@ class BoardModel:
 
 def board_model(
     views: BoardViews, used: BoolArray, free_pose: BoolArray, free: BoolArray, group: IntArray,
-    priors: Priors | None, weighted: bool, engine: Engine,
+    priors: Priors, weighted: bool,
 ) -> tuple[BoardModel, IntArray]:  # fmt: skip
     """The adjustment of the used observations, and which observation each of its rows is."""
     rows = np.flatnonzero(used)
@@ -129,6 +127,6 @@ def board_model(
     problem, order = sorted_problem(
         views.camera[rows], views.point[rows], views.uv[rows], sigma, len(views.points_mm),
         free_pose=free_pose & seen, free_intrinsics=free & seen[:, None], group=group, priors=priors,
-        placement=views.placement[rows], n_placements=views.n_placements,
+        ball=Rigid(views.placement[rows], np.ones(views.n_placements, dtype=bool)),
     )  # fmt: skip
-    return BoardModel(problem, cameras_only(problem), engine), rows[order]
+    return BoardModel(problem, cameras_only(problem)), rows[order]

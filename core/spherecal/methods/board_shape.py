@@ -4,14 +4,17 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from spherecal.adjust import engine
+from spherecal.adjust.ball_model import Rigid
 from spherecal.adjust.bundle import GATE_ROUNDS, datum_defect
 from spherecal.adjust.covariance import Covariance, covariance
 from spherecal.adjust.datum import Places
-from spherecal.adjust.levenberg import Settings, load_engine
-from spherecal.adjust.levenberg import minimise as minimise_points
-from spherecal.adjust.problem import Problem, State, sorted_problem
+from spherecal.adjust.least_squares import minimise as minimise_points
+from spherecal.adjust.levenberg import Settings
+from spherecal.adjust.problem import Problem, sorted_problem
+from spherecal.adjust.state import State
 from spherecal.base.arrays import BoolArray, FloatArray
-from spherecal.base.context import Context, Engine
+from spherecal.base.context import Context
 from spherecal.data.findings import Finding
 from spherecal.geometry.transform import fit_similarity
 from spherecal.methods.board_adjustment import BoardAdjusted, BoardNetwork, board_points, gate, progress
@@ -47,14 +50,14 @@ def nominal_solution(adjusted: BoardAdjusted) -> BoardSolution:
     )  # fmt: skip
 
 
-def shape_finding(adjusted: BoardAdjusted, engine: Engine) -> list[Finding]:
+def shape_finding(adjusted: BoardAdjusted) -> list[Finding]:
     """A warning where residuals repeat from view to view for the same points of the board.
 
     Each point's shift that would take up most of its residuals, cameras and placements as they are, is compared with
     what noise makes of it.
     """
     rigid = adjusted.model.rigid
-    linear = load_engine(engine).linearise(rigid, adjusted.state, None)
+    linear = engine.linearise(rigid, adjusted.state, None)
     count = np.bincount(rigid.point, minlength=rigid.n_points)
     normal, gradient = np.zeros((rigid.n_points, 3, 3)), np.zeros((rigid.n_points, 3))
     np.add.at(normal, rigid.point, linear.by_point.transpose(0, 2, 1) @ linear.by_point)
@@ -90,7 +93,7 @@ def estimated_solution(
         priors = priors_of(network.group, network.known, adjusted.held, noise)
         problem, seen = _problem(network, used, priors)
         state = _world_is_first_board(state, problem)
-        settings = Settings(max_iterations=200, engine=context.engine)
+        settings = Settings(max_iterations=200)
         minimum = minimise_points(problem, state, settings, progress(context, "points of the board", 40))
         redundancy = problem.rows - problem.unknowns + datum_defect(problem)
         variance = 2 * minimum.cost / redundancy if redundancy > 0 else float("nan")
@@ -106,7 +109,7 @@ def estimated_solution(
     per_coordinate = float(np.sqrt((off**2).sum() / max(3 * len(off) - 7, 1)))
     spread = float(np.sqrt(((nominal[seen] - nominal[seen].mean(axis=0)) ** 2).sum()))
     placement, point, _ = board_points(views, used)
-    cofactors = covariance(problem, _world_is_first_board(state, problem), context.engine, Places(point, placement))
+    cofactors = covariance(problem, _world_is_first_board(state, problem), Places(point, placement))
     return BoardSolution(
         replace(state, points=np.where(seen[:, None], state.points, nominal)), cameras_only(problem), used, variance,
         minimum.converged, adjusted.held, _as_frames(cofactors, problem, state, placement, point),
@@ -126,15 +129,13 @@ def _problem(network: BoardNetwork, used: BoolArray, priors) -> tuple[Problem, B
     problem, _ = sorted_problem(
         views.camera[rows], views.point[rows], views.uv[rows], None if views.sigma is None else views.sigma[rows],
         len(views.points_mm), free_pose=seen, free_intrinsics=network.free & seen[:, None], group=network.group,
-        priors=priors, placement=views.placement[rows], n_placements=views.n_placements, free_placement=free_placement,
+        priors=priors, ball=Rigid(views.placement[rows], free_placement),
     )  # fmt: skip
     return problem, twice
 
 
 def _world_is_first_board(state: State, problem: Problem) -> State:
     """The same network with the world frame that of the board at its reference placement."""
-    assert problem.placement is not None and problem.free_placement is not None
-    assert state.placement_rotation is not None and state.placement_translation is not None
     shown = np.bincount(problem.placement, minlength=problem.n_placements) > 0
     first = int(np.argmax(shown))
     r, t = state.placement_rotation[first], state.placement_translation[first]
@@ -150,7 +151,6 @@ def _metric(state: State, nominal: FloatArray, seen: BoolArray, reference: int) 
     state = state.seen_from(reference)
     fit = fit_similarity(state.points[seen], nominal[seen])
     state = state.scaled(fit.scale)
-    assert state.placement_rotation is not None and state.placement_translation is not None
     rotation = state.placement_rotation @ fit.rotation.T
     return replace(
         state, points=state.points @ fit.rotation.T + fit.translation, placement_rotation=rotation,
@@ -162,7 +162,7 @@ def _as_frames(
     cofactors: Covariance | None, problem: Problem, state: State, placement: np.ndarray, point: np.ndarray
 ) -> FrameCovariance | None:  # fmt: skip
     """The cofactors as those of frames; the scale's part comes from the print alone."""
-    if cofactors is None or state.placement_rotation is None or state.placement_translation is None:
+    if cofactors is None:
         return None
     places = np.einsum("pij,pj->pi", state.placement_rotation[placement], state.points[point])
     centroid = (places + state.placement_translation[placement]).mean(axis=0)

@@ -4,7 +4,7 @@ from typing import Literal
 
 import numpy as np
 
-from spherecal.adjust.problem import POSE
+from spherecal.adjust.layout import POSE
 from spherecal.base.arrays import BoolArray, IntArray
 from spherecal.data.findings import Finding
 from spherecal.data.session import Session

@@ -5,21 +5,27 @@ by block; known lengths inside a frame tie its points without leaving its block,
 what thousands of points do. Cameras, their columns and their derivatives are those of `adjust/`.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from typing import Protocol
+from typing import Protocol, TypeAlias
 
 import numpy as np
-from scipy.linalg import LinAlgError, cho_factor, cho_solve
+from scipy.linalg import LinAlgError
 
-from spherecal.adjust.levenberg import Minimum, extra_rows
-from spherecal.adjust.problem import Problem, State, moved, prior_residuals, symmetric
+from spherecal.adjust.ball_model import Free
+from spherecal.adjust.least_squares import assembled, predicted_decrease
+from spherecal.adjust.levenberg import Damping, Minimum, OnStep, Settings, levenberg_marquardt, solve_damped
+from spherecal.adjust.linear import Reduced
+from spherecal.adjust.problem import Problem, moved, prior_residuals
+from spherecal.adjust.state import State
 from spherecal.base.arrays import FloatArray, IntArray
 from spherecal.base.threads import one_blas_thread
 
+# Weighted residuals (n,2), derivatives by camera (n,2,w) and by the part (n,2,k).
+Linearised: TypeAlias = tuple[FloatArray, FloatArray, FloatArray]
+
 # Numbers of a dense block of couplings: 32 MB.
 _BLOCK = 4_000_000
-_FIRST_DAMPING = 1e-4
 
 
 @dataclass(frozen=True)
@@ -61,7 +67,7 @@ class FrameModel(Protocol):
         """Weighted residuals (n,2)."""
         ...
 
-    def linearise(self, state: State, robust: FloatArray | None) -> tuple[FloatArray, FloatArray, FloatArray]:
+    def linearise(self, state: State, robust: FloatArray | None) -> Linearised:
         """Weighted residuals (n,2), derivatives by camera (n,2,w) and by the part (n,2,k)."""
         ...
 
@@ -101,7 +107,7 @@ def sum_by(index: IntArray, values: FloatArray, n: int) -> FloatArray:
 
 
 def reduce(
-    model: FrameModel, state: State, linear: tuple[FloatArray, FloatArray, FloatArray], damping: float
+    model: FrameModel, state: State, linear: Linearised, damping: float
 ) -> ReducedFrames:  # fmt: skip
     """The cameras' normal equations with the frames eliminated and the priors' rows added; valid above the diagonal."""
     residual, by_camera, by_part = linear
@@ -114,7 +120,7 @@ def reduce(
         jacobian = by_camera[rows].reshape(-1, width)
         matrix[own, own] = jacobian.T @ jacobian
         gradient[own] = jacobian.T @ residual[rows].ravel()
-    diagonal = layout.fold_vector(matrix.diagonal().copy())
+    diagonal = matrix.diagonal().copy()
 
     transposed = by_part.transpose(0, 2, 1)
     own_matrix, own_gradient = _own_equations(model, state, transposed, residual)
@@ -130,13 +136,9 @@ def reduce(
         weighted = inverse[block] @ dense
         matrix -= dense.reshape(-1, layout.expanded).T @ weighted.reshape(-1, layout.expanded)
         gradient -= np.einsum("fqe,fq->e", weighted, own_gradient[block])
-    folded, folded_gradient = layout.fold_matrix(matrix), layout.fold_vector(gradient)
-    rows, row_residual = extra_rows(problem, state)
-    if len(rows):
-        folded = folded + rows.T @ rows
-        folded_gradient = folded_gradient + rows.T @ row_residual
-        diagonal = diagonal + (rows**2).sum(axis=0)
-    return replace(reduced, matrix=folded, gradient=folded_gradient, diagonal=diagonal)
+    cameras = Reduced(matrix, gradient, diagonal, np.zeros((0, 3, 3)), np.zeros((0, 3)))
+    normal = assembled(problem, state, cameras)
+    return replace(reduced, matrix=normal.matrix, gradient=normal.gradient, diagonal=normal.diagonal)
 
 
 def _own_equations(
@@ -191,47 +193,48 @@ def _inverses(matrix: FloatArray, damping: float) -> FloatArray:
     return inverse
 
 
-def minimise(
-    model: FrameModel, state: State, cauchy: float | None, max_iterations: int, tolerance: float = 1e-10,
-    on_step: Callable[[int, float], None] | None = None,
-) -> Minimum:  # fmt: skip
-    """The state of least cost near `state`: Levenberg-Marquardt as in `adjust/levenberg.py`.
+def minimise(model: FrameModel, state: State, settings: Settings, on_step: OnStep | None = None) -> Minimum:
+    """The state of least cost near `state`.
 
-    `cauchy` (in units of sigma) makes the loss robust; converged when a step lowers the cost by less than `tolerance`.
+    Parameters
+    ----------
+    model, state
+        What is adjusted, and where to begin.
+    settings
+        See Settings.
+    on_step
+        Called with the iteration and the cost after each step; it may raise to stop the work.
     """
     with one_blas_thread():
-        return _minimise(model, state, cauchy, max_iterations, tolerance, on_step)
+        return levenberg_marquardt(_Frames(model, settings.cauchy), state, settings, on_step)
 
 
-def _minimise(
-    model: FrameModel, state: State, cauchy: float | None, max_iterations: int, tolerance: float,
-    on_step: Callable[[int, float], None] | None,
-) -> Minimum:  # fmt: skip
-    damping, growth = _FIRST_DAMPING, 2.0
-    cost = total_cost(model, state, cauchy)
-    costs, linear = [cost], None
-    for iteration in range(1, max_iterations + 1):
-        if linear is None:
-            linear = model.linearise(state, _robust_weight(model, state, cauchy))
-        trial = _step(model, state, linear, damping)
-        new_cost = np.inf if trial is None else total_cost(model, trial[0], cauchy)
-        if trial is not None and new_cost < cost and trial[1] > 0:
-            gain, decrease = (cost - new_cost) / trial[1], (cost - new_cost) / cost
-            state, cost, linear = trial[0], new_cost, None
-            damping, growth = damping * max(1 / 10, 1 - (2 * gain - 1) ** 3), 2.0
-            costs.append(cost)
-            if decrease < tolerance:
-                return Minimum(state, cost, iteration, True, tuple(costs))
-        else:
-            # perfect observations end at rounding errors, where no step helps any more
-            if trial is not None and (abs(trial[1]) <= tolerance * cost or cost < 1e-16 * max(len(model.part), 1)):
-                return Minimum(state, cost, iteration, True, tuple(costs))
-            damping, growth = damping * growth, growth * 2
-            if damping > 1e16:
-                break
-        if on_step is not None:
-            on_step(iteration, cost)
-    return Minimum(state, cost, len(costs) - 1, False, tuple(costs))
+@dataclass(frozen=True)
+class _Frames:
+    """Frames with their loss (see levenberg.LeastSquares)."""
+
+    model: FrameModel
+    cauchy: float | None
+
+    @property
+    def damping(self) -> Damping:
+        return Damping()
+
+    @property
+    def count(self) -> int:
+        return len(self.model.part)
+
+    def linearise(self, state: State) -> Linearised:
+        return self.model.linearise(state, _robust_weight(self.model, state, self.cauchy))
+
+    def cost(self, state: State, linear: Linearised) -> float:
+        return total_cost(self.model, state, self.cauchy)
+
+    def accepted(self, state: State, cost: float) -> tuple[Linearised | None, float]:
+        return None, cost
+
+    def step(self, state: State, linear: Linearised, damping: float) -> tuple[State, float] | None:
+        return _step(self.model, state, linear, damping)
 
 
 def total_cost(model: FrameModel, state: State, cauchy: float | None) -> float:
@@ -251,7 +254,7 @@ def _robust_weight(model: FrameModel, state: State, cauchy: float | None) -> Flo
 
 
 def _step(
-    model: FrameModel, state: State, linear: tuple[FloatArray, FloatArray, FloatArray], damping: float
+    model: FrameModel, state: State, linear: Linearised, damping: float
 ) -> tuple[State, float] | None:  # fmt: skip
     """The state after one damped step and the decrease of cost that the linear model predicts; None if singular."""
     problem = model.problem
@@ -259,20 +262,14 @@ def _step(
         normal = reduce(model, state, linear, damping)
     except LinAlgError:
         return None
-    step = _solve_damped(normal, damping)
+    step = solve_damped(normal.matrix, normal.gradient, normal.diagonal, damping)
     if step is None:
         return None
     expanded = problem.layout.expand_vector(step).reshape(problem.n_cameras, -1)
     pulled = np.einsum("mkw,mw->mk", normal.coupling, expanded[normal.pair_camera])
     pulled = sum_by(normal.pair_part, pulled, model.n_frames * model.parts).reshape(normal.gradient_own.shape)
     frame_step = -np.einsum("fqr,fr->fq", normal.inverse, normal.gradient_own + pulled)
-    # the frames' own unknowns are theirs to move
-    cameras = replace(state, placement_rotation=None, placement_translation=None)
-    cameras = moved(problem, cameras, step, np.zeros_like(state.points))
-    new = replace(
-        cameras, placement_rotation=state.placement_rotation, placement_translation=state.placement_translation
-    )
-    new = model.moved_frames(new, frame_step)
+    new = model.moved_frames(moved(problem, state, step, np.zeros_like(state.points)), frame_step)
     if (new.intrinsics[:, :2] <= 0).any():  # no lens: as good as singular
         return None
     residual, by_camera, by_part = linear
@@ -281,31 +278,13 @@ def _step(
     after += np.einsum("nij,nj->ni", by_part, part_step[model.part])
     ties = model.ties(state)
     tied = ties.residual + np.einsum("mq,mq->m", ties.rows, frame_step[ties.frame])
-    rows, row_residual = extra_rows(problem, state)
     predicted = (residual**2).sum() - (after**2).sum() + (ties.residual**2).sum() - (tied**2).sum()
-    predicted += (row_residual**2).sum() - ((row_residual + rows @ step) ** 2).sum()
-    return new, 0.5 * float(predicted)
-
-
-def _solve_damped(normal: ReducedFrames, damping: float) -> FloatArray | None:
-    matrix = symmetric(normal.matrix)
-    if not len(matrix):
-        return np.zeros(0)
-    matrix[np.diag_indices_from(matrix)] += damping * np.maximum(normal.diagonal, 1e-30)
-    if not (np.isfinite(matrix).all() and (matrix.diagonal() > 0).all()):
-        return None
-    scale = 1.0 / np.sqrt(matrix.diagonal())
-    try:
-        factor = cho_factor(matrix * scale[:, None] * scale)
-    except LinAlgError:
-        return None
-    step = -scale * cho_solve(factor, scale * normal.gradient)
-    return step if np.isfinite(step).all() else None
+    return new, 0.5 * float(predicted) + predicted_decrease(problem, state, step)
 
 
 def cameras_only(problem: Problem) -> Problem:
     """The same problem without placements: the layout of its cameras alone."""
-    return replace(problem, placement=None, n_placements=0)
+    return replace(problem, ball=Free())
 
 
 def redundancy(model: FrameModel, state: State) -> int:

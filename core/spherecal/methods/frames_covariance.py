@@ -9,10 +9,11 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.linalg import LinAlgError, cho_factor, cho_solve
 
-from spherecal.adjust.problem import POSE, State, symmetric
+from spherecal.adjust.datum import moved_cameras, moved_points
+from spherecal.adjust.layout import symmetric
+from spherecal.adjust.state import State
 from spherecal.base.arrays import FloatArray, IntArray
 from spherecal.base.threads import one_blas_thread
-from spherecal.geometry.rotation import cross_matrix
 from spherecal.methods.frames import FrameModel, ReducedFrames, dense_couplings, reduce, sum_by
 
 # Numbers of a dense block of points' derivatives: 16 MB.
@@ -118,18 +119,8 @@ def _motions(
     centroid = points.place[points.in_datum].mean(axis=0)
     offset = points.place - centroid
     spread = float(np.sqrt((offset[points.in_datum] ** 2).sum(axis=1).mean()))
-    of_points = np.zeros((len(offset), 3, 7))
-    of_points[:, :, :3] = np.eye(3)
-    of_points[:, :, 3:6] = -cross_matrix(offset) / spread
-    of_points[:, :, 6] = offset / spread
-    problem = model.problem
-    cameras = np.zeros((problem.n_cameras, POSE + len(problem.intrinsic_columns), 7))
-    to_centroid = np.einsum("cij,j->ci", state.rotation, centroid) + state.translation
-    cameras[:, 3:6, :3] = -state.rotation
-    cameras[:, :3, 3:6] = -state.rotation / spread
-    cameras[:, 3:6, 3:6] = -np.einsum("cij,cjk->cik", cross_matrix(to_centroid), state.rotation) / spread
-    cameras[:, 3:6, 6] = to_centroid / spread
-    return of_points, cameras.reshape(-1, 7), spread
+    of_points = moved_points(points.place, centroid, spread)
+    return of_points, moved_cameras(model.problem, state, centroid, spread), spread
 
 
 def _all_cameras(inverse: FloatArray, held: FloatArray, pull: FloatArray, noise: FloatArray) -> FloatArray:

@@ -3,7 +3,10 @@
 import numpy as np
 
 from spherecal.adjust.intrinsic_priors import LEAST_NOISE, LEAST_OBSERVATIONS, WORST_RELATIVE_FOCAL_SD, prior_sigmas
-from spherecal.adjust.problem import POSE, Priors, Problem, State
+from spherecal.adjust.layout import POSE
+from spherecal.adjust.problem import Problem
+from spherecal.adjust.rows import NO_PRIORS, Priors
+from spherecal.adjust.state import State
 from spherecal.base.arrays import BoolArray, FloatArray, IntArray
 from spherecal.methods.frames_covariance import FrameCovariance
 
@@ -11,10 +14,10 @@ from spherecal.methods.frames_covariance import FrameCovariance
 _LEAST_FRAMES = 2
 
 
-def priors_of(group: IntArray, known: FloatArray, held: BoolArray, noise: float) -> Priors | None:
-    """Priors (c,16) of the held cameras' groups, weighed against image points as both scatter; None without any."""
+def priors_of(group: IntArray, known: FloatArray, held: BoolArray, noise: float) -> Priors:
+    """Priors (c,16) of the held cameras' groups, weighed against image points as both scatter; or NO_PRIORS."""
     if not held.any():
-        return None
+        return NO_PRIORS
     members = np.isin(group, group[held])
     sigma = prior_sigmas(known) / max(noise, LEAST_NOISE)
     return Priors(known, np.where(members[:, None], sigma, np.inf))

@@ -4,7 +4,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from spherecal.adjust.problem import POSE, Problem, State
+from spherecal.adjust.layout import POSE
+from spherecal.adjust.problem import Problem
+from spherecal.adjust.state import State
 from spherecal.base.arrays import BoolArray, FloatArray, IntArray
 from spherecal.data.findings import Finding
 from spherecal.data.observations import Features, Observations

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from spherecal.adjust.network import Network
+from spherecal.adjust.network import Network, free_network
 from spherecal.ball.run import Run
 from spherecal.base.arrays import FloatArray
 from spherecal.base.context import Context, Stopwatch
@@ -27,10 +27,9 @@ def describe_network(recording: Recording, settings: CalibrationSettings) -> Net
         estimated = np.tile(estimated_mask("tao2021") & free, (len(estimated), 1))
     names = [(c.earlier_pose_of or c.id) if settings.own_intrinsics else c.intrinsics_group for c in cameras]
     group = np.unique(names, return_inverse=True)[1].reshape(-1)
-    return Network(
-        features.of_observation, observations.camera, observations.uv, observations.sigma, len(features),
-        estimated, group,
-    )  # fmt: skip
+    return free_network(
+        features.of_observation, observations.camera, observations.uv, len(features), estimated, group
+    ).with_sigma(observations.sigma)
 
 
 def local_network(

@@ -4,10 +4,11 @@ from dataclasses import replace
 
 import numpy as np
 
+from spherecal.adjust.ball_model import Rigid
 from spherecal.adjust.bundle import Adjustment
-from spherecal.adjust.problem import POSE
+from spherecal.adjust.layout import POSE
+from spherecal.ball.fit import BallFit
 from spherecal.ball.run import Run
-from spherecal.ball.selection import BallFit
 from spherecal.ball.shape import shape_cofactors
 from spherecal.base.arrays import BoolArray, FloatArray, blocks
 from spherecal.base.memory import release_freed
@@ -176,7 +177,8 @@ def _ball_shape(
 ) -> BallShape | None:
     """The shape of a rigid ball, centred in it; None where the ball has none of its own, or no scale."""
     rigid, cofactors = solved.rigid, solved.cofactors
-    if rigid is None or cofactors is None or solved.network.play is not None or solution.scale.source == "none":
+    has_shape = isinstance(solved.network.ball, Rigid) and solution.scale.source != "none"
+    if rigid is None or cofactors is None or not has_shape:
         return None
     root = rigid.alignment.root[features.placement]
     moved = rigid.alignment.moved
@@ -251,9 +253,7 @@ def _sigma0(observations: Observations, residual: FloatArray, adjusted: Adjustme
 
 def _ties(adjusted: Adjustment) -> float:
     """The sum of squares of the dots' play over its standard deviation; 0 but for the soft form."""
-    play, bend = adjusted.problem.play, adjusted.state.bend
-    if play is None or bend is None:
-        return 0.0
+    play, bend = adjusted.problem.ball.play, adjusted.state.bend
     tied = play > 0
     return float(((bend[tied] / play[tied, None]) ** 2).sum())
 

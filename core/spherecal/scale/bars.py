@@ -5,10 +5,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from spherecal.adjust.covariance import Covariance
-from spherecal.adjust.problem import LengthRows
+from spherecal.adjust.rows import LengthRows
 from spherecal.base.arrays import FloatArray, IntArray
-from spherecal.data.observations import Features, Observations
-from spherecal.data.session import Bar, BarLength, Mark, Session
+from spherecal.data.recording import Recording
+from spherecal.data.session import Bar, BarLength, Mark
 from spherecal.geometry.transform import fit_similarity
 from spherecal.scale.spacing import FoundScale
 from spherecal.targets.centre import target_centre
@@ -61,17 +61,23 @@ class _Sample:
 
 
 def scale_from_bars(
-    session: Session, bar_id: str, observations: Observations, features: Features, points: FloatArray,
-    covariance: Covariance, variance: float,
-) -> FoundScale | None:  # fmt: skip
+    recording: Recording, bar_id: str, points: FloatArray, covariance: Covariance, variance: float
+) -> FoundScale | None:
     """The scale from all poses of a bar, weighted by measurement noise; None where no length could be measured.
 
-    points (p,3) in network units. The relative uncertainty holds noise and calibration with all correlations, and the
-    certificate, which more poses do not average.
+    The relative uncertainty holds noise and calibration with all correlations, and the certificate, which more poses do
+    not average.
+
+    Parameters
+    ----------
+    recording, bar_id
+        The recording, and which of its session's bars gives the scale.
+    points
+        Places of the features in network units, (f,3).
+    covariance, variance
+        Of the adjusted network, and its variance of unit weight.
     """
-    bar = next(b for b in session.bars if b.id == bar_id)
-    known = np.isfinite(covariance.points[:, 0, 0])
-    samples = _samples(session, bar, observations, features, known)
+    samples = _samples(recording, bar_id, np.isfinite(covariance.points[:, 0, 0]))
     if not samples:
         return None
     mean, weight = _mean_ratio(samples, points, _first_factor(samples, points), covariance)
@@ -91,16 +97,21 @@ def scale_from_bars(
     return FoundScale(factor, float(uncertainty), len(samples), gradient)
 
 
-def length_rows(
-    session: Session, bar_id: str, observations: Observations, features: Features, points_mm: FloatArray
-) -> LengthRows | None:
+def length_rows(recording: Recording, bar_id: str, points_mm: FloatArray) -> LengthRows | None:
     """The certified lengths of a bar in all its poses as rows of an adjustment, ends as sums of features' points.
 
-    points_mm (f,3), NaN where unknown. A certificate errs alike in all poses; between poses only the resolution of the
-    temperature is free.
+    A certificate errs alike in all poses; between poses only the resolution of the temperature is free. None where no
+    length could be measured.
+
+    Parameters
+    ----------
+    recording, bar_id
+        The recording, and which of its session's bars gives the scale.
+    points_mm
+        Places of the features in mm (f,3), NaN where unknown.
     """
-    bar = next(b for b in session.bars if b.id == bar_id)
-    samples = _samples(session, bar, observations, features, np.isfinite(points_mm[:, 0]))
+    bar = _bar(recording, bar_id)
+    samples = _samples(recording, bar_id, np.isfinite(points_mm[:, 0]))
     if not samples:
         return None
     widest = max(len(s.first.dots) + len(s.second.dots) for s in samples)
@@ -119,13 +130,15 @@ def length_rows(
     return LengthRows(points, coefficient, reference, covariance)
 
 
-def _samples(
-    session: Session, bar: Bar, observations: Observations, features: Features, known: np.ndarray
-) -> list[_Sample]:
-    samples = []
+def _bar(recording: Recording, bar_id: str) -> Bar:
+    return next(b for b in recording.session.bars if b.id == bar_id)
+
+
+def _samples(recording: Recording, bar_id: str, known: np.ndarray) -> list[_Sample]:
+    session, bar, samples = recording.session, _bar(recording, bar_id), []
     for pose in (p for p in session.bar_poses if p.bar == bar.id):
-        index = observations.placements.index(pose.id)
-        marks = {name: _mark(session, mark, index, observations, features, known) for name, mark in bar.marks.items()}
+        index = recording.observations.placements.index(pose.id)
+        marks = {name: _mark(recording, mark, index, known) for name, mark in bar.marks.items()}
         for certified in bar.lengths:
             first, second = marks[certified.from_mark], marks[certified.to_mark]
             if first is not None and second is not None:
@@ -134,9 +147,8 @@ def _samples(
     return samples
 
 
-def _mark(
-    session: Session, mark: Mark, placement: int, observations: Observations, features: Features, known: np.ndarray
-) -> _Mark | None:
+def _mark(recording: Recording, mark: Mark, placement: int, known: np.ndarray) -> _Mark | None:
+    session, observations, features = recording.session, recording.observations, recording.features
     rows = np.flatnonzero((features.placement == placement) & (features.target == mark.target) & known)
     names = [observations.points[p] for p in features.point[rows]]
     if mark.point in names:

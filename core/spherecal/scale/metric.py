@@ -5,9 +5,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from spherecal.adjust.covariance import Covariance
-from spherecal.adjust.problem import POSE, State
+from spherecal.adjust.layout import POSE
+from spherecal.adjust.state import State
+from spherecal.ball.fit import BallFit, with_lengths
 from spherecal.ball.run import Run
-from spherecal.ball.selection import BallFit, ModelChoice, with_lengths
+from spherecal.ball.selection import ModelChoice
 from spherecal.base.arrays import BoolArray, FloatArray, IntArray
 from spherecal.data.findings import Finding
 from spherecal.data.recording import Recording
@@ -46,12 +48,22 @@ class MetricFit:
 
 
 def in_millimetres(recording: Recording, solved: BallFit, run: Run) -> tuple[BallFit, Solution]:
-    """The network brought to millimetres; a bar that gives the scale becomes part of the adjustment."""
+    """The network brought to millimetres; a bar that gives the scale becomes part of the adjustment.
+
+    Parameters
+    ----------
+    recording
+        The recording, with its scale.
+    solved
+        The solution in its own unit.
+    run
+        What the stages share.
+    """
     session, features = recording.session, recording.features
     solution, scale = metric_solution(recording, solved), session.scale
     if run.plain or solution.scale.source != "bar" or scale is None or scale.bar is None:
         return solved, solution
-    rows = length_rows(session, scale.bar, recording.observations, features, solution.state.points)
+    rows = length_rows(recording, scale.bar, solution.state.points)
     if rows is None:
         return solved, solution
     again = with_lengths(solved, rows, solution.factor, run)
@@ -69,6 +81,15 @@ def on_ball(recording: Recording, solved: BallFit, ball: RigScale) -> tuple[Solu
 
     A bar is better than printed targets; of two alike the surer one is taken. Beside it how much longer lengths are by
     the session's own scale, relatively (None without one).
+
+    Parameters
+    ----------
+    recording
+        The recording, with its scale.
+    solved
+        The solution on a stored ball.
+    ball
+        The stored ball's scale.
     """
     own = metric_solution(recording, solved)
     differs = None if own.scale.source == "none" else own.factor - 1.0
@@ -103,12 +124,14 @@ def metric_solution(recording: Recording, solved: BallFit) -> Solution:
     if cofactors is not None:
         cameras = _metric_cameras(state.scaled(factor), factor, found, cofactors, adjusted.variance)
     return Solution(
-        state.scaled(factor), cofactors, factor,
+        state.scaled(factor),
+        cofactors,
+        factor,
         RigScale(session.scale.kind, found.relative_uncertainty) if found and session.scale else RigScale("none", None),
         found.scatter if found else 0.0,
         {p: Sphere(s.centre * factor, s.radius * factor, s.radial_sd * factor) for p, s in spheres.items()},
         cameras,
-    )  # fmt: skip
+    )
 
 
 def _metric_cameras(
@@ -133,7 +156,17 @@ def _metric_cameras(
 
 
 def fit_spheres(points: FloatArray, placement: IntArray, n_placements: int) -> dict[int, Sphere]:
-    """The sphere of every placement of the ball whose points define one."""
+    """The sphere of every placement of the ball whose points define one.
+
+    Parameters
+    ----------
+    points
+        Places of the features (f,3), NaN where unknown.
+    placement
+        Placement of each, (f,).
+    n_placements
+        Placements of the ball.
+    """
     spheres = {}
     for t in range(n_placements):
         own = points[(placement == t) & np.isfinite(points[:, 0])]
@@ -159,17 +192,18 @@ def _find_scale(
     assert scale is not None
     if scale.kind == "bar":
         assert scale.bar is not None
-        return scale_from_bars(
-            session, scale.bar, observations, features, state.points, cofactors, variance
-        )  # fmt: skip
+        return scale_from_bars(recording, scale.bar, state.points, cofactors, variance)
     assert scale.from_point is not None and scale.to_point is not None and scale.distance_mm is not None
     names = observations.points
     if scale.from_point not in names or scale.to_point not in names:
         return None
     spacing = Spacing(
-        names.index(scale.from_point), names.index(scale.to_point), scale.distance_mm, scale.surface == "sphere",
+        names.index(scale.from_point),
+        names.index(scale.to_point),
+        scale.distance_mm,
+        scale.surface == "sphere",
         _patterns(session, names),
-    )  # fmt: skip
+    )
     radius = np.full(len(observations.placements), np.nan)
     for placement, sphere in spheres.items():
         radius[placement] = sphere.radius

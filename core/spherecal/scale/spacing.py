@@ -64,15 +64,30 @@ class _Stickers:
 
 
 def scale_from_spacing(
-    spacing: Spacing, features: Features, points: FloatArray, radius: FloatArray, covariance: Covariance,
+    spacing: Spacing,
+    features: Features,
+    points: FloatArray,
+    radius: FloatArray,
+    covariance: Covariance,
     variance: float,
-) -> FoundScale | None:  # fmt: skip
+) -> FoundScale | None:
     """The scale from all targets with enough dots reconstructed; None where there is none.
 
     points (p,3) in network units, radius (placements,) of the fitted spheres in network units (NaN: none),
     variance: square of sigma0. Targets are weighted by their measurement noise and by the scatter of the print, which
     is estimated too (R. DerSimonian, N. Laird, Meta-analysis in clinical trials, 1986): the same sticker at several
     placements averages its noise, not its print error.
+
+    Parameters
+    ----------
+    spacing
+        The known distance.
+    features
+        What the features are.
+    points, radius
+        Places of the features (f,3), and radii of the placements' spheres (t,), NaN where there is none; network units.
+    covariance, variance
+        Of the adjusted network, and its variance of unit weight.
     """
     stickers = _stickers(spacing, features, points, covariance)
     if not len(stickers.target):
@@ -150,12 +165,16 @@ def _stickers(spacing: Spacing, features: Features, points: FloatArray, covarian
     """All stickers of all placements with both dots, or with enough of their pattern, reconstructed."""
     known = np.flatnonzero(np.isfinite(covariance.points[:, 0, 0]) & np.isfinite(points[:, 0]))
     names = int(features.point.max(initial=0)) + 1
-    keys, row = np.unique(np.stack([features.placement[known], features.target[known]], axis=1), axis=0,
-                          return_inverse=True)  # fmt: skip
+    keys, row = np.unique(
+        np.stack([features.placement[known], features.target[known]], axis=1), axis=0, return_inverse=True
+    )
     feature = np.full((len(keys), max(names, spacing.from_point + 1, spacing.to_point + 1)), -1)
     feature[row.reshape(-1), features.point[known]] = known
-    flat = np.stack([_pattern(spacing, int(target), feature.shape[1]) for target in keys[:, 1]]) if len(keys) else (
-        np.zeros((0, feature.shape[1], 2)))  # fmt: skip
+    flat = (
+        np.stack([_pattern(spacing, int(target), feature.shape[1]) for target in keys[:, 1]])
+        if len(keys)
+        else (np.zeros((0, feature.shape[1], 2)))
+    )
     there = (feature >= 0) & np.isfinite(flat[:, :, 0])
     ends = there[:, spacing.from_point] & there[:, spacing.to_point]
     enough = ends | (there.sum(axis=1) >= LEAST_DOTS)

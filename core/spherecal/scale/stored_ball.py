@@ -2,9 +2,10 @@
 
 import numpy as np
 
+from spherecal.ball.fit import BallFit
 from spherecal.ball.rigid import BallNetwork
 from spherecal.ball.run import Run
-from spherecal.ball.selection import BallFit, ModelChoice
+from spherecal.ball.selection import ModelChoice
 from spherecal.ball.shape import KnownDots
 from spherecal.ball.stored_shape import solve_on_ball
 from spherecal.base.messages.values import Phrase
@@ -26,6 +27,17 @@ def on_known_ball(
     """The solution on the profile where the recorded ball is the profile's; else the finding that says why not.
 
     InputError where the targets do not go with the profile.
+
+    Parameters
+    ----------
+    recording
+        The recording.
+    free, ball
+        The solution in the free form, and its network.
+    profile
+        The stored ball.
+    run
+        What the stages share.
     """
     session = recording.session
     targets = session.target_set

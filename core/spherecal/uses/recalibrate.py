@@ -10,9 +10,10 @@ import numpy as np
 
 from spherecal.adjust.bundle import usable_features
 from spherecal.adjust.network import Network
-from spherecal.adjust.problem import State
+from spherecal.adjust.state import State
+from spherecal.ball.fit import BallFit, solve_free
 from spherecal.ball.run import Run
-from spherecal.ball.selection import BallFit, ModelChoice, solve_free
+from spherecal.ball.selection import ModelChoice
 from spherecal.base.arrays import BoolArray
 from spherecal.base.context import Context, Stopwatch
 from spherecal.base.errors import InputError

@@ -1,60 +1,37 @@
-"""The adjustment's inner stages in plain numpy: the reference that the fast engine is tested against.
+"""The adjustment's inner stages in plain numpy: the reference that the compiled engine is tested against.
 
-linear_model -> reduce (eliminate the points) -> back_substitute. Same functions as `engine_numba`.
+linear_model -> reduce (eliminate the points) -> back_substitute: the functions of `spherecal.adjust.engine`.
 """
 
-from dataclasses import dataclass
+from collections.abc import Iterator
+from contextlib import contextmanager
+from unittest.mock import patch
 
 import numpy as np
 
-from spherecal.adjust.problem import POSE, Layout, Problem, State
+from spherecal.adjust import engine
+from spherecal.adjust.layout import POSE, Layout
+from spherecal.adjust.linear import Linearisation, PointEquations, Reduced
+from spherecal.adjust.problem import Problem
+from spherecal.adjust.state import State
 from spherecal.base.arrays import FloatArray, IntArray
 from spherecal.geometry.camera import project, project_with_derivatives
 from spherecal.geometry.rotation import cross_matrix
 
 
-@dataclass(frozen=True)
-class Linearisation:
-    """Weighted residuals (n,2) and derivatives by camera (n,2,6+k), point (n,2,3) and placement (n,2,6) or None."""
-
-    residual: FloatArray
-    by_camera: FloatArray
-    by_point: FloatArray
-    by_placement: FloatArray | None
-
-    @property
-    def width(self) -> int:
-        """Columns of a camera: its pose and intrinsics."""
-        return self.by_camera.shape[2]
-
-    def at(self, rows: slice | IntArray) -> "Linearisation":
-        """The same of some observations."""
-        by_placement = None if self.by_placement is None else self.by_placement[rows]
-        return Linearisation(self.residual[rows], self.by_camera[rows], self.by_point[rows], by_placement)
-
-
-@dataclass(frozen=True)
-class Reduced:
-    """Normal equations in the expanded layout (upper block triangle) after eliminating the points.
-
-    `diagonal` (e,) is the diagonal before elimination; `point_inverse` (p,3,3) and `point_gradient` (p,3) serve the
-    back substitution. `is_gathered`: of cameras that share a lens, only the first has anything in its columns.
-    """
-
-    matrix: FloatArray
-    gradient: FloatArray
-    diagonal: FloatArray
-    point_inverse: FloatArray
-    point_gradient: FloatArray
-    is_gathered: bool = False
+@contextmanager
+def reference_instead() -> Iterator[None]:
+    """Within, every adjustment runs on the functions of this module."""
+    names = ("residuals", "linearise", "linear_model", "reduce", "back_substitute")
+    with patch.multiple(engine, **{name: globals()[name] for name in names}):
+        yield
 
 
 def world_points(problem: Problem, state: State) -> FloatArray:
     """The observed point of every observation in the world frame, (n,3)."""
     points = state.points[problem.point]
-    if problem.placement is None:
+    if not problem.n_placements:
         return points
-    assert state.placement_rotation is not None and state.placement_translation is not None
     turned = np.einsum("nij,nj->ni", state.placement_rotation[problem.placement], points)
     return turned + state.placement_translation[problem.placement]
 
@@ -84,9 +61,8 @@ def linearise(problem: Problem, state: State, robust_weight: FloatArray | None) 
     by_camera[:, :, 6:] = by_intrinsics[:, :, problem.intrinsic_columns] * weight[:, :, None]
     by_world = by_x @ rotation
     residual = (uv - problem.uv) * weight
-    if problem.placement is None:
-        return Linearisation(residual, by_camera, by_world, None)
-    assert state.placement_rotation is not None
+    if not problem.n_placements:
+        return Linearisation(residual, by_camera, by_world, np.zeros((0, 2, POSE)))
     turn = state.placement_rotation[problem.placement]
     turned = np.einsum("nij,nj->ni", turn, state.points[problem.point])
     by_placement = np.concatenate([-by_world @ cross_matrix(turned), by_world], axis=2)
@@ -98,14 +74,20 @@ def linear_model(problem: Problem, state: State, robust_weight: FloatArray | Non
     return linearise(problem, state, robust_weight)
 
 
-def reduce(problem: Problem, linear: Linearisation, damping: float) -> Reduced:
-    """Normal equations with the points eliminated; `damping` multiplies the points' diagonals (Marquardt)."""
+def reduce(problem: Problem, linear: Linearisation, damping: float, known: PointEquations | None = None) -> Reduced:
+    """Normal equations with the points eliminated; `damping` multiplies the points' diagonals (Marquardt).
+
+    `known`: equations of the points themselves, beside their observations.
+    """
     layout = problem.layout
     matrix = np.zeros((layout.expanded, layout.expanded))
     gradient = np.zeros(layout.expanded)
     entries = _block_rows(problem, linear)
-    point_matrix = _sum_by(problem.point, linear.by_point.transpose(0, 2, 1) @ linear.by_point, problem.n_points)
-    point_gradient = _sum_by(problem.point, _at(linear.by_point, linear.residual), problem.n_points)
+    through, q = _through_play(problem, linear)
+    point_matrix = _sum_by(problem.point, through.transpose(0, 2, 1) @ linear.by_point, problem.n_points)
+    point_gradient = _sum_by(problem.point, _at(through, linear.residual), problem.n_points)
+    if known is not None:
+        point_matrix, point_gradient = point_matrix + known.normal, point_gradient + known.gradient
     for block, rows in entries:
         _add_products(matrix, layout.block_offset, block, rows, block, rows)
         _add_vector(gradient, layout, block, _at(rows, linear.residual))
@@ -127,7 +109,16 @@ def reduce(problem: Problem, linear: Linearisation, damping: float) -> Reduced:
     damped[:, i3, i3] *= 1.0 + damping
     inverse[observed] = _inverse(damped)
 
-    blocks, points, coupling = _coupling(problem, linear, entries)
+    for place in np.flatnonzero(q.any(axis=(1, 2))):
+        rows = np.flatnonzero(problem.ball.place == place)
+        met = np.zeros((3, layout.expanded))
+        for block, derivatives in entries:
+            for k in rows:
+                columns = layout.block_offset[block[k]] + np.arange(derivatives.shape[2])
+                met[:, columns] += linear.by_point[k].T @ derivatives[k]
+        matrix -= np.triu(met.T @ q[place] @ met)
+        gradient -= met.T @ q[place] @ _at(linear.by_point, linear.residual)[rows].sum(axis=0)
+    blocks, points, coupling = _coupling(problem, through, entries)
     is_kept = kept[points] >= 0
     for b, p, e in zip(blocks[is_kept], points[is_kept], coupling[is_kept], strict=True):
         row, column, width = layout.block_offset[b], layout.block_offset[kept[p]], layout.block_width[b]
@@ -152,32 +143,48 @@ def back_substitute(
     if len(problem.kept_points):
         start = problem.layout.block_offset[problem.n_cameras + problem.n_placements]
         kept_step[problem.kept_points] = step[start:].reshape(-1, 3)
-    pulled = _sum_by(problem.point, _at(linear.by_point, change), problem.n_points)
+    through, q = _through_play(problem, linear)
+    pulled = _sum_by(problem.point, _at(through, change), problem.n_points)
     point_step = -np.einsum("pij,pj->pi", reduced.point_inverse, reduced.point_gradient + pulled)
     change += np.einsum("nij,nj->ni", linear.by_point, (point_step + kept_step)[problem.point])
-    return point_step, 0.5 * float(((linear.residual + change) ** 2).sum())
+    after = linear.residual + change
+    squares = (after**2).sum()
+    if len(problem.ball.place):
+        met = _sum_by(problem.ball.place, _at(linear.by_point, after), len(q))
+        squares -= np.einsum("fi,fij,fj->", met, q, met)
+    return point_step, 0.5 * float(squares)
+
+
+def _through_play(problem: Problem, linear: Linearisation) -> tuple[FloatArray, FloatArray]:
+    """Derivatives by the points (n,2,3) times P = I - Q V of their places, and Q (places,3,3)."""
+    if not len(problem.ball.place):
+        return linear.by_point, np.zeros((0, 3, 3))
+    normal = _sum_by(problem.ball.place, linear.by_point.transpose(0, 2, 1) @ linear.by_point, len(problem.ball.play))
+    variance = (problem.ball.play**2)[:, None, None]
+    p = np.linalg.inv(np.eye(3) + variance * normal)
+    return linear.by_point @ p[problem.ball.place], variance * p
 
 
 def _block_rows(problem: Problem, linear: Linearisation) -> list[tuple[IntArray, FloatArray]]:
     """Block and derivatives of every observation, for cameras and, in the rigid form, placements."""
     entries = [(problem.camera, linear.by_camera)]
-    if linear.by_placement is not None and problem.placement is not None:
+    if problem.n_placements:
         entries.append((problem.n_cameras + problem.placement, linear.by_placement))
     return entries
 
 
 def _coupling(
-    problem: Problem, linear: Linearisation, entries: list[tuple[IntArray, FloatArray]]
+    problem: Problem, through: FloatArray, entries: list[tuple[IntArray, FloatArray]]
 ) -> tuple[IntArray, IntArray, FloatArray]:
     """Block-point coupling (m,3,w), one for each pair that meets, with block (m,) and point (m,), sorted by point."""
     if len(entries) == 1:  # a camera sees a point once: every observation is a pair of its own
-        return problem.camera, problem.point, linear.by_point.transpose(0, 2, 1) @ linear.by_camera
+        return problem.camera, problem.point, through.transpose(0, 2, 1) @ entries[0][1]
     width = max(rows.shape[2] for _, rows in entries)
     n_blocks = problem.n_cameras + problem.n_placements
     keys, parts = [], []
     for block, rows in entries:
         part = np.zeros((len(rows), 3, width))
-        part[:, :, : rows.shape[2]] = linear.by_point.transpose(0, 2, 1) @ rows
+        part[:, :, : rows.shape[2]] = through.transpose(0, 2, 1) @ rows
         keys.append(problem.point * n_blocks + block)
         parts.append(part)
     key, position = np.unique(np.concatenate(keys), return_inverse=True)

@@ -1,4 +1,4 @@
-"""Covariance of a network in the soft form, in the same datum and behind the same functions as the other forms'.
+"""Covariance factors of a deformable ball.
 
 A feature's place is x = R S + T + e. Its error comes from three sources that do not depend on each other: columns of
 the reduced system, the dots' own noise V^-1 and the noise Q of the play that their images leave.
@@ -9,15 +9,15 @@ from functools import cached_property
 
 import numpy as np
 from scipy import sparse
-from scipy.linalg import LinAlgError
 
-from spherecal.adjust.covariance import Covariance, CovarianceFactors, finished_or_none, generalised_inverse
-from spherecal.adjust.datum import Motions, Places, carried_dots, datum_motions
-from spherecal.adjust.deformable import Softened, groups_of, play_matrices, soft_normal_equations, softened
-from spherecal.adjust.levenberg import load_engine
-from spherecal.adjust.problem import POSE, Problem, State, symmetric
+from spherecal.adjust.covariance_factors import CovarianceFactors, Inverted, moments_of
+from spherecal.adjust.datum import Places, carried_dots
+from spherecal.adjust.deformable import play_matrices, play_of
+from spherecal.adjust.layout import POSE
+from spherecal.adjust.linear import Linearisation
+from spherecal.adjust.problem import Problem
+from spherecal.adjust.state import State
 from spherecal.base.arrays import FloatArray, IntArray
-from spherecal.base.context import Engine
 from spherecal.geometry.rotation import cross_matrix
 
 # Features whose places are worked on at a time: 1500 rows of up to 2,000 columns are 24 MB.
@@ -25,7 +25,7 @@ _CHUNK = 500
 
 
 @dataclass(frozen=True)
-class SoftParts(CovarianceFactors):
+class DeformableFactors(CovarianceFactors):
     """Pieces of the covariance; the noise sources (p + f, 3) are the dots, then the features' plays.
 
     `by_columns` (3f,e): places by columns, `by_dots` (3f,3p): places by the dots' own noise; `through` (f,3,3): its
@@ -46,9 +46,9 @@ class SoftParts(CovarianceFactors):
     @property
     def point_of_feature(self) -> IntArray:
         """A number (f,) for each feature, its own where it has some play: then it tells more than its dot alone."""
-        assert self.places is not None and self.problem.play is not None
+        assert self.places is not None
         count = len(self.places.point)
-        return np.where(self.problem.play > 0, self.problem.n_points + np.arange(count), self.places.point)
+        return np.where(self.problem.ball.play > 0, self.problem.n_points + np.arange(count), self.places.point)
 
     def transformed(self, gradient: FloatArray) -> tuple[FloatArray, FloatArray]:
         """A gradient by places (f,3) in the datum, by columns (e,) and by the noise sources (p + f,3)."""
@@ -74,49 +74,37 @@ class SoftParts(CovarianceFactors):
             rows = self.by_columns[3 * first : 3 * (first + _CHUNK)].toarray()
             product = (rows @ self.inverse).reshape(-1, 3, rows.shape[1])
             out[first : first + _CHUNK] += product @ rows.reshape(product.shape).transpose(0, 2, 1)
-        if self.moments.size:
-            held = self.gauge_places @ self.moments
-            cross = carried @ held.transpose(0, 2, 1)
-            out += held @ self.middle @ held.transpose(0, 2, 1) - cross - cross.transpose(0, 2, 1)
+        self.take_back(out, carried, self.gauge_places @ self.moments)
         assert self.places is not None
         out[(np.diff(self.problem.point_start) == 0)[self.places.point]] = np.nan
         return out
 
 
-def soft_covariance(problem: Problem, state: State, engine: Engine, places: Places) -> Covariance | None:
-    """Cofactors of cameras and features at the minimum; None where the network is singular."""
-    return finished_or_none(problem, lambda: _parts(problem, state, engine, places))
+def deformable_factors(inverted: Inverted, state: State, places: Places) -> DeformableFactors:
+    """The factors of a network with a deformable ball, whose features are at `places`.
 
-
-def _parts(problem: Problem, state: State, engine: Engine, places: Places) -> tuple[SoftParts, float]:
-    soft = softened(problem, state, load_engine(engine), groups_of(problem))
-    normal = soft_normal_equations(soft, state, 0.0)
-    if not (np.isfinite(normal.gradient).all() and (normal.matrix.diagonal() > 0).all()):
-        raise LinAlgError
-    motions, layout = datum_motions(problem, state, places), problem.layout
-    gauge = np.zeros((layout.size, int(motions.unseen.sum())))
-    used = layout.column >= 0
-    gauge[layout.column[used]] = motions.columns[:, motions.unseen][used]
-    inverse, condition = generalised_inverse(symmetric(normal.matrix), gauge)
-    expanded = layout.expand_rows(layout.expand_rows(inverse).T)
-    return _assembled(soft, state, places, motions, expanded, normal.reduced.point_inverse), condition
-
-
-def _assembled(
-    soft: Softened, state: State, places: Places, motions: Motions, inverse: FloatArray, dot_inverse: FloatArray
-) -> SoftParts:
-    problem = soft.problem
-    assert problem.play is not None
+    Parameters
+    ----------
+    inverted, state
+        The adjusted network before the S-transformation, and its minimum.
+    places
+        Which dot at which placement each feature is.
+    """
+    problem, motions, dot_inverse = inverted.problem, inverted.motions, inverted.point_inverse
+    linear = inverted.linear.at(slice(None))
+    play = play_of(problem, linear)
     count, p, columns = len(places.point), problem.n_points, problem.layout.expanded
-    normal = np.zeros((count, 3, 3))
-    normal[soft.groups.place] = soft.normal
-    q, through = play_matrices(normal, problem.play)
     turn, arm = carried_dots(state, places)
+    normal, own = np.zeros((count, 3, 3)), turn[play.place]
+    normal[play.place] = own @ play.normal @ own.transpose(0, 2, 1)
+    q, through = play_matrices(normal, problem.ball.play)
     start = int(problem.layout.block_offset[problem.n_cameras])
     pose = np.concatenate([-cross_matrix(arm), np.broadcast_to(np.eye(3), (count, 3, 3))], axis=2)
     of_pose = start + POSE * places.placement
     by_pose = _blocks(np.arange(count), of_pose, pose, (3 * count, columns))
-    met = _images_by_columns(soft, count) + _blocks(np.arange(count), of_pose, normal @ pose, (3 * count, columns))
+    met = _images_by_columns(problem, linear, count) + _blocks(
+        np.arange(count), of_pose, normal @ pose, (3 * count, columns)
+    )
     through = through @ turn
     through_dots = _blocks(np.arange(count), 3 * places.point, through, (3 * count, 3 * p))
     dots = -(_diagonal(dot_inverse) @ (through_dots.T @ met))
@@ -125,23 +113,35 @@ def _assembled(
     dots += _blocks(kept, first + 3 * np.arange(len(kept)), np.tile(np.eye(3), (len(kept), 1, 1)), dots.shape)
     by_columns = (by_pose - _diagonal(q) @ met + through_dots @ dots).tocsr()
     g = motions.columns.shape[1]
-    moments = np.linalg.inv(np.einsum("fig,fih->gh", motions.places, motions.places)) if g else np.zeros((0, 0))
     noise = np.concatenate([dot_inverse, q])
-    datum = np.stack([_by_noise(through_dots, motions.places[:, :, k]) for k in range(g)], axis=2) if g else (
-        np.zeros((p + count, 3, 0)))  # fmt: skip
-    return SoftParts(
-        problem, places, turn, arm, inverse, soft.linear, noise, motions.columns, motions.places, datum,
-        np.zeros((columns, g)), moments, motions.spread, None, through, by_columns, through_dots,
-    )  # fmt: skip
+    datum = np.zeros((p + count, 3, g))
+    for k in range(g):
+        datum[:, :, k] = _by_noise(through_dots, motions.places[:, :, k])
+    return DeformableFactors(
+        problem,
+        places,
+        turn,
+        arm,
+        inverted.inverse,
+        linear,
+        noise,
+        motions.columns,
+        motions.places,
+        datum,
+        np.zeros((columns, g)),
+        moments_of(motions.places),
+        motions.spread,
+        through,
+        by_columns,
+        through_dots,
+    )
 
 
-def _images_by_columns(soft: Softened, count: int) -> sparse.csr_array:
+def _images_by_columns(problem: Problem, linear: Linearisation, count: int) -> sparse.csr_array:
     """J' times the cameras' derivatives, of every feature, (3f,e)."""
-    problem = soft.problem
-    assert problem.place is not None
-    met = soft.by_place.transpose(0, 2, 1) @ soft.linear.by_camera
+    met = linear.by_placement[:, :, 3:].transpose(0, 2, 1) @ linear.by_camera
     first = problem.layout.block_offset[problem.camera]
-    return _blocks(problem.place, first, met, (3 * count, problem.layout.expanded))
+    return _blocks(problem.ball.place, first, met, (3 * count, problem.layout.expanded))
 
 
 def _blocks(feature: np.ndarray, first: np.ndarray, values: FloatArray, shape: tuple[int, int]) -> sparse.csr_array:

@@ -1,7 +1,7 @@
 """The reduced system of large rigs in the rigid form: points that half of all cameras see, one rank update for many.
 
 A dot of a ball that was walked through a hall, or stood in a dome, meets most cameras and placements, each dot others:
-runs of points that meet the same ones, as `engine_numba` has them, are then single points. Here the whitened couplings
+runs of points that meet the same ones, as `schur_kernel` has them, are then single points. Here the whitened couplings
 L^-1 W' of hundreds of points are put side by side over all columns and subtracted by one symmetric product (hall50:
 0.17 s instead of 0.88).
 """
@@ -9,9 +9,9 @@ L^-1 W' of hundreds of points are put side by side over all columns and subtract
 import numpy as np
 from scipy.linalg.blas import dsyrk  # pyright: ignore[reportAttributeAccessIssue]
 
-from spherecal.adjust.engine_numpy import Reduced
+from spherecal.adjust.ball_model import Rigid, Stored
 from spherecal.adjust.kernel import INNER, KERNEL
-from spherecal.adjust.linear import Linear, parts
+from spherecal.adjust.linear import Linear, Reduced, parts
 from spherecal.adjust.problem import Problem
 from spherecal.base.arrays import IntArray
 from spherecal.base.kernels import njit
@@ -23,8 +23,8 @@ _CHUNK = 400
 
 
 def is_dense(problem: Problem) -> bool:
-    """Whether this way pays: a large rig in the rigid form."""
-    return problem.placement is not None and problem.layout.expanded >= LEAST_COLUMNS
+    """Whether this way pays: a large rig and a rigid ball."""
+    return isinstance(problem.ball, Rigid | Stored) and problem.layout.expanded >= LEAST_COLUMNS
 
 
 def eliminate(problem: Problem, linear: Linear, damping: float, points: IntArray, reduced: Reduced) -> None:
@@ -56,7 +56,7 @@ def _couple(
     for i in range(len(points)):
         p = points[i]
         w = rows[3 * i : 3 * i + 3]
-        v[:] = 0.0
+        v[:] = inverse[p]
         g = point_gradient[p]
         for k in range(begins[i], ends[i]):
             jp, r0, r1 = by_point[k], residual[k, 0], residual[k, 1]

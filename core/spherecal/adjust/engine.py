@@ -1,16 +1,21 @@
-"""The adjustment's inner stages compiled by numba: same functions and results as `engine_numpy`.
+"""The adjustment's inner stages compiled by numba: residuals, linearisation, elimination of points.
 
-The kernels of the points' elimination are in `schur_kernel`.
+linear_model -> reduce -> back_substitute. The kernels of the elimination are in `schur_kernel`. The same
+functions in plain numpy, to which these are equal to 1e-9, are in `tests/reference_engine.py`.
 """
 
 import numpy as np
 
-from spherecal.adjust import engine_dense, linear
-from spherecal.adjust.engine_numpy import Linearisation, Reduced
+from spherecal.adjust import dense_elimination, linear
+from spherecal.adjust.ball_model import Deformable
+from spherecal.adjust.deformable_kernel import eliminate_places, substitute_places
 from spherecal.adjust.kernel import INNER, KERNEL
-from spherecal.adjust.linear import Linear, parts
-from spherecal.adjust.problem import POSE, Layout, Problem, State
-from spherecal.adjust.schur_kernel import RUN, add_squares, eliminate_points, substitute_points
+from spherecal.adjust.layout import POSE, Layout
+from spherecal.adjust.linear import Linear, Linearisation, PointEquations, Reduced, parts
+from spherecal.adjust.problem import Problem
+from spherecal.adjust.schur_kernel import RUN, add_squares, eliminate_points
+from spherecal.adjust.state import State
+from spherecal.adjust.substitution_kernel import substitute_points
 from spherecal.base.arrays import FloatArray, IntArray
 from spherecal.base.kernels import njit
 from spherecal.geometry.camera import FISHEYE_MARK
@@ -21,66 +26,96 @@ def residuals(problem: Problem, state: State) -> FloatArray:
     """Weighted residuals, predicted minus observed over sigma, (n,2)."""
     out = np.empty_like(problem.uv)
     _residuals(
-        problem.camera, problem.point, _placement(problem), problem.uv, problem.weight,
-        state.rotation, state.translation, state.intrinsics, *_placement_poses(state), state.points, out,
+        problem.camera, problem.point, problem.placement, problem.uv, problem.weight,
+        state.rotation, state.translation, state.intrinsics, state.placement_rotation, state.placement_translation,
+        state.points, out,
     )  # fmt: skip
     return out
 
 
 def linearise(problem: Problem, state: State, robust_weight: FloatArray | None) -> Linearisation:
-    """Residuals and derivatives at a state; `robust_weight` (n,) multiplies the rows of each observation."""
+    """Residuals and derivatives at a state; `robust_weight` (n,) multiplies the rows of each observation.
+
+    Parameters
+    ----------
+    problem, state
+        The adjustment, and where to linearise.
+    robust_weight
+        Multiplies the rows of each observation, (n,); None for 1.
+    """
     n, width = len(problem.uv), POSE + len(problem.intrinsic_columns)
     weight = problem.weight if robust_weight is None else problem.weight * robust_weight[:, None]
     out = Linearisation(
         np.empty((n, 2)),
         np.empty((n, 2, width)),
         np.empty((n, 2, 3)),
-        None if problem.placement is None else np.empty((n, 2, POSE)),
+        np.empty((n if problem.n_placements else 0, 2, POSE)),
     )
     _linearise(
-        problem.camera, problem.point, _placement(problem), problem.uv, weight,
-        state.rotation, state.translation, state.intrinsics, *_placement_poses(state), state.points,
-        problem.intrinsic_columns, out.residual, out.by_camera, out.by_point, _by_placement(out),
+        problem.camera, problem.point, problem.placement, problem.uv, weight,
+        state.rotation, state.translation, state.intrinsics, state.placement_rotation, state.placement_translation,
+        state.points,
+        problem.intrinsic_columns, out.residual, out.by_camera, out.by_point, out.by_placement,
     )  # fmt: skip
     return out
 
 
 def linear_model(problem: Problem, state: State, robust_weight: FloatArray | None) -> Linear:
-    """What `reduce` and `back_substitute` work with: the linearisation, of large problems computed block by block."""
+    """What `reduce` and `back_substitute` work with: the linearisation, of large problems computed block by block.
+
+    Parameters
+    ----------
+    problem, state, robust_weight
+        As of `linearise`.
+    """
     return linear.linear_model(problem, state, robust_weight, linearise)
 
 
-def reduce(problem: Problem, linear: Linear, damping: float) -> Reduced:
+def reduce(problem: Problem, linear: Linear, damping: float, known: PointEquations | None = None) -> Reduced:
     """Normal equations with the points eliminated; `damping` multiplies the points' diagonals (Marquardt).
 
-    The columns of intrinsics that cameras share are those of the first of these cameras.
+    `known`: equations of the points themselves, beside their observations. The columns of intrinsics that cameras share
+    are those of the first of these cameras.
+
+    Parameters
+    ----------
+    problem, linear
+        The adjustment and its linearisation.
+    damping
+        Marquardt's factor for the points' diagonals.
+    known
+        Equations of the points themselves; None without any.
     """
     layout = problem.layout
     matrix = np.zeros((layout.expanded, layout.expanded))
     gradient = np.zeros(layout.expanded)
     diagonal = np.zeros(layout.expanded)
-    inverse = np.zeros((problem.n_points, 3, 3))
-    point_gradient = np.zeros((problem.n_points, 3))
+    inverse = np.zeros((problem.n_points, 3, 3)) if known is None else known.normal.copy()
+    point_gradient = np.zeros((problem.n_points, 3)) if known is None else known.gradient.copy()
     kept_block = np.full(problem.n_points, -1)
     kept_block[problem.kept_points] = problem.n_cameras + problem.n_placements + np.arange(len(problem.kept_points))
-    is_dense = engine_dense.is_dense(problem)
+    is_dense = dense_elimination.is_dense(problem)
     reduced = Reduced(matrix, gradient, diagonal, inverse, point_gradient, is_gathered=not is_dense)
     order, is_other = problem.elimination_runs
     lenses = _own_lenses(layout, problem.n_cameras) if is_dense else _lenses(layout, problem.n_cameras)
     if is_dense:
         is_kept = kept_block[order] >= 0
-        engine_dense.eliminate(problem, linear, damping, order[~is_kept], reduced)
+        dense_elimination.eliminate(problem, linear, damping, order[~is_kept], reduced)
         order, is_other = order[is_kept], np.ones(int(is_kept.sum()), dtype=bool)
     # parts end where a matrix product would as well, so that the sums are the same bits in one part or many
     place = np.arange(len(order))
     in_run = place - np.maximum.accumulate(np.where(is_other, place, 0)) if len(order) else place
     square = np.zeros((len(lenses[0]), linear.width, linear.width))
     for part in parts(problem, linear, order, in_run % RUN == 0):
-        eliminate_points(
-            part.points, part.begin, part.end, part.camera, part.placement, problem.n_cameras,
-            kept_block, part.linear.residual, part.linear.by_camera, part.linear.by_point, _by_placement(part.linear),
-            *lenses, damping, matrix, gradient, diagonal, square, inverse, point_gradient,
+        rows = (part.points, part.begin, part.end, part.camera, part.placement, problem.n_cameras, kept_block)
+        derivatives = (
+            part.linear.residual, part.linear.by_camera, part.linear.by_point, part.linear.by_placement
         )  # fmt: skip
+        system = (matrix, gradient, diagonal, square, inverse, point_gradient)
+        if not isinstance(problem.ball, Deformable):
+            eliminate_points(*rows, *derivatives, *lenses, damping, *system)
+        else:
+            eliminate_places(*rows, part.place, problem.ball.play, *derivatives, *lenses, damping, *system)
     add_squares(matrix, diagonal, square, *lenses)
     return reduced
 
@@ -107,7 +142,15 @@ def _lenses(layout: Layout, n_cameras: int) -> tuple[IntArray, IntArray, IntArra
 
 
 def back_substitute(problem: Problem, linear: Linear, reduced: Reduced, step: FloatArray) -> tuple[FloatArray, float]:
-    """The step of the eliminated points (p,3) for an expanded step (e,), and the linear model's cost after it."""
+    """The step of the eliminated points (p,3) for an expanded step (e,), and the linear model's cost after it.
+
+    Parameters
+    ----------
+    problem, linear, reduced
+        The adjustment, its linearisation and what `reduce` made of it.
+    step
+        Step of the reduced system in the expanded layout, (e,).
+    """
     layout = problem.layout
     point_step = np.zeros((problem.n_points, 3))
     kept = problem.kept_points
@@ -118,31 +161,17 @@ def back_substitute(problem: Problem, linear: Linear, reduced: Reduced, step: Fl
     is_kept[kept] = True
     squares = 0.0
     for part in parts(problem, linear, np.arange(problem.n_points)):
-        squares = substitute_points(
-            part.points, part.begin, part.end, part.camera, part.placement, problem.n_cameras, is_kept,
-            part.linear.residual, part.linear.by_camera, part.linear.by_point, _by_placement(part.linear),
+        rows = (part.points, part.begin, part.end, part.camera, part.placement, problem.n_cameras, is_kept)
+        rest = (
+            part.linear.residual, part.linear.by_camera, part.linear.by_point, part.linear.by_placement,
             layout.block_offset, reduced.point_inverse, reduced.point_gradient, step, point_step, squares,
         )  # fmt: skip
+        if not isinstance(problem.ball, Deformable):
+            squares = substitute_points(*rows, *rest)
+        else:
+            squares = substitute_places(*rows, part.place, problem.ball.play, *rest)
     point_step[kept] = 0.0
     return point_step, 0.5 * squares
-
-
-_NO_PLACEMENT = np.zeros(0, dtype=np.int64)
-_NO_ROTATION, _NO_TRANSLATION, _NO_ROWS = np.zeros((0, 3, 3)), np.zeros((0, 3)), np.zeros((0, 2, POSE))
-
-
-def _placement(problem: Problem) -> IntArray:
-    return _NO_PLACEMENT if problem.placement is None else problem.placement
-
-
-def _placement_poses(state: State) -> tuple[FloatArray, FloatArray]:
-    if state.placement_rotation is None or state.placement_translation is None:
-        return _NO_ROTATION, _NO_TRANSLATION
-    return state.placement_rotation, state.placement_translation
-
-
-def _by_placement(linear: Linearisation) -> FloatArray:
-    return _NO_ROWS if linear.by_placement is None else linear.by_placement
 
 
 @njit(**INNER)

@@ -1,0 +1,173 @@
+"""The S-transformation of an adjusted network: from any generalised inverse to the datum of its features' places.
+
+The observations leave position, orientation and size of the whole open. The datum is the inner constraint on the
+features' places: no shift, turn or stretch of them as a whole, so their covariance has the least trace (W. Baarda,
+S-transformations and criterion matrices, 1973). With G the motions of the unknowns, B those of the places as conditions
+and M = (sum G'G)^-1 over the places, a quantity x becomes x - G M B'du.
+"""
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from scipy.linalg import cho_factor, cho_solve
+
+from spherecal.adjust.datum import Motions, Places
+from spherecal.adjust.linear import Linear
+from spherecal.adjust.problem import Problem
+from spherecal.base.arrays import FloatArray, IntArray
+
+
+@dataclass(frozen=True)
+class Inverted:
+    """An adjusted network before the S-transformation.
+
+    Attributes
+    ----------
+    problem, linear
+        The problem and its linearisation at the solution.
+    inverse
+        A generalised inverse of the reduced matrix by the expanded columns, (e,e).
+    point_inverse
+        V^-1 of the points, (p,3,3).
+    motions
+        What the datum takes back.
+    condition
+        Condition number of the reduced matrix.
+    """
+
+    problem: Problem
+    linear: Linear
+    inverse: FloatArray
+    point_inverse: FloatArray
+    motions: Motions
+    condition: float
+
+
+@dataclass(frozen=True)
+class CovarianceFactors(ABC):
+    """Pieces of the S-transformation; e expanded columns, g datum parameters, p noise sources, f features.
+
+    Attributes
+    ----------
+    problem, linear, inverse
+        See Inverted.
+    places
+        Of which point each feature is on a ball that keeps its shape; None in the free form.
+    turn, arm
+        How placements carry the features' points, (f,3,3) and (f,3), see `carried_dots`.
+    point_inverse
+        Cofactors of the sources of noise beside the columns, (p,3,3): the points' V^-1, and on a deformable ball Q.
+    gauge_columns, gauge_places
+        The datum's motions of the columns (e,g) and of the features' places (f,3,g).
+    datum_points, datum_columns
+        The same as conditions on the sources of noise (p,3,g) and on the columns (e,g).
+    moments
+        (sum G'G)^-1, (g,g).
+    spread
+        Distance from the centroid at which turns and stretch move a point by 1.
+    """
+
+    problem: Problem
+    places: Places | None
+    turn: FloatArray
+    arm: FloatArray
+    inverse: FloatArray
+    linear: Linear
+    point_inverse: FloatArray
+    gauge_columns: FloatArray
+    gauge_places: FloatArray
+    datum_points: FloatArray
+    datum_columns: FloatArray
+    moments: FloatArray
+    spread: float
+
+    @property
+    @abstractmethod
+    def own_noise(self) -> FloatArray:
+        """The features' own image noise (f,3,3), without the cameras' share."""
+
+    @property
+    @abstractmethod
+    def point_of_feature(self) -> IntArray:
+        """The unknown point (f,) behind each feature."""
+
+    @cached_property
+    @abstractmethod
+    def pull(self) -> FloatArray:
+        """The datum's conditions by columns, points eliminated, (g,e)."""
+
+    @abstractmethod
+    def transformed(self, gradient: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """A gradient by places (f,3) in the datum, by columns (e,) and by the sources of noise (p,3)."""
+
+    @abstractmethod
+    def place_cofactors(self) -> FloatArray:
+        """Cofactors (f,3,3) of the features' places in the datum; NaN where one takes no part."""
+
+    @property
+    def n_camera_columns(self) -> int:
+        """Expanded columns of cameras, the first ones."""
+        return self.problem.n_cameras * self.linear.width
+
+    @cached_property
+    def own_pull(self) -> FloatArray:
+        """The datum's conditions by scores of the points, (3p,g)."""
+        pulled = self.point_inverse @ self.datum_points
+        return pulled.reshape(3 * len(pulled), pulled.shape[2])
+
+    @cached_property
+    def held(self) -> FloatArray:
+        """G M of the columns, (e,g)."""
+        return self.gauge_columns @ self.moments
+
+    @cached_property
+    def carried(self) -> FloatArray:
+        """C A' (e,g) with A the pull."""
+        return self.inverse @ self.pull.T
+
+    @cached_property
+    def middle(self) -> FloatArray:
+        """A C A' + sum B' V^-1 B (g,g)."""
+        noise = np.einsum("pig,pij,pjh->gh", self.datum_points, self.point_inverse, self.datum_points)
+        return self.pull @ self.carried + noise
+
+    def take_back(self, cofactors: FloatArray, carried: FloatArray, held: FloatArray) -> None:
+        """Bring cofactors (f,3,3) of places to the datum, in place.
+
+        Parameters
+        ----------
+        cofactors
+            Before the S-transformation.
+        carried
+            Of the same places with the datum's conditions, (f,3,g).
+        held
+            G M of the places, (f,3,g).
+        """
+        if self.moments.size:
+            cross = carried @ held.transpose(0, 2, 1)
+            cofactors += held @ self.middle @ held.transpose(0, 2, 1) - cross - cross.transpose(0, 2, 1)
+
+
+def moments_of(places: FloatArray) -> FloatArray:
+    """(sum G'G)^-1 (g,g) of the places' motions (f,3,g)."""
+    return np.linalg.inv(np.einsum("fig,fih->gh", places, places)) if places.size else np.zeros((0, 0))
+
+
+def generalised_inverse(matrix: FloatArray, gauge: FloatArray) -> tuple[FloatArray, float]:
+    """A generalised inverse of a matrix whose null space is spanned by `gauge` (d,g), and its condition number."""
+    scale = 1.0 / np.sqrt(matrix.diagonal())
+    scaled = matrix * scale[:, None]
+    scaled *= scale
+    size = np.linalg.norm(scaled, 1)
+    null = np.linalg.qr(gauge / scale[:, None])[0]
+    square = null @ null.T
+    scaled += square
+    factor = cho_factor(np.asfortranarray(scaled), overwrite_a=True)
+    del scaled
+    inverse = cho_solve(factor, np.eye(len(matrix)), overwrite_b=True) - square
+    condition = size * np.linalg.norm(inverse, 1)
+    inverse *= scale[:, None]
+    inverse *= scale
+    return inverse, float(condition)

@@ -1,0 +1,221 @@
+"""The bundle adjustment (2) of a problem as a least-squares problem, and its reduced normal equations."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from spherecal.adjust import engine
+from spherecal.adjust.ball_model import Deformable, Stored
+from spherecal.adjust.deformable import LEAST_DAMPING, Play, play_of
+from spherecal.adjust.levenberg import Damping, Minimum, OnStep, Settings, levenberg_marquardt, solve_damped
+from spherecal.adjust.linear import Linear, PointEquations, Reduced
+from spherecal.adjust.problem import Problem, length_residuals, moved, prior_residuals
+from spherecal.adjust.state import State
+from spherecal.base.arrays import FloatArray
+from spherecal.base.threads import one_blas_thread
+
+
+@dataclass(frozen=True)
+class NormalEquations:
+    """The reduced system: matrix (d,d) valid in its upper triangle, gradient and undamped diagonal (d,)."""
+
+    matrix: FloatArray
+    gradient: FloatArray
+    diagonal: FloatArray
+    reduced: Reduced
+
+
+@dataclass(frozen=True)
+class _Linearised:
+    """The observations' equations at a state, and the play of a deformable ball's places."""
+
+    linear: Linear
+    play: Play
+
+
+@dataclass(frozen=True)
+class _Bundle:
+    """A problem with its loss (see levenberg.LeastSquares)."""
+
+    problem: Problem
+    cauchy: float | None
+
+    @property
+    def damping(self) -> Damping:
+        return Damping(LEAST_DAMPING, by_gain=False) if isinstance(self.problem.ball, Deformable) else Damping()
+
+    @property
+    def count(self) -> int:
+        return len(self.problem.uv)
+
+    def linearise(self, state: State) -> _Linearised:
+        linear = engine.linear_model(self.problem, state, _robust_weight(self.problem, state, self.cauchy))
+        return _Linearised(linear, play_of(self.problem, linear))
+
+    def cost(self, state: State, linear: _Linearised) -> float:
+        residual = engine.residuals(self.problem, state)
+        squared = (residual**2).sum(axis=1)
+        if self.cauchy is not None:
+            squared = self.cauchy**2 * np.log1p(squared / self.cauchy**2)
+        total = 0.5 * float(squared.sum() - linear.play.taken(residual) + _other_squares(self.problem, state))
+        return total if np.isfinite(total) else np.inf
+
+    def accepted(self, state: State, cost: float) -> tuple[_Linearised | None, float]:
+        if not isinstance(self.problem.ball, Deformable):
+            return None, cost
+        linear = self.linearise(state)  # the weights follow the state
+        return linear, self.cost(state, linear)
+
+    def step(self, state: State, linear: _Linearised, damping: float) -> tuple[State, float] | None:
+        problem = self.problem
+        normal = normal_equations(problem, state, linear.linear, damping)
+        step = solve_damped(normal.matrix, normal.gradient, normal.diagonal, damping)
+        if step is None:
+            return None
+        point_step, after = engine.back_substitute(
+            problem, linear.linear, normal.reduced, problem.layout.expand_vector(step)
+        )
+        residual = linear.linear.residual
+        before = 0.5 * float((residual**2).sum() - linear.play.taken(residual))
+        new = moved(problem, state, step, point_step)
+        if (new.intrinsics[:, :2] <= 0).any():  # no lens: as good as singular
+            return None
+        # the model's cost is that of the weighted rows; only the decrease is comparable
+        return new, before - after + predicted_decrease(problem, state, step) + _shape_decrease(problem, state, new)
+
+
+def minimise(problem: Problem, state: State, settings: Settings, on_step: OnStep | None = None) -> Minimum:
+    """The state of least cost (2) near `state`; the play of a deformable ball's dots is in its `bend`.
+
+    BLAS is held to one thread: beside compiled kernels more threads made small factorisations 3-10 times slower.
+
+    Parameters
+    ----------
+    problem, state
+        What is adjusted, and where to begin.
+    settings
+        See Settings. A robust loss is not for deformable balls.
+    on_step
+        Called with the iteration and the cost after each step; it may raise to stop the work.
+    """
+    model = _Bundle(problem, settings.cauchy)
+    with one_blas_thread():
+        found = levenberg_marquardt(model, state, settings, on_step)
+        if not isinstance(problem.ball, Deformable) or not len(problem.uv):
+            return found
+        bend = play_of(problem, engine.linear_model(problem, found.state, None)).bend(found.state)
+        return replace(found, state=replace(found.state, bend=bend))
+
+
+def total_cost(problem: Problem, state: State, cauchy: float | None) -> float:
+    """Half the (robust) sum of squared weighted residuals of all rows; infinite where it is not defined.
+
+    Parameters
+    ----------
+    problem, state
+        The adjustment, and the values of its unknowns.
+    cauchy
+        Scale of Cauchy's loss in units of sigma; None is plain least squares.
+    """
+    model = _Bundle(problem, cauchy)
+    return model.cost(state, model.linearise(state))
+
+
+def _robust_weight(problem: Problem, state: State, cauchy: float | None) -> FloatArray | None:
+    """Square roots of the weights (n,) by which Cauchy's loss scales each observation's rows."""
+    if cauchy is None:
+        return None
+    residual = engine.residuals(problem, state)
+    return 1.0 / np.sqrt(1.0 + (residual**2).sum(axis=1) / cauchy**2)
+
+
+def _other_squares(problem: Problem, state: State) -> float:
+    """The squares of all rows but the image points'."""
+    squares = (prior_residuals(problem, state)[0] ** 2).sum() + (length_residuals(problem, state)[0] ** 2).sum()
+    return squares + _shape_squares(problem, state)
+
+
+def _shape_squares(problem: Problem, state: State) -> float:
+    if not isinstance(problem.ball, Stored):
+        return 0.0
+    off, pull = problem.ball.shape.off(state.points)
+    return float((off * pull)[problem.known_points].sum())
+
+
+def _shape_decrease(problem: Problem, state: State, new: State) -> float:
+    return 0.5 * (_shape_squares(problem, state) - _shape_squares(problem, new))
+
+
+def normal_equations(problem: Problem, state: State, linear: Linear, damping: float) -> NormalEquations:
+    """The reduced normal equations, points (and play) eliminated, with the rows of priors, lengths and a stored shape.
+
+    Parameters
+    ----------
+    problem, state, linear
+        The problem and its linearisation at a state.
+    damping
+        Marquardt's factor for the points' diagonals; the reduced system is not damped.
+    """
+    return assembled(problem, state, engine.reduce(problem, linear, damping, _known(problem, state)))
+
+
+def _known(problem: Problem, state: State) -> PointEquations | None:
+    if not isinstance(problem.ball, Stored):
+        return None
+    known = problem.known_points
+    information = np.where(known[:, None, None], problem.ball.shape.information, 0.0)
+    return PointEquations(information, np.where(known[:, None], problem.ball.shape.off(state.points)[1], 0.0))
+
+
+def assembled(problem: Problem, state: State, reduced: Reduced) -> NormalEquations:
+    """What is left of the observations once their points are eliminated, with the rows of priors and lengths.
+
+    Parameters
+    ----------
+    problem, state
+        The adjustment, and where it was linearised.
+    reduced
+        What the engine made of the observations.
+    """
+    layout = problem.layout
+    matrix = layout.fold_matrix(reduced.matrix, reduced.is_gathered)
+    gradient = layout.fold_vector(reduced.gradient)
+    diagonal = layout.fold_vector(reduced.diagonal)
+    rows, residual = extra_rows(problem, state)
+    if len(rows):
+        matrix += rows.T @ rows
+        gradient += rows.T @ residual
+        diagonal += (rows**2).sum(axis=0)
+    return NormalEquations(matrix, gradient, diagonal, reduced)
+
+
+def extra_rows(problem: Problem, state: State) -> tuple[FloatArray, FloatArray]:
+    """Derivatives (m, d) by the reduced unknowns, and residuals (m,), of prior and length rows."""
+    layout = problem.layout
+    prior, prior_weight = prior_residuals(problem, state)
+    length, by_difference = length_residuals(problem, state)
+    rows = np.zeros((len(prior) + len(length), layout.size))
+    rows[np.arange(len(prior)), layout.prior_columns] = prior_weight
+    if problem.has_lengths:
+        first_kept = layout.size - 3 * len(problem.kept_points)
+        own = rows[len(prior) :]
+        for points, coefficient in zip(problem.lengths.points.T, problem.lengths.coefficient.T, strict=True):
+            used = np.flatnonzero(coefficient)
+            columns = first_kept + 3 * np.searchsorted(problem.kept_points, points[used])
+            own[used[:, None], columns[:, None] + np.arange(3)] += coefficient[used, None] * by_difference[used]
+        own[:] = problem.lengths.whitening @ own
+    return rows, np.concatenate([prior, length])
+
+
+def predicted_decrease(problem: Problem, state: State, step: FloatArray) -> float:
+    """By how much a step (d,) of the reduced unknowns lowers the cost of prior and length rows, as linearised.
+
+    Parameters
+    ----------
+    problem, state
+        The adjustment, and where it was linearised.
+    step
+        Step of the reduced unknowns, (d,).
+    """
+    rows, residual = extra_rows(problem, state)
+    return 0.5 * float((residual**2).sum() - ((residual + rows @ step) ** 2).sum())

@@ -1,0 +1,197 @@
+"""A network solved with one model of the ball, with weights, covariance, and priors where the data need them."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from spherecal.adjust.bundle import Adjustment, refine, robust_start
+from spherecal.adjust.covariance import Covariance, covariance
+from spherecal.adjust.intrinsic_priors import LEAST_NOISE, hold, poorly_determined, poorly_observed
+from spherecal.adjust.network import Network
+from spherecal.adjust.reresection import with_right_poses
+from spherecal.adjust.rows import LengthRows
+from spherecal.adjust.weights import rough_noise, weighted
+from spherecal.ball.rigid import RigidNetwork
+from spherecal.ball.run import Run
+from spherecal.base.arrays import BoolArray, FloatArray, IntArray
+from spherecal.base.memory import release_freed
+from spherecal.initialise.incremental import InitialPoses
+
+# Nominal intrinsics that are simply wrong make the fit many times worse when held; right ones hardly change it.
+MOST_WORSE_BY_HOLDING = 2.0
+
+
+@dataclass(frozen=True)
+class BallFit:
+    """A network solved in one form, in the reference camera's frame.
+
+    `network` has the weights and priors of the solution; in the rigid form its features are dots of the ball, and
+    `rigid` tells which. `held` (c,): cameras whose intrinsics the data cannot carry. `ambiguous` (c,): those without a
+    pose because two fit equally well. `free`: of the soft form, the free one, which shows what is wrong without taking
+    a moved camera for a ball that gave way.
+    """
+
+    network: Network
+    adjusted: Adjustment
+    cofactors: Covariance | None
+    held: BoolArray
+    placed: BoolArray
+    rigid: RigidNetwork | None = None
+    free: "BallFit | None" = None
+    ambiguous: BoolArray | None = None
+
+    @property
+    def by_features(self) -> Adjustment:
+        """The adjustment with a point for every feature (placement, target, point)."""
+        if self.rigid is None:
+            return self.adjusted
+        return replace(self.adjusted, state=self.rigid.as_features(self.adjusted.state))
+
+    @property
+    def point_views(self) -> IntArray:
+        """How many observations each unknown point has (p,)."""
+        return self.network.views(self.adjusted.used)
+
+
+def solve_free(
+    network: Network, start: InitialPoses, points: FloatArray | None, candidates: BoolArray, run: Run
+) -> BallFit:
+    """The free form from the start of the network; points (m,3) start values, None to triangulate.
+
+    Parameters
+    ----------
+    network, start
+        The network, and poses to begin with.
+    points
+        Start values (m,3), NaN where unknown; None to triangulate.
+    candidates
+        Observations to start with, (n,).
+    run
+        What the stages share.
+    """
+
+    def solution(described: Network) -> BallFit:
+        return solve_from(described, start, points, candidates, run)
+
+    return solve_or_hold(network, candidates & start.placed[network.camera], start.placed, solution, run)
+
+
+def solve_from(
+    network: Network,
+    start: InitialPoses,
+    points: FloatArray | None,
+    candidates: BoolArray,
+    run: Run,
+    rigid: RigidNetwork | None = None,
+) -> BallFit:
+    """The solution from a rough start.
+
+    Parameters
+    ----------
+    network, start, points, candidates, run
+        As of `solve_free`.
+    rigid
+        What the features are on a ball that keeps its shape; None in the free form.
+    """
+    placed = start.placed
+    state, used = robust_start(network, start.state, points, candidates, placed, run.context)
+    ambiguous = np.zeros(len(placed), dtype=bool)
+    if not run.plain:
+        found = with_right_poses(network, state, used, candidates, placed, run.context)
+        state, used, ambiguous = found.state, found.used & ~found.ambiguous[network.camera], found.ambiguous
+        placed = placed & ~ambiguous
+        network = replace(network, noise=rough_noise(network, state, used))
+    adjusted = refine(network, state, used, placed, run.context)
+    return replace(finished_solution(network, adjusted, placed, run, rigid), ambiguous=ambiguous)
+
+
+def with_lengths(solved: BallFit, rows: LengthRows, factor: float, run: Run) -> BallFit:
+    """The solution again with known lengths between features inside; `factor` brings it to their unit.
+
+    Parameters
+    ----------
+    solved
+        The solution without the lengths.
+    rows
+        Lengths between features.
+    factor
+        Brings the solution to their unit.
+    run
+        What the stages share.
+    """
+    free = None if solved.free is None else with_lengths(solved.free, rows, factor, run)
+    if solved.rigid is not None:
+        rows = replace(rows, points=solved.rigid.places.point[rows.points])
+    # rows are to weigh against image points as both really scatter
+    rows = replace(rows, covariance=rows.covariance / max(solved.adjusted.variance, LEAST_NOISE**2))
+    network = replace(solved.network, lengths=rows, ball=solved.network.ball.scaled(factor))
+    state = solved.adjusted.state.scaled(factor)
+    adjusted = refine(network, state, solved.adjusted.used, solved.placed, run.context)
+    again = finished_solution(network, adjusted, solved.placed, replace(run, plain=True), solved.rigid)
+    return replace(again, held=solved.held, free=free)
+
+
+def finished_solution(
+    network: Network, adjusted: Adjustment, placed: BoolArray, run: Run, rigid: RigidNetwork | None = None
+) -> BallFit:
+    """The solution with its weights and its covariance.
+
+    Parameters
+    ----------
+    network, adjusted
+        The network, and its adjustment.
+    placed
+        Cameras that have a pose, (c,).
+    run
+        What the stages share.
+    rigid
+        What the features are on a ball that keeps its shape; None in the free form.
+    """
+    if not run.plain:
+        network, adjusted = weighted(network, adjusted, placed, run.context)
+    adjusted = replace(adjusted, state=adjusted.state.seen_from(run.reference_in(adjusted)))
+    run.context.report("uncertainty", 0.0)
+    release_freed()
+    places = None if rigid is None else rigid.places
+    cofactors = covariance(adjusted.problem, adjusted.state, places)
+    release_freed()
+    return BallFit(network, adjusted, cofactors, np.zeros(len(placed), dtype=bool), placed, rigid)
+
+
+def solve_or_hold(
+    network: Network,
+    candidates: BoolArray,
+    placed: BoolArray,
+    solution: Callable[[Network], BallFit],
+    run: Run,
+) -> BallFit:
+    """The solution; cameras whose intrinsics the data cannot carry are held by their prior.
+
+    Parameters
+    ----------
+    network
+        The network without priors.
+    candidates, placed
+        Observations that may be used (n,), and cameras that have a pose (c,).
+    solution
+        Solves a network with its priors.
+    run
+        What the stages share.
+    """
+    known = run.known
+    held = poorly_observed(network, candidates) & placed
+    solved = solution(hold(network, known, held, 1.0))
+    if held.any():  # again with the noise that only the adjustment tells
+        solved = solution(hold(network, known, held, np.sqrt(solved.adjusted.variance)))
+    while solved.cofactors is not None:
+        weak = poorly_determined(
+            solved.adjusted.problem, solved.adjusted.state, solved.cofactors, solved.adjusted.variance
+        )
+        if not (weak & ~held).any():
+            break
+        again = solution(hold(network, known, held | weak, np.sqrt(solved.adjusted.variance)))
+        if again.adjusted.variance > MOST_WORSE_BY_HOLDING * solved.adjusted.variance:
+            break
+        solved, held = again, held | weak
+    return replace(solved, held=held)

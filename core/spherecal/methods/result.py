@@ -39,6 +39,7 @@ class Fit:
     variance: float
     converged: bool
     held: BoolArray
+    joint: bool = True
 
 
 def assemble_fit(

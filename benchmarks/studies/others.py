@@ -2,8 +2,8 @@
 
 Unknown points (the ball): SphereCal whole, and adjustments from one start (poses chained by SphereCal, data-sheet
 lenses, gross errors left out) by SphereCal, by Ceres, aniposelib and caliscope. A known board: SphereCal and OpenCV's
-two ways. aniposelib and caliscope run in an environment of their own (`benchmarks/others.txt`), whose Python the variable
-SPHERECAL_OTHERS names; without it their rows say so.
+two ways. aniposelib and caliscope run in an environment of their own (`benchmarks/others.txt`), whose Python the
+variable SPHERECAL_OTHERS names; without it their rows say so.
 """
 
 import os
@@ -112,9 +112,10 @@ _INTRODUCTION = (
     "Bars: two reference bars in 20 poses with noise of their own (standard deviation about the mean of each length; "
     "size of the mean error). Lengths: 40 lengths with perfect images, after one common factor of scale: the geometry "
     "that the calibration alone gives. Real recording: no true lengths; px is the rms distance of points seen at three "
-    "placements that the calibration never saw. Scale of the ball's rows: mean distance of dots A and E of all "
-    "stickers, their bend counted; of the board's its pitch. CPU s: processor seconds of the program's own call, set-up "
-    "and compiling left out; MB: what that call added to its process at the peak. Means over runs +- standard error.",
+    "placements that the calibration never saw. Scale of the ball's rows: median distance of dots A and E of "
+    "all stickers, their bend counted; of the board's its pitch. CPU s: processor seconds of the program's own call, "
+    "set-up and compiling left out; MB: what that call added to its process at the peak. Means over runs +- standard "
+    "error.",
 )
 
 

@@ -28,6 +28,8 @@ def write_paper(folder: Path) -> None:
 def _as_in_the_paper(page: KeptPage) -> bool:
     o = page.options
     usual = o.get("preset") is None and not o.get("known") and o.get("paths") is None
+    if not all("test" in row for row in page.compared):
+        return False  # an older version's page, without stated tests
     return page.name in _PLACES and "session" not in o and o.get("sigma_px") is not None and usual
 
 

@@ -1,9 +1,8 @@
 """The camera graph and the paths through it, against counting and enumeration by brute force."""
 
 from collections.abc import Iterator
-from itertools import combinations, pairwise, permutations
-
 from dataclasses import replace
+from itertools import combinations, pairwise, permutations
 
 import numpy as np
 import pytest

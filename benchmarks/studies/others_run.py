@@ -13,6 +13,8 @@ from types import SimpleNamespace
 
 import numpy as np
 
+_MM_PER_M = 1000.0
+
 
 def main() -> int:
     """Run one program and write its result."""
@@ -96,7 +98,7 @@ def caliscope(p):
     named = np.unique(p.point)
     world = pd.DataFrame(
         {"sync_index": 0, "object_id": 0, "keypoint_id": named, "x_coord": p.start[named, 0],
-         "y_coord": p.start[named, 1], "z_coord": p.start[named, 2]}
+         "y_coord": p.start[named, 1], "z_coord": p.start[named, 2], "frame_time": np.nan}
     )  # fmt: skip
     volume = CaptureVolume(CameraArray(cameras), ImagePoints(image), WorldPoints(world))
 
@@ -130,14 +132,35 @@ def _opencv_matrix(k):
     return np.array([[k[0], 0, k[2]], [0, k[1], k[3]], [0, 0, 1.0]])
 
 
+def _each_alone(p, views) -> tuple[list, list]:
+    """OpenCV's calibrateCamera for each camera from its data sheet."""
+    import cv2
+
+    board = p.board.astype(np.float32)
+    matrices, distortions = [], []
+    for c in range(len(p.size)):
+        own = [view for (camera, _), view in views.items() if camera == c]
+        objects = [board[point] for point, _ in own]
+        images = [uv.astype(np.float32) for _, uv in own]
+        size = tuple(int(s) for s in p.size[c])
+        start = _opencv_matrix(p.intrinsics[c])
+        _, m, d, _, _ = cv2.calibrateCamera(
+            objects, images, size, start, np.zeros(5), flags=cv2.CALIB_USE_INTRINSIC_GUESS
+        )
+        matrices.append(m)
+        distortions.append(d)
+    return matrices, distortions
+
+
 def opencv_multiview(p):
     """OpenCV 5: calibrateMultiview, all cameras and placements together."""
     import cv2
 
     views = _views(p)
     n, frames = len(p.size), int(p.placement.max()) + 1
-    everything = p.board.astype(np.float32)
-    blank = np.full((len(everything), 1, 2), -1, np.float32)  # what a camera does not see, by OpenCV's convention
+    # in metres: it divides the board's points by the square of their extent, and takes one in millimetres for a line
+    everything = (p.board / _MM_PER_M).astype(np.float32)
+    blank = np.full((len(everything), 2), -1, np.float32)  # what a camera does not see, by OpenCV's convention
     images, mask = [], np.zeros((n, frames), np.uint8)
     for c in range(n):
         row = []
@@ -145,20 +168,23 @@ def opencv_multiview(p):
             shown = blank.copy()
             if (c, t) in views:
                 point, uv = views[c, t]
-                shown[point, 0] = uv
+                shown[point] = uv
                 mask[c, t] = 1
             row.append(shown)
         images.append(row)
     sizes = [tuple(int(s) for s in size) for size in p.size]
 
     def solve() -> dict:
-        matrices = [_opencv_matrix(k) for k in p.intrinsics]
-        distortions = [np.zeros((5, 1)) for _ in range(n)]
-        _, matrices, distortions, turns, shifts = cv2.calibrateMultiview(
+        # its own start of the lenses fails on tilts as steep as these: each camera alone gives a better one
+        matrices, distortions = _each_alone(p, views)
+        flags = np.full((n, 1), cv2.CALIB_USE_INTRINSIC_GUESS, np.int32)
+        done = cv2.calibrateMultiview(
             [everything] * frames, images, sizes, mask, np.zeros(n, np.uint8), matrices, distortions, None, None,
-        )[:5]  # fmt: skip
+            flags, cv2.CALIB_USE_INTRINSIC_GUESS,
+        )  # fmt: skip
+        matrices, distortions, turns, shifts = done[1:5]
         turns = [cv2.Rodrigues(r)[0] if np.size(r) == 3 else r for r in turns]
-        return _found(matrices, distortions, turns, shifts)
+        return _found(matrices, distortions, turns, [np.multiply(shift, _MM_PER_M) for shift in shifts])
 
     return solve
 
@@ -172,18 +198,7 @@ def opencv_stereo(p):
     board = p.board.astype(np.float32)
 
     def solve() -> dict:
-        matrices, distortions = [], []
-        for c in range(n):
-            own = [view for (camera, _), view in views.items() if camera == c]
-            objects = [board[point] for point, _ in own]
-            images = [uv.astype(np.float32) for _, uv in own]
-            size = tuple(int(s) for s in p.size[c])
-            start = _opencv_matrix(p.intrinsics[c])
-            _, m, d, _, _ = cv2.calibrateCamera(
-                objects, images, size, start, np.zeros(5), flags=cv2.CALIB_USE_INTRINSIC_GUESS
-            )
-            matrices.append(m)
-            distortions.append(d)
+        matrices, distortions = _each_alone(p, views)
         turns: list = [None] * n
         shifts: list = [None] * n
         turns[0], shifts[0] = np.eye(3), np.zeros((3, 1))

@@ -2,8 +2,8 @@
 
 Unknown points (the ball): SphereCal whole, and adjustments from one start (poses chained by SphereCal, data-sheet
 lenses, gross errors left out) by SphereCal, by Ceres, aniposelib and caliscope. A known board: SphereCal and OpenCV's
-stereoCalibrate, chained. aniposelib and caliscope run in an environment of their own (`benchmarks/others.txt`), whose Python the
-variable SPHERECAL_OTHERS names; without it their rows say so.
+stereoCalibrate, chained. aniposelib and caliscope run in an environment of their own (`benchmarks/others.txt`), whose
+Python the variable SPHERECAL_OTHERS names; without it their rows say so.
 """
 
 import os

@@ -316,7 +316,8 @@ def test_limits_shares_and_orders_are_tested_as_stated():
     assert agreement.below(e([0.05, 0.20] * 15), 0.125) == "cannot tell"
     assert agreement.above(e([1.9, 2.1] * 15), 1.25) == "yes"
     assert agreement.always(60, 60) == "yes" and agreement.always(30, 60) == "differs"
-    assert agreement.always(30, 30) == "cannot tell"  # the interval begins at 88 %
+    assert agreement.always(30, 30) == "yes" and agreement.always(29, 29) == "cannot tell"
+    assert agreement.always(28, 30) == "cannot tell"  # the interval begins at 78 %
     assert agreement.never(0, 60) == "yes" and agreement.never(60, 60) == "differs"
     up, flat, down = e([1.0, 1.2] * 15), e([-1.0, 1.0] * 15), e([-1.2, -1.0] * 15)
     assert agreement.ordered([up, up]) == "yes"

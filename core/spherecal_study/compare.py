@@ -176,7 +176,7 @@ def _residuals(document: Document, found: _Found) -> None:
         series[_ROWS[name].text] = [f.mean for f in figures]
         errors[_ROWS[name].text] = [f.error for f in figures]
     columns_by_group(
-        document, groups, series, "px", errors=errors, log=True,
+        document, groups, series, "px", errors=errors,
         paper={"paper, mean |x|": 0.0453, "paper, mean |y|": 0.0483, "paper, sd": 0.0632},
     )  # fmt: skip
     document.caption("Residuals tell how well the model fits what was seen, not how well the rig measures.")

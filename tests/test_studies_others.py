@@ -35,7 +35,7 @@ def test_true_cameras_have_no_errors(case: Case) -> None:
     start = start_of(case.ball, "demo")
     row = _judged(case, "truth", found(true_cameras(case)), None)
     assert row.lengths_um < 1e-3
-    assert row.bars_sd_mm < 1e-4  # the observations have no noise
+    assert row.bars_sd_mm < 1e-3  # no noise but the last digit of the thermometer
     half = _judged(case, "truth", found(true_cameras(case).scaled(0.5)), start)
     assert half.bars_mean_mm < 0.2  # stickers on a ball with bumps give the scale to some 1e-4
     off = true_cameras(case)

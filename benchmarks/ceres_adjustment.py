@@ -34,6 +34,7 @@ class CeresRun:
     solve_cpu_s: float
     build_s: float
     report: str
+    state: State
 
 
 def solve(problem: Problem, state: State, linear_solver: str) -> CeresRun:
@@ -59,7 +60,21 @@ def solve(problem: Problem, state: State, linear_solver: str) -> CeresRun:
         solve_cpu_s=cpu,
         build_s=built - begin,
         report=summary.FullReport(),
+        state=_state(network, state),
     )
+
+
+def _state(network: pycolmap.Reconstruction, start: State) -> State:
+    """The cameras of a solved network; points are left out."""
+    n = len(start.translation)
+    intrinsics, poses = start.intrinsics.copy(), np.tile(np.eye(3, 4), (n, 1, 1))
+    poses[:, :, :3], poses[:, :, 3] = start.rotation, start.translation
+    for image in network.images.values():
+        c = image.camera_id - 1
+        intrinsics[c, :12] = network.cameras[image.camera_id].params
+        intrinsics[c, 2:4] -= OFFSET
+        poses[c] = image.cam_from_world().matrix()
+    return State(poses[:, :, :3], poses[:, :, 3], intrinsics, np.zeros((0, 3)))
 
 
 def solver_options(linear_solver: str) -> pycolmap.BundleAdjustmentOptions:

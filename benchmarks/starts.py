@@ -11,6 +11,7 @@ from spherecal.adjust.state import State
 from spherecal.base.arrays import BoolArray
 from spherecal.base.context import Context
 from spherecal.data.recording import Recording
+from spherecal.data.session import Session
 from spherecal.initialise.incremental import grow
 from spherecal.initialise.local import reconstruct_locally
 from spherecal.methods.settings import CalibrationSettings
@@ -40,7 +41,11 @@ def make_start(rig: str, seed: int = SEED) -> Start:
 
     Intrinsics are the data sheets' (or, where the network grew in rings, those of the short adjustments).
     """
-    session, _ = simulate_session(rig, seed)
+    return start_of(simulate_session(rig, seed)[0], rig)
+
+
+def start_of(session: Session, name: str) -> Start:
+    """A session as the method has it before the adjustment of (2)."""
     settings = CalibrationSettings()
     recording = Recording.of(session)
     network = describe_network(recording, settings)
@@ -53,4 +58,4 @@ def make_start(rig: str, seed: int = SEED) -> Start:
     points, good = usable_features(network, grown.state, candidates)
     used = candidates & good[network.feature]
     used &= (network.views(used) >= 2)[network.feature]
-    return Start(rig, network, used, grown.placed, replace(grown.state, points=np.where(good[:, None], points, 0.0)))
+    return Start(name, network, used, grown.placed, replace(grown.state, points=np.where(good[:, None], points, 0.0)))

@@ -1,6 +1,7 @@
 """The camera graph and the paths through it, against counting and enumeration by brute force."""
 
 from collections.abc import Iterator
+from dataclasses import replace
 from itertools import combinations, pairwise, permutations
 
 import numpy as np
@@ -17,11 +18,10 @@ from spherecal.initialise.triple import Triple
 from spherecal.initialise.view_graph import (
     KEEP_AN_EDGE,
     MIN_COMMON,
-    XI_COUNT,
-    XI_ERROR,
     CameraGraph,
     Candidates,
     Edge,
+    EdgeWeights,
     build_graph,
     candidate_triples,
     common_counts,
@@ -160,7 +160,8 @@ def test_triples_can_be_cancelled() -> None:
 
 
 def test_edge_weight_is_that_of_the_paper() -> None:
-    assert edge_weight(2.0, 4.0, 50, 10.0) == pytest.approx(XI_ERROR * 3.0 + XI_COUNT / 50)
+    assert edge_weight(2.0, 4.0, 50, 10.0) == pytest.approx(3.0 + 1 / 50)
+    assert edge_weight(2.0, 4.0, 50, 10.0, EdgeWeights(0.5, 20.0)) == pytest.approx(1.5 + 20 / 50)
     assert edge_weight(0.0, 10.0, 50, 10.0) < np.inf
     for bad in ((10.1, 1.0, 50), (1.0, 10.1, 50), (1.0, 1.0, 0), (np.nan, 1.0, 50), (-1.0, 1.0, 50)):
         assert edge_weight(*bad, 10.0) == np.inf
@@ -345,14 +346,51 @@ def test_none_opt_takes_the_first_triple_that_reaches(seed: int) -> None:
         assert len(paths[camera].cameras) <= 2
 
 
+def test_the_literal_order_reads_its_list_again_after_every_camera() -> None:
+    # by most common features the good triple (0, 3, 4) comes first, by number (0, 1, 2) and its heavy edges
+    triples = [stub((0, 3, 4), 0.1), stub((0, 1, 2), 0.4), stub((2, 3, 4), 0.1), stub((0, 2, 5), 0.1)]
+    graph = build_graph(triples, np.full((6, 6), 30))
+    assert graph.reference == 0
+    paths = find_paths(graph, triples, "first-listed")
+    assert set(paths) == set(range(6))
+    assert [paths[c].triples for c in (1, 2, 5)] == [(1,), (1,), (3,)]
+    assert paths[3].triples == (0,)  # (0, 3, 4) is before (2, 3, 4) in the list
+    assert paths[1].length == pytest.approx(graph.edges[0][1].weight)
+    refused = build_graph(triples, np.full((6, 6), 30), EdgeWeights(threshold_px=0.3))
+    assert np.isinf(find_paths(refused, triples, "first-listed")[1].length)  # taken all the same
+    assert 1 not in find_paths(refused, triples, "opt")
+
+
+@pytest.mark.parametrize(("count", "goes_by"), [(0.0, (0, 2, 1)), (100.0, (0, 1))])
+def test_weights_of_edges_choose_the_path(count: float, goes_by: tuple[int, ...]) -> None:
+    """xi2 makes few common features heavy: here a direct edge with large errors has most of them."""
+    triples = [stub((0, 1, 3), 5.0), stub((0, 2, 3), 1.0), stub((1, 2, 3), 1.0), stub((1, 3, 4), 1.0)]
+    counts = np.full((5, 5), 20)
+    counts[0, 1] = counts[1, 0] = 2000
+    graph = build_graph(triples, counts, EdgeWeights(1.0, count))
+    assert graph.reference == 3
+    graph = replace(graph, groups=np.array([0, 9, 0, 0, 0]))
+    edges = {pair: graph.edges[pair[0]][pair[1]].weight for pair in ((0, 1), (0, 2), (2, 1))}
+    assert edges[0, 1] == pytest.approx(5.0 + count / 2000)
+    assert edges[0, 2] == pytest.approx(1.0 + count / 20)
+    path = find_paths(replace(graph, edges=without(graph, 3)), triples, "opt", 1.0)[0]
+    assert path.cameras == goes_by
+
+
+def without(graph: CameraGraph, camera: int) -> tuple[dict[int, Edge], ...]:
+    """The graph's edges but those of one camera."""
+    kept = [{g: e for g, e in edges.items() if g != camera} for edges in graph.edges]
+    return tuple({} if c == camera else edges for c, edges in enumerate(kept))
+
+
 def test_cameras_out_of_reach_have_no_path() -> None:
     triples = [stub((0, 1, 2)), stub((0, 1, 2)), stub((3, 4, 5))]
     graph = build_graph(triples, np.full((7, 7), 30))
-    for search in ("opt", "dijkstra", "first"):
+    for search in ("opt", "dijkstra", "first", "first-listed"):
         assert set(find_paths(graph, triples, search)) == {0, 1, 2}
 
 
-@pytest.mark.parametrize("search", ["opt", "dijkstra", "first"])
+@pytest.mark.parametrize("search", ["opt", "dijkstra", "first", "first-listed"])
 def test_chained_poses_are_the_true_ones(search) -> None:
     triples, scales = random_triples(2)
     graph = build_graph(triples, np.full((9, 9), 30))

@@ -62,7 +62,8 @@ def test_fewer_cameras_are_those_of_the_middle(out):
 
 def test_searches_are_compared(out):
     kinds = {(t["kind"], t["settings"].get("search")) for t in trials(out, "path")[1:]}
-    assert kinds == {(kind, s) for kind in ("recorded", "recorded-paths") for s in ("opt", "dijkstra", "first")}
+    searches = ("opt", "dijkstra", "first", "first-listed")
+    assert kinds == {(kind, s) for kind in ("recorded", "recorded-paths") for s in searches}
 
 
 def test_their_pages_are_listed_after_nothing_of_the_paper(out):

@@ -29,7 +29,7 @@ from spherecal.initialise.incremental import grow
 from spherecal.methods.ball_model import ball_network, fit_ball_model, free_as_stopped, without_ambiguous
 from spherecal.methods.bar import calibrate_bar
 from spherecal.methods.board import calibrate_board
-from spherecal.methods.settings import CalibrationSettings, check_settings
+from spherecal.methods.settings import CalibrationSettings, check_settings, without_effect
 from spherecal.methods.sphere import describe_network, local_network, points_as_in_the_paper, run_of
 from spherecal.result.build import build_failed_result, build_result
 
@@ -52,7 +52,8 @@ def calibrate(
         session = with_lens_model(session, settings.lens)
     check_settings(session, settings)
     if settings.method in ("board", "bar"):
-        return with_findings(_by_baseline(session, settings, context), tuple(assumed_of_session(session)))
+        said = (*assumed_of_session(session), *without_effect(settings))
+        return with_findings(_by_baseline(session, settings, context), said)
     has_images_alone = session.observations is None
     if has_images_alone:
         session = observed(session, context)
@@ -60,7 +61,7 @@ def calibrate(
     missing = nothing_found(session, from_images=has_images_alone)
 
     def run(some: Session) -> Calibration:
-        said = (*missing, *implausible(some), *assumed_of_session(some))
+        said = (*missing, *implausible(some), *assumed_of_session(some), *without_effect(settings))
         if has_images_alone:
             return with_findings(_with_second_look(some, settings, context, watch), said)
         return with_findings(_calibrate(some, settings, context, watch), said)
@@ -71,8 +72,8 @@ def calibrate(
 def _by_baseline(session: Session, settings: CalibrationSettings, context: Context) -> Calibration:
     own = settings.own_intrinsics
     if settings.method == "board":
-        return calibrate_board(session, settings.intrinsics, own, context)
-    return calibrate_bar(session, settings.intrinsics, own, settings.seed, context)
+        return calibrate_board(session, settings.intrinsics, own, context, settings.joint)
+    return calibrate_bar(session, settings.intrinsics, own, settings.seed, context, settings.joint)
 
 
 def _with_second_look(

@@ -31,7 +31,7 @@ Result = dict[str, Any]
 # A trial that takes its worker down this often is at fault itself.
 _ATTEMPTS = 3
 # Raise it whenever a trial of the same settings gives another result, so that older ones are not taken for it.
-_RESULTS = 2
+_RESULTS = 3
 _PARENT_S = 2.0  # between looks at whether the program that started a worker still lives
 _PATIENCE_S = 0.1  # between looks at the user's wish to stop
 
@@ -75,7 +75,7 @@ def run_trials(
         reason = (error.strerror or str(error)).lower()
         raise OutputError(f"{folder}: cannot be written ({reason}).", "Name another place.") from error
     wanted = {trial.key: trial for trial in trials}
-    known = {key: result for key, trial in wanted.items() if (result := _kept(folder, trial)) is not None}
+    known = {key: result for key, trial in wanted.items() if (result := kept_result(folder, trial)) is not None}
     todo = [trial for key, trial in wanted.items() if key not in known]
     counts = {"number": len(known), "all": len(wanted)}
     context.report("trials", len(known) / max(len(wanted), 1), Phrase("some-known", counts))
@@ -106,7 +106,7 @@ def _of_the_dead(trial: Trial, instead: Callable[[Trial], Result] | None) -> Res
     return instead(trial)
 
 
-def _kept(folder: Path, trial: Trial) -> Result | None:
+def kept_result(folder: Path, trial: Trial) -> Result | None:
     """A result from an earlier run, None where there is none (or only a damaged one)."""
     try:
         document = json.loads(trial_file(folder, trial).read_bytes())

@@ -11,8 +11,10 @@ from matplotlib.ticker import FuncFormatter, MaxNLocator, NullFormatter
 from spherecal import __version__
 from spherecal.report.document import Column, Document
 from spherecal.report.sheet import PageBox
-from spherecal.report.style import BAD, GOOD, MARKS, NONE, SERIES, SMALL_PT, SOFT, significant
+from spherecal.report.style import BAD, CAUTION, GOOD, INK, MARKS, NONE, SERIES, SMALL_PT, SOFT, significant
 from spherecal_sim.rigs import rig_design
+from spherecal_study.agreement import LEAST_RUNS, TESTS, Verdict
+from spherecal_study.executor import Trial
 
 Results = list[dict[str, Any]]
 
@@ -21,13 +23,16 @@ Results = list[dict[str, Any]]
 class Options:
     """What all studies may be asked: repetitions (seeds), image noise, the first seed, another rig.
 
-    `sigma_px` None stands for rendered images, by default of the demo's small rig.
+    `sigma_px` None stands for rendered images, by default of the demo's small rig. `known`: intrinsics are known
+    before, as Algorithm 1 has them, instead of the data sheets'. `paths`: xi1, xi2, TH_er in px (None: by the data), b.
     """
 
     runs: int
     sigma_px: float | None = 0.04
     seed: int = 1
     preset: str | None = None
+    known: bool = False
+    paths: tuple[float, float, float | None, float] | None = None
 
     @property
     def images(self) -> bool:
@@ -37,6 +42,15 @@ class Options:
     def rig(self, of_the_paper: str) -> str:
         """The preset to work on: what was asked for, else the paper's, or the demo's where images are rendered."""
         return self.preset or ("demo" if self.images else of_the_paper)
+
+    def plain(self, of_the_paper: str) -> dict[str, Any]:
+        """The settings that all trials of a study share, but for the seed."""
+        out: dict[str, Any] = {"preset": self.rig(of_the_paper), "sigma_px": self.sigma_px}
+        if self.known:
+            out["known"] = True
+        if self.paths is not None:
+            out["paths"] = list(self.paths)
+        return out
 
     def rig_words(self, of_the_paper: str) -> str:
         """The rig in words, with the number of its cameras."""
@@ -56,13 +70,18 @@ class Options:
 
 @dataclass(frozen=True)
 class Compared:
-    """A line of the table paper / ours: `agrees` None where it is no matter of agreeing; `why` says the rest."""
+    """A line of the table paper / ours: `agrees` None where it is no matter of agreeing; `why` says the rest.
+
+    `test` is one of agreement.TESTS and `runs` the number of runs behind the line.
+    """
 
     what: str
     paper: str
     ours: str
-    agrees: bool | None
-    why: str
+    agrees: Verdict | None
+    why: str = ""
+    test: str = ""
+    runs: int = 0
 
 
 def begin(title: str, options: Options, text: Sequence[str]) -> Document:
@@ -85,6 +104,17 @@ def begin(title: str, options: Options, text: Sequence[str]) -> Document:
     return document
 
 
+def with_seeds(listed: Sequence[Trial], results: Results) -> list[tuple[Trial, dict[str, Any]]]:
+    """Trials and their results, each with the seed it came from."""
+    return [(t, {**r, "seed": t.settings["seed"]}) for t, r in zip(listed, results, strict=True)]
+
+
+def pairs(one: Results, other: Results) -> list[tuple[dict[str, Any], dict[str, Any]]]:
+    """Results of two methods on the same seeds: a series that is not finished may lack some of either."""
+    by_seed = {r["seed"]: r for r in other}
+    return [(r, by_seed[r["seed"]]) for r in one if r["seed"] in by_seed]
+
+
 @dataclass(frozen=True)
 class StudyPage:
     """A study's page and the lines of its table paper / ours."""
@@ -98,10 +128,14 @@ def paper_table(document: Document, rows: Sequence[Compared]) -> StudyPage:
     document.begin_section("Paper and ours", 40.0, new_page=False)
     columns = [
         Column("quantity", 46.0, "left"), Column("paper", 54.0, "left"), Column("ours", 58.0, "left"),
-        Column("agrees", 14.0, "center"),
+        Column("agrees", 18.0, "center"), Column("runs", 10.0),
     ]  # fmt: skip
-    words = {True: ("yes", GOOD), False: ("no", BAD), None: NONE}
-    document.table(columns, [(row.what, row.paper, row.ours, words[row.agrees]) for row in rows])
+    words: dict[str | None, Any] = {
+        "yes": ("yes", GOOD), "differs": ("differs", BAD), "cannot tell": ("cannot tell", CAUTION), None: NONE,
+    }  # fmt: skip
+    document.table(columns, [(row.what, row.paper, row.ours, words[row.agrees], str(row.runs)) for row in rows])
+    for test in dict.fromkeys(row.test for row in rows if row.test):
+        document.caption(f"Test, fixed before the runs: {TESTS[test]}; fewer than {LEAST_RUNS} runs cannot tell.")
     for row in rows:
         if row.why:
             document.paragraph(f"{row.what}: {row.why}", SMALL_PT, SOFT)
@@ -125,12 +159,13 @@ def _cell(value: Any) -> str:
 def curves(
     document: Document, series: Mapping[str, tuple[Sequence[float], Sequence[float]]], x_label: str, y_label: str,
     height: float = 62.0, log: bool = False, lines: Mapping[str, float] | None = None,
+    errors: Mapping[str, Sequence[float]] | None = None,
 ) -> None:  # fmt: skip
-    """Curves over a number, each with its own mark; `lines` are levels of the paper."""
+    """Curves over a number, each with its own mark; `lines` are levels of the paper, `errors` standard errors."""
     axes = _axes(document.box(height), document)
     for number, (name, (x, y)) in enumerate(series.items()):
         style = {"color": SERIES[number % len(SERIES)], "marker": MARKS[number % len(MARKS)], "markersize": 3.5}
-        axes.plot(x, y, label=name, **style)
+        axes.errorbar(x, y, yerr=(errors or {}).get(name), label=name, capsize=2, elinewidth=0.8, **style)
     axes.xaxis.set_major_locator(MaxNLocator(integer=True))
     for (name, level), style in zip((lines or {}).items(), ("--", ":", "-."), strict=False):
         axes.axhline(level, color=SOFT, linestyle=style, linewidth=0.9, label=name)
@@ -145,13 +180,17 @@ def curves(
 def columns_by_group(
     document: Document, groups: Sequence[str], series: Mapping[str, Sequence[float]], y_label: str,
     height: float = 62.0, log: bool = False, paper: Mapping[str, float] | None = None,
+    errors: Mapping[str, Sequence[float]] | None = None,
 ) -> None:  # fmt: skip
-    """Columns side by side for each group; `paper` gives levels with their names."""
+    """Columns side by side for each group; `paper` gives levels with their names, `errors` standard errors."""
     axes = _axes(document.box(height), document)
     width = 0.8 / max(len(series), 1)
     for number, (name, values) in enumerate(series.items()):
         x = np.arange(len(groups)) + (number - (len(series) - 1) / 2) * width
-        axes.bar(x, np.nan_to_num(np.array(values, dtype=float)), 0.92 * width, color=SERIES[number], label=name)
+        known = np.nan_to_num(np.array(values, dtype=float))
+        axes.bar(x, known, 0.92 * width, color=SERIES[number % len(SERIES)], label=name)
+        if errors and name in errors:
+            axes.errorbar(x, values, yerr=errors[name], fmt="none", ecolor=INK, elinewidth=0.7, capsize=1.5)
     for name, level in (paper or {}).items():
         axes.axhline(level, color=SOFT, linestyle="--", linewidth=0.8, label=name)
     axes.set_xticks(np.arange(len(groups)), groups)

@@ -4,6 +4,7 @@ from pathlib import Path
 
 from spherecal.files.atomic import write_file_whole
 from spherecal_sim.rigs import rig_design
+from spherecal_study.agreement import LEAST_RUNS, TESTS
 from spherecal_study.kept_pages import KeptPage, pages
 
 FILE = "paper.md"
@@ -11,7 +12,7 @@ _PLACES = {
     "layouts": "Fig. 8", "path": "Figs. 9, 10", "noise": "Table II", "cameras": "Fig. 13",
     "compare": "Figs. 16, 17, 19, Table III", "rigB": "second system, residuals", "bar": "1-D method alone",
 }  # fmt: skip
-_AGREES = {True: "yes", False: "**no**", None: "-"}
+_AGREES = {"yes": "yes", "differs": "**differs**", "cannot tell": "cannot tell", None: "-"}
 
 
 def write_paper(folder: Path) -> None:
@@ -26,7 +27,10 @@ def write_paper(folder: Path) -> None:
 
 def _as_in_the_paper(page: KeptPage) -> bool:
     o = page.options
-    return page.name in _PLACES and "session" not in o and o.get("sigma_px") is not None and o.get("preset") is None
+    usual = o.get("preset") is None and not o.get("known") and o.get("paths") is None
+    if not all("test" in row for row in page.compared):
+        return False  # an older version's page, without stated tests
+    return page.name in _PLACES and "session" not in o and o.get("sigma_px") is not None and usual
 
 
 def paper_table_text(kept: dict[str, KeptPage]) -> str:
@@ -37,28 +41,51 @@ def paper_table_text(kept: dict[str, KeptPage]) -> str:
         "Written by `spherecal study`. Paper: L. Tao et al., IEEE Trans. Instrum. Meas. 70 (2021) 5016715, on real "
         "rigs; ours: the same experiments on simulated observations of the same rigs.",
         "",
-        "| from | quantity | paper | ours | agrees | why, and what to know |",
-        "|---|---|---|---|---|---|",
+        "Ours are means over independent runs with their standard errors. Tests were fixed before the runs:",
+        "",
+        *(f"- {words}." for words in TESTS.values()),
+        f"- Fewer than {LEAST_RUNS} runs cannot tell, nor can an interval that holds the paper's figure and more.",
+        "",
+        "| from | quantity | paper | ours | runs | test | agrees | why, and what to know |",
+        "|---|---|---|---|---|---|---|---|",
     ]
-    lines += [_row("rigs", *row) for row in _rigs()]
+    lines += [_row("rigs", what, said, ours, "-", "-", None, why) for what, said, ours, why in _rigs()]
     for name, place in _PLACES.items():
         if name not in kept:
-            lines.append(_row(place, f"(run `spherecal study {name}`)", "", "", None, ""))
+            lines.append(_row(place, f"(run `spherecal study {name}`)", "", "", "", "", None, ""))
             continue
         lines += [
-            _row(f"[{name}]({kept[name].pdf.name}), {place}", c["what"], c["paper"], c["ours"], c["agrees"], c["why"])
+            _row(
+                f"[{name}]({kept[name].pdf.name}), {place}",
+                c["what"],
+                c["paper"],
+                c["ours"],
+                str(c["runs"]),
+                c["test"] or "-",
+                _AGREES[c["agrees"]],
+                c["why"],
+            )
             for c in kept[name].compared
         ]
     lines += ["", "## What was asked", ""]
     for page in kept.values():
         o = page.options
         lines.append(
-            f"- {page.title}: {o['runs']} runs from seed {o['seed']}, image noise {o['sigma_px']:g} px a coordinate."
+            f"- {page.title}: `spherecal study {page.name} --runs {o['runs']}`, from seed {o['seed']}, image noise "
+            f"{o['sigma_px']:g} px a coordinate; {_done(page)}."
         )
     return "\n".join(lines) + "\n"
 
 
-def _rigs() -> list[tuple[str, str, str, bool | None, str]]:
+def _done(page: KeptPage) -> str:
+    """How many of the runs asked for are there; a series that was stopped goes on by the same command."""
+    least = min((c["runs"] for c in page.compared), default=0)
+    if least >= page.options["runs"]:
+        return "complete"
+    return f"not complete, {least} runs in some lines (the same command goes on where it was stopped)"
+
+
+def _rigs() -> list[tuple[str, str, str, str]]:
     """The two systems as the paper describes and as we simulate them."""
     rows = []
     for name, preset, said, why in (
@@ -78,10 +105,10 @@ def _rigs() -> list[tuple[str, str, str, bool | None, str]]:
             f"{len(design.places_mm)} {kind.model}, {size} at {kind.pixel_pitch_um:g} um, {kind.focal_length_mm:g} mm "
             "lenses, in the same frame"
         )
-        rows.append((name, said, ours, True, why))
+        rows.append((name, said, ours, why))
     return rows
 
 
-def _row(*cells: str | bool | None) -> str:
-    texts = [cell if isinstance(cell, str) else _AGREES[cell] for cell in cells]
+def _row(*cells: str | None) -> str:
+    texts = [cell if cell is not None else _AGREES[None] for cell in cells]
     return "| " + " | ".join(text.replace("|", "\\|") for text in texts) + " |"

@@ -1,5 +1,6 @@
 """Figs. 9 and 10: OPT against none-OPT and Dijkstra, with the graph drawn."""
 
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -7,6 +8,7 @@ import numpy as np
 from spherecal.report.document import Document
 from spherecal.report.style import BAD, INK, RULE, SERIES, SMALL_PT
 from spherecal_sim.rigs import rig_design
+from spherecal_study.agreement import RATIO, Estimate, above, estimate, like
 from spherecal_study.executor import Trial
 from spherecal_study.measures import all_errors
 from spherecal_study.page import (
@@ -16,34 +18,50 @@ from spherecal_study.page import (
     StudyPage,
     begin,
     columns_by_group,
-    mean,
+    pairs,
     paper_table,
     pooled_rms,
     table,
+    with_seeds,
 )
 
 TITLE = "Paths through the camera graph (Figs. 9 and 10)"
 RUNS = 5
-SEARCHES = {"opt": "OPT (A*, b = 1.1)", "dijkstra": "Dijkstra", "first": "none-OPT"}
-_RIGS = ("rigA", "rigB", "hall24")
+SEARCHES = {
+    "opt": "OPT (A*)", "dijkstra": "Dijkstra", "first": "none-OPT", "first-listed": "none-OPT, literal order",
+}  # fmt: skip
+_RIGS = ("rigA", "rigB")
 
 
 def trials(options: Options) -> list[Trial]:
-    """Graph, paths and starts on three rigs; whole calibrations as in the paper on the first two."""
+    """Graph, paths and starts with nominal and with known intrinsics; whole calibrations as in the paper."""
     starts = [
-        Trial("paths", {"preset": rig, "seed": s, "sigma_px": options.sigma_px, "search": search})
+        Trial("paths", {**_plain(options, rig), "seed": s, "search": search, **({"known": True} if known else {})})
         for rig in _rigs(options)
+        for known in _known(options)
         for search in SEARCHES
         for s in options.seeds
     ]
     ends = [
-        Trial("ball", {"preset": rig, "seed": s, "sigma_px": options.sigma_px, "search": search, "method": "tao2021"})
+        Trial(
+            "ball",
+            {**_plain(options, rig), "seed": s, "method": "tao2021", **({"search": search} if search != "opt" else {})},
+        )
         for rig in _rigs(options)
         if not rig_design(rig).walk
         for search in SEARCHES
+        if search != "dijkstra"
         for s in options.seeds
     ]
     return starts + ends
+
+
+def _plain(options: Options, rig: str) -> dict[str, Any]:
+    return {**options.plain(rig), "preset": rig}
+
+
+def _known(options: Options) -> tuple[bool, ...]:
+    return (True,) if options.known else (False,) if options.images else (False, True)
 
 
 def _rigs(options: Options) -> tuple[str, ...]:
@@ -64,66 +82,114 @@ def page(listed: list[Trial], results: Results, options: Options) -> StudyPage:
     )
     rigs = _rigs(options)
     whole = [rig for rig in rigs if not rig_design(rig).walk]
-    both = list(zip(listed, results, strict=True))
+    both = with_seeds(listed, results)
 
-    def some(kind: str, rig: str, search: str) -> Results:
-        return [r for t, r in both if t.kind == kind and t.settings["preset"] == rig and t.settings["search"] == search]
+    def some(kind: str, rig: str, search: str, known: bool = False) -> Results:
+        return [r for t, r in both if t.kind == kind and _is(t.settings, rig, search, known or options.known)]
 
-    lengths = {
-        s: [mean([mean(list(r["lengths"].values())) for r in some("paths", rig, s)]) for rig in rigs] for s in SEARCHES
-    }
-    starts = {s: [mean([r["start_px"] for r in some("paths", rig, s)]) for rig in rigs] for s in SEARCHES}
-    named = {SEARCHES[s]: values for s, values in lengths.items()}
-    columns_by_group(document, rigs, named, "mean path length (edge weights)")
-    columns_by_group(document, rigs, {SEARCHES[s]: v for s, v in starts.items()}, "start: median residual, px")
+    for known in _known(options):
+        _starts(document, rigs, known, some)
     document.paragraph(f"The graph of {rigs[0]}, seed {options.seed}: edges of OPT's paths dark, of none-OPT's red.")
-    opt, first = some("paths", rigs[0], "opt")[0], some("paths", rigs[0], "first")[0]
-    draw_graph(document, opt, first)
-    ends = {
-        s: [
-            (
-                mean([r["mean_px"] for r in some("ball", rig, s)]),
-                pooled_rms([all_errors(r) for r in some("ball", rig, s)]),
-            )
-            for rig in whole
-        ]
-        for s in SEARCHES
-    }
+    opt, first = some("paths", rigs[0], "opt"), some("paths", rigs[0], "first")
+    if opt and first:
+        draw_graph(document, opt[0], first[0])
     if not whole:
         return StudyPage(document, ())
-    heads = [(f"{rig}: {what}", 28) for rig in whole for what in ("end px", "bars rms mm")]
-    table(document, (("search", 36), *heads), [[SEARCHES[s], *np.ravel(ends[s])] for s in SEARCHES])
-    (px, bar), (px_first, bar_first) = ends["opt"][0], ends["first"][0]
-    shorter = lengths["first"][0] / lengths["opt"][0]
-    same = abs(px_first / px - 1) < 0.01
-    return paper_table(
-        document,
-        [
-            Compared(
-                "length of the paths",
-                "0.1221 OPT, 0.188 none: 1.54 times",
-                f"none-OPT {shorter:.2f} times OPT (mean)",
-                shorter >= 1.0,
-                "the unit depends on how well the lens is known before; only the ratio can be compared.",
-            ),
-            Compared(
-                "reprojection error at the end",
-                "0.09 px OPT, 0.15 px none",
-                f"{px:.4f} px with, {px_first:.4f} px without",
-                not same,
-                "the adjustment finds the same optimum from either start; a difference at the end as in Fig. 10 can "
-                "only come from an adjustment that stopped early. OPT changes the start alone: much for the better on "
-                "rig B, hardly on rig A, and along a hall, where nearly all paths are alike, not at all.",
-            ),
-            Compared(
-                "error of bars",
-                "0.11 mm OPT, none much larger",
-                f"{bar:.3f} mm with, {bar_first:.3f} without",
-                bar_first > 1.2 * bar,
-                "for the same reason.",
-            ),
-        ],
+    rows = []
+    for rig in whole:
+        for s, name in SEARCHES.items():
+            chosen = some("ball", rig, s)
+            if chosen:
+                px = estimate([r["mean_px"] for r in chosen])
+                rows.append([f"{rig}, {name}", len(chosen), px.words(4), _bars(chosen).words(4)])
+    table(document, (("rig, search", 60), ("runs", 14), ("px at the end", 40), ("bars rms mm", 40)), rows)
+    return _against_paper(document, rigs[0], some, options)
+
+
+def _is(settings: Mapping[str, Any], rig: str, search: str, known: bool) -> bool:
+    same = settings["preset"] == rig and settings.get("search", "opt") == search
+    return same and settings.get("known", False) == known
+
+
+def _bars(chosen: Results) -> Estimate:
+    return estimate([pooled_rms([all_errors(r)]) for r in chosen])
+
+
+def _length(result: dict[str, Any]) -> float | None:
+    """The mean length of a run's paths; None where one leads over an edge that the graph refuses."""
+    lengths = [length for length in result["lengths"].values()]
+    return None if None in lengths else float(np.mean(lengths))
+
+
+def _starts(document: Document, rigs: Sequence[str], known: bool, some: Callable[..., Results]) -> None:
+    """Lengths, starts and what the term 1/N does, with nominal or with known intrinsics."""
+    words = "known" if known else "nominal"
+    rows, starts, errors = [], {}, {}
+    for s, name in SEARCHES.items():
+        for rig in rigs:
+            chosen = some("paths", rig, s, known)
+            length, start = estimate([_length(r) for r in chosen]), estimate([r["start_px"] for r in chosen])
+            starts.setdefault(name, []).append(start.mean)
+            errors.setdefault(name, []).append(start.error)
+            if not chosen:
+                continue
+            share = estimate([100 * r["count_share"] for r in chosen])
+            changed = sum(r["changed_by_count"] for r in chosen)
+            paths = sum(len(r["paths"]) - 1 for r in chosen)
+            refused = sum(_length(r) is None for r in chosen)
+            rows.append(
+                [f"{rig}, {name}", len(chosen), length.words(4), refused, start.words(2), share.words(3),
+                 f"{changed} of {paths}"]
+            )  # fmt: skip
+    document.begin_section(f"Paths, {words} intrinsics", 60.0, new_page=False)
+    columns_by_group(document, rigs, starts, "start: median residual, px", errors=errors)
+    heads = (("rig, search", 52), ("runs", 10), ("mean path length", 34), ("refused", 14), ("start px", 30),
+             ("share of 1/N, %", 28), ("changed by 1/N", 26))  # fmt: skip
+    table(document, heads, rows)
+    document.caption(
+        "Refused: runs in which a path leads over an edge beyond TH_er, whose length is infinite. Changed by 1/N: "
+        "paths that are others when xi2 = 0."
     )
+
+
+def _against_paper(document: Document, rig: str, some: Callable[..., Results], options: Options) -> StudyPage:
+    rows = []
+    for known in _known(options):
+        words = "known" if known else "nominal"
+        for s in ("first", "first-listed"):
+            both = pairs(some("paths", rig, "opt", known), some("paths", rig, s, known))
+            ratio = estimate([_over(_length(b), _length(a)) for a, b in both])
+            rows.append(
+                Compared(
+                    f"length of the paths, {SEARCHES[s]}, {words} intrinsics", "0.1221 OPT, 0.188 none: 1.54 times",
+                    f"{ratio.words(3)} times OPT's", like(ratio, 0.188 / 0.1221),
+                    "the unit depends on how well the lens is known before; only the ratio can be compared.", "value",
+                    ratio.n,
+                )
+            )  # fmt: skip
+    opt = some("ball", rig, "opt")
+    for s in ("first", "first-listed"):
+        chosen = pairs(opt, some("ball", rig, s))
+        ratio = estimate([b["mean_px"] / a["mean_px"] for a, b in chosen])
+        bars = estimate([pooled_rms([all_errors(b)]) / pooled_rms([all_errors(a)]) for a, b in chosen])
+        px = estimate([a["mean_px"] for a, _ in chosen])
+        rows += [
+            Compared(
+                f"reprojection error at the end, {SEARCHES[s]} over OPT", "0.15 over 0.09 px: 1.67",
+                f"{ratio.words(4)} ({px.words(4)} px with OPT)", like(ratio, 0.15 / 0.09),
+                "the adjustment finds the same optimum from either start; a difference at the end can only come from "
+                "an adjustment that stopped early. OPT changes the start alone.", "value", ratio.n,
+            ),
+            Compared(
+                f"error of bars, {SEARCHES[s]} over OPT", "much larger than OPT's 0.11 mm", bars.words(4),
+                above(bars, RATIO), "for the same reason. Much larger: by a quarter or more.", "limit", bars.n,
+            ),
+        ]  # fmt: skip
+    return paper_table(document, rows)
+
+
+def _over(one: float | None, other: float | None) -> float | None:
+    return None if one is None or other is None else one / other
 
 
 def draw_graph(

@@ -60,7 +60,7 @@ def renderings(trials: Sequence[Trial]) -> list[Trial]:
             wanted.append({"what": "board", **seeded, **printed})
         elif trial.kind == "bar":
             wanted.append({"what": "bar", **seeded, "frames": s["frames"]})
-        if trial.kind in ("ball", "paths", "noise"):
+        if trial.kind in ("ball", "paths", "displaced"):
             default = None if trial.kind == "paths" else 4
             layout = {"placements": s.get("placements", default), "layout": s.get("layout", "spread")}
             wanted.append({"what": "ball", **seeded, **layout})

@@ -12,7 +12,7 @@ from spherecal.files.atomic import write_file_whole
 from spherecal.files.rig_file import json_bytes
 from spherecal.report.style import report_style
 from spherecal_study import cameras, compare, layouts, noise, path, rig_b, wand
-from spherecal_study.executor import Trial, Workers, run_trials
+from spherecal_study.executor import Trial, Workers, kept_result, run_trials
 from spherecal_study.page import Options, Results, StudyPage
 from spherecal_study.paper import write_paper
 from spherecal_study.rendered import renderings
@@ -24,21 +24,35 @@ STUDIES: dict[str, ModuleType] = {
 _DPI = 130  # of the pictures of pages: small print can be read
 
 
-def run_study(name: str, options: Options, folder: Path, workers: Workers, context: Context) -> Path:
+def run_study(
+    name: str, options: Options, folder: Path, workers: Workers, context: Context, kept_only: bool = False
+) -> Path:  # fmt: skip
     """Run a study and write its page (see `write_page`) and the index of all pages into the folder; the page's path.
 
-    Results of trials are kept in `trials` and taken from there if the study is run again. InputError where a study
-    cannot be had on images or on another rig.
+    Results of trials are kept in `trials` and taken from there if the study is run again; with `kept_only` nothing is
+    run and the page shows what is there. InputError where a study cannot be had on images or on another rig, or where
+    nothing is kept.
     """
     _check(name, options)
     study = STUDIES[name]
     listed = study.trials(options)
-    run_trials(renderings(listed), folder / "trials", workers, context)
-    results = run_trials(listed, folder / "trials", workers, context)
+    if kept_only:
+        listed, results = _kept(name, listed, folder / "trials")
+    else:
+        run_trials(renderings(listed), folder / "trials", workers, context)
+        results = run_trials(listed, folder / "trials", workers, context)
     context.report("drawing the page", 0.0)
     with report_style():
         page: StudyPage = study.page(listed, results, options)
         return write_page(name, study.TITLE, page, asdict(options), listed, results, folder)
+
+
+def _kept(name: str, listed: list[Trial], folder: Path) -> tuple[list[Trial], Results]:
+    """The trials whose results are kept, with these."""
+    both = [(trial, result) for trial in listed if (result := kept_result(folder, trial)) is not None]
+    if not both:
+        raise InputError(f"{folder}: holds no results of the study {name}.", "Run it without --kept.")
+    return [trial for trial, _ in both], [result for _, result in both]
 
 
 def _check(name: str, options: Options) -> None:

@@ -1,43 +1,41 @@
 """The trials of the studies: each a function of plain settings whose result is plain JSON."""
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from spherecal.adjust.bundle import usable_features
-from spherecal.adjust.least_squares import minimise
-from spherecal.adjust.levenberg import Settings
 from spherecal.adjust.network import Network
 from spherecal.adjust.state import State
-from spherecal.base.arrays import BoolArray, FloatArray
+from spherecal.base.arrays import FloatArray
 from spherecal.base.context import Context
 from spherecal.calibrate import calibrate
-from spherecal.data.observations import find_features
-from spherecal.data.recording import Recording, calibration_observations
+from spherecal.data.recording import Recording
 from spherecal.data.rig import Calibration
 from spherecal.data.session import Session
 from spherecal.detect.session_images import observed
-from spherecal.initialise.chain import chain_points, chain_poses
+from spherecal.initialise.chain import chain_poses
 from spherecal.initialise.incremental import grow
 from spherecal.initialise.local import LocalNetwork, reconstruct_locally
-from spherecal.initialise.path import Search
-from spherecal.initialise.spherical_projection import project_to_spheres
+from spherecal.initialise.path import BASE, Search, find_paths
+from spherecal.initialise.view_graph import EdgeWeights, build_graph
 from spherecal.methods.settings import CalibrationSettings, Method
 from spherecal.methods.sphere import describe_network
 from spherecal_sim.boards import simulate_board, simulate_waved_bar
-from spherecal_sim.rigs import Layout
+from spherecal_sim.rigs import Layout, TrueCamera
 from spherecal_sim.session import simulate_session
 from spherecal_sim.truth import SimulationOptions, Truth
 from spherecal_study.batch import calibrate_session
-from spherecal_study.identity_damping import minimise_with_identity
+from spherecal_study.displacement import displaced_cases
 from spherecal_study.measures import bar_figures, calibration_only, outcome, residual_figures
 from spherecal_study.recorded import detected, recorded
 from spherecal_study.rendered import render, rendered_ball, rendered_bars, rendered_board, rendered_waved_bar
 from spherecal_study.wand import errors_and_bounds
+
+PathNumbers = Sequence[float | None]  # xi1, xi2, TH_er in px (None: by the data), b
 
 BAR_POSES = 20  # of each bar, as in the paper
 # Converged: within this of the optimum's rms, the rest of a few slow steps; other minima are ten times off and more.
@@ -48,46 +46,62 @@ _ITERATIONS = 150
 def ball(
     preset: str, seed: int, sigma_px: float | None, placements: int = 4, layout: Layout = "spread",
     method: Method = "auto", search: Search = "opt", spherical: bool = True, cameras: int | None = None,
+    print_sd_mm: float = 0.0, known: bool = False, paths: PathNumbers | None = None,
 ) -> dict[str, Any]:  # fmt: skip
     """One calibration with the ball: residuals, bars, errors of the calibration alone.
 
-    Here and below, `sigma_px` None takes rendered images instead of simulated observations.
+    Here and below, `sigma_px` None takes rendered images instead of simulated observations, `known` gives the true
+    intrinsics as known before, and `paths` are xi1, xi2, TH_er and b.
     """
-    session, truth = _session(preset, seed, sigma_px, placements, layout)
+    session, truth = _session(preset, seed, sigma_px, placements, layout, print_sd_mm)
+    session = _with_known(session, truth.cameras) if known else session
     bars = _with_bars(session, preset, seed, sigma_px)
     if cameras is not None:
         session, truth = some_cameras(session, truth, cameras)
-    settings = CalibrationSettings(method=method, search=search, spherical_projection=spherical)
+    settings = CalibrationSettings(method=method, search=search, spherical_projection=spherical, **_of_paths(paths))
     calibration, cpu_s = _timed(session, settings)
     return {
         **outcome(calibration, cpu_s), **residual_figures(calibration), **bar_figures(bars, calibration),
-        **calibration_only(truth, calibration), "method": calibration.method,
+        **calibration_only(truth, calibration), **by_camera(calibration), "method": calibration.method,
     }  # fmt: skip
 
 
 def board(
-    preset: str, seed: int, sigma_px: float | None, placements: int, print_sd_mm: float = 0.0
+    preset: str, seed: int, sigma_px: float | None, placements: int, print_sd_mm: float = 0.0, joint: bool = True,
+    known: bool = False,
 ) -> dict[str, Any]:  # fmt: skip
-    """One calibration of the same rig with a plane board, its bars those of the ball's session."""
+    """One calibration of the same rig with a plane board, its bars those of the ball's session.
+
+    Without `joint` the cameras stay as they were chained, as in the paper.
+    """
     if sigma_px is None:
         session = rendered_board(preset, seed, placements, print_sd_mm)
     else:
         session = simulate_board(preset, seed, placements, sigma_px=sigma_px, print_sd_mm=print_sd_mm).session
-    return _rival(session, "board", preset, seed, sigma_px)
+    return _rival(session, CalibrationSettings(method="board", joint=joint), preset, seed, sigma_px, known)
 
 
-def bar(preset: str, seed: int, sigma_px: float | None, frames: int) -> dict[str, Any]:
-    """One calibration of the same rig with a waved bar, its check bars those of the ball's session."""
+def bar(
+    preset: str, seed: int, sigma_px: float | None, frames: int, joint: bool = True, known: bool = False
+) -> dict[str, Any]:  # fmt: skip
+    """One calibration of the same rig with a waved bar, its check bars those of the ball's session.
+
+    Without `joint` pairs of cameras are adjusted alone and chained; intrinsics that are `known` are then kept.
+    """
     if sigma_px is None:
         session = rendered_waved_bar(preset, seed, frames)
     else:
         session = simulate_waved_bar(preset, seed, frames, sigma_px=sigma_px).session
-    return _rival(session, "bar", preset, seed, sigma_px)
+    settings = CalibrationSettings(method="bar", joint=joint, intrinsics="fixed" if known and not joint else "free")
+    return _rival(session, settings, preset, seed, sigma_px, known)
 
 
-def _rival(recorded: Session, method: Method, preset: str, seed: int, sigma_px: float | None) -> dict[str, Any]:
-    calibration, cpu_s = _timed(recorded, CalibrationSettings(method=method))
+def _rival(
+    recorded: Session, settings: CalibrationSettings, preset: str, seed: int, sigma_px: float | None, known: bool
+) -> dict[str, Any]:
     session, truth = _session(preset, seed, sigma_px, 1, "spread")
+    recorded = _with_known(recorded, truth.cameras) if known else recorded
+    calibration, cpu_s = _timed(recorded, settings)
     bars = _with_bars(session, preset, seed, sigma_px)
     return {
         **outcome(calibration, cpu_s), **residual_figures(calibration), **bar_figures(bars, calibration),
@@ -95,25 +109,34 @@ def _rival(recorded: Session, method: Method, preset: str, seed: int, sigma_px: 
     }  # fmt: skip
 
 
-def wand(preset: str, seed: int, sigma_px: float, frames: int) -> dict[str, Any]:
+def wand(preset: str, seed: int, sigma_px: float, frames: int, known: bool = False) -> dict[str, Any]:
     """One calibration with a waved bar, against the truth and its bound."""
     recording = simulate_waved_bar(preset, seed, frames, sigma_px=sigma_px)
-    calibration, cpu_s = _timed(recording.session, CalibrationSettings(method="bar"))
+    session = _with_known(recording.session, recording.cameras) if known else recording.session
+    calibration, cpu_s = _timed(session, CalibrationSettings(method="bar"))
     return {**outcome(calibration, cpu_s), **errors_and_bounds(recording, calibration, sigma_px)}
 
 
-def paths(preset: str, seed: int, sigma_px: float | None, search: Search) -> dict[str, Any]:
+def paths(
+    preset: str, seed: int, sigma_px: float | None, search: Search, known: bool = False,
+    paths: PathNumbers | None = None,
+) -> dict[str, Any]:  # fmt: skip
     """The graph, the paths of one search, and how good the start is that they give, chained without more ado."""
     session, truth = _session(preset, seed, sigma_px, None, "spread")
+    session = _with_known(session, truth.cameras) if known else session
     return {
-        **path_figures(observed(session, Context()), search),
+        **path_figures(observed(session, Context()), search, paths),
         "places": [c.centre_mm.tolist() for c in truth.cameras],
     }
 
 
-def path_figures(session: Session, search: Search) -> dict[str, Any]:
-    """What `paths` says of a session with observations, but for the cameras' places."""
-    network, local, known = _local(session, search)
+def path_figures(session: Session, search: Search, numbers: PathNumbers | None = None) -> dict[str, Any]:
+    """What `paths` says of a session with observations, but for the cameras' places.
+
+    `count_share`: the median share of the term xi2 / N in an edge's weight; `changed_by_count`: of how many cameras the
+    path is another one without that term. A path over an edge that the graph refuses has no length.
+    """
+    network, local, known = _local(session, search, numbers)
     rotation, translation = chain_poses(local.paths, local.triples, local.graph.scale, len(known))
     placed = np.isfinite(translation[:, 0])
     chained = State(
@@ -124,10 +147,12 @@ def path_figures(session: Session, search: Search) -> dict[str, Any]:
     size = np.linalg.norm(located.residual, axis=1)
     size = size[np.isfinite(size)]
     graph = local.graph
+    of_count, changed = _part_of_count(local, search, numbers)
     return {
+        "count_share": of_count, "changed_by_count": changed,
         "start_px": float(np.median(size)) if len(size) else None,
         "start_mean_px": float(np.minimum(size, 1000.0).mean()) if len(size) else None,
-        "lengths": {str(c): float(path.length) for c, path in local.paths.items()},
+        "lengths": {str(c): path.length if np.isfinite(path.length) else None for c, path in local.paths.items()},
         "paths": {str(c): list(path.cameras) for c, path in local.paths.items()},
         "edges": [[a, b, edge.weight] for a, edges in enumerate(graph.edges) for b, edge in edges.items() if a < b],
         "reference": graph.reference,
@@ -141,42 +166,14 @@ def recorded_paths(session: str, fingerprint: str, search: Search) -> dict[str, 
     return path_figures(detected(Path(session)), search)
 
 
-def noise(
-    preset: str, seed: int, sigma_px: float, percent: float, spherical: bool, damping: str, retriangulate: bool = False
-) -> dict[str, Any]:
-    """Whether the adjustment converges from points displaced by so many percent of the ball's radius (22).
-
-    `damping`: `diagonal`, as the product has it, `identity` with lengths in units of the start (its base lines are near
-    1), or `identity-mm`. `retriangulate` takes points anew from the cameras.
-    """
+def displaced(preset: str, seed: int, sigma_px: float, damping: str, known: bool = False) -> dict[str, Any]:
+    """How adjustments end whose start points are displaced (22); see displacement.py."""
     session, truth = _session(preset, seed, sigma_px, 4, "spread")
+    session = _with_known(session, truth.cameras) if known else session
     session = observed(session, Context())
-    network, local, known = _local(session, "opt")
-    start = grow(local, network, known, local.keep, Context())
-    points = chain_points(
-        local.paths, local.triples, local.graph.scale, start.state.rotation, start.state.translation, network.n_features
-    )
-    candidates = local.keep & start.placed[network.camera] & np.isfinite(points[network.feature, 0])
-    placement = find_features(calibration_observations(session)).placement
-    radius = _radius(points, placement)
-    rng = np.random.default_rng([seed, int(percent * 100)])
-    displaced = points + percent / 100 * radius * _within_one(rng, points.shape)
-    if spherical:
-        displaced = project_to_spheres(displaced, placement)
-    if retriangulate:
-        displaced, good = usable_features(network, start.state, candidates)
-        candidates = candidates & good[network.feature]
-    used = candidates & (network.views(candidates) >= 2)[network.feature]
-    state = replace(start.state, points=np.nan_to_num(displaced))
-    if damping == "identity-mm":  # the identity weighs lengths by their unit
-        state = state.scaled(truth.options.ball_radius_mm / radius)
-    cost, converged = _adjust_plainly(network, state, used, damping)
-    best, _ = _adjust_plainly(network, _true_state(network, truth), used, "diagonal")
-    n = int(used.sum())
-    return {
-        "rms_px": float(np.sqrt(2 * cost / n)), "best_px": float(np.sqrt(2 * best / n)),
-        "minimiser_converged": converged, "converged": cost <= best * _SAME_RMS**2,
-    }  # fmt: skip
+    network, local, intrinsics = _local(session, "opt")
+    start = grow(local, network, intrinsics, local.keep, Context())
+    return displaced_cases(session, truth, network, local, start, seed, damping)
 
 
 def _timed(session: Session, settings: CalibrationSettings) -> tuple[Calibration, float]:
@@ -187,11 +184,13 @@ def _timed(session: Session, settings: CalibrationSettings) -> tuple[Calibration
 
 
 def _session(
-    preset: str, seed: int, sigma_px: float | None, placements: int | None, layout: Layout
+    preset: str, seed: int, sigma_px: float | None, placements: int | None, layout: Layout, print_sd_mm: float = 0.0
 ) -> tuple[Session, Truth]:  # fmt: skip
     if sigma_px is None:
         return rendered_ball(preset, seed, placements, layout)
-    options = SimulationOptions(placements=placements, layout=layout, sigma_px=sigma_px, bar_poses=BAR_POSES)
+    options = SimulationOptions(
+        placements=placements, layout=layout, sigma_px=sigma_px, bar_poses=BAR_POSES, print_sd_mm=print_sd_mm
+    )
     return simulate_session(preset, seed, options)
 
 
@@ -225,55 +224,61 @@ def some_cameras(session: Session, truth: Truth, count: int) -> tuple[Session, T
     return replace(session, cameras=cameras, observations=own), truth
 
 
-def _local(session: Session, search: Search) -> tuple[Network, LocalNetwork, FloatArray]:
+def _part_of_count(local: LocalNetwork, search: Search, numbers: PathNumbers | None) -> tuple[float, int]:
+    """The median share of xi2 / N in the edges' weights, and how many paths are others without it."""
+    weights = _of_paths(numbers).get("weights", EdgeWeights())
+    base = _of_paths(numbers).get("base", BASE)
+    shares = [
+        weights.count / local.counts[a, b] / edge.weight
+        for a, edges in enumerate(local.graph.edges)
+        for b, edge in edges.items()
+        if a < b
+    ]
+    plain = build_graph(local.triples, local.counts, replace(weights, count=0.0))
+    other = find_paths(plain, local.triples, search, base) if local.triples else {}
+    changed = sum(other.get(c) is None or other[c].cameras != path.cameras for c, path in local.paths.items())
+    return float(np.median(shares)) if shares else 0.0, changed
+
+
+def _of_paths(numbers: PathNumbers | None) -> dict[str, Any]:
+    """The settings of a calibration for xi1, xi2, TH_er and b; none where they are left to the method."""
+    if numbers is None:
+        return {}
+    error, count, threshold, base = numbers
+    assert error is not None and count is not None and base is not None
+    return {"weights": EdgeWeights(error, count, threshold), "base": base}
+
+
+def _with_known(session: Session, cameras: Sequence[TrueCamera]) -> Session:
+    """The session with the true intrinsics as known before."""
+    true = {camera.id: camera.intrinsics for camera in cameras}
+    return replace(session, cameras=tuple(replace(c, prior=true[c.id]) for c in session.cameras))
+
+
+def by_camera(calibration: Calibration) -> dict[str, Any]:
+    """Means of absolute residuals and standard deviations in x and y, camera by camera in the rig's order."""
+    o = calibration.observations
+    rows = {c.id: calibration.used & (o.camera == o.cameras.index(c.id)) for c in calibration.rig.cameras}
+    residuals = {name: calibration.residuals_px[own] for name, own in rows.items() if own.any()}
+    return {
+        "camera_mean_abs_px": {name: np.abs(r).mean(axis=0).tolist() for name, r in residuals.items()},
+        "camera_sd_px": {name: r.std(axis=0).tolist() for name, r in residuals.items()},
+    }
+
+
+def _local(
+    session: Session, search: Search, numbers: PathNumbers | None = None
+) -> tuple[Network, LocalNetwork, FloatArray]:  # fmt: skip
     recording = Recording.of(session)
-    network = describe_network(recording, CalibrationSettings(method="free", search=search))
+    settings = CalibrationSettings(method="free", search=search, **_of_paths(numbers))
+    network = describe_network(recording, settings)
     known = np.array([camera.prior for camera in session.cameras])
-    local = reconstruct_locally(recording.observations, recording.features, known, search, 0, Context())
+    local = reconstruct_locally(recording.observations, recording.features, known, settings.paths, 0, Context())
     return network, local, known
 
 
-def _radius(points: FloatArray, placement: np.ndarray) -> float:
-    """The ball's radius in the start's units: the median distance of a placement's points from their middle."""
-    radii = []
-    for p in np.unique(placement):
-        own = points[(placement == p) & np.isfinite(points[:, 0])]
-        if len(own):
-            radii.append(float(np.median(np.linalg.norm(own - own.mean(axis=0), axis=1))))
-    return float(np.median(radii))
-
-
-def _within_one(rng: np.random.Generator, shape: tuple[int, ...]) -> FloatArray:
-    """Standard normal numbers, drawn again where they are not in (-1, 1)."""
-    out = rng.normal(size=shape)
-    while (wide := np.abs(out) >= 1).any():
-        out[wide] = rng.normal(size=int(wide.sum()))
-    return out
-
-
-def _true_state(network: Network, truth: Truth) -> State:
-    """The true cameras, with points triangulated from them: a start from which nothing can go wrong."""
-    state = State(
-        np.array([c.rotation for c in truth.cameras]), np.array([c.translation_mm for c in truth.cameras]),
-        np.array([c.intrinsics for c in truth.cameras]), np.zeros((network.n_features, 3)),
-    )  # fmt: skip
-    located = network.locate(state, np.ones(len(network.uv), dtype=bool))
-    return replace(state, points=np.nan_to_num(located.points))
-
-
-def _adjust_plainly(network: Network, state: State, used: BoolArray, damping: str) -> tuple[float, bool]:
-    """Half the sum of squares that a plain adjustment of all unknowns ends with, and whether it says it converged."""
-    placed = np.isfinite(state.translation[:, 0])
-    problem, _ = network.problem(used, network.free, placed, weighted=True)
-    if damping != "diagonal":
-        minimum = minimise_with_identity(problem, state)
-    else:
-        minimum = minimise(problem, state, Settings(max_iterations=_ITERATIONS))
-    return minimum.cost, minimum.converged
-
-
 KINDS: dict[str, Callable[..., dict[str, Any]]] = {
-    "ball": ball, "board": board, "bar": bar, "wand": wand, "paths": paths, "noise": noise,
+    "ball": ball, "board": board, "bar": bar, "wand": wand, "paths": paths, "displaced": displaced,
     "session": calibrate_session,
     "render": render,
     "recorded": recorded,

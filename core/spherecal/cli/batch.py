@@ -6,6 +6,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from spherecal.cli.progress import shown_progress
+from spherecal.cli.search import add_search, search_of
 from spherecal.cli.study import add_workers
 
 
@@ -18,9 +19,7 @@ def add_parsers(add: Callable[[str, str], argparse.ArgumentParser]) -> None:
         "--method", choices=("auto", "tao2021", "free", "rigid", "board", "bar"), default="auto",
         help="as of `calibrate` (default auto)",
     )  # fmt: skip
-    parser.add_argument("--no-opt", action="store_true", help="none-OPT: the first path that reaches a camera")
-    parser.add_argument("--dijkstra", action="store_true", help="shortest paths instead of A*")
-    parser.add_argument("--no-spo", action="store_true", help="none-SPO: no spherical projection (tao2021)")
+    add_search(parser)
     parser.add_argument(
         "--intrinsics", choices=("free", "fixed"), default="free", help="as of `calibrate` (default free)"
     )
@@ -42,7 +41,7 @@ def batch(options: argparse.Namespace) -> int:
 
     settings = {
         "method": options.method,
-        "search": "first" if options.no_opt else "dijkstra" if options.dijkstra else "opt",
+        "search": search_of(options),
         "spherical_projection": not options.no_spo,
         "intrinsics": options.intrinsics,
         "own_intrinsics": options.own_intrinsics,

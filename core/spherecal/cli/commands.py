@@ -33,6 +33,7 @@ from spherecal.cli.network_commands import cross_validate, guide, recalibrate  #
 from spherecal.cli.parsing import check_output_folder, output_file, to_output
 from spherecal.cli.profile import profile  # noqa: F401
 from spherecal.cli.progress import log, shown_progress
+from spherecal.cli.search import search_of
 from spherecal.cli.session import session  # noqa: F401
 from spherecal.cli.study import study  # noqa: F401
 from spherecal.data.findings import Finding, counted
@@ -64,6 +65,7 @@ def calibrate(options: argparse.Namespace) -> int:
     from spherecal.data.edits import Repairs
     from spherecal.files.ball_file import read_ball
     from spherecal.files.write_result import write_result
+    from spherecal.initialise.view_graph import EdgeWeights
     from spherecal.methods.settings import CalibrationSettings
     from spherecal.support.bundle import session_of
 
@@ -71,8 +73,11 @@ def calibrate(options: argparse.Namespace) -> int:
     check_output_folder(options.output, RESULT)
     settings = CalibrationSettings(
         method=options.method,
-        search="first" if options.no_opt else "dijkstra" if options.dijkstra else "opt",
+        search=search_of(options),
         spherical_projection=not options.no_spo,
+        joint=not options.no_joint,
+        weights=EdgeWeights(*options.path_weights, options.path_error),
+        base=options.path_base,
         intrinsics=options.intrinsics,
         own_intrinsics=options.own_intrinsics,
         lens=options.lens,

@@ -24,6 +24,7 @@ from spherecal.cli import (
 )
 from spherecal.cli.cameras_parser import add_parser as add_cameras
 from spherecal.cli.parsing import Parser, add_common, rig_file
+from spherecal.cli.search import add_path_weights, add_search
 
 Add = Callable[[str, str], argparse.ArgumentParser]
 
@@ -139,9 +140,12 @@ def _add_calibrate(add: Add) -> None:
         "-o", "--output", type=Path, required=True, metavar="RESULT", help="the result folder to write"
     )
     _add_forms(calibrate)
-    calibrate.add_argument("--no-opt", action="store_true", help="none-OPT: the first path that reaches a camera")
-    calibrate.add_argument("--dijkstra", action="store_true", help="shortest paths instead of A*")
-    calibrate.add_argument("--no-spo", action="store_true", help="none-SPO: no spherical projection (tao2021)")
+    add_search(calibrate)
+    add_path_weights(calibrate)
+    calibrate.add_argument(
+        "--no-joint", action="store_true",
+        help="with --method board or bar: cameras as they were chained, without the joint adjustment (to compare)",
+    )  # fmt: skip
     _add_lenses(calibrate)
     _add_repairs(calibrate)
     calibrate.add_argument("--seed", type=_seed, default=0, help="of the random choices of triples (default 0)")

@@ -8,6 +8,8 @@ from pathlib import Path
 from spherecal.base.errors import InputError
 from spherecal.base.messages.values import Phrase
 from spherecal.cli.progress import shown_progress
+from spherecal.cli.search import add_path_weights
+from spherecal.initialise.path import BASE
 
 NAMES = ("layouts", "path", "noise", "cameras", "compare", "rigB", "bar")
 _SIGMA_PX = 0.04
@@ -25,6 +27,11 @@ def add_parsers(add: Callable[[str, str], argparse.ArgumentParser]) -> None:
     parser.add_argument("--runs", type=_positive, metavar="N", help="repetitions with other seeds (each study its own)")
     parser.add_argument("--sigma", type=_noise, metavar="PX", help="image noise of simulated observations (0.04)")
     parser.add_argument("--seed", type=int, default=1, help="the first seed (default 1)")
+    parser.add_argument(
+        "--known", action="store_true", help="intrinsics known before, as Algorithm 1 has them, not the data sheets'"
+    )
+    add_path_weights(parser)
+    parser.add_argument("--kept", action="store_true", help="run nothing: pages from the results that are kept")
     parser.add_argument("--rig", metavar="PRESET", help="another simulated rig than the study's own")
     parser.add_argument(
         "--images", action="store_true",
@@ -73,14 +80,22 @@ def _of_rigs(options: argparse.Namespace) -> Iterator[tuple[str, _Start]]:
     names = options.names or [name for name in NAMES if not options.images or name not in _LONG]
     for name in names:
         runs = options.runs or (1 if options.images else STUDIES[name].RUNS)
-        yield name, partial(run_study, name, Options(runs, sigma, options.seed, options.rig))
+        asked = Options(runs, sigma, options.seed, options.rig, options.known, _paths(options))
+        yield name, partial(run_study, name, asked, kept_only=options.kept)
+
+
+def _paths(options: argparse.Namespace) -> tuple[float, float, float | None, float] | None:
+    """xi1, xi2, TH_er and b; None where all are the method's own."""
+    asked = (*options.path_weights, options.path_error, options.path_base)
+    return None if asked == (1.0, 1.0, None, BASE) else asked
 
 
 def _of_session(options: argparse.Namespace) -> Iterator[tuple[str, _Start]]:
     from spherecal_study.on_sessions import NAMES as ON_SESSIONS
     from spherecal_study.on_sessions import RUNS, SessionOptions, run_session_study
 
-    if options.images or options.rig is not None or options.sigma is not None:
+    own = options.known or options.kept or _paths(options) is not None
+    if options.images or options.rig is not None or options.sigma is not None or own:
         raise InputError(Phrase("error-study-recording"))
     asked = SessionOptions(options.session, options.runs or RUNS, options.seed)
     for name in options.names or ON_SESSIONS:

@@ -9,7 +9,7 @@ from spherecal.base.context import Context
 from spherecal.data.observations import Features, Observations, seen_matrix
 from spherecal.data.session import Session
 from spherecal.geometry.camera import undistort_views
-from spherecal.initialise.path import Path, Search, find_paths
+from spherecal.initialise.path import Path, PathSettings, Search, find_paths
 from spherecal.initialise.planar import is_flat, reconstruct_planar_triple
 from spherecal.initialise.triple import MIN_POINTS, Triple, reconstruct_triple
 from spherecal.initialise.two_view import GATE_PX, Gate, vote
@@ -45,8 +45,9 @@ class LocalNetwork:
 
 
 def reconstruct_locally(
-    observations: Observations, features: Features, intrinsics: FloatArray, search: Search, seed: int, context: Context
-) -> LocalNetwork:
+    observations: Observations, features: Features, intrinsics: FloatArray, paths: Search | PathSettings, seed: int,
+    context: Context,
+) -> LocalNetwork:  # fmt: skip
     """Robust two-view gate, triples by factorisation, camera graph and paths (steps 2 to 5 of the method).
 
     intrinsics (c,16) as known before; the reference is the camera in most triples.
@@ -85,12 +86,13 @@ def reconstruct_locally(
     reconstruct = reconstruct_planar_triple if _is_flat(gate, table, xy, intrinsics) else reconstruct_triple
     edges = strongest_pairs(np.where(pairs > 0, counts, 0), PARTNERS)
     triples = solve_triples(candidate_triples(seen, edges), n_cameras, solve, MIN_POINTS, context)
-    graph = build_graph(triples, counts)
-    paths = find_paths(graph, triples, search) if triples else {}
-    on_a_path = {number for path in paths.values() for number in path.triples}
+    wanted = paths if isinstance(paths, PathSettings) else PathSettings(paths)
+    graph = build_graph(triples, counts, wanted.weights)
+    found = find_paths(graph, triples, wanted.search, wanted.base) if triples else {}
+    on_a_path = {number for path in found.values() for number in path.triples}
     none = np.zeros(0, dtype=np.int64), np.zeros((0, 3))
     triples = [t if i in on_a_path else replace(t, features=none[0], points=none[1]) for i, t in enumerate(triples)]
-    return LocalNetwork(keep, counts, triples, graph, paths)
+    return LocalNetwork(keep, counts, triples, graph, found)
 
 
 def _is_flat(gate: Gate, table: IntArray, xy: FloatArray, intrinsics: FloatArray) -> bool:

@@ -2,17 +2,26 @@
 
 import heapq
 from collections import deque
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from itertools import pairwise
 from typing import Literal
 
 from spherecal.initialise.triple import Triple
-from spherecal.initialise.view_graph import CameraGraph
+from spherecal.initialise.view_graph import CameraGraph, EdgeWeights
 
-Search = Literal["opt", "dijkstra", "first"]
+Search = Literal["opt", "dijkstra", "first", "first-listed"]
 
 # How much a path's length counts more for every further camera on it; the paper's example value.
 BASE = 1.1
+
+
+@dataclass(frozen=True)
+class PathSettings:
+    """How edges are weighted, (10)-(12), and paths are searched; `base` is b of f = b^m g + h, 1 or more."""
+
+    search: Search = "opt"
+    weights: EdgeWeights = field(default_factory=EdgeWeights)
+    base: float = BASE
 
 
 @dataclass(frozen=True)
@@ -29,7 +38,8 @@ def find_paths(
 ) -> dict[int, Path]:
     """The path of every camera that can be reached; the reference's own has no steps.
 
-    `opt`: A* on f = base^m g + h; `dijkstra`: shortest paths, base 1; `first`: none-OPT, Algorithm 3.
+    `opt`: A* on f = base^m g + h; `dijkstra`: shortest paths, base 1; `first`: none-OPT, Algorithm 3, the triples with
+    most common features first; `first-listed`: the same in the literal order, triples by their cameras' numbers.
 
     Parameters
     ----------
@@ -40,6 +50,8 @@ def find_paths(
     """
     if search == "first":
         return _first_paths(graph, triples)
+    if search == "first-listed":
+        return _first_listed_paths(graph, triples)
     hops = _fewest_hops(graph)
     lightest = min((edge.weight for edges in graph.edges for edge in edges.values()), default=0.0)
     heuristic = {camera: n * lightest for camera, n in hops.items()}
@@ -97,3 +109,29 @@ def _first_paths(graph: CameraGraph, triples: list[Triple]) -> dict[int, Path]:
                 paths[camera] = Path((camera, *step.cameras), (number, *step.triples), step.length + weight)
                 reached = True
     return paths
+
+
+def _first_listed_paths(graph: CameraGraph, triples: list[Triple]) -> dict[int, Path]:
+    """none-OPT in the literal order: after every camera placed the list is read again from its first triple.
+
+    A triple counts whatever its error; a step that the graph refuses has an infinite length.
+    """
+    paths = {graph.reference: Path((graph.reference,), (), 0.0)}
+    listed = sorted(range(len(triples)), key=lambda number: tuple(sorted(triples[number].cameras)))
+    while (step := _first_step(listed, triples, paths)) is not None:
+        number, known, camera = step
+        edge = graph.edges[known].get(camera)
+        length = paths[known].length + (edge.weight if edge else float("inf"))
+        paths[camera] = Path((camera, *paths[known].cameras), (number, *paths[known].triples), length)
+    return paths
+
+
+def _first_step(listed: list[int], triples: list[Triple], paths: dict[int, Path]) -> tuple[int, int, int] | None:
+    """The first triple that joins a camera without a path to one with: its number, that camera, the new one."""
+    for number in listed:
+        cameras = sorted(triples[number].cameras)
+        known = [camera for camera in cameras if camera in paths]
+        fresh = [camera for camera in cameras if camera not in paths]
+        if known and fresh:
+            return number, known[0], fresh[0]
+    return None

@@ -180,7 +180,15 @@ class CameraGraph:
 # A camera's mean error in a triple is 10 to 40 px while the intrinsics are nominal and the distortion unknown; 5 times
 # the median keeps all good triples and refuses the failed ones (above 600 px on rig B).
 THRESHOLD_FACTOR = 5.0
-XI_ERROR, XI_COUNT = 1.0, 1.0
+
+
+@dataclass(frozen=True)
+class EdgeWeights:
+    """xi1 and xi2 of (12), and TH_er of (10) in px; None takes `THRESHOLD_FACTOR` times the triples' median error."""
+
+    error: float = 1.0
+    count: float = 1.0
+    threshold_px: float | None = None
 
 
 def error_threshold(triples: list[Triple]) -> float:
@@ -188,26 +196,29 @@ def error_threshold(triples: list[Triple]) -> float:
     return THRESHOLD_FACTOR * float(np.median([t.error_px.mean() for t in triples])) if triples else 0.0
 
 
-def build_graph(triples: list[Triple], counts: IntArray) -> CameraGraph:
-    """The graph of lightest edges over all triples, with the threshold TH_er set by the data, and common scales."""
+def build_graph(triples: list[Triple], counts: IntArray, weights: EdgeWeights | None = None) -> CameraGraph:
+    """The graph of lightest edges over all triples, and common scales."""
     n = len(counts)
     edges: list[dict[int, Edge]] = [{} for _ in range(n)]
     groups = np.zeros(n, dtype=int)
     if not triples:
         return CameraGraph(tuple(edges), groups, np.zeros(0))
-    threshold = error_threshold(triples)
+    weights = weights or EdgeWeights()
+    threshold = error_threshold(triples) if weights.threshold_px is None else weights.threshold_px
     for number, triple in enumerate(triples):
         groups[list(triple.cameras)] += 1
         for a in range(3):
             for b in range(a + 1, 3):
                 j, g = triple.cameras[a], triple.cameras[b]
-                weight = edge_weight(triple.error_px[a], triple.error_px[b], int(counts[j, g]), threshold)
+                weight = edge_weight(triple.error_px[a], triple.error_px[b], int(counts[j, g]), threshold, weights)
                 if np.isfinite(weight) and (g not in edges[j] or weight < edges[j][g].weight):
                     edges[j][g] = edges[g][j] = Edge(number, weight)
     return CameraGraph(tuple(edges), groups, common_scales(triples))
 
 
-def edge_weight(error_j: float, error_g: float, common: int, threshold_px: float) -> float:
+def edge_weight(
+    error_j: float, error_g: float, common: int, threshold_px: float, weights: EdgeWeights | None = None
+) -> float:
     """alpha = xi1 alpha1 + xi2 alpha2 of (10)-(12): mean reprojection errors in px, one over the common features.
 
     Parameters
@@ -218,10 +229,13 @@ def edge_weight(error_j: float, error_g: float, common: int, threshold_px: float
         N_jg, the features that they have in common.
     threshold_px
         TH_er of (11).
+    weights
+        xi1 and xi2 of (10); those of [Tao21] unless given.
     """
     if not (0 <= error_j <= threshold_px and 0 <= error_g <= threshold_px) or common <= 0:
         return float("inf")
-    return XI_ERROR * (error_j + error_g) / 2 + XI_COUNT / common
+    weights = weights or EdgeWeights()
+    return weights.error * (error_j + error_g) / 2 + weights.count / common
 
 
 # Triples whose scales are solved for densely: 950 of dome36 took 1.7 s; time grows with the third power.

@@ -18,7 +18,7 @@ from spherecal.data.observations import Features, find_features
 from spherecal.data.rig import Calibration, RigScale
 from spherecal.data.session import Session
 from spherecal.detect.session_images import observed
-from spherecal.methods.bar_adjustment import BarAdjusted, BarNetwork, adjust_bar, residuals_px
+from spherecal.methods.bar_adjustment import BarAdjusted, BarNetwork, adjust_bar, chain_pairs, residuals_px
 from spherecal.methods.bar_marks import BarRecording, bar_recording, known_lengths, scale_bar, standard_uncertainty
 from spherecal.methods.bar_start import LEAST_COMMON, BarStart, start_from_pairs
 from spherecal.methods.findings import common_findings, scale_finding, unlinked
@@ -31,12 +31,15 @@ FEW_FRAMES = 50
 
 def calibrate_bar(
     session: Session, intrinsics: Literal["free", "fixed"] = "free", own_intrinsics: bool = False, seed: int = 0,
-    context: Context | None = None,
+    context: Context | None = None, joint: bool = True,
 ) -> Calibration:  # fmt: skip
     """The rig calibrated by the poses of the bar that gives the session's scale; placements of a ball are not used.
 
     Cameras that share too few marks with the rest are left out and the result is not valid. InputError where the
     session names no such bar, or shows none of its marks.
+
+    Without `joint` each pair on the way to the reference camera is adjusted alone and chained; such a result is for
+    comparison and not valid.
     """
     context, watch = context or Context(), Stopwatch()
     bar = scale_bar(session)
@@ -62,7 +65,7 @@ def calibrate_bar(
     rotation = np.where(start.placed[:, None, None], start.rotation, np.eye(3))
     translation = np.where(start.placed[:, None], start.translation, 0.0)
     state = State(rotation, translation, known.copy(), np.full((recording.n_points, 3), np.nan))
-    adjusted = adjust_bar(work, state, context)
+    adjusted = adjust_bar(work, state, context) if joint else chain_pairs(work, state, start.parents, context)
     watch.lap("joint adjustment")
     return _result(work, start, adjusted, features, linking, watch.seconds)
 
@@ -83,7 +86,7 @@ def _result(
     fit = Fit(
         o, features, start.reference, placed, adjusted.state, adjusted.model.problem, adjusted.covariance,
         adjusted.state.points[at], cofactor[at], residual, adjusted.used, adjusted.variance,
-        adjusted.minimum.converged, adjusted.held,
+        adjusted.minimum.converged, adjusted.held, adjusted.joint,
     )  # fmt: skip
     scale = RigScale("none", None)
     if adjusted.covariance is not None and np.isfinite(adjusted.variance):

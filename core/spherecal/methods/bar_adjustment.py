@@ -54,6 +54,7 @@ class BarAdjusted:
     points: IntArray
     held: BoolArray
     noise_known: bool = False
+    joint: bool = True
 
     @property
     def variance(self) -> float:
@@ -84,6 +85,64 @@ def adjust_bar(work: BarNetwork, state: State, context: Context) -> BarAdjusted:
         adjusted = _refine(work, adjusted.state, adjusted.used, priors, held, adjusted.sigma0, context)
         adjusted = replace(adjusted, noise_known=True)
     return adjusted
+
+
+def chain_pairs(
+    work: BarNetwork, state: State, parents: tuple[tuple[int, int], ...], context: Context
+) -> BarAdjusted:  # fmt: skip
+    """Cameras chained over pairs (parent, camera), each adjusted alone; marks triangulated; without covariance.
+
+    A camera keeps the intrinsics of the pair that placed it.
+    """
+    start, rotation, translation = state, state.rotation.copy(), state.translation.copy()
+    intrinsics = state.intrinsics.copy()
+    for parent, camera in parents:
+        both = np.isin(np.arange(len(work.placed)), (parent, camera))
+        alone = replace(work, placed=both, reference=parent)
+        pair = _adjusted_pair(alone, start, context)
+        turn = pair.rotation[camera] @ pair.rotation[parent].T
+        shift = pair.translation[camera] - turn @ pair.translation[parent]
+        rotation[camera], translation[camera] = turn @ rotation[parent], turn @ translation[parent] + shift
+        intrinsics[camera] = pair.intrinsics[camera]
+    state = replace(state, rotation=rotation, translation=translation, intrinsics=intrinsics)
+    points, good = usable_features(work.network, state, work.placed[work.network.camera])
+    state = replace(state, points=np.where(good[:, None], points, np.nan))
+    used = work.placed[work.network.camera] & good[work.network.feature]
+    used = _gate(work.network, state, work.placed, used)
+    seen = work.network.views(used) >= 2
+    lengths = known_lengths(work.session, work.recording, seen)
+    model = _model(work, used, np.zeros_like(work.network.free), lengths, None, True, context.engine)
+    whole = replace(state, points=np.where(seen[:, None], state.points, 0.0))
+    cost = 0.5 * float((model.residuals(whole) ** 2).sum())
+    state = replace(state, points=np.where(seen[:, None], state.points, np.nan))
+    nobody = np.zeros(len(work.placed), dtype=bool)
+    minimum = Minimum(state, cost, 0, True, (cost,))
+    return BarAdjusted(
+        state, model, used, minimum, redundancy(model, whole), None, np.flatnonzero(seen), nobody, joint=False
+    )  # fmt: skip
+
+
+def _adjusted_pair(work: BarNetwork, state: State, context: Context) -> State:
+    """Two cameras adjusted to all that both see, the bar's lengths as rows."""
+    network = work.network
+    candidates = work.placed[network.camera]
+    candidates &= (network.views(candidates) >= 2)[network.feature]
+    state, good = _robust_start(work, state, candidates, context)
+    used = candidates & good[network.feature]
+    noise = _usual_noise(work, state, used)
+    for _ in range(GATE_ROUNDS):
+        gated = _gate(network, state, work.placed, used)
+        seen = network.views(gated) >= 2
+        lengths = known_lengths(work.session, work.recording, seen)
+        lengths = replace(lengths, sigma=lengths.sigma / noise)
+        model = _model(work, gated, network.free, lengths, None, True, context.engine)
+        whole = replace(state, points=np.where(seen[:, None], state.points, 0.0))
+        minimum = minimise(model, whole, None, 60, on_step=progress(context, "joint adjustment", 20))
+        state = replace(minimum.state, points=np.where(seen[:, None], minimum.state.points, np.nan))
+        if (gated == used).all():
+            break
+        used = gated
+    return state
 
 
 def _robust_start(work: BarNetwork, state: State, candidates: BoolArray, context: Context) -> tuple[State, BoolArray]:

@@ -33,13 +33,17 @@ class CameraPair:
 
 @dataclass(frozen=True)
 class BarStart:
-    """Poses (c,3,3), (c,3), NaN where unknown; the reference camera; common points (c,c) and solved pairs (c,c)."""
+    """Poses (c,3,3), (c,3), NaN where unknown; the reference camera; common points (c,c) and solved pairs (c,c).
+
+    `parents`: the pairs (parent, camera) along which it was chained, each parent before its cameras.
+    """
 
     rotation: FloatArray
     translation: FloatArray
     reference: int
     common: IntArray
     linked: IntArray
+    parents: tuple[tuple[int, int], ...] = ()
 
     @property
     def placed(self) -> BoolArray:
@@ -142,6 +146,7 @@ def _chain(pairs: dict[tuple[int, int], CameraPair], common: IntArray, n: int) -
         translation[:], rotation[:] = np.nan, np.nan
         return BarStart(rotation, translation, reference, common, linked)
     distance, before = dijkstra(csr_array(weight), indices=reference, return_predecessors=True)
+    parents = []
     for camera in np.argsort(distance, kind="stable"):
         if camera == reference or not np.isfinite(distance[camera]):
             continue
@@ -149,4 +154,5 @@ def _chain(pairs: dict[tuple[int, int], CameraPair], common: IntArray, n: int) -
         pair = pairs[parent, int(camera)]
         rotation[camera] = pair.rotation @ rotation[parent]
         translation[camera] = pair.rotation @ translation[parent] + pair.translation
-    return BarStart(rotation, translation, reference, common, linked)
+        parents.append((parent, int(camera)))
+    return BarStart(rotation, translation, reference, common, linked, tuple(parents))

@@ -23,6 +23,7 @@ from spherecal.methods.board_adjustment import (
     ViewPoses,
     adjust_boards,
     board_points,
+    leave_chained,
     residuals_px,
 )
 from spherecal.methods.board_chain import Links, chain, find_links, whole
@@ -49,9 +50,11 @@ class _Start:
 
 def calibrate_board(
     session: Session, intrinsics: Literal["free", "fixed"] = "free", own_intrinsics: bool = False,
-    context: Context | None = None,
+    context: Context | None = None, joint: bool = True,
 ) -> Calibration:  # fmt: skip
     """The rig calibrated by the session's board, from observations or images of its placements.
+
+    Without `joint` cameras stay as the groups of four were chained; such a result is for comparison and not valid.
 
     Points are the board's at every placement. Cameras that share no placement with the rest are left out and the result
     is not valid. InputError where the session describes no board or its images or observations show none of it.
@@ -85,7 +88,7 @@ def calibrate_board(
         return _nothing(session, observations, features, findings, watch.seconds)
     network, state, groups = _chained(session, views, start, free, group, context)
     placed = np.isfinite(state.translation[:, 0])
-    solution, about_shape = _adjusted(session, network, state, start.candidates, context)
+    solution, about_shape = _adjusted(session, network, state, start.candidates, context, joint)
     watch.lap("joint adjustment")
     findings += _linking(session, start.poses, placed, views)
     findings += [*about_shape, *_groups_finding(session, groups)]
@@ -151,12 +154,14 @@ def _chained(
 
 
 def _adjusted(
-    session: Session, network: BoardNetwork, state: State, candidates: BoolArray, context: Context
+    session: Session, network: BoardNetwork, state: State, candidates: BoolArray, context: Context, joint: bool
 ) -> tuple[BoardSolution, list[Finding]]:
     """The joint adjustment with the board's points held or estimated, and what is to be said about its shape."""
     views = network.views
     linked = np.isfinite(state.translation[views.camera, 0])
     linked &= np.isfinite(state.placement_translation[views.placement, 0])
+    if not joint:
+        return nominal_solution(leave_chained(network, whole(state), candidates & linked, context)), []
     adjusted = adjust_boards(network, whole(state), candidates & linked, linked, context)
     if not shape_estimated(session):
         return nominal_solution(adjusted), shape_finding(adjusted)
@@ -216,7 +221,7 @@ def _result(
         cofactor = np.where((at >= 0)[:, None, None], solution.covariance.points[at], np.nan)
     fit = Fit(
         observations, features, network.reference, placed, state, solution.problem, solution.covariance, points,
-        cofactor, residual, used, solution.variance, solution.converged, solution.held,
+        cofactor, residual, used, solution.variance, solution.converged, solution.held, solution.joint,
     )  # fmt: skip
     scale = RigScale("board", None)
     if solution.covariance is not None and np.isfinite(solution.variance):

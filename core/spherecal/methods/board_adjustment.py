@@ -49,6 +49,7 @@ class BoardAdjusted:
     covariance: FrameCovariance | None
     held: BoolArray
     noise_known: bool = False
+    joint: bool = True
 
     @property
     def variance(self) -> float:
@@ -135,6 +136,22 @@ def adjust_boards(
         adjusted = _refine(network, adjusted.state, candidates, priors, held, context)
         adjusted = replace(adjusted, noise_known=True)
     return adjusted
+
+
+def leave_chained(
+    network: BoardNetwork, state: State, candidates: BoolArray, context: Context
+) -> BoardAdjusted:  # fmt: skip
+    """The cameras as they were chained, the board's placements alone adjusted to them; without covariance."""
+    views = network.views
+    gated = gate(network, state, candidates)
+    nobody = np.zeros(views.n_cameras, dtype=bool)
+    model, rows = board_model(
+        views, gated, nobody, np.zeros_like(network.free), network.group, None, True, context.engine
+    )  # fmt: skip
+    minimum = minimise(model, state, None, 60, on_step=progress(context, "joint adjustment", 20))
+    return BoardAdjusted(
+        minimum.state, model, rows, gated, minimum, redundancy(model, minimum.state), None, nobody, joint=False
+    )
 
 
 def _refine(

@@ -40,13 +40,14 @@ class BoardSolution:
     covariance: FrameCovariance | None
     print_mm: float | None = None
     print_relative: float = 0.0
+    joint: bool = True
 
 
 def nominal_solution(adjusted: BoardAdjusted) -> BoardSolution:
     """The solution with the board's points held."""
     return BoardSolution(
         adjusted.state, adjusted.model.problem, adjusted.used, adjusted.variance, adjusted.minimum.converged,
-        adjusted.held, adjusted.covariance,
+        adjusted.held, adjusted.covariance, joint=adjusted.joint,
     )  # fmt: skip
 
 

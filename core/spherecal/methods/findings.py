@@ -47,6 +47,8 @@ def scale_finding(source: Literal["waved-bar", "certified-board", "board"], rela
 
 
 def _convergence(fit: Fit, what: Shown) -> list[Finding]:
+    if not fit.joint:
+        return [Finding("no-joint-adjustment", "error", kind=what)]
     found = [] if fit.converged else [Finding("not-converged", "error", kind=what)]
     return found if fit.covariance is not None else [*found, Finding("degenerate-geometry", "error", kind=what)]
 

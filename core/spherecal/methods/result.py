@@ -41,6 +41,7 @@ class Fit:
     variance: float
     converged: bool
     held: BoolArray
+    joint: bool = True
 
 
 def assemble_fit(

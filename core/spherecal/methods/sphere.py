@@ -37,7 +37,7 @@ def local_network(
 ) -> LocalNetwork:
     """Two-view geometry, triples and paths of a recording, from its cameras' known intrinsics (c,16)."""
     observations, features = recording.observations, recording.features
-    local = reconstruct_locally(observations, features, known, settings.search, settings.seed, context)
+    local = reconstruct_locally(observations, features, known, settings.paths, settings.seed, context)
     return lasting_reference(local, recording.session)
 
 

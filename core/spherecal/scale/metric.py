@@ -17,7 +17,7 @@ from spherecal.data.rig import RigScale
 from spherecal.data.session import Session
 from spherecal.geometry.sphere import Sphere, fit_sphere
 from spherecal.scale.bars import length_rows, scale_from_bars
-from spherecal.scale.spacing import FoundScale, Spacing, scale_from_spacing
+from spherecal.scale.spacing import FoundScale, Spacing, scale_from_mean_distance, scale_from_spacing
 
 
 @dataclass(frozen=True)
@@ -60,7 +60,7 @@ def in_millimetres(recording: Recording, solved: BallFit, run: Run) -> tuple[Bal
         What the stages share.
     """
     session, features = recording.session, recording.features
-    solution, scale = metric_solution(recording, solved), session.scale
+    solution, scale = metric_solution(recording, solved, literal=run.plain), session.scale
     if run.plain or solution.scale.source != "bar" or scale is None or scale.bar is None:
         return solved, solution
     rows = length_rows(recording, scale.bar, solution.state.points)
@@ -111,14 +111,17 @@ def _surer(one: RigScale, other: RigScale) -> bool:
     return a > b or (a == b and (one.relative_uncertainty or np.inf) < (other.relative_uncertainty or np.inf))
 
 
-def metric_solution(recording: Recording, solved: BallFit) -> Solution:
-    """The adjusted network brought to its scale; lengths stay arbitrary without covariance or a usable scale."""
+def metric_solution(recording: Recording, solved: BallFit, literal: bool = False) -> Solution:
+    """The adjusted network brought to its scale; lengths stay arbitrary without covariance or a usable scale.
+
+    `literal` takes the mean distance of (18)-(19) for the spacing of dots, without our departures.
+    """
     session, adjusted, cofactors = recording.session, solved.by_features, solved.cofactors
     state = adjusted.state
     spheres = fit_spheres(state.points, recording.features.placement, recording.n_ball)
     found = None
     if cofactors is not None and session.scale is not None:
-        found = _find_scale(recording, state, spheres, cofactors, adjusted.variance)
+        found = _find_scale(recording, state, spheres, cofactors, adjusted.variance, literal)
     factor = found.factor if found else _nominal_factor(session, spheres)
     cameras = None
     if cofactors is not None:
@@ -185,8 +188,9 @@ def _near_the_rest(points: FloatArray) -> BoolArray:
 
 
 def _find_scale(
-    recording: Recording, state: State, spheres: dict[int, Sphere], cofactors: Covariance, variance: float
-) -> FoundScale | None:
+    recording: Recording, state: State, spheres: dict[int, Sphere], cofactors: Covariance, variance: float,
+    literal: bool,
+) -> FoundScale | None:  # fmt: skip
     session, observations, features = recording.session, recording.observations, recording.features
     scale = session.scale
     assert scale is not None
@@ -207,7 +211,8 @@ def _find_scale(
     radius = np.full(len(observations.placements), np.nan)
     for placement, sphere in spheres.items():
         radius[placement] = sphere.radius
-    return scale_from_spacing(spacing, features, state.points, radius, cofactors, variance)
+    scale_from = scale_from_mean_distance if literal else scale_from_spacing
+    return scale_from(spacing, features, state.points, radius, cofactors, variance)
 
 
 def _patterns(session: Session, names: tuple[str, ...]) -> dict[int, FloatArray] | None:

@@ -5,7 +5,7 @@ distance d, an arc, into the chord 2 R sin(d / 2R): 3e-4 shorter at d = 22 mm, R
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -108,6 +108,32 @@ def scale_from_spacing(
     per_target = np.bincount(np.unique(stickers.target, return_inverse=True)[1].reshape(-1), weight)
     by_print = scatter**2 * float((per_target**2).sum())
     uncertainty = np.sqrt(variance * covariance.functional(total) + by_print)
+    return FoundScale(1.0 / mean, float(uncertainty), len(per_target), total, scatter)
+
+
+def scale_from_mean_distance(
+    spacing: Spacing, features: Features, points: FloatArray, radius: FloatArray, covariance: Covariance,
+    variance: float,
+) -> FoundScale | None:  # fmt: skip
+    """The scale of (18)-(19) to the letter: the mean distance of the two dots over all targets against the known one.
+
+    Arguments as of `scale_from_spacing`; no weights, no other dots, no arc: on a ball lengths come out too long by
+    d^2 / (24 R^2) relatively, which counts as uncertainty.
+    """
+    stickers = _stickers(replace(spacing, patterns=None), features, points, covariance)
+    n = len(stickers.target)
+    if not n:
+        return None
+    ratio, gradient, noise = _ratios(stickers, points, np.full(n, np.inf), covariance, variance)
+    mean = float(ratio.mean())
+    total = np.zeros_like(points)
+    np.add.at(total, stickers.feature[stickers.there], (gradient / (n * mean))[stickers.there])
+    scatter = _weights(ratio, noise, stickers.target)[1]
+    per_target = np.bincount(np.unique(stickers.target, return_inverse=True)[1].reshape(-1)) / n
+    by_print = scatter**2 * float((per_target**2).sum())
+    known = radius[np.isfinite(radius)] / mean
+    arc = spacing.distance_mm**2 / (24 * float(np.median(known)) ** 2) if spacing.on_sphere and len(known) else 0.0
+    uncertainty = np.sqrt(variance * covariance.functional(total) + by_print + arc**2)
     return FoundScale(1.0 / mean, float(uncertainty), len(per_target), total, scatter)
 
 

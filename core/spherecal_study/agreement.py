@@ -1,0 +1,120 @@
+"""Whether a figure of ours agrees with the paper's: stated tests, fixed before the runs.
+
+The paper gives single values without their scatter. A value agrees where our 95 % interval of the mean lies within a
+factor `RATIO` of it, a limit where the interval lies on its right side, "always" and "never" where the interval of the
+share lies beyond `ALWAYS`; on the other side it differs. All else, and fewer than `LEAST_RUNS` runs, cannot tell.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from scipy.stats import beta, t
+
+Verdict = Literal["yes", "differs", "cannot tell"]
+
+LEAST_RUNS = 30
+# Simulated rigs are not the paper's: its frame is known, its lenses and lighting are not. A quarter more or less is the
+# least difference that is called one.
+RATIO = 1.25
+# Thirty of thirty runs have their interval begin at 88 %.
+ALWAYS = 0.8
+_TAIL = 0.975  # of both-sided intervals of 95 %
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """The mean of a figure over `n` independent runs and its standard error (NaN for a single run)."""
+
+    mean: float
+    error: float
+    n: int
+
+    @property
+    def low(self) -> float:
+        """The lower end of the 95 % interval of the mean (Student's t)."""
+        return self.mean - self._half
+
+    @property
+    def high(self) -> float:
+        """The upper end of the 95 % interval of the mean."""
+        return self.mean + self._half
+
+    @property
+    def _half(self) -> float:
+        return float(t.ppf(_TAIL, self.n - 1)) * self.error if self.n > 1 else float("inf")
+
+    def words(self, digits: int = 4, factor: float = 1.0) -> str:
+        """Mean and standard error, `0.0312 +- 0.0004`, so many digits after the point."""
+        if not self.n:
+            return "not run"
+        if self.n < 2:
+            return f"{factor * self.mean:.{digits}f}"
+        return f"{factor * self.mean:.{digits}f} +- {factor * self.error:.{digits}f}"
+
+
+def estimate(values: Sequence[float | None]) -> Estimate:
+    """The mean of one value a run, with its standard error; values that are not known are left out."""
+    known = np.array([v for v in values if v is not None and np.isfinite(v)], dtype=float)
+    n = len(known)
+    if not n:
+        return Estimate(float("nan"), float("nan"), 0)
+    error = float(known.std(ddof=1) / np.sqrt(n)) if n > 1 else float("nan")
+    return Estimate(float(known.mean()), error, n)
+
+
+def below(ours: Estimate, limit: float) -> Verdict:
+    """Whether the mean is below a limit of the paper."""
+    return _side(ours.n, ours.high < limit, ours.low >= limit)
+
+
+def above(ours: Estimate, limit: float) -> Verdict:
+    """Whether the mean is above a limit."""
+    return _side(ours.n, ours.low > limit, ours.high <= limit)
+
+
+def like(ours: Estimate, paper: float) -> Verdict:
+    """Whether the mean is the paper's value within the factor `RATIO`."""
+    inside = ours.low > paper / RATIO and ours.high < paper * RATIO
+    return _side(ours.n, inside, ours.high < paper / RATIO or ours.low > paper * RATIO)
+
+
+def always(count: int, n: int) -> Verdict:
+    """Whether something happened in more than `ALWAYS` of the runs."""
+    low, high = share_interval(count, n)
+    return _side(n, low > ALWAYS, high < ALWAYS)
+
+
+def never(count: int, n: int) -> Verdict:
+    """Whether something happened in fewer than 1 - `ALWAYS` of the runs."""
+    return always(n - count, n)
+
+
+def ordered(steps: Sequence[Estimate]) -> Verdict:
+    """Whether figures stand in the paper's order: each next less the one before, run by run, is above 0."""
+    n = min((step.n for step in steps), default=0)
+    return _side(n, all(step.low > 0 for step in steps), any(step.high < 0 for step in steps))
+
+
+def share_interval(count: int, n: int) -> tuple[float, float]:
+    """The 95 % interval of a share, after C. Clopper and E. Pearson (1934)."""
+    if n == 0:
+        return 0.0, 1.0
+    low = 0.0 if count == 0 else float(beta.ppf(1 - _TAIL, count, n - count + 1))
+    return low, 1.0 if count == n else float(beta.ppf(_TAIL, count + 1, n - count))
+
+
+def _side(n: int, right: bool, wrong: bool) -> Verdict:
+    if n < LEAST_RUNS:
+        return "cannot tell"
+    return "yes" if right else "differs" if wrong else "cannot tell"
+
+
+TESTS = {
+    "limit": "limit: the 95 % interval of our mean lies on the paper's side of its limit; differs: on the other",
+    "value": f"value: the 95 % interval of our mean lies within a factor {RATIO:g} of the paper's; differs: outside",
+    "share": f"share: the 95 % interval (Clopper-Pearson) lies above {100 * ALWAYS:.0f} % (never: below "
+    f"{100 * (1 - ALWAYS):.0f} %); differs: on the other side",
+    "order": "order: every difference, run by run, has a 95 % interval above 0; differs: one has it below",
+}

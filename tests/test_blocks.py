@@ -189,8 +189,10 @@ def test_covariance_and_tests_of_changes_are_alike(net: Small, most_kept: int, s
     monkeypatch.setattr(point_factors, "_MOST_KEPT", most_kept)
     found, again = _probed(*solved)
     _assert_alike(found, expected)
-    assert (found._parts.shifts is not None) == (most_kept == 0 and net.problem.n_placements > 0)
-    whole, parts = shift_matrix(expected._parts).toarray(), shift_matrix(found._parts).toarray()
+    once, in_blocks = expected._parts, found._parts
+    assert isinstance(once, point_factors.PointFactors) and isinstance(in_blocks, point_factors.PointFactors)
+    assert (in_blocks.shifts is not None) == (most_kept == 0 and net.problem.n_placements > 0)
+    whole, parts = shift_matrix(once).toarray(), shift_matrix(in_blocks).toarray()
     np.testing.assert_allclose(parts, whole, rtol=1e-6, atol=1e-9 * np.abs(whole).max())
     for a, b in zip(again.block(rows, values), probe.block(rows, values), strict=True):
         np.testing.assert_allclose(a, b, rtol=1e-6, atol=1e-7 * np.abs(b).max())

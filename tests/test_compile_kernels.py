@@ -103,11 +103,11 @@ def test_the_window_shows_how_far_it_is_and_nothing_at_the_end() -> None:
     _ = QApplication.instance() or QApplication([])
     frame = WindowFrame()
     try:
-        assert frame.compiling.isHidden()
+        assert frame.header.compiling.isHidden()
         frame.show_compiling(40)
-        assert not frame.compiling.isHidden() and "40 %" in frame.compiling.text
+        assert not frame.header.compiling.isHidden() and "40 %" in frame.header.compiling.text
         frame.show_compiling(100)
-        assert frame.compiling.isHidden()
+        assert frame.header.compiling.isHidden()
     finally:
         frame.deleteLater()
 

@@ -34,6 +34,7 @@ from spherecal_gui.widgets.name_tags import place_tags
 from spherecal_gui.widgets.need_label import NeedLabel
 from spherecal_gui.widgets.painted_scene import PaintedScene
 from spherecal_gui.widgets.rail import Rail
+from spherecal_gui.widgets.rendered_scene import RenderedScene
 from spherecal_gui.widgets.residual_view import ResidualView
 from spherecal_gui.widgets.scene import make_scene_view
 from spherecal_gui.widgets.table import Table
@@ -216,12 +217,13 @@ def test_where_opengl_fails_the_view_stays_painted(qtbot, monkeypatch, tmp_path)
     monkeypatch.syspath_prepend(tmp_path)
     monkeypatch.delenv("SPHERECAL_3D", raising=False)
     view = make_scene_view()
+    assert isinstance(view, RenderedScene)
     qtbot.addWidget(view)
     view.show_scene(scene_of_two())
     view.resize(400, 300)
     view.show()
     qtbot.waitUntil(lambda: view._broken, timeout=60_000)
-    assert isinstance(view, PaintedScene) and not view.rendered
+    assert not view.rendered
     assert theme.now().text in colours_of(view)
     view.close_view()
 

@@ -4,6 +4,7 @@ numba counts the references to every array of a tuple each time the tuple is pas
 of twenty arrays that was half of a render's time on one core, and more where two threads share a scene's arrays.
 """
 
+from collections.abc import Callable
 from typing import Any
 
 from spherecal.base.kernels import AHEAD, njit
@@ -15,7 +16,7 @@ def _itself(arrays: Any) -> Any:
 
 
 if AHEAD is not None:
-    unowned = njit(_itself)  # what was compiled ahead has the intrinsic below inside
+    unowned: Callable[[Any], Any] = njit(_itself)  # what was compiled ahead has the intrinsic below inside
 else:
     from numba.core import cgutils, types
     from numba.extending import intrinsic
@@ -34,11 +35,12 @@ else:
             return context.make_tuple(builder, kind, parts)
         return value
 
-    @intrinsic
-    def unowned(typing_context: Any, arrays: Any) -> Any:  # pyright: ignore[reportRedeclaration]
+    def _typed(typing_context: Any, arrays: Any) -> Any:
         """Arrays, or a tuple with arrays, without reference counts; valid while the caller holds them."""
 
         def codegen(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
             return _without_counts(context, builder, signature.args[0], arguments[0])
 
         return arrays(arrays), codegen
+
+    unowned = intrinsic(_typed)

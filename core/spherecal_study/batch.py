@@ -20,8 +20,9 @@ from spherecal.data.session import Session
 from spherecal.detect.session_images import observed
 from spherecal.export.csv_table import cell
 from spherecal.files.atomic import RESULT, SESSION, write_file_whole
+from spherecal.files.json_file import json_bytes
 from spherecal.files.read_session import read_session
-from spherecal.files.rig_file import json_bytes, read_rig
+from spherecal.files.rig_file import read_rig
 from spherecal.files.write_result import write_result
 from spherecal.methods.settings import CalibrationSettings
 from spherecal.report.style import report_style

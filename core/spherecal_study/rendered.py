@@ -20,8 +20,8 @@ from spherecal.base.errors import OutputError
 from spherecal.base.filesystem import create, move_below, remove_own_folder, scratch_beside
 from spherecal.data.session import BarPose, Placement, Session
 from spherecal.files.atomic import SESSION
+from spherecal.files.json_file import json_bytes
 from spherecal.files.read_session import read_session
-from spherecal.files.rig_file import json_bytes
 from spherecal.files.target_set_file import write_target_set
 from spherecal.geometry.transform import fit_similarity
 from spherecal_sim.boards import SimulatedRecording, simulate_board

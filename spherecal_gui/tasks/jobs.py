@@ -326,8 +326,8 @@ def keep_if_in_use(profile: Path, result: Path, verdict: Verdict) -> None:
 def check(folder: Path, profile: Path, output: Path, context: Context) -> Any:
     """The same calls as `spherecal check FOLDER --profile PROFILE -o FILE`; the engine's answer (check.check)."""
     from spherecal.files.atomic import write_file_whole
+    from spherecal.files.json_file import json_bytes
     from spherecal.files.read_session import read_session
-    from spherecal.files.rig_file import json_bytes
     from spherecal.profile.source import points_file, read_source
     from spherecal.uses.check import check as run
     from spherecal.uses.check_ball import read_known_ball

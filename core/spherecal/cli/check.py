@@ -54,8 +54,8 @@ def check(options: argparse.Namespace) -> int:
     from spherecal.cli.parsing import to_output
     from spherecal.cli.progress import shown_progress
     from spherecal.files.atomic import RESULT, check_folder
+    from spherecal.files.json_file import json_bytes
     from spherecal.files.read_session import read_session
-    from spherecal.files.rig_file import json_bytes
     from spherecal.profile.source import points_file, read_source
     from spherecal.uses.check import check as run
     from spherecal.uses.check_ball import read_known_ball

@@ -76,7 +76,7 @@ def calibrate(options: argparse.Namespace) -> int:
         search=search_of(options),
         spherical_projection=not options.no_spo,
         joint=not options.no_joint,
-        weights=EdgeWeights(*options.path_weights, options.path_error),
+        weights=EdgeWeights(options.path_weights[0], options.path_weights[1], options.path_error),
         base=options.path_base,
         intrinsics=options.intrinsics,
         own_intrinsics=options.own_intrinsics,

@@ -14,8 +14,8 @@ from spherecal.export.kalibr import read_kalibr
 from spherecal.export.opencv_yaml import read_opencv
 from spherecal.export.yaml_file import read_yaml
 from spherecal.files.atomic import SESSION, WRITTEN_FILE, write_folder_whole, written_bytes
+from spherecal.files.json_file import json_bytes
 from spherecal.files.read_session import OBSERVATIONS_FILE, SESSION_FILE, read_session
-from spherecal.files.rig_file import json_bytes
 from spherecal.geometry.camera import camera_matrix
 
 _DISTORTION_LENGTHS = (4, 5, 8, 12)

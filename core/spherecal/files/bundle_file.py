@@ -10,8 +10,7 @@ from typing import Any
 
 from spherecal.base.errors import InputError
 from spherecal.base.messages.values import Phrase
-from spherecal.files.json_file import JsonValue, read_json
-from spherecal.files.rig_file import json_bytes
+from spherecal.files.json_file import JsonValue, json_bytes, read_json
 
 FORMAT = "spherecal/bundle"
 VERSION = 1

@@ -16,9 +16,8 @@ from spherecal.data.findings import counted
 from spherecal.data.session import Session
 from spherecal.files.atomic import SESSION, WRITTEN_FILE, check_folder, write_folder_whole, written_bytes
 from spherecal.files.image_layout import ImageLayout, recognise
-from spherecal.files.json_file import MOST_CAMERAS
+from spherecal.files.json_file import MOST_CAMERAS, json_bytes
 from spherecal.files.read_session import FORMAT, SESSION_FILE, VERSION, read_session
-from spherecal.files.rig_file import json_bytes
 from spherecal.files.target_set_file import target_set_bytes
 from spherecal.geometry.camera import LensModel
 from spherecal.targets.image_facts import ImageFacts, image_facts

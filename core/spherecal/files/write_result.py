@@ -13,8 +13,9 @@ from spherecal.data.rig import Calibration, PlacedSphere
 from spherecal.files.atomic import RESULT, write_folder_whole
 from spherecal.files.ball_file import BALL_FILE, BallProfile, ball_bytes
 from spherecal.files.findings_file import FINDINGS_FILE, findings_document
+from spherecal.files.json_file import json_bytes
 from spherecal.files.observations_file import write_observations
-from spherecal.files.rig_file import COVARIANCE_FILE, covariance_bytes, json_bytes, rig_bytes
+from spherecal.files.rig_file import COVARIANCE_FILE, covariance_bytes, rig_bytes
 
 
 def write_result(calibration: Calibration, folder: Path, software: Mapping[str, Any] | None = None) -> None:

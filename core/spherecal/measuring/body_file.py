@@ -7,8 +7,7 @@ import numpy as np
 from spherecal.base.errors import InputError
 from spherecal.base.messages.values import Phrase
 from spherecal.files.atomic import write_file_whole
-from spherecal.files.json_file import JsonValue, read_json, unique
-from spherecal.files.rig_file import json_bytes
+from spherecal.files.json_file import JsonValue, json_bytes, read_json, unique
 from spherecal.measuring.task import CENTRE, Body, BodyPoint, PointName
 
 FORMAT = "spherecal/body"

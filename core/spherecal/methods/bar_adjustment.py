@@ -111,7 +111,7 @@ def chain_pairs(
     used = _gate(work.network, state, work.placed, used)
     seen = work.network.views(used) >= 2
     lengths = known_lengths(work.session, work.recording, seen)
-    model = _model(work, used, np.zeros_like(work.network.free), lengths, None, True, context.engine)
+    model = _model(work, used, np.zeros_like(work.network.free), lengths, NO_PRIORS, True)
     whole = replace(state, points=np.where(seen[:, None], state.points, 0.0))
     cost = 0.5 * float((model.residuals(whole) ** 2).sum())
     state = replace(state, points=np.where(seen[:, None], state.points, np.nan))
@@ -135,9 +135,9 @@ def _adjusted_pair(work: BarNetwork, state: State, context: Context) -> State:
         seen = network.views(gated) >= 2
         lengths = known_lengths(work.session, work.recording, seen)
         lengths = replace(lengths, sigma=lengths.sigma / noise)
-        model = _model(work, gated, network.free, lengths, None, True, context.engine)
+        model = _model(work, gated, network.free, lengths, NO_PRIORS, True)
         whole = replace(state, points=np.where(seen[:, None], state.points, 0.0))
-        minimum = minimise(model, whole, None, 60, on_step=progress(context, "joint adjustment", 20))
+        minimum = minimise(model, whole, Settings(max_iterations=60), progress(context, "joint adjustment", 20))
         state = replace(minimum.state, points=np.where(seen[:, None], minimum.state.points, np.nan))
         if (gated == used).all():
             break

@@ -146,9 +146,9 @@ def leave_chained(
     gated = gate(network, state, candidates)
     nobody = np.zeros(views.n_cameras, dtype=bool)
     model, rows = board_model(
-        views, gated, nobody, np.zeros_like(network.free), network.group, None, True, context.engine
+        views, gated, nobody, np.zeros_like(network.free), network.group, NO_PRIORS, True
     )  # fmt: skip
-    minimum = minimise(model, state, None, 60, on_step=progress(context, "joint adjustment", 20))
+    minimum = minimise(model, state, Settings(max_iterations=60), progress(context, "joint adjustment", 20))
     return BoardAdjusted(
         minimum.state, model, rows, gated, minimum, redundancy(model, minimum.state), None, nobody, joint=False
     )

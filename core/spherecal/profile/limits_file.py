@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 from spherecal.base.errors import InputError
 from spherecal.base.messages.values import Phrase
 from spherecal.files.atomic import make_parent, write_file_whole
-from spherecal.files.json_file import JsonValue, read_json
+from spherecal.files.json_file import JsonValue, json_bytes, read_json
 from spherecal.files.lock import locked
 
 if TYPE_CHECKING:
@@ -220,8 +220,6 @@ def changing_limits(path: Path) -> AbstractContextManager[None]:
 
 def write_limits(kept: KeptLimits, path: Path | None = None) -> None:
     """Write the file whole; OutputError where that fails."""
-    from spherecal.files.rig_file import json_bytes  # half a second, and the window reads limits as it starts
-
     path = path or limits_path()
     document: dict[str, Any] = {"format": FORMAT, "version": VERSION}
     document["limits"] = {name: getattr(kept.limits, name) for name in NAMES}

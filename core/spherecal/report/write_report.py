@@ -5,7 +5,7 @@ from pathlib import Path
 from spherecal.base.errors import InputError
 from spherecal.base.messages.values import Phrase
 from spherecal.files.atomic import write_file_whole
-from spherecal.files.rig_file import json_bytes
+from spherecal.files.json_file import json_bytes
 from spherecal.report.bars_page import add_bars_pages
 from spherecal.report.cameras_page import add_cameras_page
 from spherecal.report.content import content_json, make_content

@@ -27,11 +27,10 @@ from spherecal.detect.session_images import observed
 from spherecal.files.bar_registry import certificate_entry, length_entry, temperature_entry
 from spherecal.files.bundle_file import BUNDLE_FILE, bundle_bytes
 from spherecal.files.capture_file import CAPTURE_FILE
-from spherecal.files.json_file import parse_json, read_bytes, read_json
+from spherecal.files.json_file import json_bytes, parse_json, read_bytes, read_json
 from spherecal.files.observations_file import observations_bytes
 from spherecal.files.read_session import FORMAT as SESSION_FORMAT
 from spherecal.files.read_session import OBSERVATIONS_FILE, SESSION_FILE, VERSION, read_session
-from spherecal.files.rig_file import json_bytes
 from spherecal.methods.settings import CalibrationSettings
 from spherecal.support.redact import Redactor, ids_in, serials_in
 

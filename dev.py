@@ -179,9 +179,10 @@ def last_words(lines: list[str]) -> str:
     starts = ("error", "e:", "could not fetch")
     # pip names what it means in indented lines below an error
     errors = [
-        line for before, line in zip(["", *lines], lines, strict=False)
+        line
+        for before, line in zip(["", *lines], lines, strict=False)
         if line.lower().startswith(starts) or (line.startswith("    ") and before.lower().startswith((*starts, "    ")))
-    ]  # fmt: skip
+    ]
     return "\n".join(f"    {line}" for line in (errors or [line for line in lines if line.strip()])[-8:])
 
 
@@ -483,9 +484,13 @@ def kernels_compiled(beside: str) -> Iterator[None]:
     command: list[str | Path] = [PYTHON, "-m", "spherecal.cli.main", "compile-kernels"]
     with tempfile.TemporaryFile("w+") as printed:
         process = subprocess.Popen(
-            [str(part) for part in command], cwd=ROOT, env=tool_env() | {"PYTHONPATH": paths}, stdout=printed,
-            stderr=subprocess.STDOUT, text=True,
-        )  # fmt: skip
+            [str(part) for part in command],
+            cwd=ROOT,
+            env=tool_env() | {"PYTHONPATH": paths},
+            stdout=printed,
+            stderr=subprocess.STDOUT,
+            text=True,
+        )
         try:
             yield
             start = time.monotonic()

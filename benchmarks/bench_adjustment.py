@@ -190,15 +190,22 @@ def bench(options: argparse.Namespace) -> int:
 
 
 def print_rig(row: dict) -> None:
-    print(f"\n{row['rig']}: {row['observations']} observations, {row['points']} points; final costs equal to "
-          f"{row['cost_spread']:.1e}")  # fmt: skip
-    print(f"  {'engine':13} {'iterations':>10} {'solve s':>9} {'ms/iter':>8} {'cpu s':>8} {'build s':>8} "
-          f"{'ratio':>6} {'of cpu':>7} {'with build':>10}   cost")  # fmt: skip
+    print(
+        f"\n{row['rig']}: {row['observations']} observations, {row['points']} points; final costs equal to "
+        f"{row['cost_spread']:.1e}"
+    )
+    print(
+        f"  {'engine':13} {'iterations':>10} {'solve s':>9} {'ms/iter':>8} {'cpu s':>8} {'build s':>8} "
+        f"{'ratio':>6} {'of cpu':>7} {'with build':>10}   cost"
+    )
     for engine, r in row["engines"].items():
         ratios = [f"{r[key]:.2f}" if key in r else "" for key in ("ratio_solve", "ratio_cpu", "ratio_whole")]
-        print(f"  {engine:13} {r['iterations']:10d} {r['solve_s']:9.3f} {1e3 * r['solve_s'] / r['iterations']:8.1f} "
-              f"{r['solve_cpu_s']:8.3f} {r['build_s']:8.3f} {ratios[0]:>6} {ratios[1]:>7} {ratios[2]:>10}   "
-              f"{r['cost']:.9g}", flush=True)  # fmt: skip
+        print(
+            f"  {engine:13} {r['iterations']:10d} {r['solve_s']:9.3f} {1e3 * r['solve_s'] / r['iterations']:8.1f} "
+            f"{r['solve_cpu_s']:8.3f} {r['build_s']:8.3f} {ratios[0]:>6} {ratios[1]:>7} {ratios[2]:>10}   "
+            f"{r['cost']:.9g}",
+            flush=True,
+        )
 
 
 def print_shares(shares: dict[str, dict[str, float]]) -> None:

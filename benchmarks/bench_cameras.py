@@ -178,9 +178,13 @@ def main() -> int:
     with ProducerControl(simulated_cameras(options.cameras)) as steering:
         arguments = ["--cameras", str(options.cameras), "--seconds", str(options.seconds), "--rate", str(options.rate)]
         done = subprocess.run(
-            [sys.executable, __file__, "--in-process", *arguments], env=os.environ | steering.environment,
-            stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True, check=True,
-        )  # fmt: skip
+            [sys.executable, __file__, "--in-process", *arguments],
+            env=os.environ | steering.environment,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.DEVNULL,
+            text=True,
+            check=True,
+        )
     plain = json.loads(done.stdout)
     idle_again = lateness(timed(5.0))
     values = {

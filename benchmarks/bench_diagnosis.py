@@ -126,9 +126,9 @@ def _print(alone: dict[str, Any], beside: dict[str, Any]) -> bool:
     goals = {
         "not longer than the adjustment": own[1] <= adjustment[1],
         f"at most {MOST_SECONDS.get(alone['name'], 1.0):.0f} s": own[1] <= MOST_SECONDS.get(alone["name"], 1.0),
-        f"at most {MORE_BUSY} x the processor time beside others":
-            beside["seconds"]["diagnosis"][1] <= MORE_BUSY * own[1],
-    }  # fmt: skip
+        f"at most {MORE_BUSY} x the processor time beside others": beside["seconds"]["diagnosis"][1]
+        <= MORE_BUSY * own[1],
+    }
     for goal, met in goals.items():
         print(f"  {goal}: {'met' if met else 'MISSED'}", flush=True)
     return not all(goals.values())

@@ -115,14 +115,19 @@ def _summary(rig: str, problem: Problem, runs: dict[str, list[Run]]) -> dict:
 
 def _print(row: dict) -> bool:
     """Print a rig's figures; whether a goal is missed."""
-    print(f"\n{row['rig']}: {row['observations']} observations, {row['points']} dots, {row['placements']} placements; "
-          f"final costs equal to {row['cost_spread']:.1e}")  # fmt: skip
+    print(
+        f"\n{row['rig']}: {row['observations']} observations, {row['points']} dots, {row['placements']} placements; "
+        f"final costs equal to {row['cost_spread']:.1e}"
+    )
     for engine, r in row["engines"].items():
         print(f"  {engine:13} {r['iterations']:4d} iterations {r['solve_s']:8.3f} s {r['cpu_s']:8.3f} s CPU")
     too_slow = row["rig"] in GOAL_RIGS and row["ratio_cpu"] > GOAL
     verdict = ("MISSED" if too_slow else "met") if row["rig"] in GOAL_RIGS else "no goal"
-    print(f"  numba / {row['fastest_ceres']}: {row['ratio_solve']:.2f} of wall, {row['ratio_cpu']:.2f} of CPU seconds "
-          f"(goal {GOAL}: {verdict})", flush=True)  # fmt: skip
+    print(
+        f"  numba / {row['fastest_ceres']}: {row['ratio_solve']:.2f} of wall, {row['ratio_cpu']:.2f} of CPU seconds "
+        f"(goal {GOAL}: {verdict})",
+        flush=True,
+    )
     return too_slow or row["cost_spread"] > SAME_COST
 
 

@@ -46,9 +46,10 @@ def measure(name: str) -> dict[str, object]:
     ids = [c.id for c in truth.cameras]
     placed = np.isin(ids, [c.id for c in result.rig.cameras])
     errors = centre_errors(
-        _state(result.rig.cameras), _state(tuple(np.array(truth.cameras, dtype=object)[placed])),
+        _state(result.rig.cameras),
+        _state(tuple(np.array(truth.cameras, dtype=object)[placed])),
         np.ones(int(placed.sum()), dtype=bool),
-    )  # fmt: skip
+    )
     return {
         "case": name,
         "observations": len(session.observations),
@@ -73,9 +74,11 @@ def _peak_mb() -> float:
 
 def _state(cameras: tuple) -> State:
     return State(
-        np.array([c.rotation for c in cameras]), np.array([c.translation_mm for c in cameras]),
-        np.array([c.intrinsics for c in cameras]), np.zeros((0, 3)),
-    )  # fmt: skip
+        np.array([c.rotation for c in cameras]),
+        np.array([c.translation_mm for c in cameras]),
+        np.array([c.intrinsics for c in cameras]),
+        np.zeros((0, 3)),
+    )
 
 
 def main() -> int:

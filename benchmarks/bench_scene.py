@@ -72,11 +72,17 @@ def rig() -> Any:
     )
     images = {camera.id: rng.integers(0, 255, (400, 480), np.uint8) for camera in cameras}
     return SceneData(
-        DrawnRig(np.eye(3), "up", tuple(cameras), balls, 300.0, "C01"), places, rng.uniform(0, 1, len(places)),
-        normals=out, names=tuple((f"P{i // DOTS + 1}", i % DOTS, "A") for i in range(len(places))), most_px=0.05,
-        ellipsoid_places=places[::10], ellipsoids=np.abs(rng.normal(0, 0.01, (len(places[::10]), 3, 1))) * np.eye(3),
-        images=images, links=tuple((f"C{i:02d}", f"C{i + 1:02d}") for i in range(1, CAMERAS)),
-    )  # fmt: skip
+        DrawnRig(np.eye(3), "up", tuple(cameras), balls, 300.0, "C01"),
+        places,
+        rng.uniform(0, 1, len(places)),
+        normals=out,
+        names=tuple((f"P{i // DOTS + 1}", i % DOTS, "A") for i in range(len(places))),
+        most_px=0.05,
+        ellipsoid_places=places[::10],
+        ellipsoids=np.abs(rng.normal(0, 0.01, (len(places[::10]), 3, 1))) * np.eye(3),
+        images=images,
+        links=tuple((f"C{i:02d}", f"C{i + 1:02d}") for i in range(1, CAMERAS)),
+    )
 
 
 def _shown(view: Any) -> Any:
@@ -100,9 +106,10 @@ def _turn(application: Any, view: Any, seconds: float, count: Callable[[], int])
     beat.stop()
     spent = time.perf_counter() - began
     return {
-        "pictures/s": (count() - first) / spent, "stall p95, ms": beat.percentile(95),
+        "pictures/s": (count() - first) / spent,
+        "stall p95, ms": beat.percentile(95),
         "longest stall, ms": beat.percentile(100),
-    }  # fmt: skip
+    }
 
 
 def painted(application: Any, seconds: float) -> dict[str, float]:
@@ -120,8 +127,9 @@ def painted(application: Any, seconds: float) -> dict[str, float]:
     began = time.perf_counter()
     _until(application, lambda: view.painted > 0)
     found = {"painted: first picture, s": time.perf_counter() - began}
-    found |= {f"painted: {name}": value for name, value in
-              _turn(application, view, seconds / 2, lambda: view.painted).items()}  # fmt: skip
+    found |= {
+        f"painted: {name}": value for name, value in _turn(application, view, seconds / 2, lambda: view.painted).items()
+    }
     view.close()
     return found
 
@@ -146,8 +154,9 @@ def rendered(application: Any, seconds: float) -> dict[str, float]:
     _live(application, 2.0)
     cpu = _cpu_s(process.pid)
     got = view._got
-    found |= {f"rendered: {name}": value for name, value in
-              _turn(application, view, seconds, lambda: view._got).items()}  # fmt: skip
+    found |= {
+        f"rendered: {name}": value for name, value in _turn(application, view, seconds, lambda: view._got).items()
+    }
     pictures = view._got - got
     found["rendered: processor time of a picture, ms"] = 1e3 * (_cpu_s(process.pid) - cpu) / max(pictures, 1)
     asked, began = view._number, time.perf_counter()

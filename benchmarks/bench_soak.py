@@ -47,9 +47,12 @@ def state(temporary: Path) -> State:
     pages = int(Path("/proc/self/statm").read_text().split()[1])
     children = sum(len(path.read_text().split()) for path in Path("/proc/self/task").glob("*/children"))
     return State(
-        pages * os.sysconf("SC_PAGE_SIZE") / 1e6, len(os.listdir("/proc/self/fd")), threading.active_count(), children,
+        pages * os.sysconf("SC_PAGE_SIZE") / 1e6,
+        len(os.listdir("/proc/self/fd")),
+        threading.active_count(),
+        children,
         sum(1 for _ in temporary.rglob("*")),
-    )  # fmt: skip
+    )
 
 
 def command(*words: object) -> None:
@@ -146,9 +149,14 @@ def main() -> int:
     growth = f"{last.mb - middle.mb:+.1f} MB, {last.handles - middle.handles:+d} handles"
     print(f"second half: {growth}: {'ok' if good else 'BAD'}")
     values: dict[str, object] = {
-        "hours": options.hours, "share": options.share, "seconds": time.perf_counter() - began,
-        "first_mb": states[0].mb, "middle_mb": middle.mb, "last_mb": last.mb, "handles": last.handles,
-    }  # fmt: skip
+        "hours": options.hours,
+        "share": options.share,
+        "seconds": time.perf_counter() - began,
+        "first_mb": states[0].mb,
+        "middle_mb": middle.mb,
+        "last_mb": last.mb,
+        "handles": last.handles,
+    }
     Figures("soak", values).save(options)
     return 0 if good else 1
 

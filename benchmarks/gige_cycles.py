@@ -47,9 +47,15 @@ def cycled(cameras: int, cycles: int) -> Cycled:
     taken, held = found["seconds"], found["held"]
     first, last = held[max(cycles // 5, 1) - 1], held[-1]
     return Cycled(
-        cameras, cycles, found["whole"], statistics.median(taken), max(taken), (first[0], last[0]),
-        (first[1], last[1]), (first[2], last[2]),
-    )  # fmt: skip
+        cameras,
+        cycles,
+        found["whole"],
+        statistics.median(taken),
+        max(taken),
+        (first[0], last[0]),
+        (first[1], last[1]),
+        (first[2], last[2]),
+    )
 
 
 def main() -> None:

@@ -107,8 +107,10 @@ class Malformed:
         yield "stream: oversized leader", packet(LEADER, 0, struct.pack(">HHQ", 0, 1, 0) + image, frame=ahead)
         kind = pick.choice(_EDGES) & 0xFFFF
         yield "stream: wrong payload type", packet(LEADER, 0, struct.pack(">HHQ", 0, kind, 0) + image, frame=ahead)
-        yield "stream: parts", packet(LEADER, 0, struct.pack(">HHQ", 0, 0x0A, 0) + pick.randbytes(pick.randrange(200)),
-                                      frame=ahead)  # fmt: skip
+        yield (
+            "stream: parts",
+            packet(LEADER, 0, struct.pack(">HHQ", 0, 0x0A, 0) + pick.randbytes(pick.randrange(200)), frame=ahead),
+        )
         yield (
             "stream: payload of a part",
             packet(5, pick.randrange(60), pick.randbytes(pick.randrange(60)), frame=ahead),

@@ -37,9 +37,22 @@ def _kept(sanitizers: str) -> Path:
 def built(sanitizers: str, scratch: Path) -> tuple[Path, dict[str, str]]:
     """The walk built with these sanitizers, and the environment to run it in."""
     program = _kept(sanitizers)
-    command = ["g++", "-std=c++17", "-O1", "-g", "-pthread", f"-fsanitize={sanitizers}", "-fno-omit-frame-pointer",
-               f"-I{_PRODUCER}", str(_HERE / "gentl_walk.cpp"), str(_PRODUCER / "spherecal_aravis.cpp"),
-               "-o", str(program), *aravis_flags(), "-ldl"]  # fmt: skip
+    command = [
+        "g++",
+        "-std=c++17",
+        "-O1",
+        "-g",
+        "-pthread",
+        f"-fsanitize={sanitizers}",
+        "-fno-omit-frame-pointer",
+        f"-I{_PRODUCER}",
+        str(_HERE / "gentl_walk.cpp"),
+        str(_PRODUCER / "spherecal_aravis.cpp"),
+        "-o",
+        str(program),
+        *aravis_flags(),
+        "-ldl",
+    ]
     if not program.exists():  # it takes half a minute
         program.parent.mkdir(parents=True, exist_ok=True)
         subprocess.run(command, check=True)

@@ -65,9 +65,11 @@ class Photographer:
             return
         for language in ("en", *self.languages):
             wanted = [
-                (look, size, path) for look in LOOKS for size in self.sizes
+                (look, size, path)
+                for look in LOOKS
+                for size in self.sizes
                 if not (path := self._path(name, language, look[0], size)).exists()
-            ]  # fmt: skip
+            ]
             if not wanted:
                 continue
             if language == "en":

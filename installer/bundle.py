@@ -60,13 +60,18 @@ def check(bundle: Path) -> None:
         environment = keep | {"HOME": folder, "PATH": os.environ["PATH"] if os.name == "nt" else "/usr/bin:/bin"}
         environment["SPHERECAL_KERNELS"] = "strict"  # a kernel that was not compiled is an error, not only slow
         for arguments in (
-            ["--version"], ["doctor"], ["licences"], ["demo", "-o", f"{folder}/demo"],
+            ["--version"],
+            ["doctor"],
+            ["licences"],
+            ["demo", "-o", f"{folder}/demo"],
             ["simulate", "demo", "--observations-only", "-o", f"{folder}/session"],
-            *(["calibrate", f"{folder}/session", "-o", f"{folder}/{m}", "--method", m]
-              for m in ("auto", "free", "soft", "tao2021")),
+            *(
+                ["calibrate", f"{folder}/session", "-o", f"{folder}/{m}", "--method", m]
+                for m in ("auto", "free", "soft", "tao2021")
+            ),
             ["verify", f"{folder}/session", "--rig", f"{folder}/auto/rig.json", "-o", f"{folder}/auto"],
             ["report", f"{folder}/auto", "-o", f"{folder}/report.pdf"],
-        ):  # fmt: skip
+        ):
             began = time.monotonic()
             done = subprocess.run(
                 [str(program), *arguments], env=environment, cwd=folder, check=False, capture_output=True, text=True

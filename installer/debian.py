@@ -95,14 +95,20 @@ def put_control(tree: Path, architecture: str) -> None:
     files = [path for path in sorted(tree.rglob("*")) if path.is_file() and not path.is_symlink()]
     kilobytes = sum(path.stat().st_size for path in files) // 1024
     lines = {
-        "Package": "spherecal", "Version": spherecal.__version__, "Architecture": architecture, "Section": "science",
-        "Priority": "optional", "Maintainer": "SphereCal authors <spherecal@localhost>",
-        "Installed-Size": str(kilobytes), "Depends": ", ".join(DEPENDS), "Recommends": ", ".join(RECOMMENDS),
+        "Package": "spherecal",
+        "Version": spherecal.__version__,
+        "Architecture": architecture,
+        "Section": "science",
+        "Priority": "optional",
+        "Maintainer": "SphereCal authors <spherecal@localhost>",
+        "Installed-Size": str(kilobytes),
+        "Depends": ", ".join(DEPENDS),
+        "Recommends": ", ".join(RECOMMENDS),
         "Description": "calibration of multi-camera measuring rigs with an imperfect ball\n"
         " Finds position, orientation and lens of every camera of a rig from pictures of\n"
         " a ball with coded targets, with uncertainties, and verifies the rig with\n"
         " reference bars. Nothing is sent anywhere; the program needs no network.",
-    }  # fmt: skip
+    }
     control = tree / "DEBIAN"
     control.mkdir()
     (control / "control").write_text("".join(f"{k}: {v}\n" for k, v in lines.items()), encoding="utf-8")

@@ -58,8 +58,15 @@ def make_kernels(folder: Path) -> Path:
         def compile_for(processor: str) -> None:
             began = time.monotonic()
             # the inner functions are compiled by numba as usual: for the same processor, and not from its cache
-            _child("compile", found, package, processor, NUMBA_CPU_NAME=processor, NUMBA_CPU_FEATURES="",
-                   NUMBA_CACHE_DIR=f"{scratch}/{processor}")  # fmt: skip
+            _child(
+                "compile",
+                found,
+                package,
+                processor,
+                NUMBA_CPU_NAME=processor,
+                NUMBA_CPU_FEATURES="",
+                NUMBA_CACHE_DIR=f"{scratch}/{processor}",
+            )
             print(f"  kernels for {processor}: {time.monotonic() - began:.0f} s", flush=True)
 
         with ThreadPoolExecutor(os.cpu_count()) as pool:
@@ -120,9 +127,10 @@ def entries() -> set[tuple[str, str]]:
     for module, tree in trees.items():
         imported = {
             alias.asname or alias.name: (node.module, alias.name)
-            for node in ast.walk(tree) if isinstance(node, ast.ImportFrom) and node.module
+            for node in ast.walk(tree)
+            if isinstance(node, ast.ImportFrom) and node.module
             for alias in node.names
-        }  # fmt: skip
+        }
         for owner, name in _named(tree):
             if owner is None:
                 found |= {(module, name), imported.get(name, ("", ""))}
@@ -261,10 +269,25 @@ def _link(name: str, object_file: Path, library: Path) -> None:
     for file in (source / "pycc" / "modulemixin.c", *extensions, source / "core" / "runtime" / "nrt.cpp"):
         parts.append(object_file.with_name(file.stem + ".o"))
         compiler = "g++" if file.suffix == ".cpp" else "gcc"
-        subprocess.run([compiler, "-c", "-O2", "-w", "-fPIC", *define, *include, str(file), "-o", str(parts[-1])],
-                       check=True)  # fmt: skip
-    subprocess.run(["g++", "-shared", str(object_file), *map(str, parts), "-o", str(library), "-pthread", "-lm", "-s",
-                    "-Wl,--gc-sections", "-static-libgcc"], check=True)  # fmt: skip
+        subprocess.run(
+            [compiler, "-c", "-O2", "-w", "-fPIC", *define, *include, str(file), "-o", str(parts[-1])], check=True
+        )
+    subprocess.run(
+        [
+            "g++",
+            "-shared",
+            str(object_file),
+            *map(str, parts),
+            "-o",
+            str(library),
+            "-pthread",
+            "-lm",
+            "-s",
+            "-Wl,--gc-sections",
+            "-static-libgcc",
+        ],
+        check=True,
+    )
 
 
 def _numba_version() -> str:

@@ -150,10 +150,16 @@ def main() -> int:
     print(f"    package {options.deb.stat().st_size / 1e6:.0f} MB, unpacked {size / 1e6:.0f} MB")
     inside(root, "rm", "-rf", "/tmp/try")
     for line in (
-        "--version", "doctor", "simulate demo --observations-only -o /tmp/try/s", "calibrate /tmp/try/s -o /tmp/try/r",
-        "verify /tmp/try/s --rig /tmp/try/r/rig.json -o /tmp/try/r", "report /tmp/try/r -o /tmp/try/r.pdf",
-        "demo -o /tmp/try/demo", "manual --language de", "licences --sbom /tmp/try/sbom.json",
-    ):  # fmt: skip
+        "--version",
+        "doctor",
+        "simulate demo --observations-only -o /tmp/try/s",
+        "calibrate /tmp/try/s -o /tmp/try/r",
+        "verify /tmp/try/s --rig /tmp/try/r/rig.json -o /tmp/try/r",
+        "report /tmp/try/r -o /tmp/try/r.pdf",
+        "demo -o /tmp/try/demo",
+        "manual --language de",
+        "licences --sbom /tmp/try/sbom.json",
+    ):
         began = time.monotonic()
         done = inside(root, "spherecal", *line.split(), user=True)
         good &= say(f"spherecal {line.split()[0]}", done, began)

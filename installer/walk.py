@@ -29,8 +29,10 @@ def virtual_screen(shown: Path | None = None) -> Iterator[str]:
     options = ["-fbdir", str(shown)] if shown is not None else []
     server = subprocess.Popen(
         ["Xvfb", "-displayfd", str(write), "-screen", "0", SIZE, "-noreset", "-nolisten", "tcp", *options],
-        pass_fds=(write,), stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
-    )  # fmt: skip
+        pass_fds=(write,),
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+    )
     os.close(write)
     try:
         with os.fdopen(read) as told:
@@ -49,15 +51,22 @@ class Walk:
         self.map = folder / "map.json"
         kernels = os.environ.get("SPHERECAL_KERNELS", "strict")  # what was not compiled is an error, not only slow
         environment = {
-            "PATH": "/usr/sbin:/usr/bin:/sbin:/bin", "HOME": str(own), "DISPLAY": display, "QT_QPA_PLATFORM": "xcb",
-            "SPHERECAL_MAP": str(own / "map.json"), "LANG": "C.UTF-8", "SPHERECAL_KERNELS": kernels,
-        }  # fmt: skip
+            "PATH": "/usr/sbin:/usr/bin:/sbin:/bin",
+            "HOME": str(own),
+            "DISPLAY": display,
+            "QT_QPA_PLATFORM": "xcb",
+            "SPHERECAL_MAP": str(own / "map.json"),
+            "LANG": "C.UTF-8",
+            "SPHERECAL_KERNELS": kernels,
+        }
         chroot = [shutil.which("chroot") or "/usr/sbin/chroot", str(root)] if root is not None else []
         with (folder / "out.txt").open("wb") as out:
             self.process = subprocess.Popen(
                 [*chroot, *command, "--projects", str(own / "projects"), "--language", "en"],
-                env=environment, stdout=out, stderr=subprocess.STDOUT,
-            )  # fmt: skip
+                env=environment,
+                stdout=out,
+                stderr=subprocess.STDOUT,
+            )
 
     def buttons(self) -> dict[str, list]:
         """Where each button is and whether it can be pressed, as the program tells."""

@@ -28,8 +28,12 @@ def keep_verification(profile: Path, calibration: str, verdict: Verdict, now: da
     """Write it, whole; OutputError where the disk refuses."""
     at = (now or datetime.now(UTC)).astimezone(UTC).replace(microsecond=0)
     document = {
-        "format": FORMAT, "version": VERSION, "calibration": calibration, "at": at.isoformat(), "verdict": verdict,
-    }  # fmt: skip
+        "format": FORMAT,
+        "version": VERSION,
+        "calibration": calibration,
+        "at": at.isoformat(),
+        "verdict": verdict,
+    }
     write_below(profile, FILE, (json.dumps(document, indent=1) + "\n").encode())
 
 

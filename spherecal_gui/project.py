@@ -141,9 +141,12 @@ class Project:
     def _moved_inputs(self) -> tuple[tuple[str, str], ...]:
         """Cameras that were moved after a set was taken: what was computed from it holds for them no more."""
         moved = {
-            camera for name in (*self.sets, *self.check_poses) for one in self.flaws_of(name)
-            if one.code == "moved since" for camera in one.cameras
-        }  # fmt: skip
+            camera
+            for name in (*self.sets, *self.check_poses)
+            for one in self.flaws_of(name)
+            if one.code == "moved since"
+            for camera in one.cameras
+        }
         return (("moved", ", ".join(sorted(moved))),) if moved else ()
 
     @property

@@ -96,17 +96,24 @@ def load_project(folder: Path) -> Project:
     }
     runs: dict[str, Any] = {key: _run(f[key]) for key in _RUNS if key in f}
     project = Project(
-        folder=folder, source=f["source"].text(), bench=_text(f, "bench"), step=f["step"].text(),
+        folder=folder,
+        source=f["source"].text(),
+        bench=_text(f, "bench"),
+        step=f["step"].text(),
         taken=taken_in(folder),
         artefacts=_artefacts(f["artefacts"]) if "artefacts" in f else None,
         failures={key: text.prose() for key, text in f["failures"].entries().items()} if "failures" in f else {},
         purpose=_purpose(_text(f, "purpose")),
-        repairs=_pairs(f, "repairs"), pose_bars=_pairs(f, "pose_bars"),
-        masks=tuple(_mask(one) for one in f["masks"].items()) if "masks" in f else (), limit=_text(f, "limit"),
+        repairs=_pairs(f, "repairs"),
+        pose_bars=_pairs(f, "pose_bars"),
+        masks=tuple(_mask(one) for one in f["masks"].items()) if "masks" in f else (),
+        limit=_text(f, "limit"),
         bar_celsius=f["bar_celsius"].number(-100, 200, "degrees Celsius") if "bar_celsius" in f else None,
-        flaws=tuple(_flaw(one) for one in f["flaws"].items()) if "flaws" in f else (), note=_text(f, "note"),
-        **lists, **runs,
-    )  # fmt: skip
+        flaws=tuple(_flaw(one) for one in f["flaws"].items()) if "flaws" in f else (),
+        note=_text(f, "note"),
+        **lists,
+        **runs,
+    )
     return _as_on_disk(project)
 
 
@@ -144,11 +151,14 @@ def _text(f: Mapping[str, JsonValue], key: str) -> str:
 def _artefacts(entry: JsonValue) -> Artefacts:
     f = entry.fields((), ("target_set", "ball", "scale", "scale_bar", "check_bars", "check", "board"))
     return Artefacts(
-        _text(f, "target_set"), _text(f, "ball"), _text(f, "scale"),
+        _text(f, "target_set"),
+        _text(f, "ball"),
+        _text(f, "scale"),
         f["scale_bar"].prose() if "scale_bar" in f else None,
-        tuple(one.prose() for one in f["check_bars"].items()) if "check_bars" in f else (), _text(f, "check"),
+        tuple(one.prose() for one in f["check_bars"].items()) if "check_bars" in f else (),
+        _text(f, "check"),
         "board" in f and f["board"].boolean(),
-    )  # fmt: skip
+    )
 
 
 def _run(entry: JsonValue) -> Run:

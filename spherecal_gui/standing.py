@@ -65,9 +65,13 @@ def worse(one: Level, other: Level) -> bool:
 
 
 def stand(
-    own: Part, step: Part, troubles: Sequence[Part] = (), button: Button | None = None, may_go_on: bool = False,
+    own: Part,
+    step: Part,
+    troubles: Sequence[Part] = (),
+    button: Button | None = None,
+    may_go_on: bool = False,
     alarmed: bool = False,
-) -> Standing:  # fmt: skip
+) -> Standing:
     """The standing of a page from its own headline, its step's status, and troubles from elsewhere.
 
     Of parts that are equally bad the page's own is told, then the step's. `alarmed`: a red message is on the screen;

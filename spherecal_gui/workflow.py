@@ -108,9 +108,16 @@ def steps_of(project: Project) -> tuple[Step, ...]:
     placements = tuple(Step(f"placement:{name}", "placement", name) for name in project.placements)
     scale = (Step("scale", "scale"),) if project.scale_poses else ()
     return (
-        Step("connect", "connect"), Step("look", "look"), *placements, *scale, Step("calibrate", "calibrate"),
-        Step("results", "results"), Step("verify", "verify"), Step("save", "save"), Step("measure", "measure"),
-    )  # fmt: skip
+        Step("connect", "connect"),
+        Step("look", "look"),
+        *placements,
+        *scale,
+        Step("calibrate", "calibrate"),
+        Step("results", "results"),
+        Step("verify", "verify"),
+        Step("save", "save"),
+        Step("measure", "measure"),
+    )
 
 
 def resolve(project: Project, running: Running) -> WorkflowState:

@@ -134,8 +134,10 @@ def pytest_assertrepr_compare(op: str, left: object, right: object) -> list[str]
     )
     around = slice(max(0, at - 60), at + 60)
     return [
-        f"{len(left)} and {len(right)} bytes that differ from byte {at} on", f"{left[around]!r}", f"{right[around]!r}",
-    ]  # fmt: skip
+        f"{len(left)} and {len(right)} bytes that differ from byte {at} on",
+        f"{left[around]!r}",
+        f"{right[around]!r}",
+    ]
 
 
 @pytest.fixture(params=["compiled", "reference"])

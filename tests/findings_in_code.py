@@ -132,9 +132,12 @@ def _finding(module: _Module, call: ast.Call) -> Made:
     given = dict(zip(_PARAMETERS, call.args, strict=False)) | {k.arg: k.value for k in call.keywords if k.arg}
     values = _keys(given["values"]) if "values" in given else frozenset[str]()
     return Made(
-        f"{module.name}:{call.lineno}", module.strings(given["code"]), module.strings(given.get("kind")),
-        module.strings(given["severity"]), values,
-    )  # fmt: skip
+        f"{module.name}:{call.lineno}",
+        module.strings(given["code"]),
+        module.strings(given.get("kind")),
+        module.strings(given["severity"]),
+        values,
+    )
 
 
 def _keys(node: ast.expr) -> frozenset[str] | None:

@@ -5,9 +5,14 @@ from collections.abc import Iterator, Mapping
 from typing import Any
 
 _KINDS: dict[str, tuple[type, ...]] = {
-    "object": (dict,), "array": (list,), "string": (str,), "boolean": (bool,), "null": (type(None),),
-    "number": (int, float), "integer": (int, float),
-}  # fmt: skip
+    "object": (dict,),
+    "array": (list,),
+    "string": (str,),
+    "boolean": (bool,),
+    "null": (type(None),),
+    "number": (int, float),
+    "integer": (int, float),
+}
 _ANNOTATIONS = {"$schema", "$id", "$defs", "$comment", "title", "description", "format"}
 
 
@@ -127,11 +132,26 @@ def _bound(holds: Any) -> Any:
 
 
 _CHECKS: dict[str, Any] = {
-    "type": _type, "properties": _properties, "required": _required, "items": _items, "prefixItems": _prefix_items,
-    "additionalProperties": _additional, "propertyNames": _names, "anyOf": _any_of, "not": _not, "enum": _enum,
+    "type": _type,
+    "properties": _properties,
+    "required": _required,
+    "items": _items,
+    "prefixItems": _prefix_items,
+    "additionalProperties": _additional,
+    "propertyNames": _names,
+    "anyOf": _any_of,
+    "not": _not,
+    "enum": _enum,
     "const": lambda value, wanted, place, *_: _enum(value, [wanted], place),
-    "minItems": _least((list,)), "maxItems": _most((list,)), "minLength": _least((str,)), "maxLength": _most((str,)),
-    "minProperties": _least((dict,)), "maxProperties": _most((dict,)), "pattern": _pattern,
-    "minimum": _bound(lambda a, b: a >= b), "maximum": _bound(lambda a, b: a <= b),
-    "exclusiveMinimum": _bound(lambda a, b: a > b), "exclusiveMaximum": _bound(lambda a, b: a < b),
-}  # fmt: skip
+    "minItems": _least((list,)),
+    "maxItems": _most((list,)),
+    "minLength": _least((str,)),
+    "maxLength": _most((str,)),
+    "minProperties": _least((dict,)),
+    "maxProperties": _most((dict,)),
+    "pattern": _pattern,
+    "minimum": _bound(lambda a, b: a >= b),
+    "maximum": _bound(lambda a, b: a <= b),
+    "exclusiveMinimum": _bound(lambda a, b: a > b),
+    "exclusiveMaximum": _bound(lambda a, b: a < b),
+}

@@ -95,11 +95,18 @@ def small_network(
         wide = np.where(rng.random((n_cameras, N_INTRINSICS)) < 0.5, 5.0, np.inf)
         known = Priors(truth.intrinsics + rng.normal(0, 0.01, truth.intrinsics.shape), wide)
     problem, again = sorted_problem(
-        camera, point, perfect + noise_px * rng.normal(size=perfect.shape),
-        rng.uniform(0.02, 0.2, perfect.shape) if sigma else None, n_points,
-        free_pose=free_pose, free_intrinsics=free, group=group,
-        ball=Rigid(placement, np.ones(3, dtype=bool)) if rigid else Free(), lengths=rows, priors=known,
-    )  # fmt: skip
+        camera,
+        point,
+        perfect + noise_px * rng.normal(size=perfect.shape),
+        rng.uniform(0.02, 0.2, perfect.shape) if sigma else None,
+        n_points,
+        free_pose=free_pose,
+        free_intrinsics=free,
+        group=group,
+        ball=Rigid(placement, np.ones(3, dtype=bool)) if rigid else Free(),
+        lengths=rows,
+        priors=known,
+    )
     return Small(problem, truth, perfect[again])
 
 
@@ -359,12 +366,15 @@ def errors_of(calibration: Calibration, truth: Truth) -> Errors:
     sigmas = [c.sigma for c in calibration.rig.cameras if c.sigma is not None]
     points = found[known] - datum.apply(true)
     return Errors(
-        np.array(centre), np.array(turn), points, datum.scale,
+        np.array(centre),
+        np.array(turn),
+        points,
+        datum.scale,
         np.array(centre) / np.array([s.centre_mm for s in sigmas]),
         np.array(turn) / np.array([s.rotation_deg for s in sigmas]),
         np.array(focal) / np.array([s.intrinsics[0] for s in sigmas]),
         points / calibration.points_sigma_mm[known],
-    )  # fmt: skip
+    )
 
 
 def rms(values: FloatArray) -> float:
@@ -384,14 +394,25 @@ def session_of_points(preset: str, places: FloatArray, noise_px: float = 0.04, s
     uv = np.concatenate([part.uv for part in parts])
     point = np.concatenate([part.point for part in parts])
     observations = Observations(
-        tuple(f"P{t + 1}" for t in range(len(places))), tuple(c.id for c in session.cameras), ("A",), placement,
-        np.concatenate([part.camera for part in parts]), point + 1, np.zeros_like(point),
+        tuple(f"P{t + 1}" for t in range(len(places))),
+        tuple(c.id for c in session.cameras),
+        ("A",),
+        placement,
+        np.concatenate([part.camera for part in parts]),
+        point + 1,
+        np.zeros_like(point),
         np.clip(uv + noise_px * rng.normal(size=uv.shape), -0.49, None),
-    )  # fmt: skip
+    )
     return (
         replace(
-            session, placements=tuple(Placement(name) for name in observations.placements), observations=observations,
-            bar_poses=(), bars=(), scale=None, target_set=None, sphere_diameter_mm=None,
+            session,
+            placements=tuple(Placement(name) for name in observations.placements),
+            observations=observations,
+            bar_poses=(),
+            bars=(),
+            scale=None,
+            target_set=None,
+            sphere_diameter_mm=None,
         ),
         truth,
-    )  # fmt: skip
+    )

@@ -103,7 +103,10 @@ def _session() -> dict[str, Any]:
         "intrinsics_group": "g",
     }
     full["cameras"][0]["prior"]["assumed"] = ["focal_length"]
-    full["bars"][0] |= {"serial": "B-7", "certificate": {"number": "1", "laboratory": "L", "date": "2026-01-01", "valid_until": "2027-01-01"}}  # fmt: skip  # noqa: E501
+    full["bars"][0] |= {
+        "serial": "B-7",
+        "certificate": {"number": "1", "laboratory": "L", "date": "2026-01-01", "valid_until": "2027-01-01"},
+    }
     full["bars"][0]["lengths"][0]["nominal_mm"] = 412
     full["board"] = {
         "kind": "charuco", "rows": 4, "columns": 5, "pitch_mm": 30, "marker_mm": 20, "dictionary": "DICT_5X5_100",
@@ -210,21 +213,43 @@ def _read_verification(folder: Path, document: dict[str, Any]) -> object:
 
 
 _DOTS = [
-    {"target": i, "point": "A", "xyz_mm": [float(i), float(i * i), float(i**3)], "covariance_mm2": [1e-4, 0, 0, 1e-4, 0, 1e-4]}  # noqa: E501
+    {
+        "target": i,
+        "point": "A",
+        "xyz_mm": [float(i), float(i * i), float(i**3)],
+        "covariance_mm2": [1e-4, 0, 0, 1e-4, 0, 1e-4],
+    }
     for i in range(13)
-]  # fmt: skip
+]
 _BALL = _document(
-    "ball", name="Ball 1", calibrated="2026-11-21", targets={"family": "dots8", "size_mm": 28.0},
-    scale={"source": "bar", "relative_uncertainty": 1e-5}, input_sha256=SHA, software={}, dots=_DOTS,
-)  # fmt: skip
+    "ball",
+    name="Ball 1",
+    calibrated="2026-11-21",
+    targets={"family": "dots8", "size_mm": 28.0},
+    scale={"source": "bar", "relative_uncertainty": 1e-5},
+    input_sha256=SHA,
+    software={},
+    dots=_DOTS,
+)
 _FRAME = _document(
-    "frame", rotation=EYE, translation_mm=[0.0, 0.0, 0.0],
-    definition={"origin": "P1", "x": "P2", "xy": "P3", "offset_mm": [0, 0, 1], "turns": ["z90"]}, reference_camera="C01",  # noqa: E501
-    input_sha256=SHA, distance_mm=1.0, angle_deg=90.0, origin_sigma_mm=[0.1] * 3, axes_sigma_deg=[0.1] * 3, software={},
-)  # fmt: skip
+    "frame",
+    rotation=EYE,
+    translation_mm=[0.0, 0.0, 0.0],
+    definition={"origin": "P1", "x": "P2", "xy": "P3", "offset_mm": [0, 0, 1], "turns": ["z90"]},
+    reference_camera="C01",
+    input_sha256=SHA,
+    distance_mm=1.0,
+    angle_deg=90.0,
+    origin_sigma_mm=[0.1] * 3,
+    axes_sigma_deg=[0.1] * 3,
+    software={},
+)
 _FINDINGS = _document(
-    "findings", findings=[{"code": "no-scale", "kind": "", "values": {}, "where": ["C01"], "repairs": [{"kind": "swap", "target": "C01"}]}]  # noqa: E501
-)  # fmt: skip
+    "findings",
+    findings=[
+        {"code": "no-scale", "kind": "", "values": {}, "where": ["C01"], "repairs": [{"kind": "swap", "target": "C01"}]}
+    ],
+)
 
 # --- settings --------------------------------------------------------------------------------------------------------
 
@@ -250,13 +275,24 @@ _LIMITS = _document(
 )  # fmt: skip
 _CONTACT = {"name": "Room 3", "city": "Ulm", "country": "DE", "email": "m@example.com"}
 _ISSUER = _document(
-    "issuer", laboratory=_CONTACT, customer=_CONTACT, person="A. Person", rig_serial="R-7", manufacturer="M", number="1",  # noqa: E501
-    place="customer", begin="2026-11-20", end="2026-11-21",
-)  # fmt: skip
+    "issuer",
+    laboratory=_CONTACT,
+    customer=_CONTACT,
+    person="A. Person",
+    rig_serial="R-7",
+    manufacturer="M",
+    number="1",
+    place="customer",
+    begin="2026-11-20",
+    end="2026-11-21",
+)
 _PROFILE = _document(
-    "profile", name="Rig 7", applied=[{"calibration": "0001", "at": TIME, "note": "n"}], software={},
+    "profile",
+    name="Rig 7",
+    applied=[{"calibration": "0001", "at": TIME, "note": "n"}],
+    software={},
     validity={"ageing_hours": 5.0, "stale_hours": 12.0, "ageing_kelvin": 1.0, "stale_kelvin": 2.0},
-)  # fmt: skip
+)
 _ENTRY = _document(
     "profile-entry", saved_at=TIME, calibrated_at=TIME, note="n",
     quality={"valid": True, "verdict": "valid", "care": "", "rms_px": 0.05, "sigma0": 1.0},

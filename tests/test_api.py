@@ -85,8 +85,10 @@ def test_verification_is_the_command_lines(session_folder: Path, rig: spherecal.
     assert verification.decision.verdict == "consistent"
     again = spherecal.verify_rig(spherecal.load_session(session_folder), result_folder)
     assert (again.decision, again.lengths, again.measured) == (
-        verification.decision, verification.lengths, verification.measured
-    )  # fmt: skip
+        verification.decision,
+        verification.lengths,
+        verification.measured,
+    )
 
 
 def test_progress_and_cancelling(session_folder: Path) -> None:

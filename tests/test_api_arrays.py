@@ -27,9 +27,13 @@ def table_of(session: spherecal.Session) -> dict[str, Any]:
     o = session.observations
     assert o is not None
     return {
-        "placement": np.array(o.placements)[o.placement], "camera": np.array(o.cameras)[o.camera], "target": o.target,
-        "point": np.array(o.points)[o.point], "u": o.uv[:, 0], "v": o.uv[:, 1],
-    }  # fmt: skip
+        "placement": np.array(o.placements)[o.placement],
+        "camera": np.array(o.cameras)[o.camera],
+        "target": o.target,
+        "point": np.array(o.points)[o.point],
+        "u": o.uv[:, 0],
+        "v": o.uv[:, 1],
+    }
 
 
 def in_opencvs_terms(session: spherecal.Session) -> tuple[dict[str, Any], dict[str, tuple[int, int]]]:

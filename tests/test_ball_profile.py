@@ -72,10 +72,11 @@ def on_shape(sd_mm: float = 0.05):
     problem = replace(
         problem,
         ball=Stored(
-            problem.placement + 1, np.arange(4) > 0,
+            problem.placement + 1,
+            np.arange(4) > 0,
             ShapePrior(np.where(np.arange(24)[:, None] < 20, stored, np.nan), information),
         ),
-    )  # fmt: skip
+    )
     state = replace(state, placement_rotation=turn, placement_translation=shift, anchored=np.ones(24, dtype=bool))
     placement, point = np.divmod(np.arange(72), 24)
     return problem, state, Places(point, placement + 1)
@@ -195,8 +196,9 @@ def test_two_placements_on_a_known_ball_are_as_good_as_four(story: Story) -> Non
     true = {camera.id: camera for camera in story.truth.cameras}
     score = [
         (c.intrinsics[0] - true[c.id].intrinsics[0]) / c.sigma.intrinsics[0]
-        for c in known.rig.cameras if c.sigma is not None
-    ]  # fmt: skip
+        for c in known.rig.cameras
+        if c.sigma is not None
+    ]
     assert 0.3 < np.sqrt(np.mean(np.square(score))) < 2.0
     assert known.ball is None  # a shape that stands on another is none to be stored
 
@@ -255,8 +257,9 @@ def test_what_is_written_is_read_back(story: Story, tmp_path: Path) -> None:
     np.testing.assert_array_equal(again.shape.target, shape.target)
     assert again.shape.point == shape.point
     np.testing.assert_array_equal(again.shape.places_mm, shape.places_mm)
-    np.testing.assert_array_equal(again.shape.covariance_mm2, np.triu(shape.covariance_mm2) + np.triu(
-        shape.covariance_mm2, 1).transpose(0, 2, 1))  # fmt: skip
+    np.testing.assert_array_equal(
+        again.shape.covariance_mm2, np.triu(shape.covariance_mm2) + np.triu(shape.covariance_mm2, 1).transpose(0, 2, 1)
+    )
     assert ball_bytes(again) == path.read_bytes()
 
 
@@ -264,9 +267,12 @@ def small_file(tmp_path: Path, change: Callable[[dict], None]) -> Path:
     rng = np.random.default_rng(0)
     n = 20
     shape = BallShape(
-        np.arange(n), ("A",) * n, rng.normal(size=(n, 3)) * 100, np.tile(np.eye(3) * 1e-4, (n, 1, 1)),
+        np.arange(n),
+        ("A",) * n,
+        rng.normal(size=(n, 3)) * 100,
+        np.tile(np.eye(3) * 1e-4, (n, 1, 1)),
         RigScale("bar", 1e-5),
-    )  # fmt: skip
+    )
     document = json.loads(ball_bytes(BallProfile(shape)))
     change(document)
     path = tmp_path / "ball.json"
@@ -334,9 +340,7 @@ def test_a_turned_world_leaves_the_shape(story: Story) -> None:
     moved = replace(
         shape, places_mm=shape.places_mm @ turn.T + 50.0, covariance_mm2=turn @ shape.covariance_mm2 @ turn.T
     )
-    one, other = (
-        calibrate(story.later, CalibrationSettings(ball=BallProfile(s))).rig.cameras for s in (shape, moved)
-    )  # fmt: skip
+    one, other = (calibrate(story.later, CalibrationSettings(ball=BallProfile(s))).rig.cameras for s in (shape, moved))
     for a, b in zip(one, other, strict=True):
         np.testing.assert_allclose(a.intrinsics[:4], b.intrinsics[:4], atol=1e-4)
         np.testing.assert_allclose(a.translation_mm, b.translation_mm, atol=1e-4)

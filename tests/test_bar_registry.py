@@ -131,8 +131,10 @@ def test_a_session_names_a_bar_by_its_serial(
     session = read_session(named)
     given, taken = read_session(full).bars[0], session.bars[0]
     assert (taken.lengths, taken.marks, taken.expansion_per_kelvin) == (
-        given.lengths, given.marks, given.expansion_per_kelvin,
-    )  # fmt: skip
+        given.lengths,
+        given.marks,
+        given.expansion_per_kelvin,
+    )
     assert taken.serial == "B-17" and taken.certificate is not None and taken.certificate.number == "K-9"
     # the session's fingerprint follows the registry
     run(capsys, "add", "B-17", "--from-session", full, "--certificate", "K-10", "--replace")

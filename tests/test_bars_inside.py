@@ -195,9 +195,10 @@ def test_check_bars_never_enter() -> None:
     lengths = {bar.id: bar.lengths for bar in session.bars}
     lengths["A"] = tuple(replace(length, length_mm=1.01 * length.length_mm) for length in lengths["A"])
     spoilt = replace(
-        session, observations=replace(o, uv=uv),
+        session,
+        observations=replace(o, uv=uv),
         bars=tuple(replace(bar, lengths=lengths[bar.id]) for bar in session.bars),
-    )  # fmt: skip
+    )
     settings = CalibrationSettings(method="free")
     one, other = calibrated("demo", 1, settings, **WITH_BAR)[0], calibrate(spoilt, settings)
     assert one.rig.scale == other.rig.scale

@@ -120,14 +120,16 @@ def test_lines_of_one_bar_must_agree_and_dates_must_be_clear(tmp_path: Path) -> 
 @pytest.mark.parametrize(
     ("data", "code"),
     [
-        (b"", "error-bars-table-empty"), (b"\n\n", "error-bars-table-empty"),
+        (b"", "error-bars-table-empty"),
+        (b"\n\n", "error-bars-table-empty"),
         (b"PK\x03\x04xlsx", "error-bars-table-workbook"),
-        (b"serial,length\nB,5\n", "error-bars-table-columns"), (b"\x00\x01\x02", "error-bars-table-letters"),
+        (b"serial,length\nB,5\n", "error-bars-table-columns"),
+        (b"\x00\x01\x02", "error-bars-table-letters"),
         (b"serial,bar,length,target1,target2\n", "error-bars-table-twice"),
         (HEADING.encode() + b'\n"' + b"x" * 200_000, "error-bars-table"),
         (HEADING.encode() + b"\nB" * 20_001, "error-bars-table-long"),
     ],
-)  # fmt: skip
+)
 def test_what_is_no_table_is_said(tmp_path: Path, data: bytes, code: str) -> None:
     with pytest.raises(InputError) as error:
         read_bars_table(table(tmp_path, data))
@@ -154,14 +156,18 @@ def test_what_is_exported_is_read_back(tmp_path: Path) -> None:
 
     bars = (
         RegisteredBar(
-            "B-1", {"A1": Mark(201, "centre"), "A2": Mark(202, "E"), "A3": Mark(203, "centre")},
-            (BarLength("A1", "A2", 500.0123456, 0.0041, 2.1, 500.0), BarLength("A2", "A3", 123.4, 0.002)), 2.3e-5, 19.5,
-            'long "one", Ø 20; ähnlich', Certificate("K-1", "lab, the", date(2026, 1, 2), date(2027, 1, 2)),
+            "B-1",
+            {"A1": Mark(201, "centre"), "A2": Mark(202, "E"), "A3": Mark(203, "centre")},
+            (BarLength("A1", "A2", 500.0123456, 0.0041, 2.1, 500.0), BarLength("A2", "A3", 123.4, 0.002)),
+            2.3e-5,
+            19.5,
+            'long "one", Ø 20; ähnlich',
+            Certificate("K-1", "lab, the", date(2026, 1, 2), date(2027, 1, 2)),
         ),
         RegisteredBar(
             "17", {"T1": Mark(1, "centre"), "T2": Mark(2, "centre")}, (BarLength("T1", "T2", 1e3, 0.01),), 0.0
         ),
-    )  # fmt: skip
+    )
     path = tmp_path / "out.csv"
     write_bars_table(bars, path)
     read = read_bars_table(path)

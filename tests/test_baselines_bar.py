@@ -207,9 +207,7 @@ def test_command_line(tmp_path):
     options = SimulationOptions(scale="bar", bar_poses=100, targets=10)
     session, truth = simulate_session("demo", 1, options)
     write_session(session, truth, tmp_path / "s")
-    code = main(
-        ["calibrate", str(tmp_path / "s"), "-o", str(tmp_path / "r"), "--method", "bar"]
-    )  # fmt: skip
+    code = main(["calibrate", str(tmp_path / "s"), "-o", str(tmp_path / "r"), "--method", "bar"])
     assert code == 0
     rig = json.loads((tmp_path / "r" / "rig.json").read_text())
     assert rig["scale"]["source"] == "bar"

@@ -223,14 +223,15 @@ def test_observations_of_other_things_are_left_out(recording):
 def write(recording: SimulatedRecording, folder: Path, **board) -> Path:
     session = recording.session
     document = {
-        "format": "spherecal/session", "version": 1,
+        "format": "spherecal/session",
+        "version": 1,
         "cameras": [
             {"id": c.id, "image_size": list(c.image_size), "pixel_pitch_um": 4.8, "focal_length_mm": 8.0}
             for c in session.cameras
         ],
         "placements": [{"id": p.id} for p in session.placements],
         "board": {"rows": 6, "columns": 8, "pitch_mm": PITCH, **board},
-    }  # fmt: skip
+    }
     folder.mkdir()
     (folder / "session.json").write_text(json.dumps(document))
     assert session.observations is not None

@@ -180,8 +180,9 @@ def test_displaced_points_converge_with_the_diagonal():
     result = displaced("demo", 1, 0.04, "diagonal")
     cases = result["cases"]
     assert {(c["percent"], c["way"]) for c in cases} == {
-        (0, "triangulated"), *((p, way) for p in (10, 15, 20, 25) for way in ("spo", "none"))
-    }  # fmt: skip
+        (0, "triangulated"),
+        *((p, way) for p in (10, 15, 20, 25) for way in ("spo", "none")),
+    }
     for case in cases:
         assert case["converged"] and case["settled"] and 1 <= case["iterations"] < 50
         assert case["rms_px"] == pytest.approx(result["best_rms_px"], rel=1e-6)
@@ -237,12 +238,22 @@ def made_up(trial: Trial) -> dict:
         return run_here(Trial("paths", {**trial.settings, "preset": "demo", "seed": 1}))
     bars = {label: rng.normal(0, 0.02, 20).tolist() for label in ("A1A2", "A1A4", "A3A4", "B1B2", "B1B3", "B1B4")}
     return {
-        "valid": True, "cameras": 12, "seconds": {"local reconstruction": 0.5, "bundle adjustment": 2.0},
-        "mean_abs_px": [0.03, 0.03], "sd_px": [0.04, 0.04], "mean_px": 0.05, "rms_px": 0.056, "bars": bars,
-        "bars_u_mm": dict.fromkeys(bars, 0.02), "exact_errors_mm": rng.normal(0, 0.01, 40).tolist(), "method": "free",
-        "cpu_s": 2.0, **dict.fromkeys(WAND, 0.01), "camera_mean_abs_px": {"C01": [0.03, 0.03]},
+        "valid": True,
+        "cameras": 12,
+        "seconds": {"local reconstruction": 0.5, "bundle adjustment": 2.0},
+        "mean_abs_px": [0.03, 0.03],
+        "sd_px": [0.04, 0.04],
+        "mean_px": 0.05,
+        "rms_px": 0.056,
+        "bars": bars,
+        "bars_u_mm": dict.fromkeys(bars, 0.02),
+        "exact_errors_mm": rng.normal(0, 0.01, 40).tolist(),
+        "method": "free",
+        "cpu_s": 2.0,
+        **dict.fromkeys(WAND, 0.01),
+        "camera_mean_abs_px": {"C01": [0.03, 0.03]},
         "camera_sd_px": {"C01": [0.04, 0.04]},
-    }  # fmt: skip
+    }
 
 
 WAND = (
@@ -283,8 +294,10 @@ def test_table_2_is_on_the_papers_rig():
     listed = noise.trials(Options(2))
     assert {t.settings["preset"] for t in listed} == {"rigA"}
     assert {(t.settings["damping"], t.settings.get("known", False)) for t in listed} == {
-        ("identity-mm", False), ("identity-mm", True), ("diagonal", False)
-    }  # fmt: skip
+        ("identity-mm", False),
+        ("identity-mm", True),
+        ("diagonal", False),
+    }
 
 
 def test_settings_of_a_study_reach_its_trials():

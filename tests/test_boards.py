@@ -189,10 +189,12 @@ def test_a_board_that_is_too_large_is_refused(tmp_path: Path, capsys) -> None:
 
 @pytest.mark.parametrize(
     "text",
-    ["charuco,rows=5,columns=7,pitch_mm=36,marker_mm=27,dictionary=DICT_5X5_100",
-     "aprilgrid,rows=4,columns=4,pitch_mm=65,marker_mm=50"],
+    [
+        "charuco,rows=5,columns=7,pitch_mm=36,marker_mm=27,dictionary=DICT_5X5_100",
+        "aprilgrid,rows=4,columns=4,pitch_mm=65,marker_mm=50",
+    ],
     ids=["charuco", "aprilgrid"],
-)  # fmt: skip
+)
 def test_a_board_calibrates_as_well_as_opencv_does(text: str, tmp_path: Path) -> None:
     """A small set of the study (benchmarks/studies/boards.md), from a folder of images, by the example program."""
     from test_examples import run

@@ -382,9 +382,7 @@ def test_fewer_than_three_cameras_are_no_valid_result(count: int) -> None:
         part = with_observations(session, observed(session).camera < count)
         if only and count:
             o = observed(part)
-            part = replace(
-                part, cameras=session.cameras[:count], observations=replace(o, cameras=o.cameras[:count])
-            )  # fmt: skip
+            part = replace(part, cameras=session.cameras[:count], observations=replace(o, cameras=o.cameras[:count]))
         calibration = calibrate(part)
         assert not calibration.rig.quality.valid
         assert calibration.rig.cameras == ()

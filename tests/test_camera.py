@@ -214,9 +214,11 @@ def test_robust_weights_scale_the_rows(engine: ModuleType) -> None:
 
 # lenses whose distortion grows along every ray within the field tested below, so that each point has one image
 lenses = st.tuples(
-    *[st.floats(-0.15, 0.15)] * 2, *[st.floats(-0.01, 0.01)] * 2, *[st.floats(-0.08, 0.08)] * 4,
+    *[st.floats(-0.15, 0.15)] * 2,
+    *[st.floats(-0.01, 0.01)] * 2,
+    *[st.floats(-0.08, 0.08)] * 4,
     *[st.floats(-0.01, 0.01)] * 4,
-)  # fmt: skip
+)
 coordinate = st.floats(-0.6, 0.6)
 
 

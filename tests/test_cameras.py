@@ -188,8 +188,9 @@ def test_colour_becomes_luminance_and_deep_pixels_stay_deep():
     assert grey_pixels(_component(deep, 3, 2, "Mono12")).dtype == np.uint16
 
 
-@pytest.mark.parametrize("component", [_component(None, 3, 2), _component(np.zeros(5, np.uint8), 3, 2),
-                                       _component(np.zeros(6), 3, 2)])  # fmt: skip
+@pytest.mark.parametrize(
+    "component", [_component(None, 3, 2), _component(np.zeros(5, np.uint8), 3, 2), _component(np.zeros(6), 3, 2)]
+)
 def test_pixels_that_make_no_image_are_refused(component):
     with pytest.raises(ValueError):  # noqa: PT011
         grey_pixels(component)
@@ -263,10 +264,12 @@ def test_drawn_dots_are_where_the_simulated_rig_has_them(stage):
         )
     )
     names = truth.ball.points
-    errors = np.array([
-        seen - uv[target, names.index(found.points[point])]
-        for target, point, seen in zip(found.target, found.point, found.uv, strict=True)
-    ])  # fmt: skip
+    errors = np.array(
+        [
+            seen - uv[target, names.index(found.points[point])]
+            for target, point, seen in zip(found.target, found.point, found.uv, strict=True)
+        ]
+    )
     assert len(errors) > 200
     assert np.abs(errors.mean(axis=0)).max() < 0.01
     assert errors.std(axis=0).max() < 0.04
@@ -503,8 +506,18 @@ def test_an_averaged_capture_by_a_plan(captured, tmp_path, capsys):
 
 def test_an_unfinished_capture_goes_on_and_a_whole_one_is_never_replaced(tmp_path, capsys):
     folder = tmp_path / "session"
-    line = ["cameras", "capture", "--source", "simulated", "-o", str(folder), "--profile", str(tmp_path / "p.json"),
-            "--placements", "2"]  # fmt: skip
+    line = [
+        "cameras",
+        "capture",
+        "--source",
+        "simulated",
+        "-o",
+        str(folder),
+        "--profile",
+        str(tmp_path / "p.json"),
+        "--placements",
+        "2",
+    ]
     assert main([*line, "--before-each", 'test "$SPHERECAL_SET" != P2']) == 2
     assert "failed before set P2" in capsys.readouterr().err
     assert [p.id for p in read_session(folder).placements] == ["P1"]
@@ -518,8 +531,22 @@ def test_an_unfinished_capture_goes_on_and_a_whole_one_is_never_replaced(tmp_pat
 
 def test_a_capture_without_a_camera_says_so_by_its_exit_code(tmp_path, capsys):
     folder = tmp_path / "session"
-    line = ["cameras", "capture", "--source", "simulated", "-o", str(folder), "--profile", str(tmp_path / "p.json"),
-            "--placements", "1", "--retries", "0", "--fault", "lose:C02@1"]  # fmt: skip
+    line = [
+        "cameras",
+        "capture",
+        "--source",
+        "simulated",
+        "-o",
+        str(folder),
+        "--profile",
+        str(tmp_path / "p.json"),
+        "--placements",
+        "1",
+        "--retries",
+        "0",
+        "--fault",
+        "lose:C02@1",
+    ]
     assert main(line) == 3
     assert "missing: C02" in capsys.readouterr().out
     session = read_session(folder)

@@ -384,8 +384,10 @@ def test_every_fault_is_seen_named_and_recovered_from(four):
 
 
 def test_a_camera_held_elsewhere_is_busy_and_an_address_conflict_is_explained(four):
-    for fault, state, word in (("held by another program", CameraState.BUSY, "program"),
-                               ("address conflict", CameraState.LOST, "")):  # fmt: skip
+    for fault, state, word in (
+        ("held by another program", CameraState.BUSY, "program"),
+        ("address conflict", CameraState.LOST, ""),
+    ):
         chosen = next(f for f in FAULTS if f.name == fault)
         chosen.inject(four, "SIM1")
         assert _wait(lambda state=state: four.source.statuses()["SIM1"].state is state)
@@ -534,8 +536,12 @@ def test_end_to_end_over_the_simulated_producer(cti, tmp_path, capsys):
     with log_file.open("w") as log:
         stage = subprocess.Popen(
             [sys.executable, "-m", "spherecal.cli.main", "cameras", "simulate-producer", str(scene)],
-            stdin=subprocess.PIPE, stdout=log, stderr=log, text=True, env=environment,
-        )  # fmt: skip
+            stdin=subprocess.PIPE,
+            stdout=log,
+            stderr=log,
+            text=True,
+            env=environment,
+        )
         try:
             assert _wait(lambda: "They see P1" in log_file.read_text(), 60.0), log_file.read_text()
             spherecal = f"{sys.executable} -m spherecal.cli.main"

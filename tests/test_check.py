@@ -290,9 +290,14 @@ def test_a_moved_reference_camera_is_mended(rig: Rig) -> None:
 
 def test_empty_views_are_no_error(rig: Rig) -> None:
     empty = Views(
-        np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros((0, 2)), np.ones((0, 2)), 0,
-        np.array([c.intrinsics for c in rig.cameras]), np.array([c.rotation for c in rig.cameras]),
+        np.zeros(0, np.int64),
+        np.zeros(0, np.int64),
+        np.zeros((0, 2)),
+        np.ones((0, 2)),
+        0,
+        np.array([c.intrinsics for c in rig.cameras]),
+        np.array([c.rotation for c in rig.cameras]),
         np.array([c.translation_mm for c in rig.cameras]),
-    )  # fmt: skip
+    )
     found = examine_cameras(empty, rig, 1.0)
     assert found.cameras == () and len(found.untested) == len(rig.cameras)

@@ -206,19 +206,21 @@ BROKEN: dict[str, tuple[Callable[[Path], object], list[str]]] = {
     "observation twice": (_table(lambda t: [*t, t[9]]), ["line 10", "same dot"]),
     "unknown camera in the table": (_table(lambda t: [*t[:7], t[7].replace("C01", "C99"), *t[8:]]), ["line 8", "C99"]),
     "unknown camera in a placement": (
-        _edit(lambda d: d["placements"][0].__setitem__("images", {"C99": "x.png"})), ["placements[0].images.C99"],
+        _edit(lambda d: d["placements"][0].__setitem__("images", {"C99": "x.png"})),
+        ["placements[0].images.C99"],
     ),
     "camera twice": (_edit(lambda d: d["cameras"].append(d["cameras"][0])), ["cameras[6]", "C01"]),
     "placement twice": (_edit(lambda d: d["placements"].append(d["placements"][0])), ["placements[4]", "P1"]),
     "path that leaves the folder": (_edit(lambda d: d.__setitem__("target_set", "../targets.json")), ["target_set"]),
     "absolute path": (_edit(lambda d: d.__setitem__("target_set", "/etc/passwd")), ["target_set"]),
     "image that leaves the folder": (
-        _edit(lambda d: d["placements"][0].__setitem__("images", {"C01": "../../x.png"})), ["placements[0].images.C01"],
+        _edit(lambda d: d["placements"][0].__setitem__("images", {"C01": "../../x.png"})),
+        ["placements[0].images.C01"],
     ),
     "missing target set": (lambda f: (f / "targets.json").unlink(), ["targets.json", "does not exist"]),
     "no cameras": (_edit(lambda d: d.__setitem__("cameras", [])), ["cameras"]),
     "later version": (_edit(lambda d: d.__setitem__("version", 2)), ["version"]),
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize("name", BROKEN)
@@ -289,9 +291,13 @@ def test_older_result_is_replaced_whole(session_folder: Path, tmp_path: Path) ->
 )
 @pytest.mark.parametrize("older", [False, True])
 def test_trouble_while_writing_changes_nothing(
-    trouble: BaseException, older: bool, session_folder: Path, tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str],
-) -> None:  # fmt: skip
+    trouble: BaseException,
+    older: bool,
+    session_folder: Path,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
     out = tmp_path / "out"
     if older:
         assert run("calibrate", session_folder, "-o", out) == DONE
@@ -510,10 +516,12 @@ def test_interrupt_ends_a_running_calibration_and_leaves_nothing(
 ) -> None:
     process = subprocess.Popen(
         [sys.executable, "-m", "spherecal.cli.main", "calibrate", large_session, "-o", tmp_path / "out"],
-        stderr=subprocess.PIPE, stdout=subprocess.PIPE, text=True,
+        stderr=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        text=True,
         # whoever runs the tests in the background has interrupts ignored, and children inherit that
         preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),  # noqa: PLW1509
-    )  # fmt: skip
+    )
     assert process.stderr is not None
     seen = ""
     for text in process.stderr:

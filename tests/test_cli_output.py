@@ -35,10 +35,12 @@ def said(capsysbinary, *words: object) -> tuple[bytes, bytes]:
 
 def test_one_file_goes_to_standard_output_and_words_to_standard_error(rig_file, tmp_path, capsysbinary) -> None:
     for words, name in (
-        (["export", rig_file, "--to", "csv"], "rig.csv"), (["export", rig_file, "--to", "gltf"], "rig.gltf"),
-        (["targets", "export", "--count", "3"], "targets.json"), (["targets", "sheet", "--count", "3"], "sheet.pdf"),
+        (["export", rig_file, "--to", "csv"], "rig.csv"),
+        (["export", rig_file, "--to", "gltf"], "rig.gltf"),
+        (["targets", "export", "--count", "3"], "targets.json"),
+        (["targets", "sheet", "--count", "3"], "sheet.pdf"),
         (["targets", "sheet", "--board", "chessboard,rows=4,columns=5,pitch_mm=20"], "board.pdf"),
-    ):  # fmt: skip
+    ):
         text, talk = said(capsysbinary, *words, "-o", "-")
         said(capsysbinary, *words, "-o", tmp_path / name)
         assert text == (tmp_path / name).read_bytes() and talk, words
@@ -74,8 +76,12 @@ def completed(tmp_path: Path, line: str) -> list[str]:
     command = f"source completion.bash; COMP_WORDS=({listed}); COMP_CWORD={len(words) - 1}; _spherecal; "
     done = subprocess.run(
         ["bash", "--norc", "-c", command + 'printf "%s\\n" "${COMPREPLY[@]}"'],
-        cwd=tmp_path, capture_output=True, text=True, check=True, timeout=30,
-    )  # fmt: skip
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        check=True,
+        timeout=30,
+    )
     assert not done.stderr
     return done.stdout.split()
 

@@ -105,8 +105,10 @@ def test_the_package_runs_as_a_module(tmp_path: Path) -> None:
     assert (done.returncode, done.stdout) == (DONE, f"spherecal {spherecal.__version__}\n")
     wrong = subprocess.run(
         [sys.executable, "-m", "spherecal", "calibrate", tmp_path / "none", "-o", tmp_path / "out"],
-        capture_output=True, text=True, check=False,
-    )  # fmt: skip
+        capture_output=True,
+        text=True,
+        check=False,
+    )
     assert wrong.returncode == BAD_INPUT and "there is no such folder" in wrong.stderr
     assert "Traceback" not in wrong.stderr
 
@@ -227,8 +229,24 @@ def test_counts_have_the_right_number(number: int, noun: str, plural: str | None
 def test_one_is_never_many(session_folder: Path, result_folder: Path, tmp_path: Path, capsys) -> None:
     """Of the commands that print numbers, with one of everything."""
     assert run("targets", "export", "--count", "1", "-o", tmp_path / "targets.json") == DONE
-    assert run("bars", "add", "S1", "--mark", "A=1", "--mark", "B=2", "--length", "A,B,100,0.01", "--expansion", "1e-5",
-               "--registry", tmp_path / "bars.json") == DONE  # fmt: skip
+    assert (
+        run(
+            "bars",
+            "add",
+            "S1",
+            "--mark",
+            "A=1",
+            "--mark",
+            "B=2",
+            "--length",
+            "A,B,100,0.01",
+            "--expansion",
+            "1e-5",
+            "--registry",
+            tmp_path / "bars.json",
+        )
+        == DONE
+    )
     assert run("bars", "list", "--registry", tmp_path / "bars.json") == DONE
     K, zero = [[1200.0, 0, 640], [0, 1200, 480], [0, 0, 1]], [0.0, 0, 0]
     spherecal.save_rig(spherecal.Rig.from_opencv({"C1": (K, None, zero, zero)}, (1280, 960)), tmp_path / "one.json")

@@ -58,9 +58,7 @@ def with_world(net: Small) -> tuple[Problem, State, Places | None]:
     first, start = turn[0], shift[0]
     turn = turn @ first.T
     shift = shift - turn @ start
-    state = replace(
-        state, points=state.points @ first.T + start, placement_rotation=turn, placement_translation=shift
-    )  # fmt: skip
+    state = replace(state, points=state.points @ first.T + start, placement_rotation=turn, placement_translation=shift)
     problem = replace(problem, ball=replace(problem.ball, free_placement=np.arange(len(turn)) > 0))
     placement, point = np.divmod(np.arange(len(turn) * problem.n_points), problem.n_points)
     return problem, state, Places(point, placement)

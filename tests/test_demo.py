@@ -52,10 +52,13 @@ def true_dots() -> dict[tuple[str, str, int, str], tuple[float, float, float]]:
     """Rim centre (u, v) and view angle of every dot in every image."""
     with (demo_session() / "truth_dots.csv").open(encoding="utf-8") as file:
         return {
-            (r["placement"], r["camera"], int(r["target"]), r["point"]):
-            (float(r["u_rim"]), float(r["v_rim"]), float(r["view_deg"]))
+            (r["placement"], r["camera"], int(r["target"]), r["point"]): (
+                float(r["u_rim"]),
+                float(r["v_rim"]),
+                float(r["view_deg"]),
+            )
             for r in csv.DictReader(file)
-        }  # fmt: skip
+        }
 
 
 def test_demo_says_in_five_lines_what_it_found(said: tuple[Path, list[str]]) -> None:
@@ -115,8 +118,12 @@ def test_second_look_finds_what_detection_missed(session: Session, first: Calibr
     assert set(missed) <= set(again.target[found])
     truth = true_dots()
     for i in np.flatnonzero(new):
-        key = (again.placements[again.placement[i]], again.cameras[again.camera[i]], int(again.target[i]),
-               again.points[again.point[i]])  # fmt: skip
+        key = (
+            again.placements[again.placement[i]],
+            again.cameras[again.camera[i]],
+            int(again.target[i]),
+            again.points[again.point[i]],
+        )
         assert np.hypot(*(again.uv[i] - truth[key][:2])) < 0.3
 
 

@@ -74,8 +74,10 @@ def test_scores_are_those_of_the_dense_equations(name: str) -> None:
     with_seventh = np.concatenate([jacobian, b[:, 6:7] / scale[6]], axis=1)
     full = np.linalg.lstsq(np.concatenate([with_seventh, b / scale], axis=1), dense.residual, rcond=1e-9)[0]
     left = np.linalg.lstsq(with_seventh, dense.residual, rcond=1e-9)[0]
-    sizes = [float(((dense.residual - m @ x) ** 2).sum())
-             for m, x in ((with_seventh, left), (np.concatenate([with_seventh, b / scale], axis=1), full))]  # fmt: skip
+    sizes = [
+        float(((dense.residual - m @ x) ** 2).sum())
+        for m, x in ((with_seventh, left), (np.concatenate([with_seventh, b / scale], axis=1), full))
+    ]
     change = settle(*conditional(g, a, own, np.array([6])), 1.0)
     assert change.statistic == pytest.approx(sizes[0] - sizes[1], rel=1e-3, abs=1e-4)
 

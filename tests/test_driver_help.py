@@ -34,12 +34,16 @@ def test_each_reason_has_its_name() -> None:
 @pytest.mark.parametrize(
     ("camera", "elsewhere"),
     [
-        (at("192.168.7.20"), False), (at("192.168.8.20"), True), (at("192.168.7.20", interface="eth0"), True),
-        (at("169.254.3.4", "255.255.0.0"), True), (at("10.1.9.9", "255.255.0.0", "eth0"), False),
-        (at("192.168.8.20", serial="S1"), False), (at("0.0.0.0", "0.0.0.0"), False),
+        (at("192.168.7.20"), False),
+        (at("192.168.8.20"), True),
+        (at("192.168.7.20", interface="eth0"), True),
+        (at("169.254.3.4", "255.255.0.0"), True),
+        (at("10.1.9.9", "255.255.0.0", "eth0"), False),
+        (at("192.168.8.20", serial="S1"), False),
+        (at("0.0.0.0", "0.0.0.0"), False),
         (at("192.168.8.20", "1.2.3.4"), True),
     ],
-)  # fmt: skip
+)
 def test_a_camera_elsewhere_is_told_with_an_address_that_reaches_it(camera: NetworkCamera, elsewhere: bool) -> None:
     found = driver_troubles(Discovery((INFO,), (ProducerVerdict("a.cti", True, "", "", (INFO,)),)), [camera], LOCAL)
     assert [one.kind for one in found] == ["other-subnet"] * elsewhere

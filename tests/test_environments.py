@@ -39,9 +39,13 @@ def run(
     """A command in a process of its own."""
     single = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "QT_QPA_PLATFORM": "offscreen"}
     return subprocess.run(
-        [sys.executable, "-c", code, *map(str, arguments)], env={**os.environ, **single, **(env or {})}, cwd=cwd,
-        capture_output=True, timeout=240, check=False,
-    )  # fmt: skip
+        [sys.executable, "-c", code, *map(str, arguments)],
+        env={**os.environ, **single, **(env or {})},
+        cwd=cwd,
+        capture_output=True,
+        timeout=240,
+        check=False,
+    )
 
 
 def run_all(*commands: Sequence[object], env: Mapping[str, str], cwd: Path | None = None) -> list[int]:
@@ -192,9 +196,8 @@ def test_kernels_find_room_where_program_and_home_are_read_only(tmp_path: Path) 
     command = [sys.executable, "-c", script, str(package)]
     if os.geteuid() == 0:
         readable = subprocess.run(
-            [*NOBODY, sys.executable, "-c", "import numba"],
-            capture_output=True, check=False, cwd="/",
-        )  # fmt: skip
+            [*NOBODY, sys.executable, "-c", "import numba"], capture_output=True, check=False, cwd="/"
+        )
         if readable.returncode:
             pytest.skip("this Python can be read by its owner only")
         command = [*NOBODY, *command]
@@ -278,8 +281,9 @@ def test_letters_of_all_kinds_in_names_of_folders_and_users(
         ["profile", "save", result, "--to", home / "Profil ß"],
         ["cameras", "set", "all", "--source", "simulated", "--exposure-us", "5000"],
         ["calibrate", home / "нет", "-o", home / "x"],
-        env=environment, cwd=home,
-    )  # fmt: skip
+        env=environment,
+        cwd=home,
+    )
     assert codes == [0, 0, 0, 2]
     assert (result / "rig.json").read_bytes() == rig.read_bytes()
 

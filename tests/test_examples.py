@@ -103,8 +103,14 @@ def test_a_stereo_calibration_becomes_a_rig(tmp_path: Path) -> None:
     K = np.array([[1210.0, 0, 640], [0, 1190, 480], [0, 0, 1]])
     R = cv2.Rodrigues(np.array([0.01, -0.3, 0.02]))[0]
     file = cv2.FileStorage(str(tmp_path / "stereo.yml"), cv2.FILE_STORAGE_WRITE)
-    for name, value in (("K1", K), ("D1", np.full((1, 5), 0.01)), ("K2", K), ("D2", np.zeros((1, 5))), ("R", R),
-                        ("T", np.array([[-450.0], [3], [60]]))):  # fmt: skip
+    for name, value in (
+        ("K1", K),
+        ("D1", np.full((1, 5), 0.01)),
+        ("K2", K),
+        ("D2", np.zeros((1, 5))),
+        ("R", R),
+        ("T", np.array([[-450.0], [3], [60]])),
+    ):
         file.write(name, value)
     file.release()
     run("rig_from_opencv", tmp_path / "stereo.yml", 1280, 960, tmp_path / "rig.json")

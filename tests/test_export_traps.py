@@ -63,8 +63,11 @@ def test_colmap_poses_are_world_to_camera_with_w_first_and_a_line_for_points(wri
 def test_metashape_offsets_from_the_middle_swaps_tangential_and_inverts_poses(written):
     chunk = ElementTree.fromstring(written("metashape")).find("chunk")
     assert chunk is not None
-    c = {entry.tag: float(entry.text or 0) for entry in chunk.iterfind("sensors/sensor[@id='0']/calibration/*")
-         if entry.tag != "resolution"}  # fmt: skip
+    c = {
+        entry.tag: float(entry.text or 0)
+        for entry in chunk.iterfind("sensors/sensor[@id='0']/calibration/*")
+        if entry.tag != "resolution"
+    }
     fu, fv, u0, v0, _, _, p1, p2 = CAMERA.intrinsics[:8]
     assert c["cx"] == pytest.approx(u0 + 0.5 - 2064 / 2, abs=1e-12)
     assert c["cy"] == pytest.approx(v0 + 0.5 - 1544 / 2, abs=1e-12)

@@ -325,11 +325,14 @@ def test_cameras_without_an_image_since_others_moved_together_are_unconfirmed() 
         cameras = [SimpleNamespace(id=name, earlier_pose_of=name[:3] if " " in name else None) for name in ids]
         n = 4 + split
         return SimpleNamespace(
-            image_counts=lambda _: counts[:, :n], used=None, placed=np.ones(n, dtype=bool), camera_ids=ids[:n],
+            image_counts=lambda _: counts[:, :n],
+            used=None,
+            placed=np.ones(n, dtype=bool),
+            camera_ids=ids[:n],
             is_earlier_pose=np.arange(n) >= 4,
             session=SimpleNamespace(cameras=cameras[:n]),
             observations=SimpleNamespace(placements=("P1", "P2", "P3", "P4")),
-        )  # fmt: skip
+        )
 
     (finding,) = _not_seen_since(evidence(2))  # type: ignore[arg-type]
     assert finding.code == "pose-unconfirmed" and finding.where == ("C03",)

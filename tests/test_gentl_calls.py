@@ -76,9 +76,11 @@ def test_a_frame_comes_to_a_client_that_never_searched_and_asks_for_many_things_
     numbers = (ctypes.c_uint64 * 3)()
     places = [ctypes.addressof(numbers) + 8 * i for i in range(3)]
     asked = (Entry * 4)(
-        Entry(WIDTH, 0, places[0], 8, 99), Entry(HEIGHT, 0, places[1], 8, 99),
-        Entry(PIXEL_FORMAT, 0, places[2], 8, 99), Entry(NO_SUCH, 0, None, 0, 99),
-    )  # fmt: skip
+        Entry(WIDTH, 0, places[0], 8, 99),
+        Entry(HEIGHT, 0, places[1], 8, 99),
+        Entry(PIXEL_FORMAT, 0, places[2], 8, 99),
+        Entry(NO_SUCH, 0, None, 0, 99),
+    )
     assert call("DSGetBufferInfoStacked", stream, buffer, asked, ctypes.c_size_t(4)) == 0
     assert [entry.result for entry in asked] == [0, 0, 0, NOT_AVAILABLE]
     assert list(numbers) == [320, 240, 0x01080001]

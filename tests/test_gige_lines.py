@@ -46,7 +46,9 @@ def test_a_sound_line_has_no_findings_and_says_what_is_wanted() -> None:
         (GIGABIT, [camera("01", "10.0.1.11")], {}, {"other-subnet": ("01",)}),
         (changed(GIGABIT, reverse_path_filter=2), [camera("01", "10.0.1.11")], {}, {"other-subnet": ("01",)}),
         (
-            changed(GIGABIT, reverse_path_filter=1), [camera("01", "10.0.1.11")], {},
+            changed(GIGABIT, reverse_path_filter=1),
+            [camera("01", "10.0.1.11")],
+            {},
             {"other-subnet": ("01",), "reverse-path-filter": ("01",)},
         ),
         (changed(GIGABIT, mtu=1500), CAMERAS, LOADS, {"packets-too-large": ("01", "02")}),
@@ -54,12 +56,14 @@ def test_a_sound_line_has_no_findings_and_says_what_is_wanted() -> None:
         (GIGABIT, CAMERAS, dict.fromkeys(LOADS, CameraLoad(5_000_000, 11.1, 8992)), {}),
         (GIGABIT, CAMERAS, dict.fromkeys(LOADS, CameraLoad(5_000_000, 11.2, 8992)), {"line-too-thin": ("01", "02")}),
         (
-            changed(GIGABIT, mtu=1500), CAMERAS, dict.fromkeys(LOADS, CameraLoad(5_000_000, 8.0)),
+            changed(GIGABIT, mtu=1500),
+            CAMERAS,
+            dict.fromkeys(LOADS, CameraLoad(5_000_000, 8.0)),
             {"small-packets": ("01", "02")},
         ),
         (changed(GIGABIT, mbit_s=None), CAMERAS, dict.fromkeys(LOADS, CameraLoad(5_000_000, 99.0, 8992)), {}),
     ],
-)  # fmt: skip
+)
 def test_what_is_wrong_is_found_and_nothing_else(
     line: NetworkLine, cameras: list[NetworkCamera], loads: dict[str, CameraLoad], expected: dict[str, tuple[str, ...]]
 ) -> None:

@@ -43,9 +43,13 @@ def stub(cameras: tuple[int, int, int], error: float | tuple[float, float, float
     """A triple whose cameras stand at known places of the world, all lengths divided by `scale`."""
     rotation, place = true_pose(cameras)
     return Triple(
-        cameras, rotation, -np.einsum("cij,cj->ci", rotation, place) / scale, np.arange(12), np.ones((12, 3)),
+        cameras,
+        rotation,
+        -np.einsum("cij,cj->ci", rotation, place) / scale,
+        np.arange(12),
+        np.ones((12, 3)),
         np.ones(3) * error,
-    )  # fmt: skip
+    )
 
 
 def true_pose(cameras: tuple[int, ...]) -> tuple[np.ndarray, np.ndarray]:

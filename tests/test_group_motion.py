@@ -21,9 +21,12 @@ MOTION = np.array([1e-4, -2e-4, 1e-4, 0.3, -0.2, 0.3])
 
 
 def images(
-    moved: dict[tuple[int, int], np.ndarray] | None = None, seed: int = 1, noise: float = 1.0,
-    cameras: int = CAMERAS, placements: int = PLACEMENTS,
-) -> ImagePoses:  # fmt: skip
+    moved: dict[tuple[int, int], np.ndarray] | None = None,
+    seed: int = 1,
+    noise: float = 1.0,
+    cameras: int = CAMERAS,
+    placements: int = PLACEMENTS,
+) -> ImagePoses:
     """Cameras about a ball at some places; `moved` (camera, placement): motion (6,) of the ball that the image sees."""
     rng = np.random.default_rng(seed)
     looks, turns = exp_rotation(rng.normal(size=(cameras, 3))), exp_rotation(rng.normal(size=(placements, 3)))
@@ -39,9 +42,15 @@ def images(
         translation.append(exp_rotation(off[:3]) @ shift + off[3:])
     m = len(own)
     return ImagePoses(
-        own[:, 0], own[:, 1], np.full(m, 100), np.array(rotation), np.array(translation),
-        np.diag(np.tile(1 / NOISE**2, m)), np.tile(np.diag([1e6] * 3 + [1.0] * 3), (m, 1, 1)), 1.0,
-    )  # fmt: skip
+        own[:, 0],
+        own[:, 1],
+        np.full(m, 100),
+        np.array(rotation),
+        np.array(translation),
+        np.diag(np.tile(1 / NOISE**2, m)),
+        np.tile(np.diag([1e6] * 3 + [1.0] * 3), (m, 1, 1)),
+        1.0,
+    )
 
 
 def found(some: ImagePoses) -> GroupMotion | None:
@@ -71,8 +80,14 @@ def test_a_ball_that_moved_between_exposures_differs_from_cameras_that_moved() -
 
 def test_a_placement_of_another_rig_is_named() -> None:
     rng = np.random.default_rng(4)
-    motion = found(images({(c, 1): rng.normal(size=6) * [1e-4] * 6 + 0.3 * rng.normal(size=6) * [0, 0, 0, 1, 1, 1]
-                             for c in range(CAMERAS)}))  # fmt: skip
+    motion = found(
+        images(
+            {
+                (c, 1): rng.normal(size=6) * [1e-4] * 6 + 0.3 * rng.normal(size=6) * [0, 0, 0, 1, 1, 1]
+                for c in range(CAMERAS)
+            }
+        )
+    )
     assert motion is not None and (motion.kind, motion.placements) == ("placement", (1,))
 
 
@@ -131,8 +146,13 @@ def test_cameras_that_see_one_placement_say_nothing_of_others() -> None:
     rows = np.flatnonzero(some.placement == 0)
     columns = (POSE * rows[:, None] + np.arange(POSE)).ravel()
     one = replace(
-        some, camera=some.camera[rows], placement=some.placement[rows], points=some.points[rows],
-        rotation=some.rotation[rows], translation=some.translation[rows], normal=some.normal[np.ix_(columns, columns)],
+        some,
+        camera=some.camera[rows],
+        placement=some.placement[rows],
+        points=some.points[rows],
+        rotation=some.rotation[rows],
+        translation=some.translation[rows],
+        normal=some.normal[np.ix_(columns, columns)],
         by_pose_px2=some.by_pose_px2[rows],
-    )  # fmt: skip
+    )
     assert found(one) is None

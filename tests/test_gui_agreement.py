@@ -158,8 +158,9 @@ def test_no_page_contradicts_itself_with_a_fault_of_the_training(qtbot, home, fa
     red = set()
     for _ in range(4):  # Connect, Look, two placements
         step = controller.project.step
-        watcher.until(lambda: window.page.action() is not None and (
-            window.page.action().enabled or window.page.action().done))  # fmt: skip
+        watcher.until(
+            lambda: window.page.action() is not None and (window.page.action().enabled or window.page.action().done)
+        )
         if step != "connect":
             assert controller.live is not None
             seen = controller.live.rounds

@@ -391,9 +391,15 @@ def test_why_a_repair_cannot_be_used_is_in_sight(qtbot, tmp_path):
     checked = Run((("P1", "x"),), "recalibrate")
     repaired = Run((("check", repr(checked)),), "not valid")
     controller.project = Project(
-        tmp_path / "c", "simulated:demo", purpose="check", placements=("P1",), taken={"P1": "x"}, step="check",
-        checked=checked, repaired=repaired,
-    )  # fmt: skip
+        tmp_path / "c",
+        "simulated:demo",
+        purpose="check",
+        placements=("P1",),
+        taken={"P1": "x"},
+        step="check",
+        checked=checked,
+        repaired=repaired,
+    )
     controller.check_found = controller.check_after = SimpleNamespace(
         verdict="recalibrate", to_repair=("C03",), cameras=(), findings=(), untested=(), balls=(), tolerance_mm=None
     )

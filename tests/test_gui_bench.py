@@ -77,9 +77,12 @@ def fill(qtbot, dialog, serial="B-7", role="check"):
     press(qtbot, dialog, "add-bar")
     typed(dialog.bars.fields["serial"].line, serial)
     for name, text in (
-        ("from_sticker", "201"), ("to_sticker", "202"), ("certified", "500,012"), ("uncertainty", "0.004"),
+        ("from_sticker", "201"),
+        ("to_sticker", "202"),
+        ("certified", "500,012"),
+        ("uncertainty", "0.004"),
         ("factor", "2"),
-    ):  # fmt: skip
+    ):
         typed(dialog.bars._rows[0][name], text)
     dialog.bars.role.setCurrentIndex(dialog.bars.role.findData(role))
     dialog.bars.role.activated.emit(0)
@@ -107,9 +110,12 @@ def test_numbers_as_people_type_them(text, value):
 def test_a_bar_comes_back_as_it_was():
     bar = registered(certificate=Certificate("K", "lab", date(2025, 1, 2), date(2027, 1, 2)))
     bare = RegisteredBar(
-        "B-2", bar.marks, (replace(bar.lengths[0], nominal_mm=None),), 1.15e-5,
+        "B-2",
+        bar.marks,
+        (replace(bar.lengths[0], nominal_mm=None),),
+        1.15e-5,
         assumed=("expansion_per_kelvin", "reference_temperature_c"),
-    )  # fmt: skip
+    )
     for one in (bar, bare):
         assert read_bar(bar_draft(one)) == (one, {})
 

@@ -48,11 +48,19 @@ class Driver:
     def __init__(self, display: str, home: Path, feed: RigFeed, cti: Path, session: Path) -> None:
         self.home, self.feed = home, feed
         self._map = home / "map.json"
-        self.env = os.environ | feed.control.environment | {
-            "DISPLAY": display, "QT_QPA_PLATFORM": "xcb", "SPHERECAL_MAP": str(self._map), "XDG_CONFIG_HOME": str(home),
-            "SPHERECAL_SETTINGS": str(home / "settings.ini"), "GENICAM_GENTL64_PATH": str(cti.parent),
-            "PYTHONPATH": os.pathsep.join([str(ROOT / "core"), str(ROOT)]),
-        }  # fmt: skip
+        self.env = (
+            os.environ
+            | feed.control.environment
+            | {
+                "DISPLAY": display,
+                "QT_QPA_PLATFORM": "xcb",
+                "SPHERECAL_MAP": str(self._map),
+                "XDG_CONFIG_HOME": str(home),
+                "SPHERECAL_SETTINGS": str(home / "settings.ini"),
+                "GENICAM_GENTL64_PATH": str(cti.parent),
+                "PYTHONPATH": os.pathsep.join([str(ROOT / "core"), str(ROOT)]),
+            }
+        )
         command = [sys.executable, "-m", "spherecal_gui", "--projects", str(home / "projects"), "--language", "en"]
         with (home / "out.txt").open("wb") as out:
             self.process = subprocess.Popen(

@@ -60,8 +60,14 @@ def copied(walked: Path, home: Path, step: str) -> Path:
         shutil.rmtree(project.result_folder)
         shutil.rmtree(project.verification_folder)
         poses = tuple(p for p, _ in project.pose_bars)
-        project = replace(project, calibrated=None, accepted=None, verified=None, saved=None,
-                          taken={k: v for k, v in project.taken.items() if k not in poses})  # fmt: skip
+        project = replace(
+            project,
+            calibrated=None,
+            accepted=None,
+            verified=None,
+            saved=None,
+            taken={k: v for k, v in project.taken.items() if k not in poses},
+        )
     elif step in ("results", "verify"):
         project = replace(project, verified=None, saved=None, accepted=None if step == "results" else project.accepted)
     save_project(replace(project, step=step))
@@ -73,8 +79,10 @@ def all_files(folder: Path) -> dict[str, bytes]:
     kept = ("placements", "bars", "result", "verification")
     return {
         str(path.relative_to(folder)): path.read_bytes()
-        for part in kept for path in sorted((folder / part).rglob("*")) if path.is_file()
-    }  # fmt: skip
+        for part in kept
+        for path in sorted((folder / part).rglob("*"))
+        if path.is_file()
+    }
 
 
 def counters(controller: Controller) -> dict[str, dict[str, int]]:

@@ -76,8 +76,9 @@ def controller(qapp, folder, outcome):
 def test_at_first_it_is_the_reference_cameras_frame(choice, outcome):
     assert choice.is_plain and not choice.can_undo
     assert choice.sentence == (
-        f"Exports are given in: the reference camera's frame ({outcome.result.rig.reference_camera}).", "none"
-    )  # fmt: skip
+        f"Exports are given in: the reference camera's frame ({outcome.result.rig.reference_camera}).",
+        "none",
+    )
     camera = next(c for c in choice.scene.scene.cameras if c.id == outcome.result.rig.reference_camera)
     for (start, end), (_, tip) in zip(choice.axes, [e for e, _ in choice.scene.reference_axes], strict=True):
         assert start == pytest.approx(camera.centre, abs=1e-6)

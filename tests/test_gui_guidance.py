@@ -80,9 +80,18 @@ def test_the_printed_scale_is_a_distance_that_all_targets_share(demo):
 
 
 BASE = Guidance(
-    0.2, 0.1, ("C01", "C02"), np.array([[0.0, 900.0], [900.0, 0.0]]), ("P1",), np.zeros((1, 2)),
-    np.array([200.0, 0.0]), 100.0, "C02", 204.0, 0.0,
-)  # fmt: skip
+    0.2,
+    0.1,
+    ("C01", "C02"),
+    np.array([[0.0, 900.0], [900.0, 0.0]]),
+    ("P1",),
+    np.zeros((1, 2)),
+    np.array([200.0, 0.0]),
+    100.0,
+    "C02",
+    204.0,
+    0.0,
+)
 
 
 STAY = "Leave the ball where it is"

@@ -110,9 +110,12 @@ def test_an_opening_that_failed_leaves_no_project_behind(window, home):
 def test_sigterm_closes_the_window(home):
     code = "import sys; from spherecal_gui import app; sys.exit(app.main(['spherecal', '--projects', sys.argv[1]]))"
     child = subprocess.Popen(
-        [sys.executable, "-c", "import faulthandler\n" + code, str(home / "projects")], cwd=ROOT,
-        stdout=subprocess.PIPE, stderr=subprocess.STDOUT, env={**os.environ, "QT_QPA_PLATFORM": "offscreen"},
-    )  # fmt: skip
+        [sys.executable, "-c", "import faulthandler\n" + code, str(home / "projects")],
+        cwd=ROOT,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        env={**os.environ, "QT_QPA_PLATFORM": "offscreen"},
+    )
     with child:
         time.sleep(0.5)
         until = time.monotonic() + 60

@@ -139,8 +139,9 @@ def test_what_is_saved_is_noted_used_and_given_to_the_profile(locked, path, tmp_
     said, problem = locked.save(replace(TIGHT, stale_hours=6.0, unverified_use=True))
     assert problem == ""
     assert [line.partition("Maria Huber: ")[2] for line in said] == [
-        "Out of date after: 4 h → 6 h", "A calibration that was not verified may be put to use: no → yes",
-    ]  # fmt: skip
+        "Out of date after: 4 h → 6 h",
+        "A calibration that was not verified may be put to use: no → yes",
+    ]
     assert limits.now().stale_hours == 6.0
     assert open_profile(tmp_path / "rig-profile").limits == ValidityLimits(2.0, 6.0, 0.5, 1.0)
     assert locked.profile_text() == ""

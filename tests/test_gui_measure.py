@@ -37,12 +37,16 @@ class Bench(QObject):
         names = {f"SIM-{camera.id}": camera.id for camera in cameras}
         plan = SimpleNamespace(target_set=session.target_set, bars=session.bars)
         self.connection = SimpleNamespace(source=source, names=names, plan=plan)
-        K = {c.id: [[c.intrinsics[0], 0, c.intrinsics[2]], [0, c.intrinsics[1], c.intrinsics[3]], [0, 0, 1]]
-             for c in cameras}  # fmt: skip
-        self.result = SimpleNamespace(rig=Rig.from_opencv(
-            {c.id: (K[c.id], c.intrinsics[4:], c.rotation, c.translation_mm) for c in cameras},
-            {c.id: c.kind.image_size for c in cameras},
-        ))  # fmt: skip
+        K = {
+            c.id: [[c.intrinsics[0], 0, c.intrinsics[2]], [0, c.intrinsics[1], c.intrinsics[3]], [0, 0, 1]]
+            for c in cameras
+        }
+        self.result = SimpleNamespace(
+            rig=Rig.from_opencv(
+                {c.id: (K[c.id], c.intrinsics[4:], c.rotation, c.translation_mm) for c in cameras},
+                {c.id: c.kind.image_size for c in cameras},
+            )
+        )
         self.project, self.state, self.live = SimpleNamespace(folder=folder), None, None
         self.said: list[tuple[str, str]] = []
 

@@ -61,8 +61,9 @@ def test_a_dot_leads_to_its_image(qtbot: QtBot) -> None:
     qtbot.addWidget(view)
     view.resize(400, 326)
     uv = np.array([(100.0, 100.0), (500.0, 300.0), (505.0, 302.0)])
-    shown = CameraResiduals("C01", (800, 600), uv, np.full((3, 2), 0.01), np.ones(3, bool), ("P1", "P2"), None,
-                            ("P1", "P2", "P1"))  # fmt: skip
+    shown = CameraResiduals(
+        "C01", (800, 600), uv, np.full((3, 2), 0.01), np.ones(3, bool), ("P1", "P2"), None, ("P1", "P2", "P1")
+    )
     view.show_camera(shown)
     view.show()
     field, scale = view._field()

@@ -238,10 +238,16 @@ def test_every_stage_that_the_window_reports_has_words():
 def test_the_second_run_ends_near_the_whole():
     course = CourseOfWork()
     for stage, fraction, detail in (
-        ("detect", 1.0, ""), ("two-view gate", 1.0, ""), ("rigid ball", 0.0, ""), ("uncertainty", 1.0, ""),
-        ("detect", 1.0, Phrase("looking-again")), ("two-view gate", 1.0, ""), ("rigid ball", 0.0, ""),
-        ("uncertainty", 1.0, ""), ("diagnosis", 1.0, ""),
-    ):  # fmt: skip
+        ("detect", 1.0, ""),
+        ("two-view gate", 1.0, ""),
+        ("rigid ball", 0.0, ""),
+        ("uncertainty", 1.0, ""),
+        ("detect", 1.0, Phrase("looking-again")),
+        ("two-view gate", 1.0, ""),
+        ("rigid ball", 0.0, ""),
+        ("uncertainty", 1.0, ""),
+        ("diagnosis", 1.0, ""),
+    ):
         if stage == "uncertainty":
             course.add(Progress("bundle adjustment", 0.5, "", 3, 2.5))
         course.add(Progress(stage, fraction, detail))
@@ -280,9 +286,17 @@ def bars(verdict: str = "consistent", exceeding: frozenset = frozenset()):
     )
     row.key = length.key = ("A", "A1", "A2")
     return SimpleNamespace(
-        measured=(row,), lengths=(length,), coverage_factor=2.5, exceeding=exceeding, verdict=verdict, rule="r",
-        procedure=None, cameras=(), contradicting=(), findings=(),
-    )  # fmt: skip
+        measured=(row,),
+        lengths=(length,),
+        coverage_factor=2.5,
+        exceeding=exceeding,
+        verdict=verdict,
+        rule="r",
+        procedure=None,
+        cameras=(),
+        contradicting=(),
+        findings=(),
+    )
 
 
 def judged_by(limit_mm: float, decision: str) -> SimpleNamespace:
@@ -296,9 +310,14 @@ def judged_by(limit_mm: float, decision: str) -> SimpleNamespace:
         SimpleNamespace(name="calibration", share=0.9, standard_mm=0.009),
     )
     budget = SimpleNamespace(
-        bar="A", start="A1", end="A2", combined_mm=0.0095, coverage_factor=2.0, expanded_mm=0.019,
+        bar="A",
+        start="A1",
+        end="A2",
+        combined_mm=0.0095,
+        coverage_factor=2.0,
+        expanded_mm=0.019,
         contributions=contributions,
-    )  # fmt: skip
+    )
     found.procedure = SimpleNamespace(acceptance=acceptance, budgets=(budget,))
     return found
 
@@ -360,9 +379,16 @@ def guided(ends: np.ndarray | None, still: bool | None = True):
 
     planes = RigPlanes(np.eye(3), np.zeros(3), ("C01", "C02", "C03"), CAMERAS)
     pose = PlannedPose(
-        "L1-1", 0, "A", np.array([-250.0, 0, 0]), np.array([250.0, 0, 0]), np.array([0, 0, 1.0]), ("C01", "C02"),
-        ("C01", "C02"), True,
-    )  # fmt: skip
+        "L1-1",
+        0,
+        "A",
+        np.array([-250.0, 0, 0]),
+        np.array([250.0, 0, 0]),
+        np.array([0, 0, 1.0]),
+        ("C01", "C02"),
+        ("C01", "C02"),
+        True,
+    )
     plan = PosePlan(MeasuringVolume(np.zeros(3), np.eye(3), np.full(3, 400.0)), (pose,), (3,), ())
     return bar_guide(planes, plan, pose, ends, still)
 

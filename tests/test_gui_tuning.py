@@ -271,9 +271,12 @@ def real_errors(tmp_path: Path) -> list:
     (tmp_path / "no.png").write_bytes(b"no picture")
     found = []
     for act in (
-        lambda: open_source("nonsense"), lambda: open_source("simulated:nonsense"), lambda: parse_limit("x"),
-        lambda: read_image(tmp_path / "no.png"), lambda: write_file_whole(tmp_path / "no.png" / "x", b""),
-    ):  # fmt: skip
+        lambda: open_source("nonsense"),
+        lambda: open_source("simulated:nonsense"),
+        lambda: parse_limit("x"),
+        lambda: read_image(tmp_path / "no.png"),
+        lambda: write_file_whole(tmp_path / "no.png" / "x", b""),
+    ):
         with pytest.raises(SpherecalError) as caught:
             act()
         found.append(caught.value)

@@ -235,10 +235,20 @@ def test_guidance_is_drawn_when_there_is_some(qtbot):
     assert theme.now().good not in colours_of(view)
     view.show_guidance(
         Guidance(
-            0.2, 0.05, ("C01",), np.array([[0.0, 500.0]]), ("P1",), np.array([[-200.0, 0.0]]), np.array([200.0, 0.0]),
-            120.0, "C01", 400.0, 0.0, 45.0,
+            0.2,
+            0.05,
+            ("C01",),
+            np.array([[0.0, 500.0]]),
+            ("P1",),
+            np.array([[-200.0, 0.0]]),
+            np.array([200.0, 0.0]),
+            120.0,
+            "C01",
+            400.0,
+            0.0,
+            45.0,
         )
-    )  # fmt: skip
+    )
     assert "400 mm towards C01" in view.accessibleName()
     image = view.grab().toImage()
     found = {image.pixelColor(x, y).name() for x in range(300) for y in range(260)}

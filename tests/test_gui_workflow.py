@@ -386,9 +386,7 @@ class Walk(RuleBasedStateMachine):
     @rule(how=st.sampled_from(["last", "C01", None]))
     def unmask(self, how):
         last = how == "last"
-        self.project = (
-            changes.without_last_mask(self.project) if last else changes.without_masks(self.project, how)
-        )  # fmt: skip
+        self.project = changes.without_last_mask(self.project) if last else changes.without_masks(self.project, how)
 
     @precondition(lambda self: self.idle)
     @rule(limit=st.sampled_from(["", "0.03+L/20000"]), celsius=st.sampled_from([None, 21.5]))

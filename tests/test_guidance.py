@@ -38,10 +38,13 @@ def looking(calibration: Calibration) -> Cameras:
     cameras, covariance = calibration.rig.cameras, calibration.rig.covariance
     assert covariance is not None
     return Cameras(
-        np.array([c.intrinsics for c in cameras]), np.array([c.rotation for c in cameras]),
-        np.array([c.translation_mm for c in cameras]), np.array([c.image_size for c in cameras], dtype=float),
-        covariance.matrix, covariance.intrinsics,
-    )  # fmt: skip
+        np.array([c.intrinsics for c in cameras]),
+        np.array([c.rotation for c in cameras]),
+        np.array([c.translation_mm for c in cameras]),
+        np.array([c.image_size for c in cameras], dtype=float),
+        covariance.matrix,
+        covariance.intrinsics,
+    )
 
 
 def test_every_placement_is_predicted_to_help_and_does() -> None:
@@ -106,10 +109,15 @@ def _measured(calibration: Calibration, truth, centre: np.ndarray, direction: np
     ends = np.stack([centre - 100 * direction, centre + 100 * direction])
     rows = [(e, c) for e in range(2) for c in range(len(truth.cameras))]
     end, camera = np.array(rows).T
-    uv = np.array([
-        project((truth.cameras[c].rotation @ ends[e] + truth.cameras[c].translation_mm)[None],
-                truth.cameras[c].intrinsics[None])[0] for e, c in rows
-    ])  # fmt: skip
+    uv = np.array(
+        [
+            project(
+                (truth.cameras[c].rotation @ ends[e] + truth.cameras[c].translation_mm)[None],
+                truth.cameras[c].intrinsics[None],
+            )[0]
+            for e, c in rows
+        ]
+    )
     cameras = looking(calibration)
     found = triangulate(end, camera, uv, np.ones(len(uv)), 2, cameras.intrinsics, cameras.rotation, cameras.translation)
     return float(np.linalg.norm(found.points[1] - found.points[0]))

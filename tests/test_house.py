@@ -162,9 +162,10 @@ def test_lost_exceptions_turn_red(tmp_path):
 def test_a_renamed_function_of_our_own_skips_no_test():
     """Only what is not ours may be absent: skipped where it cannot be imported."""
     asked = {
-        name: path.name for path in sorted((ROOT / "tests").glob("*.py"))
+        name: path.name
+        for path in sorted((ROOT / "tests").glob("*.py"))
         for name in re.findall(r'importorskip\(\s*"([^"]+)"', path.read_text(encoding="utf-8"))
-    }  # fmt: skip
+    }
     assert "PySide6.QtWidgets" in asked
     assert not {name: file for name, file in asked.items() if name.startswith(("spherecal", "tests"))}
 
@@ -264,10 +265,15 @@ class Pip:
         self.asked: list[list[str]] = []
         self.fails, self.venv = fails, venv
         for name, value in {
-            "VENV": venv, "STAMP": venv / "spherecal-setup.txt", "INSTALLED_LOCK": venv / "old.lock",
-            "PYTHON": venv / "python", "pip_install": self.install, "run_job": self.run, "ensure_venv_module": list,
+            "VENV": venv,
+            "STAMP": venv / "spherecal-setup.txt",
+            "INSTALLED_LOCK": venv / "old.lock",
+            "PYTHON": venv / "python",
+            "pip_install": self.install,
+            "run_job": self.run,
+            "ensure_venv_module": list,
             "kernels_compiled": lambda beside: contextlib.nullcontext(),
-        }.items():  # fmt: skip
+        }.items():
             monkeypatch.setattr(dev, name, value)
 
     def install(self, arguments, python=None):
@@ -447,10 +453,12 @@ def cached_parts_with_fast_sums(found: dict[str, Any]) -> list[str]:
         if (function := kernel.py_func.__globals__.get(name)) is not None
     }
     return [
-        name for name, kernel in found.items()
-        if id(kernel) in called and kernel.targetoptions.get("fastmath")
+        name
+        for name, kernel in found.items()
+        if id(kernel) in called
+        and kernel.targetoptions.get("fastmath")
         and not (kernel.targetoptions.get("forceinline") and type(kernel._cache).__name__ == "NullCache")
-    ]  # fmt: skip
+    ]
 
 
 def test_the_first_run_and_the_next_round_the_same():

@@ -108,9 +108,11 @@ def test_patterns_say_what_names_do_not(tmp_path):
     layout = recognise(tmp_path, "**/*-{placement}_{camera}.*")
     assert list(layout.files) == ["0", "1"]
     for pattern, said in (
-        ("{placement}.png", "which part names the camera"), ("{camera}/{kamera}", "cannot be read"),
-        ("{camera}.png", "none of 7 files fits"), ("*" * 9 + "{camera}", "cannot be read"),
-    ):  # fmt: skip
+        ("{placement}.png", "which part names the camera"),
+        ("{camera}/{kamera}", "cannot be read"),
+        ("{camera}.png", "none of 7 files fits"),
+        ("*" * 9 + "{camera}", "cannot be read"),
+    ):
         with pytest.raises(InputError, match=said):
             recognise(tmp_path, pattern)
 

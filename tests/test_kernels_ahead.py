@@ -154,12 +154,25 @@ class Pair(NamedTuple):
 @pytest.mark.parametrize(
     "argument",
     [
-        1, 1.5, True, None, np.float64(2.0), np.int64(3), np.zeros((2, 3)), np.zeros((2, 3)).T,
-        np.zeros((4, 6))[::2, ::2], np.zeros(3, np.uint16), np.zeros((2, 2), bool), (1, 2.0),
-        Pair(np.zeros(3, np.float32), 1.0), np.zeros((0, 3)), np.zeros((1, 1)), np.zeros(5)[::2],
+        1,
+        1.5,
+        True,
+        None,
+        np.float64(2.0),
+        np.int64(3),
+        np.zeros((2, 3)),
+        np.zeros((2, 3)).T,
+        np.zeros((4, 6))[::2, ::2],
+        np.zeros(3, np.uint16),
+        np.zeros((2, 2), bool),
+        (1, 2.0),
+        Pair(np.zeros(3, np.float32), 1.0),
+        np.zeros((0, 3)),
+        np.zeros((1, 1)),
+        np.zeros(5)[::2],
     ],
     ids=repr,
-)  # fmt: skip
+)
 def test_both_sides_name_types_alike(argument: object) -> None:
     """What is compiled under a name has to be asked for by the same name."""
     import numba

@@ -41,9 +41,11 @@ def test_dense_elimination_is_that_by_runs(name: str, monkeypatch: pytest.Monkey
     found = compiled.reduce(problem, linear, 1e-3)
     unit = 1 / np.sqrt(expected.diagonal)
     np.testing.assert_allclose(
-        np.triu(found.matrix) * unit * unit[:, None], np.triu(expected.matrix) * unit * unit[:, None],
-        rtol=0, atol=1e-11,
-    )  # fmt: skip
+        np.triu(found.matrix) * unit * unit[:, None],
+        np.triu(expected.matrix) * unit * unit[:, None],
+        rtol=0,
+        atol=1e-11,
+    )
     np.testing.assert_allclose(found.gradient * unit, expected.gradient * unit, rtol=0, atol=1e-8)
     np.testing.assert_allclose(found.diagonal, expected.diagonal, rtol=1e-12)
     np.testing.assert_allclose(found.point_inverse, expected.point_inverse, rtol=1e-9, atol=1e-12)

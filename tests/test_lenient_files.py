@@ -180,9 +180,10 @@ def test_a_scale_without_uncertainty_is_as_uncertain_as_a_rule(changed, result_f
 
 def test_a_registered_bar_keeps_what_it_does_not_state(tmp_path: Path) -> None:
     given = {
-        "serial": 4711, "marks": {"A1": {"target": 1, "point": "centre"}, "A2": {"target": 2, "point": "centre"}},
+        "serial": 4711,
+        "marks": {"A1": {"target": 1, "point": "centre"}, "A2": {"target": 2, "point": "centre"}},
         "lengths": [{"from": "A1", "to": "A2", "length_mm": 500.0, "expanded_uncertainty_mm": 0.01}],
-    }  # fmt: skip
+    }
     bar = read_registered_bar(JsonValue(given, Path("bars.json")))
     assert bar.serial == "4711" and bar.assumed == ("expansion_per_kelvin", "reference_temperature_c")
     written = bar_entry(bar)

@@ -99,12 +99,14 @@ def test_a_pin_is_kept_as_a_salted_hash() -> None:
 def test_every_change_is_noted_with_who_when_and_what() -> None:
     kept = with_limits(KeptLimits(), replace(Limits(), stale_hours=8.0, unverified_use=False), "Maria", NOON)
     assert [(one.at, one.by, one.what, one.before, one.after) for one in kept.changes] == [
-        (NOON, "Maria", "stale_hours", 12.0, 8.0), (NOON, "Maria", "unverified_use", True, False),
-    ]  # fmt: skip
+        (NOON, "Maria", "stale_hours", 12.0, 8.0),
+        (NOON, "Maria", "unverified_use", True, False),
+    ]
     assert with_limits(kept, kept.limits, "Otto").changes == kept.changes
     assert [one.what for one in with_pin(with_pin(kept, Pin.of("4711"), "A"), None, "B").changes[-2:]] == [
-        "pin-set", "pin-removed",
-    ]  # fmt: skip
+        "pin-set",
+        "pin-removed",
+    ]
 
 
 def test_old_changes_go_when_there_are_very_many(path: Path) -> None:
@@ -170,9 +172,17 @@ def test_a_folder_that_cannot_be_made_is_named(tmp_path: Path) -> None:
 
 
 PLACES = [
-    *[("limits", name) for name in NAMES], ("pin",), ("pin", "salt"), ("pin", "hash"), ("pin", "kind"), ("changes",),
-    *[("changes", 0, key) for key in ("at", "by", "what", "before", "after")], ("changes", 0), ("limits",), ("format",),
-]  # fmt: skip
+    *[("limits", name) for name in NAMES],
+    ("pin",),
+    ("pin", "salt"),
+    ("pin", "hash"),
+    ("pin", "kind"),
+    ("changes",),
+    *[("changes", 0, key) for key in ("at", "by", "what", "before", "after")],
+    ("changes", 0),
+    ("limits",),
+    ("format",),
+]
 
 
 @settings(max_examples=150)

@@ -182,14 +182,16 @@ def test_sets_are_read_as_they_were_written(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"dictionary": "DICT_9X9"}, "no dictionary of OpenCV"), ({"dictionary": None}, 'lacks "dictionary"'),
-        ({"size_mm": 0}, "above 0"), ({"dot_diameter_mm": 3.0}, "for markers"),
+        ({"dictionary": "DICT_9X9"}, "no dictionary of OpenCV"),
+        ({"dictionary": None}, 'lacks "dictionary"'),
+        ({"size_mm": 0}, "above 0"),
+        ({"dot_diameter_mm": 3.0}, "for markers"),
         ({"targets": [{"id": 50, "dots": {}}]}, "at least one dot"),
         ({"targets": [{"id": 50, "dots": {name: [1, 1] for name in CORNERS}}]}, "the dictionary does not have"),
         ({"targets": [{"id": 5, "dots": {"A": [1, 1]}}]}, "must have the dots 0, 1, 2, 3"),
         ({"dictionery": "x", "dictionary": None}, "dictionary"),
     ],
-)  # fmt: skip
+)
 def test_what_is_no_set_of_markers_is_refused(tmp_path: Path, change: dict[str, object], message: str) -> None:
     document = {
         "format": "spherecal/targets",

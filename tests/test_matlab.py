@@ -38,9 +38,11 @@ def toolbox(path: Path, old: bool = False, **other: object) -> Path:
     """As `toStruct` of stereo parameters: pixels from 1, image sizes rows first, rows times matrices."""
     matrix = MATRIX + np.array([[0, 0, 1], [0, 0, 1], [0, 0, 0]])
     camera = {
-        "RadialDistortion": LENS[[0, 1, 4]], "TangentialDistortion": LENS[2:4], "ImageSize": [1024.0, 1280.0],
+        "RadialDistortion": LENS[[0, 1, 4]],
+        "TangentialDistortion": LENS[2:4],
+        "ImageSize": [1024.0, 1280.0],
         **({"IntrinsicMatrix": matrix.T} if old else {"K": matrix}),
-    }  # fmt: skip
+    }
     both = {"CameraParameters1": camera, "CameraParameters2": camera}
     savemat(path, both | {"RotationOfCamera2": TURN.T, "TranslationOfCamera2": SHIFT} | other)
     return path
@@ -125,11 +127,16 @@ def struct_array(count: int, names: bytes, shape: bytes | None = None) -> bytes:
         struct_array(1, b"a".ljust(8, b"\0") * 5000),
         element(14, element(6, pack("<II", 6, 0)) + element(9, pack("<dd", float("nan"), 1e300)) + element(1, b"x")),
         element(14, element(6, bytes(1 << 20)) + element(5, pack("<ii", 1, 1)) + element(1, b"x")),
-        element(14, element(6, pack("<II", 6, 0)) + element(5, pack("<iiii", 0, 2**31 - 1, 2**31 - 1, 2**31 - 1))
-                + element(1, b"x") + element(9, b"")),
+        element(
+            14,
+            element(6, pack("<II", 6, 0))
+            + element(5, pack("<iiii", 0, 2**31 - 1, 2**31 - 1, 2**31 - 1))
+            + element(1, b"x")
+            + element(9, b""),
+        ),
     ],
     ids=["structs without fields", "many fields", "no integers", "long flags", "no size"],
-)  # fmt: skip
+)
 def test_hostile_files_are_refused(tmp_path: Path, content: bytes) -> None:
     path = tmp_path / "a.mat"
     path.write_bytes(b"MATLAB 5.0 MAT-file".ljust(124) + b"\x00\x01IM" + content)

@@ -137,9 +137,11 @@ def test_parquet_holds_what_csv_holds(session: Path, result: Path, tmp_path: Pat
         assert table.num_rows == len(text)
         for ours, theirs in zip(table.to_pylist(), text, strict=True):
             for key, value in ours.items():
-                assert (value is None and theirs[key] == "") or str(value) == theirs[key] or value == pytest.approx(
-                    float(theirs[key]), rel=1e-9
-                )  # fmt: skip
+                assert (
+                    (value is None and theirs[key] == "")
+                    or str(value) == theirs[key]
+                    or value == pytest.approx(float(theirs[key]), rel=1e-9)
+                )
 
 
 def test_json_lines(session: Path, result: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -210,8 +212,10 @@ def test_a_body_learned_from_a_set_lies_there_as_it_was(session: Path, result: P
     )
     spherecal.save_body(spherecal.Body("ball", points), tmp_path / "ball.json")
     series = tmp_path / "series"
-    assert main(["measure", str(session), "--rig", str(result), "--body", str(tmp_path / "ball.json"),
-                 "-o", str(series)]) == 0  # fmt: skip
+    assert (
+        main(["measure", str(session), "--rig", str(result), "--body", str(tmp_path / "ball.json"), "-o", str(series)])
+        == 0
+    )
     row = rows(series / "bodies.csv")[0]
     assert (row["set"], row["body"], row["points"], row["points_left_out"]) == ("1", "ball", "8", "")
     assert float(row["qw"]) == pytest.approx(1.0, abs=1e-9)

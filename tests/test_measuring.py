@@ -46,23 +46,36 @@ def measured(sets: list[ObservedSet], rig: Rig, task: Task) -> list[MeasuredSet]
 
 
 def seen_points(
-    rig: Rig, places: dict[PointName, np.ndarray], rng: np.random.Generator | None = None, number: int = 1,
-    time_s: float | None = None, noise_px: float = NOISE_PX, moved: dict[str, np.ndarray] | None = None,
-) -> ObservedSet:  # fmt: skip
+    rig: Rig,
+    places: dict[PointName, np.ndarray],
+    rng: np.random.Generator | None = None,
+    number: int = 1,
+    time_s: float | None = None,
+    noise_px: float = NOISE_PX,
+    moved: dict[str, np.ndarray] | None = None,
+) -> ObservedSet:
     """A set in which all cameras see named points directly, with noise; `moved` shifts a camera's image points."""
     cameras = tuple(c.id for c in rig.cameras)
     points = tuple(sorted({name.point for name in places}))
     rows = [
         (c, name.target, points.index(name.point), camera.project(xyz) + (moved or {}).get(camera.id, 0.0))
-        for c, camera in enumerate(rig.cameras) for name, xyz in places.items()
-    ]  # fmt: skip
+        for c, camera in enumerate(rig.cameras)
+        for name, xyz in places.items()
+    ]
     uv = np.array([row[3] for row in rows])
     inside = np.asarray(np.isfinite(uv).all(axis=1))
     uv = uv + (0.0 if rng is None else rng.normal(0, noise_px, uv.shape))
     o = Observations(
-        ("",), cameras, points, np.zeros(len(rows), int), np.array([r[0] for r in rows]),
-        np.array([r[1] for r in rows]), np.array([r[2] for r in rows]), uv, np.full(uv.shape, noise_px),
-    )  # fmt: skip
+        ("",),
+        cameras,
+        points,
+        np.zeros(len(rows), int),
+        np.array([r[0] for r in rows]),
+        np.array([r[1] for r in rows]),
+        np.array([r[2] for r in rows]),
+        uv,
+        np.full(uv.shape, noise_px),
+    )
     return ObservedSet(number, "", o.select(inside), time_s)
 
 
@@ -113,9 +126,8 @@ def test_bars_are_measured_as_verification_measures_them(demo: tuple[Session, Ri
     session, rig = demo
     bars = tuple(replace(bar, role="check") for bar in session.bars)
     there = {
-        (m.pose, f"{m.bar}:{m.from_mark}-{m.to_mark}"): m
-        for m in verify(replace(session, bars=bars), rig).measured
-    }  # fmt: skip
+        (m.pose, f"{m.bar}:{m.from_mark}-{m.to_mark}"): m for m in verify(replace(session, bars=bars), rig).measured
+    }
     warm = {pose.id: pose.temperature_c for pose in session.bar_poses}
     compared = 0
     for one in sets:
@@ -347,13 +359,16 @@ def moving_sets(rig: Rig, speed: float, skew_s: float, n: int, rng: np.random.Ge
             own = {name: xyz + np.array([speed * (at + late[c.id]), 0, 0]) for name, xyz in places.items()}
             per_camera.append(seen_points(replace(rig, cameras=(c,)), own, rng).observations)
         o = Observations(
-            ("",), tuple(c.id for c in rig.cameras), per_camera[0].points,
+            ("",),
+            tuple(c.id for c in rig.cameras),
+            per_camera[0].points,
             np.concatenate([p.placement for p in per_camera]),
             np.concatenate([np.full(len(p), i) for i, p in enumerate(per_camera)]),
-            np.concatenate([p.target for p in per_camera]), np.concatenate([p.point for p in per_camera]),
+            np.concatenate([p.target for p in per_camera]),
+            np.concatenate([p.point for p in per_camera]),
             np.concatenate([p.uv for p in per_camera]),
             np.concatenate([p.sigma for p in per_camera if p.sigma is not None]),
-        )  # fmt: skip
+        )
         exposure = {name: at + value for name, value in late.items()}
         found.append(ObservedSet(k + 1, "", o, at, exposure))
     return found

@@ -118,8 +118,10 @@ def test_errors_are_codes_with_values() -> None:
 def test_an_error_has_its_code_and_the_hint_beside_it() -> None:
     error = InputError(Phrase("error-no-registered-bar", {"file": Path("bars.json"), "serial": '"7"'}), "Look again.")
     assert (error.code, error.message, error.hint) == (
-        "error-no-registered-bar", 'bars.json: the registry has no bar "7".', "Look again.",
-    )  # fmt: skip
+        "error-no-registered-bar",
+        'bars.json: the registry has no bar "7".',
+        "Look again.",
+    )
     error = InputError(Phrase("error-no-profile", {"folder": Path("a")}))
     assert str(error) == "a: is not a rig profile. Make one: spherecal profile save RESULT --to PROFILE."
     assert error.words("de")[0] == "a: ist kein Profil eines Aufbaus."
@@ -215,7 +217,7 @@ def test_every_template_can_be_filled(language: str) -> None:
         ("de", "1 Bild widerspricht allen anderen und wird kaum benutzt: C1@P1 (3 von 9", "2 Bilder widersprechen"),
         ("zh_CN", "1 幅图像与其余全部矛盾，几乎未被采用：C1@P1（第一幅", "2 幅图像与其余全部矛盾"),
     ],
-)  # fmt: skip
+)
 def test_plurals(language: str, one: str, two: str) -> None:
     for images, expected in ((("C1@P1",), one), (("C1@P1", "C2@P1"), two)):
         values = {"images": images, "out": 3, "points": 9}
@@ -307,8 +309,9 @@ def test_progress_has_numbers_and_words() -> None:
     context.report_iteration("bundle adjustment", 0.9, 4, 1.5)
     context.report("detect", 2.0, Phrase("image-of", {"number": 1, "images": 2}))
     assert [(one.stage, one.fraction, one.iteration, one.cost) for one in seen] == [
-        ("diagnosis", 0.25, 4, 1.5), ("diagnosis", 0.25, None, None),
-    ]  # fmt: skip
+        ("diagnosis", 0.25, 4, 1.5),
+        ("diagnosis", 0.25, None, None),
+    ]
     assert seen[1].words("zh_CN") == "第 1 幅图像，共 2 幅" and Progress("detect", 0.0, "P1").words("de") == "P1"
 
 
@@ -342,9 +345,11 @@ def test_a_findings_file_of_another_version_does_no_harm(tmp_path: Path) -> None
     assert document is not None
     entry = document["findings"][0]
     bad = [
-        {**entry, "values": {}}, {**entry, "values": {**entry["values"], "size": {"phrase": "no-such", "values": {}}}},
-        {**entry, "values": {**entry["values"], "size": {"what": 1}}}, {**entry, "code": "no-such-code"},
-    ]  # fmt: skip
+        {**entry, "values": {}},
+        {**entry, "values": {**entry["values"], "size": {"phrase": "no-such", "values": {}}}},
+        {**entry, "values": {**entry["values"], "size": {"what": 1}}},
+        {**entry, "code": "no-such-code"},
+    ]
     (tmp_path / "findings.json").write_text(json.dumps({**document, "findings": [*bad, entry]}), encoding="utf-8")
     assert moved().message in [finding.message for finding in read_findings(tmp_path)]
     assert with_values([plainly(moved())], tmp_path)[0].values == moved().values

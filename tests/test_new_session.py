@@ -122,10 +122,12 @@ def test_what_cannot_be_used_leaves_nothing(images: Path, tmp_path: Path) -> Non
         spherecal.new_session(tmp_path / "new", images, board=BOARD)
     image(images / "cam2" / "0002.png")
     for board, said in (
-        ("chessboard,rows=6", "lacks"), ("cheesboard,rows=6", "must be"), ("chessboard,row=6", "cannot be read"),
+        ("chessboard,rows=6", "lacks"),
+        ("cheesboard,rows=6", "must be"),
+        ("chessboard,row=6", "cannot be read"),
         ({**BOARD, "rows": 0}, "rows"),
         ("charuco,rows=30,columns=40,pitch_mm=9,marker_mm=7,dictionary=DICT_4X4_50", "need"),
-    ):  # fmt: skip
+    ):
         with pytest.raises(InputError, match=said):
             spherecal.new_session(tmp_path / "new", images, board=board)
     with pytest.raises(InputError, match="must be above 0"):

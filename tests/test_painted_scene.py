@@ -77,9 +77,15 @@ def test_dragging_turns_and_the_wheel_comes_closer(view: PaintedScene, qtbot: Qt
     assert max(np.hypot(*np.subtract(before[name], turned[name])) for name in before) > 30
     middle = QPointF(320, 240)
     wheel = QWheelEvent(
-        middle, view.mapToGlobal(middle), QPoint(), QPoint(0, 120), Qt.MouseButton.NoButton,
-        Qt.KeyboardModifier.NoModifier, Qt.ScrollPhase.NoScrollPhase, False,
-    )  # fmt: skip
+        middle,
+        view.mapToGlobal(middle),
+        QPoint(),
+        QPoint(0, 120),
+        Qt.MouseButton.NoButton,
+        Qt.KeyboardModifier.NoModifier,
+        Qt.ScrollPhase.NoScrollPhase,
+        False,
+    )
     view.wheelEvent(wheel)
     name = next(iter(turned))
     distances = [np.hypot(*np.subtract(places[name], (320, 240))) for places in (turned, view.on_screen())]

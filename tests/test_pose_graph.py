@@ -33,9 +33,15 @@ def images(move: FloatArray | None = None, camera: int = 2, since: int = 2, seed
     normal = np.diag(np.tile(1 / NOISE**2, m))
     own = np.array(at)
     return ImagePoses(
-        own[:, 0], own[:, 1], np.full(m, 100), np.array(rotation), np.array(translation), normal,
-        np.tile(np.diag(1 / NOISE**2), (m, 1, 1)), 1.0,
-    )  # fmt: skip
+        own[:, 0],
+        own[:, 1],
+        np.full(m, 100),
+        np.array(rotation),
+        np.array(translation),
+        normal,
+        np.tile(np.diag(1 / NOISE**2), (m, 1, 1)),
+        1.0,
+    )
 
 
 def test_without_a_move_what_is_left_is_chi_square() -> None:

@@ -74,9 +74,7 @@ def test_the_chip_heeds_the_last_check(profile: Profile, verdict: str, state: st
     entry = profile.active
     assert entry is not None
     keep_check(profile.folder, "0001", document(verdict), None, NOW)
-    found = validity(
-        replace(entry, calibrated_at=NOW), ValidityLimits(), NOW, None, last_check(profile.folder, "0001")
-    )  # fmt: skip
+    found = validity(replace(entry, calibrated_at=NOW), ValidityLimits(), NOW, None, last_check(profile.folder, "0001"))
     assert found.state == state
     assert ("quick check of 2026-11-21 09:30 UTC" in found.reasons[0]) == (verdict != "ok")
 

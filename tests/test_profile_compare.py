@@ -107,9 +107,15 @@ def test_the_effect_is_that_of_measuring_with_the_wrong_camera() -> None:
     inside = ((uv > -0.5) & (uv < size - 0.5)).all(axis=1).astype(float)
     feature, camera = (np.array(column) for column in zip(*rows, strict=True))
     measured = triangulate(
-        feature, camera, uv, inside, len(points), np.array([c.intrinsics for c in after.cameras]),
-        np.array([c.rotation for c in after.cameras]), np.array([c.translation_mm for c in after.cameras]),
-    ).points  # fmt: skip
+        feature,
+        camera,
+        uv,
+        inside,
+        len(points),
+        np.array([c.intrinsics for c in after.cameras]),
+        np.array([c.rotation for c in after.cameras]),
+        np.array([c.translation_mm for c in after.cameras]),
+    ).points
     assert metric.point_mm == pytest.approx(np.nanmax(np.linalg.norm(measured - points, axis=1)), rel=0.02)
     worst = change_of(metric.cameras, "C3")
     assert worst.length_mm is not None and metric.length_mm is not None

@@ -59,8 +59,9 @@ def test_flat_sheet_is_calibrated_as_published(camcal: Session, factor: float) -
 def test_views_of_few_points_join_with_the_lens_they_share() -> None:
     """A view resected after the first adjustment had kept its prior's focal length, and lay up to 0.3 m off."""
     session, truth = simulate_network("targets", 1)
-    keep = np.isin(np.arange(len(truth.weak)), np.concatenate([np.flatnonzero(~truth.weak)[:22],
-                                                                np.flatnonzero(truth.weak)[:4]]))  # fmt: skip
+    keep = np.isin(
+        np.arange(len(truth.weak)), np.concatenate([np.flatnonzero(~truth.weak)[:22], np.flatnonzero(truth.weak)[:4]])
+    )
     session, truth_of = _only_views(session, keep)
     done = calibrate(session)
     focal = np.array([camera.intrinsics[0] for camera in done.rig.cameras])

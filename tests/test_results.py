@@ -27,10 +27,16 @@ def example_observations(n: int = 24, sigma: bool = False) -> Observations:
     rng = np.random.default_rng(3)
     index = np.arange(n)
     return Observations(
-        ("P1", "P2"), ("C01", "C02", "C03"), ("A", "E"),
-        placement=index // 12 % 2, camera=index % 3, target=5 + index // 6 % 2, point=index // 3 % 2,
-        uv=rng.uniform(0, 1500, (n, 2)), sigma=rng.uniform(0.02, 0.1, (n, 2)) if sigma else None,
-    )  # fmt: skip
+        ("P1", "P2"),
+        ("C01", "C02", "C03"),
+        ("A", "E"),
+        placement=index // 12 % 2,
+        camera=index % 3,
+        target=5 + index // 6 % 2,
+        point=index // 3 % 2,
+        uv=rng.uniform(0, 1500, (n, 2)),
+        sigma=rng.uniform(0.02, 0.1, (n, 2)) if sigma else None,
+    )
 
 
 def example_calibration() -> Calibration:

@@ -201,9 +201,13 @@ def bar_network(
     layout = {name: rng.uniform(-12, 12, 2) for name in "ABCDE"}
     names = tuple(layout) if flat_marks else ("centre",)
     bar = Bar(
-        "S", "scale", {"S1": Mark(901, "centre"), "S2": Mark(902, "centre")},
-        (BarLength("S1", "S2", 500.0, 0.01, 2.0),), 1.15e-5, 20.0,
-    )  # fmt: skip
+        "S",
+        "scale",
+        {"S1": Mark(901, "centre"), "S2": Mark(902, "centre")},
+        (BarLength("S1", "S2", 500.0, 0.01, 2.0),),
+        1.15e-5,
+        20.0,
+    )
     pose_list = tuple(BarPose(f"S-{i + 1}", "S", 20.0 + i) for i in range(poses))
     rows = list(product(range(poses), (901, 902), range(len(names))))
     placement, target, point = np.array(rows).T
@@ -215,14 +219,24 @@ def bar_network(
         flat = layout[names[k]] if flat_marks else np.zeros(2)
         place[i] = turn @ [along + flat[0], flat[1], 0.0] + 300.0 * p
     observations = Observations(
-        tuple(p.id for p in pose_list), ("C1", "C2"), names, placement, np.zeros(len(rows), dtype=np.int64), target,
-        point, np.zeros((len(rows), 2)),
-    )  # fmt: skip
+        tuple(p.id for p in pose_list),
+        ("C1", "C2"),
+        names,
+        placement,
+        np.zeros(len(rows), dtype=np.int64),
+        target,
+        point,
+        np.zeros((len(rows), 2)),
+    )
     base, _ = simulated("demo")
     session = replace(
-        base, placements=(), bars=(bar,), bar_poses=pose_list, scale=Scale("bar", bar="S"),
+        base,
+        placements=(),
+        bars=(bar,),
+        bar_poses=pose_list,
+        scale=Scale("bar", bar="S"),
         target_set=TargetSet("dots8", "light-on-dark", 28.0, 3.0, {901: layout, 902: layout}),
-    )  # fmt: skip
+    )
     return session, observations, find_features(observations), place * unit, np.full(len(rows), 0.01 * unit)
 
 

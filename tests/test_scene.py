@@ -62,14 +62,22 @@ def data() -> SceneData:
     rig = DrawnRig(np.eye(3), "up", cameras, (ball,), 200.0, "C01")
     grid = np.stack(np.meshgrid(*[np.linspace(-300, 300, 4)] * 3), -1).reshape(-1, 3)
     return SceneData(
-        rig, RADIUS * out, np.linspace(0, 1, len(out)), map_places=grid, map_mm=np.linspace(0.01, 0.09, len(grid)),
-        map_length_mm=500.0, map_k=2.0, links=(("C01", "C02"),), normals=out, most_px=0.04,
+        rig,
+        RADIUS * out,
+        np.linspace(0, 1, len(out)),
+        map_places=grid,
+        map_mm=np.linspace(0.01, 0.09, len(grid)),
+        map_length_mm=500.0,
+        map_k=2.0,
+        links=(("C01", "C02"),),
+        normals=out,
+        most_px=0.04,
         names=tuple(("P1", i, "A") for i in range(len(out))),
         ellipsoid_places=np.array([one.centre for one in cameras]),
         ellipsoids=np.tile(np.diag([0.01, 0.02, 0.04]), (3, 1, 1)),
         figures={"C01": CameraFigures("SN-1", (2448, 2048), 0.031, 0.012)},
         images={one.id: np.full((100, 120), 90, np.uint8) for one in cameras},
-    )  # fmt: skip
+    )
 
 
 # --- shapes ----------------------------------------------------------------------------------------------------------

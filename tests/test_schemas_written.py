@@ -137,11 +137,18 @@ def test_the_wizards_project_is_described(tmp_path: Path) -> None:
     done = Run((("a", "b"),), "valid")
     save_project(
         replace(
-            project, artefacts=Artefacts("t", "b", "s", "B", ("A",), "c"), calibrated=done, checked=done,
-            failures={"solve": "x"}, repairs=(("--leave-out", "C01"),), masks=(("C01", (0.0, 0.0, 1.0, 1.0)),),
-            bar_celsius=20.0, pose_bars=(("A1", "A"),), flaws=(Flaw("P1", TIME, "taken moving", ("C01",)),),
+            project,
+            artefacts=Artefacts("t", "b", "s", "B", ("A",), "c"),
+            calibrated=done,
+            checked=done,
+            failures={"solve": "x"},
+            repairs=(("--leave-out", "C01"),),
+            masks=(("C01", (0.0, 0.0, 1.0, 1.0)),),
+            bar_celsius=20.0,
+            pose_bars=(("A1", "A"),),
+            flaws=(Flaw("P1", TIME, "taken moving", ("C01",)),),
         )
-    )  # fmt: skip
+    )
     assert_described(_load(tmp_path / "project" / "wizard.json"))
 
 

@@ -281,9 +281,13 @@ def test_places_that_a_camera_shows_twice_count_twice() -> None:
     assert problem.placement is not None
     assert problem.ball.place is not None
     double = replace(
-        problem, camera=problem.camera[every], point=problem.point[every], uv=problem.uv[every],
-        weight=problem.weight[every], ball=problem.ball.select(every),
-    )  # fmt: skip
+        problem,
+        camera=problem.camera[every],
+        point=problem.point[every],
+        uv=problem.uv[every],
+        weight=problem.weight[every],
+        ball=problem.ball.select(every),
+    )
     twice = equations(double, state)
     unit = 1 / np.sqrt(once.diagonal)
     np.testing.assert_allclose(

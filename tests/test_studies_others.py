@@ -22,9 +22,11 @@ def case() -> Case:
 
 def true_cameras(case: Case) -> State:
     return State(
-        np.array([c.rotation for c in case.truth.cameras]), np.array([c.translation_mm for c in case.truth.cameras]),
-        np.array([c.intrinsics for c in case.truth.cameras]), np.zeros((0, 3)),
-    )  # fmt: skip
+        np.array([c.rotation for c in case.truth.cameras]),
+        np.array([c.translation_mm for c in case.truth.cameras]),
+        np.array([c.intrinsics for c in case.truth.cameras]),
+        np.zeros((0, 3)),
+    )
 
 
 def found(state: State) -> Found:

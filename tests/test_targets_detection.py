@@ -59,9 +59,14 @@ def view_of(tilt_deg: float, turn_deg: float, px_per_mm: float = 3.0) -> NDArray
 
 
 def drawn(
-    ids: list[int], views: list[NDArray[np.float64]], without: tuple[str, ...] = (), blur_px: float = 0.65,
-    targets: TargetSet = TARGETS, columns: int = 3, specks_mm: tuple[tuple[float, float], ...] = (),
-) -> Drawing:  # fmt: skip
+    ids: list[int],
+    views: list[NDArray[np.float64]],
+    without: tuple[str, ...] = (),
+    blur_px: float = 0.65,
+    targets: TargetSet = TARGETS,
+    columns: int = 3,
+    specks_mm: tuple[tuple[float, float], ...] = (),
+) -> Drawing:
     """Stickers on a grid, each with its own view; `specks_mm` are dots that no target has, on every sticker."""
     rows = -(-len(ids) // columns)
     size = (rows * PITCH_PX, columns * PITCH_PX)
@@ -149,10 +154,12 @@ def test_centres_and_uncertainties_against_rendered_truth(rendered: Rendered) ->
         assert np.sqrt((band[: int(0.98 * len(band))] ** 2).mean()) < most_px
     assert 0.75 < np.std(error / found.sigma_uv) < 1.25
     whole = [
-        t for t in np.unique(truth.target)
-        if (truth.target == t).sum() == 8 and truth.fully_visible[truth.target == t].all()
+        t
+        for t in np.unique(truth.target)
+        if (truth.target == t).sum() == 8
+        and truth.fully_visible[truth.target == t].all()
         and truth.view_deg[truth.target == t].max() < 65
-    ]  # fmt: skip
+    ]
     assert set(whole) <= set(found.target_ids)
 
 

@@ -298,10 +298,11 @@ def test_a_damaged_covariance_is_refused(tmp_path: Path, damage: str) -> None:
     np.save(whole, matrix)
     data = whole.getvalue()
     data = {
-        "cut": data[:100], "header": data.replace(b"'shape'", b"'sh\xffpe'"),
+        "cut": data[:100],
+        "header": data.replace(b"'shape'", b"'sh\xffpe'"),
         "objects": b"\x93NUMPY\x01\x00\x46\x00{'descr': '|O', 'fortran_order': False, 'shape': (1,), }" + b" " * 14,
         "huge": data.replace(b"(12, 12)", b"(9**9,1)"),
-    }[damage]  # fmt: skip
+    }[damage]
     document = json.loads(rig_bytes(rig))
     document["covariance"]["sha256"] = hashlib.sha256(data).hexdigest()
     (tmp_path / "rig.json").write_text(json.dumps(document))
@@ -342,10 +343,15 @@ META = messages.FrameMeta(
 
 @pytest.mark.parametrize(
     "message",
-    [messages.Hello(2, 17), messages.Alive({"S": Counters(rate_hz=2.5)}, {"S": None}), messages.Slow("S", 0.5),
-     messages.StateIs("S", CameraState.LOST, "gone", "wait"), messages.Answer(3, (SetupReport("S", (), (80, 90)),)),
-     messages.Triggered(3, {"S": "no"})],
-)  # fmt: skip
+    [
+        messages.Hello(2, 17),
+        messages.Alive({"S": Counters(rate_hz=2.5)}, {"S": None}),
+        messages.Slow("S", 0.5),
+        messages.StateIs("S", CameraState.LOST, "gone", "wait"),
+        messages.Answer(3, (SetupReport("S", (), (80, 90)),)),
+        messages.Triggered(3, {"S": "no"}),
+    ],
+)
 def test_messages_return_as_they_were(message: object) -> None:
     assert wire.unpack(wire.pack(message), messages.REPORTS) == message
 
@@ -356,12 +362,21 @@ def test_what_is_unknown_in_an_image_is_none() -> None:
 
 @pytest.mark.parametrize(
     "data",
-    [pickle.dumps(print), b"", b"[]", b'["Quit", {}]', b'["Hello", {"version": 2}]',
-     b'["Hello", {"version": "2", "pid": 1}]',
-     b'["Hello", {"version": 1e999, "pid": 1}]', b'["Hello", {"version": true, "pid": 1}]', b"[" * 100_000,
-     b'["Slow", {"serial": "' + b"x" * 30_000 + b'", "seconds": 1.0}]', b'["Slow", {"serial": "S", "seconds": NaN}]',
-     b'["StateIs", {"serial": "S", "state": "hacked", "cause": "", "remedy": ""}]'],
-)  # fmt: skip
+    [
+        pickle.dumps(print),
+        b"",
+        b"[]",
+        b'["Quit", {}]',
+        b'["Hello", {"version": 2}]',
+        b'["Hello", {"version": "2", "pid": 1}]',
+        b'["Hello", {"version": 1e999, "pid": 1}]',
+        b'["Hello", {"version": true, "pid": 1}]',
+        b"[" * 100_000,
+        b'["Slow", {"serial": "' + b"x" * 30_000 + b'", "seconds": 1.0}]',
+        b'["Slow", {"serial": "S", "seconds": NaN}]',
+        b'["StateIs", {"serial": "S", "state": "hacked", "cause": "", "remedy": ""}]',
+    ],
+)
 def test_what_is_no_message_is_refused(data: bytes) -> None:
     with pytest.raises(wire.WireError):
         wire.unpack(data, messages.REPORTS)

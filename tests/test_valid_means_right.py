@@ -133,8 +133,10 @@ def wrong_certificate() -> Session:
     session, _ = recording(scale="bar")
     bars = [
         replace(bar, lengths=tuple(replace(x, length_mm=1.2 * x.length_mm) for x in bar.lengths))
-        if bar.role == "scale" else bar for bar in session.bars
-    ]  # fmt: skip
+        if bar.role == "scale"
+        else bar
+        for bar in session.bars
+    ]
     return replace(session, bars=tuple(bars))
 
 
@@ -421,7 +423,7 @@ def test_one_image_under_two_names() -> None:
     camera = np.concatenate([o.camera[kept], np.full(len(rows), 3)])
     wrong = Observations(
         o.placements, o.cameras, o.points, o.placement[order], camera, o.target[order], o.point[order], o.uv[order]
-    )  # fmt: skip
+    )
     found = [f for f in implausible(replace(session, observations=wrong)) if f.code == "image-repeated"]
     assert found[0].where == ("C01", "C04", "P2") and found[0].severity == "error"
     assert not implausible(session)
@@ -438,9 +440,10 @@ def captured(session: Session, folder: Path, late: dict[tuple[str, str], float],
             shown = t - 1 if key in stale else t
             at = 20.0 * shown + late.get(key, 0.0) + 0.01 * c
             cameras[camera.id] = {
-                "frame_id": 100 * c + shown, "time_stamp_ns": int(1e9 * (1e9 * c + at)),
+                "frame_id": 100 * c + shown,
+                "time_stamp_ns": int(1e9 * (1e9 * c + at)),
                 "exposed": (begin + timedelta(seconds=20.0 * t + late.get(key, 0.0))).isoformat(),
-            }  # fmt: skip
+            }
         taken = (begin + timedelta(seconds=20.0 * t)).isoformat()
         sets.append({"id": placement.id, "taken": taken, "cameras": cameras})
     document = {"format": "spherecal/capture", "version": 1, "source": "live", "cameras": [], "sets": sets}
@@ -468,8 +471,10 @@ def turned_away(done: Calibration, name: str) -> Calibration:
     turn = exp_rotation(np.array([0.0, 0.7, 0.0]))
     cameras = [
         replace(c, rotation=turn @ c.rotation, translation_mm=turn @ c.translation_mm + [0, 300.0, 0])
-        if c.id == name else c for c in done.rig.cameras
-    ]  # fmt: skip
+        if c.id == name
+        else c
+        for c in done.rig.cameras
+    ]
     return replace(done, rig=replace(done.rig, cameras=tuple(cameras)))
 
 

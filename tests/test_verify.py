@@ -35,11 +35,18 @@ def true_rig(truth: Truth, focal_factor: float = 1.0, focal_sigma_px: float = 0.
     sigma = CameraSigma(np.zeros(3), np.zeros(3), np.r_[focal_sigma_px, focal_sigma_px, np.zeros(14)])
     cameras = tuple(
         RigCamera(
-            c.id, None, c.kind.image_size, c.intrinsics * np.r_[focal_factor, focal_factor, np.ones(14)], c.rotation,
-            c.translation_mm * scale, 0.05, 500, sigma,
+            c.id,
+            None,
+            c.kind.image_size,
+            c.intrinsics * np.r_[focal_factor, focal_factor, np.ones(14)],
+            c.rotation,
+            c.translation_mm * scale,
+            0.05,
+            500,
+            sigma,
         )
         for c in truth.cameras
-    )  # fmt: skip
+    )
     return Rig(cameras[0].id, cameras, RigScale("bar", 0.0), Quality(True, 0.05, 0.04, 0.04, ()), "")
 
 

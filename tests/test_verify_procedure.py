@@ -78,10 +78,13 @@ def test_resolution_is_the_last_digit_stated() -> None:
 @pytest.mark.parametrize(
     ("text", "limit"),
     [
-        ("0.03+L/20000", LengthLimit(0.03, 20000)), ("0.05", LengthLimit(0.05)), ("50 um", LengthLimit(0.05)),
-        ("30µm + L/2e4", LengthLimit(0.03, 20000)), (".1mm", LengthLimit(0.1)),
+        ("0.03+L/20000", LengthLimit(0.03, 20000)),
+        ("0.05", LengthLimit(0.05)),
+        ("50 um", LengthLimit(0.05)),
+        ("30µm + L/2e4", LengthLimit(0.03, 20000)),
+        (".1mm", LengthLimit(0.1)),
     ],
-)  # fmt: skip
+)
 def test_limits_are_read(text: str, limit: LengthLimit) -> None:
     read = parse_limit(text)
     assert (read.constant_mm, read.divisor) == (pytest.approx(limit.constant_mm), limit.divisor)
@@ -100,9 +103,11 @@ def test_decision_leaves_the_doubt_on_both_sides() -> None:
     limit = LengthLimit(0.05, 10000.0)
     assert limit.at(500.0) == pytest.approx(0.1)
     for error, verdict in (
-        (0.1 - u - 1e-9, "pass"), (0.1 - u + 1e-9, "cannot tell"), (0.1 + u - 1e-9, "cannot tell"),
+        (0.1 - u - 1e-9, "pass"),
+        (0.1 - u + 1e-9, "cannot tell"),
+        (0.1 + u - 1e-9, "cannot tell"),
         (0.1 + u + 1e-9, "fail"),
-    ):  # fmt: skip
+    ):
         for sign in (1, -1):
             rows = [measured(0.001), measured(sign * error, pose="A-02")]
             decided = judge_against(limit, rows, [budget], True)
@@ -273,9 +278,11 @@ def test_the_plan_covers_seven_lines_where_the_bars_are_seen(preset: str) -> Non
 
 def test_marks_lie_where_the_lengths_put_them() -> None:
     lengths = (
-        BarLength("1", "2", 100.0, 0.01, 2), BarLength("3", "4", 200.0, 0.01, 2), BarLength("1", "4", 500.0, 0.01, 2),
+        BarLength("1", "2", 100.0, 0.01, 2),
+        BarLength("3", "4", 200.0, 0.01, 2),
+        BarLength("1", "4", 500.0, 0.01, 2),
         BarLength("8", "9", 10.0, 0.01, 2),
-    )  # fmt: skip
+    )
     marks = BarMarks.of("A", lengths)
     assert marks.names == ("1", "2", "3", "4")
     assert marks.along_mm.tolist() == [0.0, 100.0, 300.0, 500.0]

@@ -104,9 +104,7 @@ def test_the_same_in_16_bit_files(picture: Grey, bits: int, high: bool) -> None:
     assert why_nothing(dark, TARGETS).kind == "dark"
 
 
-def test_detect_says_the_cause_and_ends_well(
-    picture: Grey, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:  # fmt: skip
+def test_detect_says_the_cause_and_ends_well(picture: Grey, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     (tmp_path / "a.pgm").write_bytes(b"P5\n900 700\n255\n" + picture.tobytes())
     write_target_set(tmp_path / "targets.json", replace(TARGETS, polarity="dark-on-light"))
     arguments = ["detect", tmp_path / "a.pgm", "--targets", tmp_path / "targets.json", "--csv", tmp_path / "out.csv"]
@@ -130,9 +128,15 @@ def of_images(folder: Path, images: dict[tuple[str, str], Grey], targets: Target
         shots.setdefault(placement, {})[camera] = path
     placements = tuple(Placement(name, of) for name, of in shots.items())
     return replace(
-        session, cameras=cameras, placements=placements, bar_poses=(), bars=(), scale=None, target_set=targets,
+        session,
+        cameras=cameras,
+        placements=placements,
+        bar_poses=(),
+        bars=(),
+        scale=None,
+        target_set=targets,
         observations=None,
-    )  # fmt: skip
+    )
 
 
 def test_a_session_in_which_nothing_was_found(picture: Grey, tmp_path: Path) -> None:
@@ -171,9 +175,7 @@ def test_an_empty_table(tmp_path: Path) -> None:
     assert not quality.valid
 
 
-def test_a_table_of_other_cameras_is_refused_by_name(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:  # fmt: skip
+def test_a_table_of_other_cameras_is_refused_by_name(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     session, truth = simulate_session("demo", 0)
     assert session.observations is not None
     write_session(session, truth, tmp_path / "s")

@@ -17,8 +17,9 @@ _SAVERS = {
 }  # fmt: skip
 _IN_MEMORY = {"BytesIO", "StringIO", "QBuffer", "TemporaryFile", "PdfPages"}
 _OF_MODULES = {
-    "os": {"remove", "replace", "link", "symlink", "mkfifo", "mknod", "fdopen", "chown"}, "shutil": {"move", "copy"},
-}  # fmt: skip
+    "os": {"remove", "replace", "link", "symlink", "mkfifo", "mknod", "fdopen", "chown"},
+    "shutil": {"move", "copy"},
+}
 
 
 def writing_calls(source: str) -> list[tuple[int, str]]:
@@ -26,16 +27,27 @@ def writing_calls(source: str) -> list[tuple[int, str]]:
     tree = ast.parse(source)
     functions = [node for node in ast.walk(tree) if isinstance(node, (ast.FunctionDef, ast.AsyncFunctionDef))]
     memory = {id(call): names for f in functions for names in [_in_memory(f)] for call in ast.walk(f)}
-    return [(node.lineno, name) for node in ast.walk(tree)
-            if isinstance(node, ast.Call) and (name := _name(node, memory.get(id(node), set())))]  # fmt: skip
+    return [
+        (node.lineno, name)
+        for node in ast.walk(tree)
+        if isinstance(node, ast.Call) and (name := _name(node, memory.get(id(node), set())))
+    ]
 
 
 def _in_memory(function: ast.AST) -> set[str]:
     """The names in a function that are buffers in memory, or write into one."""
-    made = [(target.id, node.value) for node in ast.walk(function) if isinstance(node, ast.Assign)
-            for target in node.targets if isinstance(target, ast.Name)]  # fmt: skip
-    made += [(node.optional_vars.id, node.context_expr) for node in ast.walk(function)
-             if isinstance(node, ast.withitem) and isinstance(node.optional_vars, ast.Name)]  # fmt: skip
+    made = [
+        (target.id, node.value)
+        for node in ast.walk(function)
+        if isinstance(node, ast.Assign)
+        for target in node.targets
+        if isinstance(target, ast.Name)
+    ]
+    made += [
+        (node.optional_vars.id, node.context_expr)
+        for node in ast.walk(function)
+        if isinstance(node, ast.withitem) and isinstance(node.optional_vars, ast.Name)
+    ]
     return {name for name, value in made if isinstance(value, ast.Call) and _last(value.func) in _IN_MEMORY}
 
 
@@ -86,8 +98,10 @@ def _writes(call: ast.Call, place: int) -> bool:
     modes = [keyword.value for keyword in call.keywords if keyword.arg == "mode"]
     if len(call.args) > place:
         modes.append(call.args[place])
-    return any(isinstance(mode, ast.Constant) and isinstance(mode.value, str) and set(mode.value) & set("wax+")
-               for mode in modes)  # fmt: skip
+    return any(
+        isinstance(mode, ast.Constant) and isinstance(mode.value, str) and set(mode.value) & set("wax+")
+        for mode in modes
+    )
 
 
 def files_that_write(root: Path) -> dict[str, list[tuple[int, str]]]:

@@ -22,8 +22,13 @@ def recording(rig: str = "demo", seed: int = 1, **options: object) -> tuple[Sess
     return simulate_session(rig, seed, SimulationOptions(**{"targets": 80, "bar_poses": 6, **options}))  # type: ignore[arg-type]
 
 
-def again(session: Session, truth: Truth, pose: Callable[[int, int], Pose], shift: Callable[[int, int], FloatArray],
-          distort: Callable[[int, FloatArray], FloatArray] | None = None) -> Session:  # fmt: skip
+def again(
+    session: Session,
+    truth: Truth,
+    pose: Callable[[int, int], Pose],
+    shift: Callable[[int, int], FloatArray],
+    distort: Callable[[int, FloatArray], FloatArray] | None = None,
+) -> Session:
     """The recording's rows on the ball seen once more: by cameras at `pose(c, t)`, the ball moved by `shift(c, t)`.
 
     The noise of every row is as it was; `distort` of a camera changes exact image points (n, 2).
@@ -61,9 +66,14 @@ def still(_: int, __: int) -> FloatArray:
 def with_rows(o: Observations, keep: IntArray | np.ndarray, placement: IntArray) -> Observations:
     """Some rows (k,) of observations under other placements (k,)."""
     return replace(
-        o, placement=placement, camera=o.camera[keep], target=o.target[keep], point=o.point[keep], uv=o.uv[keep],
+        o,
+        placement=placement,
+        camera=o.camera[keep],
+        target=o.target[keep],
+        point=o.point[keep],
+        uv=o.uv[keep],
         sigma=None if o.sigma is None else o.sigma[keep],
-    )  # fmt: skip
+    )
 
 
 def stale_image(session: Session, camera: int, placement: int, shown: int) -> Session:

@@ -164,9 +164,11 @@ def bounds(rig: str, case: str, options: SimulationOptions | None = None) -> dic
     for form in forms:
         dense = dense_network(simulated, form)
         out[form] = Bound(
-            int(simulated.usable_in(form).sum()), bars.lengths_mm, bar_bound(simulated, bars, dense),
+            int(simulated.usable_in(form).sum()),
+            bars.lengths_mm,
+            bar_bound(simulated, bars, dense),
             _covariance_difference(simulated, form, dense),
-        )  # fmt: skip
+        )
     return out
 
 
@@ -175,12 +177,20 @@ def figures(rig: str, case: str, form: Form, bound: Bound, runs: list[Run]) -> A
     stated = [run.stated for run in runs if run.stated is not None]
     names = runs[0].normalised
     return Accuracy(
-        rig, case, form, bound.observations, bound.bars, bound.covariance_difference,
-        np.array([run.bar_errors for run in runs]) ** 2, bound.lengths_mm, np.array([run.chi2 for run in runs]),
+        rig,
+        case,
+        form,
+        bound.observations,
+        bound.bars,
+        bound.covariance_difference,
+        np.array([run.bar_errors for run in runs]) ** 2,
+        bound.lengths_mm,
+        np.array([run.chi2 for run in runs]),
         runs[-1].redundancy,
         {name: Normalised(np.array([run.normalised[name] for run in runs])) for name in names},
-        [run.whole for run in runs if run.whole is not None], Normalised(np.array(stated)) if stated else None,
-    )  # fmt: skip
+        [run.whole for run in runs if run.whole is not None],
+        Normalised(np.array(stated)) if stated else None,
+    )
 
 
 def _residuals(simulated: Simulated, estimate: Estimate) -> FloatArray:

@@ -69,11 +69,7 @@ def _spread_tables(page: Report, figures: list[Accuracy]) -> None:
         "Pooled over cameras or points; s.e. from the scatter between runs; lowest and highest ratio of a single "
         "camera's parameter (of a single length) beside it, which scatter more."
     )
-    rows = [
-        (f.name, name, n.ratio, n.standard_error, *n.extremes)
-        for f in figures
-        for name, n in f.normalised.items()
-    ]  # fmt: skip
+    rows = [(f.name, name, n.ratio, n.standard_error, *n.extremes) for f in figures for name, n in f.normalised.items()]
     rows += [
         (f.name, f"rig.json ({len(f.whole)} whole runs)", n.ratio, n.standard_error, *n.extremes)
         for f in figures
@@ -88,16 +84,33 @@ def _minimum_tables(page: Report, figures: list[Accuracy]) -> None:
     for f in figures:
         z = (f.chi2.mean() - 1) / np.sqrt(2 / f.redundancy / len(f.chi2))
         expected = np.sqrt(2 / f.redundancy)
-        rows.append((f.name, float(f.chi2.mean()), float(z), float(f.chi2.std(ddof=1)), float(expected),
-                     float(f.chi2.min()), float(f.chi2.max()), f.redundancy))  # fmt: skip
+        rows.append(
+            (
+                f.name,
+                float(f.chi2.mean()),
+                float(z),
+                float(f.chi2.std(ddof=1)),
+                float(expected),
+                float(f.chi2.min()),
+                float(f.chi2.max()),
+                f.redundancy,
+            )
+        )
     page.table(("case", "chi2red mean", "z", "sd of a run", "expected sd", "lowest", "highest", "redundancy"), rows)
     rows = []
     for f in figures:
         same = [w for w in f.whole if w.other_used == 0]
-        rows.append((f.name, len(f.whole), len(same), max((w.cost_difference for w in same), default=0.0),
-                     max((w.bar_difference_um for w in same), default=0.0),
-                     max((w.other_used for w in f.whole), default=0),
-                     max((w.bar_difference_um for w in f.whole), default=0.0)))  # fmt: skip
+        rows.append(
+            (
+                f.name,
+                len(f.whole),
+                len(same),
+                max((w.cost_difference for w in same), default=0.0),
+                max((w.bar_difference_um for w in same), default=0.0),
+                max((w.other_used for w in f.whole), default=0),
+                max((w.bar_difference_um for w in f.whole), default=0.0),
+            )
+        )
     page.table(
         ("case", "whole runs", "with the same observations", "their cost differs by", "their bars by um",
          "most observations that differ", "bars then differ by um"), rows,
@@ -122,9 +135,10 @@ def _same_minimum(page: Report, f: Accuracy) -> None:
     apart = max((w.bar_difference_um for w in f.whole), default=np.inf)
     most, others = SAME_BARS * f.rmse_um, max((w.other_used for w in f.whole), default=0)
     page.verdict(
-        f"{f.name}: the whole computation's bars differ by at most {most:.1f} um", apart <= most,
+        f"{f.name}: the whole computation's bars differ by at most {most:.1f} um",
+        apart <= most,
         f"{apart:.2f} um; no run used exactly the same observations (up to {others} others)",
-    )  # fmt: skip
+    )
 
 
 def _verdicts(page: Report, f: Accuracy) -> None:
@@ -138,9 +152,10 @@ def _verdicts(page: Report, f: Accuracy) -> None:
     worst = max(f.normalised.items(), key=lambda item: abs(item[1].ratio - 1))
     inside = all(abs(n.ratio - 1) <= 0.10 for n in f.normalised.values())
     page.verdict(
-        f"{f.name}: empirical sd within 10 % of the predicted", inside,
+        f"{f.name}: empirical sd within 10 % of the predicted",
+        inside,
         f"farthest is {worst[0]}, {worst[1].ratio:.3f} +- {worst[1].standard_error:.3f}",
-    )  # fmt: skip
+    )
     _same_minimum(page, f)
     page.verdict(
         f"{f.name}: covariance equals the dense one", f.covariance_difference < 1e-6, f"{f.covariance_difference:.1e}"

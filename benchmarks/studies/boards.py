@@ -131,9 +131,14 @@ def opencv(made: StereoSet) -> Figures:
             first.append(a.uv[at].astype(np.float32))
             second.append(b.uv[bt].astype(np.float32))
     rms, K1, _, K2, _, _, T, _, _ = cv2.stereoCalibrate(
-        objects, first, second, *lenses, size, flags=cv2.CALIB_USE_INTRINSIC_GUESS,
+        objects,
+        first,
+        second,
+        *lenses,
+        size,
+        flags=cv2.CALIB_USE_INTRINSIC_GUESS,
         criteria=(cv2.TERM_CRITERIA_COUNT + cv2.TERM_CRITERIA_EPS, 200, 1e-9),
-    )  # fmt: skip
+    )
     error = max(abs(K[0, 0] - camera.intrinsics[0]) for K, camera in zip((K1, K2), made.cameras, strict=True))
     seconds = time.perf_counter() - begin
     return Figures(float(rms), float(np.linalg.norm(T)), float(error), seconds, 2 * sum(map(len, objects)))
@@ -170,11 +175,14 @@ def report(runs: int | None = None) -> Report:
         for i, name in enumerate(("SphereCal", "OpenCV")):
             rows.append(
                 (
-                    text.split(",")[0], name, float(np.mean([one[i].rms_px for one in both])),
-                    float(np.sqrt((errors[i] ** 2).mean())), focal[i],
+                    text.split(",")[0],
+                    name,
+                    float(np.mean([one[i].rms_px for one in both])),
+                    float(np.sqrt((errors[i] ** 2).mean())),
+                    focal[i],
                     float(np.median([one[i].seconds for one in both])),
                 )
-            )  # fmt: skip
+            )
     page.table(("board", "by", "rms px", "baseline off by mm (rms)", "focal length off by px", "seconds"), rows)
     worst = max(ratios)
     page.verdict(f"baseline no worse than {GOAL_RATIO:g} times OpenCV's", worst <= GOAL_RATIO, f"at most {worst:.2f}")

@@ -177,9 +177,7 @@ def _rows(parts: list[_Part], height: int, width: int) -> sparse.csr_array:
     )
 
 
-def derivatives(
-    state: State, camera: IntArray, places: FloatArray, columns: IntArray
-) -> tuple[FloatArray, FloatArray]:  # fmt: skip
+def derivatives(state: State, camera: IntArray, places: FloatArray, columns: IntArray) -> tuple[FloatArray, FloatArray]:
     """Derivatives of image points by pose and intrinsics (n, 2, 6 + k) and by the point's place (n, 2, 3)."""
     rotation, intrinsics = state.rotation[camera], state.intrinsics[camera].astype(complex)
     x = np.einsum("nij,nj->ni", rotation, places) + state.translation[camera]

@@ -69,9 +69,12 @@ def killed_programs(runs: int) -> list[Killed]:
     with ProducerControl([SimulatedCamera(f"SIM{i}", 640, 480) for i in range(4)]) as steering:
         for _ in range(runs):
             program = subprocess.Popen(
-                [sys.executable, "-c", PROGRAM], env=os.environ | steering.environment, stdout=subprocess.PIPE,
-                stderr=subprocess.DEVNULL, text=True,
-            )  # fmt: skip
+                [sys.executable, "-c", PROGRAM],
+                env=os.environ | steering.environment,
+                stdout=subprocess.PIPE,
+                stderr=subprocess.DEVNULL,
+                text=True,
+            )
             assert program.stdout is not None
             child = int(program.stdout.readline())
             began = time.perf_counter()
@@ -128,10 +131,16 @@ def soak(minutes: float) -> Iterator[Look]:
                 counters = [status.counters for status in source.statuses().values()]
                 exposed = sum(made.control.counters(serial).frames_exposed for serial in made.control.serials)
                 yield Look(
-                    (now - began) / 60, resident_mb(os.getpid()), resident_mb(source.service_pid or 0),
-                    sum(c.delivered for c in counters), exposed, sum(c.incomplete for c in counters),
-                    sum(c.underrun for c in counters), sets, poor,
-                )  # fmt: skip
+                    (now - began) / 60,
+                    resident_mb(os.getpid()),
+                    resident_mb(source.service_pid or 0),
+                    sum(c.delivered for c in counters),
+                    exposed,
+                    sum(c.incomplete for c in counters),
+                    sum(c.underrun for c in counters),
+                    sets,
+                    poor,
+                )
             for serial in made.control.serials:
                 source.preview(serial)
             time.sleep(0.1)
@@ -168,10 +177,18 @@ def _fault_table(page: Report, found: dict[str, list[Outcome]], untouched: bool,
         seen = [o.seen_s for o in outcomes if o.seen_s is not None]
         back = [o.recovered_s for o in outcomes if o.recovered_s is not None]
         rows.append(
-            (name, len(seen), sum(o.named for o in outcomes), len(back), _middle(seen), max(seen, default=float("nan")),
-             _middle(back), max(back, default=float("nan")), sum(o.others_lost for o in outcomes),
+            (
+                name,
+                len(seen),
+                sum(o.named for o in outcomes),
+                len(back),
+                _middle(seen),
+                max(seen, default=float("nan")),
+                _middle(back),
+                max(back, default=float("nan")),
+                sum(o.others_lost for o in outcomes),
             )
-        )  # fmt: skip
+        )
     header = ("fault", "seen", "named", "recovered", "seen s (median)", "max", "recovered s (median)", "max",
               "other cameras late as well")  # fmt: skip
     page.table(header, rows)
@@ -199,9 +216,10 @@ def _killed_table(page: Report, found: list[Killed]) -> None:
     well = len(gone) == len(free) == len(found)
     longest = max([*gone, *free], default=float("nan"))
     page.verdict(
-        "no process and no shared memory is left", well,
+        "no process and no shared memory is left",
+        well,
         f"{len(gone)} and {len(free)} of {len(found)}, {longest:.2f} s at most",
-    )  # fmt: skip
+    )
     page.text("")
 
 
@@ -224,6 +242,7 @@ def _soak_table(page: Report, looks: list[Look], minutes: float) -> None:
     # what is on its way when the counters are read, and images dropped where the driver had no buffer
     page.verdict(
         "no drift of counters: exposed images are delivered or counted as lost",
-        lost <= last.incomplete + last.underrun + 24, f"{lost} of {last.exposed} not (yet) delivered",
-    )  # fmt: skip
+        lost <= last.incomplete + last.underrun + 24,
+        f"{lost} of {last.exposed} not (yet) delivered",
+    )
     page.verdict("every set is complete", last.incomplete_sets == 0, f"{last.incomplete_sets} of {last.sets} not")

@@ -35,9 +35,11 @@ def part(session: Session, which: range) -> Session:
     index = np.array([names.index(name) if name in names else -1 for name in o.placements])
     o = o.select(index[o.placement] >= 0)
     return replace(
-        session, placements=tuple(session.placements[i] for i in which), bar_poses=(),
+        session,
+        placements=tuple(session.placements[i] for i in which),
+        bar_poses=(),
         observations=replace(o, placements=names, placement=index[o.placement]),
-    )  # fmt: skip
+    )
 
 
 @dataclass(frozen=True)
@@ -125,8 +127,11 @@ def report(runs: int | None = None) -> Report:
         ("checks", "verdict not OK", "cameras named", "slowest check, s"),
         [(alarms.checks, alarms.not_ok, alarms.cameras, alarms.slowest_s)],
     )
-    page.verdict("false alarms in at most 2 % of the checks", alarms.not_ok <= max(0.02 * alarms.checks, 1),
-                 f"{alarms.not_ok} of {alarms.checks}")  # fmt: skip
+    page.verdict(
+        "false alarms in at most 2 % of the checks",
+        alarms.not_ok <= max(0.02 * alarms.checks, 1),
+        f"{alarms.not_ok} of {alarms.checks}",
+    )
     page.verdict("a check takes less than 10 s", alarms.slowest_s < 10, f"{alarms.slowest_s:.2f} s")
     page.text("")
     _sensitivity(page, REPEATS if runs is None else min(REPEATS, max(1, runs // 10)), None if runs is None else runs)
@@ -148,9 +153,11 @@ def _sensitivity(page: Report, repeats: int, most: int | None) -> None:
     rows = []
     for one in found:
         cells = (
-            smallest(one.shifts, SHIFTS_MM), one.recalibrate_shift_mm, smallest(one.turns, TURNS_DEG),
+            smallest(one.shifts, SHIFTS_MM),
+            one.recalibrate_shift_mm,
+            smallest(one.turns, TURNS_DEG),
             one.recalibrate_turn_deg,
-        )  # fmt: skip
+        )
         rows.append((one.camera, *("above" if cell is None else cell for cell in cells)))
     page.table(("camera", "shift named, mm", "recalibrate, mm", "turn named, deg", "recalibrate, deg"), rows)
     largest = [(one.shifts[-1], one.turns[-1]) for one in found]

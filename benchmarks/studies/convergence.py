@@ -194,12 +194,18 @@ def report(runs: int | None, rigs: Sequence[str] = RIGS, options: SimulationOpti
         for mode in MODES:
             outcomes = study(rig, runs, mode, options)
             good = [o for o in outcomes if o.converged]
-            rows.append((
-                rig, mode, f"{len(good)} of {len(outcomes)}", sum(not o.all_cameras for o in outcomes),
-                sum(o.all_cameras and not o.converged for o in outcomes),
-                max((abs(o.cost_excess) for o in good), default=np.nan), min((o.kept for o in good), default=np.nan),
-                float(np.mean([o.start_px for o in outcomes])),
-            ))  # fmt: skip
+            rows.append(
+                (
+                    rig,
+                    mode,
+                    f"{len(good)} of {len(outcomes)}",
+                    sum(not o.all_cameras for o in outcomes),
+                    sum(o.all_cameras and not o.converged for o in outcomes),
+                    max((abs(o.cost_excess) for o in good), default=np.nan),
+                    min((o.kept for o in good), default=np.nan),
+                    float(np.mean([o.start_px for o in outcomes])),
+                )
+            )
             goals.append((f"{rig}, {mode}: all starts converge", good, outcomes))
     page.table(
         ("rig", "mode", "converged", "cameras missing", "other minimum or observations lost", "largest cost difference",

@@ -189,7 +189,8 @@ def report(runs: int | None, rigs: Sequence[str] = ("rigA",), options: Simulatio
     page.heading("Goals")
     for name, c in goals:
         page.verdict(
-            f"{name}: 95 % intervals cover {100 * LEAST:g} to {100 * MOST:g} %", LEAST <= c.share <= MOST,
+            f"{name}: 95 % intervals cover {100 * LEAST:g} to {100 * MOST:g} %",
+            LEAST <= c.share <= MOST,
             f"{100 * c.share:.2f} +- {100 * c.standard_error:.2f} %",
-        )  # fmt: skip
+        )
     return page

@@ -184,8 +184,9 @@ def _photographs() -> list[Path]:
     if data := os.environ.get("SPHERECAL_DATA"):
         found += sorted((Path(data) / "dotboard").glob("*.jpeg"))
     for package, name in (
-        ("matplotlib", "mpl-data/sample_data/grace_hopper.jpg"), ("pyvista", "examples/2k_earth_daymap.jpg"),
-    ):  # fmt: skip
+        ("matplotlib", "mpl-data/sample_data/grace_hopper.jpg"),
+        ("pyvista", "examples/2k_earth_daymap.jpg"),
+    ):
         spec = importlib.util.find_spec(package)
         if spec is not None and spec.origin is not None and (Path(spec.origin).parent / name).exists():
             found.append(Path(spec.origin).parent / name)

@@ -48,9 +48,11 @@ class Tally:
 
     def __add__(self, other: "Tally") -> "Tally":
         return Tally(
-            self.images + other.images, self.clusters + other.clusters, self.right + other.right,
+            self.images + other.images,
+            self.clusters + other.clusters,
+            self.right + other.right,
             self.wrong + other.wrong,
-        )  # fmt: skip
+        )
 
 
 def look_for_all(image: GreyImage, polarities: tuple[Polarity, ...] = ("light-on-dark",)) -> int:
@@ -157,8 +159,10 @@ def _folders() -> Iterator[tuple[str, Path]]:
     if data := os.environ.get("SPHERECAL_DATA"):
         yield "dotboard", Path(data) / "dotboard"
     for package, folder in (
-        ("matplotlib", "mpl-data/sample_data"), ("skimage", "data"), ("sklearn", "datasets/images"),
-    ):  # fmt: skip
+        ("matplotlib", "mpl-data/sample_data"),
+        ("skimage", "data"),
+        ("sklearn", "datasets/images"),
+    ):
         spec = importlib.util.find_spec(package)
         if spec is not None and spec.origin is not None:
             yield package, Path(spec.origin).parent / folder

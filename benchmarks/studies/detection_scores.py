@@ -51,10 +51,17 @@ def score(found: Detections, dots: DotTruth, points: Sequence[str]) -> Score:
     truth = targets_in(dots)
     shown = truth.fully_visible
     return Score(
-        offset[right], found.sigma_uv[right], dots.bound_px[at], dots.view_deg[at], truth.view_deg[shown],
-        truth.gap_px[shown], np.isin(truth.ids[shown], found.target_ids) & ~np.isin(truth.ids[shown], wrong),
-        len(found.target_ids), len(wrong), misplaced,
-    )  # fmt: skip
+        offset[right],
+        found.sigma_uv[right],
+        dots.bound_px[at],
+        dots.view_deg[at],
+        truth.view_deg[shown],
+        truth.gap_px[shown],
+        np.isin(truth.ids[shown], found.target_ids) & ~np.isin(truth.ids[shown], wrong),
+        len(found.target_ids),
+        len(wrong),
+        misplaced,
+    )
 
 
 def rms_of_best(distances: FloatArray) -> float:

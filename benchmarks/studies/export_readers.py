@@ -24,9 +24,12 @@ def _opencv_project(points, r_world_to_cam, t, k, d):
 
     vector = cv2.Rodrigues(np.asarray(r_world_to_cam, dtype=float))[0]
     return cv2.projectPoints(
-        np.asarray(points, dtype=float).reshape(-1, 1, 3), vector, np.asarray(t, dtype=float).reshape(3, 1),
-        np.asarray(k, dtype=float), np.asarray(d, dtype=float),
-    )[0].reshape(-1, 2)  # fmt: skip
+        np.asarray(points, dtype=float).reshape(-1, 1, 3),
+        vector,
+        np.asarray(t, dtype=float).reshape(3, 1),
+        np.asarray(k, dtype=float),
+        np.asarray(d, dtype=float),
+    )[0].reshape(-1, 2)
 
 
 def opencv(path: Path, points: Points) -> Points:

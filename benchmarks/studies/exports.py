@@ -80,10 +80,16 @@ def report(_runs: int | None = None) -> Report:
         page.table(header, [_row(trip) for trip in trips])
         exact = [trip.to_rig_px for trip in trips if trip.exact]
         both = [trip.to_ours_px for trip in trips]
-        page.verdict(f"{GOAL_PX:g} px where the format carries {count} coefficients", max(exact) <= GOAL_PX,
-                     f"{max(exact):.2g} px over {len(exact)} readers")  # fmt: skip
-        page.verdict(f"{GOAL_PX:g} px between the two readings of every file", max(both) <= GOAL_PX,
-                     f"{max(both):.2g} px over {len(both)} readers")  # fmt: skip
+        page.verdict(
+            f"{GOAL_PX:g} px where the format carries {count} coefficients",
+            max(exact) <= GOAL_PX,
+            f"{max(exact):.2g} px over {len(exact)} readers",
+        )
+        page.verdict(
+            f"{GOAL_PX:g} px between the two readings of every file",
+            max(both) <= GOAL_PX,
+            f"{max(both):.2g} px over {len(both)} readers",
+        )
         page.text("")
     if absent := sorted(set(READERS) - set(present)):
         page.text(f"Not installed, not run: {', '.join(absent)} (a Python that has them: SPHERECAL_READERS).")

@@ -93,9 +93,8 @@ def hostile_files() -> dict[str, bytes]:
         "a number of 100 000 digits": b'{"version": ' + b"9" * 100_000 + b"}",
         "XML entity bomb": b'<?xml version="1.0"?><!DOCTYPE d [<!ENTITY l0 "lol">' + bomb + b"]><d>&l11;</d>",
         "XML that names a file": b'<!DOCTYPE d [<!ENTITY x SYSTEM "file:///etc/passwd">]><document>&x;</document>',
-        "YAML alias bomb": b"a: &a [x,x,x,x,x,x,x,x,x]\n" + b"".join(
-            b"%c: &%c [%s]\n" % (98 + i, 98 + i, b",".join([b"*%c" % (97 + i)] * 9)) for i in range(8)
-        ),
+        "YAML alias bomb": b"a: &a [x,x,x,x,x,x,x,x,x]\n"
+        + b"".join(b"%c: &%c [%s]\n" % (98 + i, 98 + i, b",".join([b"*%c" % (97 + i)] * 9)) for i in range(8)),
         "YAML that calls Python": b"!!python/object/apply:os.system ['true']",
         "numpy of 10^18 numbers": b"\x93NUMPY\x01\x00" + len(header + b"\n").to_bytes(2, "little") + header + b"\n",
         "numpy with objects": objects.getvalue(),
@@ -105,7 +104,7 @@ def hostile_files() -> dict[str, bytes]:
         "nothing": b"",
         "zeros": bytes(1000),
         "UTF-16": '{"format": "spherecal/rig"}'.encode("utf-16"),
-    }  # fmt: skip
+    }
 
 
 def later_version(valid: Any) -> bytes | None:
@@ -172,11 +171,13 @@ def _spoilt_bytes(draw: st.DrawFn, valid: bytes) -> bytes:
     for _ in range(draw(st.integers(1, 4))):
         start = draw(st.integers(0, max(len(data) - 1, 0)))
         length = draw(st.integers(0, 40))
-        piece = draw(st.one_of(
-            st.binary(max_size=20),
-            st.sampled_from([b",", b"\n", b'"', b"1e400", b"nan", b"-1", b"\x00", b"\xff\xfe", b""]),
-            st.integers(0, max(len(valid) - 40, 0)).map(lambda at: valid[at : at + 40]),
-        ))  # fmt: skip
+        piece = draw(
+            st.one_of(
+                st.binary(max_size=20),
+                st.sampled_from([b",", b"\n", b'"', b"1e400", b"nan", b"-1", b"\x00", b"\xff\xfe", b""]),
+                st.integers(0, max(len(valid) - 40, 0)).map(lambda at: valid[at : at + 40]),
+            )
+        )
         data[start : start + length] = piece
     return bytes(data)
 
@@ -216,9 +217,12 @@ def _round(reader: Reader, folder: Path, seed: int) -> None:
 
     @seeded(1000 * seed + len(reader.name))
     @settings(
-        max_examples=_BATCH, deadline=None, database=InMemoryExampleDatabase(), phases=(Phase.generate,),
+        max_examples=_BATCH,
+        deadline=None,
+        database=InMemoryExampleDatabase(),
+        phases=(Phase.generate,),
         suppress_health_check=[*HealthCheck],  # type: ignore[arg-type]
-    )  # fmt: skip
+    )
     @given(strategy)
     def run(data: bytes) -> None:
         reader.once(folder, data)
@@ -256,9 +260,8 @@ def report(runs: int | None = None) -> Report:
     )
     page.table(
         ("reader", "files", "read", "refused", "failures", "slowest s"),
-        [(one.name, one.tries, one.read_well, one.refused, sum(one.failures.values()), one.slowest_s)
-         for one in found],
-    )  # fmt: skip
+        [(one.name, one.tries, one.read_well, one.refused, sum(one.failures.values()), one.slowest_s) for one in found],
+    )
     for one in found:
         for failure, count in one.failures.most_common():
             page.text(f"- {one.name}: {failure}, {count} times; such as `{one.examples[failure][:200]}`")

@@ -163,9 +163,11 @@ def _other_readers(folder: Path) -> list[Reader]:
     kept = {key: bar[key] for key in ("marks", "lengths", "expansion_per_kelvin", "reference_temperature_c")}
     kept["lengths"] = [{**length, "nominal_mm": round(length["length_mm"])} for length in kept["lengths"]]
     certificate = {"number": "K-1", "laboratory": "lab", "date": "2026-01-01", "valid_until": "2028-01-01"}
-    registry.write_text(json.dumps(
-        {"format": "spherecal/bars", "version": 1, "bars": [{"serial": "B-1", "certificate": certificate, **kept}]}
-    ))  # fmt: skip
+    registry.write_text(
+        json.dumps(
+            {"format": "spherecal/bars", "version": 1, "bars": [{"serial": "B-1", "certificate": certificate, **kept}]}
+        )
+    )
     limits = folder / "limits.json"
     locked = with_pin(KeptLimits(), Pin.of("4711"), "A")
     write_limits(with_limits(locked, Limits(needed_dots=150, verification_limit="0.03+L/20000"), "A"), limits)
@@ -179,9 +181,11 @@ def _other_readers(folder: Path) -> list[Reader]:
     recorded = read_session(folder / "simulated")
     kept = keep_check(profile, saved, check_json(check(recorded, read_rig(profile / "rig.json"))), 20.0)
     drivers = folder / "drivers.json"
-    drivers.write_text(json.dumps(
-        {"format": "spherecal/drivers", "version": 1, "drivers": [{"file": "/opt/x.cti", "sha256": "0" * 64}]}
-    ))  # fmt: skip
+    drivers.write_text(
+        json.dumps(
+            {"format": "spherecal/drivers", "version": 1, "drivers": [{"file": "/opt/x.cti", "sha256": "0" * 64}]}
+        )
+    )
 
     def checks() -> object:
         found, problems = read_checks(profile)

@@ -49,8 +49,9 @@ def seen_dots(truth: Any, rotation: FloatArray, place: FloatArray, rng: np.rando
         camera.id: Dots(
             ball.dot_target[seen.point[own]], ball.dot_point[seen.point[own]], uv[own], camera.kind.image_size
         )
-        for c, camera in enumerate(truth.cameras) for own in [seen.camera == c]
-    }  # fmt: skip
+        for c, camera in enumerate(truth.cameras)
+        for own in [seen.camera == c]
+    }
 
 
 def put_there(ghost: Ghost, truth: Any, last: int, rng: np.random.Generator) -> tuple[FloatArray, Lying, int]:
@@ -75,9 +76,12 @@ def true_lenses(truth: Any, names: tuple[str, ...]) -> Lenses:
     """The cameras as they truly are, in the order of these names."""
     cameras = [next(one for one in truth.cameras if one.id == name) for name in names]
     return Lenses(
-        names, np.array([c.intrinsics for c in cameras]), np.array([c.rotation for c in cameras]),
-        np.array([c.translation_mm for c in cameras]), np.array([c.kind.image_size for c in cameras], dtype=float),
-    )  # fmt: skip
+        names,
+        np.array([c.intrinsics for c in cameras]),
+        np.array([c.rotation for c in cameras]),
+        np.array([c.translation_mm for c in cameras]),
+        np.array([c.kind.image_size for c in cameras], dtype=float),
+    )
 
 
 def errors(ghost: Ghost, truth: Any, last: int, rng: np.random.Generator) -> tuple[float, float, float, int]:
@@ -122,8 +126,9 @@ def main(presets: tuple[str, ...]) -> None:
                 middle, most, mm, steps = errors(found.ghost, truth, count - 1, np.random.default_rng(1))
                 print(
                     f"{preset:8s} {len(session.cameras):7d} {count:6d}  {kind:6s} {cpu:6.2f} {wall:7.2f}"
-                    f"        {middle:8.2f} {most:8.2f}       {mm:8.2f} {steps:6d}", flush=True,
-                )  # fmt: skip
+                    f"        {middle:8.2f} {most:8.2f}       {mm:8.2f} {steps:6d}",
+                    flush=True,
+                )
 
 
 if __name__ == "__main__":

@@ -84,9 +84,17 @@ def figures(kind: str, count: int, runs: int) -> tuple[Figures, list[float]]:
         live, processor = _live(source, LIVE_S * share)
         memory = list(_memory(source, SOAK_MINUTES * share)) if count == 12 and kind == "GigE" else []
     row = Figures(
-        kind, count, listed, opened, statistics.median(cycles), statistics.median(times),
-        times[int(0.95 * (len(times) - 1))], f"{whole} of {len(taken)}", live, processor,
-    )  # fmt: skip
+        kind,
+        count,
+        listed,
+        opened,
+        statistics.median(cycles),
+        statistics.median(times),
+        times[int(0.95 * (len(times) - 1))],
+        f"{whole} of {len(taken)}",
+        live,
+        processor,
+    )
     return row, memory
 
 
@@ -155,13 +163,28 @@ def aravis_client(rig: GigeRig, rate_hz: float) -> Compared:
     """libaravis' own test program on every camera at once."""
     programs = [
         subprocess.Popen(
-            rig.inside(["arv-camera-test-0.8", "-n", address, "-f", str(rate_hz),
-                        "-w", str(SIZE[0]), "-h", str(SIZE[1]),
-                        "-a", "--duration", str(int(COMPARED_S) + 1)]),
-            stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True,
+            rig.inside(
+                [
+                    "arv-camera-test-0.8",
+                    "-n",
+                    address,
+                    "-f",
+                    str(rate_hz),
+                    "-w",
+                    str(SIZE[0]),
+                    "-h",
+                    str(SIZE[1]),
+                    "-a",
+                    "--duration",
+                    str(int(COMPARED_S) + 1),
+                ]
+            ),
+            stdout=subprocess.PIPE,
+            stderr=subprocess.DEVNULL,
+            text=True,
         )
         for address in rig.addresses.values()
-    ]  # fmt: skip
+    ]
     per_s, incomplete = 0.0, 0
     for program in programs:
         lines = program.communicate(timeout=60)[0].splitlines()
@@ -289,8 +312,11 @@ def _fuzz_table(page: Report, runs: int) -> None:
     )
     page.verdict("no crash", not found.crashes, "; ".join(found.crashes) or "none")
     good = found.spells - found.spells_without
-    page.verdict("the next whole image comes", found.spells_without == 0,
-                 f"{good} of {found.spells} times, after {max(found.next_s):.1f} s at most")  # fmt: skip
+    page.verdict(
+        "the next whole image comes",
+        found.spells_without == 0,
+        f"{good} of {found.spells} times, after {max(found.next_s):.1f} s at most",
+    )
     page.text("")
 
 
@@ -329,8 +355,10 @@ def _fault_table(page: Report, runs: int) -> None:
                 found.setdefault(fault.name, []).append(injected(made, fault, serial, other))
         untouched = all((kept.frames[serial].image == image).all() for serial, image in pixels.items())
         inside = made.rig.pid
-    rows = [(name, *(cell for part in ("seen_s", "named_s", "recovered_s") for cell in _column(outcomes, part)))
-            for name, outcomes in found.items()]  # fmt: skip
+    rows = [
+        (name, *(cell for part in ("seen_s", "named_s", "recovered_s") for cell in _column(outcomes, part)))
+        for name, outcomes in found.items()
+    ]
     page.table(
         ("fault", "seen", "s (median)", "max", "right cause", "s (median)", "max", "recovered", "s (median)", "max"),
         rows,

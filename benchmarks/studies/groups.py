@@ -93,11 +93,15 @@ def lower_row(session: Session, truth: Truth, rotations: FloatArray, strict: boo
     ]
     dot = np.concatenate([s.point for s in seen])
     o = Observations(
-        truth.placements, tuple(c.id for c in truth.cameras), ball.points,
+        truth.placements,
+        tuple(c.id for c in truth.cameras),
+        ball.points,
         np.concatenate([np.full(len(s.camera), t) for t, s in enumerate(seen)]),
-        np.concatenate([s.camera for s in seen]), ball.dot_target[dot], ball.dot_point[dot],
+        np.concatenate([s.camera for s in seen]),
+        ball.dot_target[dot],
+        ball.dot_point[dot],
         np.concatenate([s.uv for s in seen]),
-    )  # fmt: skip
+    )
     behind = np.array([c.centre_mm[1] < 0 for c in truth.cameras])[o.camera]
     feature = find_features(o).of_observation
     by_side = [np.bincount(feature[side], minlength=feature.max() + 1) > 0 for side in (behind, ~behind)]
@@ -160,11 +164,17 @@ def report(runs: int | None, _rigs: Sequence[str] = (), options: SimulationOptio
     rows = []
     for series, outcomes in by_series.items():
         linked = [o for o in outcomes if o.cameras == 6]
-        rows.append((
-            series, f"{len(linked)} of {len(outcomes)}", float(np.mean([o.shared_dots for o in outcomes])),
-            _rmse_um(linked), _standard_error_um(linked), _bound_um(linked),
-            float(np.mean([o.chi2 for o in linked])) if linked else np.nan,
-        ))  # fmt: skip
+        rows.append(
+            (
+                series,
+                f"{len(linked)} of {len(outcomes)}",
+                float(np.mean([o.shared_dots for o in outcomes])),
+                _rmse_um(linked),
+                _standard_error_um(linked),
+                _bound_um(linked),
+                float(np.mean([o.chi2 for o in linked])) if linked else np.nan,
+            )
+        )
     header = (
         "linked",
         "dots seen from both sides",

@@ -94,11 +94,15 @@ def _tries(page: Report, found: Tries) -> None:
     page.table(
         ("command", "tries", "done (0)", "refused (2)", "not valid (3)", "other"),
         [
-            (name, sum(codes.values()), *(codes.get(code, 0) for code in (0, 2, 3)),
-             sum(times for code, times in codes.items() if code not in (0, 2, 3)))
+            (
+                name,
+                sum(codes.values()),
+                *(codes.get(code, 0) for code in (0, 2, 3)),
+                sum(times for code, times in codes.items() if code not in (0, 2, 3)),
+            )
             for name, codes in sorted(by_name.items())
         ],
-    )  # fmt: skip
+    )
     page.text(f"Slowest: {found.slowest_s:.1f} s of processor time. Most memory: {found.largest_mb:.0f} MB.")
     for problem in found.problems[:20]:
         page.text(f"- `{' '.join(problem.split())[:700]}`")

@@ -131,12 +131,9 @@ COMMANDS: dict[str, Command] = {
     "import colmap": Command(("colmap",), "import {given}/colmap --format colmap -o {out}", ending=".json"),
     "import opencv": Command(("priors.yml",), "import {given}/priors.yml --format opencv -o {out}", ending=".json"),
     "session new": Command(
-        ("pictures",),
-        "session new {out} --images {given}/pictures/placements --targets {given}/pictures/targets.json"
+        ("pictures",), "session new {out} --images {given}/pictures/placements --targets {given}/pictures/targets.json"
     ),
-    "priors colmap": Command(
-        ("session", "colmap"), "import-priors {given}/colmap --session {given}/session -o {out}"
-    ),
+    "priors colmap": Command(("session", "colmap"), "import-priors {given}/colmap --session {given}/session -o {out}"),
     "priors yml": Command(
         ("session", "priors.yml"), "import-priors {given}/priors.yml --session {given}/session -o {out}"
     ),
@@ -155,12 +152,13 @@ COMMANDS: dict[str, Command] = {
     "bundle images": Command(("pictures",), "support-bundle {given}/pictures -o {out} --images", ending=".zip"),
     "detect": Command(
         ("pictures",),
-        "detect {given}/pictures/placements/P1/C01.png --targets {given}/pictures/targets.json --csv {out}"
+        "detect {given}/pictures/placements/P1/C01.png --targets {given}/pictures/targets.json --csv {out}",
     ),
     "bars list": Command(("bars.json",), "bars list --registry {given}/bars.json"),
     "bars add": Command(
         ("bars.json", "session"),
-        "bars add B8 --from-session {given}/session --bar B --registry {given}/bars.json", ("bars.json",)
+        "bars add B8 --from-session {given}/session --bar B --registry {given}/bars.json",
+        ("bars.json",),
     ),
     "limits": Command(("limits.json",), "limits show --file {given}/limits.json"),
     "ball export": Command(("result1",), "ball export {given}/result1 -o {out}"),
@@ -172,7 +170,7 @@ COMMANDS: dict[str, Command] = {
     "simulate": Command((), "simulate demo -o {out} --observations-only"),
     "licences": Command((), "licences --texts {out}"),
     "window": Command(("project",), "", ("project",)),
-}  # fmt: skip
+}
 
 
 def open_in_window(folder: Path) -> int:

@@ -57,8 +57,16 @@ class Ground:
 def make_ground(root: Path) -> Ground:
     """Fill the folders; the valid inputs are written by the commands themselves."""
     ground = Ground(root)
-    for name in ("thesis.tex", "secret.key", ".bashrc", ".git/config", ".ssh/authorized_keys", "rig.json",
-                 "work/rig.json", "work/notes.txt"):  # fmt: skip
+    for name in (
+        "thesis.tex",
+        "secret.key",
+        ".bashrc",
+        ".git/config",
+        ".ssh/authorized_keys",
+        "rig.json",
+        "work/rig.json",
+        "work/notes.txt",
+    ):
         path = ground.precious / name
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_text(f"the user's own {name}\n" * 3)
@@ -152,11 +160,38 @@ def _project(valid: Path) -> None:
 
 def _texts(ground: Ground) -> list[Any]:
     return [
-        "../../precious/thesis.tex", str(ground.precious), str(ground.precious / "secret.key"), "..", ".", "", "/", "~",
-        "a" * 300, "a/../../precious", "x\\..\\y", "C:\\Windows", "\x00", "a\nb", "=cmd|' /C calc'!A0", "-1+1|cmd",
-        "<img src=/dev/zero>", "--><!--", "\ud800", "ü" * 64, "\U0001d4b3" * 64, ".hidden", "con", 10**400, 1e308, -1,
-        None,        [[]] * 50, {"a": {}}, True, "9" * 5000,
-    ]  # fmt: skip
+        "../../precious/thesis.tex",
+        str(ground.precious),
+        str(ground.precious / "secret.key"),
+        "..",
+        ".",
+        "",
+        "/",
+        "~",
+        "a" * 300,
+        "a/../../precious",
+        "x\\..\\y",
+        "C:\\Windows",
+        "\x00",
+        "a\nb",
+        "=cmd|' /C calc'!A0",
+        "-1+1|cmd",
+        "<img src=/dev/zero>",
+        "--><!--",
+        "\ud800",
+        "ü" * 64,
+        "\U0001d4b3" * 64,
+        ".hidden",
+        "con",
+        10**400,
+        1e308,
+        -1,
+        None,
+        [[]] * 50,
+        {"a": {}},
+        True,
+        "9" * 5000,
+    ]
 
 
 def _places(document: Any, path: tuple[Any, ...] = ()) -> list[tuple[Any, ...]]:

@@ -222,10 +222,18 @@ def judged(done: Calibration, reference: Reference, seconds: float = 0.0, proces
     placed = {c.id for c in rig.cameras}
     error, over = _lengths(rig, reference)
     return Judged(
-        verdict_of(quality), quality.findings, cameras, tuple(n for n in reference.ids if n not in placed), error, over,
-        quality.rms_px if quality.rms_px is not None else float("nan"), seconds, processor_s,
-        affected=frozenset(affected_cameras(quality)), rig=rig,
-    )  # fmt: skip
+        verdict_of(quality),
+        quality.findings,
+        cameras,
+        tuple(n for n in reference.ids if n not in placed),
+        error,
+        over,
+        quality.rms_px if quality.rms_px is not None else float("nan"),
+        seconds,
+        processor_s,
+        affected=frozenset(affected_cameras(quality)),
+        rig=rig,
+    )
 
 
 def aligned(done: Calibration, reference: Reference) -> Similarity | None:
@@ -304,9 +312,15 @@ def _lengths(rig: Rig, reference: Reference) -> tuple[FloatArray, FloatArray]:
     translation = np.array([c.translation_mm for c in cameras])
     count = 2 * len(lengths.ends_mm)
     found = triangulate(
-        lengths.end[keep], own[keep], lengths.uv[keep], np.ones(int(keep.sum())), count, intrinsics, rotation,
+        lengths.end[keep],
+        own[keep],
+        lengths.uv[keep],
+        np.ones(int(keep.sum())),
+        count,
+        intrinsics,
+        rotation,
         translation,
-    ).points  # fmt: skip
+    ).points
     error = np.linalg.norm(found[1::2] - found[::2], axis=1) - lengths.true_mm
     seen = np.isfinite(error)
     error, ends = error[seen], found.reshape(-1, 2, 3)[seen]

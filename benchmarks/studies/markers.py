@@ -102,13 +102,15 @@ def report(runs: int | None = None) -> Report:
         errors[name] = float(np.mean([one.centre_mm for one in found]))
         rows.append(
             [
-                name, ", ".join(sorted({one.verdict for one in found})),
+                name,
+                ", ".join(sorted({one.verdict for one in found})),
                 f"{np.mean([one.rms_px for one in found]):.3f}",
-                f"{np.mean([one.observations for one in found]):.0f}", f"{errors[name]:.3f}",
+                f"{np.mean([one.observations for one in found]):.0f}",
+                f"{errors[name]:.3f}",
                 f"{np.mean([one.turn_deg for one in found]):.4f}",
                 f"{np.sqrt(np.mean([one.scale_ppm**2 for one in found])):.0f}",
             ]
-        )  # fmt: skip
+        )
     page.table(("targets", "verdict", "rms px", "points", "centre mm", "turn deg", "scale ppm (rms)"), rows)
     worst = max(errors[name] for name in SETS[1:]) / errors["dots8"]
     page.verdict(

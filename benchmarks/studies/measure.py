@@ -54,10 +54,11 @@ def accuracy(preset: str, seeds: int) -> list[tuple[object, ...]]:
         _bent(world, rotation, seed, gathered.setdefault("at rest, stickers bent on the ball", Errors()))
         for speed in SPEEDS_MM_S:
             for name, skew, task in (
-                ("", 0.0, Task(exposure_sd_s=0.0)), (", 5 ms, stated", SKEW_S, Task()),
+                ("", 0.0, Task(exposure_sd_s=0.0)),
+                (", 5 ms, stated", SKEW_S, Task()),
                 (", 5 ms, exact times", SKEW_S, Task(correct_exposure=True)),
                 (", 5 ms, not known", SKEW_S, Task(exposure_sd_s=0.0)),
-            ):  # fmt: skip
+            ):
                 if speed == 0.0 and name:
                     continue
                 rng = np.random.default_rng([17, seed, round(speed)])
@@ -65,9 +66,10 @@ def accuracy(preset: str, seeds: int) -> list[tuple[object, ...]]:
                 path = straight(world, rotation, speed, rng)
                 measure_motion(world, path, skew, task, SETS, rng, gathered.setdefault(label, Errors()))
         for name, skew, task in (
-            ("", 0.0, Task(exposure_sd_s=0.0)), (", 5 ms, stated", SKEW_S, Task()),
+            ("", 0.0, Task(exposure_sd_s=0.0)),
+            (", 5 ms, stated", SKEW_S, Task()),
             (", 5 ms, exact times", SKEW_S, Task(correct_exposure=True)),
-        ):  # fmt: skip
+        ):
             rng = np.random.default_rng([18, seed])
             label = f"to and fro, up to 1 m/s{name}"
             path = by_hand(world, rotation, rng)
@@ -191,8 +193,9 @@ def report(runs: int | None = None) -> Report:
         rest = rows[0]
         page.verdict(
             f"{preset}, at rest: stated and actual error of a distance agree within 25 %",
-            0.75 < float(str(rest[6])) / float(str(rest[5])) < 1.33, f"{rest[5]:.4f} and {rest[6]:.4f} mm",
-        )  # fmt: skip
+            0.75 < float(str(rest[6])) / float(str(rest[5])) < 1.33,
+            f"{rest[5]:.4f} and {rest[6]:.4f} mm",
+        )
     page.heading("A camera is knocked while measuring")
     repeats = KNOCK_REPEATS if runs is None else min(KNOCK_REPEATS, max(runs, 1))
     page.text(

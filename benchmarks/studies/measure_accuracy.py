@@ -34,12 +34,16 @@ class Errors:
         held = 100 * float((np.abs(d[:, 0]) <= 1.96 * d[:, 1]).mean()) if len(d) else float("nan")
         poses = np.array(self.poses)
         return (
-            f"{100 * len(off) / self.asked:.0f} %", rms3(off), float(np.sqrt(np.einsum("nii->n", cov).mean())),
-            f"{100 * (chi <= _CHI2_95[3]).mean():.0f} %", float(np.sqrt((d[:, 0] ** 2).mean())),
-            float(np.sqrt((d[:, 1] ** 2).mean())), f"{held:.0f} %",
+            f"{100 * len(off) / self.asked:.0f} %",
+            rms3(off),
+            float(np.sqrt(np.einsum("nii->n", cov).mean())),
+            f"{100 * (chi <= _CHI2_95[3]).mean():.0f} %",
+            float(np.sqrt((d[:, 0] ** 2).mean())),
+            float(np.sqrt((d[:, 1] ** 2).mean())),
+            f"{held:.0f} %",
             float(np.sqrt(np.square(self.pose_mm).mean())) if self.pose_mm else float("nan"),
             f"{100 * (poses <= _CHI2_95[6]).mean():.0f} %" if len(poses) else "-",
-        )  # fmt: skip
+        )
 
     @property
     def held(self) -> float:

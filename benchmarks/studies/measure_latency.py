@@ -46,10 +46,12 @@ class Times:
 
 def true_rig(stage: Stage) -> Rig:
     """The rig as it truly is."""
-    return rig_of_unknown_quality(tuple(
-        RigCamera(c.id, None, c.kind.image_size, c.intrinsics, c.rotation, c.translation_mm, 0.05, 0, None)
-        for c in stage.truth.cameras
-    ))  # fmt: skip
+    return rig_of_unknown_quality(
+        tuple(
+            RigCamera(c.id, None, c.kind.image_size, c.intrinsics, c.rotation, c.translation_mm, 0.05, 0, None)
+            for c in stage.truth.cameras
+        )
+    )
 
 
 def drawn_sets(stage: Stage, shown: str, cameras: Sequence[int]) -> list[list[np.ndarray]]:
@@ -133,11 +135,13 @@ def latency_rows(page: Report, quick: bool = False) -> None:
     t = best[scenes[0][0], 12, "around last places"]
     page.verdict(
         f"12 cameras of 5 MP, a bar: at least 10 sets a second, at most {GOAL_MS:g} ms, in every set",
-        t.latency_two_cores <= 100 and t.worst <= GOAL_MS, f"{t.latency_two_cores:.0f} ms, worst {t.worst:.0f} ms",
-    )  # fmt: skip
+        t.latency_two_cores <= 100 and t.worst <= GOAL_MS,
+        f"{t.latency_two_cores:.0f} ms, worst {t.worst:.0f} ms",
+    )
     if not quick:
         t = best[scenes[1][0], 12, "around last places"]
         page.verdict(
             f"12 cameras of 5 MP, a ball of 200 targets: at least 10 sets a second, at most {GOAL_MS:g} ms",
-            t.latency_two_cores <= 100 and t.worst <= GOAL_MS, f"{t.latency_two_cores:.0f} ms, worst {t.worst:.0f} ms",
-        )  # fmt: skip
+            t.latency_two_cores <= 100 and t.worst <= GOAL_MS,
+            f"{t.latency_two_cores:.0f} ms, worst {t.worst:.0f} ms",
+        )

@@ -59,9 +59,14 @@ class World:
         return found
 
     def seen(
-        self, path: Path, number: int, rng: np.random.Generator, late_s: FloatArray,
-        view: ObservingCameras | None = None, noise_px: float = 0.04,
-    ) -> ObservedSet:  # fmt: skip
+        self,
+        path: Path,
+        number: int,
+        rng: np.random.Generator,
+        late_s: FloatArray,
+        view: ObservingCameras | None = None,
+        noise_px: float = 0.04,
+    ) -> ObservedSet:
         """Set `number` at RATE_HZ, each camera `late_s` (c,) after the set's moment; the times are exact."""
         view = view or look(self.truth.cameras)
         at = (number - 1) / RATE_HZ
@@ -80,9 +85,16 @@ class World:
         c, r, xy = np.concatenate(camera), rows[np.concatenate(row)], np.concatenate(uv)
         noisy = xy + noise_px * rng.normal(size=xy.shape)
         observations = Observations(
-            ("",), tuple(one.id for one in self.truth.cameras), ball.points, np.zeros(len(c), dtype=np.int64), c,
-            ball.dot_target[r], ball.dot_point[r], noisy, np.full(xy.shape, noise_px),
-        )  # fmt: skip
+            ("",),
+            tuple(one.id for one in self.truth.cameras),
+            ball.points,
+            np.zeros(len(c), dtype=np.int64),
+            c,
+            ball.dot_target[r],
+            ball.dot_point[r],
+            noisy,
+            np.full(xy.shape, noise_px),
+        )
         exposure = {one.id: at + float(late_s[i]) for i, one in enumerate(self.truth.cameras)}
         return ObservedSet(number, "", observations, at, exposure)
 

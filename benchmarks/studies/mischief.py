@@ -203,10 +203,15 @@ def image_of_another(world: World, size: float, rng: np.random.Generator) -> Cas
         rest = o.select(~((o.placement == t) & (o.camera == a)))
         copy = o.select((o.placement == t) & (o.camera == b))
         both = Observations(
-            o.placements, o.cameras, o.points, np.concatenate([rest.placement, copy.placement]),
-            np.concatenate([rest.camera, np.full(len(copy), a)]), np.concatenate([rest.target, copy.target]),
-            np.concatenate([rest.point, copy.point]), np.concatenate([rest.uv, copy.uv]),
-        )  # fmt: skip
+            o.placements,
+            o.cameras,
+            o.points,
+            np.concatenate([rest.placement, copy.placement]),
+            np.concatenate([rest.camera, np.full(len(copy), a)]),
+            np.concatenate([rest.target, copy.target]),
+            np.concatenate([rest.point, copy.point]),
+            np.concatenate([rest.uv, copy.uv]),
+        )
         return both.select(np.lexsort((both.point, both.target, both.camera, both.placement)))
 
     return spoilt(world, rng, IMAGE, (world.ids[a],), change)

@@ -61,15 +61,17 @@ def displaced(pose: Pose, shift: FloatArray, turn: FloatArray) -> Pose:
 
 def make_case(world: World, rng: np.random.Generator, blame: tuple[str, ...], names: tuple[str, ...] = ()) -> Case:
     return Case(
-        world.session(world.record(rng), rng), world.reference(), blame + RECORDING, names, world.settings,
-        world,
-    )  # fmt: skip
+        world.session(world.record(rng), rng), world.reference(), blame + RECORDING, names, world.settings, world
+    )
 
 
 def spoilt(
-    world: World, rng: np.random.Generator, blame: tuple[str, ...], names: tuple[str, ...],
+    world: World,
+    rng: np.random.Generator,
+    blame: tuple[str, ...],
+    names: tuple[str, ...],
     change: Callable[[Observations], Observations],
-) -> Case:  # fmt: skip
+) -> Case:
     """A case whose observations were changed after the recording."""
     case = make_case(world, rng, blame, names)
     assert case.session.observations is not None

@@ -115,17 +115,30 @@ class World:
             prior[:2] *= 1 + self.prior_error * rng.uniform(-1, 1)
             specs.append(
                 CameraSpec(
-                    camera.id, camera.kind.image_size, prior, True, camera.id,
-                    pixel_pitch_um=camera.kind.pixel_pitch_um, focal_length_mm=camera.kind.focal_length_mm,
+                    camera.id,
+                    camera.kind.image_size,
+                    prior,
+                    True,
+                    camera.id,
+                    pixel_pitch_um=camera.kind.pixel_pitch_um,
+                    focal_length_mm=camera.kind.focal_length_mm,
                 )
-            )  # fmt: skip
+            )
         layout = targets.layouts[1]
         distance = round(float(np.linalg.norm(layout["E"] - layout["A"])), 9)
         return Session(
-            Path(), tuple(specs), tuple(Placement(p) for p in observations.placements), (), (),
-            Scale("target_spacing", "A", "E", distance, "sphere"), None, 2 * round(self.ball.radius_mm), targets,
-            observations, "",
-        )  # fmt: skip
+            Path(),
+            tuple(specs),
+            tuple(Placement(p) for p in observations.placements),
+            (),
+            (),
+            Scale("target_spacing", "A", "E", distance, "sphere"),
+            None,
+            2 * round(self.ball.radius_mm),
+            targets,
+            observations,
+            "",
+        )
 
     def reference(self) -> Reference:
         """The truth after the recording: poses and lenses of the last placement."""
@@ -134,9 +147,12 @@ class World:
         ends = self.lengths(40, np.random.default_rng([self.seed, 5]))
         camera, end, uv = self.see_last(ends)
         return Reference(
-            self.ids, np.array([r for r, _ in poses]), np.array([t for _, t in poses]),
-            lambda f, o: dot_places(self, len(self.turns), f, o), Lengths(ends, end, camera, uv),
-        )  # fmt: skip
+            self.ids,
+            np.array([r for r, _ in poses]),
+            np.array([t for _, t in poses]),
+            lambda f, o: dot_places(self, len(self.turns), f, o),
+            Lengths(ends, end, camera, uv),
+        )
 
     def see_last(self, ends: FloatArray) -> tuple[np.ndarray, np.ndarray, FloatArray]:
         """Camera, end and image of the ends (m, 2, 3), by the cameras as they are after the recording."""
@@ -181,16 +197,25 @@ class World:
         last = len(self.turns) - 1
         middle = self.places_mm.mean(axis=0)
         after = replace(
-            self, turns=self.turns[-1:], places_mm=middle[None], ball_of=None, shape_of=None,
-            pose_of=lambda c, t: self.pose(c, last), lens_of=lambda c, t: self.lens(c, last),
-        )  # fmt: skip
+            self,
+            turns=self.turns[-1:],
+            places_mm=middle[None],
+            ball_of=None,
+            shape_of=None,
+            pose_of=lambda c, t: self.pose(c, last),
+            lens_of=lambda c, t: self.lens(c, last),
+        )
         observations = after.record(rng)
         return after.session(observations, rng), observations
 
     def _bar(
-        self, role: Literal["scale", "check"], count: int, certified_share: float, o: Observations | None,
+        self,
+        role: Literal["scale", "check"],
+        count: int,
+        certified_share: float,
+        o: Observations | None,
         rng: np.random.Generator,
-    ) -> tuple[Observations, Bar, tuple[BarPose, ...]]:  # fmt: skip
+    ) -> tuple[Observations, Bar, tuple[BarPose, ...]]:
         """Observations with poses of a bar of two marks behind them, the bar and its poses."""
         assert o is not None
         low, high = self.volume_mm
@@ -202,10 +227,15 @@ class World:
         names = tuple(f"B-{i + 1}" for i in range(len(ends)))
         first = len(o.placements)
         seen = Observations(
-            o.placements + names, o.cameras, (*o.points, "centre"), np.concatenate([o.placement, first + end // 2]),
-            np.concatenate([o.camera, camera]), np.concatenate([o.target, _TARGETS + 1 + end % 2]),
-            np.concatenate([o.point, np.full(len(end), len(o.points))]), np.concatenate([o.uv, uv]),
-        )  # fmt: skip
+            o.placements + names,
+            o.cameras,
+            (*o.points, "centre"),
+            np.concatenate([o.placement, first + end // 2]),
+            np.concatenate([o.camera, camera]),
+            np.concatenate([o.target, _TARGETS + 1 + end % 2]),
+            np.concatenate([o.point, np.full(len(end), len(o.points))]),
+            np.concatenate([o.uv, uv]),
+        )
         value = length * certified_share + float(rng.normal(0, 0.002))
         marks = {"B1": Mark(_TARGETS + 1, "centre"), "B2": Mark(_TARGETS + 2, "centre")}
         bar = Bar("B", role, marks, (BarLength("B1", "B2", value, 0.004, 2.0),), 0.0, 20.0)
@@ -213,10 +243,22 @@ class World:
 
 
 _CLEAN = RealisticOptions(
-    noise_px=NOISE_PX, tail_degrees=1e6, misfit_px=0.0, coma_px=0.0, astigmatism_px=0.0, defocus=0.0, drift_mm=0.0,
-    drift_rad=0.0, drift_focal=0.0, vibration_mm=0.0, vibration_rad=0.0, print_sd_mm=0.0, wrong_share=0.0,
-    bar_scale=False, targets=_TARGETS,
-)  # fmt: skip
+    noise_px=NOISE_PX,
+    tail_degrees=1e6,
+    misfit_px=0.0,
+    coma_px=0.0,
+    astigmatism_px=0.0,
+    defocus=0.0,
+    drift_mm=0.0,
+    drift_rad=0.0,
+    drift_focal=0.0,
+    vibration_mm=0.0,
+    vibration_rad=0.0,
+    print_sd_mm=0.0,
+    wrong_share=0.0,
+    bar_scale=False,
+    targets=_TARGETS,
+)
 
 
 def make_world(rig: str, seed: int) -> World:
@@ -224,14 +266,17 @@ def make_world(rig: str, seed: int) -> World:
     if rig == "random":
         _, truth = simulate_realistic(seed, _CLEAN)
         return World(
-            truth.rig.cameras, truth.lenses, truth.ball, truth.ball_rotations, truth.ball_places_mm,
-            truth.rig.volume_mm, seed,
-        )  # fmt: skip
+            truth.rig.cameras,
+            truth.lenses,
+            truth.ball,
+            truth.ball_rotations,
+            truth.ball_places_mm,
+            truth.rig.volume_mm,
+            seed,
+        )
     placements = 8 if rig.startswith("hall") else 4
     options = SimulationOptions(bar_poses=0, placements=placements, targets=_TARGETS)
     _, truth = simulate_session(rig, seed, options)
     border = np.array([[-1.0, -1.0], [1.0, 1.0]])
     lenses = tuple(TrueLens(c.kind.image_size, c.intrinsics, np.zeros((1, 2)), border) for c in truth.cameras)
-    return World(
-        truth.cameras, lenses, truth.ball, truth.ball_rotations, truth.ball_places_mm, truth.volume_mm, seed
-    )  # fmt: skip
+    return World(truth.cameras, lenses, truth.ball, truth.ball_rotations, truth.ball_places_mm, truth.volume_mm, seed)

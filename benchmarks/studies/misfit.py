@@ -64,6 +64,7 @@ def report(runs: int | None, rigs: Sequence[str] = RIGS, options: SimulationOpti
             rmse = rmse_um(found, kind)
             page.verdict(
                 f"{rig}, {GOAL_AT_PX:g} px, rigid: bar RMSE ({kind}) <= {GOALS_UM[rig]:g} um",
-                rmse <= GOALS_UM[rig], f"{rmse:.2f} um (free {rmse_um(figures[rig, GOAL_AT_PX]['free'], kind):.1f} um)",
-            )  # fmt: skip
+                rmse <= GOALS_UM[rig],
+                f"{rmse:.2f} um (free {rmse_um(figures[rig, GOAL_AT_PX]['free'], kind):.1f} um)",
+            )
     return page

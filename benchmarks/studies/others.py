@@ -48,9 +48,7 @@ _BALL = {
     "spherecal": "SphereCal, whole", "adjustment": "SphereCal, adjustment alone", "ceres": "Ceres (pycolmap)",
     "aniposelib": "aniposelib", "caliscope": "caliscope",
 }  # fmt: skip
-_BOARD = {
-    "spherecal-board": "SphereCal, board", "opencv-stereo": "OpenCV stereoCalibrate, chained",
-}  # fmt: skip
+_BOARD = {"spherecal-board": "SphereCal, board", "opencv-stereo": "OpenCV stereoCalibrate, chained"}
 # opencv-multiview is in others_run.py and not on the page: on boards partly in view OpenCV 5.0.0's calibrateMultiview
 # ended 50 mm off with good lenses and metres given, and whether that is our call or its doing is not known.
 _OWN_ENVIRONMENT = ("aniposelib", "caliscope")
@@ -218,32 +216,48 @@ def _read(path: Path) -> Found:
 def _ball_problem(start: Start, case: Case) -> dict[str, Any]:
     network, used = start.network, start.used
     return {
-        "intrinsics": start.state.intrinsics, "rotation": start.state.rotation, "translation": start.state.translation,
-        "start": start.state.points, "camera": network.camera[used], "point": network.feature[used],
-        "uv": network.uv[used], "size": np.array([c.image_size for c in case.ball.cameras]),
-    }  # fmt: skip
+        "intrinsics": start.state.intrinsics,
+        "rotation": start.state.rotation,
+        "translation": start.state.translation,
+        "start": start.state.points,
+        "camera": network.camera[used],
+        "point": network.feature[used],
+        "uv": network.uv[used],
+        "size": np.array([c.image_size for c in case.ball.cameras]),
+    }
 
 
 def _board_problem(case: Case) -> dict[str, Any]:
     assert case.board is not None and case.board.observations is not None and case.board.board is not None
     o = case.board.observations
     return {
-        "intrinsics": np.array([c.prior for c in case.board.cameras]), "camera": o.camera, "point": o.target,
-        "placement": o.placement, "uv": o.uv, "size": np.array([c.image_size for c in case.board.cameras]),
+        "intrinsics": np.array([c.prior for c in case.board.cameras]),
+        "camera": o.camera,
+        "point": o.target,
+        "placement": o.placement,
+        "uv": o.uv,
+        "size": np.array([c.image_size for c in case.board.cameras]),
         "board": np.array([point.xyz_mm for point in case.board.board]),
-    }  # fmt: skip
+    }
 
 
 def rig_of(cameras: State, session: Session) -> Rig:
     """A rig without uncertainties of the cameras found."""
     made = tuple(
         RigCamera(
-            spec.id, None, spec.image_size, cameras.intrinsics[c], cameras.rotation[c], cameras.translation[c],
-            None, 0, None,
+            spec.id,
+            None,
+            spec.image_size,
+            cameras.intrinsics[c],
+            cameras.rotation[c],
+            cameras.translation[c],
+            None,
+            0,
+            None,
         )
         for c, spec in enumerate(session.cameras)
         if np.isfinite(cameras.translation[c, 0])
-    )  # fmt: skip
+    )
     return Rig(made[0].id, made, RigScale("none", None), Quality(True, None, None, None, ()), "")
 
 
@@ -311,9 +325,15 @@ def _lengths_um(case: Case, cameras: State) -> float:
         end, camera, uv, true = 2 * o.placement + o.target - 1, o.camera, o.uv, exact.lengths_mm
     placed = np.isfinite(cameras.translation[camera, 0])
     found = triangulate(
-        end[placed], camera[placed], uv[placed], np.ones(int(placed.sum())), 2 * len(true), cameras.intrinsics,
-        np.nan_to_num(cameras.rotation), np.nan_to_num(cameras.translation),
-    )  # fmt: skip
+        end[placed],
+        camera[placed],
+        uv[placed],
+        np.ones(int(placed.sum())),
+        2 * len(true),
+        cameras.intrinsics,
+        np.nan_to_num(cameras.rotation),
+        np.nan_to_num(cameras.translation),
+    )
     ends = found.points.reshape(-1, 2, 3)
     length = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
     known = np.isfinite(length)
@@ -326,9 +346,15 @@ def _px(o: Observations, cameras: State) -> float:
     _, point = np.unique(np.stack([o.placement, o.target, o.point]), axis=1, return_inverse=True)
     point = point.reshape(-1)
     found = triangulate(
-        point, o.camera, o.uv, np.ones(len(o)), int(point.max()) + 1, cameras.intrinsics, cameras.rotation,
+        point,
+        o.camera,
+        o.uv,
+        np.ones(len(o)),
+        int(point.max()) + 1,
+        cameras.intrinsics,
+        cameras.rotation,
         cameras.translation,
-    )  # fmt: skip
+    )
     twice = (np.bincount(point) >= 2)[point] & np.isfinite(found.points[point, 0])
     x = np.einsum("nij,nj->ni", cameras.rotation[o.camera], found.points[point]) + cameras.translation[o.camera]
     off = (project(x, cameras.intrinsics[o.camera]) - o.uv)[twice]
@@ -347,12 +373,14 @@ def run_one(program: str, problem: Path, result: Path) -> None:
         by_id = {camera.id: camera for camera in rig.cameras}
         empty = SimpleNamespace(
             rotation=np.full((3, 3), np.nan), translation_mm=np.full(3, np.nan), intrinsics=np.full(16, np.nan)
-        )  # fmt: skip
+        )
         own = [by_id.get(spec.id, empty) for spec in session.cameras]
         return State(
-            np.array([c.rotation for c in own]), np.array([c.translation_mm for c in own]),
-            np.array([c.intrinsics for c in own]), np.zeros((0, 3)),
-        )  # fmt: skip
+            np.array([c.rotation for c in own]),
+            np.array([c.translation_mm for c in own]),
+            np.array([c.intrinsics for c in own]),
+            np.zeros((0, 3)),
+        )
 
     def adjustment() -> State:
         from spherecal.adjust.levenberg import Settings, minimise
@@ -372,9 +400,15 @@ def run_one(program: str, problem: Path, result: Path) -> None:
         state = solve()
         used, lasted = time.process_time() - began, time.perf_counter() - wall
     np.savez(
-        result, cpu_s=used, wall_s=lasted, mb=max(peak_mb() - before, 0.0), failed="", rotation=state.rotation,
-        translation=state.translation, intrinsics=state.intrinsics,
-    )  # fmt: skip
+        result,
+        cpu_s=used,
+        wall_s=lasted,
+        mb=max(peak_mb() - before, 0.0),
+        failed="",
+        rotation=state.rotation,
+        translation=state.translation,
+        intrinsics=state.intrinsics,
+    )
 
 
 if __name__ == "__main__":

@@ -29,9 +29,7 @@ def main() -> int:
     except Exception as error:  # what a program cannot do is a result of the study
         found, failed = {}, f"{type(error).__name__}: {str(error).splitlines()[0] if str(error) else ''}"
     used, lasted = time.process_time() - began, time.perf_counter() - wall
-    np.savez(
-        result, cpu_s=used, wall_s=lasted, mb=max(peak_mb() - before, 0.0), failed=failed, **found
-    )  # fmt: skip
+    np.savez(result, cpu_s=used, wall_s=lasted, mb=max(peak_mb() - before, 0.0), failed=failed, **found)
     return 0
 
 
@@ -69,9 +67,10 @@ def aniposelib(p):
             intrinsics[c, 4:9] = camera.get_distortions()
         turns = np.array([cv2.Rodrigues(camera.get_rotation())[0] for camera in group.cameras])
         return {
-            "intrinsics": intrinsics, "rotation": turns,
+            "intrinsics": intrinsics,
+            "rotation": turns,
             "translation": np.array([camera.get_translation() for camera in group.cameras]),
-        }  # fmt: skip
+        }
 
     return solve
 
@@ -88,18 +87,35 @@ def caliscope(p):
         k = p.intrinsics[c]
         matrix = np.array([[k[0], 0, k[2]], [0, k[1], k[3]], [0, 0, 1.0]])
         cameras[c] = CameraData(
-            c, tuple(int(s) for s in p.size[c]), matrix=matrix, distortions=k[4:9].copy(),
-            rotation=p.rotation[c], translation=p.translation[c],
-        )  # fmt: skip
+            c,
+            tuple(int(s) for s in p.size[c]),
+            matrix=matrix,
+            distortions=k[4:9].copy(),
+            rotation=p.rotation[c],
+            translation=p.translation[c],
+        )
     image = pd.DataFrame(
-        {"sync_index": 0, "cam_id": p.camera, "object_id": 0, "keypoint_id": p.point, "img_loc_x": p.uv[:, 0],
-         "img_loc_y": p.uv[:, 1]}
-    )  # fmt: skip
+        {
+            "sync_index": 0,
+            "cam_id": p.camera,
+            "object_id": 0,
+            "keypoint_id": p.point,
+            "img_loc_x": p.uv[:, 0],
+            "img_loc_y": p.uv[:, 1],
+        }
+    )
     named = np.unique(p.point)
     world = pd.DataFrame(
-        {"sync_index": 0, "object_id": 0, "keypoint_id": named, "x_coord": p.start[named, 0],
-         "y_coord": p.start[named, 1], "z_coord": p.start[named, 2], "frame_time": np.nan}
-    )  # fmt: skip
+        {
+            "sync_index": 0,
+            "object_id": 0,
+            "keypoint_id": named,
+            "x_coord": p.start[named, 0],
+            "y_coord": p.start[named, 1],
+            "z_coord": p.start[named, 2],
+            "frame_time": np.nan,
+        }
+    )
     volume = CaptureVolume(CameraArray(cameras), ImagePoints(image), WorldPoints(world))
 
     def solve() -> dict:
@@ -111,9 +127,10 @@ def caliscope(p):
             intrinsics[c, 4 : 4 + len(d)] = d
         order = sorted(done)
         return {
-            "intrinsics": intrinsics, "rotation": np.array([done[c].rotation for c in order]),
+            "intrinsics": intrinsics,
+            "rotation": np.array([done[c].rotation for c in order]),
             "translation": np.array([done[c].translation for c in order]),
-        }  # fmt: skip
+        }
 
     return solve
 
@@ -179,9 +196,18 @@ def opencv_multiview(p):
         matrices, distortions = _each_alone(p, views)
         flags = np.full((n, 1), cv2.CALIB_USE_INTRINSIC_GUESS, np.int32)
         done = cv2.calibrateMultiview(
-            [everything] * frames, images, sizes, mask, np.zeros(n, np.uint8), matrices, distortions, None, None,
-            flags, cv2.CALIB_USE_INTRINSIC_GUESS,
-        )  # fmt: skip
+            [everything] * frames,
+            images,
+            sizes,
+            mask,
+            np.zeros(n, np.uint8),
+            matrices,
+            distortions,
+            None,
+            None,
+            flags,
+            cv2.CALIB_USE_INTRINSIC_GUESS,
+        )
         matrices, distortions, turns, shifts = done[1:5]
         turns = [cv2.Rodrigues(r)[0] if np.size(r) == 3 else r for r in turns]
         return _found(matrices, distortions, turns, [np.multiply(shift, _MM_PER_M) for shift in shifts])
@@ -204,18 +230,30 @@ def opencv_stereo(p):
         turns[0], shifts[0] = np.eye(3), np.zeros((3, 1))
         while any(turn is None for turn in turns):
             best = max(
-                ((len(_common(views, a, b)), a, b) for a in range(n) for b in range(n)
-                 if turns[a] is not None and turns[b] is None), default=(0, 0, 0),
-            )  # fmt: skip
+                (
+                    (len(_common(views, a, b)), a, b)
+                    for a in range(n)
+                    for b in range(n)
+                    if turns[a] is not None and turns[b] is None
+                ),
+                default=(0, 0, 0),
+            )
             if best[0] == 0:
                 raise ValueError("cameras do not hang together")
             _, a, b = best
             objects, first, second = zip(*_common(views, a, b), strict=True)
             size = tuple(int(s) for s in p.size[a])
             done = cv2.stereoCalibrate(
-                [board[o] for o in objects], first, second, matrices[a], distortions[a], matrices[b], distortions[b],
-                size, flags=cv2.CALIB_FIX_INTRINSIC,
-            )  # fmt: skip
+                [board[o] for o in objects],
+                first,
+                second,
+                matrices[a],
+                distortions[a],
+                matrices[b],
+                distortions[b],
+                size,
+                flags=cv2.CALIB_FIX_INTRINSIC,
+            )
             turn, shift = done[5], done[6]
             turns[b], shifts[b] = turn @ turns[a], turn @ shifts[a] + shift
         return _found(matrices, distortions, turns, shifts)
@@ -242,8 +280,10 @@ def _found(matrices, distortions, turns, shifts) -> dict:
         intrinsics[c, :4] = m[0, 0], m[1, 1], m[0, 2], m[1, 2]
         intrinsics[c, 4 : 4 + np.size(d)] = np.ravel(d)
     return {
-        "intrinsics": intrinsics, "rotation": np.array(turns), "translation": np.array([np.ravel(t) for t in shifts])
-    }  # fmt: skip
+        "intrinsics": intrinsics,
+        "rotation": np.array(turns),
+        "translation": np.array([np.ravel(t) for t in shifts]),
+    }
 
 
 PROGRAMS = {

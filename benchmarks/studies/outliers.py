@@ -58,10 +58,15 @@ def _compare(clean: Simulated, reference: Calibration, spoilt: Simulated, bars: 
     off = np.linalg.norm(spoilt.observations.uv - spoilt.truth.uv_true_px, axis=1)
     missed = wrong & result.used
     return Outcome(
-        len(result.rig.cameras), len(clean.truth.cameras), int(wrong.sum()), int(missed.sum()),
-        float(off[missed].max(initial=0.0)), int((reference.used & ~wrong & ~result.used).sum()),
-        bar_errors(result, clean.truth, bars, noise), bar_errors(reference, clean.truth, bars, noise),
-    )  # fmt: skip
+        len(result.rig.cameras),
+        len(clean.truth.cameras),
+        int(wrong.sum()),
+        int(missed.sum()),
+        float(off[missed].max(initial=0.0)),
+        int((reference.used & ~wrong & ~result.used).sum()),
+        bar_errors(result, clean.truth, bars, noise),
+        bar_errors(reference, clean.truth, bars, noise),
+    )
 
 
 def report(runs: int | None, rigs: Sequence[str] = RIGS, options: SimulationOptions | None = None) -> Report:
@@ -78,10 +83,19 @@ def report(runs: int | None, rigs: Sequence[str] = RIGS, options: SimulationOpti
     for rig in rigs:
         for share, outcomes in study(rig, runs, options).items():
             f = Summary(outcomes)
-            rows.append((
-                rig, f"{100 * share:g} %", f"{f.linked} of {runs}", f.rmse_um("clean"), f.rmse_um("bars"), f.ratio,
-                f.rescaled_ratio, float(np.median(f.single_um)), max(f.single_um),
-            ))  # fmt: skip
+            rows.append(
+                (
+                    rig,
+                    f"{100 * share:g} %",
+                    f"{f.linked} of {runs}",
+                    f.rmse_um("clean"),
+                    f.rmse_um("bars"),
+                    f.ratio,
+                    f.rescaled_ratio,
+                    float(np.median(f.single_um)),
+                    max(f.single_um),
+                )
+            )
             goals.append((f"{rig} {100 * share:g} %", f))
     header = ("clean RMSE um", "RMSE um", "ratio", "ratio rescaled", "median run um", "worst run um")
     page.table(("rig", "wrong", "all cameras linked", *header), rows)

@@ -212,8 +212,11 @@ def report(runs: int | None = None) -> Report:
         ("kills", "calibrations added", "killed in the midst of a folder", "rig.json still the older", "problems"),
         [(kills.kills, kills.added, kills.half_written, kills.stale_copies, len(kills.problems))],
     )
-    page.verdict("always the old or the new profile, never neither", not kills.problems,
-                 "; ".join(kills.problems[:3]) or f"{kills.kills} kills")  # fmt: skip
+    page.verdict(
+        "always the old or the new profile, never neither",
+        not kills.problems,
+        "; ".join(kills.problems[:3]) or f"{kills.kills} kills",
+    )
     page.text("")
     page.heading("A session killed while it is written")
     with tempfile.TemporaryDirectory() as folder:
@@ -222,8 +225,11 @@ def report(runs: int | None = None) -> Report:
     page.table(
         ("kills", "first found", "second found", "problems"), [(written.kills, *written.found, len(written.problems))]
     )
-    page.verdict("always one of the two sessions, whole", not written.problems,
-                 "; ".join(written.problems[:3]) or f"{written.kills} kills")  # fmt: skip
+    page.verdict(
+        "always one of the two sessions, whole",
+        not written.problems,
+        "; ".join(written.problems[:3]) or f"{written.kills} kills",
+    )
     page.text("")
     _refused(page)
     for rig, count in (("rigA", runs or 20), ("rigB", (runs or 20) // 2)):
@@ -248,8 +254,9 @@ def _refused(page: Report) -> None:
     ]
     page.table(("cause", "what", "said", "nothing lost"), rows)
     bad = [f"{one.cause}, {one.action}" for one in found if not (one.clear and one.intact)]
-    page.verdict("a clear message and nothing lost", bool(found) and not bad,
-                 "; ".join(bad) or f"{len(found)} writings")  # fmt: skip
+    page.verdict(
+        "a clear message and nothing lost", bool(found) and not bad, "; ".join(bad) or f"{len(found)} writings"
+    )
     page.text("")
 
 
@@ -278,6 +285,9 @@ def _compared(page: Report, rig: str, count: int) -> None:
     page.table(header, rows)
     page.verdict(f"{rig}: no camera named where none moved", rows[0][1] == rows[0][2], f"{rows[0][2]} of {rows[0][1]}")
     largest = rows[-1]
-    page.verdict(f"{rig}: 0.3 mm with 0.03 deg named in every run, and no other camera", largest[1] == largest[2],
-                 f"{largest[2]} of {largest[1]}")  # fmt: skip
+    page.verdict(
+        f"{rig}: 0.3 mm with 0.03 deg named in every run, and no other camera",
+        largest[1] == largest[2],
+        f"{largest[2]} of {largest[1]}",
+    )
     page.text("")

@@ -55,10 +55,12 @@ def reference_of(truth: RealisticTruth, count: int = LENGTHS) -> Reference:
     camera, end, uv = truth.see(ends.reshape(-1, 3), None)
     keep = ~truth.few[camera]
     return Reference(
-        tuple(c.id for c in cameras), np.array([c.rotation for c in cameras]),
-        np.array([c.translation_mm for c in cameras]), lambda f, o: _places(truth, f, o),
+        tuple(c.id for c in cameras),
+        np.array([c.rotation for c in cameras]),
+        np.array([c.translation_mm for c in cameras]),
+        lambda f, o: _places(truth, f, o),
         Lengths(ends, end[keep], camera[keep], uv[keep]),
-    )  # fmt: skip
+    )
 
 
 def _places(truth: RealisticTruth, features: Features, o: Observations) -> FloatArray:
@@ -128,12 +130,13 @@ def table(page: Report, done: list[Recording]) -> None:
     kinds = {
         **{f"lenses {k}": (lambda r, k=k: r.options.lenses == k) for k in ("usual", "wide", "strong", "long")},
         **{f"body {k}": (lambda r, k=k: r.options.body == k) for k in ("ball", "half", "plane")},
-        "turned": lambda r: r.options.turned, "only moved": lambda r: not r.options.turned,
+        "turned": lambda r: r.options.turned,
+        "only moved": lambda r: not r.options.turned,
         "misfit below 0.06 px": lambda r: r.options.misfit_px < 0.06,
         "misfit above 0.15 px": lambda r: r.options.misfit_px > 0.15,
         "prior f 10 % or more": lambda r: r.options.prior_focal_error >= 0.1,
         "cameras with few points": lambda r: r.options.few_cameras > 0,
-    }  # fmt: skip
+    }
     rows = []
     for name, of in kinds.items():
         own = [r for r in done if of(r)]
@@ -162,11 +165,17 @@ def table(page: Report, done: list[Recording]) -> None:
     page.table(("other warnings and errors", "recordings"), [(c, f"{k} of {n}") for c, k in others.most_common()])
     page.heading("Wrong and usable, and no result")
     rows = [
-        (r.seed, r.what, r.judged.failure or r.judged.verdict, len(r.judged.wrong_cameras), r.judged.worst_words(),
-         words(r.judged.findings))
+        (
+            r.seed,
+            r.what,
+            r.judged.failure or r.judged.verdict,
+            len(r.judged.wrong_cameras),
+            r.judged.worst_words(),
+            words(r.judged.findings),
+        )
         for r in done
         if r.judged.failure or (r.judged.wrong and r.judged.verdict != "not-valid")
-    ]  # fmt: skip
+    ]
     page.table(("seed", "recording", "said", "cameras wrong", "worst", "findings"), rows or [("none", *[""] * 5)])
 
 

@@ -76,11 +76,19 @@ def study(rig: str, seed: int) -> Whole:
     quality, overall = calibration.rig.quality, verification.overall
     assert overall.mean_error_mm is not None and overall.sd_mm is not None
     return Whole(
-        rig, seed, f"{len(calibration.rig.cameras)} of {len(truth.cameras)}", form,
-        quality.rms_px or np.nan, quality.sigma0 or np.nan, errors.measured, errors.rescaled,
-        _by_calibration(calibration, truth, bars), _by_calibration(again, truth, bars, as_stated=True),
-        overall, sum(calibration.seconds.values()),
-    )  # fmt: skip
+        rig,
+        seed,
+        f"{len(calibration.rig.cameras)} of {len(truth.cameras)}",
+        form,
+        quality.rms_px or np.nan,
+        quality.sigma0 or np.nan,
+        errors.measured,
+        errors.rescaled,
+        _by_calibration(calibration, truth, bars),
+        _by_calibration(again, truth, bars, as_stated=True),
+        overall,
+        sum(calibration.seconds.values()),
+    )
 
 
 def _measured_to_the_bound(session: Session, found: Observations, dot_truth: Path) -> Session:
@@ -95,9 +103,11 @@ def _measured_to_the_bound(session: Session, found: Observations, dot_truth: Pat
     sigma = found.sigma.copy()
     for i in range(len(found)):
         key = (
-            found.placements[found.placement[i]], found.cameras[found.camera[i]], int(found.target[i]),
+            found.placements[found.placement[i]],
+            found.cameras[found.camera[i]],
+            int(found.target[i]),
             found.points[found.point[i]],
-        )  # fmt: skip
+        )
         bound = bounds.get(key, np.nan)
         if np.isfinite(bound):
             sigma[i] = bound / np.sqrt(2)
@@ -112,10 +122,13 @@ def _by_calibration(calibration: Calibration, truth: Truth, bars: Bars, as_state
     first = next(camera for camera in truth.cameras if camera.id == rig.reference_camera)
     ends = bars.study.ends_mm @ first.rotation.T + first.translation_mm
     looking = Cameras(
-        np.array([c.intrinsics for c in rig.cameras]), np.array([c.rotation for c in rig.cameras]),
-        np.array([c.translation_mm for c in rig.cameras]), np.array([c.image_size for c in rig.cameras], dtype=float),
-        matrix, rig.covariance.intrinsics,
-    )  # fmt: skip
+        np.array([c.intrinsics for c in rig.cameras]),
+        np.array([c.rotation for c in rig.cameras]),
+        np.array([c.translation_mm for c in rig.cameras]),
+        np.array([c.image_size for c in rig.cameras], dtype=float),
+        matrix,
+        rig.covariance.intrinsics,
+    )
     return predict_lengths(looking, ends, 1.0).calibration
 
 
@@ -149,14 +162,16 @@ def report(runs: int | None, rigs: Sequence[str] = RIGS) -> Report:
         rmse = _um(np.concatenate([w.measured for w in of_rig]))
         bound = _um(np.concatenate([w.bound for w in of_rig]))
         page.verdict(
-            f"{rig}: calibration-only bar RMSE <= {GOAL_UM[rig]:g} um", rmse <= GOAL_UM[rig],
+            f"{rig}: calibration-only bar RMSE <= {GOAL_UM[rig]:g} um",
+            rmse <= GOAL_UM[rig],
             f"{rmse:.2f} um, {rmse / bound:.2f} x the bound ({bound:.2f} um)",
-        )  # fmt: skip
+        )
         mean, sd = max(abs(w.checked.mean_error_mm or 0.0) for w in of_rig), max(w.checked.sd_mm or 0.0 for w in of_rig)
         page.verdict(
             f"{rig}: bars of `verify`: mean <= {GOAL_MEAN_MM:g} mm, standard deviation <= {GOAL_SD_MM:g} mm",
-            mean <= GOAL_MEAN_MM and sd <= GOAL_SD_MM, f"{mean:.4f} and {sd:.4f} mm at most",
-        )  # fmt: skip
+            mean <= GOAL_MEAN_MM and sd <= GOAL_SD_MM,
+            f"{mean:.4f} and {sd:.4f} mm at most",
+        )
     return page
 
 

@@ -30,7 +30,7 @@ def study(
         noise = np.random.default_rng(seed).normal(size=bars.uv.shape)
         for form, found in in_every_form(
             simulated.session, simulated.truth, bars, noise, ("free", "soft", "rigid")
-        ).items():  # fmt: skip
+        ).items():
             out[form].append(found)
     return out
 
@@ -51,17 +51,32 @@ def report(runs: int | None, rigs: Sequence[str] = RIGS, options: SimulationOpti
     rows, goals = [], []
     for (rig, turns, change), found in figures.items():
         ratio = float(np.mean([r.chi2 / f.chi2 for r, f in zip(found["rigid"], found["free"], strict=True)]))
-        chosen = ", ".join(f"{sum(m.form == form for m in found['auto'])} {form}" for form in ("free", "soft", "rigid")
-                           if any(m.form == form for m in found["auto"]))  # fmt: skip
+        chosen = ", ".join(
+            f"{sum(m.form == form for m in found['auto'])} {form}"
+            for form in ("free", "soft", "rigid")
+            if any(m.form == form for m in found["auto"])
+        )
         play = float(np.mean([m.shape_sd_mm or 0.0 for m in found["soft"]]))
         rmse = {form: rmse_um(found[form]) for form in found}
         better = min(("free", "rigid"), key=lambda form: rmse[form])
         against = rmse["auto"] / rmse[better]
         error = ratio_error(found["auto"], found[better])
-        rows.append((
-            rig, turns, f"{change:g}", rmse["free"], rmse["soft"], rmse["rigid"], rmse["auto"], against, error, ratio,
-            f"{play:.3f}", chosen,
-        ))  # fmt: skip
+        rows.append(
+            (
+                rig,
+                turns,
+                f"{change:g}",
+                rmse["free"],
+                rmse["soft"],
+                rmse["rigid"],
+                rmse["auto"],
+                against,
+                error,
+                ratio,
+                f"{play:.3f}",
+                chosen,
+            )
+        )
         if change:
             goals.append((f"{rig} {turns} {change:g} mm", against, error))
     header = ("free um", "soft um", "rigid um", "auto um", "auto / better", "s.e.", "ratio", "play mm", "auto takes")

@@ -78,7 +78,7 @@ class Simulated:
         """The rigid network, its placements aligned by the true points, and the true start (dots unknown)."""
         alignment = align(
             self.features, self.true.points, len(self.observations.placements), len(self.session.placements)
-        )  # fmt: skip
+        )
         return share_shape(self.network, self.features, self.true, alignment)
 
     @cached_property
@@ -161,9 +161,10 @@ def certify(session: Session, truth: Truth, rng: np.random.Generator) -> Session
 
     read = {p.id: p.temperature_c + float(rng.normal(0.0, THERMOMETER_SD_K)) for p in truth.bar_poses}
     return replace(
-        session, bars=tuple(certified(bar) for bar in session.bars),
+        session,
+        bars=tuple(certified(bar) for bar in session.bars),
         bar_poses=tuple(replace(pose, temperature_c=read[pose.id]) for pose in session.bar_poses),
-    )  # fmt: skip
+    )
 
 
 def _true_places(truth: Truth, session: Session, observations: Observations, features: Features) -> FloatArray:

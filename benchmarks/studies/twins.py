@@ -108,19 +108,31 @@ def compare(done: Calibration, truth: TrueNetwork, seconds: float, processor_s: 
     noise = truth.noise_px * np.sqrt(2.0)
     focal, focal_sigma = _focal(done)
     return Run(
-        truth.kind, truth.seed, len(truth.weak), len(names), int(truth.weak.sum()), int(truth.weak[names].sum()),
-        (float(np.median(centre)), float(centre.max())), (float(np.median(angle)), float(angle.max())), wrong_views,
+        truth.kind,
+        truth.seed,
+        len(truth.weak),
+        len(names),
+        int(truth.weak.sum()),
+        int(truth.weak[names].sum()),
+        (float(np.median(centre)), float(centre.max())),
+        (float(np.median(angle)), float(angle.max())),
+        wrong_views,
         (float(np.median(off)), float(np.quantile(off, 0.99))) if len(off) else (np.nan, np.nan),
         int((off > 0.01 * truth.size_mm).sum()),
-        1e6 * (focal / float(truth.intrinsics[0]) - 1), (focal - float(truth.intrinsics[0])) / focal_sigma,
-        quality.rms_px or np.nan, (quality.rms_px or np.nan) / noise,
+        1e6 * (focal / float(truth.intrinsics[0]) - 1),
+        (focal - float(truth.intrinsics[0])) / focal_sigma,
+        quality.rms_px or np.nan,
+        (quality.rms_px or np.nan) / noise,
         float((~used & decided).sum() / max(decided.sum(), 1)),
         float((~used & ~wrong & ~decided).sum() / max((~wrong).sum(), 1)),
         float((used & wrong).sum() / max(wrong.sum(), 1)),
-        quality.valid, verdict_of(quality),
+        quality.valid,
+        verdict_of(quality),
         dict(Counter(f"{f.severity}:{f.code}" for f in quality.findings)),
-        seconds, processor_s, resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024,
-    )  # fmt: skip
+        seconds,
+        processor_s,
+        resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024,
+    )
 
 
 def _alignment(done: Calibration, truth: TrueNetwork) -> Similarity | None:
@@ -211,14 +223,21 @@ def line(run: Run | str, kind: str, seed: int) -> tuple[object, ...]:
         return (kind, seed, run, *[""] * 11)
     wrong = ", ".join(f"{v} ({n} points): {mm:.1f} mm {deg:.2g} deg" for v, (n, mm, deg, _) in run.wrong_views.items())
     return (
-        kind, seed, f"{run.placed} of {run.views} (weak {run.weak_placed} of {run.weak})",
-        f"{run.centre_mm[0]:.3g} / {run.centre_mm[1]:.3g}", f"{run.angle_deg[0]:.2g} / {run.angle_deg[1]:.2g}",
+        kind,
+        seed,
+        f"{run.placed} of {run.views} (weak {run.weak_placed} of {run.weak})",
+        f"{run.centre_mm[0]:.3g} / {run.centre_mm[1]:.3g}",
+        f"{run.angle_deg[0]:.2g} / {run.angle_deg[1]:.2g}",
         f"{len(run.wrong_views)}" + (f": {wrong[:160]}" if wrong else ""),
-        f"{run.point_mm[0]:.3g} / {run.point_mm[1]:.3g} ({run.points_wild})", f"{run.focal_ppm:.0f}",
-        f"{run.rms_px:.3f} ({run.fit:.2f})", f"{100 * run.good_lost:.2f} + {100 * run.undecided_lost:.2f}",
-        f"{100 * run.wrong_kept:.1f}", run.verdict,
-        f"{run.seconds:.1f} / {run.processor_s:.1f}", f"{run.peak_mb:.0f}",
-    )  # fmt: skip
+        f"{run.point_mm[0]:.3g} / {run.point_mm[1]:.3g} ({run.points_wild})",
+        f"{run.focal_ppm:.0f}",
+        f"{run.rms_px:.3f} ({run.fit:.2f})",
+        f"{100 * run.good_lost:.2f} + {100 * run.undecided_lost:.2f}",
+        f"{100 * run.wrong_kept:.1f}",
+        run.verdict,
+        f"{run.seconds:.1f} / {run.processor_s:.1f}",
+        f"{run.peak_mb:.0f}",
+    )
 
 
 HEADER = (
@@ -266,9 +285,10 @@ def report(runs: int | None, kinds: tuple[str, ...] = KINDS) -> Report:
         page.verdict(f"{kind}: wrong and valid: 0", not wrong, str(wrong))
         lost = [run.good_lost for run in own] or [np.nan]
         page.verdict(
-            f"{kind}: at most 0.5 % of the good observations left out", bool(np.mean(lost) <= _MOST_GOOD_LOST),
+            f"{kind}: at most 0.5 % of the good observations left out",
+            bool(np.mean(lost) <= _MOST_GOOD_LOST),
             f"{100 * np.mean(lost):.2f} %, at most {100 * np.max(lost):.2f} %",
-        )  # fmt: skip
+        )
         slow, big = max((run.seconds for run in own), default=np.inf), max((run.peak_mb for run in own), default=np.inf)
         page.verdict(f"{kind}: at most 20 s and 500 MB", slow <= 20 and big <= 500, f"{slow:.1f} s, {big:.0f} MB")
     return page
@@ -280,11 +300,16 @@ def _summary(kind: str, runs: list[Run | str]) -> tuple[object, ...]:
     seconds = sorted(run.seconds for run in own) or [np.nan]
     failed = len(runs) - len(own)
     return (
-        kind, len(runs), sum(run.right for run in own), count[True, True], count[False, True],
-        f"{count[False, False]}" + (f" and {failed} failed" if failed else ""), count[True, False],
+        kind,
+        len(runs),
+        sum(run.right for run in own),
+        count[True, True],
+        count[False, True],
+        f"{count[False, False]}" + (f" and {failed} failed" if failed else ""),
+        count[True, False],
         f"{seconds[len(seconds) // 2]:.1f} / {seconds[-1]:.1f}",
         f"{max((run.peak_mb for run in own), default=np.nan):.0f}",
-    )  # fmt: skip
+    )
 
 
 def _findings(kind: str, done: dict[tuple[str, int], Run | str]) -> list[tuple[object, ...]]:

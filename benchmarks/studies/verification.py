@@ -103,13 +103,15 @@ def _terms(session: Session, truth: Truth, found: Verification, silent: Verifica
         true = cold * (1 + bar.expansion_per_kelvin * (warm[m.pose] - bar.reference_temperature_c))
         wrong = certified[m.key] - cold
         u = m.budget
-        rows.append([
-            (m.length_mm - quiet.length_mm, u.noise_mm),
-            (quiet.length_mm - true, np.hypot(u.calibration_mm, u.scale_mm)),
-            (-wrong, u.certificate_mm),
-            (true + wrong - m.reference_mm, u.temperature_mm),
-            (m.error_mm, u.combined_mm),
-        ])  # fmt: skip
+        rows.append(
+            [
+                (m.length_mm - quiet.length_mm, u.noise_mm),
+                (quiet.length_mm - true, np.hypot(u.calibration_mm, u.scale_mm)),
+                (-wrong, u.certificate_mm),
+                (true + wrong - m.reference_mm, u.temperature_mm),
+                (m.error_mm, u.combined_mm),
+            ]
+        )
     table = np.array(rows)
     return tuple(Terms(table[:, i, 0], table[:, i, 1]) for i in range(len(TERMS)))
 
@@ -118,9 +120,7 @@ def faulty_runs(rig_name: str, seed: int, session: Session, truth: Truth, rig: R
     """The rig as calibrated, verified with a wrong certificate, with a wrong thermometer, with a camera moved."""
     camera = session.cameras[seed % len(session.cameras)].id
     rng = np.random.default_rng([77, seed])
-    move = CameraMove(
-        camera, len(truth.placements), SHIFT_MM, float(np.deg2rad(TURN_DEG)), _unit(rng), _unit(rng)
-    )  # fmt: skip
+    move = CameraMove(camera, len(truth.placements), SHIFT_MM, float(np.deg2rad(TURN_DEG)), _unit(rng), _unit(rng))
     moved, _ = simulate_session(rig_name, seed, replace(OPTIONS, moved=move))
     moved = replace(moved, bars=session.bars, bar_poses=session.bar_poses)
     return Faults(
@@ -249,13 +249,22 @@ def _verdicts(page: Report, found: Sequence[Run], faults: Sequence[Faults]) -> N
     )
     cases = (
         ("nothing", [run.intact for run in found], sum(not doubts(run.intact) for run in found)),
-        ("wrong certificate", [run.certificate for run in faults],
-         sum(named(run.certificate, "length-doubtful") == ("A",) for run in faults)),
-        ("thermometer", [run.thermometer for run in faults],
-         sum("A" in named(run.thermometer, "temperatures-differ") for run in faults)),
-        ("drifted camera", [run.drifted for run in faults],
-         sum(named(run.drifted, "camera-moved") == (run.camera,) for run in faults)),
-    )  # fmt: skip
+        (
+            "wrong certificate",
+            [run.certificate for run in faults],
+            sum(named(run.certificate, "length-doubtful") == ("A",) for run in faults),
+        ),
+        (
+            "thermometer",
+            [run.thermometer for run in faults],
+            sum("A" in named(run.thermometer, "temperatures-differ") for run in faults),
+        ),
+        (
+            "drifted camera",
+            [run.drifted for run in faults],
+            sum(named(run.drifted, "camera-moved") == (run.camera,) for run in faults),
+        ),
+    )
     rows = []
     for name, verifications, right in cases:
         words = [verdict(one) for one in verifications]
@@ -266,6 +275,9 @@ def _verdicts(page: Report, found: Sequence[Run], faults: Sequence[Faults]) -> N
         page.verdict(f"{name}: never a pass", passed == 0, f"{passed} of {n} passed")
         page.verdict(f"{name}: named in 95 % of the runs or more", right >= 0.95 * n, f"{right} of {n}")
     for name, _, _, unsure, _, _ in rows[1:3]:
-        page.verdict(f"{name}: no verdict on the rig (cannot tell) in 95 % of the runs or more", unsure >= 0.95 * n,
-                     f"{unsure} of {n}")  # fmt: skip
+        page.verdict(
+            f"{name}: no verdict on the rig (cannot tell) in 95 % of the runs or more",
+            unsure >= 0.95 * n,
+            f"{unsure} of {n}",
+        )
     page.text("")

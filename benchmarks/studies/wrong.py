@@ -65,10 +65,24 @@ def one(kind: str, size: float, rig: str, seed: int) -> Row:
     said = said or Said(False, "", "", "")
     repaired = any("left-out" in f.code or "split" in f.code or "swapped-back" in f.code for f in result.findings)
     return Row(
-        kind, size, rig, seed, outcome_of(result, told, kind), result.verdict, result.worst_words(),
-        words(result.findings), tuple(sorted(set(result.codes) & ACCUSATIONS)), repaired, result.processor_s,
-        result.failure, said.bad, said.acceptance, said.decision, said.checked, result.covered,
-    )  # fmt: skip
+        kind,
+        size,
+        rig,
+        seed,
+        outcome_of(result, told, kind),
+        result.verdict,
+        result.worst_words(),
+        words(result.findings),
+        tuple(sorted(set(result.codes) & ACCUSATIONS)),
+        repaired,
+        result.processor_s,
+        result.failure,
+        said.bad,
+        said.acceptance,
+        said.decision,
+        said.checked,
+        result.covered,
+    )
 
 
 def outcome_of(result: Judged, told: bool, kind: str) -> Outcome:
@@ -115,7 +129,7 @@ class Cell:
 
 def _tasks(
     runs: int, rigs: tuple[str, ...], kinds: tuple[Mischief, ...], clean: int
-) -> list[tuple[str, float, str, int]]:  # fmt: skip
+) -> list[tuple[str, float, str, int]]:
     """So many recordings of each kind, its sizes and the rigs in turn; at least one of each size, and kinds mixed."""
     out: list[tuple[str, float, str, int]] = []
     for i in range(max(runs, *(len(m.sizes) for m in kinds), clean)):
@@ -150,17 +164,27 @@ def page_of(rows: list[Row], command: str) -> Report:
         cells.setdefault((row.kind, row.size), Cell(by_name[row.kind], row.size)).rows.append(row)
     page.heading("Outcomes")
     heads = (
-        "mischief", "n", *(f"**{o}**" if o == "wrong and VALID" else o for o in OUTCOMES), "repaired",
-        "lengths within U %, if usable", "seconds",
-    )  # fmt: skip
+        "mischief",
+        "n",
+        *(f"**{o}**" if o == "wrong and VALID" else o for o in OUTCOMES),
+        "repaired",
+        "lengths within U %, if usable",
+        "seconds",
+    )
     page.table(
         heads,
         [
-            (c.name, len(c.rows), *(c.counts[o] or "" for o in OUTCOMES), sum(r.repaired for r in c.rows) or "",
-             _percent(c.covered), f"{np.median([r.seconds for r in c.rows]):.1f}")
+            (
+                c.name,
+                len(c.rows),
+                *(c.counts[o] or "" for o in OUTCOMES),
+                sum(r.repaired for r in c.rows) or "",
+                _percent(c.covered),
+                f"{np.median([r.seconds for r in c.rows]):.1f}",
+            )
             for c in cells.values()
         ],
-    )  # fmt: skip
+    )
     total = Counter(row.outcome for row in rows if row.kind != "nothing")
     page.table(("all mischief", "recordings"), [(o, total[o]) for o in OUTCOMES])
     page.heading("Recordings with nothing done")
@@ -187,12 +211,16 @@ def page_of(rows: list[Row], command: str) -> Report:
     page.table(
         ("rig", "n", "PASS", "cannot tell", "FAIL", "CONSISTENT", "INCONSISTENT", "check OK", "watch", "recalibrate"),
         [
-            (name, len(own), *(sum(r.acceptance == w for r in own) for w in words_),
-             *(sum(r.decision == w for r in own) for w in ("consistent", "inconsistent")),
-             *(sum(r.checked == w for r in own) for w in ("ok", "watch", "recalibrate")))
+            (
+                name,
+                len(own),
+                *(sum(r.acceptance == w for r in own) for w in words_),
+                *(sum(r.decision == w for r in own) for w in ("consistent", "inconsistent")),
+                *(sum(r.checked == w for r in own) for w in ("ok", "watch", "recalibrate")),
+            )
             for name, own in (("bad", [r for r in again if r.bad]), ("good", [r for r in again if not r.bad]))
         ],
-    )  # fmt: skip
+    )
     passed = [r for r in again if r.bad and r.acceptance == "pass"]
     page.table(
         ("bad rig that passed", "rig", "seed", "worst"),

@@ -197,9 +197,13 @@ def save_verification(verification: Verification, folder: AnyPath, rig_file: Any
 
 
 def define_frame(
-    result: AnyPath, origin: str | None = None, x: str | None = None, xy: str | None = None,
-    offset_mm: tuple[float, float, float] = (0.0, 0.0, 0.0), turns: Sequence[str] = (),
-) -> UserFrame:  # fmt: skip
+    result: AnyPath,
+    origin: str | None = None,
+    x: str | None = None,
+    xy: str | None = None,
+    offset_mm: tuple[float, float, float] = (0.0, 0.0, 0.0),
+    turns: Sequence[str] = (),
+) -> UserFrame:
     """The user's frame by three places of a result folder: the origin, one on the +X axis, one in the XY plane.
 
     A place is a placement's id (the ball's centre there), POSE/MARK of a bar that was verified, or
@@ -221,10 +225,14 @@ def save_frame(frame: UserFrame, path: AnyPath) -> None:
 
 
 def export_rig(
-    rig: Rig | AnyPath, format_name: str, output: AnyPath, unit: Unit | None = None,
-    max_loss_px: float = DEFAULT_MAX_LOSS_PX, frame: UserFrame | None = None,
+    rig: Rig | AnyPath,
+    format_name: str,
+    output: AnyPath,
+    unit: Unit | None = None,
+    max_loss_px: float = DEFAULT_MAX_LOSS_PX,
+    frame: UserFrame | None = None,
     volume_mm: tuple[Sequence[float], Sequence[float]] | None = None,
-) -> Exported:  # fmt: skip
+) -> Exported:
     """Write the rig in a format of others (FORMATS) and read it back; the largest difference is in the answer.
 
     Also "gltf", "ply" and "blender", scenes to look at. A lens that the format cannot hold within `max_loss_px` is

@@ -29,9 +29,16 @@ class SimulatedRecording:
 
 
 def simulate_board(
-    preset: str, seed: int, placements: int, *, rows: int = 8, columns: int = 11, pitch_mm: float = 33.0,
-    sigma_px: float = 0.04, print_sd_mm: float = 0.0,
-) -> SimulatedRecording:  # fmt: skip
+    preset: str,
+    seed: int,
+    placements: int,
+    *,
+    rows: int = 8,
+    columns: int = 11,
+    pitch_mm: float = 33.0,
+    sigma_px: float = 0.04,
+    print_sd_mm: float = 0.0,
+) -> SimulatedRecording:
     """A board of dots held all over the volume, towards one camera after the other.
 
     `print_sd_mm` is what its dots are off by. The pitch of [Tao21]'s comparison is 33 mm.
@@ -55,17 +62,30 @@ def simulate_board(
     names = tuple(f"B{i + 1:03d}" for i in range(placements))
     observations = _observations(seen, names, cameras, np.arange(rows * columns), sigma_px, of_noise)
     session = Session(
-        Path(), _specs(cameras), tuple(Placement(name) for name in names), (), (), None,
+        Path(),
+        _specs(cameras),
+        tuple(Placement(name) for name in names),
+        (),
+        (),
+        None,
         tuple(BoardPoint(i, "centre", (float(p[0]), float(p[1]), 0.0)) for i, p in enumerate(board)),
-        None, None, observations, "",
-    )  # fmt: skip
+        None,
+        None,
+        observations,
+        "",
+    )
     return SimulatedRecording(session, cameras, points)
 
 
 def simulate_waved_bar(
-    preset: str, seed: int, frames: int, *, marks_mm: tuple[float, ...] = (0.0, 300.0), sigma_px: float = 0.04,
+    preset: str,
+    seed: int,
+    frames: int,
+    *,
+    marks_mm: tuple[float, ...] = (0.0, 300.0),
+    sigma_px: float = 0.04,
     certificate_mm: float = 0.004,
-) -> SimulatedRecording:  # fmt: skip
+) -> SimulatedRecording:
     """A bar of marks waved all over the volume, seen from all around; its certificate is `certificate_mm` (k = 2)."""
     design = rig_design(preset)
     of_rig, of_bar, of_places, of_noise = (np.random.default_rng(s) for s in np.random.SeedSequence(seed).spawn(4))
@@ -96,9 +116,18 @@ def simulate_waved_bar(
     )
     bar = Bar("W", "scale", marks, lengths, 1.15e-5, 20.0)
     session = Session(
-        Path(), _specs(cameras), (), (bar,), tuple(BarPose(name, "W", 20.0) for name in names), Scale("bar", bar="W"),
-        None, None, None, observations, "",
-    )  # fmt: skip
+        Path(),
+        _specs(cameras),
+        (),
+        (bar,),
+        tuple(BarPose(name, "W", 20.0) for name in names),
+        Scale("bar", bar="W"),
+        None,
+        None,
+        None,
+        observations,
+        "",
+    )
     return SimulatedRecording(session, cameras, points)
 
 
@@ -118,21 +147,37 @@ def _specs(cameras: tuple[TrueCamera, ...]) -> tuple[CameraSpec, ...]:
     """The cameras as data sheets describe them."""
     return tuple(
         CameraSpec(
-            c.id, c.kind.image_size, nominal_intrinsics(c.kind), False, c.id, None, c.kind.model,
-            c.kind.pixel_pitch_um, c.kind.focal_length_mm,
+            c.id,
+            c.kind.image_size,
+            nominal_intrinsics(c.kind),
+            False,
+            c.id,
+            None,
+            c.kind.model,
+            c.kind.pixel_pitch_um,
+            c.kind.focal_length_mm,
         )
         for c in cameras
-    )  # fmt: skip
+    )
 
 
 def _observations(
-    seen: list[Seen], names: tuple[str, ...], cameras: tuple[TrueCamera, ...], targets: np.ndarray, sigma_px: float,
+    seen: list[Seen],
+    names: tuple[str, ...],
+    cameras: tuple[TrueCamera, ...],
+    targets: np.ndarray,
+    sigma_px: float,
     rng: np.random.Generator,
-) -> Observations:  # fmt: skip
+) -> Observations:
     counts = [len(one.camera) for one in seen]
     uv = np.concatenate([one.uv for one in seen])
     return Observations(
-        names, tuple(c.id for c in cameras), ("centre",), np.repeat(np.arange(len(seen)), counts),
-        np.concatenate([one.camera for one in seen]), targets[np.concatenate([one.point for one in seen])],
-        np.zeros(len(uv), dtype=np.int64), uv + sigma_px * rng.normal(size=uv.shape),
-    )  # fmt: skip
+        names,
+        tuple(c.id for c in cameras),
+        ("centre",),
+        np.repeat(np.arange(len(seen)), counts),
+        np.concatenate([one.camera for one in seen]),
+        targets[np.concatenate([one.point for one in seen])],
+        np.zeros(len(uv), dtype=np.int64),
+        uv + sigma_px * rng.normal(size=uv.shape),
+    )

@@ -81,9 +81,13 @@ def _angle_powers(coefficients: FloatArray, square: FloatArray) -> FloatArray:
 
 
 def random_field(
-    size: tuple[int, int], intrinsics: FloatArray, region: FloatArray, rms_px: float, radial_share: float,
+    size: tuple[int, int],
+    intrinsics: FloatArray,
+    region: FloatArray,
+    rms_px: float,
+    radial_share: float,
     rng: np.random.Generator,
-) -> FloatArray:  # fmt: skip
+) -> FloatArray:
     """Coefficients (k, 2) of a field of the given rms per axis that Brown's model and the pose cannot take up.
 
     A smooth random field, decaying with the degree, and a share of higher radial orders (r^9, r^11). What the nine

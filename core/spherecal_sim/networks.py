@@ -296,9 +296,17 @@ def _visible(
 
 
 def _recorded(
-    kind: str, seed: int, lens: _Lens, stations: _Stations, points: FloatArray, camera: IntArray, point: IntArray,
-    noise_px: FloatArray, gross: float, rng: np.random.Generator,
-) -> tuple[Session, TrueNetwork]:  # fmt: skip
+    kind: str,
+    seed: int,
+    lens: _Lens,
+    stations: _Stations,
+    points: FloatArray,
+    camera: IntArray,
+    point: IntArray,
+    noise_px: FloatArray,
+    gross: float,
+    rng: np.random.Generator,
+) -> tuple[Session, TrueNetwork]:
     """Session and truth of what was seen: heavy-tailed noise, a share of gross errors, two points as a scale bar."""
     x = np.einsum("nij,nj->ni", stations.rotation[camera], points[point]) + stations.translation[camera]
     uv = project(x, lens.intrinsics) + heavy_noise(noise_px, rng)
@@ -310,14 +318,27 @@ def _recorded(
     uv[wrong] += _gross_errors(int(wrong.sum()), float(np.median(noise_px)), np.array(lens.size), rng)
     views = tuple(f"V{i + 1:03d}" for i in range(len(stations.weak)))
     observations = Observations(
-        ("P1", "S1"), views, ("centre",), on_bar.astype(np.int64), camera, point + 1, np.zeros(len(uv), dtype=np.int64),
+        ("P1", "S1"),
+        views,
+        ("centre",),
+        on_bar.astype(np.int64),
+        camera,
+        point + 1,
+        np.zeros(len(uv), dtype=np.int64),
         uv,
-    )  # fmt: skip
+    )
     order = np.lexsort((point, camera, on_bar))
     truth = TrueNetwork(
-        kind, seed, lens.intrinsics, stations.rotation, stations.translation, points, wrong[order], stations.weak,
+        kind,
+        seed,
+        lens.intrinsics,
+        stations.rotation,
+        stations.translation,
+        points,
+        wrong[order],
+        stations.weak,
         float(np.sqrt((noise_px**2).mean())),
-    )  # fmt: skip
+    )
     return _session(lens, views, points, bar, observations.select(order)), truth
 
 
@@ -349,10 +370,23 @@ def _session(
     cameras = tuple(CameraSpec(name, lens.size, prior, True, "LENS") for name in views)
     length = float(np.linalg.norm(points[bar[1]] - points[bar[0]]))
     scale_bar = Bar(
-        "B", "scale", {"B1": Mark(int(bar[0]) + 1, "centre"), "B2": Mark(int(bar[1]) + 1, "centre")},
-        (BarLength("B1", "B2", length, 1e-5 * length, 2.0),), 0.0, 20.0,
-    )  # fmt: skip
+        "B",
+        "scale",
+        {"B1": Mark(int(bar[0]) + 1, "centre"), "B2": Mark(int(bar[1]) + 1, "centre")},
+        (BarLength("B1", "B2", length, 1e-5 * length, 2.0),),
+        0.0,
+        20.0,
+    )
     return Session(
-        Path(), cameras, (Placement("P1"),), (scale_bar,), (BarPose("S1", "B"),), Scale("bar", bar="B"),
-        None, None, None, observations, "",
-    )  # fmt: skip
+        Path(),
+        cameras,
+        (Placement("P1"),),
+        (scale_bar,),
+        (BarPose("S1", "B"),),
+        Scale("bar", bar="B"),
+        None,
+        None,
+        None,
+        observations,
+        "",
+    )

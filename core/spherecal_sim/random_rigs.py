@@ -63,9 +63,13 @@ def random_rig(rng: np.random.Generator, lenses: Literal["usual", "wide", "stron
         cameras.append(TrueCamera(f"C{i + 1:02d}", kind, intrinsics, rotation, -rotation @ places[i]))
     reach = half + 0.6 * radius
     return RandomRig(
-        arrangement, tuple(cameras), np.full(n, lenses == "wide"), radius, np.array([-reach, reach]),
+        arrangement,
+        tuple(cameras),
+        np.full(n, lenses == "wide"),
+        radius,
+        np.array([-reach, reach]),
         np.array([-half, half]),
-    )  # fmt: skip
+    )
 
 
 def _sensor(rng: np.random.Generator) -> tuple[int, int, float]:

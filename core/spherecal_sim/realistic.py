@@ -92,7 +92,7 @@ def draw_options(rng: np.random.Generator) -> RealisticOptions:
         few_cameras=int(rng.choice([0, 1, 2], p=[0.7, 0.2, 0.1])),
         prior_focal_error=float(rng.choice([0.0, 0.01, 0.03, 0.1, 0.3], p=[0.2, 0.3, 0.3, 0.1, 0.1])),
         bar_scale=bool(rng.random() < 0.5),
-    )  # fmt: skip
+    )
 
 
 @dataclass(frozen=True)
@@ -140,7 +140,7 @@ def simulate_realistic(seed: int, options: RealisticOptions | None = None) -> tu
     """
     of_options, of_rig, of_ball, of_places, of_lens, of_noise, of_faults = (
         np.random.default_rng(s) for s in np.random.SeedSequence(seed).spawn(7)
-    )  # fmt: skip
+    )
     options = options or draw_options(of_options)
     truth = _set_up(seed, options, of_rig, of_ball, of_places, of_lens)
     for _ in range(_TRIES - 1):
@@ -152,9 +152,13 @@ def simulate_realistic(seed: int, options: RealisticOptions | None = None) -> tu
 
 
 def _set_up(
-    seed: int, o: RealisticOptions, of_rig: np.random.Generator, of_ball: np.random.Generator,
-    of_places: np.random.Generator, of_lens: np.random.Generator,
-) -> RealisticTruth:  # fmt: skip
+    seed: int,
+    o: RealisticOptions,
+    of_rig: np.random.Generator,
+    of_ball: np.random.Generator,
+    of_places: np.random.Generator,
+    of_lens: np.random.Generator,
+) -> RealisticTruth:
     rig = random_rig(of_rig, o.lenses)
     target_set = make_target_set(o.targets)
     ball = make_ball(target_set, tuple(range(1, o.targets + 1)), of_ball, rig.ball_radius_mm, 1.0, o.print_sd_mm)
@@ -173,10 +177,18 @@ def _set_up(
     few = np.zeros(n, dtype=bool)
     few[of_rig.permutation(n)[: o.few_cameras if n > 5 else 0]] = True
     truth = RealisticTruth(
-        seed, o, rig, lenses, o.noise_px * of_lens.lognormal(0, 0.35, n), ball,
-        tuple(f"P{t + 1}" for t in range(o.placements)), turns, places,
-        shape_changes(ball, o.placements, o.flex_mm, "smooth", of_ball) if o.flex_mm else None, few,
-    )  # fmt: skip
+        seed,
+        o,
+        rig,
+        lenses,
+        o.noise_px * of_lens.lognormal(0, 0.35, n),
+        ball,
+        tuple(f"P{t + 1}" for t in range(o.placements)),
+        turns,
+        places,
+        shape_changes(ball, o.placements, o.flex_mm, "smooth", of_ball) if o.flex_mm else None,
+        few,
+    )
     return replace(truth, lenses=_with_fields(truth, of_lens)) if o.misfit_px else truth
 
 
@@ -217,9 +229,12 @@ def _other_body(ball: Ball, body: Body, rng: np.random.Generator) -> Ball:
 
 def _only(ball: Ball, rows: BoolArray) -> Ball:
     return replace(
-        ball, dot_target=ball.dot_target[rows], dot_point=ball.dot_point[rows], dots_mm=ball.dots_mm[rows],
+        ball,
+        dot_target=ball.dot_target[rows],
+        dot_point=ball.dot_point[rows],
+        dots_mm=ball.dots_mm[rows],
         normals=ball.normals[rows],
-    )  # fmt: skip
+    )
 
 
 def _lens(camera: TrueCamera, fisheye: bool, o: RealisticOptions, rng: np.random.Generator) -> TrueLens:
@@ -228,17 +243,25 @@ def _lens(camera: TrueCamera, fisheye: bool, o: RealisticOptions, rng: np.random
     spread = rng.lognormal(0, 0.5, 2)
     distance = float(np.linalg.norm(camera.centre_mm))
     return TrueLens(
-        kind.image_size, camera.intrinsics, np.zeros((1, 2)), np.array([[-1.0, -1.0], [1.0, 1.0]]),
+        kind.image_size,
+        camera.intrinsics,
+        np.zeros((1, 2)),
+        np.array([[-1.0, -1.0], [1.0, 1.0]]),
         rng.normal(0, [0.01, 0.005, 0.0, 0.0]) if fisheye else None,
-        o.coma_px * float(spread[0]), o.astigmatism_px * float(spread[1]), distance * float(rng.uniform(0.95, 1.05)),
+        o.coma_px * float(spread[0]),
+        o.astigmatism_px * float(spread[1]),
+        distance * float(rng.uniform(0.95, 1.05)),
         o.defocus,
-    )  # fmt: skip
+    )
 
 
 def _see(
-    rig: RandomRig, lenses: tuple[TrueLens, ...], points: FloatArray, normals: FloatArray | None,
+    rig: RandomRig,
+    lenses: tuple[TrueLens, ...],
+    points: FloatArray,
+    normals: FloatArray | None,
     poses: tuple[FloatArray, FloatArray] | None = None,
-) -> tuple[IntArray, IntArray, FloatArray]:  # fmt: skip
+) -> tuple[IntArray, IntArray, FloatArray]:
     """Camera, point and exact image of the points that each camera sees, sorted by camera."""
     camera, point, images = [], [], []
     for c, (true, lens) in enumerate(zip(rig.cameras, lenses, strict=True)):
@@ -363,10 +386,16 @@ def _session(
             prior[:2] *= common * (1 + 0.2 * o.prior_focal_error * of_faults.uniform(-1, 1))
         specs.append(
             CameraSpec(
-                camera.id, camera.kind.image_size, prior, True, camera.id, model=camera.kind.model,
-                pixel_pitch_um=camera.kind.pixel_pitch_um, focal_length_mm=camera.kind.focal_length_mm,
+                camera.id,
+                camera.kind.image_size,
+                prior,
+                True,
+                camera.id,
+                model=camera.kind.model,
+                pixel_pitch_um=camera.kind.pixel_pitch_um,
+                focal_length_mm=camera.kind.focal_length_mm,
             )
-        )  # fmt: skip
+        )
     layout = targets.layouts[1]
     distance = round(float(np.linalg.norm(layout["E"] - layout["A"])), 9)
     scale = Scale("target_spacing", "A", "E", distance, "flat" if o.body == "plane" else "sphere")
@@ -383,9 +412,18 @@ def _session(
     truth = _padded(truth, observations)
     diameter = None if o.body == "plane" else 2 * rig.ball_radius_mm
     session = Session(
-        Path(), tuple(specs), tuple(Placement(p) for p in truth.placements), bars, poses, scale, None, diameter,
-        targets, observations, "",
-    )  # fmt: skip
+        Path(),
+        tuple(specs),
+        tuple(Placement(p) for p in truth.placements),
+        bars,
+        poses,
+        scale,
+        None,
+        diameter,
+        targets,
+        observations,
+        "",
+    )
     return session, truth
 
 
@@ -393,9 +431,10 @@ def _padded(truth: RealisticTruth, observations: Observations) -> RealisticTruth
     """The truth with rows for the bar's observations, which are never spoilt."""
     extra = len(observations) - len(truth.outlier)
     return replace(
-        truth, outlier=np.concatenate([truth.outlier, np.zeros(extra, dtype=bool)]),
+        truth,
+        outlier=np.concatenate([truth.outlier, np.zeros(extra, dtype=bool)]),
         uv_true_px=np.concatenate([truth.uv_true_px, np.full((extra, 2), np.nan)]),
-    )  # fmt: skip
+    )
 
 
 def random_lengths(
@@ -441,9 +480,13 @@ def _bar_observations(
     names = tuple(f"B-{i + 1}" for i in range(len(ends)))
     first, centre = len(truth.placements), len(o.points)
     extended = Observations(
-        o.placements + names, o.cameras, (*o.points, "centre"),
-        np.concatenate([o.placement, first + point // 2]), np.concatenate([o.camera, camera]),
+        o.placements + names,
+        o.cameras,
+        (*o.points, "centre"),
+        np.concatenate([o.placement, first + point // 2]),
+        np.concatenate([o.camera, camera]),
         np.concatenate([o.target, truth.options.targets + 1 + point % 2]),
-        np.concatenate([o.point, np.full(len(point), centre)]), np.concatenate([o.uv, uv]),
-    )  # fmt: skip
+        np.concatenate([o.point, np.full(len(point), centre)]),
+        np.concatenate([o.uv, uv]),
+    )
     return extended, length + float(of_faults.normal(0, _CERTIFICATE_SD_MM))

@@ -141,10 +141,16 @@ def _shots(
                 camera,
                 folder / where / group / f"{camera.id}.png",
                 partial(
-                    _render_shot, lit_for(scene, truth, number, settings), dots, station, settings,
-                    np.random.default_rng([truth.seed, 5, index, number]), context, with_bounds,
+                    _render_shot,
+                    lit_for(scene, truth, number, settings),
+                    dots,
+                    station,
+                    settings,
+                    np.random.default_rng([truth.seed, 5, index, number]),
+                    context,
+                    with_bounds,
                 ),
-            )  # fmt: skip
+            )
 
 
 def _groups(

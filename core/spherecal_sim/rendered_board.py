@@ -60,9 +60,14 @@ def _covered(low: float, high: float, count: int) -> tuple[slice, FloatArray]:
 
 
 def render_board(
-    figure: Figure, camera: BoardCamera, rotation: FloatArray, translation: FloatArray, random: np.random.Generator,
-    noise_grey: float = 1.5, painted: Painted | None = None,
-) -> NDArray[np.uint8]:  # fmt: skip
+    figure: Figure,
+    camera: BoardCamera,
+    rotation: FloatArray,
+    translation: FloatArray,
+    random: np.random.Generator,
+    noise_grey: float = 1.5,
+    painted: Painted | None = None,
+) -> NDArray[np.uint8]:
     """The grey image (h, w) of a board; `x_camera = rotation @ x_figure + translation` of places (x, y, 0) mm, y down.
 
     `painted`: the figure, where it was painted before. Rays that meet the board from behind see the background.

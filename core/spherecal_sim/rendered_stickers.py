@@ -81,9 +81,15 @@ def painted_stickers(targets: TargetSet) -> NDArray[np.float32]:
 
 
 def render_stickers(
-    ball: StickerBall, painted: NDArray[np.float32], camera: StickerCamera, turn: FloatArray, place: FloatArray,
-    random: np.random.Generator, blur_px: float = 0.6, noise_grey: float = 1.5,
-) -> NDArray[np.uint8]:  # fmt: skip
+    ball: StickerBall,
+    painted: NDArray[np.float32],
+    camera: StickerCamera,
+    turn: FloatArray,
+    place: FloatArray,
+    random: np.random.Generator,
+    blur_px: float = 0.6,
+    noise_grey: float = 1.5,
+) -> NDArray[np.uint8]:
     """The grey image (h, w) of the ball with centre `place` (3,) mm, turned by `turn` (3, 3): ball to world."""
     width, height = camera.size
     steps = [np.arange(side * _RAYS) / _RAYS - 0.5 + 0.5 / _RAYS for side in camera.size]
@@ -148,9 +154,13 @@ def sticker_points(ball: StickerBall) -> dict[tuple[int, str], FloatArray]:
 
 
 def camera_ring(
-    count: int, size: tuple[int, int], focal_px: float, distance_mm: float, random: np.random.Generator,
+    count: int,
+    size: tuple[int, int],
+    focal_px: float,
+    distance_mm: float,
+    random: np.random.Generator,
     arc_deg: float = 140.0,
-) -> list[StickerCamera]:  # fmt: skip
+) -> list[StickerCamera]:
     """Cameras on an arc about the volume, at two heights, each a little different."""
     cameras = []
     for i in range(count):
@@ -189,19 +199,27 @@ def write_sticker_session(
     first, second = ((name, layout[name]) for name in (("A", "E") if "A" in layout else ("0", "2")))
     start = [
         {
-            "id": camera.id, "image_size": list(camera.size),
+            "id": camera.id,
+            "image_size": list(camera.size),
             "prior": {"matrix": _guess(camera).tolist(), "distortion": [0.0] * 5},
         }
         for camera in cameras
-    ]  # fmt: skip
+    ]
     document = {
-        "format": "spherecal/session", "version": 1, "cameras": start, "target_set": "targets.json",
-        "sphere": {"nominal_diameter_mm": 2 * ball.radius_mm}, "placements": entries,
+        "format": "spherecal/session",
+        "version": 1,
+        "cameras": start,
+        "target_set": "targets.json",
+        "sphere": {"nominal_diameter_mm": 2 * ball.radius_mm},
+        "placements": entries,
         "scale": {
-            "kind": "target_spacing", "from": first[0], "to": second[0], "surface": "sphere",
+            "kind": "target_spacing",
+            "from": first[0],
+            "to": second[0],
+            "surface": "sphere",
             "distance_mm": float(np.linalg.norm(first[1] - second[1])),
         },
-    }  # fmt: skip
+    }
     (folder / "session.json").write_text(json.dumps(document), encoding="utf-8")
     write_target_set(folder / "targets.json", ball.targets)
 

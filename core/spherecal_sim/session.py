@@ -61,12 +61,16 @@ def simulate_session(preset: str, seed: int, options: SimulationOptions | None =
         else None,
         bars=bars,
         bar_poses=pose_bars(
-            bars, options.bar_poses, look(cameras), design.volume_mm,
-            options.view_limit_deg if flat_marks else None, of_bars,
+            bars,
+            options.bar_poses,
+            look(cameras),
+            design.volume_mm,
+            options.view_limit_deg if flat_marks else None,
+            of_bars,
         ),
         uv_true_px=np.empty((0, 2)),
         outlier=np.empty(0, dtype=bool),
-    )  # fmt: skip
+    )
     observations = _true_observations(truth, targets.layouts)
     truth = replace(truth, uv_true_px=observations.uv)
     observations, outlier = _recorded(observations, truth, of_noise, of_faults)
@@ -110,11 +114,17 @@ def _camera_specs(
         prior[2:4] += options.prior_centre_error_px * rng.uniform(-1, 1, 2)
         specs.append(
             CameraSpec(
-                id=camera.id, image_size=kind.image_size, prior=prior, prior_given=True, intrinsics_group=camera.id,
-                model=kind.model, pixel_pitch_um=kind.pixel_pitch_um, focal_length_mm=kind.focal_length_mm,
+                id=camera.id,
+                image_size=kind.image_size,
+                prior=prior,
+                prior_given=True,
+                intrinsics_group=camera.id,
+                model=kind.model,
+                pixel_pitch_um=kind.pixel_pitch_um,
+                focal_length_mm=kind.focal_length_mm,
                 lens_model="fisheye" if kind.fisheye else "brown",
             )
-        )  # fmt: skip
+        )
     return tuple(specs)
 
 

@@ -93,12 +93,14 @@ def run_batch(folder: Path, output: Path, settings: Mapping[str, Any], workers: 
         Trial(
             "session",
             {
-                "session": str(path.resolve()), "output": str((output / RESULTS / name).resolve()),
-                "fingerprint": fingerprint_of(path), "settings": dict(settings),
+                "session": str(path.resolve()),
+                "output": str((output / RESULTS / name).resolve()),
+                "fingerprint": fingerprint_of(path),
+                "settings": dict(settings),
             },
         )
         for path, name in zip(sessions, names, strict=True)
-    ]  # fmt: skip
+    ]
     for trial in listed:
         if not (Path(trial.settings["output"]) / RESULT.file).is_file():
             _forget(output, trial)
@@ -159,10 +161,15 @@ def _calibrated(folder: Path, output: Path, settings: CalibrationSettings) -> Re
     errors = [finding.message for finding in quality.findings if finding.severity == "error"]
     return {
         "outcome": quality.verdict.replace("-", " "),
-        "cameras_placed": len(rig.cameras), "cameras": len(session.cameras), "rms_px": quality.rms_px,
-        "sigma0": quality.sigma0, "form": calibration.method, "scale": rig.scale.source,
-        **_verified(session, calibration, output), "message": errors[0] if errors else "",
-    }  # fmt: skip
+        "cameras_placed": len(rig.cameras),
+        "cameras": len(session.cameras),
+        "rms_px": quality.rms_px,
+        "sigma0": quality.sigma0,
+        "form": calibration.method,
+        "scale": rig.scale.source,
+        **_verified(session, calibration, output),
+        "message": errors[0] if errors else "",
+    }
 
 
 def _verified(session: Session, calibration: Calibration, output: Path) -> Result:
@@ -179,10 +186,12 @@ def _verified(session: Session, calibration: Calibration, output: Path) -> Resul
 def _figures(verification: Verification | None) -> Result:
     overall = verification.overall if verification else None
     return {
-        "lengths": overall.n if overall else 0, "mean_error_mm": overall.mean_error_mm if overall else None,
-        "sd_mm": overall.sd_mm if overall else None, "max_abs_error_mm": overall.max_abs_error_mm if overall else None,
+        "lengths": overall.n if overall else 0,
+        "mean_error_mm": overall.mean_error_mm if overall else None,
+        "sd_mm": overall.sd_mm if overall else None,
+        "max_abs_error_mm": overall.max_abs_error_mm if overall else None,
         "verification": verification.decision.verdict if verification else None,
-    }  # fmt: skip
+    }
 
 
 def _failed(message: str) -> Result:

@@ -27,11 +27,18 @@ def batch_page(rows: Sequence[dict[str, Any]], settings: Mapping[str, Any]) -> D
         "in results/ under the session's name, as `spherecal calibrate` writes it; the same table is in batch.csv."
     )
     columns = [
-        Column("session", 50.0, "left"), Column("outcome", 17.0, "left"), Column("cameras", 16.0),
-        Column("rms px", 16.0), Column("form", 15.0, "left"), Column("scale", 22.0, "left"), Column("lengths", 15.0),
-        Column("mean\nerror mm", 18.0), Column("sd mm", 16.0), Column("largest\nmm", 16.0),
+        Column("session", 50.0, "left"),
+        Column("outcome", 17.0, "left"),
+        Column("cameras", 16.0),
+        Column("rms px", 16.0),
+        Column("form", 15.0, "left"),
+        Column("scale", 22.0, "left"),
+        Column("lengths", 15.0),
+        Column("mean\nerror mm", 18.0),
+        Column("sd mm", 16.0),
+        Column("largest\nmm", 16.0),
         Column("bars", 22.0, "left"),
-    ]  # fmt: skip
+    ]
     document.table(columns, [_row(row) for row in rows])
     told = [row for row in rows if row["message"]]
     if told:
@@ -44,11 +51,18 @@ def batch_page(rows: Sequence[dict[str, Any]], settings: Mapping[str, Any]) -> D
 def _row(row: dict[str, Any]) -> list[Cell]:
     cameras = NONE if row["cameras"] is None else f"{row['cameras_placed']} of {row['cameras']}"
     return [
-        row["session"], _WORDS[row["outcome"]], cameras, significant(row["rms_px"], 3), row["form"] or NONE,
-        (row["scale"] or NONE).replace("_", " "), str(row["lengths"]) if row["lengths"] else NONE,
-        significant(row["mean_error_mm"], 3), significant(row["sd_mm"], 3), significant(row["max_abs_error_mm"], 3),
+        row["session"],
+        _WORDS[row["outcome"]],
+        cameras,
+        significant(row["rms_px"], 3),
+        row["form"] or NONE,
+        (row["scale"] or NONE).replace("_", " "),
+        str(row["lengths"]) if row["lengths"] else NONE,
+        significant(row["mean_error_mm"], 3),
+        significant(row["sd_mm"], 3),
+        significant(row["max_abs_error_mm"], 3),
         _VERDICTS.get(row["verification"] or "", NONE),
-    ]  # fmt: skip
+    ]
 
 
 def _word(value: Any) -> str:

@@ -79,9 +79,7 @@ def _mean_error(result: dict[str, Any]) -> float | None:
     return abs(float(np.mean(errors))) if errors else None
 
 
-def _curves(
-    document: Document, found: dict[str, dict[int, Estimate]], label: str, lines: dict[str, float]
-) -> None:  # fmt: skip
+def _curves(document: Document, found: dict[str, dict[int, Estimate]], label: str, lines: dict[str, float]) -> None:
     """Means over runs with their standard errors, over the number of cameras."""
     series = {name: (list(own), [e.mean for e in own.values()]) for name, own in found.items()}
     errors = {name: [e.error for e in own.values()] for name, own in found.items()}
@@ -89,9 +87,8 @@ def _curves(
 
 
 def _against_paper(
-    document: Document, px: dict[int, Estimate], off: dict[str, dict[int, Estimate]],
-    sd: dict[str, dict[int, Estimate]],
-) -> StudyPage:  # fmt: skip
+    document: Document, px: dict[int, Estimate], off: dict[str, dict[int, Estimate]], sd: dict[str, dict[int, Estimate]]
+) -> StudyPage:
     none = estimate([])
 
     def worst(found: dict[int, Estimate]) -> tuple[Estimate, str]:
@@ -101,25 +98,40 @@ def _against_paper(
     most, where = worst(px)
     rows = [
         Compared(
-            "mean reprojection error", "0.0593 px at best, 0.0875 at worst", f"{most.words(4)} px at most, {where}",
-            below(most, 0.0875), "follows the image noise asked for; it says little about the number of cameras. The "
-            "paper prints 0.875 at worst; 0.0875 is probably meant.", "limit", most.n,
+            "mean reprojection error",
+            "0.0593 px at best, 0.0875 at worst",
+            f"{most.words(4)} px at most, {where}",
+            below(most, 0.0875),
+            "follows the image noise asked for; it says little about the number of cameras. The "
+            "paper prints 0.875 at worst; 0.0875 is probably meant.",
+            "limit",
+            most.n,
         )
-    ]  # fmt: skip
+    ]
     for name, means in off.items():
         mean, at = worst(means)
         rows.append(
             Compared(
-                f"A3A4, mean error, {name}", "below 0.05 mm", f"{mean.words(4)} mm at most, {at}", below(mean, 0.05),
-                "", "limit", mean.n,
+                f"A3A4, mean error, {name}",
+                "below 0.05 mm",
+                f"{mean.words(4)} mm at most, {at}",
+                below(mean, 0.05),
+                "",
+                "limit",
+                mean.n,
             )
-        )  # fmt: skip
+        )
         scatter, at = worst(sd[name])
         why = "few views of four placements hold the lenses poorly." if name == "free" else ""
         rows.append(
             Compared(
-                f"A3A4, standard deviation, {name}", "below 0.1 mm", f"{scatter.words(4)} mm at most, {at}",
-                below(scatter, 0.1), why, "limit", scatter.n,
+                f"A3A4, standard deviation, {name}",
+                "below 0.1 mm",
+                f"{scatter.words(4)} mm at most, {at}",
+                below(scatter, 0.1),
+                why,
+                "limit",
+                scatter.n,
             )
-        )  # fmt: skip
+        )
     return paper_table(document, rows)

@@ -144,9 +144,17 @@ def _all_methods(document: Document, found: _Found, options: Options) -> None:
         cpu = sum(local_and_global_s(some))
         px = estimate([r["mean_px"] for r in some]).mean
         rows.append(
-            [row.text, len(some), images, bars_sd(some).words(4), bars_mean(some).words(4), alone_um(some).words(1),
-             px, cpu]
-        )  # fmt: skip
+            [
+                row.text,
+                len(some),
+                images,
+                bars_sd(some).words(4),
+                bars_mean(some).words(4),
+                alone_um(some).words(1),
+                px,
+                cpu,
+            ]
+        )
     document.begin_section("All methods", 60.0, new_page=False)
     table(document, _COLUMNS, rows)
     document.caption(
@@ -156,10 +164,13 @@ def _all_methods(document: Document, found: _Found, options: Options) -> None:
     labels = [_ROWS[name].text for name in found]
     errors = {"rms error": [alone_um(some).error for some in found.values()]}
     columns_by_group(
-        document, [label.replace(", ", ",\n") for label in labels],
-        {"rms error": [alone_um(some).mean for some in found.values()]}, "calibration alone, um", log=True,
+        document,
+        [label.replace(", ", ",\n") for label in labels],
+        {"rms error": [alone_um(some).mean for some in found.values()]},
+        "calibration alone, um",
+        log=True,
         errors=errors,
-    )  # fmt: skip
+    )
 
 
 def _residuals(document: Document, found: _Found) -> None:
@@ -176,9 +187,13 @@ def _residuals(document: Document, found: _Found) -> None:
         series[_ROWS[name].text] = [f.mean for f in figures]
         errors[_ROWS[name].text] = [f.error for f in figures]
     columns_by_group(
-        document, groups, series, "px", errors=errors,
+        document,
+        groups,
+        series,
+        "px",
+        errors=errors,
         paper={"paper, mean |x|": 0.0453, "paper, mean |y|": 0.0483, "paper, sd": 0.0632},
-    )  # fmt: skip
+    )
     document.caption("Residuals tell how well the model fits what was seen, not how well the rig measures.")
 
 
@@ -197,7 +212,7 @@ def _by_length(document: Document, found: _Found) -> None:
         [f"{bar}, {_ROWS[n].text}", _mean_of(some, bar).words(4), _sd_of(some, bar).words(4), _stated(some, bar)]
         for bar in _SUB_BARS
         for n, some in found.items()
-    ]  # fmt: skip
+    ]
     table(document, (("length, method", 70), ("mean error mm", 36), ("sd mm", 36), ("U (k = 2) stated mm", 34)), rows)
     document.caption("What Fig. 18 shows is not on record here; sub-bars by their mean error stand in its place.")
 
@@ -239,44 +254,88 @@ def _against_paper(document: Document, found: _Found) -> StudyPage:
         return "; ".join(f"{_ROWS[n].text}: {sd[n].words(4)}" for n in names if n in sd)
 
     rows = [
-        Compared(f"bars, sd: {_ROWS[name].text}", "below 0.125 mm", f"{of(name).words(4)} mm", below(of(name), 0.125),
-                 _WHY.get(name, ""), "limit", of(name).n)
-        for name in ("tao", "tao-print", "free", "free-print", "rigid", "rigid-print") if name in found
-    ]  # fmt: skip
+        Compared(
+            f"bars, sd: {_ROWS[name].text}",
+            "below 0.125 mm",
+            f"{of(name).words(4)} mm",
+            below(of(name), 0.125),
+            _WHY.get(name, ""),
+            "limit",
+            of(name).n,
+        )
+        for name in ("tao", "tao-print", "free", "free-print", "rigid", "rigid-print")
+        if name in found
+    ]
     for name, value in (("board-chained-print", 0.2), ("board-chained", 0.2), ("bar-chained", 0.175)):
         if name in found:
             rows.append(
-                Compared(f"bars, sd: {_ROWS[name].text}", f"{value:g} mm", f"{of(name).words(4)} mm",
-                         like(of(name), value), _WHY.get(name, ""), "value", of(name).n)
-            )  # fmt: skip
+                Compared(
+                    f"bars, sd: {_ROWS[name].text}",
+                    f"{value:g} mm",
+                    f"{of(name).words(4)} mm",
+                    like(of(name), value),
+                    _WHY.get(name, ""),
+                    "value",
+                    of(name).n,
+                )
+            )
     for name in ("board", "board-print", "bar"):
         if name in found:
             rows.append(
-                Compared(f"bars, sd: {_ROWS[name].text}", "not in the paper", f"{of(name).words(4)} mm", None,
-                         "strengthened by our joint adjustment.", "", of(name).n)
-            )  # fmt: skip
+                Compared(
+                    f"bars, sd: {_ROWS[name].text}",
+                    "not in the paper",
+                    f"{of(name).words(4)} mm",
+                    None,
+                    "strengthened by our joint adjustment.",
+                    "",
+                    of(name).n,
+                )
+            )
     if {"tao", "board-chained-print", "bar-chained"} <= found.keys():
-        steps = [_difference(found["bar-chained"], found["tao"]),
-                 _difference(found["board-chained-print"], found["bar-chained"])]  # fmt: skip
+        steps = [
+            _difference(found["bar-chained"], found["tao"]),
+            _difference(found["board-chained-print"], found["bar-chained"]),
+        ]
         rows.append(
-            Compared("order of the methods", "ball, bar, board", words("tao", "bar-chained", "board-chained-print"),
-                     ordered(steps), _WHY["order"], "order", min(step.n for step in steps))
-        )  # fmt: skip
+            Compared(
+                "order of the methods",
+                "ball, bar, board",
+                words("tao", "bar-chained", "board-chained-print"),
+                ordered(steps),
+                _WHY["order"],
+                "order",
+                min(step.n for step in steps),
+            )
+        )
     if {"tao-print", "board-chained-print"} <= found.keys():
         step = _difference(found["board-chained-print"], found["tao-print"])
         rows.append(
-            Compared("ball before board, both printed", "yes", words("tao-print", "board-chained-print"),
-                     ordered([step]), "", "order", step.n)
-        )  # fmt: skip
+            Compared(
+                "ball before board, both printed",
+                "yes",
+                words("tao-print", "board-chained-print"),
+                ordered([step]),
+                "",
+                "order",
+                step.n,
+            )
+        )
     for name in ("rigid", "rigid-print"):
         if name in found:
             each = {bar: _sd_of(found[name], bar) for bar in _SUB_BARS}
             worst = max(each, key=lambda bar: each[bar].mean)
             rows.append(
-                Compared(f"each of five sub-bars, sd: {_ROWS[name].text}", "below 0.125 mm",
-                         f"{each[worst].words(4)} mm at most ({worst})", below(each[worst], 0.125), "", "limit",
-                         each[worst].n)
-            )  # fmt: skip
+                Compared(
+                    f"each of five sub-bars, sd: {_ROWS[name].text}",
+                    "below 0.125 mm",
+                    f"{each[worst].words(4)} mm at most ({worst})",
+                    below(each[worst], 0.125),
+                    "",
+                    "limit",
+                    each[worst].n,
+                )
+            )
     return paper_table(document, rows)
 
 

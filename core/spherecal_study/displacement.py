@@ -49,7 +49,7 @@ def displaced_cases(
     for percent in PERCENT:
         moved = points + percent / 100 * radius * _within_one(
             np.random.default_rng([seed, percent * 100]), points.shape
-        )  # fmt: skip
+        )
         for way in ("spo", "none"):
             begin = project_to_spheres(moved, placement) if way == "spo" else moved
             state = replace(start.state, points=np.nan_to_num(begin)).scaled(size)
@@ -64,9 +64,7 @@ def _ids(session: Session) -> list[str]:
     return [camera.id for camera in session.cameras]
 
 
-def _triangulated(
-    network: Network, state: State, candidates: BoolArray, best: dict[str, Any]
-) -> dict[str, Any]:  # fmt: skip
+def _triangulated(network: Network, state: State, candidates: BoolArray, best: dict[str, Any]) -> dict[str, Any]:
     """The adjustment from points that one triangulation gives: whatever they were displaced by is gone."""
     points, good = usable_features(network, state, candidates)
     candidates = candidates & good[network.feature]
@@ -98,10 +96,12 @@ def _figures(network: Network, used: BoolArray, minimum: Minimum) -> dict[str, A
     size = np.minimum(np.nan_to_num(size, nan=1e6, posinf=1e6), 1e6)
     count = np.maximum(np.bincount(problem.camera, minlength=problem.n_cameras), 1)
     return {
-        "iterations": minimum.iterations, "settled": minimum.converged, "mean_px": float(size.mean()),
+        "iterations": minimum.iterations,
+        "settled": minimum.converged,
+        "mean_px": float(size.mean()),
         "rms_px": float(np.sqrt((size**2).mean())),
         "camera_mean_px": (np.bincount(problem.camera, size, problem.n_cameras) / count).tolist(),
-    }  # fmt: skip
+    }
 
 
 def _radius(points: FloatArray, placement: np.ndarray) -> float:
@@ -125,8 +125,10 @@ def _within_one(rng: np.random.Generator, shape: tuple[int, ...]) -> FloatArray:
 def _true_state(network: Network, truth: Truth) -> State:
     """The true cameras, with points triangulated from them: a start from which nothing can go wrong."""
     state = State(
-        np.array([c.rotation for c in truth.cameras]), np.array([c.translation_mm for c in truth.cameras]),
-        np.array([c.intrinsics for c in truth.cameras]), np.zeros((network.n_features, 3)),
-    )  # fmt: skip
+        np.array([c.rotation for c in truth.cameras]),
+        np.array([c.translation_mm for c in truth.cameras]),
+        np.array([c.intrinsics for c in truth.cameras]),
+        np.zeros((network.n_features, 3)),
+    )
     located = network.locate(state, np.ones(len(network.uv), dtype=bool))
     return replace(state, points=np.nan_to_num(located.points))

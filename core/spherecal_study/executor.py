@@ -62,9 +62,12 @@ class Workers(Protocol):
 
 
 def run_trials(
-    trials: Sequence[Trial], folder: Path, workers: Workers, context: Context,
+    trials: Sequence[Trial],
+    folder: Path,
+    workers: Workers,
+    context: Context,
     instead: Callable[[Trial], Result] | None = None,
-) -> list[Result]:  # fmt: skip
+) -> list[Result]:
     """The results of all trials in their order; those already in `folder` are not run again, equal ones once.
 
     `instead` gives the result (not kept) of a trial that always takes its worker down; InputError without it.

@@ -22,17 +22,21 @@ def residual_figures(calibration: Calibration) -> dict[str, Any]:
     if not len(du):
         return {"mean_abs_px": [None, None], "sd_px": [None, None], "mean_px": None, "rms_px": None}
     return {
-        "mean_abs_px": np.abs(du).mean(axis=0).tolist(), "sd_px": du.std(axis=0).tolist(), "mean_px": quality.mean_px,
+        "mean_abs_px": np.abs(du).mean(axis=0).tolist(),
+        "sd_px": du.std(axis=0).tolist(),
+        "mean_px": quality.mean_px,
         "rms_px": quality.rms_px,
-    }  # fmt: skip
+    }
 
 
 def outcome(calibration: Calibration, cpu_s: float) -> dict[str, Any]:
     """Whether it is valid, how many cameras were placed, the seconds of each stage, the processor time of all."""
     return {
-        "valid": calibration.rig.quality.valid, "cameras": len(calibration.rig.cameras),
-        "seconds": {stage: float(s) for stage, s in calibration.seconds.items()}, "cpu_s": cpu_s,
-    }  # fmt: skip
+        "valid": calibration.rig.quality.valid,
+        "cameras": len(calibration.rig.cameras),
+        "seconds": {stage: float(s) for stage, s in calibration.seconds.items()},
+        "cpu_s": cpu_s,
+    }
 
 
 def bar_figures(session: Session, calibration: Calibration) -> dict[str, Any]:
@@ -60,10 +64,15 @@ def calibration_only(truth: Truth, calibration: Calibration) -> dict[str, Any]:
         return {"exact_errors_mm": []}
     point = 2 * o.placement[rows] + o.target[rows] - 1
     found = triangulate(
-        point, index[o.camera[rows]], o.uv[rows], np.ones(len(rows)), 2 * len(exact.lengths_mm),
-        np.array([c.intrinsics for c in rig.cameras]), np.array([c.rotation for c in rig.cameras]),
+        point,
+        index[o.camera[rows]],
+        o.uv[rows],
+        np.ones(len(rows)),
+        2 * len(exact.lengths_mm),
+        np.array([c.intrinsics for c in rig.cameras]),
+        np.array([c.rotation for c in rig.cameras]),
         np.array([c.translation_mm for c in rig.cameras]),
-    )  # fmt: skip
+    )
     ends = found.points.reshape(-1, 2, 3)
     error = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1) - exact.lengths_mm
     return {"exact_errors_mm": error[np.isfinite(error)].tolist()}

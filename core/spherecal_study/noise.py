@@ -129,28 +129,46 @@ def _against_paper(document: Document, cases: Any, options: Options) -> StudyPag
         document,
         [
             Compared(
-                "with SPO, 10 to 25 %", "always converges", f"in {spo} of {n} runs", always(spo, n), "", "share", n,
+                "with SPO, 10 to 25 %",
+                "always converges",
+                f"in {spo} of {n} runs",
+                always(spo, n),
+                "",
+                "share",
+                n,
             ),
             Compared(
-                "without SPO, 20 and 25 %", "does not converge", f"converges in {none} of {n_none} runs",
+                "without SPO, 20 and 25 %",
+                "does not converge",
+                f"converges in {none} of {n_none} runs",
                 never(none, n_none),
                 "tried one after the other: "
                 + ", ".join(f"{what} {count} of {of}" for what, (count, of) in tried.items() if of)
                 + f" runs converge without SPO; {by_steps} of {len(lost)} lost cases by the limit of fifty steps. "
                 "SPO removes only the radial third of a displacement.",
-                "share", n_none,
+                "share",
+                n_none,
             ),
             Compared(
-                "damped by the diagonal, without SPO, 20 and 25 %", "does not converge",
+                "damped by the diagonal, without SPO, 20 and 25 %",
+                "does not converge",
                 f"converges in {tried['the diagonal'][0]} of {tried['the diagonal'][1]} runs",
-                never(*tried["the diagonal"]), "", "share", tried["the diagonal"][1],
+                never(*tried["the diagonal"]),
+                "",
+                "share",
+                tried["the diagonal"][1],
             ),
             Compared(
-                "steps, SPO against none-SPO", "not in our record",
-                f"{_words(steps['spo'])} with, {_words(steps['none'])} without", None, "", "", n,
+                "steps, SPO against none-SPO",
+                "not in our record",
+                f"{_words(steps['spo'])} with, {_words(steps['none'])} without",
+                None,
+                "",
+                "",
+                n,
             ),
         ],
-    )  # fmt: skip
+    )
 
 
 def _words(found: Estimate) -> str:

@@ -69,9 +69,7 @@ def run_session_study(name: str, options: SessionOptions, folder: Path, workers:
         page = _PAGES[name](listed, results, whole, session, options)
         told = {**asdict(options), "session": options.session.resolve().name}
         title = page.document.section
-        return write_page(
-            f"{name}-session", title, page, told, [whole_trial, *listed], [whole, *results], folder
-        )  # fmt: skip
+        return write_page(f"{name}-session", title, page, told, [whole_trial, *listed], [whole, *results], folder)
 
 
 def _check(name: str, session: Session, path: Path) -> None:
@@ -138,7 +136,7 @@ def _page_of_parts(what: str, total: Callable[[Session], int]):
 
     def page(
         listed: list[Trial], results: Results, whole: Result, session: Session, options: SessionOptions
-    ) -> StudyPage:  # fmt: skip
+    ) -> StudyPage:
         document = _begin(
             f"Fewer {what} of {options.session.resolve().name}",
             [
@@ -157,15 +155,19 @@ def _page_of_parts(what: str, total: Callable[[Session], int]):
             bars[form] = (counts, [pooled_rms([all_errors(r) for r in part]) for part in some])
             largest = min(_of(listed, results, method), key=lambda pair: len(pair[0].settings["without"]))
             apart[form] = (
-                counts[:-1], [mean([apart_mm(r["centres"], largest[1]["centres"]) for r in part]) for part in some[:-1]]
-            )  # fmt: skip
+                counts[:-1],
+                [mean([apart_mm(r["centres"], largest[1]["centres"]) for r in part]) for part in some[:-1]],
+            )
             rows += [
                 [
-                    f"{form}, {n}", f"{len(part)} of {sum(m == n for m, _ in own)}", px[form][1][i], bars[form][1][i],
+                    f"{form}, {n}",
+                    f"{len(part)} of {sum(m == n for m, _ in own)}",
+                    px[form][1][i],
+                    bars[form][1][i],
                     apart[form][1][i] if n < counts[-1] else None,
                 ]
                 for i, (n, part) in enumerate(zip(counts, some, strict=True))
-            ]  # fmt: skip
+            ]
         curves(document, px, what, "mean reprojection error, px")
         if any(np.isfinite(values).any() for _, values in bars.values()):
             curves(document, bars, what, "rms error of check bars, mm")
@@ -198,7 +200,7 @@ def _of(listed: list[Trial], results: Results, method: str) -> list[tuple[Trial,
 
 def _page_of_paths(
     listed: list[Trial], results: Results, whole: Result, session: Session, options: SessionOptions
-) -> StudyPage:  # fmt: skip
+) -> StudyPage:
     document = _begin(
         f"Paths through the cameras of {options.session.resolve().name}",
         [
@@ -212,9 +214,12 @@ def _page_of_paths(
     lengths = {text: [mean(list(starts[s]["lengths"].values()))] for s, text in SEARCHES.items()}
     columns_by_group(document, ["mean path length (edge weights)"], lengths, "", height=50.0)
     columns_by_group(
-        document, ["start: median residual"], {text: [starts[s]["start_px"]] for s, text in SEARCHES.items()}, "px",
+        document,
+        ["start: median residual"],
+        {text: [starts[s]["start_px"]] for s, text in SEARCHES.items()},
+        "px",
         height=50.0,
-    )  # fmt: skip
+    )
     document.paragraph("The graph: edges of OPT's paths dark, of none-OPT's red.")
     places = seen_along_the_thinnest(whole["centres"], starts["opt"]["ids"])
     draw_graph(

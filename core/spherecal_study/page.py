@@ -93,9 +93,10 @@ def begin(title: str, options: Options, text: Sequence[str]) -> Document:
         document.paragraph(paragraph)
     seeds = f"seed {options.seed}" if options.runs == 1 else f"seeds {options.seed} to {options.seeds.stop - 1}"
     source = (
-        "Rendered images, detected as recorded ones are" if options.sigma_px is None
+        "Rendered images, detected as recorded ones are"
+        if options.sigma_px is None
         else f"Simulated observations, image noise {options.sigma_px:g} px a coordinate"
-    )  # fmt: skip
+    )
     document.caption(
         f"{source}, {seeds}; the same seeds give the same page. Paper: [Tao21], IEEE TIM 70 (2021) 5016715."
     )
@@ -127,9 +128,12 @@ def paper_table(document: Document, rows: Sequence[Compared]) -> StudyPage:
     """The page with the table paper / ours at its end, the reasons below it."""
     document.begin_section("Paper and ours", 40.0, new_page=False)
     columns = [
-        Column("quantity", 46.0, "left"), Column("paper", 54.0, "left"), Column("ours", 58.0, "left"),
-        Column("agrees", 18.0, "center"), Column("runs", 10.0),
-    ]  # fmt: skip
+        Column("quantity", 46.0, "left"),
+        Column("paper", 54.0, "left"),
+        Column("ours", 58.0, "left"),
+        Column("agrees", 18.0, "center"),
+        Column("runs", 10.0),
+    ]
     words: dict[str | None, Any] = {
         "yes": ("yes", GOOD), "differs": ("differs", BAD), "cannot tell": ("cannot tell", CAUTION), None: NONE,
     }  # fmt: skip
@@ -157,10 +161,15 @@ def _cell(value: Any) -> str:
 
 
 def curves(
-    document: Document, series: Mapping[str, tuple[Sequence[float], Sequence[float]]], x_label: str, y_label: str,
-    height: float = 62.0, log: bool = False, lines: Mapping[str, float] | None = None,
+    document: Document,
+    series: Mapping[str, tuple[Sequence[float], Sequence[float]]],
+    x_label: str,
+    y_label: str,
+    height: float = 62.0,
+    log: bool = False,
+    lines: Mapping[str, float] | None = None,
     errors: Mapping[str, Sequence[float]] | None = None,
-) -> None:  # fmt: skip
+) -> None:
     """Curves over a number, each with its own mark; `lines` are levels of the paper, `errors` standard errors."""
     axes = _axes(document.box(height), document)
     for number, (name, (x, y)) in enumerate(series.items()):
@@ -178,10 +187,15 @@ def curves(
 
 
 def columns_by_group(
-    document: Document, groups: Sequence[str], series: Mapping[str, Sequence[float]], y_label: str,
-    height: float = 62.0, log: bool = False, paper: Mapping[str, float] | None = None,
+    document: Document,
+    groups: Sequence[str],
+    series: Mapping[str, Sequence[float]],
+    y_label: str,
+    height: float = 62.0,
+    log: bool = False,
+    paper: Mapping[str, float] | None = None,
     errors: Mapping[str, Sequence[float]] | None = None,
-) -> None:  # fmt: skip
+) -> None:
     """Columns side by side for each group; `paper` gives levels with their names, `errors` standard errors."""
     axes = _axes(document.box(height), document)
     width = 0.8 / max(len(series), 1)

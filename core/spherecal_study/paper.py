@@ -90,14 +90,18 @@ def _rigs() -> list[tuple[str, str, str, str]]:
     rows = []
     for name, preset, said, why in (
         (
-            "rig A", "rigA", "10 AVT G-319B, 2064 x 1544 at 3.45 um, two rows on top of 1500 x 1000 x 1200 mm",
+            "rig A",
+            "rigA",
+            "10 AVT G-319B, 2064 x 1544 at 3.45 um, two rows on top of 1500 x 1000 x 1200 mm",
             "the paper gives no focal length; 8 mm is simulated.",
         ),
         (
-            "rig B", "rigB", "12 MV-CA050-20GM, 12 mm lenses, two parallel planes, 1290 x 1150 x 990 mm",
+            "rig B",
+            "rigB",
+            "12 MV-CA050-20GM, 12 mm lenses, two parallel planes, 1290 x 1150 x 990 mm",
             "the paper gives no sensor size; 2448 x 2048 at 3.45 um is simulated.",
         ),
-    ):  # fmt: skip
+    ):
         design = rig_design(preset)
         kind = design.kind
         size = " x ".join(map(str, kind.image_size))

@@ -138,9 +138,16 @@ def _starts(document: Document, rigs: Sequence[str], known: bool, some: Callable
             paths = sum(len(r["paths"]) - 1 for r in chosen)
             refused = sum(_length(r) is None for r in chosen)
             rows.append(
-                [f"{rig}, {name}", len(chosen), length.words(4), refused, start.words(2), share.words(3),
-                 f"{changed} of {paths}"]
-            )  # fmt: skip
+                [
+                    f"{rig}, {name}",
+                    len(chosen),
+                    length.words(4),
+                    refused,
+                    start.words(2),
+                    share.words(3),
+                    f"{changed} of {paths}",
+                ]
+            )
     document.begin_section(f"Paths, {words} intrinsics", 60.0, new_page=False)
     columns_by_group(document, rigs, starts, "start: median residual, px", errors=errors)
     heads = (("rig, search", 52), ("runs", 10), ("mean path length", 34), ("refused", 14), ("start px", 30),
@@ -161,12 +168,15 @@ def _against_paper(document: Document, rig: str, some: Callable[..., Results], o
             ratio = estimate([_over(_length(b), _length(a)) for a, b in both])
             rows.append(
                 Compared(
-                    f"length of the paths, {SEARCHES[s]}, {words} intrinsics", "0.1221 OPT, 0.188 none: 1.54 times",
-                    f"{ratio.words(3)} times OPT's", like(ratio, 0.188 / 0.1221),
-                    "the unit depends on how well the lens is known before; only the ratio can be compared.", "value",
+                    f"length of the paths, {SEARCHES[s]}, {words} intrinsics",
+                    "0.1221 OPT, 0.188 none: 1.54 times",
+                    f"{ratio.words(3)} times OPT's",
+                    like(ratio, 0.188 / 0.1221),
+                    "the unit depends on how well the lens is known before; only the ratio can be compared.",
+                    "value",
                     ratio.n,
                 )
-            )  # fmt: skip
+            )
     opt = some("ball", rig, "opt")
     for s in ("first", "first-listed"):
         chosen = pairs(opt, some("ball", rig, s))
@@ -175,16 +185,25 @@ def _against_paper(document: Document, rig: str, some: Callable[..., Results], o
         px = estimate([a["mean_px"] for a, _ in chosen])
         rows += [
             Compared(
-                f"reprojection error at the end, {SEARCHES[s]} over OPT", "0.15 over 0.09 px: 1.67",
-                f"{ratio.words(4)} ({px.words(4)} px with OPT)", like(ratio, 0.15 / 0.09),
+                f"reprojection error at the end, {SEARCHES[s]} over OPT",
+                "0.15 over 0.09 px: 1.67",
+                f"{ratio.words(4)} ({px.words(4)} px with OPT)",
+                like(ratio, 0.15 / 0.09),
                 "the adjustment finds the same optimum from either start; a difference at the end can only come from "
-                "an adjustment that stopped early. OPT changes the start alone.", "value", ratio.n,
+                "an adjustment that stopped early. OPT changes the start alone.",
+                "value",
+                ratio.n,
             ),
             Compared(
-                f"error of bars, {SEARCHES[s]} over OPT", "much larger than OPT's 0.11 mm", bars.words(4),
-                above(bars, RATIO), "for the same reason. Much larger: by a quarter or more.", "limit", bars.n,
+                f"error of bars, {SEARCHES[s]} over OPT",
+                "much larger than OPT's 0.11 mm",
+                bars.words(4),
+                above(bars, RATIO),
+                "for the same reason. Much larger: by a quarter or more.",
+                "limit",
+                bars.n,
             ),
-        ]  # fmt: skip
+        ]
     return paper_table(document, rows)
 
 

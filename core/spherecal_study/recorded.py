@@ -32,8 +32,10 @@ def recorded(
     del fingerprint
     loaded = detected(Path(session))
     settings = CalibrationSettings(
-        method=method, search=search, repairs=Repairs(leave_out=tuple(without or ()))  # type: ignore[arg-type]
-    )  # fmt: skip
+        method=method,
+        search=search,
+        repairs=Repairs(leave_out=tuple(without or ())),  # type: ignore[arg-type]
+    )
     try:
         calibration = calibrate(loaded, settings)
     except InputError as error:
@@ -43,9 +45,13 @@ def recorded(
     if any(pose.bar in check for pose in loaded.bar_poses):
         bars = bar_figures(loaded, calibration)
     return {
-        **outcome(calibration, 0.0), **residual_figures(calibration), **bars, "method": calibration.method,
-        "centres": {camera.id: camera.centre_mm.tolist() for camera in calibration.rig.cameras}, "message": "",
-    }  # fmt: skip
+        **outcome(calibration, 0.0),
+        **residual_figures(calibration),
+        **bars,
+        "method": calibration.method,
+        "centres": {camera.id: camera.centre_mm.tolist() for camera in calibration.rig.cameras},
+        "message": "",
+    }
 
 
 def detected(folder: Path) -> Session:

@@ -118,11 +118,14 @@ def rendered_waved_bar(preset: str, seed: int, frames: int) -> Session:
         marks = truth.bar(poses[0].bar).targets
         images = _take(folder, truth, ((name, scene, bar_dots(scene, marks)) for name, scene in scenes))
         recorded = replace(
-            session, placements=(), observations=None, bars=tuple(b for b in session.bars if b.id == bar),
+            session,
+            placements=(),
+            observations=None,
+            bars=tuple(b for b in session.bars if b.id == bar),
             bar_poses=tuple(
                 BarPose(p.id, p.bar, p.temperature_c, images[p.id]) for p in session.bar_poses if p.bar == bar
             ),
-        )  # fmt: skip
+        )
         write_target_set(folder / "targets.json", targets)
         create(folder / SESSION.file, json_bytes(session_json(recorded, folder)))
 
@@ -141,12 +144,18 @@ def rendered_board(preset: str, seed: int, placements: int, print_sd_mm: float) 
         names = [placement.id for placement in recording.session.placements]
         images = _take(folder, truth, zip(names, *_boards(recording, truth), strict=True))
         session = replace(
-            recording.session, observations=None, board=None,
+            recording.session,
+            observations=None,
+            board=None,
             placements=tuple(Placement(name, images[name]) for name in names),
-        )  # fmt: skip
+        )
         board = {
-            "kind": "circles", "rows": ROWS, "columns": COLUMNS, "pitch_mm": PITCH_MM, "rings": [list(r) for r in RINGS]
-        }  # fmt: skip
+            "kind": "circles",
+            "rows": ROWS,
+            "columns": COLUMNS,
+            "pitch_mm": PITCH_MM,
+            "rings": [list(r) for r in RINGS],
+        }
         create(folder / SESSION.file, json_bytes({**session_json(session, folder), "board": board}))
 
     what = {"preset": preset, "seed": seed, "placements": placements, "print_sd_mm": print_sd_mm}
@@ -182,10 +191,15 @@ def _board_scene(truth: Truth, printed: FloatArray, pose: TrueBarPose) -> Traced
     albedos = scene.albedos.copy()
     albedos[:2] = albedos[1], albedos[0]  # white paper, black dots
     return scene._replace(
-        bar_faces=np.array([[-half[0], half[0], half[1]]]), mark_bar=np.zeros(1, dtype=np.int64),
-        mark_x=np.zeros(1), mark_dots=printed[None, :, :2].copy(), half_sticker=float(half.max()), dot_radius=_DOT_MM,
-        dirt=dirt, albedos=albedos,
-    )  # fmt: skip
+        bar_faces=np.array([[-half[0], half[0], half[1]]]),
+        mark_bar=np.zeros(1, dtype=np.int64),
+        mark_x=np.zeros(1),
+        mark_dots=printed[None, :, :2].copy(),
+        half_sticker=float(half.max()),
+        dot_radius=_DOT_MM,
+        dirt=dirt,
+        albedos=albedos,
+    )
 
 
 def _take(

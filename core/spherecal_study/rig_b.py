@@ -56,9 +56,15 @@ def page(listed: list[Trial], results: Results, options: Options) -> StudyPage:
             bars = estimate([pooled_rms([all_errors(r)]) for r in chosen])
             alone = estimate([pooled_rms([r["exact_errors_mm"]]) for r in chosen])
             rows.append(
-                [f"{rig}, {name}", len(chosen), f"{x.mean:.4f} / {y.mean:.4f}", f"{sx.mean:.4f} / {sy.mean:.4f}",
-                 bars.words(4), alone.words(4)]
-            )  # fmt: skip
+                [
+                    f"{rig}, {name}",
+                    len(chosen),
+                    f"{x.mean:.4f} / {y.mean:.4f}",
+                    f"{sx.mean:.4f} / {sy.mean:.4f}",
+                    bars.words(4),
+                    alone.words(4),
+                ]
+            )
             series.setdefault(name, []).append(bars.mean)
             errors.setdefault(name, []).append(bars.error)
     levels = {"paper: sd below": 0.125}
@@ -107,24 +113,49 @@ def _against_paper(document: Document, a: Results, b: Results, options: Options)
         document,
         [
             Compared(
-                "rig A: mean absolute residuals x, y", "0.0453, 0.0483 px", f"{x.words(4)}, {y.words(4)} px", None,
-                f"proportional to the image noise: the paper's figures are those of {noise} px a coordinate.", "", x.n,
+                "rig A: mean absolute residuals x, y",
+                "0.0453, 0.0483 px",
+                f"{x.words(4)}, {y.words(4)} px",
+                None,
+                f"proportional to the image noise: the paper's figures are those of {noise} px a coordinate.",
+                "",
+                x.n,
             ),
             Compared(
-                "rig A: standard deviations", "0.0632, 0.0629 px", f"{sx.words(4)}, {sy.words(4)} px", None, "", "",
+                "rig A: standard deviations",
+                "0.0632, 0.0629 px",
+                f"{sx.words(4)}, {sy.words(4)} px",
+                None,
+                "",
+                "",
                 sx.n,
             ),
             Compared(
-                "rig A: standard deviation over mean", "1.395, 1.302", ratio.words(3), like(ratio, 1.35),
-                "a normal distribution's is 1.25; some outliers remain in the paper's.", "value", ratio.n,
+                "rig A: standard deviation over mean",
+                "1.395, 1.302",
+                ratio.words(3),
+                like(ratio, 1.35),
+                "a normal distribution's is 1.25; some outliers remain in the paper's.",
+                "value",
+                ratio.n,
             ),
             Compared(
-                "rig B: all cameras calibrated and valid", "12", f"12 in {placed} of {len(b)} runs",
-                always(placed, len(b)), "", "share", len(b),
+                "rig B: all cameras calibrated and valid",
+                "12",
+                f"12 in {placed} of {len(b)} runs",
+                always(placed, len(b)),
+                "",
+                "share",
+                len(b),
             ),
             Compared(
-                "rig B: seconds of computing", "not given", f"{sum(local_and_global_s(b)):.1f} s on one core", None,
-                "", "", len(b),
+                "rig B: seconds of computing",
+                "not given",
+                f"{sum(local_and_global_s(b)):.1f} s on one core",
+                None,
+                "",
+                "",
+                len(b),
             ),
         ],
-    )  # fmt: skip
+    )

@@ -26,7 +26,7 @@ _DPI = 130  # of the pictures of pages: small print can be read
 
 def run_study(
     name: str, options: Options, folder: Path, workers: Workers, context: Context, kept_only: bool = False
-) -> Path:  # fmt: skip
+) -> Path:
     """Run a study and write its page (see `write_page`) and the index of all pages into the folder; the page's path.
 
     Results of trials are kept in `trials` and taken from there if the study is run again; with `kept_only` nothing is
@@ -66,16 +66,15 @@ def _check(name: str, options: Options) -> None:
 
 
 def write_page(
-    name: str, title: str, page: StudyPage, options: dict[str, Any], listed: list[Trial], results: Results,
-    folder: Path,
-) -> Path:  # fmt: skip
+    name: str, title: str, page: StudyPage, options: dict[str, Any], listed: list[Trial], results: Results, folder: Path
+) -> Path:
     """Write `NAME.pdf`, pictures `NAME-1.png` .. of its pages, `NAME.json` with all results, and `paper.md`.
 
     To be called within `report_style`.
     """
     figures = [
         {"kind": t.kind, "settings": dict(t.settings), "result": r} for t, r in zip(listed, results, strict=True)
-    ]  # fmt: skip
+    ]
     for old in folder.glob(f"{name}-*.png"):
         remove_below(folder, old.name)
     pictures = []
@@ -84,10 +83,16 @@ def write_page(
         pictures.append(f"{name}-{number}.png")
         write_file_whole(folder / pictures[-1], _png(sheet.figure))
     document = {
-        "format": "spherecal/study", "version": 1, "study": name, "title": title, "options": options,
-        "pdf": f"{name}.pdf", "pictures": pictures, "compared": [asdict(row) for row in page.compared],
+        "format": "spherecal/study",
+        "version": 1,
+        "study": name,
+        "title": title,
+        "options": options,
+        "pdf": f"{name}.pdf",
+        "pictures": pictures,
+        "compared": [asdict(row) for row in page.compared],
         "trials": figures,
-    }  # fmt: skip
+    }
     write_file_whole(folder / f"{name}.json", json_bytes(document))
     write_paper(folder)
     return folder / f"{name}.pdf"

@@ -44,10 +44,19 @@ _ITERATIONS = 150
 
 
 def ball(
-    preset: str, seed: int, sigma_px: float | None, placements: int = 4, layout: Layout = "spread",
-    method: Method = "auto", search: Search = "opt", spherical: bool = True, cameras: int | None = None,
-    print_sd_mm: float = 0.0, known: bool = False, paths: PathNumbers | None = None,
-) -> dict[str, Any]:  # fmt: skip
+    preset: str,
+    seed: int,
+    sigma_px: float | None,
+    placements: int = 4,
+    layout: Layout = "spread",
+    method: Method = "auto",
+    search: Search = "opt",
+    spherical: bool = True,
+    cameras: int | None = None,
+    print_sd_mm: float = 0.0,
+    known: bool = False,
+    paths: PathNumbers | None = None,
+) -> dict[str, Any]:
     """One calibration with the ball: residuals, bars, errors of the calibration alone.
 
     Here and below, `sigma_px` None takes rendered images instead of simulated observations, `known` gives the true
@@ -61,15 +70,24 @@ def ball(
     settings = CalibrationSettings(method=method, search=search, spherical_projection=spherical, **_of_paths(paths))
     calibration, cpu_s = _timed(session, settings)
     return {
-        **outcome(calibration, cpu_s), **residual_figures(calibration), **bar_figures(bars, calibration),
-        **calibration_only(truth, calibration), **by_camera(calibration), "method": calibration.method,
-    }  # fmt: skip
+        **outcome(calibration, cpu_s),
+        **residual_figures(calibration),
+        **bar_figures(bars, calibration),
+        **calibration_only(truth, calibration),
+        **by_camera(calibration),
+        "method": calibration.method,
+    }
 
 
 def board(
-    preset: str, seed: int, sigma_px: float | None, placements: int, print_sd_mm: float = 0.0, joint: bool = True,
+    preset: str,
+    seed: int,
+    sigma_px: float | None,
+    placements: int,
+    print_sd_mm: float = 0.0,
+    joint: bool = True,
     known: bool = False,
-) -> dict[str, Any]:  # fmt: skip
+) -> dict[str, Any]:
     """One calibration of the same rig with a plane board, its bars those of the ball's session.
 
     Without `joint` the cameras stay as they were chained, as in the paper.
@@ -83,7 +101,7 @@ def board(
 
 def bar(
     preset: str, seed: int, sigma_px: float | None, frames: int, joint: bool = True, known: bool = False
-) -> dict[str, Any]:  # fmt: skip
+) -> dict[str, Any]:
     """One calibration of the same rig with a waved bar, its check bars those of the ball's session.
 
     Without `joint` pairs of cameras are adjusted alone and chained; intrinsics that are `known` are then kept.
@@ -104,9 +122,11 @@ def _rival(
     calibration, cpu_s = _timed(recorded, settings)
     bars = _with_bars(session, preset, seed, sigma_px)
     return {
-        **outcome(calibration, cpu_s), **residual_figures(calibration), **bar_figures(bars, calibration),
+        **outcome(calibration, cpu_s),
+        **residual_figures(calibration),
+        **bar_figures(bars, calibration),
         **calibration_only(truth, calibration),
-    }  # fmt: skip
+    }
 
 
 def wand(preset: str, seed: int, sigma_px: float, frames: int, known: bool = False) -> dict[str, Any]:
@@ -118,9 +138,13 @@ def wand(preset: str, seed: int, sigma_px: float, frames: int, known: bool = Fal
 
 
 def paths(
-    preset: str, seed: int, sigma_px: float | None, search: Search, known: bool = False,
+    preset: str,
+    seed: int,
+    sigma_px: float | None,
+    search: Search,
+    known: bool = False,
     paths: PathNumbers | None = None,
-) -> dict[str, Any]:  # fmt: skip
+) -> dict[str, Any]:
     """The graph, the paths of one search, and how good the start is that they give, chained without more ado."""
     session, truth = _session(preset, seed, sigma_px, None, "spread")
     session = _with_known(session, truth.cameras) if known else session
@@ -140,16 +164,19 @@ def path_figures(session: Session, search: Search, numbers: PathNumbers | None =
     rotation, translation = chain_poses(local.paths, local.triples, local.graph.scale, len(known))
     placed = np.isfinite(translation[:, 0])
     chained = State(
-        np.where(placed[:, None, None], rotation, np.eye(3)), np.where(placed[:, None], translation, 0.0), known,
+        np.where(placed[:, None, None], rotation, np.eye(3)),
+        np.where(placed[:, None], translation, 0.0),
+        known,
         np.zeros((network.n_features, 3)),
-    )  # fmt: skip
+    )
     located = network.locate(chained, local.keep & placed[network.camera])
     size = np.linalg.norm(located.residual, axis=1)
     size = size[np.isfinite(size)]
     graph = local.graph
     of_count, changed = _part_of_count(local, search, numbers)
     return {
-        "count_share": of_count, "changed_by_count": changed,
+        "count_share": of_count,
+        "changed_by_count": changed,
         "start_px": float(np.median(size)) if len(size) else None,
         "start_mean_px": float(np.minimum(size, 1000.0).mean()) if len(size) else None,
         "lengths": {str(c): path.length if np.isfinite(path.length) else None for c, path in local.paths.items()},
@@ -157,7 +184,7 @@ def path_figures(session: Session, search: Search, numbers: PathNumbers | None =
         "edges": [[a, b, edge.weight] for a, edges in enumerate(graph.edges) for b, edge in edges.items() if a < b],
         "reference": graph.reference,
         "ids": [c.id for c in session.cameras],
-    }  # fmt: skip
+    }
 
 
 def recorded_paths(session: str, fingerprint: str, search: Search) -> dict[str, Any]:
@@ -185,7 +212,7 @@ def _timed(session: Session, settings: CalibrationSettings) -> tuple[Calibration
 
 def _session(
     preset: str, seed: int, sigma_px: float | None, placements: int | None, layout: Layout, print_sd_mm: float = 0.0
-) -> tuple[Session, Truth]:  # fmt: skip
+) -> tuple[Session, Truth]:
     if sigma_px is None:
         return rendered_ball(preset, seed, placements, layout)
     options = SimulationOptions(
@@ -206,9 +233,11 @@ def some_cameras(session: Session, truth: Truth, count: int) -> tuple[Session, T
     kept = np.sort(np.argsort(off, kind="stable")[:count])
     cameras = tuple(session.cameras[c] for c in kept)
     truth = replace(
-        truth, cameras=tuple(truth.cameras[c] for c in kept), sigma_px=truth.sigma_px[kept],
+        truth,
+        cameras=tuple(truth.cameras[c] for c in kept),
+        sigma_px=truth.sigma_px[kept],
         misfit_phases=truth.misfit_phases[kept],
-    )  # fmt: skip
+    )
     o = session.observations
     if o is None:
         ids = {camera.id for camera in cameras}
@@ -268,7 +297,7 @@ def by_camera(calibration: Calibration) -> dict[str, Any]:
 
 def _local(
     session: Session, search: Search, numbers: PathNumbers | None = None
-) -> tuple[Network, LocalNetwork, FloatArray]:  # fmt: skip
+) -> tuple[Network, LocalNetwork, FloatArray]:
     recording = Recording.of(session)
     settings = CalibrationSettings(method="free", search=search, **_of_paths(numbers))
     network = describe_network(recording, settings)

@@ -85,9 +85,7 @@ def page(listed: list[Trial], results: Results, options: Options) -> StudyPage:
             "bound is that of Cramer and Rao for the same frames, which no unbiased method can beat.",
         ],
     )
-    by_frames = {
-        n: [r for t, r in zip(listed, results, strict=True) if t.settings["frames"] == n] for n in _FRAMES
-    }  # fmt: skip
+    by_frames = {n: [r for t, r in zip(listed, results, strict=True) if t.settings["frames"] == n] for n in _FRAMES}
 
     def rms(n: int, name: str) -> float:
         return float(np.sqrt(mean([r[name] ** 2 for r in by_frames[n]])))
@@ -143,21 +141,40 @@ def _against_paper(document: Document, most: Results, frames: int, cameras: int)
         document,
         [
             Compared(
-                f"{frames} frames, {cameras} cameras: marks, error over bound", "not given", ratio.words(4), None,
-                "root mean square in space against the bound of Cramer and Rao.", "", ratio.n,
+                f"{frames} frames, {cameras} cameras: marks, error over bound",
+                "not given",
+                ratio.words(4),
+                None,
+                "root mean square in space against the bound of Cramer and Rao.",
+                "",
+                ratio.n,
             ),
             Compared(
-                "cameras calibrated", "all", f"all {cameras} in {placed} of {len(most)} runs",
-                always(placed, len(most)), "", "share", len(most),
+                "cameras calibrated",
+                "all",
+                f"all {cameras} in {placed} of {len(most)} runs",
+                always(placed, len(most)),
+                "",
+                "share",
+                len(most),
             ),
             Compared(
-                "scale", "not given", f"off by {off.words(1, 1e6)} ppm, stated {stated.words(1, 1e6)}", None,
-                "the bar's certificate, which no number of frames improves.", "", off.n,
+                "scale",
+                "not given",
+                f"off by {off.words(1, 1e6)} ppm, stated {stated.words(1, 1e6)}",
+                None,
+                "the bar's certificate, which no number of frames improves.",
+                "",
+                off.n,
             ),
             Compared(
-                "seconds of computing", "319.20 s, waving by hand included",
-                f"{sum(local_and_global_s(most)):.1f} s", None, "waving was not measured and is not compared.", "",
+                "seconds of computing",
+                "319.20 s, waving by hand included",
+                f"{sum(local_and_global_s(most)):.1f} s",
+                None,
+                "waving was not measured and is not compared.",
+                "",
                 len(most),
             ),
         ],
-    )  # fmt: skip
+    )

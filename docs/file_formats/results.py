@@ -170,8 +170,10 @@ _STATISTICS: dict[str, Schema] = {
     "max_abs_error_mm?": number("Largest error, without its sign.", 0),
 }
 _ENDS: dict[str, Schema] = {
-    "bar": name("The bar."), "from": name("The mark at which the length begins."), "to": name("At which it ends.")
-}  # fmt: skip
+    "bar": name("The bar."),
+    "from": name("The mark at which the length begins."),
+    "to": name("At which it ends."),
+}
 _PROCEDURE_BAR = record(
     "A bar and its certificate.",
     {

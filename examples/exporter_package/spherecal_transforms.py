@@ -24,11 +24,20 @@ def write(rig: spherecal.FileRig) -> Mapping[str, str]:
         fu, fv, u0, v0, k1, k2, p1, p2 = camera.intrinsics[:8].tolist()
         frames.append(
             {
-                "file_path": f"{camera.id}.png", "w": camera.size[0], "h": camera.size[1],
-                "fl_x": fu, "fl_y": fv, "cx": u0 + 0.5, "cy": v0 + 0.5,
-                "k1": k1, "k2": k2, "p1": p1, "p2": p2, "transform_matrix": matrix.tolist(),
+                "file_path": f"{camera.id}.png",
+                "w": camera.size[0],
+                "h": camera.size[1],
+                "fl_x": fu,
+                "fl_y": fv,
+                "cx": u0 + 0.5,
+                "cy": v0 + 0.5,
+                "k1": k1,
+                "k2": k2,
+                "p1": p1,
+                "p2": p2,
+                "transform_matrix": matrix.tolist(),
             }
-        )  # fmt: skip
+        )
     return {"": json.dumps({"camera_model": "OPENCV", "frames": frames}, indent=1)}
 
 

@@ -42,8 +42,12 @@ class BallTab(QWidget):
             "measured": TextField("ball-measured", self.tr("Measured on a sticker (mm)")),
         }
         for key, row, at, span in (
-            ("name", 0, 0, 2), ("diameter", 0, 2, 1), ("first", 1, 0, 1), ("last", 1, 1, 1), ("width", 1, 2, 1),
-        ):  # fmt: skip
+            ("name", 0, 0, 2),
+            ("diameter", 0, 2, 1),
+            ("first", 1, 0, 1),
+            ("last", 1, 1, 1),
+            ("width", 1, 2, 1),
+        ):
             grid.addWidget(self.fields[key], row, at, 1, span)
         for at in range(3):
             grid.setColumnStretch(at, 1)

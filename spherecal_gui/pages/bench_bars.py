@@ -63,9 +63,13 @@ class BarsTab(QWidget):
         self.take_table = button(self.tr("Import CSV"), "import-bars")
         self.give_table = button(self.tr("Export CSV"), "export-bars")
         for number, (one, act) in enumerate(
-            ((self.add, self.add_bar), (self.remove, self._remove), (self.take_table, self._import),
-             (self.give_table, self._export))
-        ):  # fmt: skip
+            (
+                (self.add, self.add_bar),
+                (self.remove, self._remove),
+                (self.take_table, self._import),
+                (self.give_table, self._export),
+            )
+        ):
             one.clicked.connect(act)
             grid.addWidget(one, number // 2, number % 2)
         column.addLayout(grid)
@@ -82,21 +86,26 @@ class BarsTab(QWidget):
         self.fields = {
             "serial": TextField("bar-serial", self.tr("Serial number")),
             "description": TextField("bar-description", self.tr("What it is")),
-            "expansion": TextField("bar-expansion", self.tr("Expansion (10⁻⁶/K)"), "11.5",
-                                   self.tr("Steel 11.5, aluminium 23, carbon fibre about 0.")),
+            "expansion": TextField(
+                "bar-expansion",
+                self.tr("Expansion (10⁻⁶/K)"),
+                "11.5",
+                self.tr("Steel 11.5, aluminium 23, carbon fibre about 0."),
+            ),
             "reference": TextField("bar-reference", self.tr("Lengths hold at (°C)"), "20"),
             "certificate": TextField("bar-certificate", self.tr("Certificate, no.")),
             "laboratory": TextField("bar-laboratory", self.tr("Laboratory")),
             "issued": TextField("bar-issued", self.tr("Calibrated on"), day),
             "valid_until": TextField("bar-valid-until", self.tr("Valid until"), day),
-        }  # fmt: skip
+        }
         self.role = QComboBox()
         self.role.setObjectName("bar-role")
         self.role.setAccessibleName(self.tr("On this bench"))
         for value, text in (
-            ("none", self.tr("does not lie here")), ("scale", self.tr("gives the scale")),
+            ("none", self.tr("does not lie here")),
+            ("scale", self.tr("gives the scale")),
             ("check", self.tr("verifies")),
-        ):  # fmt: skip
+        ):
             self.role.addItem(text, value)
         self.role.activated.connect(self._role_chosen)
         self.role.installEventFilter(WheelGuard(self.role))
@@ -137,9 +146,13 @@ class BarsTab(QWidget):
         below.setHorizontalSpacing(14)
         below.setVerticalSpacing(8)
         for key, at in (
-            ("certificate", (0, 0)), ("laboratory", (0, 1)), ("issued", (0, 2)), ("valid_until", (0, 3)),
-            ("expansion", (1, 0)), ("reference", (1, 1)),
-        ):  # fmt: skip
+            ("certificate", (0, 0)),
+            ("laboratory", (0, 1)),
+            ("issued", (0, 2)),
+            ("valid_until", (0, 3)),
+            ("expansion", (1, 0)),
+            ("reference", (1, 1)),
+        ):
             below.addWidget(self.fields[key], *at)
         column.addLayout(below)
         column.addStretch(1)
@@ -301,10 +314,15 @@ class BarsTab(QWidget):
         clear(self.lengths)
         self._rows, self._row_problems = [], []
         titles = {
-            "from_mark": self.tr("Mark"), "from_sticker": self.tr("sticker"), "to_mark": self.tr("to mark"),
-            "to_sticker": self.tr("sticker"), "nominal": self.tr("nominal"), "certified": self.tr("certified"),
-            "uncertainty": self.tr("U"), "factor": self.tr("k"),
-        }  # fmt: skip
+            "from_mark": self.tr("Mark"),
+            "from_sticker": self.tr("sticker"),
+            "to_mark": self.tr("to mark"),
+            "to_sticker": self.tr("sticker"),
+            "nominal": self.tr("nominal"),
+            "certified": self.tr("certified"),
+            "uncertainty": self.tr("U"),
+            "factor": self.tr("k"),
+        }
         examples = {"from_sticker": "201", "to_sticker": "202", "nominal": "500", "certified": "500.012",
                     "uncertainty": "0.004", "factor": "2"}  # fmt: skip
         for at, (_, title) in enumerate(titles.items()):

@@ -40,8 +40,10 @@ class BenchDialog(QDialog):
         self.tabs = QTabWidget()
         self.ball, self.bars, self.rig = BallTab(desk), BarsTab(desk), RigTab(desk)
         for tab, name in (
-            (self.ball, self.tr("Ball")), (self.bars, self.tr("Bars")), (self.rig, self.tr("Placements and limits")),
-        ):  # fmt: skip
+            (self.ball, self.tr("Ball")),
+            (self.bars, self.tr("Bars")),
+            (self.rig, self.tr("Placements and limits")),
+        ):
             self.tabs.addTab(tab, name)
             tab.touched.connect(self.show_draft)
         self.bars.said.connect(self._tell)
@@ -82,9 +84,10 @@ class BenchDialog(QDialog):
         """Keys that mean the whole dialog."""
         if event.type() in (QEvent.Type.KeyPress, QEvent.Type.ShortcutOverride) and isinstance(event, QKeyEvent):
             for standard, act in (
-                (QKeySequence.StandardKey.Undo, self._undo), (QKeySequence.StandardKey.Redo, self._redo),
+                (QKeySequence.StandardKey.Undo, self._undo),
+                (QKeySequence.StandardKey.Redo, self._redo),
                 (QKeySequence.StandardKey.Save, self.save_bench),
-            ):  # fmt: skip
+            ):
                 if event.matches(standard):
                     if event.type() == QEvent.Type.KeyPress:
                         act()

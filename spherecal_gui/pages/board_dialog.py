@@ -82,18 +82,23 @@ class BoardDialog(QDialog):
 
     def _kinds(self) -> dict[str, str]:
         return {
-            "charuco": "ChArUco", "aprilgrid": "AprilGrid", "chessboard": self.tr("Chessboard"),
-            "circles": self.tr("Circles"), "asymmetric-circles": self.tr("Circles, asymmetric"),
-        }  # fmt: skip
+            "charuco": "ChArUco",
+            "aprilgrid": "AprilGrid",
+            "chessboard": self.tr("Chessboard"),
+            "circles": self.tr("Circles"),
+            "asymmetric-circles": self.tr("Circles, asymmetric"),
+        }
 
     @property
     def entry(self) -> dict[str, Any]:
         """The board as session.json has it."""
         kind = str(self.kind.currentData())
         entry: dict[str, Any] = {
-            "kind": kind, "rows": int(self.rows.value()), "columns": int(self.columns.value()),
+            "kind": kind,
+            "rows": int(self.rows.value()),
+            "columns": int(self.columns.value()),
             "pitch_mm": self.pitch.value(),
-        }  # fmt: skip
+        }
         if kind in _MARKED:
             entry |= {"marker_mm": self.marker.value(), "dictionary": self.dictionary.text().strip()}
         return entry
@@ -102,17 +107,26 @@ class BoardDialog(QDialog):
         kind = str(self.kind.currentData())
         corners, tags = kind in ("charuco", "chessboard"), kind == "aprilgrid"
         rows = (
-            self.tr("Rows of tags") if tags
-            else self.tr("Rows of inner corners") if corners else self.tr("Rows of dots")
-        )  # fmt: skip
+            self.tr("Rows of tags")
+            if tags
+            else self.tr("Rows of inner corners")
+            if corners
+            else self.tr("Rows of dots")
+        )
         columns = (
-            self.tr("Columns of tags") if tags
-            else self.tr("Columns of inner corners") if corners else self.tr("Columns of dots")
-        )  # fmt: skip
+            self.tr("Columns of tags")
+            if tags
+            else self.tr("Columns of inner corners")
+            if corners
+            else self.tr("Columns of dots")
+        )
         pitch = (
-            self.tr("Side of a square") if corners
-            else self.tr("From tag to tag") if tags else self.tr("From row to row")
-        )  # fmt: skip
+            self.tr("Side of a square")
+            if corners
+            else self.tr("From tag to tag")
+            if tags
+            else self.tr("From row to row")
+        )
         marker, dictionary = self.tr("Side of a marker"), self.tr("OpenCV's name of the markers")
         for name, text in zip(self._labels, (rows, columns, pitch, marker, dictionary), strict=True):
             self._labels[name].setText(text)

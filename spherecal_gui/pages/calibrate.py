@@ -116,10 +116,13 @@ class CalibratePage(Page):
             task = self.controller.runner.task
             stopping, keeping = task is not None and task.stopping, task is not None and task.keeping
             self.say(
-                self.tr("Stopping: what was taken is kept") if stopping
-                else self.tr("Stopping as soon as there is a result") if keeping
-                else self.tr("Computing"), "caution" if stopping or keeping else "none",
-            )  # fmt: skip
+                self.tr("Stopping: what was taken is kept")
+                if stopping
+                else self.tr("Stopping as soon as there is a result")
+                if keeping
+                else self.tr("Computing"),
+                "caution" if stopping or keeping else "none",
+            )
             return
         self.left.setText("")
         self.bar.setVisible(False)

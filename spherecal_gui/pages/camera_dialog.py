@@ -67,8 +67,10 @@ class CameraDialog(QDialog):
         self.gain.setSuffix(" dB")
         self.gain.setValue(settings.gain_db)
         for text, field in (
-            (self.tr("Name"), self.name_field), (self.tr("Exposure"), self.exposure), (self.tr("Gain"), self.gain),
-        ):  # fmt: skip
+            (self.tr("Name"), self.name_field),
+            (self.tr("Exposure"), self.exposure),
+            (self.tr("Gain"), self.gain),
+        ):
             field.setAccessibleName(text)
             form.addRow(text, field)
             if field is self.name_field and why:

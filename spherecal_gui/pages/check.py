@@ -40,11 +40,17 @@ class CheckPage(Page):
         column.addWidget(self.why_not)
         self.table = Table(
             [
-                self.tr("Camera"), self.tr("state"), self.tr("moved\npx"), self.tr("a point is off\nmm"),
-                self.tr("shift\nmm"), self.tr("turn\ndeg"), self.tr("rms now\npx"), self.tr("rms then\npx"),
+                self.tr("Camera"),
+                self.tr("state"),
+                self.tr("moved\npx"),
+                self.tr("a point is off\nmm"),
+                self.tr("shift\nmm"),
+                self.tr("turn\ndeg"),
+                self.tr("rms now\npx"),
+                self.tr("rms then\npx"),
             ],
             sortable=False,
-        )  # fmt: skip
+        )
         self.panel = ScenePanel()
         self.panel.said.connect(self.controller.tell)
         self._drawn: Any = None
@@ -154,14 +160,17 @@ class CheckPage(Page):
         found = self.controller.check_after or self.controller.check_found
         rows: list[list[tuple[str, Cell, str]]] = [
             [
-                (one.camera, one.camera, one.level), (one.word, one.word, one.level),
-                (f"{one.move_px:.3f}", one.move_px, ""), (f"{one.point_mm:.3f}", one.point_mm, one.level),
-                (f"{one.shift_mm:.3f}", one.shift_mm, ""), (f"{one.turn_deg:.4f}", one.turn_deg, ""),
+                (one.camera, one.camera, one.level),
+                (one.word, one.word, one.level),
+                (f"{one.move_px:.3f}", one.move_px, ""),
+                (f"{one.point_mm:.3f}", one.point_mm, one.level),
+                (f"{one.shift_mm:.3f}", one.shift_mm, ""),
+                (f"{one.turn_deg:.4f}", one.turn_deg, ""),
                 (f"{one.rms_px:.3f}", one.rms_px, ""),
                 ("-" if one.before_px is None else f"{one.before_px:.3f}", one.before_px, ""),
             ]
             for one in check_rows(found)
-        ]  # fmt: skip
+        ]
         self.table.fill(rows)
         self._draw(found)
         self.told.setText("\n".join(check_notes(found)))

@@ -89,8 +89,9 @@ class ConnectPage(Page):
         self.choose.setEnabled(running is None and not self.project.taken)
         self.choose.setToolTip(
             self.tr("Placements were taken already: begin a new calibration for another bench.")
-            if self.project.taken else self.tr("A session.json, or the folder of an earlier session.")
-        )  # fmt: skip
+            if self.project.taken
+            else self.tr("A session.json, or the folder of an earlier session.")
+        )
         self.action_changed.emit()
 
     def tick(self) -> None:

@@ -86,10 +86,11 @@ class LimitsDialog(QDialog):
         self.name.setText(self.desk.last_name)
         for place, (field, text, name) in enumerate(
             (
-                (self.name, self.tr("Your name"), "limits-name"), (self.pin, self.tr("PIN"), "limits-pin"),
+                (self.name, self.tr("Your name"), "limits-name"),
+                (self.pin, self.tr("PIN"), "limits-pin"),
                 (self.again, self.tr("The PIN again"), "limits-pin-again"),
             )
-        ):  # fmt: skip
+        ):
             field.setObjectName(name)
             field.setAccessibleName(text)
             field.setMaxLength(MOST_PIN)

@@ -122,9 +122,11 @@ class MeasurePage(Page):
             self.controller.live.stop()  # its detection would take the time that measuring needs
         by_hardware = all(self.controller.settings_of(serial).trigger == "hardware" for serial in connection.names)
         task = Task(
-            connection.plan.target_set, bars=tuple(connection.plan.bars), temperature_c=self.controller.bar_celsius(),
+            connection.plan.target_set,
+            bars=tuple(connection.plan.bars),
+            temperature_c=self.controller.bar_celsius(),
             exposure_sd_s=0.0 if by_hardware else None,
-        )  # fmt: skip
+        )
         self._run = LiveMeasurement(connection.source, dict(connection.names), result.rig, task)
         self._run.ask(rulers_of(self._chosen))
 

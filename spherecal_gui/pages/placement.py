@@ -225,9 +225,10 @@ class PlacementPage(LivePage):
             return Scene({}, None)
         statuses = connection.source.statuses()
         lost = tuple(
-            name for serial, name in connection.names.items()
+            name
+            for serial, name in connection.names.items()
             if serial in statuses and not statuses[serial].state.usable
-        )  # fmt: skip
+        )
         counts = {
             name: 0 if name in lost else len(sights[name].dots) if name in sights else 0
             for name in connection.names.values()
@@ -292,8 +293,11 @@ class PlacementPage(LivePage):
         """Whether the ball stands where it stood at the placement taken last, and nobody says that it was turned."""
         if self.is_taken or self._turned or scene.lost:
             return False
-        last = max((name for name in self.project.placements if name in self.project.taken),
-                   key=lambda name: self.project.taken[name], default=None)  # fmt: skip
+        last = max(
+            (name for name in self.project.placements if name in self.project.taken),
+            key=lambda name: self.project.taken[name],
+            default=None,
+        )
         before = self.controller.dots.get(last) if last is not None else None
         now = {name: sight.dots for name, sight in self.sights().items()}
         return before is not None and cov.same_place(before, now)
@@ -305,8 +309,11 @@ class PlacementPage(LivePage):
 
     def _sets(self) -> list[cov.SetDots]:
         """The dots of all placements taken but this one."""
-        return [self.controller.dots[name] for name in self.project.placements
-                if name in self.controller.dots and name != self.set_id]  # fmt: skip
+        return [
+            self.controller.dots[name]
+            for name in self.project.placements
+            if name in self.controller.dots and name != self.set_id
+        ]
 
     def _draw(self, scene: Scene) -> None:
         """Draw the charts, if anything in them has changed."""

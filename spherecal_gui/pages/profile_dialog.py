@@ -44,11 +44,15 @@ class ProfileDialog(QDialog):
         column.addLayout(head)
         self.table = Table(
             [
-                self.tr("Number"), self.tr("calibrated"), self.tr("state"), self.tr("verified"), self.tr("rms\npx"),
+                self.tr("Number"),
+                self.tr("calibrated"),
+                self.tr("state"),
+                self.tr("verified"),
+                self.tr("rms\npx"),
                 self.tr("in use"),
             ],
             sortable=False,
-        )  # fmt: skip
+        )
         self.table.itemSelectionChanged.connect(self._selected)
         column.addWidget(self.table, 1)
         self.told, self.why_not = label(""), label("")
@@ -82,14 +86,16 @@ class ProfileDialog(QDialog):
         self.table.fill(
             [
                 [
-                    (row.number, row.number, ""), (row.made, row.made, ""), (row.state, row.state, row.level),
+                    (row.number, row.number, ""),
+                    (row.made, row.made, ""),
+                    (row.state, row.state, row.level),
                     (row.verdict, row.verdict, row.verdict_level),
                     ("-" if row.rms_px is None else f"{row.rms_px:.3f}", row.rms_px, ""),
                     ("✓" if row.in_use else "", "", "good"),
                 ]
                 for row in rows
             ]
-        )  # fmt: skip
+        )
         picture = QPixmap(str(picture_of(self._folder, self._active)))
         self.picture.setVisible(not picture.isNull())
         if not picture.isNull():

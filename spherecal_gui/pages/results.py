@@ -74,10 +74,16 @@ class ResultsPage(Page):
         self.findings.taken_back.connect(self.controller.take_back)
         self.table = Table(
             [
-                self.tr("Camera"), self.tr("rms\npx"), self.tr("dots"), self.tr("left\nout"), self.tr("place ±\nmm"),
-                self.tr("turn ±\ndeg"), self.tr("focal\npx"), self.tr("change\nmm"),
+                self.tr("Camera"),
+                self.tr("rms\npx"),
+                self.tr("dots"),
+                self.tr("left\nout"),
+                self.tr("place ±\nmm"),
+                self.tr("turn ±\ndeg"),
+                self.tr("focal\npx"),
+                self.tr("change\nmm"),
             ]
-        )  # fmt: skip
+        )
         self.table.itemSelectionChanged.connect(self._selected)
         self.table.itemDoubleClicked.connect(lambda _: self.tabs.setCurrentIndex(2))
         residuals = QWidget()
@@ -320,8 +326,12 @@ def _cells(row: CameraRow, middle: float, not_placed: str, guilty: bool = False)
         return [(row.camera, row.camera, "bad"), (not_placed, float("inf"), "bad"), *[("-", 0.0, "")] * 6]
     level = "caution" if (row.rms_px or 0.0) > _STANDS_OUT * middle else ""
     return [
-        (row.camera, row.camera, "bad" if guilty else level), cell(row.rms_px, 3, level),
+        (row.camera, row.camera, "bad" if guilty else level),
+        cell(row.rms_px, 3, level),
         (str(row.observations), row.observations, ""),
-        (str(row.left_out), row.left_out, ""), cell(row.sd_centre_mm, 3), cell(row.sd_turn_deg, 4),
-        cell(row.focal_px, 1), cell(row.change_mm, 3, "caution" if row.moved else ""),
-    ]  # fmt: skip
+        (str(row.left_out), row.left_out, ""),
+        cell(row.sd_centre_mm, 3),
+        cell(row.sd_turn_deg, 4),
+        cell(row.focal_px, 1),
+        cell(row.change_mm, 3, "caution" if row.moved else ""),
+    ]

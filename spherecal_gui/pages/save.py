@@ -235,8 +235,13 @@ class SavePage(Page):
         elif stale:
             self.say(self.tr("What was saved is out of date"), "caution")
         else:
-            self.say(*((self.tr("Not saved yet"), "none") if not self._doubtful
-                       else (self.tr("Not saved yet; not verified"), "caution")))  # fmt: skip
+            self.say(
+                *(
+                    (self.tr("Not saved yet"), "none")
+                    if not self._doubtful
+                    else (self.tr("Not saved yet; not verified"), "caution")
+                )
+            )
         if self._opens and self.controller.runner.running is None:
             self._opens = False
             if self.report_path.is_file() and "save" not in self.project.failures:
@@ -310,8 +315,9 @@ class SavePage(Page):
         lines = []
         number = number_in_use(self.profile_path) if self.is_kept else None
         if number is not None:
-            lines.append(self.tr("In use: calibration {number}, in {folder}.").format(
-                number=number, folder=self.profile_path))  # fmt: skip
+            lines.append(
+                self.tr("In use: calibration {number}, in {folder}.").format(number=number, folder=self.profile_path)
+            )
             lines.append(next_check_text(self.profile_path))
         if self.report_path.is_file():
             lines.append(self.tr("Report: {path}").format(path=self.report_path))

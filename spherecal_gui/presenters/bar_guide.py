@@ -72,10 +72,18 @@ def bar_guide(planes: RigPlanes, plan: Any, pose: Any, ends_mm: FloatArray | Non
     corners = np.array([(x, y, z) for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)])
     box = plan.box.middle + (corners * plan.box.half) @ plan.box.axes
     return BarGuide(
-        pose.id, pose.bar, pose.near, planes.names, planes.flat(planes.centres), planes.flat(box),
-        planes.flat(np.stack([pose.start_mm, pose.end_mm])), None if ends_mm is None else planes.flat(ends_mm),
-        answer.accepted, text, level,
-    )  # fmt: skip
+        pose.id,
+        pose.bar,
+        pose.near,
+        planes.names,
+        planes.flat(planes.centres),
+        planes.flat(box),
+        planes.flat(np.stack([pose.start_mm, pose.end_mm])),
+        None if ends_mm is None else planes.flat(ends_mm),
+        answer.accepted,
+        text,
+        level,
+    )
 
 
 def _text(

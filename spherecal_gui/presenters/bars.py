@@ -93,11 +93,16 @@ def length_cells(bars: Any) -> list[tuple[str, ...]]:
         own = decided.get(row.key)
         rows.append(
             (
-                f"{row.bar} {row.start}-{row.end}", str(row.n), cell(row.mean_error_mm, sign=True), cell(row.sd_mm),
-                cell(row.max_abs_error_mm), cell(row.expanded_mm), cell(None if own is None else own.limit_mm),
+                f"{row.bar} {row.start}-{row.end}",
+                str(row.n),
+                cell(row.mean_error_mm, sign=True),
+                cell(row.sd_mm),
+                cell(row.max_abs_error_mm),
+                cell(row.expanded_mm),
+                cell(None if own is None else own.limit_mm),
                 "-" if own is None else decision_word(own.verdict),
             )
-        )  # fmt: skip
+        )
     return rows
 
 
@@ -111,7 +116,7 @@ def camera_cells(bars: Any) -> list[tuple[str, ...]]:
     return [
         (c.id, str(c.seen), str(c.used), "-" if c.rms_px is None else f"{c.rms_px:.3f}", words[c.state])
         for c in bars.cameras
-    ]  # fmt: skip
+    ]
 
 
 def camera_levels(bars: Any) -> list[Level]:

@@ -165,20 +165,31 @@ def bar_draft(bar: RegisteredBar, role: str = "none", id: str = "") -> BarDraft:
     c, own = bar.certificate, bar.assumed
     lengths = tuple(
         LengthDraft(
-            one.from_mark, _sticker(bar, one.from_mark), one.to_mark, _sticker(bar, one.to_mark), shown(one.nominal_mm),
+            one.from_mark,
+            _sticker(bar, one.from_mark),
+            one.to_mark,
+            _sticker(bar, one.to_mark),
+            shown(one.nominal_mm),
             shown(one.length_mm),
             "" if "expanded_uncertainty_mm" in one.assumed else shown(one.expanded_uncertainty_mm),
             "" if "coverage_factor" in one.assumed else shown(one.coverage_factor),
         )
         for one in bar.lengths
-    )  # fmt: skip
+    )
     return BarDraft(
-        bar.serial, bar.description, lengths,
+        bar.serial,
+        bar.description,
+        lengths,
         "" if "expansion_per_kelvin" in own else shown(1e6 * bar.expansion_per_kelvin),
         "" if "reference_temperature_c" in own else shown(bar.reference_temperature_c),
-        c.number if c else "", c.laboratory if c else "", str(c.date or "") if c else "",
-        str(c.valid_until or "") if c else "", role, id, bar.serial,
-    )  # fmt: skip
+        c.number if c else "",
+        c.laboratory if c else "",
+        str(c.date or "") if c else "",
+        str(c.valid_until or "") if c else "",
+        role,
+        id,
+        bar.serial,
+    )
 
 
 def _sticker(bar: RegisteredBar, name: str) -> str:
@@ -189,9 +200,15 @@ def _sticker(bar: RegisteredBar, name: str) -> str:
 def registered(bar: Bar) -> RegisteredBar:
     """A bar of a session as the library would have it, by its serial, else by its id."""
     return RegisteredBar(
-        bar.serial or bar.id, bar.marks, bar.lengths, bar.expansion_per_kelvin, bar.reference_temperature_c, "",
-        bar.certificate, bar.assumed,
-    )  # fmt: skip
+        bar.serial or bar.id,
+        bar.marks,
+        bar.lengths,
+        bar.expansion_per_kelvin,
+        bar.reference_temperature_c,
+        "",
+        bar.certificate,
+        bar.assumed,
+    )
 
 
 def read_bar(draft: BarDraft) -> tuple[RegisteredBar | None, Problems]:
@@ -236,9 +253,11 @@ def _length_entry(draft: LengthDraft, number: int, marks: dict[str, Any], proble
             problems[f"{place}.{key}"] = said(Phrase("problem-cell-mark", {"mark": called, "target": known}))
         entry[end] = called
     for key, text, needed in (
-        ("length_mm", draft.certified, True), ("nominal_mm", draft.nominal, False),
-        ("expanded_uncertainty_mm", draft.uncertainty, False), ("coverage_factor", draft.factor, False),
-    ):  # fmt: skip
+        ("length_mm", draft.certified, True),
+        ("nominal_mm", draft.nominal, False),
+        ("expanded_uncertainty_mm", draft.uncertainty, False),
+        ("coverage_factor", draft.factor, False),
+    ):
         where = f"{place}.{_LENGTH_FIELDS[key]}"
         if not text.strip():
             if needed:
@@ -257,9 +276,11 @@ def _length_entry(draft: LengthDraft, number: int, marks: dict[str, Any], proble
 def _checked(entry: Mapping[str, Any], problems: Problems) -> RegisteredBar | None:
     """What the registry's own reader says of the whole bar."""
     if problems:  # then only what does not depend on what is wrong already
-        entry = {"marks": {"a": {"target": 1, "point": "centre"}, "b": {"target": 2, "point": "centre"}},
-                 "lengths": [{"from": "a", "to": "b", "length_mm": 1.0}],
-                 **{key: value for key, value in entry.items() if key not in ("marks", "lengths")}}  # fmt: skip
+        entry = {
+            "marks": {"a": {"target": 1, "point": "centre"}, "b": {"target": 2, "point": "centre"}},
+            "lengths": [{"from": "a", "to": "b", "length_mm": 1.0}],
+            **{key: value for key, value in entry.items() if key not in ("marks", "lengths")},
+        }
         try:
             read_registered_bar(JsonValue(dict(entry), Path()))
         except InputError as error:
@@ -422,11 +443,15 @@ def read_bench(draft: BenchDraft) -> tuple[Bench | None, tuple[RegisteredBar | N
     if problems or ball is None:
         return None, tuple(bars), problems
     chosen = tuple(
-        BenchBar(_bench_id(one, number), bar.serial, "scale" if one.role == "scale" else "check",
-                 _SCALE_POSES if one.role == "scale" else _CHECK_POSES)
+        BenchBar(
+            _bench_id(one, number),
+            bar.serial,
+            "scale" if one.role == "scale" else "check",
+            _SCALE_POSES if one.role == "scale" else _CHECK_POSES,
+        )
         for number, (one, bar) in enumerate(zip(draft.bars, bars, strict=True))
         if bar is not None and one.role != "none"
-    )  # fmt: skip
+    )
     return Bench(ball, chosen, int(placements), celsius), tuple(bars), problems
 
 

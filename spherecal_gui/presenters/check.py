@@ -75,12 +75,18 @@ def check_rows(found: Any) -> list[CheckRow]:
     }
     return [
         CheckRow(
-            one.test.id, words[one.verdict], _LEVELS[one.verdict], float(one.test.move_px), float(one.test.point_mm),
-            float(one.test.rms_px), one.before_px, float(np.linalg.norm(one.test.shift_mm)),
+            one.test.id,
+            words[one.verdict],
+            _LEVELS[one.verdict],
+            float(one.test.move_px),
+            float(one.test.point_mm),
+            float(one.test.rms_px),
+            one.before_px,
+            float(np.linalg.norm(one.test.shift_mm)),
             float(np.degrees(np.linalg.norm(one.test.turn_rad))),
         )
         for one in found.cameras
-    ]  # fmt: skip
+    ]
 
 
 def repaired_text(found: Any, after: Any, in_use: bool) -> tuple[str, Level]:

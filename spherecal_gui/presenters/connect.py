@@ -103,10 +103,11 @@ def lengths_texts(bar: Any) -> list[str]:
     """A bar's lengths in mm: what each is called by, where the bench's description has it, and the certified one."""
     text = translate("Connect", "{nominal} nominal, {certified} certified")
     return [
-        f"{one.length_mm:.3f}" if one.nominal_mm is None
+        f"{one.length_mm:.3f}"
+        if one.nominal_mm is None
         else text.format(nominal=f"{one.nominal_mm:g}", certified=f"{one.length_mm:.3f}")
         for one in bar.lengths
-    ]  # fmt: skip
+    ]
 
 
 def bars_with_nominal(connection: Any, bars: Collection[str]) -> list[Any]:
@@ -149,8 +150,6 @@ def bench_rows(connection: Any, confirmed: Artefacts | None) -> list[BenchRow]:
         BenchRow(translate("Connect", "Targets on the ball"), artefacts.target_set, level),
         BenchRow(translate("Connect", "Ball, about"), artefacts.ball or "-", level),
         BenchRow(translate("Connect", "Scale from"), scale or none, level if scale else "caution"),
-        BenchRow(
-            translate("Connect", "Verified by"), checks or no_check, level if checks else "caution"
-        ),
+        BenchRow(translate("Connect", "Verified by"), checks or no_check, level if checks else "caution"),
         *certificates,
-    ]  # fmt: skip
+    ]

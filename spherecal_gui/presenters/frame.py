@@ -80,9 +80,10 @@ class FrameChoice:
         """The places to choose from, single dots left out unless they are chosen: name and text."""
         told = self.definition.places
         return [
-            (name, place_text(name, place.kind)) for name, place in self.places.items()
+            (name, place_text(name, place.kind))
+            for name, place in self.places.items()
             if place.kind != "point" or name.endswith("/centre") or name in told
-        ]  # fmt: skip
+        ]
 
     @property
     def is_plain(self) -> bool:
@@ -178,9 +179,15 @@ class FrameChoice:
             "Frame", "{origin} lies at {x} / {y} / {z} mm; {to} is {distance} mm from it, {xy} {angle}° off."
         )
         words += " " + told.format(
-            origin=d.origin, x=f"{x:.1f}", y=f"{y:.1f}", z=f"{z:.1f}", to=d.x, xy=d.xy,
-            distance=f"{self.frame.distance_mm:.1f}", angle=f"{self.frame.angle_deg:.0f}",
-        )  # fmt: skip
+            origin=d.origin,
+            x=f"{x:.1f}",
+            y=f"{y:.1f}",
+            z=f"{z:.1f}",
+            to=d.x,
+            xy=d.xy,
+            distance=f"{self.frame.distance_mm:.1f}",
+            angle=f"{self.frame.angle_deg:.0f}",
+        )
         if self.frame.axes_sigma_deg is not None and self.frame.origin_sigma_mm is not None:
             words += " " + translate("Frame", "Uncertainty (k = 1): origin {mm} mm, axes {deg}°.").format(
                 mm=f"{self.frame.origin_sigma_mm.max():.2g}", deg=f"{self.frame.axes_sigma_deg.max():.2g}"

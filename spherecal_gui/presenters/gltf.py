@@ -57,9 +57,10 @@ class _Maker:
             faces = np.arange(len(vertices)).reshape(-1, 3)
             normals = _normals(vertices, faces)
         attributes = {
-            "POSITION": self._places(vertices), "NORMAL": self._accessor(normals @ (1000 * _UP).T, _FLOAT, "VEC3"),
+            "POSITION": self._places(vertices),
+            "NORMAL": self._accessor(normals @ (1000 * _UP).T, _FLOAT, "VEC3"),
             "COLOR_0": self._colours(colours),
-        }  # fmt: skip
+        }
         self._node(mesh.name, attributes, self._indices(faces), _TRIANGLES, 1 if mesh.plain else 0)
 
     def add_lines(self, lines: Lines) -> None:

@@ -91,10 +91,23 @@ def guidance_of(found: Any, rig: Any, spheres: Sequence[Any]) -> Guidance | None
     if tip is not None:
         tip_towards = _camera_towards(names, flat, place, tip)
     return Guidance(
-        found.now_mm, best.expanded_mm, names, flat, tuple(sphere.placement for sphere in spheres), above(taken), place,
-        spheres[-1].radius_mm, towards, away, float(moved[2]), turn, tip, tip_towards, axes[2],
+        found.now_mm,
+        best.expanded_mm,
+        names,
+        flat,
+        tuple(sphere.placement for sphere in spheres),
+        above(taken),
+        place,
+        spheres[-1].radius_mm,
+        towards,
+        away,
+        float(moved[2]),
+        turn,
+        tip,
+        tip_towards,
+        axes[2],
         _views_above(rig, axes),
-    )  # fmt: skip
+    )
 
 
 def _views_above(rig: Any, axes: FloatArray) -> FloatArray:

@@ -70,8 +70,11 @@ def limit_fields() -> list[LimitField]:
     )
     return [
         LimitField(
-            "needed_dots", translate("Limits", "Dots that each camera needs at a placement"),
-            translate("Limits", "dots"), dots, DOTS,
+            "needed_dots",
+            translate("Limits", "Dots that each camera needs at a placement"),
+            translate("Limits", "dots"),
+            dots,
+            DOTS,
         ),
         LimitField("ageing_hours", translate("Limits", "Ageing after"), hours, aged, HOURS, 1),
         LimitField("stale_hours", translate("Limits", "Out of date after"), hours, stale, HOURS, 1),
@@ -82,18 +85,24 @@ def limit_fields() -> list[LimitField]:
             "stale_kelvin", translate("Limits", "Out of date from a temperature change of"), kelvin, warm, KELVIN, 1
         ),
         LimitField(
-            "verification_limit", translate("Limits", "Limit of the length errors in new projects, A+L/K"), "mm",
+            "verification_limit",
+            translate("Limits", "Limit of the length errors in new projects, A+L/K"),
+            "mm",
             formula,
         ),
         LimitField(
-            "verification_limit_open", translate("Limits", "The technician may give a project another limit"), "",
+            "verification_limit_open",
+            translate("Limits", "The technician may give a project another limit"),
+            "",
             translate("Limits", "Without this, nobody passes a rig by widening the limit at Verify."),
         ),
         LimitField(
-            "unverified_use", translate("Limits", "A calibration that was not verified may be put to use"), "",
+            "unverified_use",
+            translate("Limits", "A calibration that was not verified may be put to use"),
+            "",
             unverified,
         ),
-    ]  # fmt: skip
+    ]
 
 
 def limit_problems(limits: Limits) -> dict[str, str]:

@@ -160,14 +160,18 @@ def camera_rows(result: Any, compared: Any = None) -> list[CameraRow]:
         sigma, change = camera.sigma, changes.get(name)
         rows.append(
             CameraRow(
-                name, camera.rms_px, camera.observations, out,
+                name,
+                camera.rms_px,
+                camera.observations,
+                out,
                 None if sigma is None else float(np.linalg.norm(sigma.centre_mm)),
                 None if sigma is None else float(np.linalg.norm(sigma.rotation_deg)),
-                float(camera.intrinsics[0]), placed=True,
+                float(camera.intrinsics[0]),
+                placed=True,
                 change_mm=None if change is None else float(change.ray_rms_mm),
                 moved=change is not None and change.moved,
             )
-        )  # fmt: skip
+        )
     return sorted(rows, key=lambda row: (row.placed, -(row.rms_px or 0.0)))
 
 
@@ -278,8 +282,9 @@ def advice(result: Any, placements: tuple[str, ...]) -> list[Advice]:
         if not actions:
             actions += [
                 Action("show camera", name, translate("Results", "Show {name}").format(name=name))
-                for name in finding.where if name in cameras
-            ][:1]  # fmt: skip
+                for name in finding.where
+                if name in cameras
+            ][:1]
         found.append(_told(finding, levels[finding.severity], tuple(actions)))
     return found
 

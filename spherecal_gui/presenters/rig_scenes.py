@@ -20,9 +20,10 @@ def outcome_scene(outcome: Any) -> SceneData | None:
     if outcome.compared is None:
         return data
     changes = [
-        (one.id, one.centre_mm, one.rotation_deg) for one in outcome.compared.comparison.cameras
+        (one.id, one.centre_mm, one.rotation_deg)
+        for one in outcome.compared.comparison.cameras
         if one.moved and not one.replaced
-    ]  # fmt: skip
+    ]
     return with_moved(data, changes)
 
 

@@ -253,9 +253,16 @@ def scene_data(result: Any, links: tuple[tuple[str, str], ...] = (), most: int =
     places = (xyz[keep] - middle) @ scene.axes.T
     names = tuple((points.placement[i], int(points.target[i]), points.point[i]) for i in keep.tolist())
     shown = SceneData(
-        scene, places, sizes[keep] / (usual or 1.0), links=links, normals=_normals(scene, places, names), names=names,
-        most_px=usual, figures=_figures(result.rig), origin_mm=middle,
-    )  # fmt: skip
+        scene,
+        places,
+        sizes[keep] / (usual or 1.0),
+        links=links,
+        normals=_normals(scene, places, names),
+        names=names,
+        most_px=usual,
+        figures=_figures(result.rig),
+        origin_mm=middle,
+    )
     shown = replace(shown, **_ellipsoids(result, scene.axes, middle))
     lengths = result.rig.length_map
     if lengths is None:
@@ -263,9 +270,12 @@ def scene_data(result: Any, links: tuple[tuple[str, str], ...] = (), most: int =
     worst = np.where(np.isfinite(lengths.expanded_mm), lengths.expanded_mm, -1.0).max(axis=1)
     seen = worst >= 0
     return replace(
-        shown, map_places=(lengths.places_mm[seen] - middle) @ scene.axes.T, map_mm=worst[seen],
-        map_length_mm=lengths.length_mm, map_k=lengths.coverage_factor,
-    )  # fmt: skip
+        shown,
+        map_places=(lengths.places_mm[seen] - middle) @ scene.axes.T,
+        map_mm=worst[seen],
+        map_length_mm=lengths.length_mm,
+        map_k=lengths.coverage_factor,
+    )
 
 
 def _normals(scene: Any, places: FloatArray, names: Sequence[tuple[str, int, str]]) -> FloatArray:
@@ -280,11 +290,13 @@ def _normals(scene: Any, places: FloatArray, names: Sequence[tuple[str, int, str
 def _figures(rig: Any) -> dict[str, CameraFigures]:
     return {
         one.id: CameraFigures(
-            one.serial or "", tuple(one.image_size), one.rms_px,
+            one.serial or "",
+            tuple(one.image_size),
+            one.rms_px,
             None if one.sigma is None else float(np.linalg.norm(one.sigma.centre_mm)),
         )
         for one in rig.cameras
-    }  # fmt: skip
+    }
 
 
 def _ellipsoids(result: Any, axes: FloatArray, middle: FloatArray) -> dict[str, FloatArray]:

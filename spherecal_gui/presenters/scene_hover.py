@@ -35,8 +35,9 @@ def items_of(data: SceneData, layers: frozenset[str]) -> list[SceneItem]:
     ]
     found += [
         SceneItem("ball", one.name, one.ball_centre, one.ball_radius, data, i, 3)
-        for i, one in enumerate(data.scene.placements) if one.ball_centre is not None
-    ]  # fmt: skip
+        for i, one in enumerate(data.scene.placements)
+        if one.ball_centre is not None
+    ]
     found += [SceneItem("bar", bar.name, (bar.start + bar.end) / 2, 0.0, data, i, 1) for i, bar in enumerate(data.bars)]
     if "map" in layers and len(data.map_mm):
         name = translate("Scene", "{length:.0f} mm at this place").format(length=data.map_length_mm)
@@ -44,10 +45,19 @@ def items_of(data: SceneData, layers: frozenset[str]) -> list[SceneItem]:
         found += [SceneItem("map", name, place, half, data, i, 2) for i, place in enumerate(data.map_places)]
     elif "dots" in layers and data.names:
         found += [
-            SceneItem("dot", translate("Scene", "{placement}, target {target}, dot {dot}").format(
-                placement=placement, target=target, dot=dot), data.points[i], 0.0, data, i, 2)
+            SceneItem(
+                "dot",
+                translate("Scene", "{placement}, target {target}, dot {dot}").format(
+                    placement=placement, target=target, dot=dot
+                ),
+                data.points[i],
+                0.0,
+                data,
+                i,
+                2,
+            )
             for i, (placement, target, dot) in enumerate(data.names)
-        ]  # fmt: skip
+        ]
     return found
 
 
@@ -59,8 +69,11 @@ def _camera(item: SceneItem) -> list[str]:
     if known.serial:
         lines.append(translate("Scene", "Serial number {serial}").format(serial=known.serial))
     if known.sensor_px is not None:
-        lines.append(translate("Scene", "Sensor {width} × {height} px").format(
-            width=known.sensor_px[0], height=known.sensor_px[1]))  # fmt: skip
+        lines.append(
+            translate("Scene", "Sensor {width} × {height} px").format(
+                width=known.sensor_px[0], height=known.sensor_px[1]
+            )
+        )
     if known.rms_px is not None:
         lines.append(translate("Scene", "Residuals {rms:.3f} px rms").format(rms=known.rms_px))
     if known.sd_mm is not None:

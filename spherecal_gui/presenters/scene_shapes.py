@@ -101,9 +101,8 @@ def scene_shapes(data: SceneData, style: SceneStyle) -> Shapes:
         meshes.append(_ellipsoids(data, style))
     picture = _picture(data) if "images" in shown and data.images else None
     return Shapes(
-        tuple(mesh for mesh in meshes if len(mesh.faces)), tuple(scene_lines(data, style)), picture,
-        style.ground,
-    )  # fmt: skip
+        tuple(mesh for mesh in meshes if len(mesh.faces)), tuple(scene_lines(data, style)), picture, style.ground
+    )
 
 
 def scene_lines(data: SceneData, style: SceneStyle) -> list[Lines]:
@@ -136,8 +135,10 @@ def joined(meshes: Sequence[Mesh], smooth: bool, name: str = "") -> Mesh:
     return Mesh(
         np.vstack([mesh.vertices for mesh in meshes]),
         np.vstack([mesh.faces + start for mesh, start in zip(meshes, first, strict=False)]),
-        np.vstack([mesh.colours for mesh in meshes]), smooth, name=name,
-    )  # fmt: skip
+        np.vstack([mesh.colours for mesh in meshes]),
+        smooth,
+        name=name,
+    )
 
 
 # --- cameras ---------------------------------------------------------------------------------------------------------
@@ -246,8 +247,9 @@ def _balls(data: SceneData, style: SceneStyle) -> list[Mesh]:
         return []
     made = [
         Mesh(one.ball_centre + one.ball_radius * unit, faces, _same(tint, len(unit)))
-        for one in data.scene.placements if one.ball_centre is not None
-    ]  # fmt: skip
+        for one in data.scene.placements
+        if one.ball_centre is not None
+    ]
     return [joined(made, smooth=True, name="balls")]
 
 
@@ -289,8 +291,9 @@ def _rings(data: SceneData, style: SceneStyle) -> list[Lines]:
         return []
     ends = [
         np.stack([places[:-1], places[1:]], axis=1)
-        for one in balls for places in one.ball_centre + one.ball_radius * rings
-    ]  # fmt: skip
+        for one in balls
+        for places in one.ball_centre + one.ball_radius * rings
+    ]
     every = np.vstack(ends)
     return [Lines(every, _same(blended(style.line, style.text, 0.12), len(every)), 1.0, "balls")]
 
@@ -413,8 +416,9 @@ def moved_frusta(data: SceneData) -> list[tuple[MovedCamera, FloatArray]]:
     factor = data.shift_factor
     return [
         (one, now[one.id] + factor * (np.vstack([one.centre, one.corners]) - now[one.id]))
-        for one in data.moved if one.id in now
-    ]  # fmt: skip
+        for one in data.moved
+        if one.id in now
+    ]
 
 
 def _moved(data: SceneData, style: SceneStyle) -> list[Lines]:

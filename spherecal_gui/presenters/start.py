@@ -280,11 +280,16 @@ def profile_rows(folder: Path) -> list[ProfileRow]:
         verdict, level = _verified(entry.verdict)
         rows.append(
             ProfileRow(
-                number, f"{entry.calibrated_at.astimezone():%Y-%m-%d %H:%M}",
-                *_calibration_word(entry.calibration_verdict), verdict, level, entry.rms_px, number == kept.active_id,
+                number,
+                f"{entry.calibrated_at.astimezone():%Y-%m-%d %H:%M}",
+                *_calibration_word(entry.calibration_verdict),
+                verdict,
+                level,
+                entry.rms_px,
+                number == kept.active_id,
                 entry.valid,
             )
-        )  # fmt: skip
+        )
     return rows
 
 

@@ -221,10 +221,12 @@ class BenchDesk:
             return None, error_words(error)
         self._known, self._balls = registry, balls
         kept = tuple(  # one that only another program has changed is shown as it is now
-            replace(one, kept=bar.serial) if registry.get(bar.serial) == bar
+            replace(one, kept=bar.serial)
+            if registry.get(bar.serial) == bar
             else bar_draft(registry[bar.serial], one.role, one.id)
-            for one, bar in zip(self.draft.bars, whole, strict=True) if bar.serial in registry
-        )  # fmt: skip
+            for one, bar in zip(self.draft.bars, whole, strict=True)
+            if bar.serial in registry
+        )
         self.draft = replace(self.draft, bars=kept)
         self._saved = self.draft
         return path, ""

@@ -81,9 +81,10 @@ class BumpWatch:
         camera = self._seen[moved[0]]
         since = camera.moved_s or 0.0
         others = [
-            one.at_s > since and one.shift_px <= STILL_PX for name, one in self._seen.items()
+            one.at_s > since and one.shift_px <= STILL_PX
+            for name, one in self._seen.items()
             if name != moved[0] and name not in self.bumped and one.shift_px is not None
-        ]  # fmt: skip
+        ]
         if camera.agreeing >= _AGREE and len(others) >= _LEAST_OTHERS and all(others):
             camera.bumped = True
             self.bumped = {**self.bumped, moved[0]: float(camera.shift_px or 0.0)}

@@ -40,10 +40,12 @@ class Lenses:
         """Those of a calibrated rig."""
         cameras = rig.cameras
         return Lenses(
-            tuple(c.id for c in cameras), np.array([c.intrinsics for c in cameras]),
-            np.array([c.rotation for c in cameras]), np.array([c.translation_mm for c in cameras]),
+            tuple(c.id for c in cameras),
+            np.array([c.intrinsics for c in cameras]),
+            np.array([c.rotation for c in cameras]),
+            np.array([c.translation_mm for c in cameras]),
             np.array([c.image_size for c in cameras], dtype=float),
-        )  # fmt: skip
+        )
 
 
 @dataclass(frozen=True, eq=False)

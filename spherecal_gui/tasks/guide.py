@@ -98,12 +98,15 @@ def observations_of(placements: list[str], cameras: list[str], dots: Mapping[str
         return np.concatenate(values).astype(kind) if values else np.empty(empty, kind)
 
     return Observations(
-        tuple(placements), tuple(cameras), DOTS,
+        tuple(placements),
+        tuple(cameras),
+        DOTS,
         np.repeat(np.array([p for p, _, _ in found], dtype=np.int64), count),
         np.repeat(np.array([c for _, c, _ in found], dtype=np.int64), count),
-        column([one.target for *_, one in found], np.int64, 0), column([one.point for *_, one in found], np.int64, 0),
+        column([one.target for *_, one in found], np.int64, 0),
+        column([one.point for *_, one in found], np.int64, 0),
         column([one.uv for *_, one in found], np.float64, (0, 2)),
-    )  # fmt: skip
+    )
 
 
 def printed_scale(target_set: Any) -> dict[str, Any] | None:
@@ -121,9 +124,7 @@ def printed_scale(target_set: Any) -> dict[str, Any] | None:
                 widest = (lengths[0], first, second)
     if widest is None:
         return None
-    return {
-        "kind": "target_spacing", "from": widest[1], "to": widest[2], "distance_mm": widest[0], "surface": "sphere",
-    }  # fmt: skip
+    return {"kind": "target_spacing", "from": widest[1], "to": widest[2], "distance_mm": widest[0], "surface": "sphere"}
 
 
 def _read(document: dict[str, Any], target_set: Any, read_session: Any) -> Any:

@@ -39,8 +39,10 @@ def lay_bar(stage: Any, rig: Any, pose: Any, bar: Any) -> None:
 
     reference = rig.camera(rig.reference_camera)
     true = next(camera for camera in stage.truth.cameras if camera.id == rig.reference_camera)
-    start, end = (true.rotation.T @ (reference.rotation @ place + reference.translation_mm - true.translation_mm)
-                  for place in (pose.start_mm, pose.end_mm))  # fmt: skip
+    start, end = (
+        true.rotation.T @ (reference.rotation @ place + reference.translation_mm - true.translation_mm)
+        for place in (pose.start_mm, pose.end_mm)
+    )
     names, own = BarMarks.of(bar.id, bar.lengths).names, stage.truth.bar(pose.bar)
     first, last = (own.x_mm[own.marks.index(name)] for name in (names[0], names[-1]))
     along = (end - start) / np.linalg.norm(end - start) * np.sign(last - first)

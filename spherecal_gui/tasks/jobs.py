@@ -143,10 +143,12 @@ def artefacts_of(plan: Any) -> Artefacts | None:
         words = ""
     return Artefacts(
         f"{targets.family}: {ids[0]} - {ids[-1]} ({len(ids)}), {targets.size_mm:g} mm",
-        f"{sphere:g} mm" if sphere else "", words, scale_bar,
+        f"{sphere:g} mm" if sphere else "",
+        words,
+        scale_bar,
         tuple(bar.id for bar in plan.bars if bar.role == "check"),
         "; ".join(f"{bar.id}: {_lengths(bar)}" for bar in plan.bars if bar.role == "check"),
-    )  # fmt: skip
+    )
 
 
 def _lengths(bar: "Bar") -> str:

@@ -65,10 +65,13 @@ def read_kept_check(folder: Path) -> KeptCheck | None:
             ("verdict", "cameras", "untested", "balls", "findings"), ("tolerance_mm",)
         )
         return KeptCheck(
-            f["verdict"].choice("ok", "watch", "recalibrate"), _optional(f, "tolerance_mm"),
-            tuple(_camera(one) for one in f["cameras"].items()), tuple(one.text() for one in f["untested"].items()),
-            tuple(_ball(one) for one in f["balls"].items()), tuple(_finding(one) for one in f["findings"].items()),
-        )  # fmt: skip
+            f["verdict"].choice("ok", "watch", "recalibrate"),
+            _optional(f, "tolerance_mm"),
+            tuple(_camera(one) for one in f["cameras"].items()),
+            tuple(one.text() for one in f["untested"].items()),
+            tuple(_ball(one) for one in f["balls"].items()),
+            tuple(_finding(one) for one in f["findings"].items()),
+        )
     except SpherecalError:
         return None
 
@@ -79,9 +82,14 @@ def _camera(entry: JsonValue) -> _Camera:
     )
     shift, turn = _number(f, "shift_mm"), _number(f, "turn_deg")
     test = _Test(
-        f["id"].text(), f["moved"].boolean(), _number(f, "move_px"), _number(f, "point_mm"), _number(f, "rms_px"),
-        np.array([shift]), np.radians([turn]),
-    )  # fmt: skip
+        f["id"].text(),
+        f["moved"].boolean(),
+        _number(f, "move_px"),
+        _number(f, "point_mm"),
+        _number(f, "rms_px"),
+        np.array([shift]),
+        np.radians([turn]),
+    )
     return _Camera(test, f["verdict"].choice("ok", "watch", "recalibrate"), _optional(f, "calibrated_rms_px"))
 
 

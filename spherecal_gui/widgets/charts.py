@@ -138,8 +138,9 @@ class CoverageChart(Chart):
             self.addItem(item)
             frame = pg.PlotCurveItem(
                 [left, left + cov.CELLS, left + cov.CELLS, left, left],
-                [top, top, top + cov.CELLS, top + cov.CELLS, top], pen=pg.mkPen(c.of(levels[index]), width=2.5),
-            )  # fmt: skip
+                [top, top, top + cov.CELLS, top + cov.CELLS, top],
+                pen=pg.mkPen(c.of(levels[index]), width=2.5),
+            )
             self.addItem(frame)
             share = round(100 * float(((before[index] + live[index]) > 0).mean()))
             name = _text(camera, c.text, 12, (0.5, 1.0), bold=True)
@@ -271,9 +272,16 @@ class ErrorChart(Chart):
         symbols = ["x" if beyond else "o" for beyond in exceeding]
         said = [f"{' '.join(name.split())}\n{error:+.3f} mm" for name, error in zip(names, errors, strict=True)]
         dots = pg.ScatterPlotItem(
-            where, errors, size=14, brush=brushes, pen=pg.mkPen(c.surface, width=1), symbol=symbols, data=said,
-            hoverable=True, tip=lambda x, y, data: plain(languages.by_locale(str(data))),
-        )  # fmt: skip
+            where,
+            errors,
+            size=14,
+            brush=brushes,
+            pen=pg.mkPen(c.surface, width=1),
+            symbol=symbols,
+            data=said,
+            hoverable=True,
+            tip=lambda x, y, data: plain(languages.by_locale(str(data))),
+        )
         self.addItem(dots)
         self._names = names
         self._label()

@@ -85,9 +85,10 @@ class RailItem(QAbstractButton):
         painter.setFont(theme.font(9.5))
         painter.setPen(QColor(c.of(_LEVELS.get(state.status, "none")) if not blocked else c.idle))
         painter.drawText(
-            QRectF(room.left(), room.top() + half, room.width(), half), Qt.AlignmentFlag.AlignVCenter,
+            QRectF(room.left(), room.top() + half, room.width(), half),
+            Qt.AlignmentFlag.AlignVCenter,
             status_word(state.status),
-        )  # fmt: skip
+        )
 
     def _draw_mark(self, painter: QPainter, box: QRectF) -> None:
         c, status = theme.now(), self._state.status if self._state else Status.BLOCKED

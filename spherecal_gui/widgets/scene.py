@@ -104,9 +104,17 @@ class SceneView(QWidget):
         """The palette's colours, as the scene takes them."""
         c = theme.now()
         return SceneStyle(
-            c.dark, _rgb(c.scene), _rgb(c.border), _rgb(c.text), _rgb(c.accent), _rgb(c.good), _rgb(c.caution),
-            _rgb(c.bad), self.layers, self.marked,
-        )  # fmt: skip
+            c.dark,
+            _rgb(c.scene),
+            _rgb(c.border),
+            _rgb(c.text),
+            _rgb(c.accent),
+            _rgb(c.good),
+            _rgb(c.caution),
+            _rgb(c.bad),
+            self.layers,
+            self.marked,
+        )
 
     def dress(self) -> None:
         """Take the palette's colours."""

@@ -30,9 +30,13 @@ def side_word(side: str) -> str:
     """The name of a side of the cube."""
     translate = QCoreApplication.translate
     return {
-        "top": translate("Scene", "TOP"), "bottom": translate("Scene", "BELOW"), "front": translate("Scene", "FRONT"),
-        "back": translate("Scene", "BACK"), "side": translate("Scene", "RIGHT"), "left": translate("Scene", "LEFT"),
-    }[side]  # fmt: skip
+        "top": translate("Scene", "TOP"),
+        "bottom": translate("Scene", "BELOW"),
+        "front": translate("Scene", "FRONT"),
+        "back": translate("Scene", "BACK"),
+        "side": translate("Scene", "RIGHT"),
+        "left": translate("Scene", "LEFT"),
+    }[side]
 
 
 class Overlay:
@@ -42,9 +46,14 @@ class Overlay:
         self._view = view
 
     def paint(
-        self, painter: QPainter, data: SceneData, eye: Eye, layers: frozenset[str], marked: str | None,
+        self,
+        painter: QPainter,
+        data: SceneData,
+        eye: Eye,
+        layers: frozenset[str],
+        marked: str | None,
         hovered: SceneItem | None,
-    ) -> None:  # fmt: skip
+    ) -> None:
         """Everything, over the picture of the rig."""
         self._names(painter, data, eye, marked)
         self._scale(painter, data, eye)
@@ -83,8 +92,13 @@ class Overlay:
             text = f"{length / eye.scale:.0f} mm"
         low, left = self._view.height() - _EDGE_PX, _EDGE_PX
         painter.setPen(QPen(theme.colour("soft"), 2))
-        painter.drawLines([QLineF(left, low, left + length, low), QLineF(left, low - 4, left, low + 1),
-                           QLineF(left + length, low - 4, left + length, low + 1)])  # fmt: skip
+        painter.drawLines(
+            [
+                QLineF(left, low, left + length, low),
+                QLineF(left, low - 4, left, low + 1),
+                QLineF(left + length, low - 4, left + length, low + 1),
+            ]
+        )
         painter.setFont(theme.font(theme.CAPTION))
         painter.drawText(QPointF(left, low - 8), text)
 
@@ -231,8 +245,11 @@ def _named(data: SceneData) -> tuple[list[str], list[FloatArray], list[str]]:
 
 
 def _axis_letters(data: SceneData) -> list[tuple[tuple[FloatArray, FloatArray], str, str]]:
-    return [(ends, tint, letter) for (ends, tint), letter in zip(data.reference_axes, "XYZ", strict=False)] if (
-        len(data.reference_axes) == len(AXIS_TINTS)) else []  # fmt: skip
+    return (
+        [(ends, tint, letter) for (ends, tint), letter in zip(data.reference_axes, "XYZ", strict=False)]
+        if (len(data.reference_axes) == len(AXIS_TINTS))
+        else []
+    )
 
 
 def _outlined(painter: QPainter, box: QRectF, text: str, tint: QColor) -> None:

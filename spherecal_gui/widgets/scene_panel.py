@@ -39,10 +39,12 @@ class ScenePanel(QWidget):
         menu = QMenu(self)
         self.layers: dict[str, QAction] = {}
         for layer, text in (
-            ("dots", self.tr("Dots by their residuals")), ("images", self.tr("Images of the cameras")),
-            ("map", self.tr("Uncertainty of a length")), ("ellipsoids", self.tr("Ellipsoids of uncertainty")),
+            ("dots", self.tr("Dots by their residuals")),
+            ("images", self.tr("Images of the cameras")),
+            ("map", self.tr("Uncertainty of a length")),
+            ("ellipsoids", self.tr("Ellipsoids of uncertainty")),
             ("links", self.tr("Paths")),
-        ):  # fmt: skip
+        ):
             action = QAction(text, menu, checkable=True)
             action.setChecked(layer in SHOWN_AT_FIRST)
             action.toggled.connect(self._toggled)
@@ -81,10 +83,12 @@ class ScenePanel(QWidget):
         """Only what there is can be shown."""
         data = self.view.data
         there = {
-            "dots": data is not None and len(data.points) > 0, "images": data is not None and bool(data.images),
-            "map": data is not None and len(data.map_mm) > 0, "links": data is not None and bool(data.links),
+            "dots": data is not None and len(data.points) > 0,
+            "images": data is not None and bool(data.images),
+            "map": data is not None and len(data.map_mm) > 0,
+            "links": data is not None and bool(data.links),
             "ellipsoids": data is not None and len(data.ellipsoids) > 0,
-        }  # fmt: skip
+        }
         for layer, action in self.layers.items():
             action.setEnabled(there[layer])
         for one in (self.show_what, self.whole, self.save):

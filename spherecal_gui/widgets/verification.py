@@ -50,17 +50,26 @@ class VerificationView(QSplitter):
         self.tables = QTabWidget()
         self.table = Table(
             [
-                self.tr("Length"), self.tr("n"), self.tr("mean E, mm"), self.tr("sd, mm"), self.tr("largest, mm"),
-                self.tr("U, mm"), self.tr("limit, mm"), self.tr("decision"),
+                self.tr("Length"),
+                self.tr("n"),
+                self.tr("mean E, mm"),
+                self.tr("sd, mm"),
+                self.tr("largest, mm"),
+                self.tr("U, mm"),
+                self.tr("limit, mm"),
+                self.tr("decision"),
             ]
-        )  # fmt: skip
+        )
         self.budget = Table(
             [
-                self.tr("Length"), self.tr("contribution"), self.tr("u, mm"), self.tr("share"),
+                self.tr("Length"),
+                self.tr("contribution"),
+                self.tr("u, mm"),
+                self.tr("share"),
                 self.tr("what would help most"),
             ],
             sortable=False,
-        )  # fmt: skip
+        )
         self.cameras = Table(
             [self.tr("Camera"), self.tr("views of marks"), self.tr("used"), self.tr("rms, px"), self.tr("state")]
         )

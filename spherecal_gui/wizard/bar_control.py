@@ -110,9 +110,11 @@ class BarControl(SetControl):
                 self.bar_seen.emit()
 
         return self.looker.start(
-            "bar", lambda _: lying_ends(rig, bar, target_set, dots), seen,
+            "bar",
+            lambda _: lying_ends(rig, bar, target_set, dots),
+            seen,
             lambda error: self.note(f"bar {planned.bar}: {error}"),
-        )  # fmt: skip
+        )
 
     def bar_celsius(self) -> float | None:
         """The bars' temperature: as it was read, else as the bench's description has it."""

@@ -176,9 +176,11 @@ class CameraControl(ProjectControl):
         self.driver_troubles = ()
         self._update(project)
         self.runner.start(
-            "connect", lambda context: jobs.connect(project, context, self._asker(context)), self._connected,
+            "connect",
+            lambda context: jobs.connect(project, context, self._asker(context)),
+            self._connected,
             self._not_connected,
-        )  # fmt: skip
+        )
 
     def _not_connected(self, error: BaseException) -> None:
         """Say what is in the way; what drivers have to do with it is kept for the page."""

@@ -42,8 +42,11 @@ class Footer(QFrame):
     @property
     def default(self) -> str:
         """Which button is drawn as the one to press: `action`, `next` or none."""
-        shown = [name for name, one in (("action", self.action), ("next", self.next))
-                 if one.objectName() == "primary" and one.isEnabled() and not one.isHidden()]  # fmt: skip
+        shown = [
+            name
+            for name, one in (("action", self.action), ("next", self.next))
+            if one.objectName() == "primary" and one.isEnabled() and not one.isHidden()
+        ]
         return shown[0] if shown else ""
 
     def show_action(self, action: PageAction | None, state: WorkflowState, running: bool, standing: Standing) -> None:

@@ -69,8 +69,11 @@ class ProjectControl(QObject):
         if self.connection is None:
             return ()
         statuses = self.connection.source.statuses()
-        return tuple(name for serial, name in self.connection.names.items()
-                     if serial in statuses and not statuses[serial].state.usable)  # fmt: skip
+        return tuple(
+            name
+            for serial, name in self.connection.names.items()
+            if serial in statuses and not statuses[serial].state.usable
+        )
 
     def moved_cameras(self) -> tuple[str, ...]:
         """The names of cameras that were moved, and that nobody has seen to yet."""

@@ -94,12 +94,16 @@ class WizardWindow(WindowFrame):
         self.start.said.connect(self._say)
         self.footer.asked_for.connect(self.controller.go)
         for one, act in (
-            (self.footer.back, self.go_back), (self.footer.action, self._act), (self.footer.next, self.go_next),
-        ):  # fmt: skip
+            (self.footer.back, self.go_back),
+            (self.footer.action, self._act),
+            (self.footer.next, self.go_next),
+        ):
             one.clicked.connect(act)
         for key, act in (
-            (Qt.Key.Key_PageDown, self.press), (Qt.Key.Key_PageUp, self.go_back), (Qt.Key.Key_F1, self.show_help),
-        ):  # fmt: skip
+            (Qt.Key.Key_PageDown, self.press),
+            (Qt.Key.Key_PageUp, self.go_back),
+            (Qt.Key.Key_F1, self.show_help),
+        ):
             QShortcut(QKeySequence(key), self).activated.connect(act)
 
     def redraw(self) -> None:

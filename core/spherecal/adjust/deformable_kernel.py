@@ -69,10 +69,30 @@ def _add_coupling(coupling, size, place, own, own_size, blocks, n_blocks, width)
 
 @njit(**KERNEL)
 def eliminate_places(
-    points, begins, ends, camera, placement, n_cameras, kept_block, of_row, play,
-    residual, by_camera, by_point, by_placement, offset, width, lens, damping,
-    matrix, gradient, diagonal, square, inverse, point_gradient,
-):  # fmt: skip
+    points,
+    begins,
+    ends,
+    camera,
+    placement,
+    n_cameras,
+    kept_block,
+    of_row,
+    play,
+    residual,
+    by_camera,
+    by_point,
+    by_placement,
+    offset,
+    width,
+    lens,
+    damping,
+    matrix,
+    gradient,
+    diagonal,
+    square,
+    inverse,
+    point_gradient,
+):
     """As `eliminate_points`; row k shows place `of_row[k]`, whose tau is `play` (places,) of that."""
     n_all = len(offset)
     place, place_in_own = np.full(n_all, -1), np.full(n_all, -1)
@@ -95,9 +115,28 @@ def eliminate_places(
             v_place[:] = 0.0
             g_place[:] = 0.0
             add_observations(
-                first, last, camera, placement, n_cameras, residual, by_camera, by_point, by_placement, offset, width,
-                lens, place_in_own, own, 0, own_size, v_place, g_place, matrix, gradient, square,
-            )  # fmt: skip
+                first,
+                last,
+                camera,
+                placement,
+                n_cameras,
+                residual,
+                by_camera,
+                by_point,
+                by_placement,
+                offset,
+                width,
+                lens,
+                place_in_own,
+                own,
+                0,
+                own_size,
+                v_place,
+                g_place,
+                matrix,
+                gradient,
+                square,
+            )
             _weigh_play(v_place, play[of_row[first]] ** 2, q, p)
             weigh(own_weighted, own, 0, q, own_size)
             subtract_point(matrix, own_weighted, own, own_size, own_blocks, n_own, offset, width)
@@ -224,9 +263,26 @@ def _squares_of_play(begin, end, of_row, play, by_point, change, step, q, p):
 
 @njit(**KERNEL)
 def substitute_places(
-    points, begins, ends, camera, placement, n_cameras, is_kept, of_row, play,
-    residual, by_camera, by_point, by_placement, offset, inverse, point_gradient, step, point_step, squares,
-):  # fmt: skip
+    points,
+    begins,
+    ends,
+    camera,
+    placement,
+    n_cameras,
+    is_kept,
+    of_row,
+    play,
+    residual,
+    by_camera,
+    by_point,
+    by_placement,
+    offset,
+    inverse,
+    point_gradient,
+    step,
+    point_step,
+    squares,
+):
     """As `substitute_points`, with what the play of the places takes off the squares."""
     change = np.empty((_most_rows(begins, ends), 2))
     q, p, g = np.empty((3, 3)), np.empty((3, 3)), np.empty(3)

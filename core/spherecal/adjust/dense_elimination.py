@@ -36,11 +36,25 @@ def eliminate(problem: Problem, linear: Linear, damping: float, points: IntArray
         done = 0
         for part in parts(problem, linear, some):
             _couple(
-                part.points, part.begin, part.end, part.camera, part.placement, problem.n_cameras,
-                part.linear.residual, part.linear.by_camera, part.linear.by_point, part.linear.by_placement,
-                layout.block_offset, damping, reduced.matrix, reduced.gradient, reduced.diagonal,
-                reduced.point_inverse, reduced.point_gradient, rows[3 * done :],
-            )  # fmt: skip
+                part.points,
+                part.begin,
+                part.end,
+                part.camera,
+                part.placement,
+                problem.n_cameras,
+                part.linear.residual,
+                part.linear.by_camera,
+                part.linear.by_point,
+                part.linear.by_placement,
+                layout.block_offset,
+                damping,
+                reduced.matrix,
+                reduced.gradient,
+                reduced.diagonal,
+                reduced.point_inverse,
+                reduced.point_gradient,
+                rows[3 * done :],
+            )
             done += len(part.points)
         # in Fortran's eyes our upper triangle is the lower one
         dsyrk(-1.0, rows.T, beta=1.0, c=reduced.matrix.T, lower=1, overwrite_c=1)
@@ -48,9 +62,25 @@ def eliminate(problem: Problem, linear: Linear, damping: float, points: IntArray
 
 @njit(**KERNEL)
 def _couple(
-    points, begins, ends, camera, placement, n_cameras, residual, by_camera, by_point, by_placement, offset, damping,
-    matrix, gradient, diagonal, inverse, point_gradient, rows,
-):  # fmt: skip
+    points,
+    begins,
+    ends,
+    camera,
+    placement,
+    n_cameras,
+    residual,
+    by_camera,
+    by_point,
+    by_placement,
+    offset,
+    damping,
+    matrix,
+    gradient,
+    diagonal,
+    inverse,
+    point_gradient,
+    rows,
+):
     """Own normal equations of cameras and placements, and the points' whitened couplings (3m,e)."""
     v = np.empty((3, 3))
     for i in range(len(points)):

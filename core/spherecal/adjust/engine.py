@@ -26,10 +26,19 @@ def residuals(problem: Problem, state: State) -> FloatArray:
     """Weighted residuals, predicted minus observed over sigma, (n,2)."""
     out = np.empty_like(problem.uv)
     _residuals(
-        problem.camera, problem.point, problem.placement, problem.uv, problem.weight,
-        state.rotation, state.translation, state.intrinsics, state.placement_rotation, state.placement_translation,
-        state.points, out,
-    )  # fmt: skip
+        problem.camera,
+        problem.point,
+        problem.placement,
+        problem.uv,
+        problem.weight,
+        state.rotation,
+        state.translation,
+        state.intrinsics,
+        state.placement_rotation,
+        state.placement_translation,
+        state.points,
+        out,
+    )
     return out
 
 
@@ -52,11 +61,23 @@ def linearise(problem: Problem, state: State, robust_weight: FloatArray | None) 
         np.empty((n if problem.n_placements else 0, 2, POSE)),
     )
     _linearise(
-        problem.camera, problem.point, problem.placement, problem.uv, weight,
-        state.rotation, state.translation, state.intrinsics, state.placement_rotation, state.placement_translation,
+        problem.camera,
+        problem.point,
+        problem.placement,
+        problem.uv,
+        weight,
+        state.rotation,
+        state.translation,
+        state.intrinsics,
+        state.placement_rotation,
+        state.placement_translation,
         state.points,
-        problem.intrinsic_columns, out.residual, out.by_camera, out.by_point, out.by_placement,
-    )  # fmt: skip
+        problem.intrinsic_columns,
+        out.residual,
+        out.by_camera,
+        out.by_point,
+        out.by_placement,
+    )
     return out
 
 
@@ -196,9 +217,19 @@ def _to_camera(k, camera, point, placement, rotation, translation, placement_rot
 
 @njit(**KERNEL)
 def _residuals(
-    camera, point, placement, uv, weight,
-    rotation, translation, intrinsics, placement_rotation, placement_translation, points, out,
-):  # fmt: skip
+    camera,
+    point,
+    placement,
+    uv,
+    weight,
+    rotation,
+    translation,
+    intrinsics,
+    placement_rotation,
+    placement_translation,
+    points,
+    out,
+):
     for k in range(len(camera)):
         xc, yc, zc, _, _, _ = _to_camera(
             k, camera, point, placement, rotation, translation, placement_rotation, placement_translation, points
@@ -248,10 +279,23 @@ def _fisheye_terms(x, y, r2, iz, wu, wv, i, a, d):
 
 @njit(**KERNEL)
 def _linearise(
-    camera, point, placement, uv, weight,
-    rotation, translation, intrinsics, placement_rotation, placement_translation, points,
-    columns, residual, by_camera, by_point, by_placement,
-):  # fmt: skip
+    camera,
+    point,
+    placement,
+    uv,
+    weight,
+    rotation,
+    translation,
+    intrinsics,
+    placement_rotation,
+    placement_translation,
+    points,
+    columns,
+    residual,
+    by_camera,
+    by_point,
+    by_placement,
+):
     a = np.empty((2, 3))  # by the point in the camera's frame, weighted
     d = np.zeros((2, 16))  # by the intrinsics, weighted
     for k in range(len(camera)):

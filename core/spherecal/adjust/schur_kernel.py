@@ -164,9 +164,28 @@ def _add_point(v, g, by_point, r0, r1):
 
 @njit(**INNER)
 def add_observations(
-    begin, end, camera, placement, n_cameras, residual, by_camera, by_point, by_placement, offset, width, lens,
-    place, coupling, at, size, v, g, matrix, gradient, square,
-):  # fmt: skip
+    begin,
+    end,
+    camera,
+    placement,
+    n_cameras,
+    residual,
+    by_camera,
+    by_point,
+    by_placement,
+    offset,
+    width,
+    lens,
+    place,
+    coupling,
+    at,
+    size,
+    v,
+    g,
+    matrix,
+    gradient,
+    square,
+):
     """Rows begin to end of a point: the blocks' own equations, and what its coupling W' (from `at` on), V and g get."""
     for k in range(begin, end):
         c, jp, r0, r1 = camera[k], by_point[k], residual[k, 0], residual[k, 1]
@@ -177,7 +196,7 @@ def add_observations(
         if shared >= 0:
             _add_block(
                 rows, split, rows.shape[1], r0, r1, jp, coupling, at + place[shared], size, gradient, offset[shared]
-            )  # fmt: skip
+            )
         if len(placement) > 0:
             t, pose = n_cameras + placement[k], by_placement[k]
             _add_square(square[t], pose)
@@ -190,10 +209,28 @@ def add_observations(
 
 @njit(**KERNEL)
 def eliminate_points(
-    order, begins, ends, camera, placement, n_cameras, kept_block,
-    residual, by_camera, by_point, by_placement, offset, width, lens, damping,
-    matrix, gradient, diagonal, square, inverse, point_gradient,
-):  # fmt: skip
+    order,
+    begins,
+    ends,
+    camera,
+    placement,
+    n_cameras,
+    kept_block,
+    residual,
+    by_camera,
+    by_point,
+    by_placement,
+    offset,
+    width,
+    lens,
+    damping,
+    matrix,
+    gradient,
+    diagonal,
+    square,
+    inverse,
+    point_gradient,
+):
     """Adds points, in the given order, to the reduced system; runs that meet the same blocks are eliminated together.
 
     Point `order[i]` has the rows `begins[i]` to `ends[i]`. `square` (blocks,w,w) takes the blocks' own normal
@@ -222,13 +259,32 @@ def eliminate_points(
         v[:] = inverse[p]
         g = point_gradient[p]
         add_observations(
-            begin, end, camera, placement, n_cameras, residual, by_camera, by_point, by_placement, offset, width, lens,
-            place, coupling, at, size, v, g, matrix, gradient, square,
-        )  # fmt: skip
+            begin,
+            end,
+            camera,
+            placement,
+            n_cameras,
+            residual,
+            by_camera,
+            by_point,
+            by_placement,
+            offset,
+            width,
+            lens,
+            place,
+            coupling,
+            at,
+            size,
+            v,
+            g,
+            matrix,
+            gradient,
+            square,
+        )
         if kept_block[p] >= 0:
             keep_point(
                 matrix, gradient, diagonal, offset, width, kept_block[p], v, g, blocks, n_blocks, coupling[at:], size
-            )  # fmt: skip
+            )
             inverse[p] = 0.0
         else:
             inverse_damped(v, damping, inverse[p])

@@ -9,9 +9,24 @@ from spherecal.base.kernels import njit
 
 @njit(**KERNEL)
 def substitute_points(
-    points, begins, ends, camera, placement, n_cameras, is_kept,
-    residual, by_camera, by_point, by_placement, offset, inverse, point_gradient, step, point_step, squares,
-):  # fmt: skip
+    points,
+    begins,
+    ends,
+    camera,
+    placement,
+    n_cameras,
+    is_kept,
+    residual,
+    by_camera,
+    by_point,
+    by_placement,
+    offset,
+    inverse,
+    point_gradient,
+    step,
+    point_step,
+    squares,
+):
     """Fills the points' step for a step of the reduced system; returns `squares` and those that both leave."""
     widest = by_camera.shape[2]
     longest = 0

@@ -109,9 +109,12 @@ def average(frames: Sequence[Frame]) -> Frame:
     mean.flags.writeable = False
     temperatures = [frame.temperature_c for frame in frames if frame.temperature_c is not None]
     return replace(
-        frames[-1], image=mean, bits=16, averaged=len(frames),
+        frames[-1],
+        image=mean,
+        bits=16,
+        averaged=len(frames),
         temperature_c=float(np.mean(temperatures)) if temperatures else None,
-    )  # fmt: skip
+    )
 
 
 def _examine(

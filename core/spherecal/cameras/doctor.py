@@ -127,9 +127,14 @@ def _link(source: CameraSource, status: CameraStatus, before: CameraStatus | Non
     )
     found = {feature.feature: feature.got for feature in features_of(source, status.serial)}
     return LinkReport(
-        status.serial, status.state, counted, found.get("packet size", ""), status.temperature_c,
-        found.get("packets missing", ""), found.get("packets resent", ""),
-    )  # fmt: skip
+        status.serial,
+        status.state,
+        counted,
+        found.get("packet size", ""),
+        status.temperature_c,
+        found.get("packets missing", ""),
+        found.get("packets resent", ""),
+    )
 
 
 def _trigger_test(source: CameraSource, context: Context) -> TriggerReport:
@@ -178,11 +183,13 @@ _UNUSABLE = {
 def _judge_trigger(trigger: TriggerReport) -> tuple[Finding, ...]:
     return tuple(
         Finding(
-            "missing-in-sets", "error" if count == trigger.sets else "warning",
-            {"missing": count, "sets": trigger.sets}, (serial,),
+            "missing-in-sets",
+            "error" if count == trigger.sets else "warning",
+            {"missing": count, "sets": trigger.sets},
+            (serial,),
         )
         for serial, count in trigger.missing.items()
-    )  # fmt: skip
+    )
 
 
 def covered_camera(source: CameraSource, before: dict[str, float], context: Context | None = None) -> str | None:

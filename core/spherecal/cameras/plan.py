@@ -146,9 +146,14 @@ def camera_spec_json(
     if pitch_um is None or focal_mm is None:
         raise CameraError(Phrase("error-lens-unknown", {"camera": name}))
     return {
-        "id": name, "serial": serial, "model": model, "image_size": list(size), "pixel_pitch_um": pitch_um,
-        "focal_length_mm": focal_mm, "intrinsics_group": name,
-    }  # fmt: skip
+        "id": name,
+        "serial": serial,
+        "model": model,
+        "image_size": list(size),
+        "pixel_pitch_um": pitch_um,
+        "focal_length_mm": focal_mm,
+        "intrinsics_group": name,
+    }
 
 
 def recorded_camera_json(camera: CameraSpec, session: Session, serial: str) -> dict[str, Any]:

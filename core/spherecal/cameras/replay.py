@@ -55,11 +55,18 @@ class ReplaySource(InProcessSource):
         """The session's cameras; one without a serial number goes by its id."""
         return tuple(
             CameraInfo(
-                serial, camera.model or "", "", str(self.session.folder), "replay", camera.id, camera.id,
-                image_size=camera.image_size, access="free",
+                serial,
+                camera.model or "",
+                "",
+                str(self.session.folder),
+                "replay",
+                camera.id,
+                camera.id,
+                image_size=camera.image_size,
+                access="free",
             )
             for serial, camera in self._ids.items()
-        )  # fmt: skip
+        )
 
     def take_image(self, serial: str, settings: CameraSettings, number: int, attempt: int, timeout_s: float) -> Frame:
         """The recorded image."""

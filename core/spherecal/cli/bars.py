@@ -49,17 +49,26 @@ def _add_add(add: argparse.ArgumentParser) -> None:
     add.add_argument("--from-session", type=Path, metavar="SESSION", help="take marks and lengths from its bar ...")
     add.add_argument("--bar", metavar="ID", help="... of this id (needed where it has several)")
     add.add_argument(
-        "--mark", action="append", default=[], metavar="NAME=TARGET[:POINT]",
+        "--mark",
+        action="append",
+        default=[],
+        metavar="NAME=TARGET[:POINT]",
         help="a mark and its target's number; the point is 'centre' unless given; may be given again",
-    )  # fmt: skip
+    )
     add.add_argument(
-        "--length", action="append", default=[], metavar="A,B,MM,U[,K]",
+        "--length",
+        action="append",
+        default=[],
+        metavar="A,B,MM,U[,K]",
         help="certified length between two marks, its expanded uncertainty in mm and k (2); may be given again",
-    )  # fmt: skip
+    )
     add.add_argument(
-        "--nominal", action="append", default=[], metavar="A,B,MM",
+        "--nominal",
+        action="append",
+        default=[],
+        metavar="A,B,MM",
         help="what that length is called by, such as A1,A2,500; a certified length more than 1 %% from it is refused",
-    )  # fmt: skip
+    )
     add.add_argument("--expansion", type=float, metavar="PER_KELVIN", help="coefficient, such as 1.15e-5 for steel")
     add.add_argument("--reference-temperature", type=float, metavar="C", help="of the lengths (default 20)")
     add.add_argument("--certificate", metavar="NUMBER", help="the certificate's number")
@@ -178,8 +187,9 @@ def _entry(options: argparse.Namespace) -> dict[str, Any]:
     for text in options.nominal:
         _set_nominal(entry.get("lengths", []), text)
     for key, value in (
-        ("expansion_per_kelvin", options.expansion), ("reference_temperature_c", options.reference_temperature)
-    ):  # fmt: skip
+        ("expansion_per_kelvin", options.expansion),
+        ("reference_temperature_c", options.reference_temperature),
+    ):
         if value is not None:
             entry[key] = value
     for key, option in (("marks", "--mark"), ("lengths", "--length"), ("expansion_per_kelvin", "--expansion")):
@@ -236,9 +246,12 @@ def _length(text: str) -> dict[str, Any]:
     if len(numbers) not in (2, 3):
         raise InputError(Phrase("error-no-length", {"text": text}))
     return {
-        "from": parts[0], "to": parts[1], "length_mm": numbers[0], "expanded_uncertainty_mm": numbers[1],
+        "from": parts[0],
+        "to": parts[1],
+        "length_mm": numbers[0],
+        "expanded_uncertainty_mm": numbers[1],
         "coverage_factor": numbers[2] if len(numbers) == 3 else 2.0,
-    }  # fmt: skip
+    }
 
 
 def _set_nominal(lengths: list[dict[str, Any]], text: str) -> None:

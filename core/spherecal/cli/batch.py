@@ -16,9 +16,11 @@ def add_parsers(add: Callable[[str, str], argparse.ArgumentParser]) -> None:
     parser.add_argument("folder", type=Path, metavar="FOLDER", help="the folder with the session folders")
     parser.add_argument("-o", "--output", type=Path, required=True, metavar="DIR", help="folder for all results")
     parser.add_argument(
-        "--method", choices=("auto", "tao2021", "free", "rigid", "board", "bar"), default="auto",
+        "--method",
+        choices=("auto", "tao2021", "free", "rigid", "board", "bar"),
+        default="auto",
         help="as of `calibrate` (default auto)",
-    )  # fmt: skip
+    )
     add_search(parser)
     parser.add_argument(
         "--intrinsics", choices=("free", "fixed"), default="free", help="as of `calibrate` (default free)"

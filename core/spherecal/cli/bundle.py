@@ -27,9 +27,11 @@ def add_parsers(add: Callable[[str, str], argparse.ArgumentParser]) -> None:
         "--names", action="store_true", help="leave names of people and computers and serial numbers as they are"
     )
     bundle.add_argument(
-        "--method", choices=("auto", "tao2021", "free", "rigid", "board", "bar"), default="auto",
+        "--method",
+        choices=("auto", "tao2021", "free", "rigid", "board", "bar"),
+        default="auto",
         help="the method that was used, for a session of images (default auto)",
-    )  # fmt: skip
+    )
 
 
 def support_bundle(options: argparse.Namespace) -> int:
@@ -41,9 +43,13 @@ def support_bundle(options: argparse.Namespace) -> int:
     from spherecal.support.bundle import BundleContents, BundleOptions, write_bundle
 
     wanted = BundleOptions(
-        options.result, options.settings, tuple(options.log_file), options.images,
-        CalibrationSettings(method=options.method), options.names,
-    )  # fmt: skip
+        options.result,
+        options.settings,
+        tuple(options.log_file),
+        options.images,
+        CalibrationSettings(method=options.method),
+        options.names,
+    )
 
     def announce(contents: BundleContents) -> None:
         out.print(f"{counted(len(contents.files), 'file goes', 'files go')} into {options.output}:", markup=False)

@@ -144,10 +144,14 @@ def show(options: argparse.Namespace, profile: CameraProfile) -> int:
     entry = profile.entry(serial)
     if options.json:
         document = {
-            "camera": _plain(info), "name": camera_name(profile, info), "state": _plain(status),
-            "settings": settings_json(entry.settings), "focal_length_mm": entry.focal_length_mm,
-            "pixel_pitch_um": entry.pixel_pitch_um, "features": _plain(list(features)),
-        }  # fmt: skip
+            "camera": _plain(info),
+            "name": camera_name(profile, info),
+            "state": _plain(status),
+            "settings": settings_json(entry.settings),
+            "focal_length_mm": entry.focal_length_mm,
+            "pixel_pitch_um": entry.pixel_pitch_um,
+            "features": _plain(list(features)),
+        }
         print(json.dumps(document, indent=1))
         return DONE
     out = console()
@@ -157,8 +161,9 @@ def show(options: argparse.Namespace, profile: CameraProfile) -> int:
     if status.temperature_c is not None:
         out.print(f"temperature: {status.temperature_c:.1f} degrees Celsius")
     kept = settings_json(entry.settings) | {
-        "focal_length_mm": entry.focal_length_mm, "pixel_pitch_um": entry.pixel_pitch_um
-    }  # fmt: skip
+        "focal_length_mm": entry.focal_length_mm,
+        "pixel_pitch_um": entry.pixel_pitch_um,
+    }
     table = Table("setting", "kept", box=None)
     for key, value in kept.items():
         table.add_row(key, "-" if value is None else escape(str(value)))
@@ -175,9 +180,9 @@ def set_up(options: argparse.Namespace, profile: CameraProfile) -> int:
     if options.camera == "all" and options.name:
         raise InputError(Phrase("error-one-name-for-all"))
     if options.offline:
-        serials = list(profile.cameras) if options.camera == "all" else [
-            profile.serial_of(options.camera) or options.camera
-        ]  # fmt: skip
+        serials = (
+            list(profile.cameras) if options.camera == "all" else [profile.serial_of(options.camera) or options.camera]
+        )
         _keep(options, profile, serials)
         return DONE
     with open_named(options, profile) as source, shown_progress() as context:
@@ -262,10 +267,18 @@ def doctor(options: argparse.Namespace, profile: CameraProfile) -> int:
         wanted = "-" if counted.wanted_hz is None else f"{counted.wanted_hz:.1f}"
         warm = "-" if link.temperature_c is None else f"{link.temperature_c:.1f}"
         table.add_row(
-            escape(names[link.serial]), link.state.value, str(counted.delivered), str(counted.incomplete),
-            str(counted.underrun), f"{counted.rate_hz:.1f}", wanted, link.packet_size or "-",
-            link.packets_missing or "-", link.packets_resent or "-", warm,
-        )  # fmt: skip
+            escape(names[link.serial]),
+            link.state.value,
+            str(counted.delivered),
+            str(counted.incomplete),
+            str(counted.underrun),
+            f"{counted.rate_hz:.1f}",
+            wanted,
+            link.packet_size or "-",
+            link.packets_missing or "-",
+            link.packets_resent or "-",
+            warm,
+        )
     out.print(table)
     trigger = examination.trigger
     out.print(

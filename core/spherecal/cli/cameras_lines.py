@@ -39,8 +39,9 @@ def show(lines: "Sequence[LineExamination]", out: Console) -> None:
         speed = "speed unknown" if line.mbit_s is None else f"{line.mbit_s:.0f} Mbit/s"
         out.print(
             f"{line.interface} ({line.address}, {speed}, packets to {line.mtu} bytes): {len(one.cameras)} GigE cameras "
-            f"want {one.wanted_bytes_s * 8e-6:.0f} Mbit/s.", markup=False,
-        )  # fmt: skip
+            f"want {one.wanted_bytes_s * 8e-6:.0f} Mbit/s.",
+            markup=False,
+        )
         if one.staggers:
             delays = ", ".join(f"{s.serial} {s.packet_delay} {s.frame_delay}" for s in one.staggers)
             out.print(

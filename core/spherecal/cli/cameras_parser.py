@@ -16,9 +16,8 @@ def add_parser(commands: Subparsers) -> None:
     kinds = cameras.add_subparsers(dest="kind", required=True, metavar="list|show|set|doctor|capture|...")
     common = argparse.ArgumentParser(add_help=False)
     common.add_argument(
-        "--source", default="genicam", metavar="SOURCE",
-        help="genicam (default), replay:SESSION or simulated[:PRESET]",
-    )  # fmt: skip
+        "--source", default="genicam", metavar="SOURCE", help="genicam (default), replay:SESSION or simulated[:PRESET]"
+    )
     common.add_argument(
         "--producer", action="append", default=[], metavar="FILE", help="a .cti file or folder to use as well"
     )

@@ -271,10 +271,15 @@ def show_calibration(calibration: Calibration, folder: Path, seconds: float) -> 
         for heading in ("points", "rms px", "f px", "sd f px", "sd centre mm", "sd rotation deg"):
             table.add_column(heading, justify="right")
         for c in rig.cameras:
-            sd = ("-", "-", "-") if c.sigma is None else (
-                f"{c.sigma.intrinsics[0]:.2f}", f"{np.linalg.norm(c.sigma.centre_mm):.3f}",
-                f"{np.linalg.norm(c.sigma.rotation_deg):.4f}",
-            )  # fmt: skip
+            sd = (
+                ("-", "-", "-")
+                if c.sigma is None
+                else (
+                    f"{c.sigma.intrinsics[0]:.2f}",
+                    f"{np.linalg.norm(c.sigma.centre_mm):.3f}",
+                    f"{np.linalg.norm(c.sigma.rotation_deg):.4f}",
+                )
+            )
             name = f"{c.id} (reference)" if c.id == rig.reference_camera else c.id
             table.add_row(escape(name), str(c.observations), _number(c.rms_px, 4), f"{c.intrinsics[0]:.2f}", *sd)
         out.print(table)
@@ -298,10 +303,14 @@ def show_verification(verification: Verification, folder: Path) -> None:
         table.add_column(heading, justify="right")
     for length in verification.lengths:
         table.add_row(
-            escape(f"{length.bar} {length.from_mark}-{length.to_mark}"), str(length.n),
-            _number(length.mean_error_mm, 4), _number(length.sd_mm, 4), _number(length.max_abs_error_mm, 4),
-            _number(length.expanded_uncertainty_mm, 4), _number(length.coverage_factor, 2),
-        )  # fmt: skip
+            escape(f"{length.bar} {length.from_mark}-{length.to_mark}"),
+            str(length.n),
+            _number(length.mean_error_mm, 4),
+            _number(length.sd_mm, 4),
+            _number(length.max_abs_error_mm, 4),
+            _number(length.expanded_uncertainty_mm, 4),
+            _number(length.coverage_factor, 2),
+        )
     out.print(table)
     overall = verification.overall
     out.print(

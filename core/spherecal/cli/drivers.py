@@ -31,8 +31,10 @@ def _yes(driver: "Driver") -> bool:
     print(
         f"The camera driver {driver.file} {why}.\nA driver is a program: load it only if you or your administrator "
         f"installed it.\nIts SHA-256 is {driver.sha256}.\nLoad it, now and from now on? [y/N] ",
-        end="", file=sys.stderr, flush=True,
-    )  # fmt: skip
+        end="",
+        file=sys.stderr,
+        flush=True,
+    )
     return sys.stdin.readline().strip().lower() in ("y", "yes", "j", "ja")
 
 

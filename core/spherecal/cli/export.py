@@ -18,16 +18,22 @@ def add_parsers(add: Callable[[str, str], argparse.ArgumentParser]) -> None:
     export = add("export", "Write a calibrated rig in the format of another program.")
     export.add_argument("rig", type=rig_file, metavar="rig.json", help="the rig, or the folder of its result")
     export.add_argument(
-        "--to", "--format", required=True, metavar="FORMAT", dest="to",
+        "--to",
+        "--format",
+        required=True,
+        metavar="FORMAT",
+        dest="to",
         help="opencv, ros, kalibr, colmap, metashape, anipose (also for Pose2Sim), caliscope, mc-calib, multical, "
         "mrcal, csv; scenes to look at: gltf, ply, blender",
-    )  # fmt: skip
+    )
     export.add_argument("-o", "--output", type=Path, required=True, metavar="PATH", help="the file or folder to write")
     export.add_argument("--unit", choices=("mm", "m"), help="unit of lengths, where the format leaves it open")
     export.add_argument(
-        "--max-loss", type=float, metavar="PX",
+        "--max-loss",
+        type=float,
+        metavar="PX",
         help="how much a lens may change to fit the format's smaller lens model (default 0.1 px)",
-    )  # fmt: skip
+    )
     export.add_argument(
         "--frame", type=Path, metavar="frame.json", help="give all poses in this user's frame (spherecal frame)"
     )
@@ -35,9 +41,11 @@ def add_parsers(add: Callable[[str, str], argparse.ArgumentParser]) -> None:
     bring = add("import", "Make a rig.json of a rig with poses that another program calibrated.")
     bring.add_argument("file", type=Path, metavar="FILE", help="the other program's file, or folder of files")
     bring.add_argument(
-        "--format", required=True, metavar="FORMAT",
+        "--format",
+        required=True,
+        metavar="FORMAT",
         help="opencv, ros, kalibr, colmap, metashape, anipose, caliscope, mc-calib, multical, mrcal, csv, matlab",
-    )  # fmt: skip
+    )
     bring.add_argument(
         "-o", "--output", type=Path, required=True, metavar="rig.json", help="the file to write, - for standard output"
     )

@@ -16,18 +16,26 @@ def add_parsers(add: Callable[[str, str], argparse.ArgumentParser]) -> None:
     frame.add_argument("-o", "--output", type=Path, required=True, metavar="frame.json", help="the file to write")
     for option, what in (("origin", "the origin"), ("x", "a place on the +X axis"), ("xy", "in the XY plane, +Y side")):
         frame.add_argument(
-            f"--{option}", metavar="PLACE",
+            f"--{option}",
+            metavar="PLACE",
             help=f"{what}: a placement (the ball's centre there), POSE/MARK of a verified bar, or "
             "PLACEMENT/TARGET/POINT",
-        )  # fmt: skip
+        )
     frame.add_argument(
-        "--offset", type=float, nargs=3, default=(0.0, 0.0, 0.0), metavar=("X_MM", "Y_MM", "Z_MM"),
+        "--offset",
+        type=float,
+        nargs=3,
+        default=(0.0, 0.0, 0.0),
+        metavar=("X_MM", "Y_MM", "Z_MM"),
         help="where the origin's place lies in the frame, before any turn",
-    )  # fmt: skip
+    )
     frame.add_argument(
-        "--turn", nargs="+", default=[], metavar="TURN",
+        "--turn",
+        nargs="+",
+        default=[],
+        metavar="TURN",
         help="turns of the axes about themselves, one after the other: x90, x-90, y90, y-90, z90, z-90",
-    )  # fmt: skip
+    )
 
 
 def frame(options: argparse.Namespace) -> int:

@@ -106,8 +106,13 @@ def _obey(rig: "GigeRig", scenes: "SessionScenes", words: list[str]) -> str:
         wanted = FAULTS[name].split()
         if len(rest) != len(wanted):
             raise InputError(f"{name} needs {FAULTS[name]}.")
-        rig.fault(name, *[_number(word) if kind not in ("CAMERA", "OTHER", "CAMERA|line") else word
-                          for kind, word in zip(wanted, rest, strict=True)])  # fmt: skip
+        rig.fault(
+            name,
+            *[
+                _number(word) if kind not in ("CAMERA", "OTHER", "CAMERA|line") else word
+                for kind, word in zip(wanted, rest, strict=True)
+            ],
+        )
         return "done"
     if rest:
         faults = ", ".join(f"{name} {meaning}" for name, meaning in FAULTS.items())

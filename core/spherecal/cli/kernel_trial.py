@@ -66,9 +66,13 @@ def _rendered_images() -> Iterator[tuple[np.ndarray, TargetSet]]:
     assert targets is not None
     for bits in (8, 12):
         settings = RenderSettings(
-            sensor=Sensor(bits=bits), blobs=20, arm=True, specks=0.3, scratches=0.3,
+            sensor=Sensor(bits=bits),
+            blobs=20,
+            arm=True,
+            specks=0.3,
+            scratches=0.3,
             lighting="rings" if bits == 8 else "flat",
-        )  # fmt: skip
+        )
         shown = render_placement(replace(session, observations=None), truth, 0, 0, settings, with_bounds=bits == 8)
         yield shown.image, targets
 
@@ -125,7 +129,12 @@ def _command(*words: str) -> None:
 PARTS: dict[str, tuple[Step, ...]] = {
     "images": (_drawn, _rendered, _seldom),
     "adjustment": (
-        _simulated, _calibrated("--method", "auto"), _calibrated("--method", "soft"),
-        _calibrated("--method", "tao2021"), _calibrated("--intrinsics", "fixed"), _dense, _verified,
+        _simulated,
+        _calibrated("--method", "auto"),
+        _calibrated("--method", "soft"),
+        _calibrated("--method", "tao2021"),
+        _calibrated("--intrinsics", "fixed"),
+        _dense,
+        _verified,
     ),
-}  # fmt: skip
+}

@@ -31,9 +31,12 @@ def add_parsers(add: Callable[[str, str], argparse.ArgumentParser]) -> None:
     )
     measure.add_argument("session", type=Path, nargs="?", metavar="SESSION", help="a recorded session")
     measure.add_argument(
-        "--cameras", nargs="?", const="genicam", metavar="SOURCE",
+        "--cameras",
+        nargs="?",
+        const="genicam",
+        metavar="SOURCE",
         help="live cameras instead: genicam (default), replay:SESSION or simulated[:PRESET]",
-    )  # fmt: skip
+    )
     measure.add_argument(
         "--rig", type=Path, required=True, metavar="rig.json", help="the rig: rig.json, result folder or profile"
     )
@@ -70,14 +73,17 @@ def _add_live(measure: argparse.ArgumentParser) -> None:
     live.add_argument("--fault", action="append", default=[], metavar="FAULT", help="of a simulated camera")
     live.add_argument("--camera-profile", type=Path, metavar="FILE", help="camera settings instead of the user's own")
     live.add_argument(
-        "--skew-ms", type=float, metavar="MS",
+        "--skew-ms",
+        type=float,
+        metavar="MS",
         help="standard uncertainty of a camera's moment of exposure (default: 0 where all cameras are triggered by "
         "hardware, else as their times scatter)",
-    )  # fmt: skip
+    )
     live.add_argument(
-        "--exact-times", action="store_true",
+        "--exact-times",
+        action="store_true",
         help="the cameras' exposure times are exact (PTP): moving targets are brought to one moment by them",
-    )  # fmt: skip
+    )
 
 
 def measure(options: argparse.Namespace) -> int:
@@ -189,9 +195,13 @@ def _bars(serials: list[str], session: "Session | None") -> "tuple[Bar, ...]":
 
 
 def _sets(
-    options: argparse.Namespace, session: "Session | None", rig: "Rig", task: "Task", context: "Context",
+    options: argparse.Namespace,
+    session: "Session | None",
+    rig: "Rig",
+    task: "Task",
+    context: "Context",
     stack: ExitStack,
-) -> "Iterator[ObservedSet]":  # fmt: skip
+) -> "Iterator[ObservedSet]":
     from spherecal.measuring.sets import sets_of_session
 
     if session is not None:
@@ -259,9 +269,12 @@ def _listener(options: argparse.Namespace, measurer: "Measurer", stack: ExitStac
 
 
 def _run(
-    options: argparse.Namespace, sets: "Iterator[ObservedSet]", measurer: "Measurer",
-    seen: "Callable[[MeasuredSet], None]", context: "Context",
-) -> bool:  # fmt: skip
+    options: argparse.Namespace,
+    sets: "Iterator[ObservedSet]",
+    measurer: "Measurer",
+    seen: "Callable[[MeasuredSet], None]",
+    context: "Context",
+) -> bool:
     """Measure all sets; whether Ctrl-C ended it (what there was is written)."""
     from spherecal.measuring.run import run
 

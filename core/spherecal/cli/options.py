@@ -66,9 +66,13 @@ def make_parser() -> Parser:
 def _add_demo(add: Add) -> None:
     demo = add("demo", "Calibrate and verify a simulated rig, from end to end.")
     demo.add_argument(
-        "-o", "--output", type=Path, default=Path("spherecal-demo"), metavar="DIR",
+        "-o",
+        "--output",
+        type=Path,
+        default=Path("spherecal-demo"),
+        metavar="DIR",
         help="folder for all its files (default spherecal-demo)",
-    )  # fmt: skip
+    )
 
 
 def _add_simulate(add: Add) -> None:
@@ -98,28 +102,36 @@ def _add_targets(add: Add) -> None:
         )
         one.add_argument("--size", type=float, default=28.0, metavar="MM", help="edge of a sticker (default 28)")
         one.add_argument(
-            "--polarity", choices=("light-on-dark", "dark-on-light"),
+            "--polarity",
+            choices=("light-on-dark", "dark-on-light"),
             help="of the dots on their ground (default light-on-dark), of markers on theirs (default dark-on-light)",
-        )  # fmt: skip
+        )
         one.add_argument(
-            "--measured", type=float, nargs=2, metavar=("H_MM", "V_MM"),
+            "--measured",
+            type=float,
+            nargs=2,
+            metavar=("H_MM", "V_MM"),
             help="what the sheet's two 100 mm rulers measure after printing (across, down)",
-        )  # fmt: skip
+        )
         one.add_argument(
-            "--markers", metavar="DICTIONARY",
+            "--markers",
+            metavar="DICTIONARY",
             help="ArUco or AprilTag markers instead of dots, by OpenCV's name: DICT_4X4_250, DICT_APRILTAG_36h11 ...; "
             "--size is then the side of the black square, and ids begin with 0",
-        )  # fmt: skip
+        )
         if kind == "sheet":
             one.add_argument(
-                "--page", choices=("A4", "Letter", "A3", "A2", "A1", "A0"), default="A4",
+                "--page",
+                choices=("A4", "Letter", "A3", "A2", "A1", "A0"),
+                default="A4",
                 help="paper size (default A4); larger than A4 and Letter for boards",
-            )  # fmt: skip
+            )
             one.add_argument(
-                "--board", metavar="BOARD",
+                "--board",
+                metavar="BOARD",
                 help="print a calibration board instead: aprilgrid,rows=4,columns=5,pitch_mm=36,marker_mm=28, "
                 "charuco, chessboard, circles or asymmetric-circles with the fields of the manual's page on boards",
-            )  # fmt: skip
+            )
 
 
 def _add_detect(add: Add) -> None:
@@ -143,9 +155,10 @@ def _add_calibrate(add: Add) -> None:
     add_search(calibrate)
     add_path_weights(calibrate)
     calibrate.add_argument(
-        "--no-joint", action="store_true",
+        "--no-joint",
+        action="store_true",
         help="with --method board or bar: cameras as they were chained, without the joint adjustment (to compare)",
-    )  # fmt: skip
+    )
     _add_lenses(calibrate)
     _add_repairs(calibrate)
     calibrate.add_argument("--seed", type=_seed, default=0, help="of the random choices of triples (default 0)")
@@ -185,51 +198,70 @@ def _add_report(add: Add) -> None:
 def _add_repairs(calibrate: argparse.ArgumentParser) -> None:
     """What `calibrate` leaves out, splits and exchanges, asked or by itself."""
     calibrate.add_argument(
-        "--leave-out", action="append", default=[], metavar="WHAT",
+        "--leave-out",
+        action="append",
+        default=[],
+        metavar="WHAT",
         help="camera:C05, placement:P3 or the image C05@P3; may be given again",
-    )  # fmt: skip
+    )
     calibrate.add_argument(
-        "--split", action="append", default=[], metavar="C05@P3",
+        "--split",
+        action="append",
+        default=[],
+        metavar="C05@P3",
         help="camera C05 moved before P3: it gets a second pose from there on, which is the rig's",
-    )  # fmt: skip
+    )
     calibrate.add_argument(
-        "--swap", action="append", default=[], metavar="C05,C06[@P3]",
+        "--swap",
+        action="append",
+        default=[],
+        metavar="C05,C06[@P3]",
         help="put back the exchanged images of two cameras, everywhere or at one placement",
-    )  # fmt: skip
+    )
     calibrate.add_argument(
-        "--no-repair", action="store_true",
+        "--no-repair",
+        action="store_true",
         help="do not leave out wrong images nor split moved cameras by itself, however certain they are",
-    )  # fmt: skip
+    )
 
 
 def _add_forms(calibrate: argparse.ArgumentParser) -> None:
     """How `calibrate` takes the ball."""
     calibrate.add_argument(
-        "--method", choices=("auto", "tao2021", "free", "soft", "rigid", "board", "bar"),
-        default="auto", help="auto: rigid where the data carry it, else soft (a ball that gives way a little) or free",
-    )  # fmt: skip
+        "--method",
+        choices=("auto", "tao2021", "free", "soft", "rigid", "board", "bar"),
+        default="auto",
+        help="auto: rigid where the data carry it, else soft (a ball that gives way a little) or free",
+    )
     calibrate.add_argument(
-        "--shape-sd", type=float, metavar="MM",
+        "--shape-sd",
+        type=float,
+        metavar="MM",
         help="with --method soft: how far dots may be off the ball's shape (standard deviation per coordinate); "
         "estimated from the data unless given",
-    )  # fmt: skip
+    )
     calibrate.add_argument(
-        "--ball", type=Path, metavar="ball.json",
+        "--ball",
+        type=Path,
+        metavar="ball.json",
         help="stand on this shape of the ball (`spherecal ball export`): two placements then do; a ball that has "
         "changed is reported and its profile not used",
-    )  # fmt: skip
+    )
 
 
 def _add_lenses(calibrate: argparse.ArgumentParser) -> None:
     """How `calibrate` takes the lenses."""
     calibrate.add_argument(
-        "--intrinsics", choices=("free", "fixed"), default="free",
+        "--intrinsics",
+        choices=("free", "fixed"),
+        default="free",
         help="estimate the lenses, or keep them as the session gives them (default free)",
-    )  # fmt: skip
+    )
     calibrate.add_argument(
-        "--lens", choices=("auto", "brown", "rational", "fisheye"),
+        "--lens",
+        choices=("auto", "brown", "rational", "fisheye"),
         help="the lens model of all cameras instead of the session's; auto: another one where it fits better",
-    )  # fmt: skip
+    )
     calibrate.add_argument(
         "--own-intrinsics", action="store_true", help="every camera for itself, whatever the session groups"
     )

@@ -209,9 +209,15 @@ def _summary(profile: "Profile", state: "Validity") -> dict[str, Any]:
         "last_good": profile.last_good_id,
         "calibrations": [
             {
-                "id": key, "calibrated_at": entry.calibrated_at.isoformat(), "valid": entry.valid,
-                "calibration_verdict": entry.calibration_verdict, "care": entry.care, "rms_px": entry.rms_px,
-                "temperature_c": entry.temperature_c, "verdict": entry.verdict, "note": entry.note,
+                "id": key,
+                "calibrated_at": entry.calibrated_at.isoformat(),
+                "valid": entry.valid,
+                "calibration_verdict": entry.calibration_verdict,
+                "care": entry.care,
+                "rms_px": entry.rms_px,
+                "temperature_c": entry.temperature_c,
+                "verdict": entry.verdict,
+                "note": entry.note,
             }
             for key, entry in profile.entries.items()
         ],
@@ -220,7 +226,7 @@ def _summary(profile: "Profile", state: "Validity") -> dict[str, Any]:
             for one in read_checks(profile.folder)[0]
         ],
         "problems": list(profile.problems),
-    }  # fmt: skip
+    }
 
 
 def _apply(options: argparse.Namespace) -> None:
@@ -307,16 +313,23 @@ def _compared(c: "Comparison") -> dict[str, Any]:
         "of_length_mm": finite(c.of_length_mm),
         "cameras": [
             {
-                "id": x.id, "moved": x.moved, "replaced": x.replaced, "centre_mm": finite(x.centre_mm),
-                "rotation_deg": finite(x.rotation_deg), "focal_px": finite(x.focal_px),
-                "ray_rms_mm": finite(x.ray_rms_mm), "ray_max_mm": finite(x.ray_max_mm),
-                "ray_max_px": finite(x.ray_max_px), "point_mm": finite(x.point_mm), "length_mm": finite(x.length_mm),
+                "id": x.id,
+                "moved": x.moved,
+                "replaced": x.replaced,
+                "centre_mm": finite(x.centre_mm),
+                "rotation_deg": finite(x.rotation_deg),
+                "focal_px": finite(x.focal_px),
+                "ray_rms_mm": finite(x.ray_rms_mm),
+                "ray_max_mm": finite(x.ray_max_mm),
+                "ray_max_px": finite(x.ray_max_px),
+                "point_mm": finite(x.point_mm),
+                "length_mm": finite(x.length_mm),
             }
             for x in c.cameras
         ],
         "only_in_a": list(c.only_in_a),
         "only_in_b": list(c.only_in_b),
-    }  # fmt: skip
+    }
 
 
 def _trend(options: argparse.Namespace) -> None:

@@ -27,8 +27,13 @@ def shown_progress() -> Iterator[Context]:
     if not console.is_terminal:
         yield Context(_Plain(), interrupts.came)
         return
-    columns = (TextColumn("{task.description:<24}"), BarColumn(), TaskProgressColumn(), TimeRemainingColumn(),
-               TextColumn("{task.fields[note]}"))  # fmt: skip
+    columns = (
+        TextColumn("{task.description:<24}"),
+        BarColumn(),
+        TaskProgressColumn(),
+        TimeRemainingColumn(),
+        TextColumn("{task.fields[note]}"),
+    )
     with Bar(*columns, console=console, transient=True) as bar:
         yield Context(_Terminal(bar), interrupts.came)
 

@@ -13,9 +13,8 @@ def add_search(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--dijkstra", action="store_true", help="shortest paths instead of A*")
     parser.add_argument(
-        "--no-spo", action="store_true",
-        help="none-SPO: no spherical projection (changes --method tao2021 alone)",
-    )  # fmt: skip
+        "--no-spo", action="store_true", help="none-SPO: no spherical projection (changes --method tao2021 alone)"
+    )
 
 
 def search_of(options: argparse.Namespace) -> Search:
@@ -28,9 +27,13 @@ def search_of(options: argparse.Namespace) -> Search:
 def add_path_weights(parser: argparse.ArgumentParser) -> None:
     """xi1, xi2, TH_er and b of [Tao21] (10)-(14)."""
     parser.add_argument(
-        "--path-weights", type=float, nargs=2, default=(1.0, 1.0), metavar=("XI1", "XI2"),
+        "--path-weights",
+        type=float,
+        nargs=2,
+        default=(1.0, 1.0),
+        metavar=("XI1", "XI2"),
         help="of the reprojection error and of one over the common features in an edge of the graph (default 1 1)",
-    )  # fmt: skip
+    )
     parser.add_argument(
         "--path-error",
         type=float,

@@ -19,19 +19,24 @@ def add_parsers(add: Callable[[str, str], argparse.ArgumentParser]) -> None:
     new = actions.add_parser("new", help=text, description=text)
     new.add_argument("folder", type=Path, metavar="FOLDER", help="the session folder to write")
     new.add_argument(
-        "--images", type=Path, required=True, metavar="DIR",
+        "--images",
+        type=Path,
+        required=True,
+        metavar="DIR",
         help="the images (cam1/0001.png, 0001/cam1.png, cam1_0001.png) or one video of each camera; they are copied "
         "unless they lie in FOLDER",
-    )  # fmt: skip
+    )
     new.add_argument(
-        "--pattern", metavar="PATTERN",
+        "--pattern",
+        metavar="PATTERN",
         help='how their paths below DIR name camera and placement, such as "{camera}_{placement}.png"; * is any text',
-    )  # fmt: skip
+    )
     new.add_argument(
-        "--board", metavar="BOARD",
+        "--board",
+        metavar="BOARD",
         help="the board that they show: chessboard,rows=6,columns=9,pitch_mm=25, with the fields of the manual's page "
         "on boards, or a JSON file with them",
-    )  # fmt: skip
+    )
     new.add_argument("--targets", type=Path, metavar="targets.json", help="the coded targets that they show")
     new.add_argument("--sphere", type=float, metavar="MM", help="the ball's nominal diameter")
     new.add_argument("--focal-length", type=float, metavar="MM", help="of all lenses, instead of what EXIF says")
@@ -51,10 +56,18 @@ def session(options: argparse.Namespace) -> int:
 
     with shown_progress() as context:
         made = new_session(
-            options.folder, options.images, pattern=options.pattern, board=options.board, targets=options.targets,
-            sphere_diameter_mm=options.sphere, focal_length_mm=options.focal_length,
-            pixel_pitch_um=options.pixel_pitch, lens_model=options.lens, frames=options.frames, context=context,
-        )  # fmt: skip
+            options.folder,
+            options.images,
+            pattern=options.pattern,
+            board=options.board,
+            targets=options.targets,
+            sphere_diameter_mm=options.sphere,
+            focal_length_mm=options.focal_length,
+            pixel_pitch_um=options.pixel_pitch,
+            lens_model=options.lens,
+            frames=options.frames,
+            context=context,
+        )
     if options.json:
         print(json.dumps(_summary(made), indent=1))
     else:

@@ -21,9 +21,13 @@ def add_parsers(add: Callable[[str, str], argparse.ArgumentParser]) -> None:
     parser = add("study", "Repeat the experiments of the paper on simulated rigs; a page each.")
     parser.add_argument("names", nargs="*", type=_study, metavar="STUDY", help=f"{', '.join(NAMES)}; none: all")
     parser.add_argument(
-        "-o", "--output", type=Path, default=Path("spherecal-study"), metavar="DIR",
+        "-o",
+        "--output",
+        type=Path,
+        default=Path("spherecal-study"),
+        metavar="DIR",
         help="folder for the pages (default spherecal-study)",
-    )  # fmt: skip
+    )
     parser.add_argument("--runs", type=_positive, metavar="N", help="repetitions with other seeds (each study its own)")
     parser.add_argument("--sigma", type=_noise, metavar="PX", help="image noise of simulated observations (0.04)")
     parser.add_argument("--seed", type=int, default=1, help="the first seed (default 1)")
@@ -34,12 +38,13 @@ def add_parsers(add: Callable[[str, str], argparse.ArgumentParser]) -> None:
     parser.add_argument("--kept", action="store_true", help="run nothing: pages from the results that are kept")
     parser.add_argument("--rig", metavar="PRESET", help="another simulated rig than the study's own")
     parser.add_argument(
-        "--images", action="store_true",
+        "--images",
+        action="store_true",
         help="rendered images instead of simulated observations; on the demo's small rig unless --rig names another",
-    )  # fmt: skip
+    )
     parser.add_argument(
         "--session", type=Path, metavar="FOLDER", help="your own recording instead: layouts, path, cameras"
-    )  # fmt: skip
+    )
     add_workers(parser)
 
 

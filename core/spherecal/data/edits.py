@@ -198,10 +198,10 @@ def _left_out(session: Session, value: str) -> Session:
         return replace(
             _with_images(session, lambda _, images: {c: p for c, p in images.items() if c != ids[0]}),
             cameras=tuple(session.cameras[c] for c in keep),
-            observations=None if o is None else _renamed(
-                o.select(o.camera != index), tuple(o.cameras[c] for c in keep), number
-            ),
-        )  # fmt: skip
+            observations=None
+            if o is None
+            else _renamed(o.select(o.camera != index), tuple(o.cameras[c] for c in keep), number),
+        )
     placement = _place_index(session, ids[-1], value)
     camera = None if len(ids) == 1 else ids[0]
     there = _with_images(

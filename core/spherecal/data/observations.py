@@ -31,10 +31,16 @@ class Observations(ByValue):
     def select(self, keep: BoolArray | IntArray) -> "Observations":
         """The rows that `keep` selects, with the same names."""
         return Observations(
-            self.placements, self.cameras, self.points,
-            self.placement[keep], self.camera[keep], self.target[keep], self.point[keep], self.uv[keep],
+            self.placements,
+            self.cameras,
+            self.points,
+            self.placement[keep],
+            self.camera[keep],
+            self.target[keep],
+            self.point[keep],
+            self.uv[keep],
             None if self.sigma is None else self.sigma[keep],
-        )  # fmt: skip
+        )
 
 
 @dataclass(frozen=True, eq=False, repr=False)

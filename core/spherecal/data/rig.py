@@ -131,9 +131,13 @@ class Rig(ByValue):
 
     @classmethod
     def from_opencv(
-        cls, cameras: Mapping[str, OpenCVCamera], image_size: ImageSize, *,
-        fisheye: bool | Collection[str] = False, unit: Literal["mm", "m"] = "mm",
-    ) -> "Rig":  # fmt: skip
+        cls,
+        cameras: Mapping[str, OpenCVCamera],
+        image_size: ImageSize,
+        *,
+        fisheye: bool | Collection[str] = False,
+        unit: Literal["mm", "m"] = "mm",
+    ) -> "Rig":
         """The rig of cameras that OpenCV calibrated: by id `(K, dist, rvec, tvec)`, poses from world to camera.
 
         `dist`: 4, 5, 8 or 12 numbers in any shape, or None; `rvec`: a rotation vector or matrix; `tvec` in `unit`.

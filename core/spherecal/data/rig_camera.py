@@ -164,9 +164,16 @@ def camera_of_opencv(
         raise InputError(Phrase("error-opencv-entry", {"what": what}))
     K, dist, rvec, tvec = given
     return RigCamera(
-        name, None, size_of(name, image_size), opencv.lens_vector(K, dist, is_wide(name, fisheye), what),
-        opencv.pose_rotation(rvec, what), mm * opencv.pose_translation(tvec, what), None, 0, None,
-    )  # fmt: skip
+        name,
+        None,
+        size_of(name, image_size),
+        opencv.lens_vector(K, dist, is_wide(name, fisheye), what),
+        opencv.pose_rotation(rvec, what),
+        mm * opencv.pose_translation(tvec, what),
+        None,
+        0,
+        None,
+    )
 
 
 def is_wide(name: str, fisheye: bool | Collection[str]) -> bool:

@@ -167,11 +167,18 @@ class Session(ByValue):
 
     @classmethod
     def from_arrays(
-        cls, observations: Any, cameras: "Mapping[str, Lens]", image_size: "ImageSize | None" = None, *,
-        fisheye: bool | Collection[str] = False, scale: Scale | None = None, bars: Sequence[Bar] = (),
-        bar_poses: Sequence[BarPose] = (), target_set: TargetSet | None = None,
+        cls,
+        observations: Any,
+        cameras: "Mapping[str, Lens]",
+        image_size: "ImageSize | None" = None,
+        *,
+        fisheye: bool | Collection[str] = False,
+        scale: Scale | None = None,
+        bars: Sequence[Bar] = (),
+        bar_poses: Sequence[BarPose] = (),
+        target_set: TargetSet | None = None,
         sphere_diameter_mm: float | None = None,
-    ) -> "Session":  # fmt: skip
+    ) -> "Session":
         """A session from image points in memory instead of a folder.
 
         `observations`: by camera (n, 2) px, or (t, n, 2) for t placements; row i is the same point in all cameras, NaN
@@ -194,9 +201,18 @@ class Session(ByValue):
         placements = tuple(Placement(name) for name in table.placements if name not in poses)
         rest = repr((scale, tuple(bars), tuple(bar_poses), sphere_diameter_mm))
         return cls(
-            Path(), specs, placements, tuple(bars), tuple(bar_poses), scale, None, sphere_diameter_mm, target_set,
-            table, digest(specs, table, target_set, rest),
-        )  # fmt: skip
+            Path(),
+            specs,
+            placements,
+            tuple(bars),
+            tuple(bar_poses),
+            scale,
+            None,
+            sphere_diameter_mm,
+            target_set,
+            table,
+            digest(specs, table, target_set, rest),
+        )
 
     @property
     def where(self) -> str:

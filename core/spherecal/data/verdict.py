@@ -57,12 +57,14 @@ RULES: dict[str, Rule] = {
     "stopped-early": Rule("not-valid", "Its tests have not been made."),
     # the recording is wrong somewhere, and was not repaired
     "camera-moved": Rule(
-        "not-valid", "Named from chi-square 30 on 6 degrees: the two poses are 5 standard deviations apart. A move of "
+        "not-valid",
+        "Named from chi-square 30 on 6 degrees: the two poses are 5 standard deviations apart. A move of "
         "30, 3, 0.3 mm left the camera 108, 17, 1.7 mm off at sigmas of 5.9, 1.4, 0.14 mm (ten-camera rig).",
     ),
     "cameras-moved": Rule("not-valid", "As camera-moved: a beam that sagged by 2 mm left rig B 2 mm off, 23 times U."),
     "ball-moved": Rule(
-        "not-valid", "Displaced by 0.05 mm for one late camera: it is 0.2 mm off, 15 times U; between two trigger "
+        "not-valid",
+        "Displaced by 0.05 mm for one late camera: it is 0.2 mm off, 15 times U; between two trigger "
         "groups: 4 times U, with all that lens-misfit adds.",
     ),
     "wrong-placement": Rule("not-valid", "A stale image left its camera 373 to 1128 mm off in nine cases."),
@@ -74,7 +76,8 @@ RULES: dict[str, Rule] = {
     "placements-repeated": Rule("not-valid", "Four copies of one placement: lengths 5.4 mm off at U = 1.7 mm."),
     "outliers-removed": Rule("not-valid", "Over 5 % outliers: no study has measured what is left (outliers.md)."),
     "recording-contradicts": Rule(
-        "not-valid", "Ball moved by 1 mm between exposures: cameras 12 to 36 mm off at sigmas of 1 to 2 mm; five "
+        "not-valid",
+        "Ball moved by 1 mm between exposures: cameras 12 to 36 mm off at sigmas of 1 to 2 mm; five "
         "cameras sagged by 2 mm: 16 mm. Neither lens, ball nor a camera explains it.",
     ),
     "fits-badly": Rule("not-valid", "Thirty points a camera, 9 times the stated noise: a wrong minimum, 543 mm off."),
@@ -84,27 +87,35 @@ RULES: dict[str, Rule] = {
     "ball-profile-scale": Rule("not-valid", "As scale-conflict."),
     "target-distance": Rule("not-valid", "14.0 typed for 28.28 mm: all lengths 50 % off."),
     "ball-diameter": Rule(
-        "care", "0.5 to 2 % off: printers err by 0.1 to 0.5 %; the scale's uncertainty then covers the difference. "
-        "Over 2 %: not valid (stickers printed at 97 %: 15 mm on 500).", "scale",
+        "care",
+        "0.5 to 2 % off: printers err by 0.1 to 0.5 %; the scale's uncertainty then covers the difference. "
+        "Over 2 %: not valid (stickers printed at 97 %: 15 mm on 500).",
+        "scale",
     ),
     "no-scale": _care("scale", "Shapes are right, lengths arbitrary."),
     "board-shape": _care("scale", "A board 0.1 % larger than stated makes all lengths so."),
     # one lens, camera or part of the volume is worse than the others
     "lens-misfit": _care(
-        "cameras", "A field of 0.03 to 0.1 px grew errors of bars 1.3 to 1.9 times beyond what sigma0 says in the "
+        "cameras",
+        "A field of 0.03 to 0.1 px grew errors of bars 1.3 to 1.9 times beyond what sigma0 says in the "
         "rigid form, 4.6 to 9.7 times in the free one (numerics, section 2, rigs A and B). A ball that moved by 0.05 "
         "and 0.2 mm between exposures: errors of bars 0.5 to 0.8 of twice the stated, of cameras up to 10 times.",
-        (10.0, 3.0, 2.0), 3.0,
+        (10.0, 3.0, 2.0),
+        3.0,
     ),
     "ball-shape-changed": _care(
-        "cameras", "The rigid form held against the data: errors grew 2.8 to 5.6 times beyond what sigma0 says; the "
+        "cameras",
+        "The rigid form held against the data: errors grew 2.8 to 5.6 times beyond what sigma0 says; the "
         "soft one 2.6 times (numerics, section 2). Pixels skewed by 2 px, taken for a bent ball: lengths 5.7 times U "
         "off in the free form, 11 times in the soft one.",
-        (2.0, 4.0, 5.0), 3.0,
+        (2.0, 4.0, 5.0),
+        3.0,
     ),
     "rigid-form-misfit": _care(
-        "cameras", "Lenses beyond their model: lengths of 40 realistic recordings 99 % within U, at most 1.33 U off.",
-        (2.0, 4.0, 5.0), 3.0,
+        "cameras",
+        "Lenses beyond their model: lengths of 40 realistic recordings 99 % within U, at most 1.33 U off.",
+        (2.0, 4.0, 5.0),
+        3.0,
     ),
     "camera-noisy": _care("cameras", "Stated by its own weight: bars 48 to 50 um with a blurred camera, 46 without."),
     "intrinsics-held": _care("cameras", "Held near the nominal values: as good as these."),
@@ -113,7 +124,8 @@ RULES: dict[str, Rule] = {
     "capture-times": _care("cameras", "Of another moment; if the ball has moved since, wrong-placement says so."),
     "few-placements": _care("cameras", "Stated: lengths 120 to 1600 um instead of 50. But hardly any test has power."),
     "pose-unconfirmed": _care(
-        "cameras", "Knocked for one image by 30 mm and back again, at the last that it had: 30 mm off, 323 times U. "
+        "cameras",
+        "Knocked for one image by 30 mm and back again, at the last that it had: 30 mm off, 323 times U. "
         "Late by 0.05 mm at each placement, and split as moved: 5.1 times U.",
     ),
     "swapped-back": _care("cameras", "At the last placement: later images may have these names, 290 mm off then."),
@@ -130,7 +142,8 @@ RULES: dict[str, Rule] = {
     "target-contradicts": Rule("information", "Left out: bars 40 um with 5 % wrong matches, 42 without."),
     "poses-scatter": Rule("information", "Stated: widened by as much as the images' poses scatter."),
     "parts-disagree": Rule(
-        "information", "Stated: widened by as much as leaving out single parts changes more than noise would.",
+        "information",
+        "Stated: widened by as much as leaving out single parts changes more than noise would.",
     ),
     "ball-profile-refused": Rule("information", "Calibrated without the profile."),
     "not-on-board": Rule("information", "Left out."),
@@ -138,7 +151,7 @@ RULES: dict[str, Rule] = {
     "bar-assumed": Rule("information", "Stated: the uncertainty holds every expansion from none to aluminium's."),
     "length-without-uncertainty": Rule("information", "Stated: that of a rule; errors against it decide nothing."),
     "rig-incomplete": Rule("information", "Of a rig read from a file; without quality all cameras ask for care."),
-}  # fmt: skip
+}
 _SEVERITY: dict[Effect, Severity] = {"information": "info", "care": "warning", "not-valid": "error"}
 _RANK = {"error": 0, "warning": 1, "info": 2}
 _FORMS = ("free", "soft", "rigid")
@@ -224,9 +237,11 @@ def with_findings(calibration: Calibration, findings: tuple[Finding, ...]) -> Ca
     all_of_them = ruled([*findings, *rig.quality.findings])
     more = affected(findings, [camera.id for camera in rig.cameras])
     quality = replace(
-        rig.quality, findings=all_of_them, valid=rig.quality.valid and is_valid(findings),
+        rig.quality,
+        findings=all_of_them,
+        valid=rig.quality.valid and is_valid(findings),
         affected=tuple(dict.fromkeys([*rig.quality.affected, *more])),
-    )  # fmt: skip
+    )
     return replace(calibration, rig=replace(rig, quality=quality))
 
 

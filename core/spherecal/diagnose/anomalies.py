@@ -128,9 +128,13 @@ def _beyond_the_lens(moves: Sequence[Move], fields: Sequence[Misfit]) -> list[Mo
 
 
 def explained_by_moves(
-    network: Network, features: Features, solved: BallFit, n_ball: int, context: Context,
+    network: Network,
+    features: Features,
+    solved: BallFit,
+    n_ball: int,
+    context: Context,
     most_variance: float | None = None,
-) -> DetectedMotions:  # fmt: skip
+) -> DetectedMotions:
     """What moved, if that and no change of the ball's shape is all that is wrong; else nothing.
 
     `network` as in the free form; `n_ball` placements of the ball. Free points hide much of a move, which then passes
@@ -180,9 +184,8 @@ def _fields(e: Evidence, probed: _Probed, moves: list[Move], sizes: FloatArray) 
 
 def _free_network(e: Evidence) -> Network:
     return replace(
-        e.solved.network, feature=e.features.of_observation, n_features=len(e.features), ball=Free(),
-        lengths=NO_LENGTHS,
-    )  # fmt: skip
+        e.solved.network, feature=e.features.of_observation, n_features=len(e.features), ball=Free(), lengths=NO_LENGTHS
+    )
 
 
 def _free_form(e: Evidence) -> _Probed | None:

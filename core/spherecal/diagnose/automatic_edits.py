@@ -121,9 +121,11 @@ def ways(session: Session, now: Calibration, done: Repairs) -> Iterator[Repairs]
 
 def _is_gross(finding: Finding, session: Session) -> bool:
     """Whether one placement, not the last, contradicts the others grossly, for a reason that is not known."""
-    return finding.code == "placements-contradict" and not finding.repairs and finding.where[-1:] not in (
-        (), (_last(session),)
-    )  # fmt: skip
+    return (
+        finding.code == "placements-contradict"
+        and not finding.repairs
+        and finding.where[-1:] not in ((), (_last(session),))
+    )
 
 
 def most_wrong(session: Session) -> int:

@@ -51,9 +51,12 @@ def noisy_cameras(e: Evidence, moved: Collection[str]) -> list[Finding]:
             continue
         count = int(e.image_counts(e.used)[:, c].sum())
         values = {
-            "noise_px": noise[c], "times": noise[c] / median, "others_px": median,
-            "percent": 100 / np.sqrt(2 * count), "points": count,
-        }  # fmt: skip
+            "noise_px": noise[c],
+            "times": noise[c] / median,
+            "others_px": median,
+            "percent": 100 / np.sqrt(2 * count),
+            "points": count,
+        }
         found.append(Finding("camera-noisy", "warning", values, (name,), leave_out(f"camera:{name}")))
     return found
 
@@ -70,11 +73,14 @@ def misfitting_lenses(e: Evidence, anomalies: Anomalies, moved: Collection[str])
     share = sum(m.statistic - m.dof for m in misfits) / (2 * len(e.adjusted.rows))
     other = best_lenses(e.solved, e.context) if share > WORTH else None
     values = {
-        "worst": e.camera_ids[worst.camera], "rms_px": worst.rms_px, "chi_square": worst.statistic, "dof": worst.dof,
+        "worst": e.camera_ids[worst.camera],
+        "rms_px": worst.rms_px,
+        "chi_square": worst.statistic,
+        "dof": worst.dof,
         "better": None if other is None else Phrase("sentence", {"text": other.better_by}),
         "hides": _unseen(e, anomalies),
         "take": None if other is None else Phrase("lens-take", {"option": other.option}),
-    }  # fmt: skip
+    }
     severity = "warning" if worst.rms_px > limit else "info"
     return [Finding("lens-misfit", severity, values, names, kind="structure")]
 
@@ -140,9 +146,11 @@ def wrong_focal_lengths(e: Evidence, fixed: FixedFocal) -> list[Finding]:
     for c in np.flatnonzero(fixed.statistic > CONTRADICTED):
         name = e.camera_ids[c]
         values = {
-            "fixed_px": prior[c], "fitting_px": prior[c] * (1 + fixed.change[c]), "chi_square": fixed.statistic[c],
+            "fixed_px": prior[c],
+            "fitting_px": prior[c] * (1 + fixed.change[c]),
+            "chi_square": fixed.statistic[c],
             "limit": CONTRADICTED,
-        }  # fmt: skip
+        }
         found.append(Finding("fixed-intrinsics-contradicted", "warning", values, (name,), kind="one"))
     return found
 

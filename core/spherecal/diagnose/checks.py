@@ -301,9 +301,7 @@ def _coverage(e: Evidence) -> list[Finding]:
     if not len(little):
         return []
     worst = little[np.argmin(coverage[little])]
-    values = {
-        "limit_percent": 100 * LITTLE_COVERAGE, "least": e.camera_ids[worst], "percent": 100 * coverage[worst],
-    }  # fmt: skip
+    values = {"limit_percent": 100 * LITTLE_COVERAGE, "least": e.camera_ids[worst], "percent": 100 * coverage[worst]}
     return [Finding("little-coverage", "warning", values, tuple(e.camera_ids[c] for c in little), kind="ball")]
 
 

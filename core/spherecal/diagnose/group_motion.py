@@ -105,12 +105,16 @@ def unstable_camera(found: Explained) -> GroupMotion:
     camera = max(count, key=lambda c: (count[c], -c))
     own = [move for move in found.moves if move.camera == camera]
     return GroupMotion(
-        "ball", (camera,), tuple(sorted({t for move in own for t in move.placements})),
-        sum(move.statistic for move in own), sum(move.dof for move in own), found.variance_factor,
+        "ball",
+        (camera,),
+        tuple(sorted({t for move in own for t in move.placements})),
+        sum(move.statistic for move in own),
+        sum(move.dof for move in own),
+        found.variance_factor,
         float(np.sqrt(np.mean([move.image_change_px**2 for move in own]))),
         max(float(np.linalg.norm(move.step[3:])) for move in own),
         max(float(np.linalg.norm(move.step[:3])) for move in own),
-    )  # fmt: skip
+    )
 
 
 # --- hypotheses and their fits ---------------------------------------------------------------------------------------
@@ -181,9 +185,10 @@ def _is_significant(images: ImagePoses, best: _Tried, still: Fitted, noise: floa
     statistic = _statistic(images, best, still)
     excess = still.cost / images.variance - still.layout.freedom
     return (
-        variance_factor(images, best.fitted) <= EXPLAINED and statistic >= LEAST_SHARE * excess
+        variance_factor(images, best.fitted) <= EXPLAINED
+        and statistic >= LEAST_SHARE * excess
         and statistic > raised(_limit(images, best.hypothesis, _dof(best, still)), noise)
-    )  # fmt: skip
+    )
 
 
 def _statistic(images: ImagePoses, tried: _Tried, still: Fitted) -> float:
@@ -209,15 +214,22 @@ def _described(images: ImagePoses, n_cameras: int, best: _Tried, still: Fitted, 
     if hypothesis.kind == "ball" and len(hypothesis.motions) > 1:  # the first is only where they are counted from
         times = tuple(int(t) for t in np.unique(images.placement))
     rows, steps, shift = (
-        _displaced(images, n_cameras, fitted) if hypothesis.group is None
+        _displaced(images, n_cameras, fitted)
+        if hypothesis.group is None
         else _moved_together(images, hypothesis, fitted, ball_centre)
-    )  # fmt: skip
+    )
     group = () if hypothesis.group is None else tuple(int(c) for c in np.flatnonzero(hypothesis.group))
     return GroupMotion(
-        hypothesis.kind, group, times, _statistic(images, best, still), _dof(best, still),
-        variance_factor(images, fitted), images.change_px(rows, steps), shift,
+        hypothesis.kind,
+        group,
+        times,
+        _statistic(images, best, still),
+        _dof(best, still),
+        variance_factor(images, fitted),
+        images.change_px(rows, steps),
+        shift,
         float(np.linalg.norm(steps[:, :3], axis=1).max(initial=0.0)),
-    )  # fmt: skip
+    )
 
 
 def _moved_together(

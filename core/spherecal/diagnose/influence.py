@@ -100,9 +100,13 @@ def _lengths(e: Evidence, probe: Probe) -> FloatArray:
     state, placed, width = e.adjusted.state, np.flatnonzero(e.placed), probe.linear.width
     size = np.array([e.session.cameras[c].image_size for c in placed], dtype=float)
     cameras = Cameras(
-        state.intrinsics[placed], state.rotation[placed], state.translation[placed], size,
-        np.zeros((0, 0)), probe.problem.intrinsic_columns,
-    )  # fmt: skip
+        state.intrinsics[placed],
+        state.rotation[placed],
+        state.translation[placed],
+        size,
+        np.zeros((0, 0)),
+        probe.problem.intrinsic_columns,
+    )
     places = e.solution.state.points / e.solution.factor
     volume = measured_volume(places[np.isfinite(places[:, 0])], cameras.centres)
     middle, half = volume.grid(GRID), LENGTH_MM / e.solution.factor / 2 * volume.axes
@@ -121,7 +125,7 @@ def _poses(e: Evidence, probe: Probe) -> FloatArray:
 
 def _changes(
     probe: Probe, by_scores: tuple[FloatArray, ...], image: IntArray, residuals: FloatArray
-) -> Iterator[FloatArray]:  # fmt: skip
+) -> Iterator[FloatArray]:
     """What each image, with each of the residuals (2n, k), does to the functions: (k, m)."""
     by_column, pulled, by_datum = by_scores
     order = np.argsort(image, kind="stable")

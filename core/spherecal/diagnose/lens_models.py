@@ -119,10 +119,12 @@ def _trial(solved: BallFit, network: Network, start: State, model: LensModel | N
     if not 0 < after < np.inf or adjusted.redundancy <= more:
         return None
     return LensTrial(
-        model, _rms(solved.network, adjusted.state, adjusted.used), _rms(network, found.state, adjusted.used),
+        model,
+        _rms(solved.network, adjusted.state, adjusted.used),
+        _rms(network, found.state, adjusted.used),
         float(after / (adjusted.redundancy - more) / adjusted.variance),
         float(rows * np.log(before / after) - more * np.log(rows)),
-    )  # fmt: skip
+    )
 
 
 def _changeable(solved: BallFit) -> IntArray:
@@ -137,11 +139,12 @@ def _model_of(free: BoolArray, intrinsics: FloatArray) -> LensModel | None:
     """The model by which a lens was estimated; None for a choice of numbers that is none of them (the paper's)."""
     return next(
         (
-            model for model in LENS_MODELS
+            model
+            for model in LENS_MODELS
             if (free == estimated_mask(model)).all() and (model == "fisheye") == bool(is_fisheye(intrinsics))
         ),
         None,
-    )  # fmt: skip
+    )
 
 
 def _start(solved: BallFit, groups: IntArray, model: LensModel) -> State | None:

@@ -192,10 +192,16 @@ def _exchanged(e: Evidence, wrong: Sequence[WrongImage]) -> list[Finding]:
         else:
             values = {"camera": _names(e, share[0])[0], "other": b if share[0].camera == pair[0] else a}
             repairs = leave_out(*(f"{e.camera_ids[i.camera]}@{names[0]}" for i in share))
-        found.append(Finding(
-            "cameras-swapped", "error" if not e.placed[list(pair)].all() else "warning", values | counts,
-            (a, b, *names), repairs, "exchanged" if pair in mutual else "shows-other",
-        ))  # fmt: skip
+        found.append(
+            Finding(
+                "cameras-swapped",
+                "error" if not e.placed[list(pair)].all() else "warning",
+                values | counts,
+                (a, b, *names),
+                repairs,
+                "exchanged" if pair in mutual else "shows-other",
+            )
+        )
     return found
 
 
@@ -206,8 +212,13 @@ def _wrong_placements(e: Evidence, wrong: Sequence[WrongImage]) -> list[Finding]
         assert image.other is not None
         shown = e.observations.placements[image.other]
         counts = {"out": image.left_out, "points": image.points}
-        found.append(Finding(
-            "wrong-placement", "warning", {"camera": camera, "place": placement, "shown": shown, **counts},
-            (camera, placement, shown), leave_out(f"{camera}@{placement}"),
-        ))  # fmt: skip
+        found.append(
+            Finding(
+                "wrong-placement",
+                "warning",
+                {"camera": camera, "place": placement, "shown": shown, **counts},
+                (camera, placement, shown),
+                leave_out(f"{camera}@{placement}"),
+            )
+        )
     return found

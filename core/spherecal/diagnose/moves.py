@@ -296,9 +296,7 @@ def credible(moves: list[Move], n_cameras: int) -> bool:
     return len({move.camera for move in moves}) <= most_moved(n_cameras)
 
 
-def _all_sets(
-    tests: MoveTests, blocks: dict[int, Block], variance: float
-) -> tuple[FloatArray, IntArray, FloatArray]:  # fmt: skip
+def _all_sets(tests: MoveTests, blocks: dict[int, Block], variance: float) -> tuple[FloatArray, IntArray, FloatArray]:
     """Tests of all sets (k,) of images, from the cameras' blocks."""
     g, a, own = [], [], []
     for images in tests.sets:

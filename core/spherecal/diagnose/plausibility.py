@@ -37,9 +37,12 @@ def implausible(session: Session) -> tuple[Finding, ...]:
     """Findings on a session with observations; each image named as wrong has a hint how to leave it out."""
     repeated = _repeated(session)
     return (
-        *_target_distance(session), *repeated, *_one_image_of_two_cameras(session), *_same_files(session, repeated),
+        *_target_distance(session),
+        *repeated,
+        *_one_image_of_two_cameras(session),
+        *_same_files(session, repeated),
         *_capture_times(session),
-    )  # fmt: skip
+    )
 
 
 def _target_distance(session: Session) -> list[Finding]:
@@ -47,8 +50,11 @@ def _target_distance(session: Session) -> list[Finding]:
     scale, targets = session.scale, session.target_set
     if scale is None or targets is None or scale.distance_mm is None:
         return []
-    pairs = [(x[scale.from_point], x[scale.to_point]) for x in targets.layouts.values()
-             if scale.from_point in x and scale.to_point in x]  # fmt: skip
+    pairs = [
+        (x[scale.from_point], x[scale.to_point])
+        for x in targets.layouts.values()
+        if scale.from_point in x and scale.to_point in x
+    ]
     if not pairs:
         return []
     printed = [float(np.linalg.norm(np.subtract(a, b))) for a, b in pairs]
@@ -170,9 +176,11 @@ def _identical(session: Session) -> Iterator[tuple[tuple[str, str], tuple[str, s
     """Pairs of the ball's images (camera, placement) with files of the same content; the first with each other one."""
     size, names = _sizes(_of_ball(session)), [camera.id for camera in session.cameras]
     files = [
-        (camera, p.id, path) for t, p in enumerate(session.placements) for camera, path in p.images.items()
+        (camera, p.id, path)
+        for t, p in enumerate(session.placements)
+        for camera, path in p.images.items()
         if camera in names and size[names.index(camera), t]  # empty images may well be the same
-    ]  # fmt: skip
+    ]
     by_size: dict[int, list[tuple[str, str, Path]]] = {}
     for one in files:
         if one[2].is_file():
@@ -203,12 +211,15 @@ def _capture_times(session: Session) -> list[Finding]:
     known = {camera.id for camera in session.cameras}
     return [
         Finding(
-            "capture-times", "warning", {"camera": camera, "place": placement, "why": why}, (camera, placement),
+            "capture-times",
+            "warning",
+            {"camera": camera, "place": placement, "why": why},
+            (camera, placement),
             leave_out(f"{camera}@{placement}"),
         )
         for (camera, placement), why in late.items()
         if camera in known
-    ]  # fmt: skip
+    ]
 
 
 def _not_with_the_others(one: CapturedSet) -> list[tuple[str, Phrase]]:

@@ -145,9 +145,7 @@ class _Step:
     moves: tuple[Move, ...]
 
 
-def _one_more(
-    images: ImagePoses, n_cameras: int, tried: list[Split], now: _Step, context: Context
-) -> _Step | None:  # fmt: skip
+def _one_more(images: ImagePoses, n_cameras: int, tried: list[Split], now: _Step, context: Context) -> _Step | None:
     """The step with the split that explains most; None where that is no more than chance or a trace of the others."""
     ways = _promising(images, now.fitted, [way for way in tried if way not in now.splits])
     fits = _fits(images, n_cameras, now.splits, ways, context)
@@ -203,7 +201,7 @@ def _scatters(images: ImagePoses, fitted: Fitted) -> dict[int, Scatter]:
 
 def _fits(
     images: ImagePoses, n_cameras: int, splits: tuple[Split, ...], ways: list[Split], context: Context
-) -> list[tuple[Fitted, Split]]:  # fmt: skip
+) -> list[tuple[Fitted, Split]]:
     """The fits with one more split each, the best first."""
 
     def cost(pair: tuple[Fitted, Split]) -> float:
@@ -224,9 +222,7 @@ def _ways(images: ImagePoses, camera: int) -> list[tuple[int, ...]]:
     return alike(np.flatnonzero(images.camera == camera))
 
 
-def _move(
-    images: ImagePoses, block: int, before: Fitted, after: Fitted, way: Split, rivals: tuple[int, ...]
-) -> Move:  # fmt: skip
+def _move(images: ImagePoses, block: int, before: Fitted, after: Fitted, way: Split, rivals: tuple[int, ...]) -> Move:
     """The last split as a move; `block` is its second pose."""
     camera, placements = way
     rotation, translation = after.rotation, after.translation
@@ -355,9 +351,10 @@ class _System:
         weighted, matrix = self._normal_equations(poses)
         size = 1 / np.sqrt(np.maximum(matrix.diagonal(), 1e-300))
         weighted *= size
-        return self.images.normal - weighted @ np.linalg.pinv(
-            matrix * size[:, None] * size, rcond=1e-12, hermitian=True
-        ) @ weighted.T  # fmt: skip
+        return (
+            self.images.normal
+            - weighted @ np.linalg.pinv(matrix * size[:, None] * size, rcond=1e-12, hermitian=True) @ weighted.T
+        )
 
     def step(self, poses: Poses, offset: FloatArray, damping: float) -> FloatArray:
         """The damped Gauss-Newton step (k,6)."""

@@ -37,9 +37,14 @@ def scale_conflict(e: Evidence) -> list[Finding]:
     sure = float(np.hypot(found.relative_uncertainty, scale.relative_uncertainty))
     measured = printed.distance_mm * (1 + larger)
     values = {
-        "first": printed.names[0], "second": printed.names[1], "measured_mm": measured,
-        "printed_mm": printed.distance_mm, "percent": 100 * larger, "sd_percent": 100 * sure, "targets": found.count,
-    }  # fmt: skip
+        "first": printed.names[0],
+        "second": printed.names[1],
+        "measured_mm": measured,
+        "printed_mm": printed.distance_mm,
+        "percent": 100 * larger,
+        "sd_percent": 100 * sure,
+        "targets": found.count,
+    }
     if abs(larger) > MOST_PRINT_ERROR + SURE * sure:
         assert e.session.scale is not None
         return [Finding("scale-conflict", "warning", values, (e.session.scale.bar or "",))]

@@ -33,8 +33,14 @@ def exchanged_cameras(e: Evidence) -> list[Finding]:
             continue
         first, second = e.camera_ids[a], e.camera_ids[b]
         values = {"times": as_is / max(swapped, 1e-9), "swapped_px": swapped, "as_is_px": as_is, "usual_px": usual}
-        found.append(Finding(
-            "cameras-swapped", "warning", {"first": first, "second": second, **values}, (first, second),
-            (AdvisedRepair("swap", f"{first},{second}"),), "session",
-        ))  # fmt: skip
+        found.append(
+            Finding(
+                "cameras-swapped",
+                "warning",
+                {"first": first, "second": second, **values},
+                (first, second),
+                (AdvisedRepair("swap", f"{first},{second}"),),
+                "session",
+            )
+        )
     return found

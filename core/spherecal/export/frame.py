@@ -79,9 +79,12 @@ def _spheres(table: CsvTable) -> dict[str, Place]:
 
 
 def _rigid_balls(
-    shape: BallShape, balls: Mapping[str, Place], keys: Sequence[tuple[str, int, str]], xyz: FloatArray,
+    shape: BallShape,
+    balls: Mapping[str, Place],
+    keys: Sequence[tuple[str, int, str]],
+    xyz: FloatArray,
     sigma: FloatArray,
-) -> dict[str, Place]:  # fmt: skip
+) -> dict[str, Place]:
     """The same point of a rigid ball at every placement: the centre of its whole shape, laid over the dots found.
 
     As sure as a dot is on average, since the dots of a placement err together, with the ball's pose. Measured as for
@@ -133,8 +136,9 @@ def frame_of(definition: FrameDefinition, places: Mapping[str, Place], rig: Rig)
     """The frame that a definition gives with these places of a rig; InputError as define_frame's."""
     return replace(
         _frame(definition, places, "mm" if rig.scale.source != "none" else "units"),
-        reference_camera=rig.reference_camera, input_sha256=rig.input_sha256,
-    )  # fmt: skip
+        reference_camera=rig.reference_camera,
+        input_sha256=rig.input_sha256,
+    )
 
 
 def _frame(definition: FrameDefinition, places: Mapping[str, Place], unit: str) -> UserFrame:
@@ -175,14 +179,19 @@ def in_frame(rig: Rig, frame: UserFrame) -> Rig:
     )
     earlier = tuple(_camera(camera, frame, np.eye(3)) for camera in rig.earlier_poses)
     repairs = tuple(
-        repair if repair.earlier_pose is None
+        repair
+        if repair.earlier_pose is None
         else replace(repair, earlier_pose=_camera(repair.earlier_pose, frame, np.eye(3)))
         for repair in rig.repairs
-    )  # fmt: skip
+    )
     return replace(
-        rig, reference_camera=None, cameras=cameras, earlier_poses=earlier, repairs=repairs,
+        rig,
+        reference_camera=None,
+        cameras=cameras,
+        earlier_poses=earlier,
+        repairs=repairs,
         length_map=_map(rig.length_map, frame),
-    )  # fmt: skip
+    )
 
 
 def _camera(camera: RigCamera, frame: UserFrame, correlation: FloatArray) -> RigCamera:

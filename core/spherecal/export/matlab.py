@@ -82,8 +82,9 @@ def _toolbox(path: Path, values: Values, name: str) -> FileCamera:
         raise InputError(f"{path}: camera {name} has skewed pixels, which this program's lens model does not have.")
     lens = lens_vector(
         _camera_matrix(path, matrix[[0, 1], [0, 1]], matrix[:2, 2] - 1),
-        np.array([*radial[:2], *tangential, *radial[2:]]), False,
-    )  # fmt: skip
+        np.array([*radial[:2], *tangential, *radial[2:]]),
+        False,
+    )
     size = _numbers(path, values, "ImageSize", None) if "ImageSize" in values else np.empty(0)
     return FileCamera(name, _size(size[::-1]), lens, None)
 

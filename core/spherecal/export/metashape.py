@@ -105,9 +105,16 @@ def _read_sensor(sensor: ElementTree.Element) -> tuple[tuple[int, int], np.ndarr
     width, height = int(resolution.get("width", 0)), int(resolution.get("height", 0))
     lens = np.zeros(N_INTRINSICS)
     lens[:9] = (
-        f["f"] + f["b1"], f["f"], width / 2 + f["cx"] - _PIXEL_CENTRE, height / 2 + f["cy"] - _PIXEL_CENTRE,
-        f["k1"], f["k2"], f["p2"], f["p1"], f["k3"],
-    )  # fmt: skip
+        f["f"] + f["b1"],
+        f["f"],
+        width / 2 + f["cx"] - _PIXEL_CENTRE,
+        height / 2 + f["cy"] - _PIXEL_CENTRE,
+        f["k1"],
+        f["k2"],
+        f["p2"],
+        f["p1"],
+        f["k3"],
+    )
     return (width, height), lens
 
 

@@ -36,9 +36,8 @@ class Loss:
 
 
 def refit(
-    intrinsics: FloatArray, image_size: tuple[int, int], coefficients: int,
-    seeing: tuple[RigCamera, Box] | None = None,
-) -> tuple[FloatArray, FloatArray, Loss]:  # fmt: skip
+    intrinsics: FloatArray, image_size: tuple[int, int], coefficients: int, seeing: tuple[RigCamera, Box] | None = None
+) -> tuple[FloatArray, FloatArray, Loss]:
     """The nearest lens with the first `coefficients` distortion numbers: its 16 numbers, a rotation (3, 3), the loss.
 
     The rotation is one of the camera about its own centre (`x_camera' = rotation @ x_camera`): a lens with a prism
@@ -117,9 +116,13 @@ def _levelled(
 
 
 def _fit(
-    rays: FloatArray, uv: FloatArray, intrinsics: FloatArray, coefficients: int, turned: bool,
+    rays: FloatArray,
+    uv: FloatArray,
+    intrinsics: FloatArray,
+    coefficients: int,
+    turned: bool,
     weights: FloatArray | None = None,
-) -> tuple[FloatArray, FloatArray]:  # fmt: skip
+) -> tuple[FloatArray, FloatArray]:
     """Least squares over the intrinsics that remain, and over a rotation where `turned`.
 
     From few coefficients to all: started at once with a rational model's eight, which can replace each other, the

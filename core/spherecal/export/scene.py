@@ -147,11 +147,19 @@ def _ply(rig: FileRig) -> str:
     points = frusta(rig).reshape(-1, 3)
     count = len(rig.cameras)
     head = [
-        "ply", "format ascii 1.0", f"comment {rig.source}", f"comment unit {rig.unit}; of each camera centre, corners",
+        "ply",
+        "format ascii 1.0",
+        f"comment {rig.source}",
+        f"comment unit {rig.unit}; of each camera centre, corners",
         *(f"comment camera {camera.id}" for camera in rig.cameras),
-        f"element vertex {len(points)}", "property double x", "property double y", "property double z",
-        f"element face {4 * count}", "property list uchar int vertex_indices", "end_header",
-    ]  # fmt: skip
+        f"element vertex {len(points)}",
+        "property double x",
+        "property double y",
+        "property double z",
+        f"element face {4 * count}",
+        "property list uchar int vertex_indices",
+        "end_header",
+    ]
     sides = ((0, 2, 1), (0, 3, 2), (0, 4, 3), (0, 1, 4))
     faces = [f"3 {5 * i + a} {5 * i + b} {5 * i + c}" for i in range(count) for a, b, c in sides]
     return "\n".join([*head, *(numbers(point, " ") for point in points), *faces]) + "\n"

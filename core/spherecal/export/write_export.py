@@ -70,9 +70,14 @@ class Exported:
 
 
 def export_rig(
-    rig: Rig, name: str, output: Path, unit: Unit | None = None, max_loss_px: float = DEFAULT_MAX_LOSS_PX,
-    frame: UserFrame | None = None, volume_mm: Box | None = None,
-) -> Exported:  # fmt: skip
+    rig: Rig,
+    name: str,
+    output: Path,
+    unit: Unit | None = None,
+    max_loss_px: float = DEFAULT_MAX_LOSS_PX,
+    frame: UserFrame | None = None,
+    volume_mm: Box | None = None,
+) -> Exported:
     """Write the rig whole to `output` and compare what is read back over 1,000 points in every image.
 
     With a `frame` all poses are given in it instead of in the world of rig.json. A lens with more coefficients than
@@ -181,17 +186,33 @@ def _refuse_losses(form: Format, losses: Mapping[str, Loss], rig: Rig, max_loss_
     names = list(dropped(camera.intrinsics, form.coefficients))
     needed = np.ceil(losses[worst].max_px * 100) / 100
     loss = losses[worst]
-    raise InputError(Phrase("error-lens-lost", {
-        "format": form.title, "count": form.coefficients, "names": names, "camera": worst,
-        "max_px": loss.max_px, "rms_px": loss.rms_px, "limit_px": max_loss_px, "needed_px": float(needed),
-        "over": Phrase("over-image" if loss.image_px is None else "over-volume"),
-    }))  # fmt: skip
+    raise InputError(
+        Phrase(
+            "error-lens-lost",
+            {
+                "format": form.title,
+                "count": form.coefficients,
+                "names": names,
+                "camera": worst,
+                "max_px": loss.max_px,
+                "rms_px": loss.rms_px,
+                "limit_px": max_loss_px,
+                "needed_px": float(needed),
+                "over": Phrase("over-image" if loss.image_px is None else "over-volume"),
+            },
+        )
+    )
 
 
 def _write(
-    form: Format, files: Mapping[str, str], output: Path, rig: FileRig, losses: Mapping[str, Loss],
-    frame: UserFrame | None, verdict: Verdict,
-) -> None:  # fmt: skip
+    form: Format,
+    files: Mapping[str, str],
+    output: Path,
+    rig: FileRig,
+    losses: Mapping[str, Loss],
+    frame: UserFrame | None,
+    verdict: Verdict,
+) -> None:
     if not form.folder:
         write_file_whole(output, files[""].encode())
         return
@@ -209,7 +230,7 @@ def _write(
 
 def _manifest(
     form: Format, files: Mapping[str, str], rig: FileRig, losses: Mapping[str, Loss], verdict: Verdict
-) -> dict[str, object]:  # fmt: skip
+) -> dict[str, object]:
     """export.json: by it the folder is known again as an export that may be replaced, and says what it holds."""
     return {
         "format": EXPORT.format,

@@ -52,10 +52,12 @@ RESULT = Marker(
     }),
 )  # fmt: skip
 SESSION = Marker(
-    "session.json", "spherecal/session",
+    "session.json",
+    "spherecal/session",
     frozenset({"session.json", "targets.json", "observations.csv", "truth.json", "truth_dots.csv"}),
-    frozenset({"placements", "bars"}), proof="truth.json",
-)  # fmt: skip
+    frozenset({"placements", "bars"}),
+    proof="truth.json",
+)
 
 
 def write_file_whole(path: Path, data: bytes) -> None:

@@ -84,8 +84,10 @@ def read_ball(path: Path) -> BallProfile:
         BallShape(np.array(target, dtype=np.int64), point, places, covariance, RigScale(source, relative)),
         f["name"].text() if "name" in f else "",
         _date(f["calibrated"]) if "calibrated" in f else None,
-        family, size, f["input_sha256"].text() if "input_sha256" in f else "",
-    )  # fmt: skip
+        family,
+        size,
+        f["input_sha256"].text() if "input_sha256" in f else "",
+    )
 
 
 def _covariance(value: JsonValue) -> FloatArray:

@@ -92,10 +92,13 @@ def _read_ball(value: JsonValue) -> RegisteredBall:
     f = value.fields(("name", "nominal_diameter_mm", "targets"), ("spacing",))
     spacing = f["spacing"].fields(("from", "to", "distance_mm")) if "spacing" in f else None
     return RegisteredBall(
-        f["name"].name(), f["nominal_diameter_mm"].positive("mm"), target_set_of(f["targets"]),
-        None if spacing is None
+        f["name"].name(),
+        f["nominal_diameter_mm"].positive("mm"),
+        target_set_of(f["targets"]),
+        None
+        if spacing is None
         else PrintedSpacing(spacing["from"].name(), spacing["to"].name(), spacing["distance_mm"].positive("mm")),
-    )  # fmt: skip
+    )
 
 
 def changing_balls(path: Path | None = None) -> AbstractContextManager[None]:
@@ -116,9 +119,10 @@ def write_balls(balls: Mapping[str, RegisteredBall], path: Path | None = None) -
 def _entry(ball: RegisteredBall) -> dict[str, Any]:
     targets = json.loads(target_set_bytes(ball.target_set))
     entry: dict[str, Any] = {
-        "name": ball.name, "nominal_diameter_mm": ball.nominal_diameter_mm,
+        "name": ball.name,
+        "nominal_diameter_mm": ball.nominal_diameter_mm,
         "targets": {key: value for key, value in targets.items() if key not in ("format", "version")},
-    }  # fmt: skip
+    }
     if ball.spacing is not None:
         one = ball.spacing
         entry["spacing"] = {"from": one.from_point, "to": one.to_point, "distance_mm": one.distance_mm}

@@ -137,9 +137,7 @@ def bar_entry(bar: RegisteredBar) -> dict[str, Any]:
 
 def temperature_entry(bar: RegisteredBar | Bar) -> dict[str, Any]:
     """A bar's expansion and reference temperature as files have them, without what was assumed."""
-    entry = {
-        "expansion_per_kelvin": bar.expansion_per_kelvin, "reference_temperature_c": bar.reference_temperature_c
-    }  # fmt: skip
+    entry = {"expansion_per_kelvin": bar.expansion_per_kelvin, "reference_temperature_c": bar.reference_temperature_c}
     return {key: value for key, value in entry.items() if key not in bar.assumed}
 
 
@@ -199,13 +197,16 @@ def _read_length(length: JsonValue, marks: Mapping[str, Mark]) -> BarLength:
     most = _WORST_RELATIVE_UNCERTAINTY * length_mm
     factor = f["coverage_factor"].number(*_COVERAGE_FACTORS) if "coverage_factor" in f else ASSUMED_FACTOR
     return BarLength(
-        ends[0], ends[1], length_mm,
+        ends[0],
+        ends[1],
+        length_mm,
         f["expanded_uncertainty_mm"].number(0, most, Phrase("mm-of-length"))
-        if "expanded_uncertainty_mm" in f else factor * (_RULE_MM + _RULE_RELATIVE * length_mm) / math.sqrt(3),
+        if "expanded_uncertainty_mm" in f
+        else factor * (_RULE_MM + _RULE_RELATIVE * length_mm) / math.sqrt(3),
         factor,
         _read_nominal(f["nominal_mm"], length_mm) if "nominal_mm" in f else None,
         tuple(key for key in optional if key not in f),
-    )  # fmt: skip
+    )
 
 
 def _read_nominal(value: JsonValue, certified_mm: float) -> float:

@@ -386,9 +386,11 @@ def _entry(draft: _Draft) -> dict[str, Any]:
     if "certificate" in draft.fields:
         entry["certificate"] = {"number": draft.fields["certificate"], **about}
     elif about:
-        raise InputError(Phrase("error-in-file", {
-            "file": "", "place": "certificate.number", "problem": Phrase("problem-cell-empty"),
-        }))  # fmt: skip
+        raise InputError(
+            Phrase(
+                "error-in-file", {"file": "", "place": "certificate.number", "problem": Phrase("problem-cell-empty")}
+            )
+        )
     return entry
 
 
@@ -446,10 +448,11 @@ def _length_cells(bar: RegisteredBar, length: BarLength) -> list[str]:
         mark = bar.marks[name]
         cells += [name, str(mark.target) if mark.point == "centre" else f"{mark.target}:{mark.point}"]
     shown = (
-        "" if length.nominal_mm is None else repr(length.nominal_mm), repr(length.length_mm),
+        "" if length.nominal_mm is None else repr(length.nominal_mm),
+        repr(length.length_mm),
         "" if "expanded_uncertainty_mm" in length.assumed else repr(length.expanded_uncertainty_mm),
         "" if "coverage_factor" in length.assumed else repr(length.coverage_factor),
-    )  # fmt: skip
+    )
     return [*cells, *shown]
 
 
@@ -460,6 +463,8 @@ def _about_cells(bar: RegisteredBar, first: bool) -> list[str]:
     return [
         "" if "expansion_per_kelvin" in own else repr(bar.expansion_per_kelvin),
         "" if "reference_temperature_c" in own else repr(bar.reference_temperature_c),
-        c.number if c else "", c.laboratory if c else "", str(c.date or "") if c else "",
+        c.number if c else "",
+        c.laboratory if c else "",
+        str(c.date or "") if c else "",
         str(c.valid_until or "") if c else "",
-    ]  # fmt: skip
+    ]

@@ -59,8 +59,9 @@ def bench_document(bench: Bench) -> dict[str, Any]:
     warm = {} if bench.bars_celsius is None else {"temperature_c": bench.bars_celsius}
     document["bar_poses"] = [
         {"id": f"{bar.id}-{number + 1:02d}", "bar": bar.id, **warm}
-        for bar in sorted(bench.bars, key=lambda one: one.role != "scale") for number in range(bar.poses)
-    ]  # fmt: skip
+        for bar in sorted(bench.bars, key=lambda one: one.role != "scale")
+        for number in range(bar.poses)
+    ]
     return document
 
 
@@ -76,11 +77,13 @@ def write_bench(bench: Bench, folder: Path) -> Path:
 def whole_bar(bar: Bar) -> dict[str, Any]:
     """A bar as session.json has it with all of its figures, so that a session keeps those it was recorded with."""
     entry: dict[str, Any] = {
-        "id": bar.id, "role": bar.role, "serial": bar.serial,
+        "id": bar.id,
+        "role": bar.role,
+        "serial": bar.serial,
         "marks": {name: {"target": mark.target, "point": mark.point} for name, mark in bar.marks.items()},
         "lengths": [length_entry(length) for length in bar.lengths],
         **temperature_entry(bar),
-    }  # fmt: skip
+    }
     if bar.certificate is not None:
         entry["certificate"] = certificate_entry(bar.certificate)
     return {key: value for key, value in entry.items() if value is not None}

@@ -32,7 +32,11 @@ def frame_entry(frame: UserFrame) -> dict[str, Any]:
         "rotation": finite(frame.rotation),
         "translation_mm": finite(frame.translation_mm),
         "definition": {
-            "origin": d.origin, "x": d.x, "xy": d.xy, "offset_mm": list(d.offset_mm), "turns": list(d.turns)
+            "origin": d.origin,
+            "x": d.x,
+            "xy": d.xy,
+            "offset_mm": list(d.offset_mm),
+            "turns": list(d.turns),
         },
         "reference_camera": frame.reference_camera,
         "input_sha256": frame.input_sha256,
@@ -40,7 +44,7 @@ def frame_entry(frame: UserFrame) -> dict[str, Any]:
         "angle_deg": finite(frame.angle_deg),
         "origin_sigma_mm": finite(frame.origin_sigma_mm),
         "axes_sigma_deg": finite(frame.axes_sigma_deg),
-    }  # fmt: skip
+    }
 
 
 def read_frame(path: Path) -> UserFrame:

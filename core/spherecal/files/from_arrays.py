@@ -50,9 +50,13 @@ def _camera(name: str, given: Any, image_size: ImageSize | None, fisheye: bool |
     K, dist = given if pair else (given, None)
     wide = is_wide(name, fisheye)
     return CameraSpec(
-        name, size_of(name, image_size), opencv.lens_vector(K, dist, wide, what), True, name,
+        name,
+        size_of(name, image_size),
+        opencv.lens_vector(K, dist, wide, what),
+        True,
+        name,
         lens_model="fisheye" if wide else "brown",
-    )  # fmt: skip
+    )
 
 
 def observations_of(given: Any, cameras: Sequence[CameraSpec], bar_poses: Sequence[str]) -> Observations:
@@ -82,10 +86,16 @@ def observations_of(given: Any, cameras: Sequence[CameraSpec], bar_poses: Sequen
         if not (sigma[seen] >= LEAST_SIGMA_PX).all():
             raise InputError(f"sigma_u and sigma_v must be {LEAST_SIGMA_PX:g} px or more.")
     whole = Observations(
-        (*placements, *bar_poses), ids, tuple(points),
-        _index(columns["placement"], (*placements, *bar_poses), "placement"), _index(columns["camera"], ids, "camera"),
-        _whole_numbers(columns["target"]), _index(columns["point"], points, "point"), uv, sigma,
-    )  # fmt: skip
+        (*placements, *bar_poses),
+        ids,
+        tuple(points),
+        _index(columns["placement"], (*placements, *bar_poses), "placement"),
+        _index(columns["camera"], ids, "camera"),
+        _whole_numbers(columns["target"]),
+        _index(columns["point"], points, "point"),
+        uv,
+        sigma,
+    )
     observations = whole.select(seen)
     _check_inside(observations, cameras)
     _check_once(observations)

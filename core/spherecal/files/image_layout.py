@@ -201,8 +201,13 @@ def _without(stem: str, top: str) -> str:
 def _with_own(tops: Sequence[str], stems: Sequence[str], field: str) -> str:
     """The pattern of the names in folders, where every name may repeat its folder's: "{camera}_{placement}"."""
     other = "{camera}" if field == "placement" else "{placement}"
-    for own in (f"{other}_{{{field}}}", f"{other}-{{{field}}}", f"{other}{{{field}}}", f"{{{field}}}_{other}",
-                f"{{{field}}}-{other}"):  # fmt: skip
+    for own in (
+        f"{other}_{{{field}}}",
+        f"{other}-{{{field}}}",
+        f"{other}{{{field}}}",
+        f"{{{field}}}_{other}",
+        f"{{{field}}}-{other}",
+    ):
         expected = [own.replace(other, re.escape(top)) for top in tops]
         if all(
             re.fullmatch(one.replace(f"{{{field}}}", ".+"), stem) for one, stem in zip(expected, stems, strict=True)

@@ -180,9 +180,11 @@ class _OfVideos:
     def copy(self, put: Callable[[str, bytes], None]) -> None:
         for camera, path in self._videos.items():
             keep_frames(
-                path, self._frames, lambda frame, data, c=camera: put(f"placements/F{frame:06d}/{c}.png", data),
+                path,
+                self._frames,
+                lambda frame, data, c=camera: put(f"placements/F{frame:06d}/{c}.png", data),
                 self._context,
-            )  # fmt: skip
+            )
 
 
 _Maker = _OfImages | _OfVideos

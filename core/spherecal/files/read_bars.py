@@ -60,6 +60,13 @@ def _from_registry(f: dict[str, JsonValue], serial: str, registered: dict[str, b
     own = find_bar(serial)
     registered[serial] = json_bytes(bar_entry(own))
     return Bar(
-        f["id"].id(), f["role"].choice("scale", "check"), own.marks, own.lengths, own.expansion_per_kelvin,
-        own.reference_temperature_c, serial, own.certificate, own.assumed,
-    )  # fmt: skip
+        f["id"].id(),
+        f["role"].choice("scale", "check"),
+        own.marks,
+        own.lengths,
+        own.expansion_per_kelvin,
+        own.reference_temperature_c,
+        serial,
+        own.certificate,
+        own.assumed,
+    )

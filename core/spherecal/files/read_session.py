@@ -269,9 +269,12 @@ def _read_scale(scale: JsonValue, roles: dict[str, str]) -> Scale:
     if f["from"].name() == f["to"].name():
         raise f["to"].error(Phrase("problem-same-point", {"point": f["to"].name()}))
     return Scale(
-        "target_spacing", f["from"].name(), f["to"].name(), f["distance_mm"].positive("mm"),
+        "target_spacing",
+        f["from"].name(),
+        f["to"].name(),
+        f["distance_mm"].positive("mm"),
         f["surface"].choice("sphere", "flat"),
-    )  # fmt: skip
+    )
 
 
 def _check_spacing_points(scale: JsonValue, target_set: TargetSet | None, observations: Observations | None) -> None:

@@ -259,10 +259,17 @@ def read_rig(path: Path) -> Rig:
     repairs = tuple(_read_repair(repair) for repair in f["repairs"].items()) if "repairs" in f else ()
     form = _read_form(f["form"]) if "form" in f else None
     return Rig(
-        reference, cameras, _read_scale(f["scale"]) if "scale" in f else RigScale("given", None), quality,
-        f["input_sha256"].digest() if "input_sha256" in f else "", covariance, lengths, repairs,
-        form=form, recorded_at=f["recorded_at"].time() if "recorded_at" in f else None,
-    )  # fmt: skip
+        reference,
+        cameras,
+        _read_scale(f["scale"]) if "scale" in f else RigScale("given", None),
+        quality,
+        f["input_sha256"].digest() if "input_sha256" in f else "",
+        covariance,
+        lengths,
+        repairs,
+        form=form,
+        recorded_at=f["recorded_at"].time() if "recorded_at" in f else None,
+    )
 
 
 def _read_scale(value: JsonValue) -> RigScale:

@@ -15,9 +15,14 @@ MOST_PAIRS = 45
 
 
 def agreeing_views(
-    feature: IntArray, camera: IntArray, uv: FloatArray, gate_px: FloatArray,
-    intrinsics: FloatArray, rotation: FloatArray, translation: FloatArray,
-) -> BoolArray:  # fmt: skip
+    feature: IntArray,
+    camera: IntArray,
+    uv: FloatArray,
+    gate_px: FloatArray,
+    intrinsics: FloatArray,
+    rotation: FloatArray,
+    translation: FloatArray,
+) -> BoolArray:
     """Which rows (n,) belong to the largest set of their feature that agrees on one point before all its cameras.
 
     Row i observes point `feature[i]` in camera `camera[i]` at `uv[i]` px and agrees within `gate_px[i]`. Cameras:
@@ -46,9 +51,17 @@ def agreeing_views(
 
 
 def _largest_set(
-    member: IntArray, rows: IntArray, ray: FloatArray, centre: FloatArray, camera: IntArray, uv: FloatArray,
-    gate_px: FloatArray, intrinsics: FloatArray, rotation: FloatArray, translation: FloatArray,
-) -> BoolArray:  # fmt: skip
+    member: IntArray,
+    rows: IntArray,
+    ray: FloatArray,
+    centre: FloatArray,
+    camera: IntArray,
+    uv: FloatArray,
+    gate_px: FloatArray,
+    intrinsics: FloatArray,
+    rotation: FloatArray,
+    translation: FloatArray,
+) -> BoolArray:
     """The largest agreeing set of each point, (f,v) bool, of points with v views each (member (f,v))."""
     views = member.shape[1]
     first, second = np.triu_indices(views, 1)

@@ -43,9 +43,15 @@ class Triangulation:
 
 
 def triangulate(
-    feature: IntArray, camera: IntArray, uv: FloatArray, weight: FloatArray, n_features: int,
-    intrinsics: FloatArray, rotation: FloatArray, translation: FloatArray,
-) -> Triangulation:  # fmt: skip
+    feature: IntArray,
+    camera: IntArray,
+    uv: FloatArray,
+    weight: FloatArray,
+    n_features: int,
+    intrinsics: FloatArray,
+    rotation: FloatArray,
+    translation: FloatArray,
+) -> Triangulation:
     """The points with the least weighted squared reprojection errors.
 
     Row i observes point `feature[i]` in camera `camera[i]` at `uv[i]` px with weight 1/sigma^2, (n,) or (n, 2); weight
@@ -56,14 +62,24 @@ def triangulate(
     weight = np.broadcast_to(weight if weight.ndim == 2 else weight[:, None], (len(uv), 2))
     m, n = n_features, len(uv)
     out = Triangulation(
-        np.empty((m, 3)), np.empty((m, 3, 3)), np.empty((n, 2)), np.empty(m), np.empty(m, dtype=np.int64),
+        np.empty((m, 3)),
+        np.empty((m, 3, 3)),
+        np.empty((n, 2)),
+        np.empty(m),
+        np.empty(m, dtype=np.int64),
         np.empty(m, dtype=bool),
-    )  # fmt: skip
+    )
     for points, rows in _some_points(feature, n_features):
         part = _triangulated(
-            feature[rows] - points.start, camera[rows], uv[rows], weight[rows], points.stop - points.start,
-            intrinsics, rotation, translation,
-        )  # fmt: skip
+            feature[rows] - points.start,
+            camera[rows],
+            uv[rows],
+            weight[rows],
+            points.stop - points.start,
+            intrinsics,
+            rotation,
+            translation,
+        )
         out.residual[rows] = part.residual
         for name in ("points", "normal", "max_angle_rad", "views", "in_front"):
             getattr(out, name)[points] = getattr(part, name)
@@ -79,9 +95,15 @@ def _some_points(feature: IntArray, n_features: int) -> Iterator[tuple[slice, In
 
 
 def _triangulated(
-    feature: IntArray, camera: IntArray, uv: FloatArray, weight: FloatArray, n_features: int,
-    intrinsics: FloatArray, rotation: FloatArray, translation: FloatArray,
-) -> Triangulation:  # fmt: skip
+    feature: IntArray,
+    camera: IntArray,
+    uv: FloatArray,
+    weight: FloatArray,
+    n_features: int,
+    intrinsics: FloatArray,
+    rotation: FloatArray,
+    translation: FloatArray,
+) -> Triangulation:
     """The same of all points at once, weight (n, 2)."""
     ray, usable = _rays(camera, uv, intrinsics, rotation)
     usable = usable & (weight > 0).all(axis=1)
@@ -160,9 +182,14 @@ class _Rows:
 
     def select(self, keep: BoolArray) -> "_Rows":
         return _Rows(
-            self.feature[keep], self.camera[keep], self.uv[keep], self.weight[keep],
-            self.intrinsics, self.rotation, self.translation,
-        )  # fmt: skip
+            self.feature[keep],
+            self.camera[keep],
+            self.uv[keep],
+            self.weight[keep],
+            self.intrinsics,
+            self.rotation,
+            self.translation,
+        )
 
 
 def _minimise(rows: _Rows, points: FloatArray) -> tuple[FloatArray, FloatArray]:

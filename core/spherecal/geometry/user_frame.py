@@ -104,9 +104,11 @@ def turn_matrix(turns: Sequence[str]) -> FloatArray:
 
 
 def user_frame(
-    definition: FrameDefinition, places_mm: FloatArray | None = None, covariances_mm2: FloatArray | None = None,
+    definition: FrameDefinition,
+    places_mm: FloatArray | None = None,
+    covariances_mm2: FloatArray | None = None,
     unit: str = "mm",
-) -> UserFrame:  # fmt: skip
+) -> UserFrame:
     """The frame that `places_mm` (3, 3) in the world (origin, on +X, in the XY plane) define; none: the world itself.
 
     `covariances_mm2` (3, 3, 3) are those of the places, where they are known. InputError where the places lie too near
@@ -128,9 +130,14 @@ def user_frame(
     if covariances_mm2 is not None and np.isfinite(covariances_mm2).all():
         origin_sigma, axes_sigma = _sigmas(made, places_mm, covariances_mm2)
     return UserFrame(
-        rotation, translation, definition, distance_mm=distance, angle_deg=angle, origin_sigma_mm=origin_sigma,
+        rotation,
+        translation,
+        definition,
+        distance_mm=distance,
+        angle_deg=angle,
+        origin_sigma_mm=origin_sigma,
         axes_sigma_deg=axes_sigma,
-    )  # fmt: skip
+    )
 
 
 def _axes(places: FloatArray) -> FloatArray:

@@ -77,14 +77,25 @@ def what_is_known(session: Session, calibration: Calibration) -> KnownNetwork | 
     root, body = body
     mine = [t for t in range(n_ball) if alignment.root[t] == root and session.placements[t].id in placed]
     return KnownNetwork(
-        shared.network, State(start.rotation, start.translation, start.intrinsics, np.nan_to_num(world),
-                              start.placement_rotation, start.placement_translation),
-        shared.places, body, np.array([camera.image_size for camera in rig.cameras], dtype=float),
-        tuple(camera.id for camera in rig.cameras), tuple(session.placements[t].id for t in mine),
-        _noise(calibration), rig.scale.relative_uncertainty or 0.0,
+        shared.network,
+        State(
+            start.rotation,
+            start.translation,
+            start.intrinsics,
+            np.nan_to_num(world),
+            start.placement_rotation,
+            start.placement_translation,
+        ),
+        shared.places,
+        body,
+        np.array([camera.image_size for camera in rig.cameras], dtype=float),
+        tuple(camera.id for camera in rig.cameras),
+        tuple(session.placements[t].id for t in mine),
+        _noise(calibration),
+        rig.scale.relative_uncertainty or 0.0,
         np.array([alignment.turn[t] @ body.centre + alignment.shift[t] for t in mine]),
         np.array([alignment.turn[t] for t in mine]),
-    )  # fmt: skip
+    )
 
 
 def _apart(n: int) -> Alignment:
@@ -119,9 +130,11 @@ def _network(session: Session, calibration: Calibration) -> tuple[Network, State
         calibration.features.of_observation[rows], camera[rows], o.uv[rows], len(calibration.features), free, group
     ).with_sigma(sigma)
     state = State(
-        np.array([c.rotation for c in rig.cameras]), np.array([c.translation_mm for c in rig.cameras]),
-        np.array([c.intrinsics for c in rig.cameras]), calibration.points_mm,
-    )  # fmt: skip
+        np.array([c.rotation for c in rig.cameras]),
+        np.array([c.translation_mm for c in rig.cameras]),
+        np.array([c.intrinsics for c in rig.cameras]),
+        calibration.points_mm,
+    )
     return network, state
 
 
@@ -129,8 +142,9 @@ def _body(
     session: Session, calibration: Calibration, alignment: Alignment, places: Places, world: FloatArray
 ) -> tuple[int, PlacedBall] | None:
     """The ball with most known dots and its root placement."""
-    ball = {session.placements.index(p): s for p in session.placements for s in calibration.spheres
-            if s.placement == p.id}  # fmt: skip
+    ball = {
+        session.placements.index(p): s for p in session.placements for s in calibration.spheres if s.placement == p.id
+    }
     features = calibration.features
     best: tuple[int, PlacedBall] | None = None
     for root in sorted({int(alignment.root[t]) for t in ball}):

@@ -132,11 +132,15 @@ def first_guess(session: Session, calibration: Calibration) -> Guidance | None:
     seen = _cameras_at(known, places).sum(axis=1) if len(places) else np.empty(0, np.int64)
     found = [
         Candidate(
-            place, TURN_DEG, volume.axes[2], float("nan"), int(seen[i]),
+            place,
+            TURN_DEG,
+            volume.axes[2],
+            float("nan"),
+            int(seen[i]),
             known.camera_ids[int(np.argmin(np.linalg.norm(centres - place, axis=1)))],
         )
         for i, place in enumerate(places)
-    ]  # fmt: skip
+    ]
     return Guidance(None, tuple(found), known.placement_ids, known.centres, volume)
 
 
@@ -298,10 +302,16 @@ def _expanded(known: KnownNetwork, state: State, shown: _Shown | None, tests: Fl
     once = np.bincount(point, minlength=n_points) >= 2
     keep = once[point]
     problem, _ = sorted_problem(
-        camera[keep], point[keep], np.zeros((int(keep.sum()), 2)), sigma[keep], n_points,
-        free_pose=np.ones(len(known.camera_ids), dtype=bool), free_intrinsics=network.free, group=network.group,
+        camera[keep],
+        point[keep],
+        np.zeros((int(keep.sum()), 2)),
+        sigma[keep],
+        n_points,
+        free_pose=np.ones(len(known.camera_ids), dtype=bool),
+        free_intrinsics=network.free,
+        group=network.group,
         ball=Rigid(placement[keep], free),
-    )  # fmt: skip
+    )
     seen = np.unique(np.stack([problem.point, problem.placement], axis=1), axis=0)
     cofactors = camera_cofactors(problem, state, Places(seen[:, 0], seen[:, 1]))
     if cofactors is None:

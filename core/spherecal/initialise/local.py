@@ -45,9 +45,13 @@ class LocalNetwork:
 
 
 def reconstruct_locally(
-    observations: Observations, features: Features, intrinsics: FloatArray, paths: Search | PathSettings, seed: int,
+    observations: Observations,
+    features: Features,
+    intrinsics: FloatArray,
+    paths: Search | PathSettings,
+    seed: int,
     context: Context,
-) -> LocalNetwork:  # fmt: skip
+) -> LocalNetwork:
     """Robust two-view gate, triples by factorisation, camera graph and paths (steps 2 to 5 of the method).
 
     intrinsics (c,16) as known before; the reference is the camera in most triples.

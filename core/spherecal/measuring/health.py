@@ -90,9 +90,7 @@ class RigHealth:
                 self._placed[int(key[i])] = place[i]
         return new
 
-    def _test(
-        self, number: int, kind: str, samples: Sequence[_Sample], views: Views, expected_noise: float
-    ) -> None:  # fmt: skip
+    def _test(self, number: int, kind: str, samples: Sequence[_Sample], views: Views, expected_noise: float) -> None:
         joined = _joined(samples, views)
         if not joined.n_features:
             return
@@ -125,10 +123,15 @@ class RigHealth:
             rms = float(np.sqrt(self._square[i] / n)) if n else None
             cameras.append(
                 CameraHealth(
-                    camera.id, n, rms, camera.rms_px, int(self._out[i]), self._moved_now(camera.id),
+                    camera.id,
+                    n,
+                    rms,
+                    camera.rms_px,
+                    int(self._out[i]),
+                    self._moved_now(camera.id),
                     self._named_at.get(camera.id),
                 )
-            )  # fmt: skip
+            )
         return Health(self.sets, tuple(cameras), self._tests)
 
 
@@ -147,8 +150,10 @@ def _joined(samples: Sequence[_Sample], views: Views) -> Views:
     """All samples as views of one set of points."""
     first = np.cumsum([0, *(one.n for one in samples)])
     return replace(
-        views, n_features=int(first[-1]),
+        views,
+        n_features=int(first[-1]),
         feature=np.concatenate([one.feature + at for one, at in zip(samples, first[:-1], strict=True)]),
         camera=np.concatenate([one.camera for one in samples]),
-        uv=np.concatenate([one.uv for one in samples]), sigma=np.concatenate([one.sigma for one in samples]),
-    )  # fmt: skip
+        uv=np.concatenate([one.uv for one in samples]),
+        sigma=np.concatenate([one.sigma for one in samples]),
+    )

@@ -72,9 +72,13 @@ class LiveSets:
     """
 
     def __init__(
-        self, source: CameraSource, cameras: Mapping[str, RigCamera], target_set: TargetSet,
-        settings: LiveSettings | None = None, context: Context | None = None,
-    ) -> None:  # fmt: skip
+        self,
+        source: CameraSource,
+        cameras: Mapping[str, RigCamera],
+        target_set: TargetSet,
+        settings: LiveSettings | None = None,
+        context: Context | None = None,
+    ) -> None:
         self._source, self._cameras = source, dict(cameras)
         self._settings, self._context = settings or LiveSettings(), context or Context()
         detector = Detector(target_set)
@@ -196,10 +200,13 @@ def collected(cameras: list[int], found: list[Detections], ids: tuple[str, ...])
     none: list[np.ndarray] = [np.empty((0, 2))]
     points = found[0].points if found else DOTS
     return Observations(
-        ("",), ids, points, np.zeros(sum(count), dtype=np.int64),
+        ("",),
+        ids,
+        points,
+        np.zeros(sum(count), dtype=np.int64),
         np.repeat(np.array(cameras, dtype=np.int64), count),
         np.concatenate([np.empty(0, np.int64), *(one.target for one in found)]),
         np.concatenate([np.empty(0, np.int64), *(one.point for one in found)]),
         np.concatenate([*none, *(one.uv for one in found)]),
         np.concatenate([*none, *(one.sigma_uv for one in found)]),
-    )  # fmt: skip
+    )

@@ -84,12 +84,24 @@ class Measurer:
         self._health.add(observed.number, plain, checked, key, still, expected)
         values, bodies, missing = self._derived(places, views, errors)
         result = MeasuredSet(
-            observed.number, observed.id, observed.time_s, places.names, places.places_mm, places.covariance,
-            places.views, np.array([len(dots) for dots in places.dots], dtype=np.int64),
-            self._speeds(places, observed.time_s), values, bodies, missing,
-            _contradictions(self.rig, views, checked, key // _POINTS), _camera_residuals(self.rig, views, checked),
-            checked.noise, _skew(observed), None,
-        )  # fmt: skip
+            observed.number,
+            observed.id,
+            observed.time_s,
+            places.names,
+            places.places_mm,
+            places.covariance,
+            places.views,
+            np.array([len(dots) for dots in places.dots], dtype=np.int64),
+            self._speeds(places, observed.time_s),
+            values,
+            bodies,
+            missing,
+            _contradictions(self.rig, views, checked, key // _POINTS),
+            _camera_residuals(self.rig, views, checked),
+            checked.noise,
+            _skew(observed),
+            None,
+        )
         if observed.time_s is not None:
             self._last_s = observed.time_s
         if observed.arrived_s is not None:
@@ -140,9 +152,15 @@ class Measurer:
         return float(np.std(times)) if len(times) > 1 else 0.0
 
     def _at_one_moment(
-        self, plain: Views, views: Views, shift: FloatArray, checked: CheckedPoints, key: IntArray,
-        observed: ObservedSet, noise: float,
-    ) -> tuple[Views, FloatArray, CheckedPoints]:  # fmt: skip
+        self,
+        plain: Views,
+        views: Views,
+        shift: FloatArray,
+        checked: CheckedPoints,
+        key: IntArray,
+        observed: ObservedSet,
+        noise: float,
+    ) -> tuple[Views, FloatArray, CheckedPoints]:
         """Views brought to the set's moment by the points' velocities in space, what may be left, and the points.
 
         Velocities in the images, with which `views` were moved, lag: at 1 m/s and 10 Hz perspective changes them by

@@ -100,9 +100,14 @@ class Layouts:
 
 
 def locate(
-    target: IntArray, point: IntArray, layouts: Layouts, wanted: frozenset[PointName], views: Views,
-    checked: CheckedPoints, errors: PointErrors,
-) -> LocatedPoints:  # fmt: skip
+    target: IntArray,
+    point: IntArray,
+    layouts: Layouts,
+    wanted: frozenset[PointName],
+    views: Views,
+    checked: CheckedPoints,
+    errors: PointErrors,
+) -> LocatedPoints:
     """The places of all targets and wanted points among features `target` (m,), `point` (m,).
 
     A target with a layout has its centre; one without has each of its points.
@@ -129,9 +134,14 @@ def locate(
             bent.append(0.0)
     order = sorted(range(len(names)), key=lambda i: names[i])
     found = _places(
-        tuple(names[i] for i in order), np.array([places[i] for i in order]).reshape(-1, 3),
-        tuple(dots[i] for i in order), tuple(by_dot[i] for i in order), views, checked, errors,
-    )  # fmt: skip
+        tuple(names[i] for i in order),
+        np.array([places[i] for i in order]).reshape(-1, 3),
+        tuple(dots[i] for i in order),
+        tuple(by_dot[i] for i in order),
+        views,
+        checked,
+        errors,
+    )
     return replace(found, noise=found.noise + np.array([bent[i] for i in order])[:, None, None] * np.eye(3))
 
 
@@ -189,9 +199,12 @@ def _centres(
     bent = np.where((misfit > _BENT * noise) & (k < layouts.dots(ids)), misfit - noise, 0.0)
     by_dot = np.eye(3) / k[:, None, None, None] + cross_matrix(to_origin)[:, None] @ turn
     return _Centres(
-        ids, place_mean - to_origin, [dot[i][mask[i]] for i in range(len(ids))],
-        [by_dot[i][mask[i]] for i in range(len(ids))], bent,
-    )  # fmt: skip
+        ids,
+        place_mean - to_origin,
+        [dot[i][mask[i]] for i in range(len(ids))],
+        [by_dot[i][mask[i]] for i in range(len(ids))],
+        bent,
+    )
 
 
 def _spread_out(centred: FloatArray, mean: FloatArray) -> BoolArray:
@@ -202,9 +215,14 @@ def _spread_out(centred: FloatArray, mean: FloatArray) -> BoolArray:
 
 
 def _places(
-    names: tuple[PointName, ...], places: FloatArray, dots: tuple[IntArray, ...], by_dot: tuple[FloatArray, ...],
-    views: Views, checked: CheckedPoints, errors: PointErrors,
-) -> LocatedPoints:  # fmt: skip
+    names: tuple[PointName, ...],
+    places: FloatArray,
+    dots: tuple[IntArray, ...],
+    by_dot: tuple[FloatArray, ...],
+    views: Views,
+    checked: CheckedPoints,
+    errors: PointErrors,
+) -> LocatedPoints:
     n, width = len(names), errors.by_camera.shape[2]
     p = len(views.rotation) * width
     if not n:

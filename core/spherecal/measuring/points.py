@@ -56,9 +56,11 @@ def project_points(rig: Rig, points_mm: ArrayLike, frame: UserFrame | None = Non
 
 
 def triangulate_points(
-    rig: Rig, image_points: Mapping[str, ArrayLike] | ArrayLike, sigma_px: float = DEFAULT_SIGMA_PX,
+    rig: Rig,
+    image_points: Mapping[str, ArrayLike] | ArrayLike,
+    sigma_px: float = DEFAULT_SIGMA_PX,
     frame: UserFrame | None = None,
-) -> MeasuredPoints:  # fmt: skip
+) -> MeasuredPoints:
     """Points from their images: for each camera (..., 2) px, the same place in all arrays the same point, NaN unseen.
 
     `image_points` by camera id, or an array (cameras, ..., 2) in the order of the rig. (2,) of each camera gives one
@@ -78,11 +80,15 @@ def triangulate_points(
     camera = np.concatenate([np.full(len(rows), c) for c, _, rows in seen]) if seen else feature
     uv = np.concatenate([uv[rows] for _, uv, rows in seen]) if seen else np.zeros((0, 2))
     views = Views(
-        feature, camera, uv, np.full(uv.shape, sigma_px), n,
+        feature,
+        camera,
+        uv,
+        np.full(uv.shape, sigma_px),
+        n,
         np.array([one.intrinsics for one in rig.cameras]).reshape(-1, 16),
         np.array([one.rotation for one in rig.cameras]).reshape(-1, 3, 3),
         np.array([one.translation_mm for one in rig.cameras]).reshape(-1, 3),
-    )  # fmt: skip
+    )
     checked = triangulate_checked(views, 1.0)
     covariance = _point_covariance(rig, views, point_errors(views, checked, rig.covariance, rig))
     found = np.isfinite(checked.points.points[:, 0]) & ~checked.contradicting
@@ -97,9 +103,13 @@ def triangulate_points(
         name = rig.cameras[c].id
         used[name], residuals[name] = took_part.reshape(shape), residual.reshape(*shape, 2)
     return MeasuredPoints(
-        points.reshape(*shape, 3), np.where(found[:, None, None], covariance, np.nan).reshape(*shape, 3, 3),
-        np.where(found, checked.points.views, 0).reshape(shape), checked.contradicting.reshape(shape), used, residuals,
-    )  # fmt: skip
+        points.reshape(*shape, 3),
+        np.where(found[:, None, None], covariance, np.nan).reshape(*shape, 3, 3),
+        np.where(found, checked.points.views, 0).reshape(shape),
+        checked.contradicting.reshape(shape),
+        used,
+        residuals,
+    )
 
 
 def _point_covariance(rig: Rig, views: Views, errors: PointErrors) -> FloatArray:

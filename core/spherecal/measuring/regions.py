@@ -154,6 +154,13 @@ def _joined(parts: list[Detections], settings: DetectionSettings) -> Detections:
         return np.concatenate([getattr(p, name) for p in parts])[by_id]
 
     return Detections(
-        parts[0].points, target[order], dots("point"), dots("uv"), dots("sigma_uv"), ids[by_id], targets("misfit"),
-        targets("tilt_deg"), targets("blur_px"),
-    )  # fmt: skip
+        parts[0].points,
+        target[order],
+        dots("point"),
+        dots("uv"),
+        dots("sigma_uv"),
+        ids[by_id],
+        targets("misfit"),
+        targets("tilt_deg"),
+        targets("blur_px"),
+    )

@@ -10,9 +10,13 @@ from spherecal.measuring.series_file import TableKind, write_series
 
 
 def run(
-    sets: Iterable[ObservedSet], measurer: Measurer, seen: Callable[[MeasuredSet], None], output: Path | None = None,
-    table: TableKind = "csv", context: Context | None = None,
-) -> int:  # fmt: skip
+    sets: Iterable[ObservedSet],
+    measurer: Measurer,
+    seen: Callable[[MeasuredSet], None],
+    output: Path | None = None,
+    table: TableKind = "csv",
+    context: Context | None = None,
+) -> int:
     """Measure all sets, give each to `seen` and record them in `output`; how many there were.
 
     What ends it early is raised again after the sets so far are written.

@@ -24,9 +24,10 @@ TableKind = Literal["csv", "parquet"]
 FORMAT = "spherecal/series"
 VERSION = 1
 SERIES = Marker(
-    "series.json", FORMAT,
+    "series.json",
+    FORMAT,
     frozenset({"series.json", *(f"{name}.{kind}" for name in COLUMNS for kind in ("csv", "parquet"))}),
-)  # fmt: skip
+)
 _ROWS_AT_ONCE = 20_000  # of a row group
 
 
@@ -46,9 +47,12 @@ def _pyarrow() -> tuple[ModuleType, ModuleType]:
 
 
 def write_series(
-    sets: Iterable[MeasuredSet], measurer: Measurer, folder: Path, table: TableKind = "csv",
+    sets: Iterable[MeasuredSet],
+    measurer: Measurer,
+    folder: Path,
+    table: TableKind = "csv",
     seen: Callable[[MeasuredSet], None] | None = None,
-) -> int:  # fmt: skip
+) -> int:
     """Write all sets into a series folder, whole or not at all; how many there were.
 
     What ends the measurement early, Ctrl-C or a lost camera, is raised again once all sets so far are written. `seen`

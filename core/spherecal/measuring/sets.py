@@ -41,9 +41,16 @@ def one_set(o: Observations, mine: np.ndarray) -> Observations:
     own = o.select(mine)
     name = o.placements[int(own.placement[0])] if len(own) else ""
     return Observations(
-        (name,), o.cameras, o.points, np.zeros(len(own), dtype=np.int64), own.camera, own.target, own.point, own.uv,
+        (name,),
+        o.cameras,
+        o.points,
+        np.zeros(len(own), dtype=np.int64),
+        own.camera,
+        own.target,
+        own.point,
+        own.uv,
         own.sigma,
-    )  # fmt: skip
+    )
 
 
 def _times(captured: CapturedSet | None, begin: datetime | None) -> tuple[float | None, dict[str, float] | None]:
@@ -52,8 +59,9 @@ def _times(captured: CapturedSet | None, begin: datetime | None) -> tuple[float 
         return None, None
     exposed = {
         camera: (frame.exposed - begin).total_seconds()
-        for camera, frame in captured.frames.items() if frame.exposed is not None
-    }  # fmt: skip
+        for camera, frame in captured.frames.items()
+        if frame.exposed is not None
+    }
     if exposed:
         return float(np.mean(list(exposed.values()))), exposed
     return None if captured.taken is None else (captured.taken - begin).total_seconds(), None

@@ -35,18 +35,36 @@ def rows_of(measured: MeasuredSet) -> Iterator[tuple[str, Row]]:
     sigma, covariance = measured.sigma_mm, measured.covariance_mm2
     for i, name in enumerate(measured.names):
         c = covariance[i]
-        yield "points", (
-            *head, name.target, name.point, *measured.points_mm[i].tolist(), *sigma[i].tolist(),
-            *(float(c[j]) for j in ((0, 1), (0, 2), (1, 2))), int(measured.views[i]), int(measured.dots[i]),
-            float(measured.speed_mm_s[i]),
-        )  # fmt: skip
+        yield (
+            "points",
+            (
+                *head,
+                name.target,
+                name.point,
+                *measured.points_mm[i].tolist(),
+                *sigma[i].tolist(),
+                *(float(c[j]) for j in ((0, 1), (0, 2), (1, 2))),
+                int(measured.views[i]),
+                int(measured.dots[i]),
+                float(measured.speed_mm_s[i]),
+            ),
+        )
     for v in measured.values:
         yield "values", (*head, v.kind, v.name, v.value, v.unit, v.u, v.nominal, v.deviation, v.u_deviation)
     for body in measured.bodies:
-        yield "bodies", (
-            *head, body.name, *body.translation_mm.tolist(), *quaternion(body).tolist(), body.points,
-            " ".join(map(str, body.left_out)), body.rms_mm, *(float(body.covariance[i, j]) for i, j in _PAIRS),
-        )  # fmt: skip
+        yield (
+            "bodies",
+            (
+                *head,
+                body.name,
+                *body.translation_mm.tolist(),
+                *quaternion(body).tolist(),
+                body.points,
+                " ".join(map(str, body.left_out)),
+                body.rms_mm,
+                *(float(body.covariance[i, j]) for i, j in _PAIRS),
+            ),
+        )
     for camera in measured.cameras:
         yield "cameras", (*head, camera.camera, camera.observations, camera.left_out, camera.rms_px)
     for c in measured.contradictions:
@@ -113,11 +131,15 @@ def health_json(health: Health) -> dict[str, Any]:
         "sets": health.sets,
         "cameras": [
             {
-                "id": one.camera, "observations": one.observations, "rms_px": finite(one.rms_px),
-                "calibrated_rms_px": finite(one.calibrated_rms_px), "left_out": one.left_out,
-                "moved": one.moved is not None, "named_at_set": one.named_at,
+                "id": one.camera,
+                "observations": one.observations,
+                "rms_px": finite(one.rms_px),
+                "calibrated_rms_px": finite(one.calibrated_rms_px),
+                "left_out": one.left_out,
+                "moved": one.moved is not None,
+                "named_at_set": one.named_at,
                 "move_px": None if one.moved is None else finite(one.moved.move_px),
             }
             for one in health.cameras
         ],
-    }  # fmt: skip
+    }

@@ -146,6 +146,13 @@ def _first_twice(names: Sequence[str]) -> str | None:
 def registered(bar: RegisteredBar) -> Bar:
     """A bar of the owner's registry, to be measured."""
     return Bar(
-        bar.serial, "check", bar.marks, bar.lengths, bar.expansion_per_kelvin, bar.reference_temperature_c, bar.serial,
-        bar.certificate, bar.assumed,
-    )  # fmt: skip
+        bar.serial,
+        "check",
+        bar.marks,
+        bar.lengths,
+        bar.expansion_per_kelvin,
+        bar.reference_temperature_c,
+        bar.serial,
+        bar.certificate,
+        bar.assumed,
+    )

@@ -111,7 +111,7 @@ def _off_plane(points: FloatArray, uv: FloatArray, most: float) -> FloatArray:
 
 def _refined(
     image: NDArray[np.uint8], index: IntArray, uv: FloatArray, pattern: BoardPattern, border: int
-) -> tuple[IntArray, FloatArray] | None:  # fmt: skip
+) -> tuple[IntArray, FloatArray] | None:
     """The corners at the saddle of the grey values; those that leave their window are left out."""
     assert pattern.marker_mm is not None
     bits = tag_dictionary(pattern.dictionary).markerSize + 2 * border

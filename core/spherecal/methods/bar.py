@@ -30,9 +30,13 @@ FEW_FRAMES = 50
 
 
 def calibrate_bar(
-    session: Session, intrinsics: Literal["free", "fixed"] = "free", own_intrinsics: bool = False, seed: int = 0,
-    context: Context | None = None, joint: bool = True,
-) -> Calibration:  # fmt: skip
+    session: Session,
+    intrinsics: Literal["free", "fixed"] = "free",
+    own_intrinsics: bool = False,
+    seed: int = 0,
+    context: Context | None = None,
+    joint: bool = True,
+) -> Calibration:
     """The rig calibrated by the poses of the bar that gives the session's scale; placements of a ball are not used.
 
     Cameras that share too few marks with the rest are left out and the result is not valid. InputError where the
@@ -71,9 +75,13 @@ def calibrate_bar(
 
 
 def _result(
-    work: BarNetwork, start: BarStart, adjusted: BarAdjusted, features: Features, findings: list[Finding],
+    work: BarNetwork,
+    start: BarStart,
+    adjusted: BarAdjusted,
+    features: Features,
+    findings: list[Finding],
     seconds: dict[str, float],
-) -> Calibration:  # fmt: skip
+) -> Calibration:
     recording, network, session = work.recording, work.network, work.session
     o = recording.observations
     at = _points_of(features, recording)
@@ -84,10 +92,22 @@ def _result(
     residual[~start.placed[o.camera]] = np.nan
     placed = start.placed & (np.bincount(o.camera[adjusted.used], minlength=len(start.placed)) > 0)
     fit = Fit(
-        o, features, start.reference, placed, adjusted.state, adjusted.model.problem, adjusted.covariance,
-        adjusted.state.points[at], cofactor[at], residual, adjusted.used, adjusted.variance,
-        adjusted.minimum.converged, adjusted.held, adjusted.joint,
-    )  # fmt: skip
+        o,
+        features,
+        start.reference,
+        placed,
+        adjusted.state,
+        adjusted.model.problem,
+        adjusted.covariance,
+        adjusted.state.points[at],
+        cofactor[at],
+        residual,
+        adjusted.used,
+        adjusted.variance,
+        adjusted.minimum.converged,
+        adjusted.held,
+        adjusted.joint,
+    )
     scale = RigScale("none", None)
     if adjusted.covariance is not None and np.isfinite(adjusted.variance):
         noise = np.sqrt(adjusted.variance) * adjusted.covariance.relative_scale

@@ -87,9 +87,7 @@ def adjust_bar(work: BarNetwork, state: State, context: Context) -> BarAdjusted:
     return adjusted
 
 
-def chain_pairs(
-    work: BarNetwork, state: State, parents: tuple[tuple[int, int], ...], context: Context
-) -> BarAdjusted:  # fmt: skip
+def chain_pairs(work: BarNetwork, state: State, parents: tuple[tuple[int, int], ...], context: Context) -> BarAdjusted:
     """Cameras chained over pairs (parent, camera), each adjusted alone; marks triangulated; without covariance.
 
     A camera keeps the intrinsics of the pair that placed it.
@@ -119,7 +117,7 @@ def chain_pairs(
     minimum = Minimum(state, cost, 0, True, (cost,))
     return BarAdjusted(
         state, model, used, minimum, redundancy(model, whole), None, np.flatnonzero(seen), nobody, joint=False
-    )  # fmt: skip
+    )
 
 
 def _adjusted_pair(work: BarNetwork, state: State, context: Context) -> State:
@@ -170,9 +168,8 @@ def _usual_noise(work: BarNetwork, state: State, used: BoolArray) -> float:
 
 
 def _refine(
-    work: BarNetwork, state: State, used: BoolArray, priors: Priors, held: BoolArray, noise: float,
-    context: Context,
-) -> BarAdjusted:  # fmt: skip
+    work: BarNetwork, state: State, used: BoolArray, priors: Priors, held: BoolArray, noise: float, context: Context
+) -> BarAdjusted:
     network, rounds = work.network, 0
     while True:
         rounds += 1
@@ -199,17 +196,24 @@ def _refine(
 
 
 def _model(
-    work: BarNetwork, used: BoolArray, free: BoolArray, lengths: Lengths, priors: Priors, weighted: bool,
-) -> BarModel:  # fmt: skip
+    work: BarNetwork, used: BoolArray, free: BoolArray, lengths: Lengths, priors: Priors, weighted: bool
+) -> BarModel:
     network = work.network
     rows = np.flatnonzero(used)
     seen = work.placed & (np.bincount(network.camera[rows], minlength=len(work.placed)) > 0)
     sigma = network.sigma[rows] if weighted else None
     pose = seen & (np.arange(len(seen)) != work.reference)
     problem, _ = sorted_problem(
-        network.camera[rows], network.feature[rows], network.uv[rows], sigma, network.n_features,
-        free_pose=pose, free_intrinsics=free & seen[:, None], group=network.group, priors=priors,
-    )  # fmt: skip
+        network.camera[rows],
+        network.feature[rows],
+        network.uv[rows],
+        sigma,
+        network.n_features,
+        free_pose=pose,
+        free_intrinsics=free & seen[:, None],
+        group=network.group,
+        priors=priors,
+    )
     return BarModel(problem, work.recording.slots, lengths)
 
 

@@ -85,10 +85,14 @@ def bar_recording(session: Session, bar: Bar) -> BarRecording:
     slot = np.array([lookup.get(key, -1) for key in zip(own.target.tolist(), own.point.tolist(), strict=True)])
     own, slot = own.select(slot >= 0), slot[slot >= 0]
     return BarRecording(
-        bar, own, frame_of[own.placement] * len(slots) + slot,
-        np.array([t for t, _ in slots]), np.array([p for _, p in slots]),
-        np.array([index for index, _ in poses]), tuple(pose.temperature_c for _, pose in poses),
-    )  # fmt: skip
+        bar,
+        own,
+        frame_of[own.placement] * len(slots) + slot,
+        np.array([t for t, _ in slots]),
+        np.array([p for _, p in slots]),
+        np.array([index for index, _ in poses]),
+        tuple(pose.temperature_c for _, pose in poses),
+    )
 
 
 def known_lengths(session: Session, recording: BarRecording, seen: BoolArray) -> Lengths:
@@ -96,8 +100,10 @@ def known_lengths(session: Session, recording: BarRecording, seen: BoolArray) ->
     seen = seen.reshape(recording.n_frames, recording.slots)
     parts: list[Lengths] = []
     for number, certified in enumerate(recording.bar.lengths):
-        ends = [_end(session, recording, recording.bar.marks[name], seen) for name in
-                (certified.from_mark, certified.to_mark)]  # fmt: skip
+        ends = [
+            _end(session, recording, recording.bar.marks[name], seen)
+            for name in (certified.from_mark, certified.to_mark)
+        ]
         both = np.flatnonzero(np.isfinite(ends[0][:, 0]) & np.isfinite(ends[1][:, 0]))
         length = np.array([reference_length(certified, recording.bar, t) for t in recording.temperature_c])
         standard = max(standard_uncertainty(certified), _LEAST_TIE_MM)
@@ -107,9 +113,11 @@ def known_lengths(session: Session, recording: BarRecording, seen: BoolArray) ->
             )
         )
     return Lengths(
-        *(np.concatenate([getattr(part, name) for part in parts]) for name in
-          ("frame", "coefficient", "length", "sigma", "certificate"))
-    )  # fmt: skip
+        *(
+            np.concatenate([getattr(part, name) for part in parts])
+            for name in ("frame", "coefficient", "length", "sigma", "certificate")
+        )
+    )
 
 
 def standard_uncertainty(certified: BarLength) -> float:

@@ -76,9 +76,14 @@ def start_from_pairs(
 
 
 def _solve_pair(
-    recording: BarRecording, lengths: Lengths, points: IntArray, first: FloatArray, second: FloatArray,
-    intrinsics: FloatArray, seed: int,
-) -> CameraPair | None:  # fmt: skip
+    recording: BarRecording,
+    lengths: Lengths,
+    points: IntArray,
+    first: FloatArray,
+    second: FloatArray,
+    intrinsics: FloatArray,
+    seed: int,
+) -> CameraPair | None:
     """A pair from its common points (k,), normalised image points (k,2) each; None where they do not agree."""
     frames = np.unique(points // recording.slots)
     if len(points) > _ENOUGH:  # whole frames, or no length would be left
@@ -112,17 +117,21 @@ def _triangulated(
     pinhole = np.zeros((2, 16))
     pinhole[:, :2] = focal
     found = triangulate(
-        np.tile(np.arange(k), 2), np.repeat([0, 1], k), np.concatenate([first, second]) * focal, np.ones(2 * k), k,
-        pinhole, np.stack([np.eye(3), rotation]), np.stack([np.zeros(3), translation]),
-    )  # fmt: skip
+        np.tile(np.arange(k), 2),
+        np.repeat([0, 1], k),
+        np.concatenate([first, second]) * focal,
+        np.ones(2 * k),
+        k,
+        pinhole,
+        np.stack([np.eye(3), rotation]),
+        np.stack([np.zeros(3), translation]),
+    )
     points = np.where(found.in_front[:, None], found.points, np.nan)
     size = np.linalg.norm(found.residual, axis=1)
     return points, float(np.median(size[np.isfinite(size)])) if np.isfinite(size).any() else np.inf
 
 
-def _length_ratios(
-    recording: BarRecording, lengths: Lengths, points: IntArray, places: FloatArray
-) -> FloatArray:  # fmt: skip
+def _length_ratios(recording: BarRecording, lengths: Lengths, points: IntArray, places: FloatArray) -> FloatArray:
     """Reconstructed over known lengths of all frames whose ends were reconstructed, (m,)."""
     every = np.full((recording.n_points, 3), np.nan)
     every[points] = places

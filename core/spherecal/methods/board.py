@@ -49,9 +49,12 @@ class _Start:
 
 
 def calibrate_board(
-    session: Session, intrinsics: Literal["free", "fixed"] = "free", own_intrinsics: bool = False,
-    context: Context | None = None, joint: bool = True,
-) -> Calibration:  # fmt: skip
+    session: Session,
+    intrinsics: Literal["free", "fixed"] = "free",
+    own_intrinsics: bool = False,
+    context: Context | None = None,
+    joint: bool = True,
+) -> Calibration:
     """The rig calibrated by the session's board, from observations or images of its placements.
 
     Without `joint` cameras stay as the groups of four were chained; such a result is for comparison and not valid.
@@ -136,8 +139,8 @@ def _assumed(session: Session) -> BoolArray:
 
 
 def _chained(
-    session: Session, views: BoardViews, start: _Start, free: BoolArray, group: IntArray, context: Context,
-) -> tuple[BoardNetwork, State, list[list[int]]]:  # fmt: skip
+    session: Session, views: BoardViews, start: _Start, free: BoolArray, group: IntArray, context: Context
+) -> tuple[BoardNetwork, State, list[list[int]]]:
     """The network, its state with NaN for cameras and placements that are not linked, and the groups behind it."""
     links = find_links(views, start.poses, start.intrinsics, context)
     known = np.array([camera.prior for camera in session.cameras])
@@ -201,9 +204,14 @@ def _features(
 
 
 def _result(
-    session: Session, observations: Observations, solution: BoardSolution, network: BoardNetwork, placed: BoolArray,
-    findings: list[Finding], seconds: dict[str, float],
-) -> Calibration:  # fmt: skip
+    session: Session,
+    observations: Observations,
+    solution: BoardSolution,
+    network: BoardNetwork,
+    placed: BoolArray,
+    findings: list[Finding],
+    seconds: dict[str, float],
+) -> Calibration:
     state, views, used = solution.state, network.views, solution.used
     residual = residuals_px(views, state)
     placed = placed & (np.bincount(views.camera[used], minlength=len(placed)) > 0)
@@ -220,9 +228,22 @@ def _result(
     if solution.covariance is not None:
         cofactor = np.where((at >= 0)[:, None, None], solution.covariance.points[at], np.nan)
     fit = Fit(
-        observations, features, network.reference, placed, state, solution.problem, solution.covariance, points,
-        cofactor, residual, used, solution.variance, solution.converged, solution.held, solution.joint,
-    )  # fmt: skip
+        observations,
+        features,
+        network.reference,
+        placed,
+        state,
+        solution.problem,
+        solution.covariance,
+        points,
+        cofactor,
+        residual,
+        used,
+        solution.variance,
+        solution.converged,
+        solution.held,
+        solution.joint,
+    )
     scale = RigScale("board", None)
     if solution.covariance is not None and np.isfinite(solution.variance):
         own = board_uncertainty(session)

@@ -98,9 +98,7 @@ def view_error(
     return float(np.median(np.linalg.norm(off, axis=1)))
 
 
-def robust_start(
-    network: BoardNetwork, state: State, candidates: BoolArray, context: Context
-) -> State:  # fmt: skip
+def robust_start(network: BoardNetwork, state: State, candidates: BoolArray, context: Context) -> State:
     """A state after robust adjustments: poses, then the main intrinsics, then all."""
     for names in ((), START_INTRINSICS, None):
         free = network.free if names is None else network.free & np.isin(INTRINSIC_NAMES, names)
@@ -138,16 +136,12 @@ def adjust_boards(
     return adjusted
 
 
-def leave_chained(
-    network: BoardNetwork, state: State, candidates: BoolArray, context: Context
-) -> BoardAdjusted:  # fmt: skip
+def leave_chained(network: BoardNetwork, state: State, candidates: BoolArray, context: Context) -> BoardAdjusted:
     """The cameras as they were chained, the board's placements alone adjusted to them; without covariance."""
     views = network.views
     gated = gate(network, state, candidates)
     nobody = np.zeros(views.n_cameras, dtype=bool)
-    model, rows = board_model(
-        views, gated, nobody, np.zeros_like(network.free), network.group, NO_PRIORS, True
-    )  # fmt: skip
+    model, rows = board_model(views, gated, nobody, np.zeros_like(network.free), network.group, NO_PRIORS, True)
     minimum = minimise(model, state, Settings(max_iterations=60), progress(context, "joint adjustment", 20))
     return BoardAdjusted(
         minimum.state, model, rows, gated, minimum, redundancy(model, minimum.state), None, nobody, joint=False
@@ -155,9 +149,8 @@ def leave_chained(
 
 
 def _refine(
-    network: BoardNetwork, state: State, candidates: BoolArray, priors: Priors, held: BoolArray,
-    context: Context,
-) -> BoardAdjusted:  # fmt: skip
+    network: BoardNetwork, state: State, candidates: BoolArray, priors: Priors, held: BoolArray, context: Context
+) -> BoardAdjusted:
     used, rounds = candidates, 0
     while True:
         rounds += 1

@@ -79,9 +79,15 @@ def _spread(n: int, most: int) -> list[int]:
 
 
 def _error_in(
-    views: BoardViews, found: ViewPoses, intrinsics: FloatArray, a: int, b: int, placement: int,
-    rotation: FloatArray, translation: FloatArray,
-) -> float:  # fmt: skip
+    views: BoardViews,
+    found: ViewPoses,
+    intrinsics: FloatArray,
+    a: int,
+    b: int,
+    placement: int,
+    rotation: FloatArray,
+    translation: FloatArray,
+) -> float:
     """Median distance in px in camera b of the board as camera a has it, for the better of its poses."""
     rows = views.of(b, placement)
     points, best = views.points_mm[views.point[rows]], np.inf
@@ -94,9 +100,13 @@ def _error_in(
 
 
 def chain(
-    network: BoardNetwork, found: ViewPoses, links: Links, intrinsics: FloatArray, candidates: BoolArray,
+    network: BoardNetwork,
+    found: ViewPoses,
+    links: Links,
+    intrinsics: FloatArray,
+    candidates: BoolArray,
     context: Context,
-) -> tuple[State, list[list[int]]]:  # fmt: skip
+) -> tuple[State, list[list[int]]]:
     """Cameras (NaN where none) and placements in the reference camera's frame, and the groups they were chained by."""
     views = network.views
     n = views.n_cameras
@@ -135,9 +145,14 @@ def _next_group(links: Links, placed: BoolArray) -> list[int] | None:
 
 
 def _adjust_group(
-    network: BoardNetwork, found: ViewPoses, links: Links, intrinsics: FloatArray, candidates: BoolArray,
-    group: list[int], context: Context,
-) -> State:  # fmt: skip
+    network: BoardNetwork,
+    found: ViewPoses,
+    links: Links,
+    intrinsics: FloatArray,
+    candidates: BoolArray,
+    group: list[int],
+    context: Context,
+) -> State:
     """The cameras of a group in the frame of its first, after a robust adjustment of their own."""
     n = network.views.n_cameras
     state = State(np.tile(np.eye(3), (n, 1, 1)), np.zeros((n, 3)), intrinsics.copy(), network.views.points_mm)

@@ -113,9 +113,7 @@ def _read(path: Path, size: tuple[int, int]) -> GreyImage:
     return image
 
 
-def _collect(
-    session: Session, jobs: list[tuple[int, int, Path]], found: list[FoundBoard | None]
-) -> BoardImages:  # fmt: skip
+def _collect(session: Session, jobs: list[tuple[int, int, Path]], found: list[FoundBoard | None]) -> BoardImages:
     hits = [(job, board) for job, board in zip(jobs, found, strict=True) if board is not None]
     missed = tuple(
         (session.placements[p].id, session.cameras[c].id)
@@ -125,16 +123,17 @@ def _collect(
     counts = [len(board.index) for _, board in hits]
     diameters = [board.diameter for _, board in hits if np.isfinite(board.diameter)]
     observations = Observations(
-        tuple(placement.id for placement in session.placements), tuple(camera.id for camera in session.cameras),
+        tuple(placement.id for placement in session.placements),
+        tuple(camera.id for camera in session.cameras),
         ("centre",),
-        np.repeat([p for (p, _, _), _ in hits], counts), np.repeat([c for (_, c, _), _ in hits], counts),
-        np.concatenate([board.index for _, board in hits]), np.zeros(sum(counts), dtype=np.int64),
+        np.repeat([p for (p, _, _), _ in hits], counts),
+        np.repeat([c for (_, c, _), _ in hits], counts),
+        np.concatenate([board.index for _, board in hits]),
+        np.zeros(sum(counts), dtype=np.int64),
         # no sigmas: what dots are off by is print, alike for all, and ten times what their rims show
         np.concatenate([board.uv for _, board in hits]),
-    )  # fmt: skip
-    return BoardImages(
-        observations, missed, len(jobs), float(np.median(diameters)) if diameters else float("nan")
-    )  # fmt: skip
+    )
+    return BoardImages(observations, missed, len(jobs), float(np.median(diameters)) if diameters else float("nan"))
 
 
 Finder = Callable[[GreyImage], FoundBoard | None]

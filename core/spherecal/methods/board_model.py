@@ -61,9 +61,7 @@ class BoardViews:
 def board_views(observations: Observations, points_mm: FloatArray, point: IntArray) -> BoardViews:
     """The views in observations whose board point is `point` (n,)."""
     o = observations
-    return BoardViews(
-        points_mm, o.placement, o.camera, point, o.uv, o.sigma, len(o.placements), len(o.cameras)
-    )  # fmt: skip
+    return BoardViews(points_mm, o.placement, o.camera, point, o.uv, o.sigma, len(o.placements), len(o.cameras))
 
 
 @dataclass(frozen=True)
@@ -117,16 +115,28 @@ class BoardModel:
 
 
 def board_model(
-    views: BoardViews, used: BoolArray, free_pose: BoolArray, free: BoolArray, group: IntArray,
-    priors: Priors, weighted: bool,
-) -> tuple[BoardModel, IntArray]:  # fmt: skip
+    views: BoardViews,
+    used: BoolArray,
+    free_pose: BoolArray,
+    free: BoolArray,
+    group: IntArray,
+    priors: Priors,
+    weighted: bool,
+) -> tuple[BoardModel, IntArray]:
     """The adjustment of the used observations, and which observation each of its rows is."""
     rows = np.flatnonzero(used)
     seen = np.bincount(views.camera[rows], minlength=views.n_cameras) > 0
     sigma = views.sigma[rows] if weighted and views.sigma is not None else None
     problem, order = sorted_problem(
-        views.camera[rows], views.point[rows], views.uv[rows], sigma, len(views.points_mm),
-        free_pose=free_pose & seen, free_intrinsics=free & seen[:, None], group=group, priors=priors,
+        views.camera[rows],
+        views.point[rows],
+        views.uv[rows],
+        sigma,
+        len(views.points_mm),
+        free_pose=free_pose & seen,
+        free_intrinsics=free & seen[:, None],
+        group=group,
+        priors=priors,
         ball=Rigid(views.placement[rows], np.ones(views.n_placements, dtype=bool)),
-    )  # fmt: skip
+    )
     return BoardModel(problem, cameras_only(problem)), rows[order]

@@ -51,7 +51,10 @@ def board_pattern(board: JsonValue) -> BoardPattern:
     if tags:
         _check_count(f["rows"], dictionary, (rows + 1) * (columns + 1) // 2 if kind == "charuco" else rows * columns)
     return BoardPattern(
-        kind, rows, columns, pitch,
+        kind,
+        rows,
+        columns,
+        pitch,
         light="polarity" in f and f["polarity"].choice("dark-on-light", "light-on-dark") == "light-on-dark",
         rings=tuple(_ring(value, rows, columns) for value in f["rings"].items()) if "rings" in f else (),
         rows_upward=f["rows_upward"].boolean() if "rows_upward" in f else kind == "aprilgrid",
@@ -60,7 +63,7 @@ def board_pattern(board: JsonValue) -> BoardPattern:
         dictionary=dictionary,
         legacy="legacy" in f and f["legacy"].boolean(),
         border_bits=f["border_bits"].integer(1, 2) if "border_bits" in f else None,
-    )  # fmt: skip
+    )
 
 
 def board_entry(given: Mapping[str, Any] | str | Path) -> dict[str, Any]:

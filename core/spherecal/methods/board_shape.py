@@ -46,9 +46,15 @@ class BoardSolution:
 def nominal_solution(adjusted: BoardAdjusted) -> BoardSolution:
     """The solution with the board's points held."""
     return BoardSolution(
-        adjusted.state, adjusted.model.problem, adjusted.used, adjusted.variance, adjusted.minimum.converged,
-        adjusted.held, adjusted.covariance, joint=adjusted.joint,
-    )  # fmt: skip
+        adjusted.state,
+        adjusted.model.problem,
+        adjusted.used,
+        adjusted.variance,
+        adjusted.minimum.converged,
+        adjusted.held,
+        adjusted.covariance,
+        joint=adjusted.joint,
+    )
 
 
 def shape_finding(adjusted: BoardAdjusted) -> list[Finding]:
@@ -112,10 +118,16 @@ def estimated_solution(
     placement, point, _ = board_points(views, used)
     cofactors = covariance(problem, _world_is_first_board(state, problem), Places(point, placement))
     return BoardSolution(
-        replace(state, points=np.where(seen[:, None], state.points, nominal)), cameras_only(problem), used, variance,
-        minimum.converged, adjusted.held, _as_frames(cofactors, problem, state, placement, point),
-        per_coordinate, per_coordinate / spread,
-    )  # fmt: skip
+        replace(state, points=np.where(seen[:, None], state.points, nominal)),
+        cameras_only(problem),
+        used,
+        variance,
+        minimum.converged,
+        adjusted.held,
+        _as_frames(cofactors, problem, state, placement, point),
+        per_coordinate,
+        per_coordinate / spread,
+    )
 
 
 def _problem(network: BoardNetwork, used: BoolArray, priors) -> tuple[Problem, BoolArray]:
@@ -128,10 +140,17 @@ def _problem(network: BoardNetwork, used: BoolArray, priors) -> tuple[Problem, B
     free_placement = shown.copy()
     free_placement[np.argmax(shown)] = False
     problem, _ = sorted_problem(
-        views.camera[rows], views.point[rows], views.uv[rows], None if views.sigma is None else views.sigma[rows],
-        len(views.points_mm), free_pose=seen, free_intrinsics=network.free & seen[:, None], group=network.group,
-        priors=priors, ball=Rigid(views.placement[rows], free_placement),
-    )  # fmt: skip
+        views.camera[rows],
+        views.point[rows],
+        views.uv[rows],
+        None if views.sigma is None else views.sigma[rows],
+        len(views.points_mm),
+        free_pose=seen,
+        free_intrinsics=network.free & seen[:, None],
+        group=network.group,
+        priors=priors,
+        ball=Rigid(views.placement[rows], free_placement),
+    )
     return problem, twice
 
 
@@ -142,9 +161,11 @@ def _world_is_first_board(state: State, problem: Problem) -> State:
     r, t = state.placement_rotation[first], state.placement_translation[first]
     rotation = state.placement_rotation @ r.T
     return replace(
-        state, points=state.points @ r.T + t, placement_rotation=rotation,
+        state,
+        points=state.points @ r.T + t,
+        placement_rotation=rotation,
         placement_translation=state.placement_translation - rotation @ t,
-    )  # fmt: skip
+    )
 
 
 def _metric(state: State, nominal: FloatArray, seen: BoolArray, reference: int) -> State:
@@ -154,14 +175,16 @@ def _metric(state: State, nominal: FloatArray, seen: BoolArray, reference: int) 
     state = state.scaled(fit.scale)
     rotation = state.placement_rotation @ fit.rotation.T
     return replace(
-        state, points=state.points @ fit.rotation.T + fit.translation, placement_rotation=rotation,
+        state,
+        points=state.points @ fit.rotation.T + fit.translation,
+        placement_rotation=rotation,
         placement_translation=state.placement_translation - rotation @ fit.translation,
-    )  # fmt: skip
+    )
 
 
 def _as_frames(
     cofactors: Covariance | None, problem: Problem, state: State, placement: np.ndarray, point: np.ndarray
-) -> FrameCovariance | None:  # fmt: skip
+) -> FrameCovariance | None:
     """The cofactors as those of frames; the scale's part comes from the print alone."""
     if cofactors is None:
         return None

@@ -70,9 +70,14 @@ def usable_views(views: BoardViews, used: BoolArray) -> list[tuple[int, int]]:
 
 
 def start_intrinsics(
-    views: BoardViews, usable: list[tuple[int, int]], prior: FloatArray, sizes: list[tuple[int, int]],
-    free: BoolArray, context: Context, assumed: BoolArray | None = None,
-) -> FloatArray:  # fmt: skip
+    views: BoardViews,
+    usable: list[tuple[int, int]],
+    prior: FloatArray,
+    sizes: list[tuple[int, int]],
+    free: BoolArray,
+    context: Context,
+    assumed: BoolArray | None = None,
+) -> FloatArray:
     """Intrinsics (c,16) of each camera alone: estimated where views and `free` (c,16) allow, else the prior (c,16).
 
     `assumed` (c,): whose prior's focal length is only a guess.
@@ -94,9 +99,13 @@ def start_intrinsics(
 
 
 def _calibrate(
-    views: BoardViews, own: list[IntArray], prior: FloatArray, size: tuple[int, int],
-    plane: tuple[FloatArray, FloatArray] | None, wild: float,
-) -> FloatArray | None:  # fmt: skip
+    views: BoardViews,
+    own: list[IntArray],
+    prior: FloatArray,
+    size: tuple[int, int],
+    plane: tuple[FloatArray, FloatArray] | None,
+    wild: float,
+) -> FloatArray | None:
     """Intrinsics (16,) of a camera from some of its views: the better of Zhang's start and the prior as a start."""
     points = views.points_mm if plane is None else (views.points_mm - plane[1]) @ plane[0].T
     if plane is not None:

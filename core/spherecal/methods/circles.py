@@ -114,9 +114,7 @@ def _ellipse_of(contour: np.ndarray, shape: tuple[int, ...], most_area: float) -
     return np.array([u, v, long + 0.5, short + 0.5, angle, misfit])
 
 
-def _along_ellipse(
-    contour: np.ndarray, u: float, v: float, long: float, short: float, vectors: FloatArray
-) -> bool:  # fmt: skip
+def _along_ellipse(contour: np.ndarray, u: float, v: float, long: float, short: float, vectors: FloatArray) -> bool:
     """Whether the points of a contour lie on the ellipse, to a pixel and a tenth."""
     local = (contour[:, 0] - (u, v)) @ vectors[:, ::-1] / (long, short)
     off = np.abs(np.hypot(local[:, 0], local[:, 1]) - 1) * short
@@ -199,7 +197,7 @@ def _rim(grey: FloatArray, u: float, v: float, long: float, short: float, angle:
 
 def _fit_ellipse(
     rim: FloatArray, start: FloatArray, size: float
-) -> tuple[float, float, float, float, float, float] | None:  # fmt: skip
+) -> tuple[float, float, float, float, float, float] | None:
     """u v long short angle and rms distance of the conic of least algebraic error; stray rim points are left out."""
     p = (rim - start) / size
     keep = np.ones(len(p), dtype=bool)
@@ -223,9 +221,13 @@ def _fit_ellipse(
         angle = np.arctan2(vectors[1, 0], vectors[0, 0])
         rms = float(np.sqrt((off[keep] ** 2).mean()))
         result = (
-            float(centre[0] * size + start[0]), float(centre[1] * size + start[1]),
-            float(long * size), float(short * size), float(angle), rms,
-        )  # fmt: skip
+            float(centre[0] * size + start[0]),
+            float(centre[1] * size + start[1]),
+            float(long * size),
+            float(short * size),
+            float(angle),
+            rms,
+        )
         again = np.abs(off) <= 3.5 * spread
         if again.sum() < _LEAST_RAYS or (again == keep).all():
             break
@@ -249,6 +251,10 @@ def _weighted_mean(grey: FloatArray, row: FloatArray) -> tuple[float, ...] | Non
     steps = np.arange(-half, half + 1)
     noise = float(edge.std()) / max(float(weight.max()), 1e-6)
     return (
-        x + float(weight.sum(axis=0) @ steps) / total, y + float(weight.sum(axis=1) @ steps) / total,
-        float(long), float(short), 0.0, max(noise, 0.02),
-    )  # fmt: skip
+        x + float(weight.sum(axis=0) @ steps) / total,
+        y + float(weight.sum(axis=1) @ steps) / total,
+        float(long),
+        float(short),
+        0.0,
+        max(noise, 0.02),
+    )

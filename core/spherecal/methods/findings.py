@@ -17,7 +17,7 @@ Shown = Literal["board", "bar"]
 
 def unlinked(
     camera_ids: tuple[str, ...], linked: IntArray, placed: BoolArray, what: Shown, least: int
-) -> list[Finding]:  # fmt: skip
+) -> list[Finding]:
     """Cameras that could not be linked, group by group; `least`: points of a board or marks that two linked share."""
     if placed.all():
         return []
@@ -79,8 +79,10 @@ def _coverage(session: Session, fit: Fit, what: Shown) -> list[Finding]:
         return []
     worst = little[np.argmin(coverage[little])]
     values = {
-        "limit_percent": 100 * LITTLE_COVERAGE, "least": session.cameras[worst].id, "percent": 100 * coverage[worst],
-    }  # fmt: skip
+        "limit_percent": 100 * LITTLE_COVERAGE,
+        "least": session.cameras[worst].id,
+        "percent": 100 * coverage[worst],
+    }
     return [Finding("little-coverage", "warning", values, tuple(session.cameras[c].id for c in little), kind=what)]
 
 

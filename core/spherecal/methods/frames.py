@@ -106,9 +106,7 @@ def sum_by(index: IntArray, values: FloatArray, n: int) -> FloatArray:
     return np.stack(columns, axis=1, dtype=np.float64).reshape(n, *values.shape[1:])
 
 
-def reduce(
-    model: FrameModel, state: State, linear: Linearised, damping: float
-) -> ReducedFrames:  # fmt: skip
+def reduce(model: FrameModel, state: State, linear: Linearised, damping: float) -> ReducedFrames:
     """The cameras' normal equations with the frames eliminated and the priors' rows added; valid above the diagonal."""
     residual, by_camera, by_part = linear
     problem, layout = model.problem, model.problem.layout
@@ -130,7 +128,7 @@ def reduce(
     pair_part, pair_camera = (pair.astype(np.int64) for pair in np.divmod(key, problem.n_cameras))
     reduced = ReducedFrames(
         matrix, gradient, diagonal, inverse, own_gradient, coupling, pair_part, pair_camera, model.parts
-    )  # fmt: skip
+    )
     for first, dense in dense_couplings(reduced, problem.n_cameras):
         block = slice(first, first + len(dense))
         weighted = inverse[block] @ dense
@@ -253,9 +251,7 @@ def _robust_weight(model: FrameModel, state: State, cauchy: float | None) -> Flo
     return 1.0 / np.sqrt(1.0 + (model.residuals(state) ** 2).sum(axis=1) / cauchy**2)
 
 
-def _step(
-    model: FrameModel, state: State, linear: Linearised, damping: float
-) -> tuple[State, float] | None:  # fmt: skip
+def _step(model: FrameModel, state: State, linear: Linearised, damping: float) -> tuple[State, float] | None:
     """The state after one damped step and the decrease of cost that the linear model predicts; None if singular."""
     problem = model.problem
     try:

@@ -77,7 +77,7 @@ def _inverse(matrix: FloatArray) -> FloatArray:
 
 def _transformed(
     model: FrameModel, state: State, points: PointRows, normal: ReducedFrames, inverse: FloatArray
-) -> FrameCovariance:  # fmt: skip
+) -> FrameCovariance:
     motions, camera_motions, spread = _motions(model, state, points)
     moments = np.linalg.inv(np.einsum("pig,pih->gh", motions[points.in_datum], motions[points.in_datum]))
     within = np.where(points.in_datum[:, None, None], motions.transpose(0, 2, 1) @ points.by_frame, 0.0)
@@ -112,9 +112,7 @@ def _transformed(
     return FrameCovariance(own, covariance, relative, cameras, camera_motions[:, 6] * spread)
 
 
-def _motions(
-    model: FrameModel, state: State, points: PointRows
-) -> tuple[FloatArray, FloatArray, float]:  # fmt: skip
+def _motions(model: FrameModel, state: State, points: PointRows) -> tuple[FloatArray, FloatArray, float]:
     """Shifts, turns and stretch of points (p,3,7) and cameras (e,7) about the points' centroid, and their spread."""
     centroid = points.place[points.in_datum].mean(axis=0)
     offset = points.place - centroid

@@ -33,9 +33,7 @@ def poorly_observed(group: IntArray, free: BoolArray, camera: IntArray, frame: I
     return free.any(axis=1) & few[group]
 
 
-def poorly_determined(
-    problem: Problem, state: State, covariance: FrameCovariance | None, variance: float
-) -> BoolArray:  # fmt: skip
+def poorly_determined(problem: Problem, state: State, covariance: FrameCovariance | None, variance: float) -> BoolArray:
     """Cameras (c,) whose focal length came out worse than a data sheet's; all free ones where all is singular."""
     columns = problem.intrinsic_columns
     if not len(columns) or columns[0] != 0:

@@ -34,7 +34,7 @@ class Labelled:
 
 def label_board(
     circles: Circles, rows: int, columns: int, rings: tuple[tuple[int, int], ...], mirrored: bool
-) -> Labelled | None:  # fmt: skip
+) -> Labelled | None:
     """The circles that are dots of a board of rows x columns; None where the board is ambiguous.
 
     `rings` names the (row, column) of its ring marks. `mirrored` allows the rows to count upward (as seen with the
@@ -111,9 +111,7 @@ def _first_steps(uv: FloatArray, tree: KDTree, seed: int) -> list[tuple[FloatArr
     return [(steps[i], steps[j]) for _, i, j in pairs[:2]]
 
 
-def _grow(
-    uv: FloatArray, area: FloatArray, tree: KDTree, seed: int, first: FloatArray, second: FloatArray
-) -> Labelled:  # fmt: skip
+def _grow(uv: FloatArray, area: FloatArray, tree: KDTree, seed: int, first: FloatArray, second: FloatArray) -> Labelled:
     """The lattice over all circles that can be reached from one by its steps."""
     place = {seed: (0, 0)}
     taken = {(0, 0): seed}
@@ -155,7 +153,7 @@ _TURNS = _turns()
 
 def _by_rings(
     grown: Labelled, ring: BoolArray, rows: int, columns: int, rings: tuple[tuple[int, int], ...]
-) -> Labelled | None:  # fmt: skip
+) -> Labelled | None:
     """The lattice laid onto the board so that its rings fall on the board's; None unless that can be done in one way.
 
     Dots beyond the board's rows and columns are not the board's and are left out.

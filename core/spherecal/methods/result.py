@@ -61,39 +61,70 @@ def assemble_fit(
     cameras = tuple(_camera(session, fit, int(c)) for c in np.flatnonzero(fit.placed))
     covariance = _covariance(fit, scale)
     rig = Rig(
-        session.cameras[fit.reference].id, cameras, scale, quality, session.input_sha256, covariance,
-        _length_map(cameras, covariance, fit), recorded_at=session.recorded_at,
-    )  # fmt: skip
+        session.cameras[fit.reference].id,
+        cameras,
+        scale,
+        quality,
+        session.input_sha256,
+        covariance,
+        _length_map(cameras, covariance, fit),
+        recorded_at=session.recorded_at,
+    )
     variance = fit.variance * np.einsum("pii->pi", fit.points_cofactor)
     return Calibration(
-        rig, fit.observations, fit.features, fit.points, np.sqrt(np.maximum(variance, 0.0)),
+        rig,
+        fit.observations,
+        fit.features,
+        fit.points,
+        np.sqrt(np.maximum(variance, 0.0)),
         np.bincount(fit.features.of_observation[fit.used], minlength=len(fit.features)),
-        fit.residual, fit.used, (), method, seconds,
-    )  # fmt: skip
+        fit.residual,
+        fit.used,
+        (),
+        method,
+        seconds,
+    )
 
 
 def assemble_nothing(
-    session: Session, observations: Observations, features: Features, findings: list[Finding], method: str,
+    session: Session,
+    observations: Observations,
+    features: Features,
+    findings: list[Finding],
+    method: str,
     seconds: dict[str, float],
-) -> Calibration:  # fmt: skip
+) -> Calibration:
     """The result where no camera could be placed."""
     unknown = np.full((len(features), 3), np.nan)
     return Calibration(
         Rig(None, (), RigScale("none", None), Quality(False, None, None, None, tuple(findings)), session.input_sha256),
-        observations, features, unknown, unknown, np.zeros(len(features), dtype=np.int64),
-        np.full((len(observations), 2), np.nan), np.zeros(len(observations), dtype=bool), (), method, seconds,
-    )  # fmt: skip
+        observations,
+        features,
+        unknown,
+        unknown,
+        np.zeros(len(features), dtype=np.int64),
+        np.full((len(observations), 2), np.nan),
+        np.zeros(len(observations), dtype=bool),
+        (),
+        method,
+        seconds,
+    )
 
 
 def _camera(session: Session, fit: Fit, c: int) -> RigCamera:
     spec, state = session.cameras[c], fit.state
     own = fit.used & (fit.observations.camera == c)
     return RigCamera(
-        spec.id, spec.serial, spec.image_size, state.intrinsics[c], state.rotation[c], state.translation[c],
+        spec.id,
+        spec.serial,
+        spec.image_size,
+        state.intrinsics[c],
+        state.rotation[c],
+        state.translation[c],
         rms_px=float(np.sqrt((fit.residual[own] ** 2).sum(axis=1).mean())) if own.any() else None,
         observations=int(own.sum()),
         sigma=_sigma(fit, c),
-    )  # fmt: skip
+    )
 
 
 def _sigma(fit: Fit, c: int) -> CameraSigma | None:
@@ -119,18 +150,19 @@ def _covariance(fit: Fit, scale: RigScale) -> CameraCovariance | None:
     return CameraCovariance(matrix[np.ix_(keep, keep)], fit.problem.intrinsic_columns)
 
 
-def _length_map(
-    cameras: tuple[RigCamera, ...], covariance: CameraCovariance | None, fit: Fit
-) -> LengthMap | None:  # fmt: skip
+def _length_map(cameras: tuple[RigCamera, ...], covariance: CameraCovariance | None, fit: Fit) -> LengthMap | None:
     """The map of a length's uncertainty over what was shown; None where no length can be measured."""
     known = np.isfinite(fit.points[:, 0])
     if covariance is None or len(cameras) < 2 or known.sum() < 2:
         return None
     looking = Cameras(
-        np.array([c.intrinsics for c in cameras]), np.array([c.rotation for c in cameras]),
-        np.array([c.translation_mm for c in cameras]), np.array([c.image_size for c in cameras], dtype=float),
-        covariance.matrix, covariance.intrinsics,
-    )  # fmt: skip
+        np.array([c.intrinsics for c in cameras]),
+        np.array([c.rotation for c in cameras]),
+        np.array([c.translation_mm for c in cameras]),
+        np.array([c.image_size for c in cameras], dtype=float),
+        covariance.matrix,
+        covariance.intrinsics,
+    )
     sigma = 1.0 if fit.observations.sigma is None else float(np.median(fit.observations.sigma[fit.used]))
     volume = measured_volume(fit.points[known], np.array([c.centre_mm for c in cameras]))
     return length_map(looking, volume, max(float(np.sqrt(fit.variance)) * sigma, 1e-4))

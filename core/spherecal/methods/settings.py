@@ -66,9 +66,7 @@ def without_effect(settings: CalibrationSettings) -> tuple[Finding, ...]:
         kinds.append("joint")
     if chained and settings.paths != PathSettings():
         kinds.append("paths")
-    return tuple(
-        Finding("setting-without-effect", "info", {"method": settings.method}, kind=kind) for kind in kinds
-    )  # fmt: skip
+    return tuple(Finding("setting-without-effect", "info", {"method": settings.method}, kind=kind) for kind in kinds)
 
 
 def check_settings(session: Session, settings: CalibrationSettings) -> None:

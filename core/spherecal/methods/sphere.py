@@ -50,9 +50,14 @@ def points_as_in_the_paper(start: InitialPoses, local: LocalNetwork, features: F
 
 
 def run_of(
-    session: Session, settings: CalibrationSettings, start: InitialPoses, local: LocalNetwork, known: FloatArray,
-    context: Context, watch: Stopwatch,
-) -> Run:  # fmt: skip
+    session: Session,
+    settings: CalibrationSettings,
+    start: InitialPoses,
+    local: LocalNetwork,
+    known: FloatArray,
+    context: Context,
+    watch: Stopwatch,
+) -> Run:
     """What the stages from the adjustment on share; the wanted reference camera, where it has a pose, is the first."""
     wanted = [c for c, camera in enumerate(session.cameras) if camera.id == settings.reference and start.placed[c]]
     first, *others = dict.fromkeys((*wanted, *local.graph.references))

@@ -88,7 +88,7 @@ def _read(path: Path) -> KeptCheck:
         raise InputError(Phrase("error-not-profiles-file", {"file": path}))
     f = migrated(path, FORMAT, VERSION, {}).fields(
         ("checked_at", "calibration", "check"), ("temperature_c", "software")
-    )  # fmt: skip
+    )
     check = f["check"].fields(("verdict", "sentence", "cameras", "balls", "lengths"), ("tolerance_mm",))
     cameras = [one.fields(("id",), ("point_mm", "rms_px", "points")) for one in check["cameras"].items()]
     scales = [ball.fields(("scale_ppm",)) for ball in check["balls"].items()]

@@ -146,10 +146,15 @@ def _effect(true: list[RigCamera], used: list[RigCamera], lengths: _Lengths) -> 
     """The largest error of a point and of a length when images that `true` makes are measured with `used`."""
     feature, camera, uv = _seen_by(true, lengths.points)
     measured = triangulate(
-        feature, camera, uv, np.ones(len(uv)), len(lengths.points),
-        np.array([c.intrinsics for c in used]), np.array([c.rotation for c in used]),
+        feature,
+        camera,
+        uv,
+        np.ones(len(uv)),
+        len(lengths.points),
+        np.array([c.intrinsics for c in used]),
+        np.array([c.rotation for c in used]),
         np.array([c.translation_mm for c in used]),
-    ).points  # fmt: skip
+    ).points
     off = np.linalg.norm(measured - lengths.points, axis=1)
     if not np.isfinite(off).any():
         return _Effect()

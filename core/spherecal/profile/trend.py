@@ -106,10 +106,14 @@ def make_check_trend(profile: Profile) -> Trend:
     names = sorted({name for one in checks for name in one.point_mm})
     cameras = tuple(_series(name, "mm", [one.point_mm.get(name, np.nan) for one in checks], 0.0) for name in names)
     return Trend(
-        profile.name, tuple(str(i + 1) for i in range(len(checks))), tuple(one.at for one in checks),
-        tuple(one for one in series if np.isfinite(one.values).any()), cameras, "check",
+        profile.name,
+        tuple(str(i + 1) for i in range(len(checks))),
+        tuple(one.at for one in checks),
+        tuple(one for one in series if np.isfinite(one.values).any()),
+        cameras,
+        "check",
         tuple(one.verdict for one in checks),
-    )  # fmt: skip
+    )
 
 
 def _number(value: float | None) -> float:
@@ -145,9 +149,10 @@ def trend_table(trend: Trend) -> str:
     """The trend as CSV, one row a calibration or check."""
     columns = [*trend.series, *trend.cameras]
     first, of_camera = (
-        (["calibration", "calibrated_at"], "rays") if trend.kind == "calibration"
+        (["calibration", "calibrated_at"], "rays")
+        if trend.kind == "calibration"
         else (["check", "checked_at", "verdict"], "point")
-    )  # fmt: skip
+    )
     names = [f"{s.name} [{s.unit}]" for s in trend.series] + [f"{s.name} {of_camera} [mm]" for s in trend.cameras]
     lines = [",".join([*first, *names])]
     for i, (key, time) in enumerate(zip(trend.ids, trend.times, strict=True)):

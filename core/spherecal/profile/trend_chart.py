@@ -66,10 +66,12 @@ def _draw(trend: Trend) -> Sheet:
     since = f"calibration {trend.ids[0]}, {trend.times[0]:%Y-%m-%d %H:%M} UTC"
     against = f"Changes since {since}" if trend.kind == "calibration" else "Against the calibration in use at the time"
     sheet.text(
-        _MARGIN_MM, 12.0,
-        f"{against}. Dashed: control limits (median ± 3.14 median moving ranges); crosses lie outside.", SMALL_PT,
+        _MARGIN_MM,
+        12.0,
+        f"{against}. Dashed: control limits (median ± 3.14 median moving ranges); crosses lie outside.",
+        SMALL_PT,
         colour=SOFT,
-    )  # fmt: skip
+    )
     y = 16.0
     for series in trend.series:
         _panel(sheet, PageBox(_MARGIN_MM, y, width, _PANEL_MM + _GAP_MM), series, trend)
@@ -101,9 +103,15 @@ def _panel(sheet: Sheet, box: PageBox, series: TrendSeries, trend: Trend) -> Non
     for value, text in ((series.limits.low, "lower limit"), (series.limits.high, "upper limit")):
         axes.axhline(value, color=BAD, linewidth=0.6, linestyle=(0, (4, 2)))
         axes.annotate(
-            f"{text} {significant(value, 3)}", (0.005, value), xycoords=("axes fraction", "data"), xytext=(0, 1.5),
-            textcoords="offset points", ha="left", fontsize=TINY_PT, color=BAD,
-        )  # fmt: skip
+            f"{text} {significant(value, 3)}",
+            (0.005, value),
+            xycoords=("axes fraction", "data"),
+            xytext=(0, 1.5),
+            textcoords="offset points",
+            ha="left",
+            fontsize=TINY_PT,
+            color=BAD,
+        )
     axes.margins(y=0.25)
 
 

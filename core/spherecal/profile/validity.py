@@ -46,9 +46,12 @@ class Validity:
 
 
 def validity(
-    entry: Entry | None, limits: ValidityLimits, now: datetime | None = None, temperature_c: float | None = None,
+    entry: Entry | None,
+    limits: ValidityLimits,
+    now: datetime | None = None,
+    temperature_c: float | None = None,
     checked: KeptCheck | None = None,
-) -> Validity:  # fmt: skip
+) -> Validity:
     """How far a calibration may be trusted now, at this temperature and after its last quick check (None: not known).
 
     A check that finds all well leaves the age as it is: it does not see all that ages.

@@ -147,16 +147,29 @@ def _statistics(document: Document, bars: BarReport) -> None:
     ]
     rows: list[list[Cell]] = [
         [
-            _name(x.key), number(reference.get(x.key), 3), str(x.n),
+            _name(x.key),
+            number(reference.get(x.key), 3),
+            str(x.n),
             number(x.mean_error_mm, 4, sign=True),
-            number(x.sd_mm, 4), number(x.max_abs_error_mm, 4), number(x.expanded_mm, 4), number(x.coverage_factor, 2),
+            number(x.sd_mm, 4),
+            number(x.max_abs_error_mm, 4),
+            number(x.expanded_mm, 4),
+            number(x.coverage_factor, 2),
         ]
         for x in _by_length(bars)
-    ]  # fmt: skip
-    rows.append([
-        (label("report-all"), INK), "", str(bars.n), number(bars.mean_error_mm, 4, sign=True), number(bars.sd_mm, 4),
-        number(bars.max_abs_error_mm, 4), "", "",
-    ])  # fmt: skip
+    ]
+    rows.append(
+        [
+            (label("report-all"), INK),
+            "",
+            str(bars.n),
+            number(bars.mean_error_mm, 4, sign=True),
+            number(bars.sd_mm, 4),
+            number(bars.max_abs_error_mm, 4),
+            "",
+            "",
+        ]
+    )
     document.table(columns, rows)
 
 
@@ -208,8 +221,16 @@ def _measured(document: Document, bars: BarReport) -> None:
         error = number(row.error_mm, 4, sign=True)
         broken = (row.pose, row.start, row.end) in bars.exceeding
         ratio = number(row.error_mm / row.u_mm, 1, sign=True) if row.u_mm else NONE
-        rows.append([
-            row.pose, _name(row.key), number(row.length_mm, 4), number(row.reference_mm, 4),
-            (error, BAD) if broken else error, number(row.u_mm, 4), ratio, str(row.views),
-        ])  # fmt: skip
+        rows.append(
+            [
+                row.pose,
+                _name(row.key),
+                number(row.length_mm, 4),
+                number(row.reference_mm, 4),
+                (error, BAD) if broken else error,
+                number(row.u_mm, 4),
+                ratio,
+                str(row.views),
+            ]
+        )
     document.table(columns, rows, SMALL_PT)

@@ -67,11 +67,16 @@ def read_issuer(path: Path) -> Issuer:
     if "place" in f:
         place = f["place"].choice("laboratory", "customer", "laboratoryBranch", "customerBranch", "other")
     return Issuer(
-        _read_contact(f["laboratory"]), _read_contact(f["customer"]), _said(f["person"]), _said(f["rig_serial"]),
+        _read_contact(f["laboratory"]),
+        _read_contact(f["customer"]),
+        _said(f["person"]),
+        _said(f["rig_serial"]),
         _said(f["manufacturer"]) if "manufacturer" in f else "not stated",
-        _said(f["number"]) if "number" in f else "", place,
-        _read_date(f["begin"]) if "begin" in f else None, _read_date(f["end"]) if "end" in f else None,
-    )  # fmt: skip
+        _said(f["number"]) if "number" in f else "",
+        place,
+        _read_date(f["begin"]) if "begin" in f else None,
+        _read_date(f["end"]) if "end" in f else None,
+    )
 
 
 def _said(value: JsonValue) -> str:
@@ -142,11 +147,14 @@ def _administrative(root: Xml.Element, result: Result, issuer: Issuer) -> None:
     core = _add(data, "coreData")
     begin, end = _dates(result, issuer)
     for name, text in (
-        ("countryCodeISO3166_1", issuer.laboratory.country), ("usedLangCodeISO639_1", "en"),
-        ("mandatoryLangCodeISO639_1", "en"), ("uniqueIdentifier", issuer.number or fingerprint(result)),
-        ("beginPerformanceDate", begin.isoformat()), ("endPerformanceDate", end.isoformat()),
+        ("countryCodeISO3166_1", issuer.laboratory.country),
+        ("usedLangCodeISO639_1", "en"),
+        ("mandatoryLangCodeISO639_1", "en"),
+        ("uniqueIdentifier", issuer.number or fingerprint(result)),
+        ("beginPerformanceDate", begin.isoformat()),
+        ("endPerformanceDate", end.isoformat()),
         ("performanceLocation", issuer.place),
-    ):  # fmt: skip
+    ):
         _add(core, name, text)
     items = _add(data, "items")
     item = _add(items, "item")
@@ -234,9 +242,13 @@ def _calibration(results: Xml.Element, result: Result) -> None:
     content = make_content(result)
     method = dict(result.software.details).get("method", "auto")
     found = _measurement(
-        results, "Calibration of the cameras", f"{content.verdicts[0].word}: {content.verdicts[0].sentence}",
-        f"Bundle adjustment of a ball's coded targets, method {method}", "", result,
-    )  # fmt: skip
+        results,
+        "Calibration of the cameras",
+        f"{content.verdicts[0].word}: {content.verdicts[0].sentence}",
+        f"Bundle adjustment of a ball's coded targets, method {method}",
+        "",
+        result,
+    )
     _conditions(found, "Temperature of the rig", [])
     listed = _add(found, "results")
     for camera in result.rig.cameras:
@@ -247,11 +259,12 @@ def _camera(listed: Xml.Element, camera: RigCamera, reference: str | None) -> No
     one = _add(listed, "result")
     _name(one, f"Camera {camera.id}")
     _rich(
-        one, "description",
+        one,
+        "description",
         f"OpenCV's {'fisheye ' if is_fisheye(camera.intrinsics) else ''}camera model, "
         "pixel (0, 0) is the centre of the top left one. "
         f"World: the frame of camera {reference}. x_camera = R x_world + t. {camera.observations} observations.",
-    )  # fmt: skip
+    )
     data = _add(one, "data")
     sigma = camera.sigma
     for i, name in enumerate(lens_names(camera.intrinsics)):
@@ -308,10 +321,13 @@ def _verification(results: Xml.Element, result: Result) -> None:
     content = make_content(result)
     procedure = bars.procedure
     found = _measurement(
-        results, "Verification with reference bars", f"{content.verdicts[1].word}: {content.verdicts[1].sentence}",
+        results,
+        "Verification with reference bars",
+        f"{content.verdicts[1].word}: {content.verdicts[1].sentence}",
         procedure.title if procedure is not None else "Measurement of reference bars",
-        "VDI/VDE 2634-1 (reduced)" if procedure is not None else "", result,
-    )  # fmt: skip
+        "VDI/VDE 2634-1 (reduced)" if procedure is not None else "",
+        result,
+    )
     if procedure is not None:
         _equipment(found, procedure.bars)
     poses = procedure.poses if procedure is not None else ()
@@ -320,9 +336,11 @@ def _verification(results: Xml.Element, result: Result) -> None:
     one = _add(_add(found, "results"), "result")
     _name(one, "Length errors")
     _rich(
-        one, "description", "Mean of the measured minus the certified length, brought to the bar's temperature.",
+        one,
+        "description",
+        "Mean of the measured minus the certified length, brought to the bar's temperature.",
         *(procedure.departures if procedure is not None else ()),
-    )  # fmt: skip
+    )
     data = _add(one, "data")
     for x in bars.lengths:
         if x.mean_error_mm is not None:

@@ -202,6 +202,11 @@ def _mark(axes: Axes, detection: Detection, size_pt: float, line_pt: float, cros
         (~detection.used, "x", _ASIDE),
     ):
         axes.plot(
-            *detection.uv[chosen].T, linestyle="none", marker=mark, markersize=size_pt, markerfacecolor="none",
-            markeredgecolor=colour, markeredgewidth=line_pt,
-        )  # fmt: skip
+            *detection.uv[chosen].T,
+            linestyle="none",
+            marker=mark,
+            markersize=size_pt,
+            markerfacecolor="none",
+            markeredgecolor=colour,
+            markeredgewidth=line_pt,
+        )

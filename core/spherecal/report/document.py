@@ -155,9 +155,13 @@ class Document:
             x += column.width
 
     def flow_panels(
-        self, names: Sequence[str], columns: int, height: float, draw: Callable[[Sheet, PageBox, str], None],
+        self,
+        names: Sequence[str],
+        columns: int,
+        height: float,
+        draw: Callable[[Sheet, PageBox, str], None],
         gap: float = 4.0,
-    ) -> None:  # fmt: skip
+    ) -> None:
         """One panel for each name, `columns` in a row, each `height` mm high, over as many pages as it takes."""
         for start in range(0, len(names), columns):
             row = self.box(height + gap)

@@ -102,8 +102,9 @@ def save_map_picture(rig: Rig, lengths: LengthMap, path: Path) -> None:
             panel.set_facecolor("#e8eaed")  # where no two cameras see both ends
             x, y = np.sort(box[:, 0, 0]), np.sort(box[0, :, 1])
             grid = grid[np.ix_(np.argsort(box[:, 0, 0]), np.argsort(box[0, :, 1]))]
-            shown = panel.pcolormesh(x, y, np.ma.masked_invalid(grid).T, cmap="viridis_r",
-                                     vmin=low, vmax=high, shading="nearest")  # fmt: skip
+            shown = panel.pcolormesh(
+                x, y, np.ma.masked_invalid(grid).T, cmap="viridis_r", vmin=low, vmax=high, shading="nearest"
+            )
             panel.set_aspect("equal")
             panel.set_title(f"at {box[0, 0, 2]:+.0f} mm", fontsize=10, color=INK)
             panel.tick_params(labelsize=8, colors=SOFT)

@@ -32,9 +32,16 @@ class Labels:
         self._ground = None
 
     def put(
-        self, place: FloatArray, text: str, outwards: FloatArray, size_pt: float, colour: str, bold: bool = False,
-        gap_mm: float = 1.2, always: bool = True,
-    ) -> None:  # fmt: skip
+        self,
+        place: FloatArray,
+        text: str,
+        outwards: FloatArray,
+        size_pt: float,
+        colour: str,
+        bold: bool = False,
+        gap_mm: float = 1.2,
+        always: bool = True,
+    ) -> None:
         """A name near a place: on the side of `outwards` if there is room, else where it covers least.
 
         Unless it must be there `always`, a name that would cover another is left out.
@@ -57,11 +64,20 @@ class Labels:
         x, y = best / self._mm * self._flip
         self._axes.add_artist(
             Text(
-                x, y, text, fontsize=size_pt, color=colour, fontweight="bold" if bold else "normal", zorder=9,
-                horizontalalignment="center", verticalalignment="center", parse_math=False,
-                transform=self._axes.transData, bbox=self._ground,
+                x,
+                y,
+                text,
+                fontsize=size_pt,
+                color=colour,
+                fontweight="bold" if bold else "normal",
+                zorder=9,
+                horizontalalignment="center",
+                verticalalignment="center",
+                parse_math=False,
+                transform=self._axes.transData,
+                bbox=self._ground,
             )
-        )  # fmt: skip
+        )
 
     def _covers(self, centre: FloatArray, half: FloatArray) -> bool:
         """Whether a name there would cover another."""

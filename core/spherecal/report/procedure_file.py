@@ -139,10 +139,16 @@ def _read_bar(value: JsonValue) -> ArtefactRow:
         numbers = (x[key].number(0, _MOST_MM) if key in x else None for key in keys)
         lengths.append((x["from"].name(), x["to"].name(), *numbers))
     return ArtefactRow(
-        f["id"].name(), f["serial"].serial() if "serial" in f else "", said.get("number", ""),
-        said.get("laboratory", ""), said.get("date", ""), said.get("valid_until", ""),
-        f["expansion_per_kelvin"].number(-1, 1), f["reference_temperature_c"].number(-300, 1000), tuple(lengths),
-    )  # fmt: skip
+        f["id"].name(),
+        f["serial"].serial() if "serial" in f else "",
+        said.get("number", ""),
+        said.get("laboratory", ""),
+        said.get("date", ""),
+        said.get("valid_until", ""),
+        f["expansion_per_kelvin"].number(-1, 1),
+        f["reference_temperature_c"].number(-300, 1000),
+        tuple(lengths),
+    )
 
 
 def _read_pose(value: JsonValue) -> PoseRow:
@@ -156,11 +162,14 @@ def _read_acceptance(value: JsonValue) -> AcceptanceReport:
     limit = f["limit"].fields(("words", "constant_mm"), ("divisor",))
     verdict = f["verdict"].choice("pass", "fail", "cannot tell") if "verdict" in f else "no data"
     return AcceptanceReport(
-        f["rule"].prose(), limit["words"].text(), limit["constant_mm"].number(0, _MOST_MM),
-        limit["divisor"].number(1e-9) if "divisor" in limit else None, verdict,
+        f["rule"].prose(),
+        limit["words"].text(),
+        limit["constant_mm"].number(0, _MOST_MM),
+        limit["divisor"].number(1e-9) if "divisor" in limit else None,
+        verdict,
         tuple(item.text() for item in f["doubts"].items()) if "doubts" in f else (),
         tuple(_read_conformity(item) for item in f["lengths"].items()),
-    )  # fmt: skip
+    )
 
 
 def _read_conformity(value: JsonValue) -> ConformityRow:
@@ -168,10 +177,15 @@ def _read_conformity(value: JsonValue) -> ConformityRow:
         ("bar", "from", "to", "worst_pose", "worst_error_mm", "limit_mm", "expanded_uncertainty_mm", "verdict")
     )
     return ConformityRow(
-        f["bar"].name(), f["from"].name(), f["to"].name(), f["worst_pose"].name(),
-        f["worst_error_mm"].number(-_MOST_MM, _MOST_MM), f["limit_mm"].number(0, _MOST_MM),
-        f["expanded_uncertainty_mm"].number(0, _MOST_MM), f["verdict"].choice("pass", "fail", "cannot tell"),
-    )  # fmt: skip
+        f["bar"].name(),
+        f["from"].name(),
+        f["to"].name(),
+        f["worst_pose"].name(),
+        f["worst_error_mm"].number(-_MOST_MM, _MOST_MM),
+        f["limit_mm"].number(0, _MOST_MM),
+        f["expanded_uncertainty_mm"].number(0, _MOST_MM),
+        f["verdict"].choice("pass", "fail", "cannot tell"),
+    )
 
 
 def _read_budget(value: JsonValue) -> BudgetReport:
@@ -179,19 +193,27 @@ def _read_budget(value: JsonValue) -> BudgetReport:
     f = value.fields(required, ("effective_degrees_of_freedom", "remedy"))
     freedom = f["effective_degrees_of_freedom"].number(0) if "effective_degrees_of_freedom" in f else None
     return BudgetReport(
-        f["bar"].name(), f["from"].name(), f["to"].name(), f["combined_mm"].number(0, _MOST_MM), freedom,
-        f["coverage_factor"].number(0, 100), f["expanded_uncertainty_mm"].number(0, _MOST_MM),
+        f["bar"].name(),
+        f["from"].name(),
+        f["to"].name(),
+        f["combined_mm"].number(0, _MOST_MM),
+        freedom,
+        f["coverage_factor"].number(0, 100),
+        f["expanded_uncertainty_mm"].number(0, _MOST_MM),
         f["remedy"].prose() if "remedy" in f else "",
         tuple(_read_contribution(item) for item in f["contributions"].items()),
-    )  # fmt: skip
+    )
 
 
 def _read_contribution(value: JsonValue) -> ContributionRow:
     required = ("name", "evaluation", "distribution", "standard_uncertainty_mm", "share")
     f = value.fields(required, ("degrees_of_freedom", "contained_in_repeatability_mm"))
     return ContributionRow(
-        f["name"].text(), f["evaluation"].choice("A", "B"), f["distribution"].text(),
+        f["name"].text(),
+        f["evaluation"].choice("A", "B"),
+        f["distribution"].text(),
         f["standard_uncertainty_mm"].number(0, _MOST_MM),
-        f["degrees_of_freedom"].number(0) if "degrees_of_freedom" in f else None, f["share"].number(0, 1.0001),
+        f["degrees_of_freedom"].number(0) if "degrees_of_freedom" in f else None,
+        f["share"].number(0, 1.0001),
         f["contained_in_repeatability_mm"].number(0, _MOST_MM) if "contained_in_repeatability_mm" in f else None,
-    )  # fmt: skip
+    )

@@ -93,11 +93,16 @@ def _cameras(bars: BarReport) -> Section:
 def _statistics(bars: BarReport) -> Section:
     rows = [
         (
-            name_of(*x.key), str(x.n), number(x.mean_error_mm, 4, sign=True), number(x.sd_mm, 4),
-            number(x.max_abs_error_mm, 4), number(x.expanded_mm, 4), number(x.coverage_factor, 2),
+            name_of(*x.key),
+            str(x.n),
+            number(x.mean_error_mm, 4, sign=True),
+            number(x.sd_mm, 4),
+            number(x.max_abs_error_mm, 4),
+            number(x.expanded_mm, 4),
+            number(x.coverage_factor, 2),
         )
         for x in bars.lengths
-    ]  # fmt: skip
+    ]
     columns = (
         label("report-length"),
         "n",
@@ -125,11 +130,15 @@ def _conformity(procedure: ProcedureReport) -> Section | None:
     doubts = label("report-in-doubt", doubts=doubts_in_words(acceptance)) if acceptance.doubts else ""
     rows = [
         (
-            name_of(*x.key), x.worst_pose, number(x.worst_error_mm, 4, sign=True), number(x.expanded_mm, 4),
-            number(x.limit_mm, 4), word(_VERDICTS, x.verdict),
+            name_of(*x.key),
+            x.worst_pose,
+            number(x.worst_error_mm, 4, sign=True),
+            number(x.expanded_mm, 4),
+            number(x.limit_mm, 4),
+            word(_VERDICTS, x.verdict),
         )
         for x in acceptance.lengths
-    ]  # fmt: skip
+    ]
     columns = (
         label("report-length"),
         label("report-pose"),
@@ -205,11 +214,16 @@ def _artefacts(procedure: ProcedureReport) -> Section | None:
         return None
     rows = [
         (
-            bar.id, bar.serial or NONE, bar.certificate or NONE, bar.laboratory or NONE, bar.issued or NONE,
-            bar.valid_until or NONE, f"{1e6 * bar.expansion_per_kelvin:.2f}",
+            bar.id,
+            bar.serial or NONE,
+            bar.certificate or NONE,
+            bar.laboratory or NONE,
+            bar.issued or NONE,
+            bar.valid_until or NONE,
+            f"{1e6 * bar.expansion_per_kelvin:.2f}",
         )
         for bar in procedure.bars
-    ]  # fmt: skip
+    ]
     columns = (
         label("report-bar"),
         label("report-serial"),
@@ -264,11 +278,16 @@ def _departures(procedure: ProcedureReport) -> Section:
 def _measured(bars: BarReport) -> Section:
     rows = [
         (
-            row.pose, name_of(*row.key), number(row.length_mm, 4), number(row.reference_mm, 4),
-            number(row.error_mm, 4, sign=True), number(row.u_mm, 4), str(row.views),
+            row.pose,
+            name_of(*row.key),
+            number(row.length_mm, 4),
+            number(row.reference_mm, 4),
+            number(row.error_mm, 4, sign=True),
+            number(row.u_mm, 4),
+            str(row.views),
         )
         for row in bars.measured
-    ]  # fmt: skip
+    ]
     columns = (
         label("report-pose"),
         label("report-length"),

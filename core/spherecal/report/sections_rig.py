@@ -31,10 +31,17 @@ def _cameras(result: Result) -> Section | None:
     unit, rows = result.unit, []
     for c in result.rig.cameras:
         s = c.sigma
-        sds = (NONE,) * 4 if s is None else (
-            significant(float(s.intrinsics[0])), *(significant(float(v)) for v in (
-                np.linalg.norm(s.centre_mm), np.linalg.norm(s.rotation_deg), s.intrinsics[2])),
-        )  # fmt: skip
+        sds = (
+            (NONE,) * 4
+            if s is None
+            else (
+                significant(float(s.intrinsics[0])),
+                *(
+                    significant(float(v))
+                    for v in (np.linalg.norm(s.centre_mm), np.linalg.norm(s.rotation_deg), s.intrinsics[2])
+                ),
+            )
+        )
         centre = (number(float(x), 3) for x in c.centre_mm)
         name = f"{c.id} *" if c.id == result.rig.reference_camera else c.id
         rows.append(

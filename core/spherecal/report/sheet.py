@@ -105,17 +105,30 @@ class Sheet:
         self.figure = Figure(figsize=(width_mm / _MM_PER_INCH, height_mm / _MM_PER_INCH))
 
     def text(
-        self, x: float, y: float, text: str, size_pt: float = BODY_PT, bold: bool = False, colour: str = INK,
+        self,
+        x: float,
+        y: float,
+        text: str,
+        size_pt: float = BODY_PT,
+        bold: bool = False,
+        colour: str = INK,
         align: Align = "left",
-    ) -> None:  # fmt: skip
+    ) -> None:
         """A line of text with its base line at y; dollars are dollars."""
         self.figure.add_artist(
             Text(
-                x / self.width, 1 - y / self.height, text, fontsize=size_pt,
-                fontweight="bold" if bold else "normal", color=colour, horizontalalignment=align,
-                verticalalignment="baseline", parse_math=False, transform=self.figure.transFigure,
+                x / self.width,
+                1 - y / self.height,
+                text,
+                fontsize=size_pt,
+                fontweight="bold" if bold else "normal",
+                color=colour,
+                horizontalalignment=align,
+                verticalalignment="baseline",
+                parse_math=False,
+                transform=self.figure.transFigure,
             )
-        )  # fmt: skip
+        )
 
     def lines(self, x: float, y: float, lines: Sequence[str], size_pt: float = BODY_PT, colour: str = INK) -> float:
         """Lines of text below each other, the first with its base line at y; where the next base line would be."""

@@ -118,10 +118,15 @@ def verification_verdict(result: Result) -> tuple[str, str, str]:
         return _against_limit(acceptance, bars)
     if bars.verdict == "consistent" and not errors:
         return (
-            label("report-consistent"), GOOD,
-            label("report-lengths-agree" if bars.coverage_factor is None else "report-lengths-agree-k",
-                  lengths=_all_lengths(bars), k=bars.coverage_factor, largest=largest),
-        )  # fmt: skip
+            label("report-consistent"),
+            GOOD,
+            label(
+                "report-lengths-agree" if bars.coverage_factor is None else "report-lengths-agree-k",
+                lengths=_all_lengths(bars),
+                k=bars.coverage_factor,
+                largest=largest,
+            ),
+        )
     if bars.verdict == "inconsistent" or errors:
         reason = (
             errors[0]

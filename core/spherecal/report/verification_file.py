@@ -126,9 +126,12 @@ def read_bar_report(folder: Path) -> BarReport | None:
 def _read_camera(value: JsonValue) -> CameraRow:
     f = value.fields(("id", "views", "used", "state"), ("rms_px",))
     return CameraRow(
-        f["id"].name(), f["views"].integer(0), f["used"].integer(0), _optional(f, "rms_px", 0),
+        f["id"].name(),
+        f["views"].integer(0),
+        f["used"].integer(0),
+        _optional(f, "rms_px", 0),
         f["state"].choice("verified", "not seen", "rejected"),
-    )  # fmt: skip
+    )
 
 
 def _optional(fields: dict[str, JsonValue], key: str, least: float = -1e30) -> float | None:
@@ -155,10 +158,17 @@ def _read_length(value: JsonValue) -> LengthRow:
     f = value.fields(("bar", "from", "to", "n"), optional)
     parts = f["standard_uncertainties_mm"].fields((), BUDGET_PARTS) if "standard_uncertainties_mm" in f else {}
     return LengthRow(
-        f["bar"].name(), f["from"].name(), f["to"].name(), f["n"].integer(0), _optional(f, "mean_error_mm"),
-        _optional(f, "sd_mm", 0), _optional(f, "max_abs_error_mm", 0), _optional(f, "expanded_uncertainty_mm", 0),
-        _optional(f, "coverage_factor", 0), tuple(_optional(parts, part, 0) for part in BUDGET_PARTS),
-    )  # fmt: skip
+        f["bar"].name(),
+        f["from"].name(),
+        f["to"].name(),
+        f["n"].integer(0),
+        _optional(f, "mean_error_mm"),
+        _optional(f, "sd_mm", 0),
+        _optional(f, "max_abs_error_mm", 0),
+        _optional(f, "expanded_uncertainty_mm", 0),
+        _optional(f, "coverage_factor", 0),
+        tuple(_optional(parts, part, 0) for part in BUDGET_PARTS),
+    )
 
 
 def _read_rows(path: Path) -> tuple[BarRow, ...]:

@@ -24,9 +24,15 @@ from spherecal.report.verdict_page import add_signature, add_verdict_page
 
 
 def write_report(
-    result_folder: Path, output: Path, session_folder: Path | None = None, page: PageSize = "A4",
-    issuer: Path | None = None, language: str = "en", notice: str = "", note: str = "",
-) -> None:  # fmt: skip
+    result_folder: Path,
+    output: Path,
+    session_folder: Path | None = None,
+    page: PageSize = "A4",
+    issuer: Path | None = None,
+    language: str = "en",
+    notice: str = "",
+    note: str = "",
+) -> None:
     """Write the report of a result folder, whole or not at all; the same result gives the same bytes.
 
     The ending chooses the form: `.pdf`, `.html`, `.json` (the same content as data), `.xml` (a Digital Calibration
@@ -37,10 +43,12 @@ def write_report(
     for a folder or file that cannot be used as it is, OutputError where the report cannot be written.
     """
     forms = {
-        ".html": html_report, ".htm": html_report, ".json": json_report,
+        ".html": html_report,
+        ".htm": html_report,
+        ".json": json_report,
         ".xml": lambda folder: certificate(folder, issuer),
         ".pdf": lambda folder: report_bytes(folder, session_folder, page, notice, note),
-    }  # fmt: skip
+    }
     make = forms.get(output.suffix.lower())
     if make is None:
         raise InputError(Phrase("error-report-kind", {"file": output}))

@@ -52,9 +52,18 @@ def build_result(recording: Recording, local: LocalNetwork, fit: MetricFit, meth
     placed = solved.placed & (np.bincount(observations.camera[adjusted.used], minlength=len(solved.placed)) > 0)
     residual = _residuals(observations, features, placed, solution)
     evidence = Evidence(
-        session, observations, features, local, placed, _for_diagnosis(solved), choice, solution, residual,
-        adjusted.used, run.context,
-    )  # fmt: skip
+        session,
+        observations,
+        features,
+        local,
+        placed,
+        _for_diagnosis(solved),
+        choice,
+        solution,
+        residual,
+        adjusted.used,
+        run.context,
+    )
     lasting = np.array([camera.earlier_pose_of is None for camera in session.cameras])
     cameras, earlier = (
         tuple(_camera(session, int(c), residual, observations, adjusted, solution) for c in np.flatnonzero(some))
@@ -82,20 +91,35 @@ def build_result(recording: Recording, local: LocalNetwork, fit: MetricFit, meth
         affected=affected(findings, names, _weak_region(lengths)),
     )
     rig = Rig(
-        session.cameras[reference].id if placed[reference] else None, cameras, scale, quality, session.input_sha256,
-        covariance, lengths, earlier_poses=earlier, recorded_at=session.recorded_at,
+        session.cameras[reference].id if placed[reference] else None,
+        cameras,
+        scale,
+        quality,
+        session.input_sha256,
+        covariance,
+        lengths,
+        earlier_poses=earlier,
+        recorded_at=session.recorded_at,
         form=Form(choice.form, phrase(choice.reason), choice.shape_sd_mm, choice.stated),
-    )  # fmt: skip
+    )
     sigma = np.full((len(features), 3), np.nan)
     if solution.covariance is not None:
         variance = adjusted.variance * np.einsum("pii->pi", solution.covariance.points)
         sigma = np.sqrt(np.maximum(variance, 0.0)) * solution.factor * factor.max(initial=1.0)
     return Calibration(
-        rig, observations, features, solution.state.points, sigma,
+        rig,
+        observations,
+        features,
+        solution.state.points,
+        sigma,
         np.bincount(features.of_observation[adjusted.used], minlength=len(features)),
-        residual, adjusted.used, _spheres(session, solution), method, run.watch.seconds,
+        residual,
+        adjusted.used,
+        _spheres(session, solution),
+        method,
+        run.watch.seconds,
         _ball_shape(observations, features, solved, solution),
-    )  # fmt: skip
+    )
 
 
 # A place of the map is weak where a length is that many times as uncertain as in the middle of the rest.
@@ -117,9 +141,12 @@ def _wider(camera: RigCamera, factor: float) -> RigCamera:
 
 
 def _wider_covariance(
-    covariance: CameraCovariance | None, factor: FloatArray, cameras: tuple[RigCamera, ...], before: RigScale,
+    covariance: CameraCovariance | None,
+    factor: FloatArray,
+    cameras: tuple[RigCamera, ...],
+    before: RigScale,
     after: RigScale,
-) -> CameraCovariance | None:  # fmt: skip
+) -> CameraCovariance | None:
     """The covariance with each camera's rows and columns times its factor, and the scale as uncertain as it is now."""
     if covariance is None or ((factor == 1.0).all() and before == after):
         return covariance
@@ -148,9 +175,10 @@ def _either_pose(
         centres = [-state.rotation[c].T @ state.translation[c] for c in (now, before)]
         if camera.sigma is not None:
             sigma = replace(
-                camera.sigma, rotation_deg=np.hypot(camera.sigma.rotation_deg, np.rad2deg(change[:3])),
+                camera.sigma,
+                rotation_deg=np.hypot(camera.sigma.rotation_deg, np.rad2deg(change[:3])),
                 centre_mm=np.hypot(camera.sigma.centre_mm, centres[1] - centres[0]),
-            )  # fmt: skip
+            )
             cameras = (*cameras[:index], replace(camera, sigma=sigma), *cameras[index + 1 :])
         if covariance is not None:
             width = len(covariance.matrix) // len(cameras)
@@ -193,10 +221,12 @@ def _ball_shape(
     scatter = shape_cofactors(cofactors, solved.adjusted.state.points, first)
     named = feature[first]
     return BallShape(
-        features.target[named], tuple(observations.points[i] for i in features.point[named]),
+        features.target[named],
+        tuple(observations.points[i] for i in features.point[named]),
         places - (places.mean(axis=0) if sphere is None else sphere.centre),
-        scatter * (solved.adjusted.variance * solution.factor**2), solution.scale,
-    )  # fmt: skip
+        scatter * (solved.adjusted.variance * solution.factor**2),
+        solution.scale,
+    )
 
 
 def _for_diagnosis(solved: BallFit) -> BallFit:
@@ -221,10 +251,18 @@ def build_failed_result(
     none = np.full((len(observations), 2), np.nan)
     quality = Quality(False, None, None, None, findings)
     return Calibration(
-        Rig(None, (), RigScale("none", None), quality, session.input_sha256), observations, features,
-        np.full((len(features), 3), np.nan), np.full((len(features), 3), np.nan),
-        np.zeros(len(features), dtype=np.int64), none, np.zeros(len(observations), dtype=bool), (), method, seconds,
-    )  # fmt: skip
+        Rig(None, (), RigScale("none", None), quality, session.input_sha256),
+        observations,
+        features,
+        np.full((len(features), 3), np.nan),
+        np.full((len(features), 3), np.nan),
+        np.zeros(len(features), dtype=np.int64),
+        none,
+        np.zeros(len(observations), dtype=bool),
+        (),
+        method,
+        seconds,
+    )
 
 
 def _residuals(observations: Observations, features: Features, placed: BoolArray, solution: Solution) -> FloatArray:
@@ -259,17 +297,21 @@ def _ties(adjusted: Adjustment) -> float:
 
 
 def _camera(
-    session: Session, c: int, residual: FloatArray, observations: Observations, adjusted: Adjustment,
-    solution: Solution,
-) -> RigCamera:  # fmt: skip
+    session: Session, c: int, residual: FloatArray, observations: Observations, adjusted: Adjustment, solution: Solution
+) -> RigCamera:
     spec, state = session.cameras[c], solution.state
     own = adjusted.used & (observations.camera == c)
     return RigCamera(
-        spec.id, spec.serial, spec.image_size, state.intrinsics[c], state.rotation[c], state.translation[c],
+        spec.id,
+        spec.serial,
+        spec.image_size,
+        state.intrinsics[c],
+        state.rotation[c],
+        state.translation[c],
         rms_px=float(np.sqrt((residual[own] ** 2).sum(axis=1).mean())),
         observations=int(own.sum()),
         sigma=_camera_sigma(c, adjusted, solution),
-    )  # fmt: skip
+    )
 
 
 def _camera_sigma(c: int, adjusted: Adjustment, solution: Solution) -> CameraSigma | None:
@@ -295,18 +337,25 @@ def _camera_covariance(placed: BoolArray, adjusted: Adjustment, solution: Soluti
 
 
 def _length_map(
-    cameras: tuple[RigCamera, ...], covariance: CameraCovariance | None, features: Features, adjusted: Adjustment,
-    solution: Solution, observations: Observations,
-) -> LengthMap | None:  # fmt: skip
+    cameras: tuple[RigCamera, ...],
+    covariance: CameraCovariance | None,
+    features: Features,
+    adjusted: Adjustment,
+    solution: Solution,
+    observations: Observations,
+) -> LengthMap | None:
     """The map of a length's uncertainty over what the ball showed; None without a covariance or a scale."""
     known = np.isfinite(solution.state.points[:, 0])
     if covariance is None or solution.scale.source == "none" or known.sum() < 2 or len(cameras) < 2:
         return None
     looking = Cameras(
-        np.array([c.intrinsics for c in cameras]), np.array([c.rotation for c in cameras]),
-        np.array([c.translation_mm for c in cameras]), np.array([c.image_size for c in cameras], dtype=float),
-        covariance.matrix, covariance.intrinsics,
-    )  # fmt: skip
+        np.array([c.intrinsics for c in cameras]),
+        np.array([c.rotation for c in cameras]),
+        np.array([c.translation_mm for c in cameras]),
+        np.array([c.image_size for c in cameras], dtype=float),
+        covariance.matrix,
+        covariance.intrinsics,
+    )
     volume = measured_volume(solution.state.points[known], np.array([c.centre_mm for c in cameras]))
     return length_map(looking, volume, dot_noise_px(observations, adjusted))
 

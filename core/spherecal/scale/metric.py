@@ -188,9 +188,13 @@ def _near_the_rest(points: FloatArray) -> BoolArray:
 
 
 def _find_scale(
-    recording: Recording, state: State, spheres: dict[int, Sphere], cofactors: Covariance, variance: float,
+    recording: Recording,
+    state: State,
+    spheres: dict[int, Sphere],
+    cofactors: Covariance,
+    variance: float,
     literal: bool,
-) -> FoundScale | None:  # fmt: skip
+) -> FoundScale | None:
     session, observations, features = recording.session, recording.observations, recording.features
     scale = session.scale
     assert scale is not None

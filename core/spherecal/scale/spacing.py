@@ -112,9 +112,13 @@ def scale_from_spacing(
 
 
 def scale_from_mean_distance(
-    spacing: Spacing, features: Features, points: FloatArray, radius: FloatArray, covariance: Covariance,
+    spacing: Spacing,
+    features: Features,
+    points: FloatArray,
+    radius: FloatArray,
+    covariance: Covariance,
     variance: float,
-) -> FoundScale | None:  # fmt: skip
+) -> FoundScale | None:
     """The scale of (18)-(19) to the letter: the mean distance of the two dots over all targets against the known one.
 
     Arguments as of `scale_from_spacing`; no weights, no other dots, no arc: on a ball lengths come out too long by

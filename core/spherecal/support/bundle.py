@@ -72,9 +72,12 @@ class BundleContents:
 
 
 def write_bundle(
-    folder: Path, output: Path, options: BundleOptions | None = None, context: Context | None = None,
+    folder: Path,
+    output: Path,
+    options: BundleOptions | None = None,
+    context: Context | None = None,
     announce: Callable[[BundleContents], None] | None = None,
-) -> tuple[str, ...]:  # fmt: skip
+) -> tuple[str, ...]:
     """Write a session's bundle, a zip file, whole or not at all; the names of the files in it.
 
     It holds no images unless asked. `calibrate` of the bundle gives the same rig.json as of the session, byte for byte
@@ -228,9 +231,12 @@ def versions() -> dict[str, Any]:
         except PackageNotFoundError:
             found[name] = None
     return {
-        "spherecal": __version__, "python": platform.python_version(), "system": platform.system(),
-        "machine": platform.machine(), "packages": found,
-    }  # fmt: skip
+        "spherecal": __version__,
+        "python": platform.python_version(),
+        "system": platform.system(),
+        "machine": platform.machine(),
+        "packages": found,
+    }
 
 
 @contextmanager

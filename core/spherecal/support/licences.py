@@ -101,13 +101,16 @@ def bill_of_materials(extras: Iterable[str] = EXTRAS) -> bytes:
         "version": 1,
         "metadata": {
             "component": {
-                "type": "application", "name": "SphereCal", "version": __version__, "bom-ref": references["spherecal"],
+                "type": "application",
+                "name": "SphereCal",
+                "version": __version__,
+                "bom-ref": references["spherecal"],
                 "licenses": [{"license": {"id": "Apache-2.0"}}],
             },
         },
         "components": components,
         "dependencies": sorted(dependencies, key=lambda entry: entry["ref"]),
-    }  # fmt: skip
+    }
     contents = json.dumps(document, sort_keys=True)
     document["serialNumber"] = f"urn:uuid:{uuid.uuid5(uuid.NAMESPACE_OID, contents)}"
     return (json.dumps(document, indent=1) + "\n").encode()

@@ -142,9 +142,14 @@ def _tiles(image: GreyImage) -> tuple[int, int]:
 
 
 def _blobs_of_one_size(
-    found: _Found, negative: bool, tiles: BoolArray, taken: BoolArray, dots: NDArray[np.uint8], halvings: int,
+    found: _Found,
+    negative: bool,
+    tiles: BoolArray,
+    taken: BoolArray,
+    dots: NDArray[np.uint8],
+    halvings: int,
     smallest_axis: float,
-) -> BoolArray:  # fmt: skip
+) -> BoolArray:
     """Add to `found` the blobs in the given tiles of its image; returns those that an image of half the size is for.
 
     `dots` marks pixels of dots (and of large ones) known already, in the image before its `halvings`, and `taken` their

@@ -158,7 +158,7 @@ def _bits(dictionary: cv2.aruco.Dictionary, marker: int, border: int) -> FloatAr
 
 def marker_parts(
     bits: FloatArray, left: float, top: float, size: float
-) -> list[tuple[float, float, float, float, float]]:  # fmt: skip
+) -> list[tuple[float, float, float, float, float]]:
     """A black square with its white cells, those beside each other in one piece."""
     cell = size / len(bits)
     parts = [(left, top, size, size, 0.0)]

@@ -22,9 +22,12 @@ _TOP_BYTE = np.uint64(56)
 _PACK = np.uint64(0x0102040810204080)  # times eight bytes of 0 or 1: their bits, the first pixel the lowest, on top
 # at which of a tile's eight pixels bits are set, and how many
 _CHANGES = np.array(
-    [[k for k in range(8) if bits >> k & 1] + [0] * (8 - bin(bits).count("1")) + [bin(bits).count("1")]
-     for bits in range(256)], dtype=np.uint8,
-)  # fmt: skip
+    [
+        [k for k in range(8) if bits >> k & 1] + [0] * (8 - bin(bits).count("1")) + [bin(bits).count("1")]
+        for bits in range(256)
+    ],
+    dtype=np.uint8,
+)
 
 
 @njit(nogil=True, cache=True)

@@ -106,9 +106,16 @@ class Detector:
         n = by_id[n]
         ids = table.ids[groups.target]
         return Detections(
-            DOTS, ids[n], point, dots.uv[n, point], dots.sigma[n, point], ids[by_id], dots.misfit[by_id],
-            np.rad2deg(np.arccos(np.clip(groups.views[by_id, sv.COSINE], 0.0, 1.0))), dots.blur_px[by_id],
-        )  # fmt: skip
+            DOTS,
+            ids[n],
+            point,
+            dots.uv[n, point],
+            dots.sigma[n, point],
+            ids[by_id],
+            dots.misfit[by_id],
+            np.rad2deg(np.arccos(np.clip(groups.views[by_id, sv.COSINE], 0.0, 1.0))),
+            dots.blur_px[by_id],
+        )
 
 
 def detect(image: GreyImage, target_set: TargetSet, settings: DetectionSettings | None = None) -> Detections:
@@ -125,9 +132,16 @@ def _markers_in(image: GreyImage, targets: TargetSet, settings: DetectionSetting
     focal, u, v = _camera(image, settings)
     matrix = np.array([[focal, 0, u], [0, focal, v], [0, 0, 1]])
     return Detections(
-        CORNERS, found.ids[n], point, found.uv[n, point], found.sigma[n, point], found.ids[whole],
-        found.residual[whole] / USUAL_RESIDUAL_PX, tilts_deg(found.uv[whole], matrix), found.blur[whole],
-    )  # fmt: skip
+        CORNERS,
+        found.ids[n],
+        point,
+        found.uv[n, point],
+        found.sigma[n, point],
+        found.ids[whole],
+        found.residual[whole] / USUAL_RESIDUAL_PX,
+        tilts_deg(found.uv[whole], matrix),
+        found.blur[whole],
+    )
 
 
 def _camera(image: GreyImage, settings: DetectionSettings) -> FloatArray:

@@ -82,9 +82,21 @@ def fit_sticker(  # noqa: C901, PLR0912 - one kernel: its arrays live through al
         for k in range(8):
             if present[k]:
                 misfit, count = _add_dot(
-                    image, layout, shapes, k, present, top, clip, noise, dots, shared, strips, counts, equations,
+                    image,
+                    layout,
+                    shapes,
+                    k,
+                    present,
+                    top,
+                    clip,
+                    noise,
+                    dots,
+                    shared,
+                    strips,
+                    counts,
+                    equations,
                     own_bins,
-                )  # fmt: skip
+                )
                 if count < _LEAST_PIXELS:
                     return False
                 misfits[k] = misfit / (_PERFECT * count)

@@ -67,16 +67,14 @@ _ON_LINE = (
 
 
 def find_partial_groups(
-    blobs: Blobs, scales: FloatArray, start: IntArray, order: IntArray, rows: IntArray, book: Book,
-) -> tuple[IntArray, FloatArray]:  # fmt: skip
+    blobs: Blobs, scales: FloatArray, start: IntArray, order: IntArray, rows: IntArray, book: Book
+) -> tuple[IntArray, FloatArray]:
     """Rows and views of targets with one dot missing; `rows` are those of the complete ones."""
     free = np.ones(len(blobs), dtype=bool)
     free[rows[:, 1:].ravel()] = False
     seen = np.zeros(len(book.layouts), dtype=bool)
     seen[rows[:, 0]] = True
-    found, views = _search(
-        blobs.uv, blobs.moments, scales, blobs.looks, start, order, free, seen, book,
-    )  # fmt: skip
+    found, views = _search(blobs.uv, blobs.moments, scales, blobs.looks, start, order, free, seen, book)
     keep = _unrefuted(found, views[:, sv.RMS])
     return found[keep], views[keep]
 

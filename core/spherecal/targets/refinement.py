@@ -73,9 +73,22 @@ def refine(
     for chosen, prior in ((first, _START_PRIOR), (np.arange(n), _PRIOR)):
         bins = np.zeros((BINS, 3))
         _fit_all(
-            image, layouts, radius, views, present, top, clip, noise, np.array(prior), chosen, dots, shared,
-            covariance, ok, bins,
-        )  # fmt: skip
+            image,
+            layouts,
+            radius,
+            views,
+            present,
+            top,
+            clip,
+            noise,
+            np.array(prior),
+            chosen,
+            dots,
+            shared,
+            covariance,
+            ok,
+            bins,
+        )
         noise = _fit_noise(bins, noise)
         if chosen is first and ok[first].any():
             known = first[ok[first]]
@@ -84,9 +97,13 @@ def refine(
     good = present & ok[:, None]
     sigma = np.sqrt(covariance[:, :, [0, 2]] + _FLOOR_PX**2 + (focal_error * shift) ** 2)
     return Dots(
-        np.where(good[..., None], dots[:, :, :2] + shift, np.nan), np.where(good[..., None], sigma, np.nan),
-        shared[:, df.MISFIT], shared[:, df.BLUR], shared[:, df.GROWTH], (float(noise[0]), float(noise[1])),
-    )  # fmt: skip
+        np.where(good[..., None], dots[:, :, :2] + shift, np.nan),
+        np.where(good[..., None], sigma, np.nan),
+        shared[:, df.MISFIT],
+        shared[:, df.BLUR],
+        shared[:, df.GROWTH],
+        (float(noise[0]), float(noise[1])),
+    )
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
@@ -114,9 +131,21 @@ def _fit_all(
     for n in chosen:
         if ok[n]:
             ok[n] = fit_sticker(
-                image, layouts[n], radius, views[n], present[n], top, clip, noise, prior, _STEPS, dots[n], shared[n],
-                covariance[n], bins,
-            )  # fmt: skip
+                image,
+                layouts[n],
+                radius,
+                views[n],
+                present[n],
+                top,
+                clip,
+                noise,
+                prior,
+                _STEPS,
+                dots[n],
+                shared[n],
+                covariance[n],
+                bins,
+            )
 
 
 @njit(nogil=True, cache=True, error_model="numpy")

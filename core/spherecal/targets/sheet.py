@@ -59,9 +59,15 @@ class Drawing:
         self.canvas.disc(x * MM, (self.height_mm - y) * MM, diameter_mm / 2 * MM, grey)
 
     def text(
-        self, x: float, y: float, text: str, size_pt: float = 6.0, bold: bool = False, grey: float = 0.0,
+        self,
+        x: float,
+        y: float,
+        text: str,
+        size_pt: float = 6.0,
+        bold: bool = False,
+        grey: float = 0.0,
         turn_deg: float = 0.0,
-    ) -> None:  # fmt: skip
+    ) -> None:
         """A line of text that starts at x with its base line at y, turned counter-clockwise."""
         self.canvas.text(x * MM, (self.height_mm - y) * MM, text, size_pt, bold, grey, turn_deg)
 

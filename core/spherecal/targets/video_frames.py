@@ -63,9 +63,7 @@ def choose_frames(
     return _chosen(list(watched.values()), most), {camera: one.size for camera, one in watched.items()}
 
 
-def keep_frames(
-    path: Path, frames: Sequence[int], keep: Callable[[int, bytes], None], context: Context
-) -> None:  # fmt: skip
+def keep_frames(path: Path, frames: Sequence[int], keep: Callable[[int, bytes], None], context: Context) -> None:
     """Hand each of these frames of a video, in ascending order, to `keep` as a grey PNG."""
     wanted = set(frames)
     for number, grey in enumerate(_frames(path)):

@@ -15,9 +15,12 @@ def camera_name(profile: CameraProfile, info: CameraInfo) -> str:
 
 
 def session_cameras(
-    source: CameraSource, plan: CapturePlan, discovery: Discovery, reports: tuple[SetupReport, ...],
+    source: CameraSource,
+    plan: CapturePlan,
+    discovery: Discovery,
+    reports: tuple[SetupReport, ...],
     profile: CameraProfile,
-) -> tuple[SessionCamera, ...]:  # fmt: skip
+) -> tuple[SessionCamera, ...]:
     """Every camera that was found: as the plan or the recording knows it, else by the profile.
 
     One CameraError for all that cannot be used: of unknown lens or image size, or with a prior for another image size.
@@ -40,9 +43,13 @@ def session_cameras(
 
 
 def _document(
-    source: CameraSource, plan: CapturePlan, profile: CameraProfile, info: CameraInfo, name: str,
+    source: CameraSource,
+    plan: CapturePlan,
+    profile: CameraProfile,
+    info: CameraInfo,
+    name: str,
     size: tuple[int, int] | None,
-) -> Document:  # fmt: skip
+) -> Document:
     planned, recorded = plan.camera(info.serial, name), session_behind(source)
     if planned is not None:
         return {**planned, "serial": info.serial}

@@ -72,9 +72,12 @@ class Check(ByValue):
 
 @on_one_blas_thread
 def check(
-    session: Session, rig: Rig, known: BallDots | None = None, limit: LengthLimit | None = None,
+    session: Session,
+    rig: Rig,
+    known: BallDots | None = None,
+    limit: LengthLimit | None = None,
     context: Context | None = None,
-) -> Check:  # fmt: skip
+) -> Check:
     """Whether the rig still is as it was calibrated, by all that the session holds; nothing is calibrated.
 
     A bar whose marks too few cameras see together to test them still shows whether its lengths are measured right.
@@ -153,9 +156,14 @@ def _measure_bars(
 
 
 def _judged(
-    rig: Rig, consistency: Consistency, balls: Sequence[BallCheck], lengths: tuple[MeasuredLength, ...],
-    findings: tuple[Finding, ...], limit: LengthLimit | None, known: bool,
-) -> Check:  # fmt: skip
+    rig: Rig,
+    consistency: Consistency,
+    balls: Sequence[BallCheck],
+    lengths: tuple[MeasuredLength, ...],
+    findings: tuple[Finding, ...],
+    limit: LengthLimit | None,
+    known: bool,
+) -> Check:
     tolerance = None if rig.length_map is None else rig.length_map.typical_mm
     cameras = [camera_state(test, rig, tolerance) for test in consistency.cameras]
     cameras.sort(key=lambda one: (-_ORDER.index(one.verdict), -one.test.point_mm))
@@ -166,9 +174,15 @@ def _judged(
     words = [*(one.verdict for one in cameras), *(by_severity[f.severity] for f in found)]
     worst = _ORDER[max((_ORDER.index(word) for word in words), default=0)]
     return Check(
-        worst, _sentence(worst, cameras, found), tolerance, tuple(cameras), consistency.untested, tuple(balls), lengths,
+        worst,
+        _sentence(worst, cameras, found),
+        tolerance,
+        tuple(cameras),
+        consistency.untested,
+        tuple(balls),
+        lengths,
         tuple(found),
-    )  # fmt: skip
+    )
 
 
 def _of_the_rig(rig: Rig, consistency: Consistency) -> list[Finding]:
@@ -201,9 +215,8 @@ def camera_state(test: CameraTest, rig: Rig, tolerance_mm: float | None) -> Chec
 
 
 def _scale_findings(
-    balls: Sequence[BallCheck], lengths: Sequence[MeasuredLength], limit: LengthLimit | None,
-    tolerance_mm: float | None,
-) -> list[Finding]:  # fmt: skip
+    balls: Sequence[BallCheck], lengths: Sequence[MeasuredLength], limit: LengthLimit | None, tolerance_mm: float | None
+) -> list[Finding]:
     found = []
     for ball in balls:
         effect = STATED_MM * abs(ball.scale_ppm) * 1e-6
@@ -218,10 +231,14 @@ def _scale_findings(
     if beyond:
         worst = max(beyond, key=lambda m: abs(m.error_mm) / _bar_limit(m, limit))
         values = {
-            "beyond": len(beyond), "lengths": len(lengths),
-            "edge": Phrase("beyond-limit" if limit else "beyond-uncertainty"), "bar": worst.bar,
-            "first": worst.from_mark, "second": worst.to_mark, "error_mm": worst.error_mm,
-        }  # fmt: skip
+            "beyond": len(beyond),
+            "lengths": len(lengths),
+            "edge": Phrase("beyond-limit" if limit else "beyond-uncertainty"),
+            "bar": worst.bar,
+            "first": worst.from_mark,
+            "second": worst.to_mark,
+            "error_mm": worst.error_mm,
+        }
         where = tuple(dict.fromkeys(m.pose for m in beyond))
         found.append(Finding("bar-length", "error", values, where))
     return found

@@ -59,9 +59,14 @@ def read_known_ball(path: Path) -> BallDots | None:
 
 
 def check_ball(
-    known: BallDots, placement: int, o: Observations, features: Features, views: Views, checked: CheckedPoints,
+    known: BallDots,
+    placement: int,
+    o: Observations,
+    features: Features,
+    views: Views,
+    checked: CheckedPoints,
     errors: PointErrors,
-) -> BallCheck | None:  # fmt: skip
+) -> BallCheck | None:
     """Compare the ball at one placement (index) with the placement of the calibration that shares most dots.
 
     None where they share fewer than 12.
@@ -88,9 +93,13 @@ def check_ball(
         fit, rest, ratio = _fit(before, now, noise, keep)
     sd = _scale_sd(rows[keep], now[keep], views, errors, ratio)
     return BallCheck(
-        o.placements[placement], int(keep.sum()), 1e6 * (fit.scale - 1), 1e6 * sd,
-        float(np.sqrt((rest[keep] ** 2).mean())), int((~keep).sum()),
-    )  # fmt: skip
+        o.placements[placement],
+        int(keep.sum()),
+        1e6 * (fit.scale - 1),
+        1e6 * sd,
+        float(np.sqrt((rest[keep] ** 2).mean())),
+        int((~keep).sum()),
+    )
 
 
 def _fit(

@@ -28,34 +28,49 @@ def check_json(found: Check) -> dict[str, Any]:
         "untested": list(found.untested),
         "balls": [
             {
-                "placement": b.placement, "dots": b.dots, "scale_ppm": finite(b.scale_ppm),
-                "scale_sd_ppm": finite(b.scale_sd_ppm), "shape_rms_mm": finite(b.shape_rms_mm), "changed": b.changed,
+                "placement": b.placement,
+                "dots": b.dots,
+                "scale_ppm": finite(b.scale_ppm),
+                "scale_sd_ppm": finite(b.scale_sd_ppm),
+                "shape_rms_mm": finite(b.shape_rms_mm),
+                "changed": b.changed,
             }
             for b in found.balls
         ],
         "lengths": [
             {
-                "bar": m.bar, "pose": m.pose, "from": m.from_mark, "to": m.to_mark, "length_mm": finite(m.length_mm),
-                "reference_mm": finite(m.reference_mm), "error_mm": finite(m.error_mm),
+                "bar": m.bar,
+                "pose": m.pose,
+                "from": m.from_mark,
+                "to": m.to_mark,
+                "length_mm": finite(m.length_mm),
+                "reference_mm": finite(m.reference_mm),
+                "error_mm": finite(m.error_mm),
                 "u_mm": finite(m.budget.combined_mm),
             }
             for m in found.lengths
         ],
         "findings": [finding_entry(finding) for finding in found.findings],
         "software": software_entry(None),
-    }  # fmt: skip
+    }
 
 
 def camera_entry(one: CheckedCamera) -> dict[str, Any]:
     """One camera as the document has it."""
     return {
-        "id": one.test.id, "verdict": one.verdict, "points": one.test.points,
-        "rms_px": finite(one.test.rms_px), "calibrated_rms_px": finite(one.before_px),
-        "moved": one.test.moved, "move_px": finite(one.test.move_px),
+        "id": one.test.id,
+        "verdict": one.verdict,
+        "points": one.test.points,
+        "rms_px": finite(one.test.rms_px),
+        "calibrated_rms_px": finite(one.before_px),
+        "moved": one.test.moved,
+        "move_px": finite(one.test.move_px),
         "shift_mm": finite(np.linalg.norm(one.test.shift_mm)),
         "turn_deg": finite(np.degrees(np.linalg.norm(one.test.turn_rad))),
-        "point_mm": finite(one.test.point_mm), "probability": finite(one.test.p), "reason": one.reason,
-    }  # fmt: skip
+        "point_mm": finite(one.test.point_mm),
+        "probability": finite(one.test.p),
+        "reason": one.reason,
+    }
 
 
 def keep(profile: Path, check: Mapping[str, Any], temperature_c: float | None = None) -> str | None:

@@ -74,10 +74,15 @@ def _left_out(placement: str, number: int, whole: Calibration, rig: Rig) -> Left
     features = find_features(own)
     weight = np.ones((len(own), 2)) if own.sigma is None else 1.0 / own.sigma**2
     points = triangulate(
-        features.of_observation, camera[rows], own.uv, weight, len(features),
-        np.array([c.intrinsics for c in rig.cameras]), np.array([c.rotation for c in rig.cameras]),
+        features.of_observation,
+        camera[rows],
+        own.uv,
+        weight,
+        len(features),
+        np.array([c.intrinsics for c in rig.cameras]),
+        np.array([c.rotation for c in rig.cameras]),
         np.array([c.translation_mm for c in rig.cameras]),
-    )  # fmt: skip
+    )
     full = whole.features.of_observation[rows]
     place = np.full((len(features), 3), np.nan)
     place[features.of_observation] = whole.points_mm[full]
@@ -89,8 +94,9 @@ def _left_out(placement: str, number: int, whole: Calibration, rig: Rig) -> Left
     off = np.linalg.norm(rigid.apply(place[good]) - points.points[good], axis=1)
     residual = points.residual[good[features.of_observation]]
     return LeftOut(
-        placement, int(good.sum()),
+        placement,
+        int(good.sum()),
         rms_px=float(np.sqrt((residual**2).sum(axis=1).mean())),
         shape_rms_mm=float(np.sqrt((off**2).mean())),
         length_error=sized.scale - 1.0,
-    )  # fmt: skip
+    )

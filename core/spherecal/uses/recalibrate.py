@@ -45,9 +45,12 @@ class Selection:
 
 @on_one_blas_thread
 def recalibrate(
-    session: Session, rig: Rig, selection: Selection, settings: CalibrationSettings | None = None,
+    session: Session,
+    rig: Rig,
+    selection: Selection,
+    settings: CalibrationSettings | None = None,
     context: Context | None = None,
-) -> Calibration:  # fmt: skip
+) -> Calibration:
     """The rig with the selected cameras recalibrated from a session; frame and scale are those of the locked ones.
 
     A rig whose world is no camera's frame, as of another program, comes out in that of its first locked camera.
@@ -120,9 +123,11 @@ def _state(session: Session, rig: Rig) -> State:
     cameras = [rig.camera(spec.id) for spec in session.cameras]
     found = [camera for camera in cameras if camera is not None]
     return State(
-        np.array([c.rotation for c in found]), np.array([c.translation_mm for c in found]),
-        np.array([c.intrinsics for c in found]), np.zeros((0, 3)),
-    )  # fmt: skip
+        np.array([c.rotation for c in found]),
+        np.array([c.translation_mm for c in found]),
+        np.array([c.intrinsics for c in found]),
+        np.zeros((0, 3)),
+    )
 
 
 def _locked(network: Network, selected: BoolArray, what: What) -> Network:

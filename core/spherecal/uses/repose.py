@@ -65,7 +65,7 @@ def _merged(before: RigCamera, done: Rig, all_turned: bool, mended: bool) -> Rig
 
 def _covariance(
     session: Session, rig: Rig, before: CameraCovariance, cameras: tuple[str, ...]
-) -> CameraCovariance | None:  # fmt: skip
+) -> CameraCovariance | None:
     """Of all cameras: a mended pose errs by its own image noise, and follows the errors of what it was hung on."""
     o = session.observations
     assert o is not None
@@ -112,10 +112,13 @@ def _map(rig: Rig, before: Rig):
         return None
     box = volume_box(before, (np.zeros(3), np.ones(3)))
     cameras = Cameras(
-        np.array([c.intrinsics for c in rig.cameras]), np.array([c.rotation for c in rig.cameras]),
-        np.array([c.translation_mm for c in rig.cameras]), np.array([c.image_size for c in rig.cameras], dtype=float),
-        rig.covariance.matrix, rig.covariance.intrinsics,
-    )  # fmt: skip
+        np.array([c.intrinsics for c in rig.cameras]),
+        np.array([c.rotation for c in rig.cameras]),
+        np.array([c.translation_mm for c in rig.cameras]),
+        np.array([c.image_size for c in rig.cameras], dtype=float),
+        rig.covariance.matrix,
+        rig.covariance.intrinsics,
+    )
     return length_map(cameras, Volume(box.middle, box.axes, box.half), before.length_map.sigma_px)
 
 

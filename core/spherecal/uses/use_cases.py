@@ -70,11 +70,19 @@ def load_session(folder: AnyPath) -> Session:
 
 
 def new_session(
-    folder: AnyPath, images: AnyPath, *, pattern: str | None = None, board: Mapping[str, Any] | str | None = None,
-    targets: TargetSet | AnyPath | None = None, sphere_diameter_mm: float | None = None,
-    focal_length_mm: float | None = None, pixel_pitch_um: float | None = None, lens_model: "LensModel | None" = None,
-    frames: int = 30, context: Context | None = None,
-) -> "NewSession":  # fmt: skip
+    folder: AnyPath,
+    images: AnyPath,
+    *,
+    pattern: str | None = None,
+    board: Mapping[str, Any] | str | None = None,
+    targets: TargetSet | AnyPath | None = None,
+    sphere_diameter_mm: float | None = None,
+    focal_length_mm: float | None = None,
+    pixel_pitch_um: float | None = None,
+    lens_model: "LensModel | None" = None,
+    frames: int = 30,
+    context: Context | None = None,
+) -> "NewSession":
     """A session folder made from the images, or synchronised videos, in another folder, and how they were read.
 
     Camera and placement are taken from the paths, as cam1/0001.png, 0001/cam1.png or cam1_0001.png, or as `pattern`
@@ -87,9 +95,10 @@ def new_session(
     from spherecal.methods.board_pattern import board_entry
 
     for name, value in (
-        ("focal_length_mm", focal_length_mm), ("pixel_pitch_um", pixel_pitch_um),
+        ("focal_length_mm", focal_length_mm),
+        ("pixel_pitch_um", pixel_pitch_um),
         ("sphere_diameter_mm", sphere_diameter_mm),
-    ):  # fmt: skip
+    ):
         if value is not None and not 0 < value < 1e6:
             raise InputError(Phrase("error-above-zero", {"name": name, "value": value}))
     if frames < 1:
@@ -101,9 +110,14 @@ def new_session(
 
 
 def calibrate_session(
-    session: Session | AnyPath, method: Method = "auto", *, intrinsics: Literal["free", "fixed"] = "free",
-    seed: int = 0, settings: CalibrationSettings | None = None, context: Context | None = None,
-) -> Calibration:  # fmt: skip
+    session: Session | AnyPath,
+    method: Method = "auto",
+    *,
+    intrinsics: Literal["free", "fixed"] = "free",
+    seed: int = 0,
+    settings: CalibrationSettings | None = None,
+    context: Context | None = None,
+) -> Calibration:
     """The calibrated rig of a session or session folder, the same as `spherecal calibrate` writes.
 
     `settings`, where given, replace `method`, `intrinsics` and `seed`. Ask `rig.quality.valid` before you use it: a
@@ -115,9 +129,14 @@ def calibrate_session(
 
 
 def calibrate_points(
-    observations: Any, cameras: "Mapping[str, Lens]", image_size: ImageSize | None = None, *,
-    settings: CalibrationSettings | None = None, context: Context | None = None, **session: Any,
-) -> Calibration:  # fmt: skip
+    observations: Any,
+    cameras: "Mapping[str, Lens]",
+    image_size: ImageSize | None = None,
+    *,
+    settings: CalibrationSettings | None = None,
+    context: Context | None = None,
+    **session: Any,
+) -> Calibration:
     """The rig that sees these image points: `Session.from_arrays` and `calibrate_session` in one.
 
     `session`: what else `Session.from_arrays` takes. Without a scale lengths are arbitrary.
@@ -126,9 +145,11 @@ def calibrate_points(
 
 
 def verify_rig(
-    session: Session | AnyPath, rig: Rig | AnyPath, context: Context | None = None,
+    session: Session | AnyPath,
+    rig: Rig | AnyPath,
+    context: Context | None = None,
     limit: LengthLimit | str | None = None,
-) -> Verification:  # fmt: skip
+) -> Verification:
     """The check bars of a session measured with a rig; InputError where the session has nothing to measure.
 
     `limit` of the length errors, such as "0.03+L/20000" in mm, is decided by ISO 14253-1.
@@ -142,9 +163,12 @@ def verify_rig(
 
 
 def check_rig(
-    session: Session | AnyPath, rig: Rig | AnyPath, *, limit: LengthLimit | str | None = None,
+    session: Session | AnyPath,
+    rig: Rig | AnyPath,
+    *,
+    limit: LengthLimit | str | None = None,
     context: Context | None = None,
-) -> "Check":  # fmt: skip
+) -> "Check":
     """Whether a rig still is as it was calibrated, by one look at the ball or a bar: `spherecal check`.
 
     `rig` as a path: a profile, result folder or rig.json; the ball is then compared with its points.csv. InputError
@@ -159,9 +183,14 @@ def check_rig(
 
 
 def recalibrate_cameras(
-    session: Session | AnyPath, rig: Rig | AnyPath, cameras: Sequence[str], what: "What" = "all", *,
-    settings: CalibrationSettings | None = None, context: Context | None = None,
-) -> Calibration:  # fmt: skip
+    session: Session | AnyPath,
+    rig: Rig | AnyPath,
+    cameras: Sequence[str],
+    what: "What" = "all",
+    *,
+    settings: CalibrationSettings | None = None,
+    context: Context | None = None,
+) -> Calibration:
     """The rig with some cameras calibrated again (`all` of them, `pose` or `intrinsics`), the others locked."""
     from spherecal.uses.recalibrate import Selection, recalibrate
 
@@ -213,9 +242,14 @@ def plan_bar_poses(rig: Rig | AnyPath, bars: "Sequence[RegisteredBar]") -> "Pose
 
 
 def measure(
-    recording: "Session | AnyPath | Iterable[ObservedSet]", rig: Rig | AnyPath, task: "Task | None" = None, *,
-    output: AnyPath | None = None, table: "TableKind" = "csv", context: Context | None = None,
-) -> "Series":  # fmt: skip
+    recording: "Session | AnyPath | Iterable[ObservedSet]",
+    rig: Rig | AnyPath,
+    task: "Task | None" = None,
+    *,
+    output: AnyPath | None = None,
+    table: "TableKind" = "csv",
+    context: Context | None = None,
+) -> "Series":
     """All sets of a session, or of live cameras (`live_sets`), measured with a rig: points, values, bodies, health.
 
     `rig` may be a profile. Without a `task` all targets of the session's target set, and its bars. With `output` the
@@ -241,9 +275,14 @@ def measure(
 
 
 def live_sets(
-    source: "CameraSource", rig: Rig | AnyPath, targets: TargetSet | AnyPath, settings: "LiveSettings | None" = None,
-    *, names: Mapping[str, str] | None = None, context: Context | None = None,
-) -> "LiveSets":  # fmt: skip
+    source: "CameraSource",
+    rig: Rig | AnyPath,
+    targets: TargetSet | AnyPath,
+    settings: "LiveSettings | None" = None,
+    *,
+    names: Mapping[str, str] | None = None,
+    context: Context | None = None,
+) -> "LiveSets":
     """The sets of the live cameras of an open source, for `measure`; targets are looked for around their last places.
 
     Cameras are the rig's by serial number, or by the name that they have or that `names` gives by serial. InputError
@@ -304,9 +343,14 @@ def _has_covariance(path: Path) -> bool:
 
 
 def write_report(
-    result: AnyPath, output: AnyPath, *, session: AnyPath | None = None, page: Literal["A4", "Letter"] = "A4",
-    issuer: AnyPath | None = None, language: str = "en",
-) -> None:  # fmt: skip
+    result: AnyPath,
+    output: AnyPath,
+    *,
+    session: AnyPath | None = None,
+    page: Literal["A4", "Letter"] = "A4",
+    issuer: AnyPath | None = None,
+    language: str = "en",
+) -> None:
     """Write the report of a result folder: PDF, HTML, JSON or a calibration certificate (.xml), by the ending."""
     from spherecal.report.write_report import write_report as write
 
@@ -321,9 +365,15 @@ def load_profile(folder: AnyPath) -> "Profile":
 
 
 def save_to_profile(
-    result: AnyPath, profile: AnyPath, *, note: str = "", session: AnyPath | None = None,
-    temperature_c: float | None = None, calibrated_at: datetime | None = None, apply: bool = False,
-) -> str:  # fmt: skip
+    result: AnyPath,
+    profile: AnyPath,
+    *,
+    note: str = "",
+    session: AnyPath | None = None,
+    temperature_c: float | None = None,
+    calibrated_at: datetime | None = None,
+    apply: bool = False,
+) -> str:
     """Add a result folder to a profile (made where it is missing) and put it to use if asked to; its id there."""
     from spherecal.profile.save import SaveOptions, prepare
     from spherecal.profile.store import add_entry, create_profile
@@ -369,9 +419,8 @@ def save_ball(ball: BallProfile, path: AnyPath) -> None:
 
 
 def detect_targets(
-    image: NDArray[Any] | AnyPath, targets: TargetSet | AnyPath | None = None,
-    settings: DetectionSettings | None = None,
-) -> Detections:  # fmt: skip
+    image: NDArray[Any] | AnyPath, targets: TargetSet | AnyPath | None = None, settings: DetectionSettings | None = None
+) -> Detections:
     """The coded targets in an image, dot by dot with standard uncertainties; an array (h, w) or (h, w, 3), or a file.
 
     `targets`: a target set or its targets.json; without one those that `spherecal targets sheet` prints unless asked
@@ -425,9 +474,14 @@ def write_board_sheet(board: Mapping[str, Any] | str, path: AnyPath, page: str =
 
 
 def simulate_session(
-    preset: str, seed: int = 1, options: "SimulationOptions | None" = None, *, folder: AnyPath | None = None,
-    images: bool = False, context: Context | None = None,
-) -> "tuple[Session, Truth]":  # fmt: skip
+    preset: str,
+    seed: int = 1,
+    options: "SimulationOptions | None" = None,
+    *,
+    folder: AnyPath | None = None,
+    images: bool = False,
+    context: Context | None = None,
+) -> "tuple[Session, Truth]":
     """A session of a simulated rig and the truth behind it; the same seed gives the same.
 
     With a `folder` it is written there, with `images` as rendered images, which need a folder and take a while.

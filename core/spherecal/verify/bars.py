@@ -107,10 +107,11 @@ def verify(
     moved = {one.id for one in consistency.moved}
     doubts = [
         *certificate_doubts(list(bars.values()), settings.today or date.today()),
-        *temperature_doubts(poses, bars), *bar_doubts([m for m in measured if m.certified], bars),
+        *temperature_doubts(poses, bars),
+        *bar_doubts([m for m in measured if m.certified], bars),
         *camera_doubts(consistency),
         *(participation_doubts([one for one in cameras if one.id not in moved]) if poses else []),
-    ]  # fmt: skip
+    ]
     for finding in doubts:
         findings.add(finding)
     return Verification(
@@ -126,9 +127,13 @@ def verify(
 
 
 def _procedure(
-    measured: list[MeasuredLength], bars: dict[str, Bar], rig: Rig, errors: PointErrors,
-    findings: tuple[Finding, ...], settings: VerifySettings,
-) -> Procedure:  # fmt: skip
+    measured: list[MeasuredLength],
+    bars: dict[str, Bar],
+    rig: Rig,
+    errors: PointErrors,
+    findings: tuple[Finding, ...],
+    settings: VerifySettings,
+) -> Procedure:
     """The budgets, the decision against the limit, and how the whole departs from the guideline."""
     budgets = length_budgets(measured, bars, errors)
     acceptance = None
@@ -141,9 +146,13 @@ def _procedure(
     if rig.length_map is not None or settings.corners_mm is not None:
         box = volume_box(rig, settings.corners_mm or (np.zeros(3), np.zeros(3)))
     return Procedure(
-        TITLE, departures(measured, bars, box, settings.limit), budgets, acceptance, tuple(bars.values()),
+        TITLE,
+        departures(measured, bars, box, settings.limit),
+        budgets,
+        acceptance,
+        tuple(bars.values()),
         None if box is None else (tuple((2 * box.half).tolist()), box.diagonal_mm),
-    )  # fmt: skip
+    )
 
 
 @dataclass
@@ -211,11 +220,15 @@ def views_of(observations: Observations, features: Features, camera: IntArray, r
     """The observations as views of the rig's cameras `camera` (n,), and the noise to expect in units of their sigma."""
     sigma, expected_noise = _sigmas(observations, rig)
     views = Views(
-        features.of_observation, camera, observations.uv, sigma, len(features),
+        features.of_observation,
+        camera,
+        observations.uv,
+        sigma,
+        len(features),
         intrinsics=np.array([c.intrinsics for c in rig.cameras]),
         rotation=np.array([c.rotation for c in rig.cameras]),
         translation=np.array([c.translation_mm for c in rig.cameras]),
-    )  # fmt: skip
+    )
     return views, expected_noise
 
 
@@ -271,12 +284,20 @@ def _measure_pose(
 
 
 def _measure(
-    pose: BarPose, bar: Bar, certified: BarLength, ends: tuple[MarkPlace, MarkPlace], views: Views,
-    errors: PointErrors, rig: Rig,
-) -> MeasuredLength:  # fmt: skip
+    pose: BarPose,
+    bar: Bar,
+    certified: BarLength,
+    ends: tuple[MarkPlace, MarkPlace],
+    views: Views,
+    errors: PointErrors,
+    rig: Rig,
+) -> MeasuredLength:
     scale_relative = rig.scale.relative_uncertainty or 0.0
     return MeasuredLength(
-        bar.id, pose.id, certified.from_mark, certified.to_mark,
+        bar.id,
+        pose.id,
+        certified.from_mark,
+        certified.to_mark,
         length_mm=float(np.linalg.norm(ends[1].place_mm - ends[0].place_mm)),
         reference_mm=reference_length(certified, bar, pose.temperature_c),
         budget=length_budget(ends, views, errors, scale_relative, certified, bar, pose.temperature_c),
@@ -285,4 +306,4 @@ def _measure(
         ends_mm=np.stack([end.place_mm for end in ends]),
         by_cameras=length_gradient(ends, views, errors),
         certified=certified.certified,
-    )  # fmt: skip
+    )

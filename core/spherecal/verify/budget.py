@@ -137,7 +137,10 @@ def _budget(group: Sequence[MeasuredLength], bar: Bar, ratio: float | None, free
         )
     contributions = (
         Contribution(
-            "certificate", "B", "normal", certified.expanded_uncertainty_mm / certified.coverage_factor,
+            "certificate",
+            "B",
+            "normal",
+            certified.expanded_uncertainty_mm / certified.coverage_factor,
             certificate_freedom(certified.coverage_factor),
         ),
         Contribution("thermometer", "B", "rectangular", thermometer),
@@ -146,7 +149,7 @@ def _budget(group: Sequence[MeasuredLength], bar: Bar, ratio: float | None, free
         Contribution("scale", "B", "normal", mean_square("scale_mm")),
         *image,
         Contribution("resolution", "B", "rectangular", resolution_mm(certified) / math.sqrt(12)),
-    )  # fmt: skip
+    )
     return combine(first.key, contributions)
 
 

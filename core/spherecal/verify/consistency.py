@@ -167,9 +167,10 @@ class _System:
     def at(views: Views, keep: BoolArray, rig: Rig, poses: FloatArray) -> "_System":
         turn = exp_rotation(poses[:, :3])
         moved = replace(
-            views, rotation=turn @ views.rotation,
+            views,
+            rotation=turn @ views.rotation,
             translation=np.einsum("cij,cj->ci", turn, views.translation) + poses[:, 3:],
-        )  # fmt: skip
+        )
         found = moved.triangulate(keep)
         good = keep & np.isfinite(found.residual[:, 0])
         rotation, k = moved.rotation[views.camera], views.intrinsics[views.camera]
@@ -195,9 +196,18 @@ class _System:
             chance = by_all @ covariance.matrix @ by_all.T
         redundancy = 2 * int(good.sum()) - 3 * len(np.unique(views.feature[good]))
         return _System(
-            views, good, residual, by_pose, by_point, cofactor, whole[np.ix_(pose_rows, pose_rows)], gradient.ravel(),
-            chance, whole, redundancy,
-        )  # fmt: skip
+            views,
+            good,
+            residual,
+            by_pose,
+            by_point,
+            cofactor,
+            whole[np.ix_(pose_rows, pose_rows)],
+            gradient.ravel(),
+            chance,
+            whole,
+            redundancy,
+        )
 
     def solve(self, free: list[int]) -> FloatArray:
         """The poses (k, 6) of some cameras that fit best, the others as they are."""
@@ -329,10 +339,17 @@ def _consistency(views: Views, keep: BoolArray, rig: Rig, found: _Found) -> Cons
         shift = system.point_shift(step)[np.unique(views.feature[rows])]
         tests.append(
             CameraTest(
-                camera.id, len(rows), _rms(residual[rows]), _rms(image), step[i, :3], step[i, 3:],
-                float(np.linalg.norm(shift, axis=1).max()), float(found.p[i]), i in found.moved,
+                camera.id,
+                len(rows),
+                _rms(residual[rows]),
+                _rms(image),
+                step[i, :3],
+                step[i, 3:],
+                float(np.linalg.norm(shift, axis=1).max()),
+                float(found.p[i]),
+                i in found.moved,
             )
-        )  # fmt: skip
+        )
     return Consistency(tuple(tests), tuple(untested), found.noise, int((~keep).sum()), _rejected(views, keep, rig))
 
 

@@ -87,9 +87,7 @@ def _of_corners(measured: Sequence[MeasuredLength], box: MeasuringVolume) -> lis
 def _of_uncertainty(measured: Sequence[MeasuredLength], bars: Mapping[str, Bar], limit: LengthLimit) -> list[Phrase]:
     worst = 0.0
     for m in measured:
-        certified = next(
-            x for x in bars[m.bar].lengths if (x.from_mark, x.to_mark) == (m.from_mark, m.to_mark)
-        )  # fmt: skip
+        certified = next(x for x in bars[m.bar].lengths if (x.from_mark, x.to_mark) == (m.from_mark, m.to_mark))
         worst = max(worst, certified.expanded_uncertainty_mm / limit.at(m.reference_mm))
     if worst <= _ARTEFACT_SHARE:
         return []

@@ -144,13 +144,18 @@ class PosePlan:
             "cameras_left_out": list(self.cameras_left_out),
             "poses": [
                 {
-                    "id": p.id, "line": _NAMES[p.line], "bar": p.bar, "start_mm": np.round(p.start_mm, 1).tolist(),
-                    "end_mm": np.round(p.end_mm, 1).tolist(), "facing": np.round(p.facing, 3).tolist(),
-                    "cameras": list(p.cameras), "near": list(p.near),
+                    "id": p.id,
+                    "line": _NAMES[p.line],
+                    "bar": p.bar,
+                    "start_mm": np.round(p.start_mm, 1).tolist(),
+                    "end_mm": np.round(p.end_mm, 1).tolist(),
+                    "facing": np.round(p.facing, 3).tolist(),
+                    "cameras": list(p.cameras),
+                    "near": list(p.near),
                 }
                 for p in self.poses
             ],
-        }  # fmt: skip
+        }
 
 
 def volume_box(rig: Rig, corners_mm: tuple[FloatArray, FloatArray]) -> MeasuringVolume:
@@ -194,7 +199,7 @@ def plan_poses(rig: Rig, bars: Sequence[BarMarks], corners_mm: tuple[FloatArray,
 
 def _for_every_camera(
     rig: Rig, box: MeasuringVolume, bars: Sequence[BarMarks], poses: list[PlannedPose], lengths: list[int]
-) -> tuple[str, ...]:  # fmt: skip
+) -> tuple[str, ...]:
     """Add poses until every camera faces two bars; the cameras for which there is no place."""
     left_out: list[str] = []
     count = {camera.id: sum(camera.id in facing_cameras(rig, pose) for pose in poses) for camera in rig.cameras}
@@ -214,7 +219,7 @@ def _for_every_camera(
 
 def _pose_for(
     rig: Rig, box: MeasuringVolume, camera: RigCamera, bars: Sequence[BarMarks], before: Sequence[PlannedPose]
-) -> PlannedPose | None:  # fmt: skip
+) -> PlannedPose | None:
     """The pose that faces a camera and most others, away from those before; None where two never see a whole bar."""
     best: tuple[float, PlannedPose] | None = None
     taken = np.array([(pose.start_mm + pose.end_mm) / 2 for pose in before]).reshape(-1, 3)
@@ -264,7 +269,7 @@ def _named(pose: PlannedPose, name: str) -> PlannedPose:
 
 def _pose(
     rig: Rig, box: MeasuringVolume, line: int, direction: FloatArray, bar: BarMarks, before: int
-) -> PlannedPose | None:  # fmt: skip
+) -> PlannedPose | None:
     """The pose after `before` others on a line: ends, middle, then between; None where it is not seen."""
     best: PlannedPose | None = None
     for inward in _TOWARDS_MIDDLE:
@@ -297,9 +302,14 @@ def _shift(number: int) -> float:
 
 
 def _seen(
-    rig: Rig, box: MeasuringVolume, line: int, direction: FloatArray, bar: BarMarks, middle: FloatArray,
+    rig: Rig,
+    box: MeasuringVolume,
+    line: int,
+    direction: FloatArray,
+    bar: BarMarks,
+    middle: FloatArray,
     towards: RigCamera | None = None,
-) -> PlannedPose | None:  # fmt: skip
+) -> PlannedPose | None:
     """The pose at a place, its marks towards one camera or the middle of all that see them; None if too few do."""
     marks = middle + (bar.along_mm - bar.span_mm / 2)[:, None] * direction
     by_camera = cameras_that_see(rig, marks)

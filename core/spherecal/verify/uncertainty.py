@@ -78,9 +78,14 @@ def focal_sigmas(rig: Rig) -> FloatArray:
 
 
 def length_budget(
-    ends: tuple[MarkPlace, MarkPlace], views: Views, errors: PointErrors, scale_relative: float,
-    certified: BarLength, bar: Bar, temperature_c: float | None,
-) -> LengthBudget:  # fmt: skip
+    ends: tuple[MarkPlace, MarkPlace],
+    views: Views,
+    errors: PointErrors,
+    scale_relative: float,
+    certified: BarLength,
+    bar: Bar,
+    temperature_c: float | None,
+) -> LengthBudget:
     """The uncertainty budget of one measured length's error."""
     between = ends[1].place_mm - ends[0].place_mm
     length = float(np.linalg.norm(between))
@@ -173,7 +178,10 @@ def length_statistics(measured: Sequence[MeasuredLength], errors_of: PointErrors
     combined = math.hypot(repeatability, budget.combined_mm)
     factor = _coverage_factor(combined, repeatability if sd is not None else 0.0, n - 1)
     return LengthStatistics(
-        first.bar, first.from_mark, first.to_mark, n,
+        first.bar,
+        first.from_mark,
+        first.to_mark,
+        n,
         mean_error_mm=float(errors.mean()),
         sd_mm=sd,
         max_abs_error_mm=float(np.abs(errors).max()),
@@ -181,7 +189,7 @@ def length_statistics(measured: Sequence[MeasuredLength], errors_of: PointErrors
         budget=budget,
         expanded_uncertainty_mm=factor * combined,
         coverage_factor=factor,
-    )  # fmt: skip
+    )
 
 
 def _calibration_of_mean(

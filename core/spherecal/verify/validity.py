@@ -31,7 +31,7 @@ DOUBTS = (
     "rig-not-valid",
 )
 # Findings that say that the rig is not as calibrated, whatever the lengths of the other cameras are.
-_OF_THE_RIG = ("camera-moved", "camera-contradicts")  # fmt: skip
+_OF_THE_RIG = ("camera-moved", "camera-contradicts")
 # Bars that lie in one shop for an hour are within 1 to 2 K of each other; more is a wrong reading or a cold bar.
 _TEMPERATURE_RANGE_K = 3.0
 # A false alarm once in 15 000; benchmarks/studies/verification.md counts them.
@@ -75,9 +75,11 @@ def temperature_doubts(poses: Sequence[BarPose], bars: Mapping[str, Bar]) -> lis
             by_bar.setdefault(pose.bar, []).append(pose)
     middle = {bar: float(np.median([p.temperature_c for p in own])) for bar, own in by_bar.items()}  # type: ignore[misc]
     odd = [
-        p.id for bar, own in by_bar.items() for p in own
+        p.id
+        for bar, own in by_bar.items()
+        for p in own
         if p.temperature_c is not None and abs(p.temperature_c - middle[bar]) > _TEMPERATURE_RANGE_K
-    ]  # fmt: skip
+    ]
     found = []
     if odd:
         limit = {"limit_kelvin": _TEMPERATURE_RANGE_K}

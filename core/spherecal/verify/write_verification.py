@@ -140,11 +140,15 @@ def _pose_entries(measured: tuple[MeasuredLength, ...]) -> list[dict[str, Any]]:
             poses[m.pose] = m
     return [
         {
-            "id": m.pose, "bar": m.bar, "temperature_c": finite(m.temperature_c), "from": m.from_mark,
-            "to": m.to_mark, "ends_mm": None if m.ends_mm is None else finite(m.ends_mm.round(3)),
+            "id": m.pose,
+            "bar": m.bar,
+            "temperature_c": finite(m.temperature_c),
+            "from": m.from_mark,
+            "to": m.to_mark,
+            "ends_mm": None if m.ends_mm is None else finite(m.ends_mm.round(3)),
         }
         for m in poses.values()
-    ]  # fmt: skip
+    ]
 
 
 def _acceptance_entry(acceptance: Acceptance) -> dict[str, Any]:
@@ -156,19 +160,26 @@ def _acceptance_entry(acceptance: Acceptance) -> dict[str, Any]:
         "doubts": list(acceptance.doubts),
         "lengths": [
             {
-                "bar": x.bar, "from": x.from_mark, "to": x.to_mark, "worst_pose": x.worst_pose,
-                "worst_error_mm": x.worst_error_mm, "limit_mm": x.limit_mm,
-                "expanded_uncertainty_mm": finite(x.expanded_uncertainty_mm), "verdict": x.verdict,
+                "bar": x.bar,
+                "from": x.from_mark,
+                "to": x.to_mark,
+                "worst_pose": x.worst_pose,
+                "worst_error_mm": x.worst_error_mm,
+                "limit_mm": x.limit_mm,
+                "expanded_uncertainty_mm": finite(x.expanded_uncertainty_mm),
+                "verdict": x.verdict,
             }
             for x in acceptance.lengths
         ],
-    }  # fmt: skip
+    }
 
 
 def _budget_entry(budget: Budget) -> dict[str, Any]:
     shares = dict(budget.shares())
     return {
-        "bar": budget.bar, "from": budget.from_mark, "to": budget.to_mark,
+        "bar": budget.bar,
+        "from": budget.from_mark,
+        "to": budget.to_mark,
         "combined_mm": finite(budget.combined_mm),
         "effective_degrees_of_freedom": finite(budget.freedom),
         "coverage_factor": finite(budget.coverage_factor),
@@ -176,13 +187,17 @@ def _budget_entry(budget: Budget) -> dict[str, Any]:
         "remedy": "" if (remedy := budget.remedy()) is None else phrase(remedy),
         "contributions": [
             {
-                "name": c.name, "evaluation": c.evaluation, "distribution": c.distribution,
-                "standard_uncertainty_mm": finite(c.standard_mm), "degrees_of_freedom": finite(c.freedom),
-                "share": finite(shares.get(c.name, 0.0)), "contained_in_repeatability_mm": finite(c.contained_mm),
+                "name": c.name,
+                "evaluation": c.evaluation,
+                "distribution": c.distribution,
+                "standard_uncertainty_mm": finite(c.standard_mm),
+                "degrees_of_freedom": finite(c.freedom),
+                "share": finite(shares.get(c.name, 0.0)),
+                "contained_in_repeatability_mm": finite(c.contained_mm),
             }
             for c in budget.contributions
         ],
-    }  # fmt: skip
+    }
 
 
 def _length_entry(length: LengthStatistics) -> dict[str, Any]:

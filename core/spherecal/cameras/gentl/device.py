@@ -254,11 +254,26 @@ class Device:
         self._arrivals.append(arrived)
         self.last_image_s, self.unanswered = arrived, 0
         return FrameMeta(
-            self.serial, ring.name, slot, sequence, image.shape[0], image.shape[1], image.dtype.itemsize == 2,
-            bits, pixel_format, taken, uncertainty, arrived, frame_id, stamp,
+            self.serial,
+            ring.name,
+            slot,
+            sequence,
+            image.shape[0],
+            image.shape[1],
+            image.dtype.itemsize == 2,
+            bits,
+            pixel_format,
+            taken,
+            uncertainty,
+            arrived,
+            frame_id,
+            stamp,
             self._rounds.assign(taken, uncertainty if stamp else 0.0, frame_id, stamp),
-            self._exposure_us, self._gain_db, self.temperature_c, self.common_clock and stamp is not None,
-        )  # fmt: skip
+            self._exposure_us,
+            self._gain_db,
+            self.temperature_c,
+            self.common_clock and stamp is not None,
+        )
 
     def _components(self, raw: Any) -> list[Any]:
         from harvesters.core import Buffer, Payload

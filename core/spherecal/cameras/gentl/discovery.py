@@ -175,9 +175,11 @@ class _Probe:
                 answer = found.verdict if found is not None else None
             elif seconds > _PATIENCE_S:
                 answer = ProducerVerdict(
-                    self.file, False, f"The driver gave no answer within {_PATIENCE_S:.0f} s.",
+                    self.file,
+                    False,
+                    f"The driver gave no answer within {_PATIENCE_S:.0f} s.",
                     "Unplug cameras that do not answer, or install the driver again.",
-                )  # fmt: skip
+                )
         except (WireError, OSError) as error:
             answer = ProducerVerdict(self.file, False, f"The driver does not work ({error}).", "Install it again.")
         except EOFError:
@@ -212,9 +214,11 @@ def _check_file(file: str) -> ProducerVerdict | None:
 
 def _crashed(file: str, code: int | None) -> ProducerVerdict:
     return ProducerVerdict(
-        file, False, f"The driver crashed while it was loaded or searched for cameras ({end_word(code)}).",
+        file,
+        False,
+        f"The driver crashed while it was loaded or searched for cameras ({end_word(code)}).",
         "Update or remove it; other drivers are not affected.",
-    )  # fmt: skip
+    )
 
 
 def end_word(code: int | None) -> str:
@@ -257,15 +261,19 @@ def _load(driver: tuple[str, str, str]) -> ProducerVerdict:
         return ProducerVerdict(file, False, f"The driver does not work ({error}).", "Install it again.")
     if producer.problem:
         return ProducerVerdict(
-            file, False, f"The driver does not start ({producer.problem}).",
+            file,
+            False,
+            f"The driver does not start ({producer.problem}).",
             "If another program uses it, close that; else install it again.",
-        )  # fmt: skip
+        )
     cameras = producer.infos()
     if not cameras:
         return ProducerVerdict(
-            file, True, "The driver works, but sees no camera.",
+            file,
+            True,
+            "The driver works, but sees no camera.",
             "Check power, cables and the network card's address; some drivers only see their maker's cameras.",
-        )  # fmt: skip
+        )
     return ProducerVerdict(file, True, f"{len(cameras)} camera{'s' * (len(cameras) > 1)}.", "", cameras)
 
 

@@ -54,9 +54,13 @@ class Ledger:
         self.event(EventKind.STATE, f"Camera {serial}: {state.value}. {cause}".strip(), remedy, serial, status)
 
     def event(
-        self, kind: EventKind, message: str, hint: str = "", camera: str | None = None,
+        self,
+        kind: EventKind,
+        message: str,
+        hint: str = "",
+        camera: str | None = None,
         status: CameraStatus | None = None,
-    ) -> None:  # fmt: skip
+    ) -> None:
         """Note that something happened."""
         with self._lock:
             self._events.append(CameraEvent(kind, message, hint, camera, time.perf_counter(), status))

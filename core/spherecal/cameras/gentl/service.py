@@ -441,9 +441,9 @@ class CameraService:
         self._back_since = None
         usable = sum(1 for status in self.ledger.statuses().values() if status.state.usable)
         self.ledger.event(
-            EventKind.SERVICE_BACK, f"The camera process is back after {seconds:.1f} s with {usable} of "
-            f"{len(self._wanted)} cameras.",
-        )  # fmt: skip
+            EventKind.SERVICE_BACK,
+            f"The camera process is back after {seconds:.1f} s with {usable} of {len(self._wanted)} cameras.",
+        )
 
 
 def default_log_file() -> Path:

@@ -95,9 +95,11 @@ class TrustStore:
     def _write(self) -> None:
         entries = [{"file": file, "sha256": digest} for file, digest in sorted(self._allowed.items())]
         document = {
-            "format": FORMAT, "version": VERSION, "drivers": entries,
+            "format": FORMAT,
+            "version": VERSION,
+            "drivers": entries,
             "written_at": datetime.now(UTC).isoformat(timespec="seconds"),
-        }  # fmt: skip
+        }
         try:
             self.path.parent.mkdir(parents=True, exist_ok=True)
             write_file_whole(self.path, (json.dumps(document, indent=1) + "\n").encode())

@@ -116,10 +116,15 @@ def network_lines() -> tuple[NetworkLine, ...]:
         filters = [_number(_SETTINGS / "ipv4/conf" / where / "rp_filter") or 0 for where in ("all", name)]
         found.append(
             NetworkLine(
-                name, address, mask, struct.unpack_from("i", mtu, 16)[0], _speed_mbit_s(name), max(filters),
+                name,
+                address,
+                mask,
+                struct.unpack_from("i", mtu, 16)[0],
+                _speed_mbit_s(name),
+                max(filters),
                 _number(_SETTINGS / "core/rmem_max") or 0,
             )
-        )  # fmt: skip
+        )
     return tuple(found)
 
 
@@ -158,9 +163,11 @@ def judge(line: NetworkLine, cameras: Sequence[NetworkCamera], loads: Mapping[st
     findings = (*_addresses(line, cameras), *_packets(line, sending), *_buffer(line, sending))
     if carried is not None and wanted > _USABLE * carried:
         values = {
-            "interface": line.interface, "wanted_mbit": wanted * 8e-6, "line_mbit": line.mbit_s,
+            "interface": line.interface,
+            "wanted_mbit": wanted * 8e-6,
+            "line_mbit": line.mbit_s,
             "rate_hz": _USABLE * carried / sum(wire_bytes(load) for load in sending.values()),
-        }  # fmt: skip
+        }
         findings = (*findings, Finding("line-too-thin", "warning", values, tuple(sending)))
     delays = stagger(sending, line.mbit_s) if line.mbit_s is not None and len(sending) > 1 else ()
     return LineExamination(line, tuple(cameras), wanted, carried, delays, findings)
@@ -197,9 +204,11 @@ def _addresses(line: NetworkLine, cameras: Sequence[NetworkCamera]) -> list[Find
             continue
         beside = free_beside(camera)
         values = {
-            "address": camera.address, "interface": line.interface, "network": str(network),
+            "address": camera.address,
+            "interface": line.interface,
+            "network": str(network),
             "command": f"sudo ip address add {beside} dev {line.interface}",
-        }  # fmt: skip
+        }
         found.append(Finding("other-subnet", "error", values, (camera.serial,)))
         if line.reverse_path_filter == 1:
             command = f"sudo sysctl net.ipv4.conf.all.rp_filter=2 net.ipv4.conf.{line.interface}.rp_filter=2"
@@ -229,9 +238,10 @@ def _packets(line: NetworkLine, loads: Mapping[str, CameraLoad]) -> list[Finding
     found = []
     if too_large:
         values = {
-            "interface": line.interface, "mtu": line.mtu,
+            "interface": line.interface,
+            "mtu": line.mtu,
             "command": f"sudo ip link set {line.interface} mtu {max(load.packet_size for load in loads.values())}",
-        }  # fmt: skip
+        }
         found.append(Finding("packets-too-large", "error", values, too_large))
     total = sum(wire_bytes(load) * load.rate_hz for load in loads.values())
     jumbo = sum(wire_bytes(replace(load, packet_size=_JUMBO)) * load.rate_hz for load in loads.values())
@@ -250,7 +260,8 @@ def _buffer(line: NetworkLine, loads: Mapping[str, CameraLoad]) -> list[Finding]
     if not loads or line.receive_buffer_bytes >= needed:
         return []
     values = {
-        "kilobytes": line.receive_buffer_bytes // 1000, "needed_kilobytes": needed // 1000,
+        "kilobytes": line.receive_buffer_bytes // 1000,
+        "needed_kilobytes": needed // 1000,
         "command": f"sudo sysctl net.core.rmem_max={max(_WANTED_BUFFER, needed)}",
-    }  # fmt: skip
+    }
     return [Finding("receive-buffer", "warning", values, tuple(loads))]

@@ -49,14 +49,20 @@ def why_not() -> str | None:
         return "network namespaces are a part of Linux only"
     if missing := missing_packages():
         return f"needs {', '.join(missing)}: apt install {' '.join(missing)}"
-    probe = "ip link add spherecal0 type veth peer name spherecal1 && ip link add spherecal2 type bridge && " \
-            "nft add table netdev probe"  # fmt: skip
+    probe = (
+        "ip link add spherecal0 type veth peer name spherecal1 && ip link add spherecal2 type bridge && "
+        "nft add table netdev probe"
+    )
     environment = os.environ | {"PATH": _PATH}
     try:
         done = subprocess.run(
-            isolated(["sh", "-c", probe]), capture_output=True, text=True, timeout=_LIMIT_S, check=False,
+            isolated(["sh", "-c", probe]),
+            capture_output=True,
+            text=True,
+            timeout=_LIMIT_S,
+            check=False,
             env=environment,
-        )  # fmt: skip
+        )
     except (OSError, subprocess.TimeoutExpired) as error:
         return str(error)
     return None if done.returncode == 0 else (done.stderr.strip().splitlines() or ["refused"])[-1]
@@ -97,9 +103,15 @@ class NetworkNamespace:
     def run(self, *command: str, data: str | None = None) -> str:
         """What a command in it prints; CommandError where it fails."""
         done = subprocess.run(
-            self.inside(command), input=data, capture_output=True, text=True, timeout=_LIMIT_S, check=False,
-            pass_fds=(self.file,), env=os.environ | {"PATH": _PATH},
-        )  # fmt: skip
+            self.inside(command),
+            input=data,
+            capture_output=True,
+            text=True,
+            timeout=_LIMIT_S,
+            check=False,
+            pass_fds=(self.file,),
+            env=os.environ | {"PATH": _PATH},
+        )
         if done.returncode != 0:
             raise CommandError(f"{' '.join(command)}: {done.stderr.strip() or done.returncode}")
         return done.stdout

@@ -76,8 +76,9 @@ class CameraNetwork:
         for number, about in enumerate(cameras):
             camera = Camera(**about, number=number, network=NetworkNamespace.new())
             self._cable(camera.network, camera.port, camera.mac)
-            self._ask_nft(f"add chain netdev faults {camera.port} "
-                          f"{{ type filter hook ingress device {camera.port} priority 0; }}")  # fmt: skip
+            self._ask_nft(
+                f"add chain netdev faults {camera.port} {{ type filter hook ingress device {camera.port} priority 0; }}"
+            )
             self.cameras[camera.serial] = camera
             self._give_address(camera, camera.own_address)
         for camera in self.cameras.values():
@@ -95,8 +96,24 @@ class CameraNetwork:
     def _cable(self, network: NetworkNamespace, port: str, mac: str | None) -> None:
         # the first process of the process namespace is this one, whose namespace is the switch
         address = ["address", mac] if mac else []
-        network.run("ip", "link", "add", "eth0", *address, "mtu", str(self._mtu), "type", "veth",
-                    "peer", "name", port, "mtu", str(self._mtu), "netns", "1")  # fmt: skip
+        network.run(
+            "ip",
+            "link",
+            "add",
+            "eth0",
+            *address,
+            "mtu",
+            str(self._mtu),
+            "type",
+            "veth",
+            "peer",
+            "name",
+            port,
+            "mtu",
+            str(self._mtu),
+            "netns",
+            "1",
+        )
         network.run("ip", "link", "set", "eth0", "up")
         self._switch.run("ip", "link", "set", port, "master", "switch", "up")
 
@@ -109,12 +126,25 @@ class CameraNetwork:
         camera.address = address
 
     def _start(self, camera: Camera) -> None:
-        command = [self._server, "eth0", camera.serial, str(camera.width), str(camera.height), camera.mac, MASK,
-                   str(camera.pictures)]  # fmt: skip
+        command = [
+            self._server,
+            "eth0",
+            camera.serial,
+            str(camera.width),
+            str(camera.height),
+            camera.mac,
+            MASK,
+            str(camera.pictures),
+        ]
         program = subprocess.Popen(
-            camera.network.inside(command), stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE,
-            text=True, pass_fds=(camera.network.file, camera.pictures), env=os.environ | {"ARV_DEBUG": ""},
-        )  # fmt: skip
+            camera.network.inside(command),
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+            pass_fds=(camera.network.file, camera.pictures),
+            env=os.environ | {"ARV_DEBUG": ""},
+        )
         assert program.stdout is not None and program.stderr is not None
         if program.stdout.readline().strip() != "ready":
             raise CommandError(f"camera {camera.serial}: {program.stderr.read().strip() or 'did not start'}")
@@ -152,8 +182,21 @@ class CameraNetwork:
         if not mbit_s:
             network.run("tc", "qdisc", "delete", "dev", device, "root")
             return
-        network.run("tc", "qdisc", "replace", "dev", device, "root", "tbf", "rate", f"{mbit_s}mbit",
-                    "burst", str(max(_BURST_BYTES, 2 * self._mtu)), "latency", f"{_QUEUE_MS}ms")  # fmt: skip
+        network.run(
+            "tc",
+            "qdisc",
+            "replace",
+            "dev",
+            device,
+            "root",
+            "tbf",
+            "rate",
+            f"{mbit_s}mbit",
+            "burst",
+            str(max(_BURST_BYTES, 2 * self._mtu)),
+            "latency",
+            f"{_QUEUE_MS}ms",
+        )
 
     def latency(self, serial: str, ms: float, jitter_ms: float = 0.0) -> None:
         """Packets of the camera arrive so much later, in another order with jitter; needs the netem module."""
@@ -261,8 +304,14 @@ def main() -> None:
         say({"error": str(error)})
         return
     # numbers as the machine's own /proc has them: this process numbers its own from 1
-    say({"pid": int(os.readlink("/proc/self")), "client": rig.client.file, "second": rig.second.file, "addresses":
-         {serial: camera.address for serial, camera in rig.cameras.items()}})  # fmt: skip
+    say(
+        {
+            "pid": int(os.readlink("/proc/self")),
+            "client": rig.client.file,
+            "second": rig.second.file,
+            "addresses": {serial: camera.address for serial, camera in rig.cameras.items()},
+        }
+    )
     for line in sys.stdin:
         name, *words = json.loads(line)
         try:

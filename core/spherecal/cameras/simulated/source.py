@@ -89,11 +89,18 @@ class SimulatedSource(InProcessSource):
         """The rig's cameras; the name of each is its id."""
         return tuple(
             CameraInfo(
-                PREFIX + camera.id, camera.kind.model, "simulated", self.label, "simulated", camera.id, camera.id,
-                image_size=camera.kind.image_size, access="free",
+                PREFIX + camera.id,
+                camera.kind.model,
+                "simulated",
+                self.label,
+                "simulated",
+                camera.id,
+                camera.id,
+                image_size=camera.kind.image_size,
+                access="free",
             )
             for camera in self.stage.truth.cameras
-        )  # fmt: skip
+        )
 
     def take_image(self, serial: str, settings: CameraSettings, number: int, attempt: int, timeout_s: float) -> Frame:
         """Draw or render one image with what is wrong with the camera now."""
@@ -117,9 +124,19 @@ class SimulatedSource(InProcessSource):
         now = time.perf_counter()
         temperature = _WARM_C + 0.5 * float(np.sin(now / 900 + self._index[serial]))  # at most 0.03 K a minute
         return Frame(
-            serial, image, bits, f"Mono{bits}", now, now, self.next_frame_id(serial), self.stamp_ns(), None,
-            settings.exposure_us, settings.gain_db, round(temperature, 2),
-        )  # fmt: skip
+            serial,
+            image,
+            bits,
+            f"Mono{bits}",
+            now,
+            now,
+            self.next_frame_id(serial),
+            self.stamp_ns(),
+            None,
+            settings.exposure_us,
+            settings.gain_db,
+            round(temperature, 2),
+        )
 
     def _now(self, number: int) -> int:
         """The live view shows the state of the set to come."""

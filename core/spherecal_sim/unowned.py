@@ -4,7 +4,6 @@ numba counts the references to every array of a tuple each time the tuple is pas
 of twenty arrays that was half of a render's time on one core, and more where two threads share a scene's arrays.
 """
 
-from collections.abc import Callable
 from typing import Any
 
 from spherecal.base.kernels import AHEAD, njit
@@ -16,7 +15,7 @@ def _itself(arrays: Any) -> Any:
 
 
 if AHEAD is not None:
-    unowned: Callable[[Any], Any] = njit(_itself)  # what was compiled ahead has the intrinsic below inside
+    unowned: Any = njit(_itself)  # what was compiled ahead has the intrinsic below inside
 else:
     from numba.core import cgutils, types
     from numba.extending import intrinsic

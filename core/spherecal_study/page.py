@@ -139,7 +139,7 @@ def paper_table(document: Document, rows: Sequence[Compared]) -> StudyPage:
     }  # fmt: skip
     document.table(columns, [(row.what, row.paper, row.ours, words[row.agrees], str(row.runs)) for row in rows])
     for test in dict.fromkeys(row.test for row in rows if row.test):
-        document.caption(f"Test, fixed before the runs: {TESTS[test]}; fewer than {LEAST_RUNS} runs cannot tell.")
+        document.caption(f"Test: {TESTS[test]}; fewer than {LEAST_RUNS} runs cannot tell.")
     for row in rows:
         if row.why:
             document.paragraph(f"{row.what}: {row.why}", SMALL_PT, SOFT)

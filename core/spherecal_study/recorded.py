@@ -17,25 +17,22 @@ from spherecal.detect.session_images import observed
 from spherecal.files.observations_file import read_observations, write_observations
 from spherecal.files.read_session import read_session
 from spherecal.geometry.transform import fit_similarity
-from spherecal.methods.settings import CalibrationSettings
+from spherecal.initialise.path import Search
+from spherecal.methods.settings import CalibrationSettings, Method
 from spherecal_study.measures import bar_figures, outcome, residual_figures
 
 
 def recorded(
-    session: str, fingerprint: str, method: str = "auto", search: str = "opt", without: list[str] | None = None
+    session: str, fingerprint: str, method: Method = "auto", search: Search = "opt", without: list[str] | None = None
 ) -> dict[str, Any]:
     """Calibrate a session without some of it (as `calibrate --leave-out`); residuals, check bars, cameras' centres.
 
-    `fingerprint` tells recordings apart that stand at one place one after the other. A part that cannot be calibrated
+    `fingerprint` distinguishes recordings that are at one place one after the other. A part that cannot be calibrated
     at all gives an invalid result with its `message`.
     """
     del fingerprint
     loaded = detected(Path(session))
-    settings = CalibrationSettings(
-        method=method,
-        search=search,
-        repairs=Repairs(leave_out=tuple(without or ())),  # type: ignore[arg-type]
-    )
+    settings = CalibrationSettings(method=method, search=search, repairs=Repairs(leave_out=tuple(without or ())))
     try:
         calibration = calibrate(loaded, settings)
     except InputError as error:

@@ -55,6 +55,7 @@ RULES: dict[str, Rule] = {
     "pose-ambiguous": Rule("not-valid", "Cameras are missing: two poses fit alike, and one of them is wrong."),
     "mirrored": Rule("not-valid", "All lengths right, all places mirrored."),
     "stopped-early": Rule("not-valid", "Its tests have not been made."),
+    "no-joint-adjustment": Rule("not-valid", "For comparison: no uncertainty, and no test, is known."),
     # the recording is wrong somewhere, and was not repaired
     "camera-moved": Rule(
         "not-valid",

@@ -319,7 +319,7 @@ def test_two_monitors_and_one_that_is_unplugged(tmp_path: Path) -> None:
         "print(len(a.screens()), w.screen().name())\n"
         "assert w.screen().geometry().contains(w.geometry()), (w.screen().geometry(), w.geometry())\n"
         "if len(sys.argv) > 2:\n"
-        "    w.move(a.screens()[1].geometry().topLeft()); a.processEvents(); print(w.screen().name())\n"
+        "    w.showNormal(); w.move(a.screens()[1].geometry().topLeft()); a.processEvents(); print(w.screen().name())\n"
         "assert not w.grab().isNull(); w.close()\n"
     )
     both = [screen("left", 0, 1920, 1080, 1.0), screen("right", 1920, 2560, 1440, 1.5)]

@@ -59,7 +59,7 @@ def scene_picture(result: Path, session: Path, path: Path) -> Path:
     while not view.settled and time.monotonic() < until:
         application.processEvents()
         time.sleep(0.02)
-    view.save_picture(path)
+    path.write_bytes(view.picture_png())
     view.close_view()
     return path
 

@@ -167,7 +167,7 @@ def test_real_cameras_blink_are_renamed_and_asked_about(qtbot, home, monkeypatch
         press(window.question, "driver-no")
         settle(controller)
         assert controller.connection is None
-        assert "You did not allow this driver." in controller.project.failures["connect"]
+        assert [one.kind for one in controller.driver_troubles] == ["not-allowed"]
         del window.question
         controller.connect_cameras()
         pump(lambda: getattr(window, "question", None) is not None)

@@ -335,7 +335,7 @@ def test_the_panel_saves_pictures_and_models_and_says_so(qtbot: QtBot, data: Sce
 def test_pyvista_renders_what_is_painted(qtbot: QtBot, data: SceneData, monkeypatch: pytest.MonkeyPatch) -> None:
     """In a process of its own; the picture arrives, and another one after the view was turned."""
     pytest.importorskip("pyvista", reason="pyvista is not installed")
-    monkeypatch.delenv("SPHERECAL_3D")
+    monkeypatch.delenv("SPHERECAL_3D", raising=False)
     view = RenderedScene()
     shown(qtbot, view, data)
     assert not view.rendered, "painted until the first picture is there"

@@ -3,10 +3,8 @@
 `make_scene_view` gives the rendered view where pyvista works, else the painted one; both show the same elements.
 """
 
-from pathlib import Path
-
 import numpy as np
-from PySide6.QtCore import QPointF, QSize, Qt, Signal
+from PySide6.QtCore import QBuffer, QPointF, QSize, Qt, Signal
 from PySide6.QtGui import (
     QColor,
     QFocusEvent,
@@ -327,9 +325,12 @@ class SceneView(QWidget):
             painter.end()
         return image
 
-    def save_picture(self, path: Path) -> bool:
-        """Write what is seen as a PNG file; whether it could be written."""
-        return self.grab().save(str(path), "PNG")
+    def picture_png(self) -> bytes:
+        """What is seen, as a PNG file's contents."""
+        memory = QBuffer()
+        memory.open(QBuffer.OpenModeFlag.WriteOnly)
+        self.grab().save(memory, "PNG")
+        return bytes(memory.data().data())
 
 
 def _rgb(name: str) -> tuple[int, int, int]:

@@ -118,9 +118,8 @@ class ScenePanel(QWidget):
         try:
             if path.suffix.lower() == _MODEL:
                 write_whole(path, scene_glb(self.view.data, self.view.style_of_now()))
-            elif not self.view.save_picture(path):
-                self.said.emit("bad", self.tr("{path} could not be written.").format(path=path), "")
-                return
+            else:
+                write_whole(path, self.view.picture_png())
         except SpherecalError as error:
             self.said.emit("bad", *error_text(error))
             return

@@ -235,3 +235,14 @@ def test_a_camera_with_another_pose_in_each_image_is_not_repaired(
     """A shifted region of interest passed for two knocks and a wrong image; the rig was to be used with care."""
     way = Repairs(split=split, leave_out=leave_out)
     assert keeps_a_tested_pose(repaired(faultless(), way), way) == tested
+
+
+@pytest.mark.parametrize(("place", "kind"), [("P1", "first"), ("P2", ""), ("P4", "last")])
+def test_names_put_back_at_either_end_ask_for_care(place: str, kind: str) -> None:
+    """Exchanged from the second of four placements on, cameras were named by the majority: 536 mm off, and valid."""
+    session = faultless()
+    swapped = repaired(session, Repairs(swap=(f"C02,C03@{place}",)))
+    done = calibrate(swapped)
+    (finding,) = (f for f in done.rig.quality.findings if f.code == "swapped-back")
+    assert finding.kind == kind and finding.where == ("C02", "C03", place)
+    assert done.rig.quality.verdict == ("use-with-care" if kind else "valid")

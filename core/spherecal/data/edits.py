@@ -75,10 +75,11 @@ def recorded(
         both = {"first": names[0], "second": names[1]}
         what = Phrase("exchanged-at", {**both, "place": at}) if at else Phrase("exchanged", both)
         where = (*names, *([at] if at else []))
-        last = automatic and at is not None and at in placements_seen_by(session, names)[-1:]
-        values = {"done": what, "why": why, **({**both, "place": at} if last else {})}
-        # what they record from now on may have the names of the last images
-        severity, kind = ("warning", "last") if last else ("info", "")
+        seen = placements_seen_by(session, names) if automatic and at is not None else []
+        kind = "last" if at in seen[-1:] else "first" if at in seen[:1] else ""
+        values = {"done": what, "why": why, **({**both, "place": at} if kind else {})}
+        # what they record from now on may have the names of the last images, or those of all but the first
+        severity = "warning" if kind else "info"
         findings.append(Finding("swapped-back", severity, values, where, kind=kind))
     for value in repairs.leave_out:
         done.append(Repair("--leave-out", value, automatic=automatic))

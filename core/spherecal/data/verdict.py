@@ -129,7 +129,9 @@ RULES: dict[str, Rule] = {
         "Knocked for one image by 30 mm and back again, at the last that it had: 30 mm off, 323 times U. "
         "Late by 0.05 mm at each placement, and split as moved: 5.1 times U.",
     ),
-    "swapped-back": _care("cameras", "At the last placement: later images may have these names, 290 mm off then."),
+    "swapped-back": _care(
+        "cameras", "At the last placement or the first: other images may have these names, 290 and 536 mm off then."
+    ),
     "few-frames": _care("cameras", "Stated, as few-placements."),
     "linked-by-a-thread": _care("cameras", "Stated, but one wrong camera turns half of the rig unseen."),
     "placements-clustered": _care("volume", "Stated: twice as uncertain outside (numerics, section 7)."),

@@ -38,9 +38,6 @@ from spherecal_study.wand import errors_and_bounds
 PathNumbers = Sequence[float | None]  # xi1, xi2, TH_er in px (None: by the data), b
 
 BAR_POSES = 20  # of each bar, as in the paper
-# Converged: within this of the optimum's rms, the rest of a few slow steps; other minima are ten times off and more.
-_SAME_RMS = 1.05
-_ITERATIONS = 150
 
 
 def ball(

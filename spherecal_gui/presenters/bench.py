@@ -23,7 +23,7 @@ from spherecal.files.ball_registry import (
     longest_spacing,
     print_error,
 )
-from spherecal.files.bar_registry import RegisteredBar, bar_entry, read_lengths, read_marks, read_registered_bar
+from spherecal.files.bar_registry import RegisteredBar, read_lengths, read_marks, read_registered_bar
 from spherecal.files.bench_file import Bench, BenchBar
 from spherecal.files.json_file import JsonValue, printable
 from spherecal.targets.family import FAMILY, make_target_set
@@ -535,16 +535,11 @@ def bench_draft(plan: Any, balls: Mapping[str, RegisteredBall], known: Mapping[s
 
 
 def certificate_state(draft: BarDraft, today: date) -> tuple[str, Level]:
-    """How a bar's certificate stands, in a few words."""
+    """The state of a bar's certificate, in a few words."""
     from spherecal_gui.presenters.certificates import state_words
 
     bar, _ = read_bar(draft)
     return state_words(bar.certificate, today) if bar is not None else (translate("Bench", "not whole yet"), "caution")
-
-
-def entry_of(bar: RegisteredBar) -> dict[str, Any]:
-    """A bar as the library's file has it."""
-    return bar_entry(bar)
 
 
 def error_words(error: SpherecalError) -> str:

@@ -176,7 +176,7 @@ def unconfirmed_poses(e: Evidence) -> list[tuple[int, int]]:
     It rests on one image alone, or differs so little from the earlier one that its images may differ as much.
     """
     seen = (e.image_counts(e.used) > 0).sum(axis=0)
-    return [(c, k) for c, k in _split_cameras(e) if seen[c] == 1 or _is_small_move(e, c, k)]
+    return [(c, k) for c, k in _split_cameras(e) if seen[c] == 1 or (seen[c] > 1 and _is_small_move(e, c, k))]
 
 
 def _split_cameras(e: Evidence) -> list[tuple[int, int]]:

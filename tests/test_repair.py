@@ -10,7 +10,7 @@ import pytest
 from spherecal.base.errors import InputError
 from spherecal.calibrate import calibrate
 from spherecal.cli.main import main
-from spherecal.data.edits import Repairs, repaired
+from spherecal.data.edits import Repairs, recorded, repaired
 from spherecal.data.rig import Calibration
 from spherecal.data.session import Session
 from spherecal.diagnose.automatic_edits import is_last_pose, keeps_a_tested_pose
@@ -246,3 +246,24 @@ def test_names_put_back_at_either_end_ask_for_care(place: str, kind: str) -> Non
     (finding,) = (f for f in done.rig.quality.findings if f.code == "swapped-back")
     assert finding.kind == kind and finding.where == ("C02", "C03", place)
     assert done.rig.quality.verdict == ("use-with-care" if kind else "valid")
+
+
+@pytest.mark.parametrize(
+    ("place", "out", "asks"), [("P3", ("P1", "P2"), True), ("P3", ("P1",), False), ("P2", ("P2",), False)]
+)
+def test_first_images_left_out_ask_for_care_where_another_camera_had_none(
+    place: str, out: tuple[str, ...], asks: bool
+) -> None:
+    """Exchanged with a camera that had not seen the ball before: the first names may be the right ones."""
+    session = faultless()
+    o = session.observations
+    assert o is not None
+    until = o.placements.index(place)
+    unseen = (o.camera == o.cameras.index("C05")) & (o.placement < until)
+    session = replace(session, observations=o.select(~unseen))
+    way = Repairs(leave_out=tuple(f"C02@{name}" for name in out))
+    mended = repaired(session, way)
+    done = recorded(calibrate(mended), session, mended, way, automatic=True)
+    found = [f for f in done.rig.quality.findings if f.code == "left-out"]
+    assert {f.kind for f in found} == ({"names"} if asks else {""})
+    assert ("C05" in {a.camera for a in done.rig.quality.affected}) == asks

@@ -128,6 +128,7 @@ def test_a_cameras_dialog_shows_it_live_and_sets_it(qtbot, wizard):
     pump(lambda: dialog.tile.has_image)
     assert not dialog.name_field.isEnabled() and "simulated" in dialog.name_field.toolTip()
     assert not dialog.blink.isEnabled(), "a simulated camera has no light"
+    assert not dialog.trigger.isEnabled() and "Simulated" in dialog.trigger.toolTip()
     pump(lambda: wizard.live.sight("SIM-C03") is not None)
     before = wizard.live.sight("SIM-C03").brightness
     dialog.exposure.setValue(3.0)
@@ -142,7 +143,13 @@ def test_a_cameras_dialog_shows_it_live_and_sets_it(qtbot, wizard):
 def test_real_cameras_blink_are_renamed_and_asked_about(qtbot, home, monkeypatch):
     """Over the simulated producer, copied to a place where it is a stranger."""
     from spherecal.cameras.producer.control import ProducerControl, SimulatedCamera
-    from spherecal.cameras.profile import CameraDescription, CameraProfile, default_profile_path, write_profile
+    from spherecal.cameras.profile import (
+        CameraDescription,
+        CameraProfile,
+        default_profile_path,
+        read_profile,
+        write_profile,
+    )
 
     cti = built_producer()
     folder = home / "driver"
@@ -193,6 +200,17 @@ def test_real_cameras_blink_are_renamed_and_asked_about(qtbot, home, monkeypatch
         assert controller.connection.names["SIM1"] == "left"
         assert control.settings("SIM1")["exposure_us"] == pytest.approx(5000)
         assert json.loads(default_profile_path().read_text())["cameras"][0]["name"] == "left"
+
+        dialog = CameraDialog(controller, "SIM1")
+        qtbot.addWidget(dialog)
+        assert dialog.trigger.currentData() == "software"
+        for mode in ("free", "software"):
+            dialog.trigger.setCurrentIndex(dialog.trigger.findData(mode))
+            dialog.trigger.activated.emit(dialog.trigger.currentIndex())
+            settle(controller)
+            entries = read_profile(default_profile_path()).cameras
+            assert {entries[serial].settings.trigger for serial in lenses} == {mode}
+            assert entries["SIM1"].settings.exposure_us == pytest.approx(5000), "the rest is as it was"
         window.close()
 
 

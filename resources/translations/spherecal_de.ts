@@ -744,6 +744,26 @@
         <translation>Verstärkung</translation>
     </message>
     <message>
+        <source>Trigger of all cameras</source>
+        <translation>Auslösung aller Kameras</translation>
+    </message>
+    <message>
+        <source>Software, one after the other</source>
+        <translation>Software, nacheinander</translation>
+    </message>
+    <message>
+        <source>Common clock (IEEE 1588), all at once</source>
+        <translation>Gemeinsame Uhr (IEEE 1588), alle zugleich</translation>
+    </message>
+    <message>
+        <source>Trigger box, all at once</source>
+        <translation>Auslösegerät, alle zugleich</translation>
+    </message>
+    <message>
+        <source>None: free running</source>
+        <translation>Keine: freilaufend</translation>
+    </message>
+    <message>
         <source>Apply</source>
         <translation>Übernehmen</translation>
     </message>
@@ -1136,6 +1156,10 @@ px</translation>
     <message>
         <source>The description of the bench names this camera.</source>
         <translation>Die Beschreibung des Aufbaus benennt diese Kamera.</translation>
+    </message>
+    <message>
+        <source>Simulated cameras are all exposed at the same moment.</source>
+        <translation>Simulierte Kameras werden alle im selben Augenblick belichtet.</translation>
     </message>
     <message>
         <source>Another camera has the name {name}.</source>

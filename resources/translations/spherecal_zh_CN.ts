@@ -744,6 +744,26 @@
         <translation>增益</translation>
     </message>
     <message>
+        <source>Trigger of all cameras</source>
+        <translation>所有相机的触发方式</translation>
+    </message>
+    <message>
+        <source>Software, one after the other</source>
+        <translation>软件触发，逐台曝光</translation>
+    </message>
+    <message>
+        <source>Common clock (IEEE 1588), all at once</source>
+        <translation>共同时钟 (IEEE 1588)，同时曝光</translation>
+    </message>
+    <message>
+        <source>Trigger box, all at once</source>
+        <translation>触发盒，同时曝光</translation>
+    </message>
+    <message>
+        <source>None: free running</source>
+        <translation>无：自由运行</translation>
+    </message>
+    <message>
         <source>Apply</source>
         <translation>应用</translation>
     </message>
@@ -1136,6 +1156,10 @@ px</translation>
     <message>
         <source>The description of the bench names this camera.</source>
         <translation>工作台描述文件已命名此相机。</translation>
+    </message>
+    <message>
+        <source>Simulated cameras are all exposed at the same moment.</source>
+        <translation>模拟相机全部在同一时刻曝光。</translation>
     </message>
     <message>
         <source>Another camera has the name {name}.</source>

@@ -2,7 +2,16 @@
 
 import numpy as np
 from PySide6.QtCore import QTimer
-from PySide6.QtWidgets import QDialog, QDoubleSpinBox, QFormLayout, QHBoxLayout, QLineEdit, QVBoxLayout, QWidget
+from PySide6.QtWidgets import (
+    QComboBox,
+    QDialog,
+    QDoubleSpinBox,
+    QFormLayout,
+    QHBoxLayout,
+    QLineEdit,
+    QVBoxLayout,
+    QWidget,
+)
 
 from spherecal_gui.presenters.connect import model_text
 from spherecal_gui.presenters.look import tile_state
@@ -75,7 +84,24 @@ class CameraDialog(QDialog):
             form.addRow(text, field)
             if field is self.name_field and why:
                 form.addRow("", self.why_not)
+        form.addRow(self.tr("Trigger of all cameras"), self._trigger_field(settings.trigger))
         return form
+
+    def _trigger_field(self, chosen: str) -> QComboBox:
+        self.trigger = QComboBox()
+        self.trigger.setObjectName("camera-trigger")
+        self.trigger.setAccessibleName(self.tr("Trigger of all cameras"))
+        for mode, text in (
+            ("software", self.tr("Software, one after the other")),
+            ("scheduled", self.tr("Common clock (IEEE 1588), all at once")),
+            ("hardware", self.tr("Trigger box, all at once")),
+            ("free", self.tr("None: free running")),
+        ):
+            self.trigger.addItem(text, mode)
+        self.trigger.setCurrentIndex(self.trigger.findData(chosen))
+        enable(self.trigger, not self.controller.why_no_trigger(), self.controller.why_no_trigger())
+        self.trigger.activated.connect(lambda _: self.controller.set_trigger(self.trigger.currentData()))
+        return self.trigger
 
     def _buttons(self) -> QHBoxLayout:
         row = QHBoxLayout()

@@ -84,8 +84,8 @@ def option(text: str) -> QCheckBox:
     return made
 
 
-def enable(target: QPushButton, on: bool, why: str = "") -> None:
-    """Enable a button, or say in its tooltip why not."""
+def enable(target: QWidget, on: bool, why: str = "") -> None:
+    """Enable a button or field, or say in its tooltip why not."""
     target.setEnabled(on)
     target.setToolTip(plain("" if on else why))
     target.setAccessibleDescription("" if on else why)

@@ -82,6 +82,28 @@ class TuneControl(CameraControl):
         self._tuned[serial] = settings
         return self.runner.start("connect", work, self._set_up, self._failed("connect"))
 
+    def set_trigger(self, trigger: str) -> bool:
+        """Have all cameras exposed by this trigger (cameras.protocol.TriggerMode); kept in the camera profile."""
+        connection = self.connection
+        if connection is None or self.runner.running:
+            return False
+        of_all = {serial: replace(self.settings_of(serial), trigger=trigger) for serial in connection.names}
+        source, names = connection.source, connection.names
+
+        def work(context: Context) -> bool:
+            for number, (serial, settings) in enumerate(of_all.items()):
+                context.report("setting up the camera", number / len(of_all), names[serial])
+                _keep(serial, None, settings)
+            source.apply(of_all)
+            return False
+
+        self._tuned.update(of_all)
+        return self.runner.start("connect", work, self._set_up, self._failed("connect"))
+
+    def why_no_trigger(self) -> str:
+        """Why the cameras' trigger cannot be chosen; empty where it can."""
+        return "" if self._real else translate("Connect", "Simulated cameras are all exposed at the same moment.")
+
     def name_camera(self, serial: str, name: str) -> None:
         """Give a camera another name; why it cannot have it is told."""
         connection = self.connection

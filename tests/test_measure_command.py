@@ -3,7 +3,11 @@
 import csv
 import importlib.util
 import json
+import os
+import signal
 import socket
+import subprocess
+import sys
 import time
 from dataclasses import replace
 from pathlib import Path
@@ -93,6 +97,26 @@ def test_a_series_is_replaced_and_nothing_else_is(session: Path, result: Path, t
     with pytest.raises(OutputError):
         spherecal.measure(session, result, output=target)
     assert (target / "mine.txt").read_text() == "mine"
+
+
+@pytest.mark.skipif(os.name == "nt", reason="Windows has no SIGTERM")
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
+def test_a_measurement_that_is_ended_keeps_its_sets(result: Path, tmp_path: Path, number: signal.Signals) -> None:
+    words = ["--cameras", "simulated:demo", "--rig", result, "-o", tmp_path / "series", "--rate", "5", "--json"]
+    process = subprocess.Popen(
+        [sys.executable, "-m", "spherecal.cli.main", "measure", *words],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        preexec_fn=lambda: [signal.signal(one, signal.SIG_DFL) for one in (signal.SIGINT, signal.SIGTERM)],  # noqa: PLW1509
+    )
+    assert process.stdout is not None
+    seen = [json.loads(process.stdout.readline()) for _ in range(2)]
+    process.send_signal(number)
+    rest, err = process.communicate(timeout=60)
+    assert process.returncode in (0, 3), err
+    shown = len(seen) + len(rest.splitlines())
+    assert json.loads((tmp_path / "series" / "series.json").read_text())["sets"] in (shown, shown + 1)
 
 
 def test_what_ends_a_measurement_loses_nothing(session: Path, result: Path, tmp_path: Path) -> None:

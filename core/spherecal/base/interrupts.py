@@ -1,4 +1,4 @@
-"""Ctrl-C: held back during short work, and never lost (before the command begins: base/early.py)."""
+"""Ctrl-C and SIGTERM: held back during short work, and never lost (before the command begins: base/early.py)."""
 
 import signal
 import sys
@@ -7,11 +7,13 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any
 
+_ENDING = (signal.SIGINT, signal.SIGTERM)  # Ctrl-C, and what service managers send
+
 
 class _State:
     """What has happened so far."""
 
-    came = False  # somebody pressed Ctrl-C
+    came = False  # one of the signals
     committed = False  # the output is in its place: what is left to do is short
 
 
@@ -19,16 +21,18 @@ _state = _State()
 
 
 def begin() -> None:
-    """From now on Ctrl-C raises KeyboardInterrupt; once the output is in its place it only counts as having come."""
+    """From now on both raise KeyboardInterrupt; once the output is in its place they only count as having come."""
     _state.came = _state.committed = False
-    if signal.getsignal(signal.SIGINT) is not signal.SIG_IGN:  # as for jobs in the background
-        signal.signal(signal.SIGINT, _interrupt)
-        sys.unraisablehook = _unraisable
+    for number in _ENDING:
+        if signal.getsignal(number) is not signal.SIG_IGN:  # as for jobs in the background
+            signal.signal(number, _interrupt)
+            sys.unraisablehook = _unraisable
 
 
 def finish() -> None:
     """The command is over: nothing more can be cancelled."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    for number in _ENDING:
+        signal.signal(number, signal.SIG_IGN)
 
 
 def _interrupt(*_: object) -> None:
@@ -44,32 +48,34 @@ def _unraisable(lost: Any) -> None:
 
 
 def came() -> bool:
-    """Whether somebody pressed Ctrl-C; whoever goes on to long work asks."""
+    """Whether one of the signals came; whoever goes on to long work asks."""
     return _state.came
 
 
 @contextmanager
 def uninterrupted(commit: bool = False) -> Iterator[None]:
-    """Hold Ctrl-C back until this short piece of work is done.
+    """Hold both signals back until this short piece of work is done.
 
-    It then acts as if it had come at its end; with `commit`, work that puts the output into its place, it came too
+    They then act as if they had come at its end; with `commit`, work that puts the output into its place, they came too
     late: whoever reads the exit code would think that nothing was written.
     """
     if threading.current_thread() is not threading.main_thread():
         yield  # Python hands signals to the main thread only
         return
     held: list[int] = []
-    before = signal.getsignal(signal.SIGINT)
-    if before is None:  # a handler that is not Python's, which could not be put back
+    before = {number: signal.getsignal(number) for number in _ENDING}
+    if None in before.values():  # a handler that is not Python's, which could not be put back
         yield
         return
     done = False
-    signal.signal(signal.SIGINT, lambda number, _: held.append(number))
+    for number in _ENDING:
+        signal.signal(number, lambda number, _: held.append(number))
     try:
         yield
-        done = commit and before is _interrupt
+        done = commit and before[signal.SIGINT] is _interrupt
     finally:
         _state.committed = _state.committed or done
-        signal.signal(signal.SIGINT, before)
-        if held:
-            signal.raise_signal(signal.SIGINT)
+        for number, handler in before.items():
+            signal.signal(number, handler)
+        for number in dict.fromkeys(held):
+            signal.raise_signal(number)

@@ -22,7 +22,7 @@ SPEEDS_MM_S = (0.0, 100.0, 1000.0)
 SKEW_S = 5e-3
 KNOCKS = (("turn", 0.001), ("turn", 0.003), ("turn", 0.01), ("shift", 0.05), ("shift", 0.1), ("shift", 0.3))
 KNOCK_REPEATS = 5
-QUIET_SETS = 1500  # of each kind
+QUIET_SETS = 9000  # of each of four kinds: an hour at 10 Hz
 
 
 def straight(world: World, rotation: FloatArray, speed: float, rng: np.random.Generator) -> Path:
@@ -173,7 +173,7 @@ def misfit_field(world: World, amplitude: float) -> Callable[[ObservedSet], Obse
 
 
 def report(runs: int | None = None) -> Report:
-    """6 seeds of rigs A and B, 5 knocks of each size, 1500 sets of each kind without any, and the times."""
+    """6 seeds of rigs A and B, 5 knocks of each size, an hour without any, and the times."""
     page = Report("Measuring", "python3 dev.py studies measure")
     seeds = SEEDS if runs is None else runs
     page.heading("Errors and stated uncertainties")

@@ -83,13 +83,8 @@ def recorded(
         findings.append(Finding("swapped-back", severity, values, where, kind=kind))
     for value in repairs.leave_out:
         done.append(Repair("--leave-out", value, automatic=automatic))
-        what, ids = {"done": _what(session, value), "why": why}, _ids(session, value)
-        others = _perhaps_exchanged_with(session, ids[0], repairs) if automatic and len(ids) == 2 else []
-        if others:
-            names = {"camera": ids[0], "others": others}
-            findings.append(Finding("left-out", "warning", {**what, **names}, (*ids, *others), kind="names"))
-        else:
-            findings.append(Finding("left-out", "info", what, tuple(ids)))
+        what = {"done": _what(session, value), "why": why}
+        findings.append(Finding("left-out", "info", what, tuple(_ids(session, value))))
     for value in repairs.split:
         camera, placement = _read_image(session, value, "--split")
         name, place = session.cameras[camera].id, _places(session)[placement].id
@@ -111,22 +106,6 @@ def placements_seen_by(session: Session, cameras: Sequence[str]) -> list[str]:
         return names
     own = np.isin(o.camera, [o.cameras.index(name) for name in cameras if name in o.cameras])
     return [names[t] for t in np.unique(o.placement[own & (o.placement < len(names))])]
-
-
-def _perhaps_exchanged_with(session: Session, camera: str, repairs: Repairs) -> list[str]:
-    """Cameras that saw the ball only after all images of one that were left out, if these are its first ones.
-
-    Exchanged from P3 on with a camera that had not seen the ball before, the first two images were left out: 926 mm
-    off if the names of the first images are the right ones.
-    """
-    seen = placements_seen_by(session, [camera])
-    out = [value.partition("@")[2] for value in repairs.leave_out if value.partition("@")[0] == camera]
-    if not out or sorted(out) != sorted(seen[: len(out)]):
-        return []
-    ids = [placement.id for placement in session.placements]
-    later = set(ids[ids.index(seen[len(out) - 1]) + 1 :])
-    names = [one.id for one in session.cameras if one.id != camera]
-    return [name for name in names if (own := placements_seen_by(session, [name])) and set(own) <= later]
 
 
 def _split_by(rig: Rig, name: str, place: str, before: RigCamera | None) -> Phrase:

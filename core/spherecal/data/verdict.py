@@ -132,7 +132,6 @@ RULES: dict[str, Rule] = {
     "swapped-back": _care(
         "cameras", "At the last placement or the first: other images may have these names, 290 and 536 mm off then."
     ),
-    "left-out": _care("cameras", "A camera's first images, and another saw nothing until then: exchanged, 926 mm off."),
     "few-frames": _care("cameras", "Stated, as few-placements."),
     "linked-by-a-thread": _care("cameras", "Stated, but one wrong camera turns half of the rig unseen."),
     "placements-clustered": _care("volume", "Stated: twice as uncertain outside (numerics, section 7)."),

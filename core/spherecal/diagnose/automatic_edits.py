@@ -216,13 +216,30 @@ def _with(done: Repairs, options: list[_Option]) -> Repairs:
 def _names_are_certain(session: Session, way: Repairs) -> bool:
     """Whether exchanged cameras have their own names at most placements: at half of them either may be right.
 
-    Exchanged from the third of four placements on, the first two were exchanged "back": 290 mm off, and valid.
+    Exchanged from the third of four placements on, the first two were exchanged "back": 290 mm off, and valid. None may
+    have been exchanged unseen, either.
     """
     for pair in {value.partition("@")[0] for value in way.swap}:
         swapped = {value.partition("@")[2] for value in way.swap if value.partition("@")[0] == pair}
         if 2 * len(swapped) >= len(placements_seen_by(session, pair.split(","))):
             return False
-    return True
+    return not any(may_be_exchanged(session, way, value.partition("@")[0]) for value in way.leave_out)
+
+
+def may_be_exchanged(session: Session, way: Repairs, camera: str) -> bool:
+    """Whether a camera's first images are left out, and another camera saw the ball only after them.
+
+    Exchanged from P3 on with a camera that had not seen the ball before, its first two images were left out: 926 mm off
+    if the names of these are the right ones.
+    """
+    seen = placements_seen_by(session, [camera])
+    out = {place for name, _, place in (value.partition("@") for value in way.leave_out) if name == camera}
+    if not out or out != set(seen[: len(out)]):
+        return False
+    ids = [placement.id for placement in session.placements]
+    later = set(ids[ids.index(seen[len(out) - 1]) + 1 :])
+    others = (placements_seen_by(session, [one.id]) for one in session.cameras if one.id != camera)
+    return any(own and set(own) <= later for own in others)
 
 
 def keeps_a_tested_pose(mended: Session, way: Repairs) -> bool:

@@ -29,12 +29,13 @@ from benchmarks.studies.mischief_motions import (
     rolling_ball,
     trigger_groups,
     two_moved,
+    warming,
 )
 from benchmarks.studies.mischief_world import Pose, World
 from spherecal.data.observations import Observations
 from spherecal.methods.settings import CalibrationSettings
 from spherecal.targets.family import make_target_set
-from spherecal_sim.ball import make_ball
+from spherecal_sim.ball import Ball, make_ball
 from spherecal_sim.faults import shape_changes
 from spherecal_sim.lens_errors import TrueLens
 
@@ -300,6 +301,27 @@ def bent_ball(world: World, size: float, rng: np.random.Generator) -> Case:
     return make_case(replace(world, shape_of=lambda placement: bent[placement]), rng, (*SHAPE, "soft", "free"))
 
 
+def growing_ball(world: World, size: float, rng: np.random.Generator) -> Case:
+    """The ball grows by so many ppm from the first placement to the last, as a warm one does."""
+    last = len(world.turns) - 1
+
+    def shape_of(placement: int) -> Ball:
+        return replace(world.ball, dots_mm=world.ball.dots_mm * (1 + 1e-6 * size * (placement / last - 0.5)))
+
+    return make_case(replace(world, shape_of=shape_of), rng, (*SHAPE, "size"))
+
+
+def stretched_print(world: World, size: float, rng: np.random.Generator) -> Case:
+    """All stickers are longer by a share in one direction of the print."""
+    ball = world.ball
+    frame = ball.frames[np.searchsorted(ball.targets, ball.dot_target)]
+    middle = -frame[:, 2] * ball.radius_mm
+    along = ((ball.dots_mm - middle) * frame[:, 0]).sum(axis=1)
+    dots = ball.dots_mm + size * along[:, None] * frame[:, 0]
+    dots *= (np.linalg.norm(ball.dots_mm, axis=1) / np.linalg.norm(dots, axis=1))[:, None]  # still on the ball
+    return make_case(replace(world, ball=replace(ball, dots_mm=dots)), rng, ("stretched", *SCALE))
+
+
 def older_placement(world: World, size: float, rng: np.random.Generator) -> Case:
     """One placement is of an older session: all cameras stood elsewhere by so many mm and mrad."""
     t = int(rng.integers(0, len(world.turns) - 1))
@@ -368,4 +390,7 @@ KINDS: tuple[Mischief, ...] = (
     Mischief("ball bent", bent_ball, (0.02, 0.2, 2), "mm"),
     Mischief("placement of an older session", older_placement, (0.05, 0.5, 5), "mm and mrad"),
     Mischief("pixel pitch wrong", wrong_pitch, (1.39, 0.72), "x"),
+    Mischief("ball grows", growing_ball, (50, 300, 1500), "ppm"),
+    Mischief("prints stretched", stretched_print, (0.001, 0.003, 0.02), "x"),
+    Mischief("rig warms", warming, (20, 100), "ppm"),
 )

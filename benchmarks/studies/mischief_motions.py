@@ -97,6 +97,20 @@ def drifting(world: World, size: float, rng: np.random.Generator) -> Case:
     return make_case(replace(world, pose_of=pose_of), rng, (*MOVED, "drift"))
 
 
+def warming(world: World, size: float, rng: np.random.Generator) -> Case:
+    """The rig expands by so many ppm from the first to the last placement."""
+    last = len(world.turns) - 1
+    centres = np.array([-c.rotation.T @ c.translation_mm for c in world.cameras])
+    middle = centres.mean(axis=0)
+
+    def pose_of(camera: int, placement: int) -> Pose:
+        rotation = world.cameras[camera].rotation
+        centre = middle + (centres[camera] - middle) * (1 + 1e-6 * size * placement / last)
+        return rotation, -rotation @ centre
+
+    return make_case(replace(world, pose_of=pose_of), rng, (*MOVED, "size", "drift"))
+
+
 def trigger_groups(world: World, size: float, rng: np.random.Generator) -> Case:
     """The ball is displaced by so many mm between the exposures of two groups of cameras, at each placement."""
     second = set(rng.permutation(len(world.cameras))[: len(world.cameras) // 2].tolist())

@@ -61,8 +61,9 @@ class World:
         return tuple(f"P{t + 1}" for t in range(len(self.turns)))
 
     def points_mm(self, placement: int) -> FloatArray:
-        """The ball's dots in the world, (dots, 3)."""
-        return self.ball.dots_mm @ self.turns[placement].T + self.places_mm[placement]
+        """The ball's dots in the world, (dots, 3), in the shape that it has then."""
+        ball = self.ball if self.shape_of is None else self.shape_of(placement)
+        return ball.dots_mm @ self.turns[placement].T + self.places_mm[placement]
 
     def pose(self, c: int, t: int) -> Pose:
         """World to camera."""

@@ -142,8 +142,11 @@ class Network:
         if isinstance(self.ball, Free):
             return camera, state.intrinsics, state.rotation, state.translation
         turn, shift = state.placement_rotation, state.placement_translation
-        rotation = np.einsum("cij,tjk->ctik", state.rotation, turn).reshape(-1, 3, 3)
+        size = np.cbrt(np.linalg.det(turn))  # of the ball, which a pose of the camera cannot have: all else is smaller
+        size = np.where(np.abs(size - 1) < 1e-9, 1.0, size)
+        rotation = np.einsum("cij,tjk->ctik", state.rotation, turn / size[:, None, None]).reshape(-1, 3, 3)
         translation = np.einsum("cij,tj->cti", state.rotation, shift) + state.translation[:, None]
+        translation = translation / size[:, None]
         count = len(turn)
         view = camera * count + self.ball.placement[rows]
         return view, np.repeat(state.intrinsics, count, axis=0), rotation, translation.reshape(-1, 3)

@@ -21,7 +21,7 @@ from spherecal.ball.linking import link_camera_groups
 from spherecal.ball.rigid import LEAST_SHARED, Alignment, BallNetwork, RigidNetwork, share_shape
 from spherecal.ball.run import Run
 from spherecal.ball.shape_variance import adjusted_with, estimate_shape_variance
-from spherecal.base.arrays import BoolArray, IntArray
+from spherecal.base.arrays import BoolArray, FloatArray, IntArray
 from spherecal.base.messages.values import Phrase
 from spherecal.initialise.incremental import InitialPoses
 
@@ -44,6 +44,8 @@ MOST_WORSE_BY_LENSES = 2.0
 SURE = 3.0
 # The ratio of the variances scatters by 0.01 around 1 while the ball keeps its shape.
 NOTICEABLE = 1.06
+# Sizes of the ball at its placements are found to first order: twice for those of 0.1 %.
+SIZE_ROUNDS = 2
 # Below this turn the placements are as good as only moved.
 TURNED_DEG = 15.0
 
@@ -54,7 +56,8 @@ class ModelChoice:
 
     `shape_sd_mm`: in the soft form the standard deviation, per coordinate, of a dot's place on the ball, `stated` or
     estimated from the data. `facts`: the part of the reason that holds whatever was taken. `agreement`: how far cameras
-    agree that dots moved on the ball; None where that was not tested.
+    agree that dots moved on the ball; None where that was not tested. `sizes` (placements,): of the ball in the rigid
+    form, relative to their mean; None where it has one size.
     """
 
     form: FormName
@@ -67,6 +70,7 @@ class ModelChoice:
     asked: bool = False
     facts: Phrase | None = None
     agreement: Agreement | None = None
+    sizes: FloatArray | None = None
 
     @property
     def ball_changed(self) -> bool:
@@ -88,12 +92,14 @@ class ModelChoice:
 class RequestedModel:
     """The ball model that the user asks for, and the standard deviation of its dots where he knows it.
 
-    `mm_per_unit` gives the length of the network's unit from its free form.
+    `mm_per_unit` gives the length of the network's unit from its free form; `sizes` those of the ball at its placements
+    (t,), relative to their mean, that the rigid form should have, by the free form's variance; None: what they are off.
     """
 
     name: Wanted
     shape_sd_mm: float | None
     mm_per_unit: Callable[[BallFit], float]
+    sizes: Callable[[RigidNetwork, Adjustment, float | None], FloatArray | None]
 
 
 def choose_ball_model(
@@ -132,7 +138,8 @@ def choose_ball_model(
     again = replace(ball.network, noise=free.network.noise, priors=free.network.priors)
     rigid, start = share_shape(again, ball.features, free.adjusted.state, alignment)
     first = _first_rigid(rigid.network, start, free, run)
-    choice = _judged(first, [free], alignment, requested.name, rigid.feature)
+    first, sizes = _of_several_sizes(rigid, first, free, requested, run)
+    choice = replace(_judged(first, [free], alignment, requested.name, rigid.feature), sizes=sizes)
     if choice.form == "soft":
         soft = _soft_solution(rigid, first, free, choice, requested, run)
         if soft is not None:
@@ -161,6 +168,27 @@ def _first_rigid(network: Network, start: State, free: BallFit, run: Run) -> Adj
     state, kept = robust_start(network, start, None, used, placed, run.context)
     again = refine(network, state, kept, placed, run.context)
     return again if again.variance < first.variance else first
+
+
+def _of_several_sizes(
+    rigid: RigidNetwork, first: Adjustment, free: BallFit, requested: RequestedModel, run: Run
+) -> tuple[Adjustment, FloatArray | None]:
+    """The rigid form with a size of the ball for each placement, and these, where they explain what it does not."""
+    total: FloatArray | None = None
+    root, moved = rigid.alignment.root, rigid.alignment.moved
+    for _ in range(SIZE_ROUNDS):
+        sizes = requested.sizes(rigid, first, free.adjusted.variance if total is None else None)
+        if sizes is None:
+            break
+        every = np.zeros(len(root))
+        every[: len(sizes)] = sizes
+        times = np.concatenate([[1.0], (1 + every[moved]) / (1 + every[root[moved]])])
+        start = replace(first.state, placement_rotation=first.state.placement_rotation * times[:, None, None])
+        again = refine(rigid.network, start, free.adjusted.used, free.placed, run.context)
+        if not again.variance < first.variance:
+            break
+        first, total = again, sizes if total is None else total + sizes
+    return first, total
 
 
 def _linked(
@@ -203,7 +231,7 @@ def _with_more_placements(
         again = replace(ball.network, noise=solved.network.noise)
         rigid, start = share_shape(again, ball.features, known, alignment)
         solved = _rigid_from(rigid, InitialPoses(start, solved.placed), ball.candidates, run)
-        choice = replace(choice, alignment=alignment)
+        choice = replace(choice, alignment=alignment, sizes=None)
     return solved, choice
 
 

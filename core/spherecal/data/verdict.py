@@ -144,6 +144,11 @@ RULES: dict[str, Rule] = {
     "scale-uncertainty": Rule("information", "Every calibration has it."),
     "target-contradicts": Rule("information", "Left out: bars 40 um with 5 % wrong matches, 42 without."),
     "poses-scatter": Rule("information", "Stated: widened by as much as the images' poses scatter."),
+    "ball-size-changed": _care(
+        "scale",
+        "Stated: widened by what it did to the cameras. Over 0.1 %: 0.5 mm on 500 mm, and no ball's warmth.",
+    ),
+    "print-stretched": _care("scale", "Stated, as ball-diameter. Printers differ by up to 0.3 % between directions."),
     "parts-disagree": Rule(
         "information",
         "Stated: widened by as much as leaving out single parts changes more than noise would.",

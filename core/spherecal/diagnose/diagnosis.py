@@ -19,7 +19,7 @@ from spherecal.diagnose.geometry import threads, weak_places
 from spherecal.diagnose.images import WrongImage, wrong_images
 from spherecal.diagnose.influence import dependent_parts
 from spherecal.diagnose.motion_findings import mixed_up_images, motion_findings, moved_cameras, unexplained_images
-from spherecal.diagnose.scale import scale_conflict
+from spherecal.diagnose.scale import scale_conflict, stretched_print
 from spherecal.diagnose.shape import changed_shape, contradicting_placements
 from spherecal.diagnose.swapped_cameras import exchanged_cameras
 from spherecal.diagnose.targets import wrong_targets
@@ -34,7 +34,7 @@ def diagnose(e: Evidence) -> list[Finding]:
     release_freed()
     found = [*_faults(e), *dependent_parts(e)]
     e.context.report(STAGE, 1.0)
-    return [*found, *weak_places(e), *threads(e), *scale_conflict(e)]
+    return [*found, *weak_places(e), *threads(e), *scale_conflict(e), *stretched_print(e)]
 
 
 def _faults(e: Evidence) -> list[Finding]:

@@ -10,6 +10,8 @@ from spherecal.scale.spacing import FoundScale, Spacing, scale_from_spacing
 
 # What printers err by as a whole: 0.1 to 0.5 %; beyond twice the largest of that something else is wrong.
 MOST_PRINT_ERROR = 0.01
+# Printers differ by up to so much between the feed of the paper and across it.
+MOST_STRETCH = 0.005
 # A smaller deviation is reported as a measurement of the print, where it is significant.
 SURE = 4.0
 
@@ -49,6 +51,14 @@ def scale_conflict(e: Evidence) -> list[Finding]:
         assert e.session.scale is not None
         return [Finding("scale-conflict", "warning", values, (e.session.scale.bar or "",))]
     return [Finding("print-scale", "info", values)] if abs(larger) > SURE * sure else []
+
+
+def stretched_print(e: Evidence) -> list[Finding]:
+    """The finding where the stickers that give the scale are longer in one direction of the print than across it."""
+    stretch = e.solution.stretch
+    if not stretch:
+        return []
+    return [Finding("print-stretched", "warning" if stretch > MOST_STRETCH else "info", {"percent": 100 * stretch})]
 
 
 def _printed(e: Evidence) -> _Printed | None:

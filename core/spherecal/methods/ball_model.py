@@ -4,17 +4,19 @@ from dataclasses import replace
 
 import numpy as np
 
+from spherecal.adjust.bundle import Adjustment
 from spherecal.adjust.network import Network
 from spherecal.ball.fit import BallFit, solve_free
-from spherecal.ball.rigid import BallNetwork
+from spherecal.ball.rigid import BallNetwork, RigidNetwork
 from spherecal.ball.run import Run
 from spherecal.ball.selection import ModelChoice, RequestedModel, Wanted, choose_ball_model
-from spherecal.base.arrays import BoolArray
+from spherecal.base.arrays import BoolArray, FloatArray
 from spherecal.base.errors import InputError
 from spherecal.base.messages.values import Phrase
 from spherecal.data.findings import Finding
 from spherecal.data.recording import Recording
 from spherecal.diagnose.anomalies import explained_by_moves
+from spherecal.diagnose.ball_size import sizes_to_fit
 from spherecal.initialise.incremental import grow
 from spherecal.initialise.local import LocalNetwork, reconstruct_locally
 from spherecal.methods.settings import CalibrationSettings
@@ -75,8 +77,11 @@ def select_ball_model(
     def others(placed: BoolArray) -> list[BallFit]:
         return solve_others(recording, ball.network, placed, settings, run)
 
+    def sizes(rigid: RigidNetwork, adjusted: Adjustment, free_variance: float | None) -> FloatArray | None:
+        return sizes_to_fit(rigid, adjusted, recording.observations.placement, recording.n_ball, free_variance)
+
     def chosen(wanted: Wanted) -> tuple[BallFit, ModelChoice]:
-        requested = RequestedModel(wanted, settings.shape_sd_mm, mm_per_unit)
+        requested = RequestedModel(wanted, settings.shape_sd_mm, mm_per_unit, sizes)
         return choose_ball_model(free, ball, others, requested, run)
 
     solved, choice = chosen(wanted)

@@ -31,6 +31,7 @@ from spherecal.data.rig import (
 )
 from spherecal.data.session import Session
 from spherecal.data.verdict import affected, is_valid, ruled, widening
+from spherecal.diagnose.ball_size import SizeChange, size_change
 from spherecal.diagnose.checks import run_checks, unconfirmed_poses, unlinked
 from spherecal.diagnose.evidence import Evidence
 from spherecal.diagnose.soundness import scale_doubt
@@ -70,14 +71,21 @@ def build_result(recording: Recording, local: LocalNetwork, fit: MetricFit, meth
         for some in (placed & lasting, placed & ~lasting)
     )
     covariance = _camera_covariance(placed & lasting, adjusted, solution)
-    findings = ruled(run_checks(evidence) + fit.findings)
+    size = size_change(evidence)
+    findings = ruled(run_checks(evidence) + fit.findings + _said_of_size(size, evidence))
     release_freed()
     names = [camera.id for camera in cameras]
     factor, of_poses = widening(findings, names, choice.form)
-    scale = _doubted(solution.scale, scale_doubt(evidence))
+    scale = _doubted(solution.scale, float(np.hypot(scale_doubt(evidence), size.largest if size else 0.0)))
     cameras = tuple(_wider(camera, f) for camera, f in zip(cameras, of_poses, strict=True))
     covariance = _wider_covariance(covariance, factor, cameras, solution.scale, scale)
     cameras, covariance = _either_pose(cameras, covariance, evidence)
+    if size is not None:
+        known = solution.state.points[np.isfinite(solution.state.points[:, 0])]
+        from_middle = np.array([camera.centre_mm for camera in cameras]) - known.mean(axis=0)
+        cameras, covariance = _of_either_size(
+            cameras, covariance, size.by_camera[:, placed & lasting], size.largest * from_middle
+        )
     lengths = _length_map(cameras, covariance, features, adjusted, solution, observations)
     findings += _said_of(lengths)
     size = np.linalg.norm(residual[adjusted.used], axis=1)
@@ -186,6 +194,37 @@ def _either_pose(
             off[index * width : index * width + POSE] = change
             covariance = CameraCovariance(covariance.matrix + np.outer(off, off), covariance.intrinsics)
     return cameras, covariance
+
+
+def _said_of_size(size: SizeChange | None, e: Evidence) -> tuple[Finding, ...]:
+    if size is None:
+        return ()
+    radii = [sphere.radius for sphere in e.solution.spheres.values()]
+    return (size.finding(e.observations.placements, 2 * float(np.median(radii)) if radii else 0.0),)
+
+
+def _of_either_size(
+    cameras: tuple[RigCamera, ...], covariance: CameraCovariance | None, changes: FloatArray, growth_mm: FloatArray
+) -> tuple[tuple[RigCamera, ...], CameraCovariance | None]:
+    """Cameras with the uncertainty of changes (k,c,w), and of their places by a rig that grew, (c,3) about its middle.
+
+    The covariance has the latter already, by the scale.
+    """
+    wider = []
+    for camera, own, growth in zip(cameras, changes.transpose(1, 0, 2), growth_mm, strict=True):
+        if camera.sigma is None:
+            return cameras, covariance
+        by_turn, by_shift = np.rad2deg(own[:, :3]), own[:, 3:POSE] @ camera.rotation
+        sigma = replace(
+            camera.sigma,
+            rotation_deg=np.linalg.norm([camera.sigma.rotation_deg, *by_turn], axis=0),
+            centre_mm=np.linalg.norm([camera.sigma.centre_mm, growth, *by_shift], axis=0),
+        )
+        wider.append(replace(camera, sigma=sigma))
+    if covariance is not None:
+        off = changes.reshape(len(changes), -1)
+        covariance = CameraCovariance(covariance.matrix + off.T @ off, covariance.intrinsics)
+    return tuple(wider), covariance
 
 
 def _weak_region(lengths: LengthMap | None) -> Affected | None:

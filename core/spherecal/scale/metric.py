@@ -25,7 +25,8 @@ class Solution:
     """The network in the reference camera's frame and in millimetres (arbitrary lengths where `scale.source` is none).
 
     `covariance` is that of the unscaled network: `factor` brings its lengths to millimetres. `cameras` is the
-    covariance of all cameras' parameters in millimetres, scale included (rig.CameraCovariance).
+    covariance of all cameras' parameters in millimetres, scale included (rig.CameraCovariance). `stretch`: of the print
+    that gives the scale, relative.
     """
 
     state: State
@@ -35,6 +36,7 @@ class Solution:
     scatter: float
     spheres: dict[int, Sphere]
     cameras: FloatArray | None = None
+    stretch: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -134,6 +136,7 @@ def metric_solution(recording: Recording, solved: BallFit, literal: bool = False
         found.scatter if found else 0.0,
         {p: Sphere(s.centre * factor, s.radius * factor, s.radial_sd * factor) for p, s in spheres.items()},
         cameras,
+        found.stretch if found else 0.0,
     )
 
 

@@ -15,6 +15,9 @@ from spherecal.data.observations import Features
 
 # A pattern needs as many dots as a target's centre does.
 LEAST_DOTS = 4
+# A print counts as stretched from this chi-square on (2 degrees of freedom: one of 270,000 by chance), of as many
+# targets.
+SURE_STRETCH, LEAST_TARGETS = 25.0, 10
 
 
 @dataclass(frozen=True)
@@ -22,7 +25,8 @@ class FoundScale:
     """metric length = factor * network length; its relative standard uncertainty; stickers (or bar lengths) used.
 
     `scatter` is the relative standard deviation between stickers that measurement noise does not explain: the print.
-    `gradient` (f,3): how the measured size follows the features' places, relatively.
+    `gradient` (f,3): how the measured size follows the features' places, relatively. `stretch`: by how much longer the
+    stickers are in one direction of the print than across it, relatively; 0 where that is not certain.
     """
 
     factor: float
@@ -30,6 +34,7 @@ class FoundScale:
     count: int
     gradient: FloatArray
     scatter: float = 0.0
+    stretch: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -107,8 +112,10 @@ def scale_from_spacing(
     np.add.at(total, stickers.feature[stickers.there], (gradient * (weight / mean)[:, None, None])[stickers.there])
     per_target = np.bincount(np.unique(stickers.target, return_inverse=True)[1].reshape(-1), weight)
     by_print = scatter**2 * float((per_target**2).sum())
-    uncertainty = np.sqrt(variance * covariance.functional(total) + by_print)
-    return FoundScale(1.0 / mean, float(uncertainty), len(per_target), total, scatter)
+    stretch = _stretch(stickers, points, bend, weight)
+    # which of the two directions has the length that was asked for is not known
+    uncertainty = np.sqrt(variance * covariance.functional(total) + by_print + (stretch / 2) ** 2)
+    return FoundScale(1.0 / mean, float(uncertainty), len(per_target), total, scatter, stretch)
 
 
 def scale_from_mean_distance(
@@ -148,6 +155,20 @@ def _ratios(
 
     The size is that of the similarity which lays the bent pattern over the dots with equal weights (S. Umeyama, 1991).
     """
+    bent, place, rotation = _laid_over(stickers, points, radius_mm)
+    w = stickers.there
+    turned = bent @ rotation.transpose(0, 2, 1)
+    gradient = turned / (bent**2).sum(axis=(1, 2))[:, None, None]
+    ratio = (gradient * place).sum(axis=(1, 2))
+    noise = np.where(w[:, :, None, None], covariance.point_noise[stickers.feature], 0.0)
+    spread = np.einsum("nki,nkij,nkj->n", gradient, noise, gradient)
+    return ratio, gradient, variance * spread / ratio**2
+
+
+def _laid_over(
+    stickers: _Stickers, points: FloatArray, radius_mm: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Bent patterns and reconstructed dots (n,k,3) about their middles, 0 where there is none, and the rotations."""
     w = stickers.there[:, :, None]
     count = w.sum(axis=1, keepdims=True)
     bent = np.where(w, bend(stickers.flat_mm, radius_mm), 0.0)
@@ -157,12 +178,37 @@ def _ratios(
     u, _, vt = np.linalg.svd(place.transpose(0, 2, 1) @ bent)
     sign = np.ones((len(u), 3))
     sign[:, 2] = np.sign(np.linalg.det(u @ vt))
-    turned = bent @ ((u * sign[:, None, :]) @ vt).transpose(0, 2, 1)
-    gradient = turned / (bent**2).sum(axis=(1, 2))[:, None, None]
-    ratio = (gradient * place).sum(axis=(1, 2))
-    noise = np.where(w[:, :, :, None], covariance.point_noise[stickers.feature], 0.0)
-    spread = np.einsum("nki,nkij,nkj->n", gradient, noise, gradient)
-    return ratio, gradient, variance * spread / ratio**2
+    return bent, place, (u * sign[:, None, :]) @ vt
+
+
+def _stretch(stickers: _Stickers, points: FloatArray, radius_mm: FloatArray, weight: FloatArray) -> float:
+    """How much longer stickers are in one direction of the print than across it; 0 where that is not certain.
+
+    The part x -> (a x + b y, b x - a y) of what each sticker's dots are off from their pattern; its scatter from target
+    to target has the print's own errors in it.
+    """
+    whole = stickers.there.sum(axis=1) >= LEAST_DOTS
+    stickers, weight = stickers.select(whole), weight[whole]
+    if not len(weight):
+        return 0.0
+    bent, place, rotation = _laid_over(stickers, points, radius_mm[whole])
+    squares = (bent**2).sum(axis=(1, 2))
+    seen = place @ rotation
+    off = seen / ((seen * bent).sum(axis=(1, 2)) / squares)[:, None, None] - bent
+    x, y, dx, dy = bent[..., 0], bent[..., 1], off[..., 0], off[..., 1]
+    flat = (x**2 + y**2).sum(axis=1)
+    parts = np.stack([(x * dx - y * dy).sum(axis=1), (x * dy + y * dx).sum(axis=1)], axis=1) / flat[:, None]
+    index = np.unique(stickers.target, return_inverse=True)[1].reshape(-1)
+    total = np.bincount(index, weight)
+    if len(total) < LEAST_TARGETS:
+        return 0.0
+    of_target = np.stack([np.bincount(index, weight * part) / total for part in parts.T], axis=1)
+    share = total / total.sum()
+    mean = share @ of_target
+    variance = (share**2) @ (of_target - mean) ** 2 * len(total) / (len(total) - 1)
+    if ((mean**2) / np.maximum(variance, 1e-300)).sum() < SURE_STRETCH:
+        return 0.0
+    return 2 * float(np.hypot(*mean))
 
 
 def bend(flat_mm: FloatArray, radius_mm: FloatArray) -> FloatArray:

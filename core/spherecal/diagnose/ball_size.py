@@ -1,0 +1,166 @@
+"""Whether the ball, or the rig around it, grew or shrank from placement to placement, as warmth makes them do.
+
+The rigid form has one size of the ball. Sizes of its own for each placement are tested past all that is estimated
+(score.py), and taken into it where they explain most of what it does not. Whether the ball has changed or the rig, and
+which size holds from now on, the recording does not show: the scale is as uncertain as the sizes differ.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.stats import chi2
+
+from spherecal.adjust.ball_model import Rigid
+from spherecal.adjust.bundle import Adjustment
+from spherecal.adjust.covariance import Covariance, covariance
+from spherecal.adjust.layout import POSE
+from spherecal.ball.rigid import RigidNetwork
+from spherecal.base.arrays import BoolArray, FloatArray, IntArray
+from spherecal.data.findings import Finding
+from spherecal.diagnose.evidence import Evidence
+from spherecal.diagnose.influence import MOST_OBSERVATIONS
+from spherecal.diagnose.score import LEAST_SHARE, Change, Probe, make_probe, settle
+
+# In one of a million faultless recordings noise looks like a change.
+FALSE_ALARM = 1e-6
+# Of what the rigid form does not explain: a camera that moved, or a ball that bends, looks a little like a change of
+# size too.
+MOST_OF_IT = 0.5
+# The largest change that is merely stated: 0.5 mm on 500 mm. A plastic ball grows by some 70 ppm a degree, a rig of
+# aluminium by 23.
+MOST_CHANGE = 1000e-6
+# More columns than these take longer than the rest of the diagnosis.
+MOST_PLACEMENTS = 30
+
+
+@dataclass(frozen=True)
+class SizeChange:
+    """The ball's size at each placement (t,), relative to their mean.
+
+    `by_camera` (k,c,w): changes of each camera's pose (turn in rad, shift in mm) and of its estimated intrinsics by as
+    many independent errors of the sizes, each of one standard uncertainty.
+    """
+
+    sizes: FloatArray
+    by_camera: FloatArray
+
+    @property
+    def largest(self) -> float:
+        """The largest difference from the mean size, relative."""
+        return float(np.abs(self.sizes).max())
+
+    def finding(self, placements: tuple[str, ...], diameter_mm: float) -> Finding:
+        """The finding that says so; `diameter_mm` of the ball."""
+        small, large = int(self.sizes.argmin()), int(self.sizes.argmax())
+        change = float(self.sizes[large] - self.sizes[small])
+        where = (placements[small], placements[large])
+        values = {"small": where[0], "large": where[1], "ppm": 1e6 * change, "mm": change * diameter_mm}
+        return Finding("ball-size-changed", "warning" if change > MOST_CHANGE else "info", values, where)
+
+
+@dataclass(frozen=True)
+class _Test:
+    """The test of sizes of its own for each placement: the network, derivatives (2n,t) by them, what came out."""
+
+    probe: Probe
+    columns: FloatArray
+    normal: FloatArray
+    change: Change
+    seen: BoolArray
+
+    @property
+    def uncertain(self) -> FloatArray:
+        """Directions (k,t) of one standard uncertainty each in which the sizes are uncertain; those seen at all."""
+        share, axes = np.linalg.eigh(self.normal)
+        good = share > LEAST_SHARE * share.max()
+        return (axes[:, good] * np.sqrt(self.probe.variance / share[good])).T
+
+    @property
+    def sizes(self) -> FloatArray:
+        """Relative sizes (t,) about their mean; 0 where the ball is not seen."""
+        value = self.change.value
+        return np.where(self.seen, value - value[self.seen].mean(), 0.0)
+
+
+def sizes_to_fit(
+    rigid: RigidNetwork, adjusted: Adjustment, placement: IntArray, count: int, free_variance: float | None
+) -> FloatArray | None:
+    """Relative sizes (t,) of the ball that explain most of what its rigid form does not; None where none do.
+
+    Parameters
+    ----------
+    rigid, adjusted
+        The rigid form and its adjustment.
+    placement
+        Placement of each observation, (n,).
+    count
+        Placements of the ball, the first ones.
+    free_variance
+        Variance of unit weight of the free form; None for what sizes that are fitted already are off.
+    """
+    if not _can_be_tested(adjusted, count):
+        return None
+    cofactors = covariance(adjusted.problem, adjusted.state, rigid.places)
+    points = rigid.as_features(adjusted.state).points[rigid.feature[adjusted.rows]]
+    test = _tested(adjusted, cofactors, placement[adjusted.rows], points, count)
+    if test is None or free_variance is None:
+        return None if test is None else test.sizes
+    change = test.change
+    if not change.dof or change.statistic < chi2.isf(FALSE_ALARM, change.dof):
+        return None
+    unexplained = 2 * adjusted.minimum.cost - free_variance * adjusted.redundancy
+    explained = change.statistic * adjusted.variance
+    return test.sizes if explained > MOST_OF_IT * unexplained else None
+
+
+def size_change(e: Evidence) -> SizeChange | None:
+    """The sizes of the ball at its placements in the rigid form, and how uncertain they are; None for one size."""
+    a, cofactors, sizes = e.adjusted, e.solved.cofactors, e.choice.sizes
+    if sizes is None:
+        return None
+    points = e.solution.state.points[e.features.of_observation[a.rows]] / e.solution.factor
+    test = _tested(a, cofactors, e.observations.placement[a.rows], points, len(sizes))
+    if test is None or cofactors is None:
+        return None
+    width = POSE + len(a.problem.intrinsic_columns)
+    by_column, pulled, by_datum = cofactors.by_scores(np.eye(len(e.placed) * width))
+    force, by_points = test.probe.forces(np.arange(len(a.rows)), test.columns @ test.uncertain.T)
+    by_camera = (force @ by_column + by_points @ pulled @ by_datum).reshape(len(force), -1, width)
+    by_camera[:, :, 3:POSE] *= e.solution.factor
+    return SizeChange(sizes, by_camera)
+
+
+def _can_be_tested(adjusted: Adjustment, count: int) -> bool:
+    has_noise = adjusted.redundancy > 0 and adjusted.variance > 0
+    few = 2 <= count <= MOST_PLACEMENTS and len(adjusted.rows) <= MOST_OBSERVATIONS
+    return isinstance(adjusted.problem.ball, Rigid) and has_noise and few
+
+
+def _tested(
+    adjusted: Adjustment, cofactors: Covariance | None, placement: IntArray, points: FloatArray, count: int
+) -> _Test | None:
+    """The test on a rigid form; placement (n,) of its rows, their points (n,3) in the world; None if there is none."""
+    if cofactors is None or not _can_be_tested(adjusted, count):
+        return None
+    probe = make_probe(adjusted.problem, adjusted.state, cofactors, adjusted.minimum.cost, adjusted.redundancy)
+    if probe.shift is None:
+        return None
+    columns = _by_size(probe, adjusted, placement, np.where(np.isfinite(points), points, 0.0), count)
+    left = columns.T @ probe.past_unknowns(columns)
+    normal = (left + left.T) / 2
+    change = settle(columns.T @ probe.residual, normal, columns.T @ columns, probe.variance)
+    return _Test(probe, columns, normal, change, np.bincount(placement, minlength=count)[:count] > 0)
+
+
+def _by_size(probe: Probe, adjusted: Adjustment, placement: IntArray, place: FloatArray, count: int) -> FloatArray:
+    """Derivatives (2n,t) of all rows by the ball's relative size at each placement."""
+    columns = np.zeros((len(placement), 2, count))
+    by_shift = probe.by_pose()[:, :, 3:POSE]
+    for t in range(count):
+        own = np.flatnonzero(placement == t)
+        if not len(own):
+            continue
+        outward = place[own] - place[own].mean(axis=0)
+        in_camera = np.einsum("nij,nj->ni", adjusted.state.rotation[adjusted.problem.camera[own]], outward)
+        columns[own, :, t] = np.einsum("nij,nj->ni", by_shift[own], in_camera)
+    return columns.reshape(-1, count)

@@ -298,7 +298,7 @@ def _local(
     recording = Recording.of(session)
     settings = CalibrationSettings(method="free", search=search, **_of_paths(numbers))
     network = describe_network(recording, settings)
-    known = np.array([camera.prior for camera in session.cameras])
+    known = recording.priors
     local = reconstruct_locally(recording.observations, recording.features, known, settings.paths, 0, Context())
     return network, local, known
 

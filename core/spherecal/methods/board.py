@@ -4,7 +4,6 @@ Each camera alone, cameras chained in overlapping groups of four, then everythin
 """
 
 from dataclasses import dataclass, replace
-from typing import Literal
 
 import numpy as np
 
@@ -35,6 +34,7 @@ from spherecal.methods.board_start import LEAST_POINTS, poses, start_intrinsics,
 from spherecal.methods.eccentricity import eccentricity
 from spherecal.methods.findings import common_findings, scale_finding, unlinked
 from spherecal.methods.result import Fit, assemble_fit, assemble_nothing, groups_of
+from spherecal.methods.settings import CalibrationSettings
 
 METHOD = "board"
 
@@ -49,20 +49,17 @@ class _Start:
 
 
 def calibrate_board(
-    session: Session,
-    intrinsics: Literal["free", "fixed"] = "free",
-    own_intrinsics: bool = False,
-    context: Context | None = None,
-    joint: bool = True,
+    session: Session, settings: CalibrationSettings | None = None, context: Context | None = None
 ) -> Calibration:
     """The rig calibrated by the session's board, from observations or images of its placements.
 
-    Without `joint` cameras stay as the groups of four were chained; such a result is for comparison and not valid.
+    Of the settings `intrinsics`, `own_intrinsics` and `joint` count. Without `joint` cameras stay as the groups of four
+    were chained; such a result is for comparison and not valid.
 
     Points are the board's at every placement. Cameras that share no placement with the rest are left out and the result
     is not valid. InputError where the session describes no board or its images or observations show none of it.
     """
-    context, watch = context or Context(), Stopwatch()
+    settings, context, watch = settings or CalibrationSettings(), context or Context(), Stopwatch()
     board = session.board
     if board is None:
         raise InputError(Phrase("error-board-needed", {"folder": session.where}))
@@ -74,7 +71,7 @@ def calibrate_board(
     observations, point, foreign = _on_board(session)
     points_mm = np.array([p.xyz_mm for p in board])
     views = board_views(observations, points_mm, point)
-    free = estimated_intrinsics(session, intrinsics == "free")
+    free = estimated_intrinsics(session, settings.intrinsics == "free")
     start = _start(session, views, free, context)
     if images is not None and np.isfinite(images.diameter):
         radius = (read_board_pattern(session).dot_diameter_mm or images.diameter * _pitch(session)) / 2
@@ -83,7 +80,7 @@ def calibrate_board(
         start = _start(session, views, free, context)
     watch.lap("each camera alone")
 
-    names = [c.id if own_intrinsics else c.intrinsics_group for c in session.cameras]
+    names = [c.id if settings.own_intrinsics else c.intrinsics_group for c in session.cameras]
     group = np.unique(names, return_inverse=True)[1].reshape(-1)
     findings = _about_observations(session, images, foreign)
     if not start.poses:
@@ -91,7 +88,7 @@ def calibrate_board(
         return _nothing(session, observations, features, findings, watch.seconds)
     network, state, groups = _chained(session, views, start, free, group, context)
     placed = np.isfinite(state.translation[:, 0])
-    solution, about_shape = _adjusted(session, network, state, start.candidates, context, joint)
+    solution, about_shape = _adjusted(session, network, state, start.candidates, context, settings.joint)
     watch.lap("joint adjustment")
     findings += _linking(session, start.poses, placed, views)
     findings += [*about_shape, *_groups_finding(session, groups)]

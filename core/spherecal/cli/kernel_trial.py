@@ -73,7 +73,7 @@ def _rendered_images() -> Iterator[tuple[np.ndarray, TargetSet]]:
             scratches=0.3,
             lighting="rings" if bits == 8 else "flat",
         )
-        shown = render_placement(replace(session, observations=None), truth, 0, 0, settings, with_bounds=bits == 8)
+        shown = render_placement(replace(session, observations=None), truth, 0, 0, replace(settings, bounds=bits == 8))
         yield shown.image, targets
 
 

@@ -63,14 +63,15 @@ def calibrate(
 def _calibrate(settings: CalibrationSettings, session: Session, context: Context, watch: Stopwatch) -> Calibration:
     """The method from observations to the rig."""
     recording = Recording.of(session)
-    local = local_network(recording, settings, context)
+    local = local_network(recording, settings, context)  # two-view gate, triples, view graph, paths
     watch.lap("local reconstruction")
     if not local.triples:
         return build_failed_result(recording, local, settings.method, watch.seconds)
-    start = start_values(recording, local, settings, context)
+    start = start_values(recording, local, settings, context)  # poses chained along the paths, resection
     watch.lap("start values")
 
     run = run_of(recording, start, settings, context, watch)
+    # every dot at every placement is a point of its own
     free = solve_free(start.network, start.poses, start.points, start.candidates, run)
     watch.lap("bundle adjustment")
     if settings.lens == "auto":
@@ -80,6 +81,6 @@ def _calibrate(settings: CalibrationSettings, session: Session, context: Context
             again = with_lens_model(session, better.model)
             return better.noted_in(_calibrate(replace(settings, lens=None), again, context, watch))
 
-    fit = fit_ball_model(recording, start, free, settings, run)
+    fit = fit_ball_model(recording, start, free, settings, run)  # rigid, deformable, stored or free; millimetres
     watch.lap("scale")
-    return build_result(recording, local, fit, settings.method, run)
+    return build_result(recording, local, fit, settings.method, run)  # with the diagnosis

@@ -79,8 +79,8 @@ def _link(views: BoardViews, found: ViewPoses, intrinsics: FloatArray, a: int, b
             for second in found[b, t]:
                 rotation = second.rotation @ first.rotation.T
                 translation = second.translation - rotation @ first.translation
-                lens = PosedCameras(intrinsics[b], rotation, translation)
-                errors = [_error_in(views, views.of(b, s), found[a, s], lens) for s in tried]
+                camera = PosedCameras(intrinsics[b], rotation, translation)
+                errors = [_error_in(views, views.of(b, s), found[a, s], camera) for s in tried]
                 weight = float(np.median(errors)) * (1 + 1 / len(placements))
                 if np.isfinite(weight) and (best is None or weight < best.weight):
                     best = Link(rotation, translation, weight)

@@ -23,7 +23,7 @@ from spherecal.calibrate import calibrate
 from spherecal.data.session import Session
 from spherecal.diagnose import checks
 from spherecal.files.read_session import read_session
-from spherecal.methods import ball_model
+from spherecal.methods import ball_model, sphere
 from spherecal_sim.session import simulate_session
 from spherecal_sim.truth import SimulationOptions
 
@@ -34,7 +34,7 @@ MOST_SECONDS, MORE_BUSY = {"hall50": 10.0, "hall100": 10.0}, 1.3
 # Where its parts are called, and what the table calls them.
 _PARTS: dict[str, tuple[Any, str]] = {
     "local_network": (calibration, "local"),
-    "grow": (calibration, "start"),
+    "grow": (sphere, "start"),
     "solve_free": (calibration, "adjustment"),
     "select_ball_model": (ball_model, "adjustment"),
     "in_millimetres": (ball_model, "scale"),

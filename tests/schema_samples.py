@@ -176,12 +176,14 @@ _VERIFICATION = _document(
     }],
     overall={"n": 1, **_STATISTICS, "rms_error_mm": 0.01},
     decision={
-        "rule": "r", "verdict": "consistent", "coverage_factor": 2.0,
+        "rule": "r", "rule_phrase": {"phrase": "decision-nothing", "values": {"k": 1}},
+        "verdict": "consistent", "coverage_factor": 2.0,
         "exceeding": [{"pose": "A-01", "from": "A1", "to": "A2"}], "cameras": ["C01"],
     },
     cameras=[{"id": "C01", "views": 4, "used": 4, "rms_px": 0.05, "state": "verified"}], findings=[FINDING],
     procedure={
-        "title": "t", "departures": ["d"], "volume_mm": {"sides": [1, 2, 3], "diagonal": 4.0},
+        "title": "t", "departures": ["d"], "departure_phrases": [{"phrase": "departure-by-hand", "values": {}}],
+        "volume_mm": {"sides": [1, 2, 3], "diagonal": 4.0},
         "bars": [{
             "id": "A", "serial": "B-7", "certificate": {"number": "1", "laboratory": "L", "date": "2026-01-01", "valid_until": "2027-01-01"},  # noqa: E501
             "expansion_per_kelvin": 1e-5, "reference_temperature_c": 20.0, "assumed": [],
@@ -194,7 +196,7 @@ _VERIFICATION = _document(
         },
         "budgets": [{
             **_ENDS, "combined_mm": 0.01, "effective_degrees_of_freedom": 12.0, "coverage_factor": 2.0,
-            "expanded_uncertainty_mm": 0.02, "remedy": "r",
+            "expanded_uncertainty_mm": 0.02, "remedy": "r", "remedy_phrase": {"phrase": "remedy-scale", "values": {}},
             "contributions": [{
                 "name": "n", "evaluation": "A", "distribution": "normal", "standard_uncertainty_mm": 0.01,
                 "degrees_of_freedom": 5.0, "share": 1.0, "contained_in_repeatability_mm": 0.0,

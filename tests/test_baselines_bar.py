@@ -105,7 +105,7 @@ def test_temperature_stretches_the_bar(recording, calibration):
 def test_known_intrinsics_stay_and_help(recording):
     true = {c.id: c.intrinsics for c in recording.cameras}
     cameras = tuple(replace(c, prior=true[c.id]) for c in recording.session.cameras)
-    result = calibrate_bar(replace(recording.session, cameras=cameras), intrinsics="fixed")
+    result = calibrate_bar(replace(recording.session, cameras=cameras), CalibrationSettings(intrinsics="fixed"))
     assert all((c.intrinsics == true[c.id]).all() for c in result.rig.cameras)
     z = errors_over_sigma(recording, result)
     assert 0.8 < np.sqrt((z["points"] ** 2).mean()) < 1.2

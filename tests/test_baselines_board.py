@@ -21,6 +21,7 @@ from spherecal.geometry.transform import fit_similarity
 from spherecal.methods.board import calibrate_board
 from spherecal.methods.board_images import find_boards
 from spherecal.methods.board_pattern import read_board_pattern
+from spherecal.methods.settings import CalibrationSettings
 from spherecal_sim.boards import SimulatedRecording, simulate_board
 
 PITCH = 33.0
@@ -103,7 +104,7 @@ def test_shared_and_fixed_intrinsics(recording):
     true = {c.id: c.intrinsics for c in recording.cameras}
     cameras = tuple(replace(c, prior=true[c.id]) for c in recording.session.cameras)
     session = replace(recording.session, cameras=cameras)
-    fixed = calibrate_board(session, intrinsics="fixed")
+    fixed = calibrate_board(session, CalibrationSettings(intrinsics="fixed"))
     for camera in fixed.rig.cameras:
         assert (camera.intrinsics == true[camera.id]).all()
         assert camera.sigma is not None and not camera.sigma.intrinsics.any()

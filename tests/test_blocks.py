@@ -152,11 +152,11 @@ def test_points_and_residuals_are_the_same_bits(net: Small, small_blocks) -> Non
 
 def test_nothing_to_triangulate_is_no_point() -> None:
     state, none = small_network().truth, np.zeros(0, dtype=np.int64)
-    poses = state.intrinsics, state.rotation, state.translation
-    found = triangulate(none, none, np.zeros((0, 2)), np.zeros(0), 3, *poses)
+    poses = state.cameras
+    found = triangulate(none, none, np.zeros((0, 2)), np.zeros(0), 3, poses)
     assert np.isnan(found.points).all() and not found.in_front.any() and (found.views == 0).all()
-    assert (ray_angles(none, none, np.zeros((0, 2)), 3, *poses[:2]) == 0).all()
-    assert len(triangulate(none, none, np.zeros((0, 2)), np.zeros(0), 0, *poses).points) == 0
+    assert (ray_angles(none, none, np.zeros((0, 2)), 3, poses) == 0).all()
+    assert len(triangulate(none, none, np.zeros((0, 2)), np.zeros(0), 0, poses).points) == 0
 
 
 def _solved(net: Small) -> tuple[Problem, Minimum, Places | None]:

@@ -13,6 +13,7 @@ from spherecal.base.errors import InputError
 from spherecal.calibrate import calibrate
 from spherecal.cli.main import main
 from spherecal.data.rig import Rig
+from spherecal.data.rig_camera import posed
 from spherecal.data.session import Placement, Session
 from spherecal.files.rig_file import read_rig
 from spherecal.files.write_result import write_result
@@ -295,9 +296,7 @@ def test_empty_views_are_no_error(rig: Rig) -> None:
         np.zeros((0, 2)),
         np.ones((0, 2)),
         0,
-        np.array([c.intrinsics for c in rig.cameras]),
-        np.array([c.rotation for c in rig.cameras]),
-        np.array([c.translation_mm for c in rig.cameras]),
+        posed(rig.cameras),
     )
     found = examine_cameras(empty, rig, 1.0)
     assert found.cameras == () and len(found.untested) == len(rig.cameras)

@@ -104,6 +104,7 @@ def test_the_map_is_that_of_repeated_calibrations() -> None:
 def _measured(calibration: Calibration, truth, centre: np.ndarray, direction: np.ndarray) -> float:
     """A length of 200 mm, seen without noise by the true cameras, measured with the calibrated ones."""
     from spherecal.geometry.camera import project
+    from spherecal.geometry.posed import PosedCameras
     from spherecal.geometry.triangulation import triangulate
 
     ends = np.stack([centre - 100 * direction, centre + 100 * direction])
@@ -119,7 +120,9 @@ def _measured(calibration: Calibration, truth, centre: np.ndarray, direction: np
         ]
     )
     cameras = looking(calibration)
-    found = triangulate(end, camera, uv, np.ones(len(uv)), 2, cameras.intrinsics, cameras.rotation, cameras.translation)
+    found = triangulate(
+        end, camera, uv, np.ones(len(uv)), 2, PosedCameras(cameras.intrinsics, cameras.rotation, cameras.translation)
+    )
     return float(np.linalg.norm(found.points[1] - found.points[0]))
 
 

@@ -9,6 +9,7 @@ import pytest
 from spherecal.base.errors import InputError
 from spherecal.data.observations import Observations
 from spherecal.data.rig import Rig
+from spherecal.data.rig_camera import posed
 from spherecal.data.session import Session
 from spherecal.geometry.rotation import exp_rotation, log_rotation
 from spherecal.measuring.measurer import Measurer, measure_sets
@@ -168,7 +169,8 @@ def test_centres_are_those_of_the_interface_with_their_derivatives(demo: tuple[S
         points = xyz
         covariance = np.broadcast_to(np.eye(3), (len(xyz), 3, 3))
 
-    checked = CheckedPoints(Points(), np.ones(1, bool), np.zeros(len(xyz), bool), 1.0)  # type: ignore[arg-type]
+    nothing = np.zeros(len(xyz), bool)
+    checked = CheckedPoints(None, Points(), np.ones(1, bool), nothing, 1.0)  # type: ignore[arg-type]
     found = _centres(ids, flat, np.ones(len(xyz), bool), checked, Layouts(targets, names))
     assert found.target.tolist() == chosen
     for i, one in enumerate(chosen):
@@ -333,10 +335,7 @@ def test_rejection_agrees_with_the_search_by_triangulation(demo: tuple[Session, 
     o = seen_points(rig, cloud(rig, 60, 5), rng).observations
     wrong = rng.random(len(o)) < 0.04
     uv = o.uv + wrong[:, None] * rng.uniform(-6, 6, (len(o), 2))
-    cameras = [
-        np.array([getattr(c, name) for c in rig.cameras]) for name in ("intrinsics", "rotation", "translation_mm")
-    ]
-    views = Views(o.target - 1, o.camera, uv, np.full(uv.shape, NOISE_PX), 60, *cameras)
+    views = Views(o.target - 1, o.camera, uv, np.full(uv.shape, NOISE_PX), 60, posed(rig.cameras))
     ours, theirs = reject_views(views, 1.0), triangulate_checked(views, 1.0)
     differ = int((ours.kept != theirs.kept).sum())
     assert wrong.sum() > 5

@@ -17,13 +17,12 @@ from spherecal.base.errors import InputError, OutputError, reason
 from spherecal.base.messages.catalogue import LANGUAGES, PLURALS, Field, fill, parsed, phrase, table, template
 from spherecal.base.messages.values import Phrase, as_json, from_json
 from spherecal.base.resources import resource_path
-from spherecal.calibrate import calibrate
 from spherecal.data.findings import AdvisedRepair, Finding, as_written, leave_out
 from spherecal.files.findings_file import findings_document, read_findings, with_values
 from spherecal.files.json_file import read_json
 from spherecal.verify.bars import verify
 from tests.findings_in_code import errors_in_words, findings_in_code, phrases_in_code
-from tests.networks import calibrated, one_thread, simulated
+from tests.networks import calibrated, one_thread
 
 __all__ = ["one_thread"]
 
@@ -232,8 +231,7 @@ def numbers(text: str) -> list[str]:
 
 @pytest.mark.parametrize("language", OTHERS)
 def test_findings_of_real_results_have_their_figures_in_every_language(language: str) -> None:
-    session = simulated("rigA", 3, scale="bar", bar_poses=4)[0]
-    calibration = calibrate(session)
+    calibration, session, _ = calibrated("rigA", 3, scale="bar", bar_poses=4)
     found = [*calibration.rig.quality.findings, *verify(session, calibration.rig).findings]
     found += calibrated("demo", 1)[0].rig.quality.findings
     assert len({finding.code for finding in found}) > 3

@@ -94,6 +94,7 @@ def test_two_of_eight_cameras_that_moved_do_not_pull_the_others() -> None:
 
 def test_the_effect_is_that_of_measuring_with_the_wrong_camera() -> None:
     """Reckoned anew: all of A's images of two points, measured with B's cameras, give the changed length."""
+    from spherecal.data.rig_camera import posed
     from spherecal.geometry.camera import project
     from spherecal.geometry.triangulation import triangulate
 
@@ -112,9 +113,7 @@ def test_the_effect_is_that_of_measuring_with_the_wrong_camera() -> None:
         uv,
         inside,
         len(points),
-        np.array([c.intrinsics for c in after.cameras]),
-        np.array([c.rotation for c in after.cameras]),
-        np.array([c.translation_mm for c in after.cameras]),
+        posed(after.cameras),
     ).points
     assert metric.point_mm == pytest.approx(np.nanmax(np.linalg.norm(measured - points, axis=1)), rel=0.02)
     worst = change_of(metric.cameras, "C3")

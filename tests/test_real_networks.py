@@ -19,6 +19,7 @@ from spherecal.files.read_session import read_session
 from spherecal.files.rig_file import read_rig
 from spherecal.files.write_result import write_result
 from spherecal.geometry.consensus import agreeing_views
+from spherecal.geometry.posed import PosedCameras
 from spherecal.geometry.resection import resected_poses
 from spherecal.geometry.rotation import exp_rotation, log_rotation
 from spherecal.initialise.planar import is_flat, reconstruct_planar_triple
@@ -135,7 +136,8 @@ def test_one_wrong_view_does_not_take_the_others_with_it(views: int) -> None:
     wrong = np.flatnonzero(camera == 1)[::2]
     angle = rng.uniform(0, 2 * np.pi, len(wrong))
     uv[wrong] += rng.uniform(5, 80, (len(wrong), 1)) * np.column_stack([np.cos(angle), np.sin(angle)])
-    found = agreeing_views(feature, camera, uv, np.full(len(uv), 0.5), intrinsics, rotation, translation)
+    cameras = PosedCameras(intrinsics, rotation, translation)
+    found = agreeing_views(feature, camera, uv, np.full(len(uv), 0.5), cameras)
     right = np.setdiff1d(np.arange(len(uv)), wrong)
     assert found[right].mean() > 0.95
     assert found[wrong].mean() <= 0.1  # along the epipolar lines of three views an error does not show

@@ -16,10 +16,11 @@ from spherecal_sim.ball import wrap
 from spherecal_sim.dot_truth import DotTruth, ball_dots, bar_dots
 from spherecal_sim.optics import Psf, Sensor, expose, gather, pixel_kernel, separable
 from spherecal_sim.radiance import CELLS, ideal_place
-from spherecal_sim.render import Rendered, Station, render_image
+from spherecal_sim.render import Rendered, render_image
 from spherecal_sim.render_session import RENDERED, demo_session, render_session
 from spherecal_sim.scene import RenderSettings, ball_scene, bar_scene, lit_for
 from spherecal_sim.session import simulate_session
+from spherecal_sim.station import Station
 from spherecal_sim.tracing import flatten
 from spherecal_sim.truth import Truth
 
@@ -55,7 +56,6 @@ def ball_image(
     camera: int = 7,
     seed: int = 0,
     size: int = 400,
-    with_bounds: bool = False,
 ) -> Rendered:
     """A crop of the middle of the ball's first placement."""
     session, truth = simulated
@@ -68,7 +68,7 @@ def ball_image(
         0
     ]
     rng = np.random.default_rng(seed)
-    return render_image(scene, dots, cropped(station, middle, size), settings, rng, with_bounds=with_bounds)
+    return render_image(scene, dots, cropped(station, middle, size), settings, rng)
 
 
 def centroid_errors(rendered: Rendered, paper: float) -> np.ndarray:
@@ -242,8 +242,8 @@ def isolated(dots: DotTruth) -> np.ndarray:
 
 def test_bounds_follow_the_rule_of_thumb_and_the_light(simulated) -> None:
     sensor = Sensor(bits=16, read_noise_e=0.0, noise=False)
-    little = ball_image(simulated, replace(FLAT, sensor=sensor), with_bounds=True).dots
-    much = ball_image(simulated, replace(FLAT, sensor=replace(sensor, full_well_e=42_000.0)), with_bounds=True).dots
+    little = ball_image(simulated, replace(FLAT, sensor=sensor, bounds=True)).dots
+    much = ball_image(simulated, replace(FLAT, sensor=replace(sensor, full_well_e=42_000.0), bounds=True)).dots
     some = isolated(little)
     assert some.sum() > 20
     np.testing.assert_allclose(little.bound_px[some] / much.bound_px[some], 2.0, rtol=0.02)

@@ -20,7 +20,7 @@ from spherecal.geometry.rotation import log_rotation
 from spherecal.methods.settings import CalibrationSettings
 from spherecal_sim.session_folder import write_session
 from spherecal_sim.truth import CameraMove, Truth
-from tests.networks import codes, errors_of, observed, one_thread, rms, simulated
+from tests.networks import calibrated, codes, errors_of, observed, one_thread, rms, simulated
 
 __all__ = ["one_thread"]
 
@@ -89,8 +89,8 @@ def test_a_split_camera_has_the_pose_of_today() -> None:
 
 
 def test_the_split_camera_may_not_be_the_reference() -> None:
-    session = faultless()
-    reference = calibrate(session).rig.reference_camera
+    calibration, session, _ = calibrated("demo", 4, targets=TARGETS)
+    reference = calibration.rig.reference_camera
     after = mended(session, split=(f"{reference}@P4",))
     assert after.rig.reference_camera in {c.id for c in session.cameras}
     camera = after.rig.camera(str(after.rig.reference_camera))
@@ -99,8 +99,7 @@ def test_the_split_camera_may_not_be_the_reference() -> None:
 
 
 def test_exchanged_images_are_put_back() -> None:
-    session = faultless()
-    clean = calibrate(session)
+    clean, session, _ = calibrated("demo", 4, targets=TARGETS)
     for value in ("C01,C05", "C02,C06@P2"):
         wrong = repaired(session, Repairs(swap=(value,)))
         again = mended(wrong, swap=(value,))

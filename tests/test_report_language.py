@@ -3,6 +3,8 @@
 
 import json
 import re
+import shutil
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -13,6 +15,7 @@ from spherecal.base.errors import InputError
 from spherecal.base.messages.catalogue import LANGUAGES
 from spherecal.cli.main import main
 from spherecal.data.findings import as_written
+from spherecal.files.written_phrase import Sentence
 from spherecal.report import language as language_module
 from spherecal.report.content import Content, make_content
 from spherecal.report.document import Document
@@ -21,6 +24,7 @@ from spherecal.report.result_folder import Result, read_result
 from spherecal.report.sheet import text_width, wrap
 from spherecal.report.style import report_style
 from spherecal.report.verdict_page import add_verdict_page
+from spherecal.report.verification_file import read_bar_report
 from spherecal.report.write_report import write_report
 from spherecal.verify.bars import VerifySettings, verify
 from spherecal.verify.limit import parse_limit
@@ -83,21 +87,66 @@ def test_nothing_stays_english(result: Path, name: str) -> None:
     assert not {words for f in content.findings for words in (f["message"], f["hint"]) if words} & english
 
 
-def test_sentences_of_a_file_come_through() -> None:
-    rule = "every |error| within k u, k = 3.20 for 40 errors to keep it together with 95 %"
+def sentences(folder: Path) -> list[Sentence]:
+    """The rule, the departures and the remedies of a verification."""
+    bars = read_bar_report(folder)
+    assert bars is not None and bars.procedure is not None
+    return [bars.rule, *bars.procedure.departures, *(budget.remedy for budget in bars.procedure.budgets)]
+
+
+def with_changes(result: Path, folder: Path, change: Callable[[str, object], object]) -> Path:
+    """A copy of a result whose verification.json has other phrases; `change` gets the field's name and value."""
+    copy = folder / "changed"
+    shutil.copytree(result, copy)
+
+    def changed(value: object) -> object:
+        if isinstance(value, list):
+            return [changed(one) for one in value]
+        if not isinstance(value, dict):
+            return value
+        said = {key: change(key, one) if "phrase" in key and key != "phrase" else one for key, one in value.items()}
+        return {key: changed(one) for key, one in said.items() if one is not None}
+
+    document = json.loads((copy / "verification.json").read_text())
+    (copy / "verification.json").write_text(json.dumps(changed(document)))
+    return copy
+
+
+def test_sentences_of_a_file_come_through(result: Path) -> None:
+    found = sentences(result)
+    assert len(found) > 8 and all(one.phrase is not None for one in found)
+    assert [written(one) for one in found] == [one.text for one in found]
     with speaking("de"):
-        assert written(rule).startswith("jede |Abweichung| innerhalb k u, k = 3.20, damit 40 Abweichungen")
-        assert (
-            written("End points lie in 3 of the volume's 8 corners.")
-            == "Endpunkte liegen in 3 der 8 Ecken des Volumens."
-        )
-        for unknown in ("A sentence of another version.", "{a}", "50 % {x}"):
-            assert written(unknown) == unknown
+        rule, *rest = (written(one) for one in found)
+        assert rule.startswith("jede |Abweichung| innerhalb k u, k = ")
+        assert not {rule, *rest} & {one.text for one in found}
         assert word({"pass": "verdict-pass"}, "pass") == "bestanden" and word({}, "new") == "new"
-    assert written(rule) == rule
     with pytest.raises(InputError) as raised, speaking("xx"):
         pass
     assert raised.value.code == "error-report-language"
+
+
+def no_phrase(key: str, value: object) -> None:
+    return None
+
+
+def other_sentence(key: str, value: object) -> object:
+    other = {"phrase": "departure-by-hand", "values": {}}
+    return [other for _ in value][1:] if isinstance(value, list) else other
+
+
+def values_of_another_version(key: str, value: object) -> object:
+    strange = {"phrase": "decision-rule", "values": {"k": {"x": []}}}
+    return [strange for _ in value] if isinstance(value, list) else strange
+
+
+@pytest.mark.parametrize("change", [no_phrase, other_sentence, values_of_another_version])
+def test_sentences_without_their_phrase_stay_as_written(
+    result: Path, tmp_path: Path, change: Callable[[str, object], object]
+) -> None:
+    texts = [one.text for one in sentences(result)]
+    with speaking("de"):
+        assert [written(one) for one in sentences(with_changes(result, tmp_path, change))] == texts
 
 
 @pytest.mark.parametrize(("name", "word"), [("de", "NICHT ENTSCHEIDBAR"), ("zh_CN", "无法判定"), ("en", "CANNOT TELL")])

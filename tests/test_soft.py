@@ -15,9 +15,20 @@ from spherecal.adjust.levenberg import Settings
 from spherecal.adjust.problem import Problem
 from spherecal.adjust.state import State
 from spherecal.base.arrays import FloatArray
+from spherecal.geometry.camera import project
 from spherecal.geometry.transform import fit_similarity
 from tests.networks import dense_equations, one_thread, small_network
-from tests.test_covariance import Whole, assert_matrices_agree, whole_by_brute_force, with_world
+from tests.test_covariance import (
+    TRIAL_PX,
+    TRIALS,
+    Trial,
+    Whole,
+    assert_matrices_agree,
+    assert_stated_is_found,
+    places_of,
+    whole_by_brute_force,
+    with_world,
+)
 
 __all__ = ["one_thread"]
 
@@ -296,3 +307,17 @@ def test_places_that_a_camera_shows_twice_count_twice() -> None:
     np.testing.assert_allclose(
         twice.gradient * unit, once.gradient * unit, atol=1e-9 * np.abs(once.gradient * unit).max()
     )
+
+
+def test_stated_uncertainties_are_those_of_repeated_trials() -> None:
+    """200 times new noise and new play of every dot, both as large as stated."""
+    problem, truth, places = soft_network("plain", noise_px=0.0)
+    still, play = places_of(truth, places), problem.ball.play[:, None] * TRIAL_PX
+    rng, trials = np.random.default_rng(0), []
+    for _ in range(TRIALS):
+        at = still + play * rng.normal(size=still.shape)
+        x = np.einsum("nij,nj->ni", truth.rotation[problem.camera], at[problem.ball.place])
+        uv = project(x + truth.translation[problem.camera], truth.intrinsics[problem.camera])
+        noisy = replace(problem, uv=uv + rng.normal(0, TRIAL_PX, uv.shape))
+        trials.append(Trial(minimise(noisy, truth, Settings()), at))
+    assert_stated_is_found(problem, truth, places, trials)

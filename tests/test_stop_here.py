@@ -56,8 +56,9 @@ def test_the_free_form_is_what_there_is_before_a_stiffer_one(stage: str, tmp_pat
 def test_nobody_asks_nothing_changes() -> None:
     session, _ = simulated("demo", 1)
     told: list[Progress] = []
-    assert_same_cameras(calibrate(session), calibrate(session, context=Context(told.append)))
-    assert "stopped-early" not in codes(calibrate(session))
+    alone = calibrate(session)
+    assert_same_cameras(alone, calibrate(session, context=Context(told.append)))
+    assert "stopped-early" not in codes(alone)
 
 
 def test_cancelling_goes_before() -> None:

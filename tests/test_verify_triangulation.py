@@ -5,6 +5,7 @@ import pytest
 
 from spherecal.base.arrays import FloatArray, IntArray
 from spherecal.geometry.camera import project
+from spherecal.geometry.posed import PosedCameras
 from spherecal.geometry.triangulation import Triangulation, triangulate
 from spherecal.verify.outlying_views import Views, triangulate_checked
 
@@ -40,7 +41,7 @@ def scene() -> tuple[tuple[FloatArray, ...], FloatArray, IntArray, IntArray, Flo
 
 def test_exact_image_points_give_exact_points(scene) -> None:
     cameras, points, feature, camera, uv = scene
-    found = triangulate(feature, camera, uv, np.ones(len(uv)), len(points), *cameras)
+    found = triangulate(feature, camera, uv, np.ones(len(uv)), len(points), PosedCameras(*cameras))
     views = np.bincount(feature, minlength=len(points))
     np.testing.assert_array_equal(found.views, views)
     np.testing.assert_array_equal(np.isfinite(found.points[:, 0]), found.in_front)
@@ -55,7 +56,9 @@ def test_predicted_covariance_is_the_empirical_one(scene) -> None:
     cameras, points, feature, camera, uv = scene
     rng = np.random.default_rng(3)
     sigma = rng.choice([0.02, 0.1], size=(len(uv), 2))
-    found = triangulate(feature, camera, uv + sigma * rng.normal(size=uv.shape), 1 / sigma**2, len(points), *cameras)
+    found = triangulate(
+        feature, camera, uv + sigma * rng.normal(size=uv.shape), 1 / sigma**2, len(points), PosedCameras(*cameras)
+    )
     good = np.isfinite(found.points[:, 0]) & (found.max_angle_rad > 0.1)
     error = (found.points - points)[good]
     chi2 = np.einsum("mi,mij,mj->m", error, np.linalg.inv(found.covariance[good]), error)
@@ -71,7 +74,7 @@ def test_minimum_is_reached(scene) -> None:
     cameras, points, feature, camera, uv = scene
     rng = np.random.default_rng(4)
     noisy = uv + 0.5 * rng.normal(size=uv.shape)
-    found = triangulate(feature, camera, noisy, np.ones(len(uv)), len(points), *cameras)
+    found = triangulate(feature, camera, noisy, np.ones(len(uv)), len(points), PosedCameras(*cameras))
     good = np.isfinite(found.points[:, 0]) & (found.max_angle_rad > 0.1)
     cost = np.bincount(feature, (found.residual**2).sum(axis=1), len(points))
     for shift in 0.01 * np.vstack([np.eye(3), -np.eye(3)]):
@@ -84,7 +87,7 @@ def one_point(camera: list[int], uv: FloatArray | None = None, weight: FloatArra
     feature, seen_by = np.zeros(len(camera), dtype=int), np.array(camera, dtype=int)
     exact = look_at(np.array([[10.0, 20.0, 30.0]]), feature, seen_by, cameras)
     weight = np.ones(len(camera)) if weight is None else weight
-    return triangulate(feature, seen_by, exact if uv is None else uv, weight, 1, *cameras)
+    return triangulate(feature, seen_by, exact if uv is None else uv, weight, 1, PosedCameras(*cameras))
 
 
 def test_impossible_points_are_nan() -> None:
@@ -117,7 +120,7 @@ def test_point_behind_a_camera_is_told() -> None:
     far = np.array([[3000.0, 100.0, 50.0]])  # outside the ring, behind the cameras near +x
     camera = np.array([0, 1, 2])
     feature = np.zeros(3, dtype=int)
-    found = triangulate(feature, camera, look_at(far, feature, camera, cameras), np.ones(3), 1, *cameras)
+    found = triangulate(feature, camera, look_at(far, feature, camera, cameras), np.ones(3), 1, PosedCameras(*cameras))
     np.testing.assert_allclose(found.points, far, rtol=1e-6)
     assert not found.in_front[0]
 
@@ -130,7 +133,7 @@ def checked(spoil: dict[int, tuple[float, float]], n: int, noise: float = 0.04):
     uv = look_at(points, feature, camera, cameras) + noise * rng.normal(size=(30 * n, 2))
     for row, shift in spoil.items():
         uv[row] += shift
-    found = triangulate_checked(Views(feature, camera, uv, np.ones((30 * n, 2)), 30, *cameras), 1.0)
+    found = triangulate_checked(Views(feature, camera, uv, np.ones((30 * n, 2)), 30, PosedCameras(*cameras)), 1.0)
     return found, np.linalg.norm(found.points.points - points, axis=1)
 
 

@@ -125,9 +125,7 @@ def _of_bars(
     sigma = network.noise * np.sqrt(variance)
     uv, n_ends = bars.noisy_uv(noise), 2 * len(bars.lengths_mm)
     weight = 1.0 / sigma[bars.camera] ** 2
-    ends = triangulate(
-        bars.end, bars.camera, uv, weight, n_ends, state.intrinsics, state.rotation, state.translation
-    ).points
+    ends = triangulate(bars.end, bars.camera, uv, weight, n_ends, state.cameras).points
     columns = estimate.adjusted.problem.intrinsic_columns
     by_camera, by_point = derivatives(state, bars.camera, ends[bars.end], columns)
     root = np.sqrt(weight)[:, None, None]

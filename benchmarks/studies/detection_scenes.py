@@ -14,11 +14,12 @@ from spherecal.data.session import Session
 from spherecal.targets.target_set import TargetSet
 from spherecal_sim.dot_truth import DotTruth, ball_dots
 from spherecal_sim.optics import Image
-from spherecal_sim.render import Rendered, Station, render_image
+from spherecal_sim.render import Rendered, render_image
 from spherecal_sim.render_session import RENDERED, station_at
 from spherecal_sim.rigs import CameraKind, TrueCamera, look_at
 from spherecal_sim.scene import RenderSettings, ball_scene, lit_for
 from spherecal_sim.session import simulate_session
+from spherecal_sim.station import Station
 from spherecal_sim.tracing import TracedScene
 from spherecal_sim.truth import SimulationOptions, Truth
 
@@ -54,12 +55,12 @@ class View:
         scene = ball_scene(self.truth, self.targets, self.placement, settings)
         return lit_for(scene, self.truth, self.camera, settings)
 
-    def render(self, settings: RenderSettings, seed: int, with_bounds: bool = False) -> Rendered:
+    def render(self, settings: RenderSettings, seed: int) -> Rendered:
         """The image, and the truth about its dots."""
         dots = ball_dots(self.truth.ball, self.targets.dot_diameter_mm / 2, self.targets.size_mm / 2)
         dots = dots.moved(self.truth.ball_rotations[self.placement], self.truth.ball_places_mm[self.placement])
         rng = np.random.default_rng(seed)
-        return render_image(self.scene(settings), dots, self.station, settings, rng, with_bounds=with_bounds)
+        return render_image(self.scene(settings), dots, self.station, settings, rng)
 
 
 def aimed_view(

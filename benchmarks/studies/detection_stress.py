@@ -50,13 +50,13 @@ class Case:
 
     def render(self, image: int, with_bounds: bool = False) -> Rendered:
         """One of the case's images with its truth, in pixels of the image given."""
-        view = self.view(image)
+        view, settings = self.view(image), replace(self.settings, bounds=with_bounds)
         if self.streak_px:
             rendered = _shaken(view, self.settings, self.streak_px, image)
         elif self.paper is not None:
-            rendered = _on_paper(view, self.settings, self.paper, image, with_bounds)
+            rendered = _on_paper(view, settings, self.paper, image)
         else:
-            rendered = view.render(self.settings, image, with_bounds)
+            rendered = view.render(settings, image)
         return replace(rendered, image=_compressed(rendered.image, self.jpeg)) if self.jpeg else rendered
 
 
@@ -85,7 +85,7 @@ def _shaken(view: View, settings: RenderSettings, streak_px: float, seed: int) -
     return Rendered(expose(exposure, settings.sensor, rng), exposure, parts[steps // 2].dots)
 
 
-def _on_paper(view: View, settings: RenderSettings, albedo: float, seed: int, with_bounds: bool) -> Rendered:
+def _on_paper(view: View, settings: RenderSettings, albedo: float, seed: int) -> Rendered:
     """An image of stickers whose black is grey."""
     scene = view.scene(settings)
     albedos = scene.albedos.copy()
@@ -93,7 +93,7 @@ def _on_paper(view: View, settings: RenderSettings, albedo: float, seed: int, wi
     dots = ball_dots(view.truth.ball, view.targets.dot_diameter_mm / 2, view.targets.size_mm / 2)
     dots = dots.moved(view.truth.ball_rotations[view.placement], view.truth.ball_places_mm[view.placement])
     rng = np.random.default_rng(seed)
-    return render_image(scene._replace(albedos=albedos), dots, view.station, settings, rng, with_bounds=with_bounds)
+    return render_image(scene._replace(albedos=albedos), dots, view.station, settings, rng)
 
 
 def _compressed(image: Image, quality: int) -> Image:

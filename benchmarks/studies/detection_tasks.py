@@ -114,7 +114,7 @@ def of_session(rig: str, placement: int, camera: int) -> Score:
     session, truth = simulate_session(rig, SEED, replace(RENDERED, bar_poses=0))
     view = View(session, truth, placement, camera)
     seed = 100 * placement + camera
-    return _look(view, kept(f"{rig}-{placement}-{camera}", lambda: view.render(CLUTTERED, seed, with_bounds=True)))
+    return _look(view, kept(f"{rig}-{placement}-{camera}", lambda: view.render(replace(CLUTTERED, bounds=True), seed)))
 
 
 def stress(case: Case, image: int) -> Score:

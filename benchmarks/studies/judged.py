@@ -20,6 +20,7 @@ from spherecal.calibrate import calibrate
 from spherecal.data.findings import Finding
 from spherecal.data.observations import Features, Observations
 from spherecal.data.rig import Calibration, Quality, Rig, RigCamera
+from spherecal.data.rig_camera import posed
 from spherecal.data.session import Session
 from spherecal.geometry.camera import project
 from spherecal.geometry.triangulation import triangulate
@@ -308,8 +309,7 @@ def _lengths(rig: Rig, reference: Reference) -> tuple[FloatArray, FloatArray]:
     row = {c.id: i for i, c in enumerate(cameras)}
     own = np.array([row.get(name, -1) for name in reference.ids])[lengths.camera]
     keep = own >= 0
-    intrinsics, rotation = np.array([c.intrinsics for c in cameras]), np.array([c.rotation for c in cameras])
-    translation = np.array([c.translation_mm for c in cameras])
+    looking_from = posed(cameras)
     count = 2 * len(lengths.ends_mm)
     found = triangulate(
         lengths.end[keep],
@@ -317,9 +317,7 @@ def _lengths(rig: Rig, reference: Reference) -> tuple[FloatArray, FloatArray]:
         lengths.uv[keep],
         np.ones(int(keep.sum())),
         count,
-        intrinsics,
-        rotation,
-        translation,
+        looking_from,
     ).points
     error = np.linalg.norm(found[1::2] - found[::2], axis=1) - lengths.true_mm
     seen = np.isfinite(error)
@@ -327,7 +325,8 @@ def _lengths(rig: Rig, reference: Reference) -> tuple[FloatArray, FloatArray]:
     if rig.covariance is None or rig.scale.source == "none":
         return error, np.full(len(error), np.inf)
     sizes = np.array([c.image_size for c in cameras], dtype=float)
-    looking = Cameras(intrinsics, rotation, translation, sizes, rig.covariance.matrix, rig.covariance.intrinsics)
+    each = looking_from.intrinsics, looking_from.rotation, looking_from.translation
+    looking = Cameras(*each, sizes, rig.covariance.matrix, rig.covariance.intrinsics)
     noise = rig.length_map.sigma_px if rig.length_map is not None else 0.0
     expanded = COVERAGE_FACTOR * predict_lengths(looking, ends, max(noise, 1e-4)).standard_mm()
     stated = np.isfinite(expanded)  # seen by too few by the rig's own account: nothing is claimed of it

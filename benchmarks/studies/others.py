@@ -31,6 +31,7 @@ from spherecal.data.rig import Quality, Rig, RigCamera, RigScale
 from spherecal.data.session import Session
 from spherecal.files.read_session import read_session
 from spherecal.geometry.camera import project
+from spherecal.geometry.posed import PosedCameras
 from spherecal.geometry.triangulation import triangulate
 from spherecal.methods.settings import CalibrationSettings
 from spherecal.verify.bars import verify
@@ -330,9 +331,7 @@ def _lengths_um(case: Case, cameras: State) -> float:
         uv[placed],
         np.ones(int(placed.sum())),
         2 * len(true),
-        cameras.intrinsics,
-        np.nan_to_num(cameras.rotation),
-        np.nan_to_num(cameras.translation),
+        PosedCameras(cameras.intrinsics, np.nan_to_num(cameras.rotation), np.nan_to_num(cameras.translation)),
     )
     ends = found.points.reshape(-1, 2, 3)
     length = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
@@ -351,9 +350,7 @@ def _px(o: Observations, cameras: State) -> float:
         o.uv,
         np.ones(len(o)),
         int(point.max()) + 1,
-        cameras.intrinsics,
-        cameras.rotation,
-        cameras.translation,
+        cameras.cameras,
     )
     twice = (np.bincount(point) >= 2)[point] & np.isfinite(found.points[point, 0])
     x = np.einsum("nij,nj->ni", cameras.rotation[o.camera], found.points[point]) + cameras.translation[o.camera]

@@ -29,7 +29,7 @@ from spherecal.methods.settings import CalibrationSettings, Method
 from spherecal.predict.lengths import Cameras, predict_lengths
 from spherecal.verify.bars import verify
 from spherecal.verify.verification import Overall
-from spherecal_sim.render_session import DOT_TRUTH_FILE, RENDERED, render_session
+from spherecal_sim.render_session import CLUTTERED, DOT_TRUTH_FILE, RENDERED, render_session
 from spherecal_sim.session import simulate_session
 from spherecal_sim.truth import Truth
 
@@ -63,7 +63,7 @@ def study(rig: str, seed: int) -> Whole:
     with tempfile.TemporaryDirectory() as scratch:
         folder = Path(cache or scratch) / f"rendered-{rig}-{seed}"
         if not folder.exists():
-            render_session(rig, seed, folder, with_bounds=True)
+            render_session(rig, seed, folder, settings=replace(CLUTTERED, bounds=True))
         session, truth = read_session(folder), simulate_session(rig, seed, RENDERED)[1]
         calibration = calibrate(session)
         verification = verify(observed(session, Context(), bar_poses_only=True), calibration.rig)

@@ -21,6 +21,7 @@ from spherecal.data.observations import Features, Observations
 from spherecal.data.recording import Recording, calibration_observations
 from spherecal.data.rig import Calibration
 from spherecal.data.session import Bar, BarLength, Session
+from spherecal.geometry.posed import PosedCameras
 from spherecal.geometry.triangulation import triangulate
 from spherecal.methods.settings import CalibrationSettings
 from spherecal.methods.sphere import describe_network
@@ -272,7 +273,8 @@ class Bars:
         uv = self.noisy_uv(noise)
         weight = np.ones(len(uv))
         count = 2 * len(self.lengths_mm)
-        ends = triangulate(self.end, self.camera, uv, weight, count, intrinsics, rotation, translation).points
+        cameras = PosedCameras(intrinsics, rotation, translation)
+        ends = triangulate(self.end, self.camera, uv, weight, count, cameras).points
         return np.linalg.norm(ends[1::2] - ends[::2], axis=1)
 
     def errors_of(self, state: State, noise: FloatArray | None) -> FloatArray:

@@ -9,6 +9,7 @@ from spherecal.base.arrays import BoolArray, FloatArray, IntArray
 from spherecal.base.kernels import njit
 from spherecal.geometry.camera import project
 from spherecal_sim.ball import Ball, wrap
+from spherecal_sim.station import Station
 from spherecal_sim.tracing import TracedScene, trace
 from spherecal_sim.unowned import unowned
 
@@ -125,33 +126,24 @@ class Outlines:
     uv: FloatArray
 
 
-def outline_dots(
-    dots: TrueDots, rotation: FloatArray, translation: FloatArray, intrinsics: FloatArray, size: tuple[int, int]
-) -> Outlines:
+def outline_dots(dots: TrueDots, station: Station) -> Outlines:
     """The outlines of all dots that may touch the image: turned to the camera and near its field of view."""
+    rotation, translation, intrinsics = station.rotation, station.translation_mm, station.intrinsics
     x = dots.places @ rotation.T + translation
-    corner = np.maximum(intrinsics[2:4], np.array(size) - intrinsics[2:4])
+    corner = np.maximum(intrinsics[2:4], np.array(station.size) - intrinsics[2:4])
     reach = 1.3 * np.hypot(*corner) / intrinsics[0]  # as in observe: beyond, the lens polynomial may fold
-    towards = _view_angles(dots, -rotation.T @ translation) < 92.0  # half of a dot on the limb may still show
+    towards = _view_angles(dots, station.centre_mm) < 92.0  # half of a dot on the limb may still show
     near = np.flatnonzero(towards & (x[:, 2] > 0) & (np.hypot(x[:, 0], x[:, 1]) < reach * x[:, 2]))
     rims = dots.rims[near].reshape(-1, 3) @ rotation.T + translation
     return Outlines(near, project(rims, intrinsics).reshape(-1, RIM_POINTS, 2))
 
 
-def see_dots(
-    dots: TrueDots,
-    outlines: Outlines,
-    scene: TracedScene,
-    rotation: FloatArray,
-    translation: FloatArray,
-    intrinsics: FloatArray,
-    size: tuple[int, int],
-) -> DotTruth:
+def see_dots(dots: TrueDots, outlines: Outlines, scene: TracedScene, station: Station) -> DotTruth:
     """The truth about the dots whose centres lie in the image and show below 88 degrees unless something hides them."""
-    centre = -rotation.T @ translation
+    rotation, translation, intrinsics = station.rotation, station.translation_mm, station.intrinsics
     uv = project(dots.places[outlines.dot] @ rotation.T + translation, intrinsics)
-    view_deg = _view_angles(dots, centre)[outlines.dot]
-    last = np.array(size) - 0.5
+    view_deg = _view_angles(dots, station.centre_mm)[outlines.dot]
+    last = np.array(station.size) - 0.5
     keep = (view_deg < _STEEPEST_DEG) & ((uv > -0.5) & (uv < last)).all(axis=1)
     dot, uv, outline = outlines.dot[keep], uv[keep], outlines.uv[keep]
     rims = dots.rims[dot]
@@ -165,7 +157,8 @@ def see_dots(
         uv_cen=uv_cen,
         moments_px2=moments,
         view_deg=view_deg[keep],
-        fully_visible=_rims_show(scene, centre, rims) & ((outline > -0.5) & (outline < last)).all(axis=(1, 2)),
+        fully_visible=_rims_show(scene, station.centre_mm, rims)
+        & ((outline > -0.5) & (outline < last)).all(axis=(1, 2)),
         gap_px=_gaps(uv, outline),
         axes_px=4 * np.sqrt(spread),  # an ellipse of semi-axis a has the moment a^2 / 4
         bound_px=np.full(len(dot), np.nan),

@@ -69,6 +69,17 @@ class _Stations:
     weak: BoolArray
 
 
+@dataclass(frozen=True)
+class _Scene:
+    """What is recorded: its kind and seed, the lens of all stations, and points (p,3) mm."""
+
+    kind: str
+    seed: int
+    lens: _Lens
+    stations: _Stations
+    points: FloatArray
+
+
 def simulate_network(kind: str, seed: int) -> tuple[Session, TrueNetwork]:
     """A session of a network and its truth; the same seed gives the same session. InputError for an unknown kind."""
     makers = {"targets": _targets, "building": _building, "sheet": _sheet}
@@ -93,7 +104,8 @@ def _targets(seed: int) -> tuple[Session, TrueNetwork]:
     seen = _thinned(seen, stations.weak, of_marks)
     camera, point = np.nonzero(seen)
     noise = np.full(len(camera), _TARGET_NOISE_PX)
-    return _recorded("targets", seed, lens, stations, points, camera, point, noise, _TARGET_GROSS, of_noise)
+    scene = _Scene("targets", seed, lens, stations, points)
+    return _recorded(scene, camera, point, noise, _TARGET_GROSS, of_noise)
 
 
 def _wall_with_blocks(rng: np.random.Generator) -> tuple[FloatArray, FloatArray]:
@@ -173,7 +185,8 @@ def _building(seed: int) -> tuple[Session, TrueNetwork]:
     camera, point = _tracks(seen, of_marks)
     # what one detector finds over many scales is not equally sharp
     noise = _B_NOISE_PX * of_marks.lognormal(-0.045, 0.3, len(points))[point]
-    return _recorded("building", seed, lens, stations, points, camera, point, noise, _B_GROSS, of_noise)
+    scene = _Scene("building", seed, lens, stations, points)
+    return _recorded(scene, camera, point, noise, _B_GROSS, of_noise)
 
 
 def _facade(count: int, rng: np.random.Generator) -> tuple[FloatArray, FloatArray]:
@@ -250,7 +263,8 @@ def _sheet(seed: int) -> tuple[Session, TrueNetwork]:
     seen &= of_marks.random(seen.shape) > 0.012
     camera, point = np.nonzero(seen)
     noise = np.full(len(camera), _S_NOISE_PX)
-    return _recorded("sheet", seed, lens, stations, points, camera, point, noise, 0.0, of_noise)
+    scene = _Scene("sheet", seed, lens, stations, points)
+    return _recorded(scene, camera, point, noise, 0.0, of_noise)
 
 
 # ------------------------------------------------------------------------------------------------ common
@@ -296,18 +310,10 @@ def _visible(
 
 
 def _recorded(
-    kind: str,
-    seed: int,
-    lens: _Lens,
-    stations: _Stations,
-    points: FloatArray,
-    camera: IntArray,
-    point: IntArray,
-    noise_px: FloatArray,
-    gross: float,
-    rng: np.random.Generator,
+    scene: _Scene, camera: IntArray, point: IntArray, noise_px: FloatArray, gross: float, rng: np.random.Generator
 ) -> tuple[Session, TrueNetwork]:
     """Session and truth of what was seen: heavy-tailed noise, a share of gross errors, two points as a scale bar."""
+    lens, stations, points = scene.lens, scene.stations, scene.points
     x = np.einsum("nij,nj->ni", stations.rotation[camera], points[point]) + stations.translation[camera]
     uv = project(x, lens.intrinsics) + heavy_noise(noise_px, rng)
     wrong = np.zeros(len(uv), dtype=bool)
@@ -329,8 +335,8 @@ def _recorded(
     )
     order = np.lexsort((point, camera, on_bar))
     truth = TrueNetwork(
-        kind,
-        seed,
+        scene.kind,
+        scene.seed,
         lens.intrinsics,
         stations.rotation,
         stations.translation,

@@ -13,23 +13,8 @@ from spherecal_sim.dot_truth import DotTruth, Outlines, TrueDots, outline_dots, 
 from spherecal_sim.optics import Image, expose, gather, pixel_kernel, separable, vignetting
 from spherecal_sim.radiance import CELLS, DENSE, EDGE, TILE, trace_band
 from spherecal_sim.scene import RenderSettings, blob_places
+from spherecal_sim.station import Station
 from spherecal_sim.tracing import TracedScene
-
-
-@dataclass(frozen=True)
-class Station:
-    """A camera at the moment of an image: world-to-camera pose, 16 intrinsics, image size (width, height) px."""
-
-    id: str
-    rotation: FloatArray
-    translation_mm: FloatArray
-    intrinsics: FloatArray
-    size: tuple[int, int]
-
-    @property
-    def centre_mm(self) -> FloatArray:
-        """The projection centre in the world, (3,)."""
-        return -self.rotation.T @ self.translation_mm
 
 
 @dataclass(frozen=True)
@@ -51,24 +36,19 @@ def render_image(
     settings: RenderSettings,
     rng: np.random.Generator,
     context: Context | None = None,
-    with_bounds: bool = False,
 ) -> Rendered:
-    """The image that a camera takes of a scene already lit for it, and the truth about the scene's dots.
-
-    `with_bounds` adds each dot's Cramer-Rao bound (about 1 ms a dot).
-    """
+    """The image that a camera takes of a scene already lit for it, and the truth about the scene's dots."""
     context = context or Context()
     scene, station = _packed(scene), replace(station, rotation=np.ascontiguousarray(station.rotation))
-    seen_from = (station.rotation, station.translation_mm, station.intrinsics, station.size)
-    outlines = outline_dots(dots, *seen_from)
-    truth = see_dots(dots, outlines, scene, *seen_from)
+    outlines = outline_dots(dots, station)
+    truth = see_dots(dots, outlines, scene, station)
     kernel = pixel_kernel(settings.psf_at(station.id))
     margin = _margin(kernel)
     marks = _pixel_marks(scene, station, outlines, dots.sheets, margin)
     exposure = _expose_scene(scene, station, marks, kernel, margin, context)
     if settings.vignetting:
         exposure *= vignetting(station.intrinsics, station.size)
-    if with_bounds:
+    if settings.bounds:
         bound = dot_bounds(truth.uv_cen, truth.moments_px2, exposure, kernel, settings.sensor)
         truth = replace(truth, bound_px=bound)
     return Rendered(expose(exposure, settings.sensor, rng), exposure, truth)

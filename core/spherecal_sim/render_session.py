@@ -20,11 +20,12 @@ from spherecal.files.atomic import SESSION, write_folder_whole
 from spherecal.targets.target_set import TargetSet
 from spherecal_sim.dot_truth import DotTruth, TrueDots, ball_dots, bar_dots
 from spherecal_sim.optics import Image
-from spherecal_sim.render import Rendered, Station, render_image
+from spherecal_sim.render import Rendered, render_image
 from spherecal_sim.rigs import TrueCamera
 from spherecal_sim.scene import RenderSettings, ball_scene, bar_scene, lit_for
 from spherecal_sim.session import simulate_session
 from spherecal_sim.session_folder import fill_session_folder
+from spherecal_sim.station import Station
 from spherecal_sim.tracing import TracedScene
 from spherecal_sim.truth import SimulationOptions, Truth, camera_pose
 
@@ -43,7 +44,6 @@ def render_session(
     context: Context | None = None,
     options: SimulationOptions | None = None,
     settings: RenderSettings | None = None,
-    with_bounds: bool = False,
 ) -> Truth:
     """Render a session folder with images, truth.json and truth_dots.csv, whole or not at all; returns the truth.
 
@@ -58,7 +58,7 @@ def render_session(
     session = replace(session, observations=None)
 
     def build(partial_folder: Path) -> None:
-        recorded = _render_all(session, truth, settings, partial_folder, context, with_bounds)
+        recorded = _render_all(session, truth, settings, partial_folder, context)
         fill_session_folder(recorded, truth, partial_folder)
 
     write_folder_whole(folder, build, SESSION)
@@ -72,7 +72,6 @@ def render_placement(
     camera: int,
     settings: RenderSettings | None = None,
     seed: int = 0,
-    with_bounds: bool = False,
 ) -> Rendered:
     """One image of the ball: placement and camera by index, the noise from its own seed."""
     settings = settings or CLUTTERED
@@ -81,7 +80,7 @@ def render_placement(
     dots = ball_dots(truth.ball, targets.dot_diameter_mm / 2, targets.size_mm / 2)
     dots = dots.moved(truth.ball_rotations[placement], truth.ball_places_mm[placement])
     station = station_at(truth.cameras[camera], truth, placement)
-    return render_image(scene, dots, station, settings, np.random.default_rng(seed), with_bounds=with_bounds)
+    return render_image(scene, dots, station, settings, np.random.default_rng(seed))
 
 
 def station_at(camera: TrueCamera, truth: Truth, placement: int) -> Station:
@@ -97,15 +96,13 @@ class _Shot:
     group: str
     camera: TrueCamera
     path: Path
-    render: Callable[[], tuple[Image, DotTruth]]
+    render: Callable[[], Rendered]
 
 
-def _render_all(
-    session: Session, truth: Truth, settings: RenderSettings, folder: Path, context: Context, with_bounds: bool
-) -> Session:
+def _render_all(session: Session, truth: Truth, settings: RenderSettings, folder: Path, context: Context) -> Session:
     """Render all images into the folder; returns the session that names them."""
     context.report("Rendering images", 0.0, Phrase("preparing"))  # compiling takes 15 s the first time
-    shots = list(_shots(session, truth, settings, folder, context, with_bounds))
+    shots = list(_shots(session, truth, settings, folder, context))
     seen: dict[int, DotTruth] = {}
     with ThreadPoolExecutor(max_workers=os.cpu_count()) as pool:
         waiting = {pool.submit(_take, shot): i for i, shot in enumerate(shots)}
@@ -127,9 +124,7 @@ def _render_all(
     )
 
 
-def _shots(
-    session: Session, truth: Truth, settings: RenderSettings, folder: Path, context: Context, with_bounds: bool
-) -> Iterator[_Shot]:
+def _shots(session: Session, truth: Truth, settings: RenderSettings, folder: Path, context: Context) -> Iterator[_Shot]:
     """All images of a session, placements first; each has random numbers of its own."""
     for index, (group, where, scene, dots) in enumerate(_groups(session, truth, settings)):
         (folder / where / group).mkdir(parents=True)
@@ -141,14 +136,13 @@ def _shots(
                 camera,
                 folder / where / group / f"{camera.id}.png",
                 partial(
-                    _render_shot,
+                    render_image,
                     lit_for(scene, truth, number, settings),
                     dots,
                     station,
                     settings,
                     np.random.default_rng([truth.seed, 5, index, number]),
                     context,
-                    with_bounds,
                 ),
             )
 
@@ -172,24 +166,11 @@ def _target_set(session: Session) -> TargetSet:
     return session.target_set
 
 
-def _render_shot(
-    scene: TracedScene,
-    dots: TrueDots,
-    station: Station,
-    settings: RenderSettings,
-    rng: np.random.Generator,
-    context: Context,
-    with_bounds: bool,
-) -> tuple[Image, DotTruth]:
-    rendered = render_image(scene, dots, station, settings, rng, context, with_bounds)
-    return rendered.image, rendered.dots
-
-
 def _take(shot: _Shot) -> DotTruth:
     """Render one image and write it."""
-    image, dots = shot.render()
-    write_png(shot.path, image)
-    return dots
+    rendered = shot.render()
+    write_png(shot.path, rendered.image)
+    return rendered.dots
 
 
 def write_png(path: Path, image: Image) -> None:

@@ -19,7 +19,8 @@ class RenderSettings:
 
     `exposure` 1 brings a white surface at the ball's usual distance to 80 % of full scale. `blobs` white discs lie on
     the room's walls, `specks` and `scratches` are mean counts a sticker, `gloss` is the height of the highlight
-    (a white dot has 0.85). `psf_of` gives single cameras a point-spread function of their own.
+    (a white dot has 0.85). `psf_of` gives single cameras a point-spread function of their own. `bounds` adds each dot's
+    Cramer-Rao bound to the truth about it (about 1 ms a dot).
     """
 
     psf: Psf = field(default_factory=Psf)
@@ -34,6 +35,7 @@ class RenderSettings:
     arm: bool = False
     specks: float = 0.0
     scratches: float = 0.0
+    bounds: bool = False
 
     def psf_at(self, camera: str) -> Psf:
         """The point-spread function of a camera."""

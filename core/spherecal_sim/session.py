@@ -22,7 +22,7 @@ from spherecal_sim.rigs import (
     nominal_intrinsics,
     rig_design,
 )
-from spherecal_sim.truth import SimulationOptions, TrueBar, TrueBarPose, Truth
+from spherecal_sim.truth import SimulationOptions, TrueBarPose, Truth
 
 _N_MARKS = 8  # two bars of four
 
@@ -161,7 +161,7 @@ def _true_observations(truth: Truth, layouts: dict[int, dict[str, FloatArray]]) 
     if truth.bar_poses:
         last = look(truth.cameras, truth.options.moved, len(truth.placements))
         parts += [
-            _see_bar(truth, truth.bar(pose.bar), pose, last, points, layouts, len(truth.placements) + i)
+            _see_bar(truth, pose, last, points, layouts, len(truth.placements) + i)
             for i, pose in enumerate(truth.bar_poses)
         ]
     index = np.concatenate([part[0] for part in parts], axis=1)
@@ -188,7 +188,6 @@ def _see_ball(truth: Truth, still: ObservingCameras, placement: int) -> _Part:
 
 def _see_bar(
     truth: Truth,
-    bar: TrueBar,
     pose: TrueBarPose,
     view: ObservingCameras,
     points: tuple[str, ...],
@@ -196,7 +195,7 @@ def _see_bar(
     index: int,
 ) -> _Part:
     """One bar pose: marks seen as points from all around, or dot by dot on the bar's face."""
-    centre = truth.options.mark_points == "centre"
+    bar, centre = truth.bar(pose.bar), truth.options.mark_points == "centre"
     names = ("centre",) if centre else truth.ball.points
     origin = {"centre": np.zeros(2)}
     flat = np.array([[({**layouts[t], **origin})[name] for name in names] for t in bar.targets])

@@ -15,10 +15,8 @@ from spherecal.base.arrays import BoolArray, FloatArray
 from spherecal.data.observations import find_features
 from spherecal.data.recording import calibration_observations
 from spherecal.data.session import Session
-from spherecal.initialise.chain import chain_points
-from spherecal.initialise.incremental import InitialPoses
-from spherecal.initialise.local import LocalNetwork
 from spherecal.initialise.spherical_projection import project_to_spheres
+from spherecal.methods.sphere import StartValues
 from spherecal_sim.truth import Truth
 from spherecal_study.identity_damping import minimise_with_identity
 
@@ -28,18 +26,16 @@ SAME_RMS = 1.05
 _ITERATIONS = 150
 
 
-def displaced_cases(
-    session: Session, truth: Truth, network: Network, local: LocalNetwork, start: InitialPoses, seed: int, damping: str
-) -> dict[str, Any]:
+def displaced_cases(session: Session, truth: Truth, start: StartValues, seed: int, damping: str) -> dict[str, Any]:
     """How adjustments end whose points are displaced by so many percent of the ball's radius, with SPO and without.
 
-    `damping`: `diagonal`, as the product has it, or `identity-mm`, Levenberg's with lengths in millimetres. `cases` has
-    each percentage with and without projection, and for the diagonal with points triangulated from the cameras.
+    `start` has chained points. `damping`: `diagonal`, as the product has it, or `identity-mm`, Levenberg's with lengths
+    in millimetres. `cases` has each percentage with and without projection, and for the diagonal with points
+    triangulated from the cameras.
     """
-    points = chain_points(
-        local.paths, local.triples, local.graph.scale, start.state.rotation, start.state.translation, network.n_features
-    )
-    candidates = local.keep & start.placed[network.camera] & np.isfinite(points[network.feature, 0])
+    network, state, points = start.network, start.poses.state, start.points
+    assert points is not None
+    candidates = start.candidates & np.isfinite(points[network.feature, 0])
     placement = find_features(calibration_observations(session)).placement
     radius = _radius(points, placement)
     size = truth.options.ball_radius_mm / radius if damping == "identity-mm" else 1.0
@@ -52,11 +48,11 @@ def displaced_cases(
         )
         for way in ("spo", "none"):
             begin = project_to_spheres(moved, placement) if way == "spo" else moved
-            state = replace(start.state, points=np.nan_to_num(begin)).scaled(size)
-            done = _figures(network, used, _adjusted(network, state, used, damping))
+            displaced = replace(state, points=np.nan_to_num(begin)).scaled(size)
+            done = _figures(network, used, _adjusted(network, displaced, used, damping))
             cases.append({"percent": percent, "way": way, **done, "converged": _converged(done, best)})
     if damping == "diagonal":
-        cases.append({"percent": 0, "way": "triangulated", **_triangulated(network, start.state, candidates, best)})
+        cases.append({"percent": 0, "way": "triangulated", **_triangulated(network, state, candidates, best)})
     return {"cases": cases, "best_rms_px": best["rms_px"], "best_mean_px": best["mean_px"], "ids": _ids(session)}
 
 

@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 
 from spherecal.data.rig import Calibration
+from spherecal.data.rig_camera import posed
 from spherecal.data.session import Session
 from spherecal.geometry.triangulation import triangulate
 from spherecal.verify.bars import verify
@@ -69,9 +70,7 @@ def calibration_only(truth: Truth, calibration: Calibration) -> dict[str, Any]:
         o.uv[rows],
         np.ones(len(rows)),
         2 * len(exact.lengths_mm),
-        np.array([c.intrinsics for c in rig.cameras]),
-        np.array([c.rotation for c in rig.cameras]),
-        np.array([c.translation_mm for c in rig.cameras]),
+        posed(rig.cameras),
     )
     ends = found.points.reshape(-1, 2, 3)
     error = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1) - exact.lengths_mm

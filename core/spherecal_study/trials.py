@@ -17,13 +17,13 @@ from spherecal.data.recording import Recording
 from spherecal.data.rig import Calibration
 from spherecal.data.session import Session
 from spherecal.detect.session_images import observed
-from spherecal.initialise.chain import chain_poses
+from spherecal.initialise.chain import chain_points, chain_poses
 from spherecal.initialise.incremental import grow
 from spherecal.initialise.local import LocalNetwork, reconstruct_locally
 from spherecal.initialise.path import BASE, Search, find_paths
 from spherecal.initialise.view_graph import EdgeWeights, build_graph
 from spherecal.methods.settings import CalibrationSettings, Method
-from spherecal.methods.sphere import describe_network
+from spherecal.methods.sphere import StartValues, describe_network
 from spherecal_sim.boards import simulate_board, simulate_waved_bar
 from spherecal_sim.rigs import Layout, TrueCamera
 from spherecal_sim.session import simulate_session
@@ -196,8 +196,10 @@ def displaced(preset: str, seed: int, sigma_px: float, damping: str, known: bool
     session = _with_known(session, truth.cameras) if known else session
     session = observed(session, Context())
     network, local, intrinsics = _local(session, "opt")
-    start = grow(local, network, intrinsics, local.keep, Context())
-    return displaced_cases(session, truth, network, local, start, seed, damping)
+    poses = grow(local, network, intrinsics, local.keep, Context())
+    rotation, translation = poses.state.rotation, poses.state.translation
+    points = chain_points(local.paths, local.triples, local.graph.scale, rotation, translation, network.n_features)
+    return displaced_cases(session, truth, StartValues(network, local, poses, points), seed, damping)
 
 
 def _timed(session: Session, settings: CalibrationSettings) -> tuple[Calibration, float]:
@@ -298,7 +300,7 @@ def _local(
     recording = Recording.of(session)
     settings = CalibrationSettings(method="free", search=search, **_of_paths(numbers))
     network = describe_network(recording, settings)
-    known = np.array([camera.prior for camera in session.cameras])
+    known = recording.priors
     local = reconstruct_locally(recording.observations, recording.features, known, settings.paths, 0, Context())
     return network, local, known
 

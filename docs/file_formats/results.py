@@ -238,6 +238,13 @@ _ACCEPTANCE = record(
         ),
     },
 )
+_PHRASE = record(
+    "The same for other languages; may be missing.",
+    {
+        "phrase": prose("The sentence's code."),
+        "values": {"description": "Its values by name.", "type": "object"},
+    },
+)
 _BUDGET = record(
     "The uncertainty budget of a length's error.",
     {
@@ -246,7 +253,8 @@ _BUDGET = record(
         "effective_degrees_of_freedom?": number("Absent: infinite.", 0),
         "coverage_factor": number("The factor k.", 0, 100),
         "expanded_uncertainty_mm": number("Expanded uncertainty.", 0, _MOST_MM),
-        "remedy?": prose("What would make it smaller."),
+        "remedy?": prose("What would make it smaller; empty where nothing would."),
+        "remedy_phrase?": _PHRASE,
         "contributions": items(
             "The contributions.",
             record(
@@ -269,6 +277,7 @@ _PROCEDURE = record(
     {
         "title": text("Its title."),
         "departures": items("Departures from the guideline.", prose("")),
+        "departure_phrases?": items("The departures for other languages, in their order.", _PHRASE),
         "volume_mm?": record(
             "The measuring volume.", {"sides": numbers("Its sides.", 3), "diagonal": number("", 0, _MOST_MM)}
         ),
@@ -321,6 +330,7 @@ VERIFICATION = Format(
             "Whether the errors agree with their uncertainty.",
             {
                 "rule": prose("The rule in words."),
+                "rule_phrase?": _PHRASE,
                 "verdict": prose("`consistent`, `inconsistent` ..."),
                 "coverage_factor?": number("The factor k.", 0),
                 "exceeding?": items(

@@ -7,7 +7,7 @@ import numpy as np
 from PySide6.QtCore import QCoreApplication
 
 from spherecal_gui.pages.base import Page
-from spherecal_gui.presenters.look import TileState, figures_text, tile_state, usual_light
+from spherecal_gui.presenters.look import Expected, TileState, figures_text, tile_state, usual_light
 from spherecal_gui.widgets.basic import plain
 from spherecal_gui.widgets.tile import Wall
 
@@ -40,7 +40,9 @@ class LivePage(Page):
         if live is None or connection is None:
             return []
         statuses = connection.source.statuses()
+        by_some = self.some_are_enough or (self.project is not None and self.project.by_board)
         usual = usual_light(sight for serial in self.wall.tiles if (sight := live.sight(serial)) is not None)
+        expected = Expected(self.wants_dots, by_some, usual)
         states = []
         for serial, tile in self.wall.tiles.items():
             frame, sight = live.frame(serial), live.sight(serial)
@@ -48,11 +50,9 @@ class LivePage(Page):
                 tile.name,
                 statuses.get(serial),
                 sight,
-                self.wants_dots,
+                expected,
                 frame is not None,
-                self.some_are_enough or (self.project is not None and self.project.by_board),
                 live.watch.bumped.get(serial),
-                usual,
             )
             exposure_us = self.controller.settings_of(serial).exposure_us
             state = replace(state, figures=figures_text(serial, statuses.get(serial), exposure_us))

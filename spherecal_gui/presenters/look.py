@@ -35,6 +35,18 @@ class TileState:
     figures: str = ""
 
 
+@dataclass(frozen=True)
+class Expected:
+    """What images of all cameras should show: targets, be it `by_some` alone as with a bar; their middle brightness."""
+
+    dots: bool = False
+    by_some: bool = False
+    light: float | None = None
+
+
+NOTHING_EXPECTED = Expected()
+
+
 def figures_text(serial: str, status: Any, exposure_us: float) -> str:
     """A camera's serial number, images a second, exposure, temperature, as far as they are known."""
     parts = [serial]
@@ -50,16 +62,13 @@ def tile_state(
     name: str,
     status: Any,
     sight: Any,
-    wants_dots: bool = False,
+    expected: Expected = NOTHING_EXPECTED,
     has_image: bool = False,
-    some_are_enough: bool = False,
     bumped_px: float | None = None,
-    usual_light: float | None = None,
 ) -> TileState:
     """What to say about a camera: its own trouble first, then light, then focus, then that all is well.
 
-    `some_are_enough`: not every camera has to see targets, as with a bar. `bumped_px`: it was moved by so much.
-    `usual_light`: the middle brightness of all cameras.
+    `bumped_px`: it was moved by so much.
     """
     if status is not None and not status.state.usable:
         return TileState(name, "bad", camera_trouble(status))
@@ -69,13 +78,13 @@ def tile_state(
     if bumped_px is not None:
         word = translate("Look", "moved by {px:.0f} px, alone. Is it fixed?").format(px=bumped_px)
         return TileState(name, "bad", word, len(sight.dots))
-    level, word = _light(sight, usual_light)
+    level, word = _light(sight, expected.light)
     if level == "good":
         level, word = _focus(sight)
-    if level == "good" and not len(sight.dots) and some_are_enough:
+    if level == "good" and not len(sight.dots) and expected.by_some:
         level, word = "none", translate("Look", "does not see it; not every camera has to")
     if level == "good" and not len(sight.dots):
-        level, word = "bad" if wants_dots else "caution", translate("Look", "no targets in sight")
+        level, word = "bad" if expected.dots else "caution", translate("Look", "no targets in sight")
     return TileState(name, level, word or _all_well(sight), len(sight.dots))
 
 

@@ -8,6 +8,7 @@ import numpy as np
 
 from spherecal.base.arrays import FloatArray, IntArray
 from spherecal.geometry.camera import image_reach, project
+from spherecal.geometry.posed import PosedCameras
 from spherecal.geometry.rotation import exp_rotation, log_rotation
 from spherecal.geometry.transform import fit_similarity
 from spherecal.geometry.triangulation import triangulate
@@ -157,9 +158,8 @@ def live_points(lenses: Lenses, dots: Mapping[str, Dots]) -> tuple[IntArray, Flo
     keys, feature = np.unique(every, return_inverse=True)
     feature = feature.reshape(-1)
     uv = np.concatenate([one.uv for _, one in rows])
-    found = triangulate(
-        feature, camera, uv, np.ones(len(uv)), len(keys), lenses.intrinsics, lenses.rotation, lenses.translation
-    )
+    cameras = PosedCameras(lenses.intrinsics, lenses.rotation, lenses.translation)
+    found = triangulate(feature, camera, uv, np.ones(len(uv)), len(keys), cameras)
     worst = np.zeros(len(keys))
     np.maximum.at(worst, feature, np.nan_to_num(np.linalg.norm(found.residual, axis=1), nan=np.inf))
     good = np.isfinite(found.points[:, 0]) & (found.views >= 2) & found.in_front & (worst < _MISFIT_PX)

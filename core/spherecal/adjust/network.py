@@ -10,6 +10,7 @@ from spherecal.adjust.rows import NO_LENGTHS, NO_PRIORS, LengthRows, Priors
 from spherecal.adjust.state import State
 from spherecal.base.arrays import BoolArray, FloatArray, IntArray
 from spherecal.geometry.consensus import agreeing_views
+from spherecal.geometry.posed import PosedCameras
 from spherecal.geometry.triangulation import Triangulation, ray_angles, triangulate
 
 _OF_OBSERVATIONS = ("feature", "camera", "uv", "sigma")
@@ -106,16 +107,14 @@ class Network:
         """All features triangulated from some observations with the cameras (and placements) of `state`."""
         take = np.flatnonzero(rows)
         weight = 1.0 / self._sigma(take) ** 2
-        view, intrinsics, rotation, translation = self._views_of_the_ball(state, take)
-        return triangulate(
-            self.feature[take], view, self.uv[take], weight, self.n_features, intrinsics, rotation, translation
-        )
+        view, cameras = self._views_of_the_ball(state, take)
+        return triangulate(self.feature[take], view, self.uv[take], weight, self.n_features, cameras)
 
     def angles(self, state: State, rows: BoolArray) -> FloatArray:
         """The largest angle (m,) rad between two rays of each feature, of some observations, as `locate` tells it."""
         take = np.flatnonzero(rows)
-        view, intrinsics, rotation, _ = self._views_of_the_ball(state, take)
-        return ray_angles(self.feature[take], view, self.uv[take], self.n_features, intrinsics, rotation)
+        view, cameras = self._views_of_the_ball(state, take)
+        return ray_angles(self.feature[take], view, self.uv[take], self.n_features, cameras)
 
     def agreeing(self, state: State, rows: IntArray, gate_px: FloatArray) -> BoolArray:
         """Which of some observations (k,) belong to the largest set of views that agree on a point within `gate_px`.
@@ -129,18 +128,18 @@ class Network:
         gate_px
             How far each may be from the point, (k,).
         """
-        view, intrinsics, rotation, translation = self._views_of_the_ball(state, rows)
-        return agreeing_views(self.feature[rows], view, self.uv[rows], gate_px, intrinsics, rotation, translation)
+        view, cameras = self._views_of_the_ball(state, rows)
+        return agreeing_views(self.feature[rows], view, self.uv[rows], gate_px, cameras)
 
     def _sigma(self, rows: IntArray) -> FloatArray:
         """Standard deviations (n,2) of some observations by which they are weighted."""
         return self.sigma[rows] * self.noise[self.camera[rows], None]
 
-    def _views_of_the_ball(self, state: State, rows: IntArray) -> tuple[IntArray, FloatArray, FloatArray, FloatArray]:
+    def _views_of_the_ball(self, state: State, rows: IntArray) -> tuple[IntArray, PosedCameras]:
         """Which camera pose each row is seen from, and all of them: as if the ball stood still and cameras moved."""
         camera = self.camera[rows]
         if isinstance(self.ball, Free):
-            return camera, state.intrinsics, state.rotation, state.translation
+            return camera, state.cameras
         turn, shift = state.placement_rotation, state.placement_translation
         size = np.cbrt(np.linalg.det(turn))  # of the ball, which a pose of the camera cannot have: all else is smaller
         size = np.where(np.abs(size - 1) < 1e-9, 1.0, size)
@@ -149,7 +148,7 @@ class Network:
         translation = translation / size[:, None]
         count = len(turn)
         view = camera * count + self.ball.placement[rows]
-        return view, np.repeat(state.intrinsics, count, axis=0), rotation, translation.reshape(-1, 3)
+        return view, PosedCameras(np.repeat(state.intrinsics, count, axis=0), rotation, translation.reshape(-1, 3))
 
     def world_points(self, state: State) -> FloatArray:
         """The observed point of every observation in the world frame, (n,3); NaN where it is not known."""

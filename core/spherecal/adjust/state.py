@@ -5,6 +5,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from spherecal.base.arrays import BoolArray, FloatArray
+from spherecal.geometry.posed import PosedCameras
 
 
 @dataclass(frozen=True)
@@ -35,6 +36,11 @@ class State:
     placement_translation: FloatArray = field(default_factory=lambda: np.zeros((0, 3)))
     bend: FloatArray = field(default_factory=lambda: np.zeros((0, 3)))
     anchored: BoolArray = field(default_factory=lambda: np.zeros(0, dtype=bool))
+
+    @property
+    def cameras(self) -> PosedCameras:
+        """Lenses and poses of the cameras."""
+        return PosedCameras(self.intrinsics, self.rotation, self.translation)
 
     @property
     def is_anchored(self) -> bool:

@@ -72,8 +72,9 @@ def _rendered_images() -> Iterator[tuple[np.ndarray, TargetSet]]:
             specks=0.3,
             scratches=0.3,
             lighting="rings" if bits == 8 else "flat",
+            bounds=bits == 8,
         )
-        shown = render_placement(replace(session, observations=None), truth, 0, 0, settings, with_bounds=bits == 8)
+        shown = render_placement(replace(session, observations=None), truth, 0, 0, settings)
         yield shown.image, targets
 
 

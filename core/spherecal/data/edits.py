@@ -99,6 +99,12 @@ def recorded(
     return with_findings(told_in, tuple(findings))
 
 
+def with_repairs(session: Session, repairs: Repairs, calibrate: Callable[[Session], Calibration]) -> Calibration:
+    """The calibration of the repaired session, in terms of the original cameras; InputError for bad names."""
+    mended = repaired(session, repairs)
+    return recorded(calibrate(mended), session, mended, repairs)
+
+
 def placements_seen_by(session: Session, cameras: Sequence[str]) -> list[str]:
     """The placements of the ball of which some cameras have observations, in order; all of a session without any."""
     o, names = session.observations, [placement.id for placement in session.placements]

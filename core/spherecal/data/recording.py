@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from spherecal.base.arrays import FloatArray
 from spherecal.data.observations import Features, Observations, find_features
 from spherecal.data.session import Session
 
@@ -21,6 +22,11 @@ class Recording:
         """The recording of a session that has observations."""
         observations = calibration_observations(session)
         return cls(session, observations, find_features(observations))
+
+    @property
+    def priors(self) -> FloatArray:
+        """What is known of the cameras' intrinsics before the calibration, (c,16)."""
+        return np.array([camera.prior for camera in self.session.cameras])
 
     @property
     def n_ball(self) -> int:

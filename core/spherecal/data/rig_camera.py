@@ -22,6 +22,7 @@ from spherecal.geometry.camera import (
     project,
     undistort,
 )
+from spherecal.geometry.posed import PosedCameras
 from spherecal.geometry.rotation import log_rotation
 
 OpenCVCamera = tuple[ArrayLike, ArrayLike | None, ArrayLike, ArrayLike]  # K, dist, rvec or R, tvec
@@ -191,3 +192,12 @@ def size_of(name: str, image_size: ImageSize) -> tuple[int, int]:
     except (TypeError, ValueError):
         pass
     raise InputError(Phrase("error-image-size-given", {"camera": name, "size": repr(size)}))
+
+
+def posed(cameras: Sequence[RigCamera]) -> PosedCameras:
+    """Lenses and poses of calibrated cameras as arrays, in their order."""
+    return PosedCameras(
+        np.array([c.intrinsics for c in cameras]).reshape(-1, 16),
+        np.array([c.rotation for c in cameras]).reshape(-1, 3, 3),
+        np.array([c.translation_mm for c in cameras]).reshape(-1, 3),
+    )

@@ -17,6 +17,7 @@ from spherecal.base.arrays import BoolArray, FloatArray, IntArray
 from spherecal.base.context import Context
 from spherecal.base.messages.values import Phrase
 from spherecal.data.findings import Finding
+from spherecal.data.rig import Calibration
 from spherecal.geometry.camera import LENS_MODELS, LensModel, estimated_mask, is_fisheye
 from spherecal.geometry.lens_fit import fit_lens
 
@@ -66,6 +67,12 @@ class LensTrial:
         """That the model was taken for these cameras instead of the session's."""
         values = {"better": self.better_by, "model": self.model}
         return Finding("lens-misfit", "info", values, cameras, kind="other-taken")
+
+    def noted_in(self, done: Calibration) -> Calibration:
+        """The calibration with this model, and the finding that it was taken; its validity is as it was."""
+        chosen = self.chosen(tuple(camera.id for camera in done.rig.cameras))
+        quality = replace(done.rig.quality, findings=(*done.rig.quality.findings, chosen))
+        return replace(done, rig=replace(done.rig, quality=quality))
 
 
 def best_lens_model(solved: BallFit, context: Context) -> LensTrial | None:

@@ -103,7 +103,8 @@ def export_rig(
         file_rig = replace(file_rig, source=source, first=first)
     _refuse_losses(form, losses, rig, max_loss_px)
     files = form.write(file_rig)
-    _write(form, files, output, file_rig, losses, frame, rig.quality.verdict)
+    manifest = _manifest(form, files, file_rig, losses, rig.quality.verdict)
+    _write(form, files, output, manifest if frame is None else {**manifest, "frame": frame_entry(frame)})
     ids = form.ids(file_rig)
     return Exported(form, chosen, ids, largest_difference_px(rig, ids, form.read(output), chosen), losses)
 
@@ -204,15 +205,7 @@ def _refuse_losses(form: Format, losses: Mapping[str, Loss], rig: Rig, max_loss_
     )
 
 
-def _write(
-    form: Format,
-    files: Mapping[str, str],
-    output: Path,
-    rig: FileRig,
-    losses: Mapping[str, Loss],
-    frame: UserFrame | None,
-    verdict: Verdict,
-) -> None:
+def _write(form: Format, files: Mapping[str, str], output: Path, manifest: Mapping[str, object]) -> None:
     if not form.folder:
         write_file_whole(output, files[""].encode())
         return
@@ -220,9 +213,6 @@ def _write(
     def build(folder: Path) -> None:
         for name, text in files.items():
             write_new(folder, name, text.encode())
-        manifest = _manifest(form, files, rig, losses, verdict)
-        if frame is not None:
-            manifest["frame"] = frame_entry(frame)
         write_new(folder, EXPORT.file, json_bytes(manifest))
 
     write_folder_whole(output, build, EXPORT)

@@ -5,10 +5,13 @@ then fail every gate. Here each pair of views proposes a point, and the one that
 (M. Fischler, R. Bolles, Random sample consensus, 1981; exhaustive, since tracks are short).
 """
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from spherecal.base.arrays import BoolArray, FloatArray, IntArray
 from spherecal.geometry.camera import project, undistort_views
+from spherecal.geometry.posed import PosedCameras
 
 # Pairs tried of one point; 45 are all pairs of ten views, and of more views a wrong third leaves 20 good ones of them.
 MOST_PAIRS = 45
@@ -19,64 +22,68 @@ def agreeing_views(
     camera: IntArray,
     uv: FloatArray,
     gate_px: FloatArray,
-    intrinsics: FloatArray,
-    rotation: FloatArray,
-    translation: FloatArray,
+    cameras: PosedCameras,
 ) -> BoolArray:
     """Which rows (n,) belong to the largest set of their feature that agrees on one point before all its cameras.
 
-    Row i observes point `feature[i]` in camera `camera[i]` at `uv[i]` px and agrees within `gate_px[i]`. Cameras:
-    `intrinsics` (c,16), x_camera = rotation (c,3,3) @ x + translation (c,3). Among equal sets the one with the smaller
-    errors wins.
+    Row i observes point `feature[i]` in camera `camera[i]` at `uv[i]` px and agrees within `gate_px[i]`. Among equal
+    sets the one with the smaller errors wins.
     """
     out = np.zeros(len(feature), dtype=bool)
-    xy, usable = undistort_views(uv, camera, intrinsics)
+    xy, usable = undistort_views(uv, camera, cameras.intrinsics)
     rows = np.flatnonzero(usable)
     rows = rows[np.argsort(feature[rows], kind="stable")]
     if not len(rows):
         return out
-    ray = np.einsum("nji,nj->ni", rotation[camera[rows]], np.column_stack([xy[rows], np.ones(len(rows))]))
-    ray /= np.linalg.norm(ray, axis=1, keepdims=True)
-    centre = -np.einsum("nji,nj->ni", rotation[camera[rows]], translation[camera[rows]])
+    views = _Views.of(camera[rows], uv[rows], xy[rows], gate_px[rows], cameras)
     start = np.flatnonzero(np.diff(feature[rows], prepend=-1))
     count = np.diff(np.append(start, len(rows)))
-    for views in np.unique(count[count >= 2]).tolist():  # points with equally many views at once
-        member = start[count == views][:, None] + np.arange(views)  # (f, v) rows of `rows`
-        out[
-            rows[
-                member[_largest_set(member, rows, ray, centre, camera, uv, gate_px, intrinsics, rotation, translation)]
-            ]
-        ] = True
+    for some in np.unique(count[count >= 2]).tolist():  # points with equally many views at once
+        member = start[count == some][:, None] + np.arange(some)  # (f, v) rows of `views`
+        out[rows[member[_largest_set(member, views)]]] = True
     return out
 
 
-def _largest_set(
-    member: IntArray,
-    rows: IntArray,
-    ray: FloatArray,
-    centre: FloatArray,
-    camera: IntArray,
-    uv: FloatArray,
-    gate_px: FloatArray,
-    intrinsics: FloatArray,
-    rotation: FloatArray,
-    translation: FloatArray,
-) -> BoolArray:
+@dataclass(frozen=True)
+class _Views:
+    """Views, sorted by point: camera, image point, gate, and the ray from the camera's centre."""
+
+    camera: IntArray
+    uv: FloatArray
+    gate_px: FloatArray
+    centre: FloatArray
+    ray: FloatArray
+    cameras: PosedCameras
+
+    @classmethod
+    def of(
+        cls, camera: IntArray, uv: FloatArray, xy: FloatArray, gate_px: FloatArray, cameras: PosedCameras
+    ) -> "_Views":
+        """The rows of some views, with their undistorted image points `xy` (n,2)."""
+        rotation = cameras.rotation[camera]
+        ray = np.einsum("nji,nj->ni", rotation, np.column_stack([xy, np.ones(len(xy))]))
+        ray /= np.linalg.norm(ray, axis=1, keepdims=True)
+        centre = -np.einsum("nji,nj->ni", rotation, cameras.translation[camera])
+        return cls(camera, uv, gate_px, centre, ray, cameras)
+
+
+def _largest_set(member: IntArray, of: _Views) -> BoolArray:
     """The largest agreeing set of each point, (f,v) bool, of points with v views each (member (f,v))."""
     views = member.shape[1]
     first, second = np.triu_indices(views, 1)
     if len(first) > MOST_PAIRS:
         some = np.linspace(0, len(first) - 1, MOST_PAIRS).astype(int)
         first, second = first[some], second[some]
-    own = rows[member]
+    own, cameras = of.camera[member], of.cameras
     best = np.zeros(member.shape, dtype=bool)
     best_score = np.zeros(len(member))
     for i, j in zip(first.tolist(), second.tolist(), strict=True):
-        points = _midpoints(centre[member[:, i]], ray[member[:, i]], centre[member[:, j]], ray[member[:, j]])
-        x = np.einsum("fvij,fj->fvi", rotation[camera[own]], points) + translation[camera[own]]
+        one, other = member[:, i], member[:, j]
+        points = _midpoints(of.centre[one], of.ray[one], of.centre[other], of.ray[other])
+        x = np.einsum("fvij,fj->fvi", cameras.rotation[own], points) + cameras.translation[own]
         with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-            flat = project(x.reshape(-1, 3), intrinsics[camera[own].reshape(-1)]).reshape(*own.shape, 2)
-            error = np.linalg.norm(flat - uv[own], axis=2) / gate_px[own]
+            flat = project(x.reshape(-1, 3), cameras.intrinsics[own.reshape(-1)]).reshape(*own.shape, 2)
+            error = np.linalg.norm(flat - of.uv[member], axis=2) / of.gate_px[member]
         fits = (error <= 1) & (x[:, :, 2] > 0)
         score = np.where(fits, 2.0 - np.where(fits, error, 0.0) ** 2 / views, 0.0).sum(axis=1)  # count before error
         better = fits[:, i] & fits[:, j] & (score > best_score)

@@ -7,6 +7,7 @@ import numpy as np
 
 from spherecal.base.arrays import BoolArray, FloatArray, IntArray, blocks_of_groups
 from spherecal.geometry.camera import project, project_with_point_derivatives, undistort
+from spherecal.geometry.posed import PosedCameras
 
 # Rays closer to parallel than this (0.02 to 0.03 px at f = 2300 to 3500 px, the noise of a good dot centre) carry no
 # depth; it also keeps the normal matrices, whose condition grows with 1/angle^2, within double precision.
@@ -48,16 +49,14 @@ def triangulate(
     uv: FloatArray,
     weight: FloatArray,
     n_features: int,
-    intrinsics: FloatArray,
-    rotation: FloatArray,
-    translation: FloatArray,
+    cameras: PosedCameras,
 ) -> Triangulation:
     """The points with the least weighted squared reprojection errors.
 
     Row i observes point `feature[i]` in camera `camera[i]` at `uv[i]` px with weight 1/sigma^2, (n,) or (n, 2); weight
-    0 leaves a row out, as does an image point that the lens model cannot undistort. Cameras: `intrinsics` (c, 16) and
-    poses x_camera = rotation (c, 3, 3) @ x + translation (c, 3). Residuals are given for all rows. Points are worked on
-    some at a time, since an observation takes 1 KB here.
+    0 leaves a row out, as does an image point that the lens model cannot undistort. The points are in the frame of the
+    cameras' poses. Residuals are given for all rows. Points are worked on some at a time, since an observation takes
+    1 KB here.
     """
     weight = np.broadcast_to(weight if weight.ndim == 2 else weight[:, None], (len(uv), 2))
     m, n = n_features, len(uv)
@@ -76,9 +75,7 @@ def triangulate(
             uv[rows],
             weight[rows],
             points.stop - points.start,
-            intrinsics,
-            rotation,
-            translation,
+            cameras,
         )
         out.residual[rows] = part.residual
         for name in ("points", "normal", "max_angle_rad", "views", "in_front"):
@@ -100,48 +97,44 @@ def _triangulated(
     uv: FloatArray,
     weight: FloatArray,
     n_features: int,
-    intrinsics: FloatArray,
-    rotation: FloatArray,
-    translation: FloatArray,
+    cameras: PosedCameras,
 ) -> Triangulation:
     """The same of all points at once, weight (n, 2)."""
-    ray, usable = _rays(camera, uv, intrinsics, rotation)
+    ray, usable = _rays(camera, uv, cameras)
     usable = usable & (weight > 0).all(axis=1)
     views = np.bincount(feature[usable], minlength=n_features)
     angle = _largest_angle(feature[usable], ray[usable], n_features)
     possible = (views >= 2) & (angle >= _LEAST_ANGLE_RAD)
 
     take = usable & possible[feature]
-    centre = -np.einsum("cji,cj->ci", rotation, translation)
+    centre = -np.einsum("cji,cj->ci", cameras.rotation, cameras.translation)
     start = _nearest_to_rays(feature[take], centre[camera[take]], ray[take], n_features)
-    rows = _Rows(feature[take], camera[take], uv[take], weight[take], intrinsics, rotation, translation)
+    rows = _Rows(feature[take], camera[take], uv[take], weight[take], cameras)
     points, normal = _minimise(rows, np.where(possible[:, None], start, np.nan))
 
-    x_camera = np.einsum("nij,nj->ni", rotation[camera], points[feature]) + translation[camera]
+    x_camera = np.einsum("nij,nj->ni", cameras.rotation[camera], points[feature]) + cameras.translation[camera]
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-        residual = project(x_camera, intrinsics[camera]) - uv
+        residual = project(x_camera, cameras.intrinsics[camera]) - uv
     behind = np.bincount(feature[usable], ~(x_camera[usable, 2] > 0), n_features)
     return Triangulation(points, normal, residual, angle, views, possible & (behind == 0))
 
 
 def ray_angles(
-    feature: IntArray, camera: IntArray, uv: FloatArray, n_features: int, intrinsics: FloatArray, rotation: FloatArray
+    feature: IntArray, camera: IntArray, uv: FloatArray, n_features: int, cameras: PosedCameras
 ) -> FloatArray:
     """The largest acute angle (m,) rad between two rays of each feature, as `triangulate` returns it."""
     angle = np.empty(n_features)
     for points, rows in _some_points(feature, n_features):
-        ray, usable = _rays(camera[rows], uv[rows], intrinsics, rotation)
+        ray, usable = _rays(camera[rows], uv[rows], cameras)
         own = feature[rows][usable] - points.start
         angle[points] = _largest_angle(own, ray[usable], points.stop - points.start)
     return angle
 
 
-def _rays(
-    camera: IntArray, uv: FloatArray, intrinsics: FloatArray, rotation: FloatArray
-) -> tuple[FloatArray, BoolArray]:
+def _rays(camera: IntArray, uv: FloatArray, cameras: PosedCameras) -> tuple[FloatArray, BoolArray]:
     """Unit vectors (n, 3) of the image points' rays in the frame of the poses, and where there is one (n,)."""
-    xy, usable = undistort(uv, intrinsics[camera])
-    ray = np.einsum("nji,nj->ni", rotation[camera], np.column_stack([xy, np.ones(len(xy))]))
+    xy, usable = undistort(uv, cameras.intrinsics[camera])
+    ray = np.einsum("nji,nj->ni", cameras.rotation[camera], np.column_stack([xy, np.ones(len(xy))]))
     return ray / np.linalg.norm(ray, axis=1, keepdims=True), usable
 
 
@@ -176,20 +169,10 @@ class _Rows:
     camera: IntArray
     uv: FloatArray
     weight: FloatArray
-    intrinsics: FloatArray
-    rotation: FloatArray
-    translation: FloatArray
+    cameras: PosedCameras
 
     def select(self, keep: BoolArray) -> "_Rows":
-        return _Rows(
-            self.feature[keep],
-            self.camera[keep],
-            self.uv[keep],
-            self.weight[keep],
-            self.intrinsics,
-            self.rotation,
-            self.translation,
-        )
+        return _Rows(self.feature[keep], self.camera[keep], self.uv[keep], self.weight[keep], self.cameras)
 
 
 def _minimise(rows: _Rows, points: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -227,10 +210,10 @@ def _minimise(rows: _Rows, points: FloatArray) -> tuple[FloatArray, FloatArray]:
 def _normal_equations(rows: _Rows, points: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
     """J'PJ (m, 3, 3), J'Pv (m, 3) and v'Pv (m,) at the given points."""
     m = len(points)
-    rotation = rows.rotation[rows.camera]
-    x_camera = np.einsum("nij,nj->ni", rotation, points[rows.feature]) + rows.translation[rows.camera]
+    rotation = rows.cameras.rotation[rows.camera]
+    x_camera = np.einsum("nij,nj->ni", rotation, points[rows.feature]) + rows.cameras.translation[rows.camera]
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-        uv, by_camera_point = project_with_point_derivatives(x_camera, rows.intrinsics[rows.camera])
+        uv, by_camera_point = project_with_point_derivatives(x_camera, rows.cameras.intrinsics[rows.camera])
         jacobian = by_camera_point @ rotation
         residual = uv - rows.uv
         weighted = jacobian * rows.weight[:, :, None]

@@ -10,6 +10,7 @@ from spherecal.base.arrays import BoolArray, FloatArray, IntArray
 from spherecal.base.context import Context
 from spherecal.base.threads import on_one_blas_thread
 from spherecal.data.rig import Rig
+from spherecal.data.rig_camera import posed
 from spherecal.geometry.camera import project
 from spherecal.measuring.health import RigHealth
 from spherecal.measuring.motion import Velocities, enlarged, late_shift, matters, with_shifts
@@ -47,9 +48,7 @@ class Measurer:
         self._health = RigHealth(rig)
         self._cost, self._redundancy = 0.0, 0.0
         self._last_s: float | None = None
-        self._intrinsics = np.array([c.intrinsics for c in rig.cameras]).reshape(-1, 16)
-        self._rotation = np.array([c.rotation for c in rig.cameras]).reshape(-1, 3, 3)
-        self._translation = np.array([c.translation_mm for c in rig.cameras]).reshape(-1, 3)
+        self._cameras = posed(rig.cameras)
 
     @property
     def health(self) -> Health:
@@ -65,24 +64,24 @@ class Measurer:
         camera, target, point = in_rig[o.camera[rows]], o.target[rows], o.point[rows]
         key, feature = np.unique(target * _POINTS + point, return_inverse=True)
         sigma = np.ones((len(rows), 2)) if o.sigma is None else o.sigma[rows]
-        plain = Views(feature, camera, o.uv[rows], sigma, len(key), self._intrinsics, self._rotation, self._translation)
-        expected = self._expected_noise(o.sigma is not None)
+        plain = Views(feature, camera, o.uv[rows], sigma, len(key), self._cameras)
+        expected = self._expected_noise(observed)
         views, shift, velocity = self._with_motion(plain, key, observed)
         checked = reject_views(views, expected)
         if self.task.correct_exposure and observed.time_s is not None:
-            views, shift, checked = self._at_one_moment(plain, views, shift, checked, key, observed, expected)
-        errors = point_errors(views, checked, self.rig.covariance, self.rig)
+            shift, checked = self._at_one_moment(plain, shift, checked, key, observed)
+        errors = point_errors(checked, self.rig)
         shifted = matters(shift, expected * sigma)
         if shifted:
-            errors = with_shifts(errors, views, checked, sigma, shift)
+            errors = with_shifts(errors, sigma, shift)
         if o.points != self._layouts.points:
             self._layouts = Layouts(self.task.target_set, o.points)
-        places = locate(key // _POINTS, key % _POINTS, self._layouts, self.task.wanted, views, checked, errors)
+        places = locate(key // _POINTS, key % _POINTS, self._layouts, self.task.wanted, errors)
         if not shifted:
-            self._learn_noise(views, checked)
+            self._learn_noise(checked)
         still = self._still_points(feature, len(key), velocity, observed.time_s)
         self._health.add(observed.number, plain, checked, key, still, expected)
-        values, bodies, missing = self._derived(places, views, errors)
+        values, bodies, missing = self._derived(places, errors)
         result = MeasuredSet(
             observed.number,
             observed.id,
@@ -96,8 +95,8 @@ class Measurer:
             values,
             bodies,
             missing,
-            _contradictions(self.rig, views, checked, key // _POINTS),
-            _camera_residuals(self.rig, views, checked),
+            _contradictions(self.rig, checked, key // _POINTS),
+            _camera_residuals(self.rig, checked),
             checked.noise,
             _skew(observed),
             None,
@@ -110,14 +109,14 @@ class Measurer:
 
     # --- noise and motion --------------------------------------------------------------------------------------------
 
-    def _expected_noise(self, with_sigma: bool) -> float:
+    def _expected_noise(self, observed: ObservedSet) -> float:
         """What image points of earlier sets showed, in units of sigma; else what their sigmas or the rig say."""
         if self._redundancy >= LEAST_REDUNDANCY:
             return float(np.sqrt(self._cost / self._redundancy))
-        return 1.0 if with_sigma else self.rig.quality.sigma0 or 1.0
+        return 1.0 if observed.observations.sigma is not None else self.rig.quality.sigma0 or 1.0
 
-    def _learn_noise(self, views: Views, checked: CheckedPoints) -> None:
-        kept = checked.kept
+    def _learn_noise(self, checked: CheckedPoints) -> None:
+        views, kept = checked.views, checked.kept
         seen = np.unique(views.feature[kept])
         freedom = max(2 * int(kept.sum()) - 3 * len(seen), 0)
         cost = float(((checked.points.residual[kept] / views.sigma[kept]) ** 2).sum()) if freedom else 0.0
@@ -152,25 +151,20 @@ class Measurer:
         return float(np.std(times)) if len(times) > 1 else 0.0
 
     def _at_one_moment(
-        self,
-        plain: Views,
-        views: Views,
-        shift: FloatArray,
-        checked: CheckedPoints,
-        key: IntArray,
-        observed: ObservedSet,
-        noise: float,
-    ) -> tuple[Views, FloatArray, CheckedPoints]:
-        """Views brought to the set's moment by the points' velocities in space, what may be left, and the points.
+        self, plain: Views, shift: FloatArray, checked: CheckedPoints, key: IntArray, observed: ObservedSet
+    ) -> tuple[FloatArray, CheckedPoints]:
+        """What may be left of `plain` views brought to the set's moment by the points' velocities, and the points.
 
-        Velocities in the images, with which `views` were moved, lag: at 1 m/s and 10 Hz perspective changes them by
-        some per cent from set to set, 0.15 mm for 5 ms of skew; velocities in space by nothing on a straight way.
+        Velocities in the images, with which the views of `checked` were moved, lag: at 1 m/s and 10 Hz perspective
+        changes them by some per cent from set to set, 0.15 mm for 5 ms of skew; velocities in space by nothing on a
+        straight way.
         """
+        views = checked.views
         motion = self._point_motion.of(key, checked.points.points, np.full(len(key), observed.time_s))
         v, dv, x = (a[views.feature] for a in (motion.now, motion.sd, checked.points.points))
         known = np.isfinite(v).all(axis=1) & np.isfinite(x).all(axis=1)
         if not known.any():
-            return views, shift, checked
+            return shift, checked
         late = (self._exposure(observed)[views.camera] - (observed.time_s or 0.0))[known, None]
         here, there, off = (
             self._project(views.camera[known], x[known] + way)
@@ -178,12 +172,12 @@ class Measurer:
         )
         uv, left = views.uv.copy(), shift.copy()
         uv[known], left[known] = plain.uv[known] - (there - here), off - there
-        views = enlarged(replace(plain, uv=uv), left)
-        return views, left, reject_views(views, noise)
+        return left, reject_views(enlarged(replace(plain, uv=uv), left), self._expected_noise(observed))
 
     def _project(self, camera: IntArray, points: FloatArray) -> FloatArray:
-        x = np.einsum("nij,nj->ni", self._rotation[camera], points) + self._translation[camera]
-        return project(x, self._intrinsics[camera])
+        known = self._cameras
+        x = np.einsum("nij,nj->ni", known.rotation[camera], points) + known.translation[camera]
+        return project(x, known.intrinsics[camera])
 
     def _still_points(self, feature: IntArray, n: int, velocity: FloatArray, time_s: float | None) -> BoolArray:
         """Points that did not move since the last set: a camera that exposes late would seem moved by the others."""
@@ -208,7 +202,7 @@ class Measurer:
     # --- what is asked for -------------------------------------------------------------------------------------------
 
     def _derived(
-        self, places: LocatedPoints, views: Views, errors: PointErrors
+        self, places: LocatedPoints, errors: PointErrors
     ) -> tuple[tuple[MeasuredValue, ...], tuple[BodyPose, ...], tuple[tuple[str, str], ...]]:
         values: list[MeasuredValue] = []
         bodies: list[BodyPose] = []
@@ -220,7 +214,7 @@ class Measurer:
             else:
                 values.append(one)
         for bar in self.task.bars:
-            for value in measure_bar(bar, places, views, errors, self.rig, self.task.temperature_c):
+            for value in measure_bar(bar, places, errors, self.rig, self.task.temperature_c):
                 if isinstance(value, Unmeasured):
                     missing.append((bar.id, value.reason))
                 else:
@@ -249,8 +243,9 @@ def _skew(observed: ObservedSet) -> float | None:
     return max(times) - min(times) if len(times) > 1 else None
 
 
-def _contradictions(rig: Rig, views: Views, checked: CheckedPoints, target: IntArray) -> tuple[Contradiction, ...]:
+def _contradictions(rig: Rig, checked: CheckedPoints, target: IntArray) -> tuple[Contradiction, ...]:
     """Views left out by target and camera, most first; then targets of which points were given up."""
+    views = checked.views
     of_view = target[views.feature]
     out = ~checked.kept & ~checked.contradicting[views.feature] & np.isfinite(checked.points.residual[:, 0])
     found = []
@@ -265,13 +260,13 @@ def _contradictions(rig: Rig, views: Views, checked: CheckedPoints, target: IntA
     return tuple(found)
 
 
-def _camera_residuals(rig: Rig, views: Views, checked: CheckedPoints) -> tuple[CameraResidual, ...]:
+def _camera_residuals(rig: Rig, checked: CheckedPoints) -> tuple[CameraResidual, ...]:
     """Every camera that sees anything."""
     found = []
     square = (checked.points.residual**2).sum(axis=1)
     out = ~checked.kept & np.isfinite(square)
     for i, camera in enumerate(rig.cameras):
-        mine = views.camera == i
+        mine = checked.views.camera == i
         if mine.any():
             used = mine & checked.kept
             rms = float(np.sqrt(square[used].mean())) if used.any() else None

@@ -11,7 +11,7 @@ import numpy as np
 
 from spherecal.base.arrays import FloatArray, IntArray
 from spherecal.geometry.camera import project_with_point_derivatives
-from spherecal.verify.outlying_views import CheckedPoints, Views
+from spherecal.verify.outlying_views import Views
 from spherecal.verify.uncertainty import PointErrors
 
 # Beyond it a constant velocity says nothing of where a target carried by hand was in between.
@@ -82,14 +82,13 @@ def enlarged(views: Views, shift: FloatArray) -> Views:
     return replace(views, sigma=np.hypot(views.sigma, shift))
 
 
-def with_shifts(
-    errors: PointErrors, views: Views, checked: CheckedPoints, still: FloatArray, shift: FloatArray
-) -> PointErrors:
+def with_shifts(errors: PointErrors, still: FloatArray, shift: FloatArray) -> PointErrors:
     """The errors of points from `enlarged` views: noise of the image points `still` (n, 2) px, shifts by the camera.
 
     All image points of a camera shift together: each camera gets one more parameter, with standard uncertainty 1, of
     which the shifts (n, 2) px are the derivatives.
     """
+    checked, views = errors.checked, errors.checked.views
     rotation = views.rotation[views.camera]
     x = np.einsum("nij,nj->ni", rotation, checked.points.points[views.feature]) + views.translation[views.camera]
     _, by_x = project_with_point_derivatives(x, views.intrinsics[views.camera])
@@ -108,7 +107,8 @@ def with_shifts(
     cameras[:, :w, :, :w] = errors.cameras.reshape(c, w, c, w)
     cameras[np.arange(c), w, np.arange(c), w] = 1.0
     cameras = cameras.reshape(c * (w + 1), c * (w + 1))
-    return PointErrors(noise, np.concatenate([errors.by_camera, by_shift], axis=2), cameras, errors.with_scale)
+    by_camera = np.concatenate([errors.by_camera, by_shift], axis=2)
+    return replace(errors, covariance=noise, by_camera=by_camera, cameras=cameras)
 
 
 def matters(shift: FloatArray, sigma: FloatArray) -> bool:

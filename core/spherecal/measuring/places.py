@@ -16,7 +16,7 @@ from spherecal.geometry.rotation import cross_matrix
 from spherecal.measuring.task import CENTRE, PointName
 from spherecal.targets.centre import LEAST_DOTS
 from spherecal.targets.target_set import TargetSet
-from spherecal.verify.outlying_views import CheckedPoints, Views
+from spherecal.verify.outlying_views import CheckedPoints
 from spherecal.verify.uncertainty import PointErrors
 
 _WEAK_DOT = 5.0  # standard deviations over the median dot's, as verify/marks.py
@@ -104,15 +104,13 @@ def locate(
     point: IntArray,
     layouts: Layouts,
     wanted: frozenset[PointName],
-    views: Views,
-    checked: CheckedPoints,
     errors: PointErrors,
 ) -> LocatedPoints:
     """The places of all targets and wanted points among features `target` (m,), `point` (m,).
 
     A target with a layout has its centre; one without has each of its points.
     """
-    points = checked.points
+    checked, points = errors.checked, errors.checked.points
     usable = np.isfinite(points.points[:, 0]) & points.in_front & ~checked.contradicting
     flat = layouts.of(target, point)
     centres = _centres(target, flat, usable, checked, layouts)
@@ -138,8 +136,6 @@ def locate(
         np.array([places[i] for i in order]).reshape(-1, 3),
         tuple(dots[i] for i in order),
         tuple(by_dot[i] for i in order),
-        views,
-        checked,
         errors,
     )
     return replace(found, noise=found.noise + np.array([bent[i] for i in order])[:, None, None] * np.eye(3))
@@ -219,10 +215,9 @@ def _places(
     places: FloatArray,
     dots: tuple[IntArray, ...],
     by_dot: tuple[FloatArray, ...],
-    views: Views,
-    checked: CheckedPoints,
     errors: PointErrors,
 ) -> LocatedPoints:
+    checked, views = errors.checked, errors.checked.views
     n, width = len(names), errors.by_camera.shape[2]
     p = len(views.rotation) * width
     if not n:

@@ -10,7 +10,7 @@ from spherecal.base.arrays import BoolArray, ByValue, FloatArray, IntArray
 from spherecal.base.errors import InputError
 from spherecal.base.messages.values import Phrase
 from spherecal.data.rig import Rig
-from spherecal.data.rig_camera import last_axis
+from spherecal.data.rig_camera import last_axis, posed
 from spherecal.export.frame import in_frame
 from spherecal.geometry.user_frame import UserFrame
 from spherecal.verify.outlying_views import Views, triangulate_checked
@@ -85,12 +85,10 @@ def triangulate_points(
         uv,
         np.full(uv.shape, sigma_px),
         n,
-        np.array([one.intrinsics for one in rig.cameras]).reshape(-1, 16),
-        np.array([one.rotation for one in rig.cameras]).reshape(-1, 3, 3),
-        np.array([one.translation_mm for one in rig.cameras]).reshape(-1, 3),
+        posed(rig.cameras),
     )
     checked = triangulate_checked(views, 1.0)
-    covariance = _point_covariance(rig, views, point_errors(views, checked, rig.covariance, rig))
+    covariance = _point_covariance(rig, point_errors(checked, rig))
     found = np.isfinite(checked.points.points[:, 0]) & ~checked.contradicting
     points = np.where(found[:, None], checked.points.points, np.nan)
     used: dict[str, BoolArray] = {}
@@ -112,8 +110,9 @@ def triangulate_points(
     )
 
 
-def _point_covariance(rig: Rig, views: Views, errors: PointErrors) -> FloatArray:
+def _point_covariance(rig: Rig, errors: PointErrors) -> FloatArray:
     """Covariance (n, 3, 3): image noise, and the cameras' share G C G' with all their correlations."""
+    views = errors.checked.views
     width, covariance = errors.by_camera.shape[2], errors.covariance.copy()
     for first in range(0, views.n_features, _AT_ONCE):
         n = min(_AT_ONCE, views.n_features - first)

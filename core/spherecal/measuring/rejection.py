@@ -54,7 +54,7 @@ def reject_views(views: Views, expected_noise: float) -> CheckedPoints:
     else:
         given_up |= _doubtful(views, points, kept, sigma)
     good = kept & ~given_up[views.feature] & np.isfinite(points.residual[:, 0])
-    return CheckedPoints(points, good, given_up, weighted_noise(views, points, good, expected_noise))
+    return CheckedPoints(views, points, good, given_up, weighted_noise(views, points, good, expected_noise))
 
 
 def _doubtful(views: Views, points: Triangulation, kept: BoolArray, sigma: FloatArray) -> BoolArray:

@@ -12,7 +12,6 @@ from spherecal.measuring.places import LocatedPoints
 from spherecal.measuring.results import MeasuredValue
 from spherecal.measuring.task import PointName, Ruler
 from spherecal.verify.marks import MarkPlace
-from spherecal.verify.outlying_views import Views
 from spherecal.verify.uncertainty import PointErrors, length_budget, reference_length
 
 # Below it two points are one: the direction between them is noise.
@@ -68,7 +67,7 @@ def _angle(at: FloatArray) -> tuple[float, FloatArray] | None:
 
 
 def measure_bar(
-    bar: Bar, places: LocatedPoints, views: Views, errors: PointErrors, rig: Rig, temperature_c: float | None
+    bar: Bar, places: LocatedPoints, errors: PointErrors, rig: Rig, temperature_c: float | None
 ) -> list[MeasuredValue | Unmeasured]:
     """Every certified length of a bar, its deviation from the certificate at the bar's temperature."""
     found: list[MeasuredValue | Unmeasured] = []
@@ -84,9 +83,7 @@ def measure_bar(
             found.append(Unmeasured(f"bar {bar.id}: {certified.from_mark} or {certified.to_mark} not measured"))
             continue
         pair = ends[0], ends[1]
-        budget = length_budget(
-            pair, views, errors, rig.scale.relative_uncertainty or 0.0, certified, bar, temperature_c
-        )
+        budget = length_budget(pair, errors, rig.scale.relative_uncertainty or 0.0, certified, bar, temperature_c)
         length = float(np.linalg.norm(pair[1].place_mm - pair[0].place_mm))
         reference = reference_length(certified, bar, temperature_c)
         u = math.hypot(budget.noise_mm, budget.calibration_mm, budget.scale_mm)

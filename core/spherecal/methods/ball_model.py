@@ -11,7 +11,7 @@ from spherecal.ball.rigid import BallNetwork, RigidNetwork
 from spherecal.ball.run import Run
 from spherecal.ball.selection import ModelChoice, RequestedModel, Wanted, choose_ball_model
 from spherecal.base.arrays import BoolArray, FloatArray
-from spherecal.base.errors import InputError
+from spherecal.base.errors import InputError, PartialResultAccepted
 from spherecal.base.messages.values import Phrase
 from spherecal.data.findings import Finding
 from spherecal.data.recording import Recording
@@ -20,6 +20,7 @@ from spherecal.diagnose.ball_size import sizes_to_fit
 from spherecal.initialise.incremental import grow
 from spherecal.initialise.local import LocalNetwork, reconstruct_locally
 from spherecal.methods.settings import CalibrationSettings
+from spherecal.methods.sphere import StartValues
 from spherecal.scale.metric import MetricFit, in_millimetres, metric_solution
 from spherecal.scale.stored_ball import on_known_ball
 
@@ -31,6 +32,21 @@ def ball_network(recording: Recording, network: Network, local: LocalNetwork, fr
 
 
 def fit_ball_model(
+    recording: Recording, start: StartValues, free: BallFit, settings: CalibrationSettings, run: Run
+) -> MetricFit:
+    """The network in millimetres, in the ball model that the data carry; the free form where the user stops that."""
+    ball = ball_network(recording, start.network, start.local, free)
+    try:
+        fit = _in_its_model(recording, free, ball, settings, run.accepting_partial())
+    except PartialResultAccepted:
+        if run.context.has_partial_result:  # the caller's result is further on
+            raise
+        solved, solution = in_millimetres(recording, free, run)
+        fit = MetricFit(solved, ModelChoice("free", Phrase("form-stopped")), solution, stopped=True)
+    return _without_ambiguous(fit, free)
+
+
+def _in_its_model(
     recording: Recording, free: BallFit, ball: BallNetwork, settings: CalibrationSettings, run: Run
 ) -> MetricFit:
     """The network in millimetres: on a stored ball, as rigid as the data allow, or free; with the findings of that."""
@@ -49,13 +65,7 @@ def fit_ball_model(
     return MetricFit(solved, choice, solution, refused)
 
 
-def free_as_stopped(recording: Recording, free: BallFit, run: Run) -> MetricFit:
-    """The free form where the user wanted no more."""
-    solved, solution = in_millimetres(recording, free, run)
-    return MetricFit(solved, ModelChoice("free", Phrase("form-stopped")), solution)
-
-
-def without_ambiguous(fit: MetricFit, free: BallFit) -> MetricFit:
+def _without_ambiguous(fit: MetricFit, free: BallFit) -> MetricFit:
     """The fit with the cameras that it or the free form left out because two poses fit them equally well."""
     left_out = [form.ambiguous for form in (free, fit.solved) if form.ambiguous is not None]
     ambiguous = np.any(left_out, axis=0) if left_out else None

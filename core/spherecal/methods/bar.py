@@ -4,8 +4,6 @@ Pairs of cameras from the marks they share, chained by shortest paths, then ever
 as rows; the cameras' intrinsics known or free. After Deng et al. and Sun et al., the rivals in [Tao21].
 """
 
-from typing import Literal
-
 import numpy as np
 
 from spherecal.adjust.network import free_network
@@ -23,6 +21,7 @@ from spherecal.methods.bar_marks import BarRecording, bar_recording, known_lengt
 from spherecal.methods.bar_start import LEAST_COMMON, BarStart, start_from_pairs
 from spherecal.methods.findings import common_findings, scale_finding, unlinked
 from spherecal.methods.result import Fit, assemble_fit, assemble_nothing
+from spherecal.methods.settings import CalibrationSettings
 
 METHOD = "bar"
 # With fewer frames in which both ends were measured the scale and the focal lengths hang on single images.
@@ -30,22 +29,17 @@ FEW_FRAMES = 50
 
 
 def calibrate_bar(
-    session: Session,
-    intrinsics: Literal["free", "fixed"] = "free",
-    own_intrinsics: bool = False,
-    seed: int = 0,
-    context: Context | None = None,
-    joint: bool = True,
+    session: Session, settings: CalibrationSettings | None = None, context: Context | None = None
 ) -> Calibration:
     """The rig calibrated by the poses of the bar that gives the session's scale; placements of a ball are not used.
 
     Cameras that share too few marks with the rest are left out and the result is not valid. InputError where the
     session names no such bar, or shows none of its marks.
 
-    Without `joint` each pair on the way to the reference camera is adjusted alone and chained; such a result is for
-    comparison and not valid.
+    Of the settings `intrinsics`, `own_intrinsics`, `seed` and `joint` count. Without `joint` each pair on the way to
+    the reference camera is adjusted alone and chained; such a result is for comparison and not valid.
     """
-    context, watch = context or Context(), Stopwatch()
+    settings, context, watch = settings or CalibrationSettings(), context or Context(), Stopwatch()
     bar = scale_bar(session)
     if session.observations is None:
         session = observed(session, context, bar_poses_only=True)
@@ -53,12 +47,12 @@ def calibrate_bar(
     recording = bar_recording(session, bar)
     o = recording.observations
     known = np.array([camera.prior for camera in session.cameras])
-    free = estimated_intrinsics(session, intrinsics == "free")
-    names = [c.id if own_intrinsics else c.intrinsics_group for c in session.cameras]
+    free = estimated_intrinsics(session, settings.intrinsics == "free")
+    names = [c.id if settings.own_intrinsics else c.intrinsics_group for c in session.cameras]
     group = np.unique(names, return_inverse=True)[1].reshape(-1)
     network = free_network(recording.point, o.camera, o.uv, recording.n_points, free, group).with_sigma(o.sigma)
     every = known_lengths(session, recording, np.bincount(recording.point, minlength=recording.n_points) >= 2)
-    start = start_from_pairs(recording, every, known, seed, context)
+    start = start_from_pairs(recording, every, known, settings.seed, context)
     watch.lap("pairs of cameras")
     features = find_features(o)
     linking = unlinked(o.cameras, start.linked, start.placed, "bar", LEAST_COMMON)
@@ -69,7 +63,7 @@ def calibrate_bar(
     rotation = np.where(start.placed[:, None, None], start.rotation, np.eye(3))
     translation = np.where(start.placed[:, None], start.translation, 0.0)
     state = State(rotation, translation, known.copy(), np.full((recording.n_points, 3), np.nan))
-    adjusted = adjust_bar(work, state, context) if joint else chain_pairs(work, state, start.parents, context)
+    adjusted = adjust_bar(work, state, context) if settings.joint else chain_pairs(work, state, start.parents, context)
     watch.lap("joint adjustment")
     return _result(work, start, adjusted, features, linking, watch.seconds)
 

@@ -74,7 +74,7 @@ def adjust_bar(work: BarNetwork, state: State, context: Context) -> BarAdjusted:
     used = candidates & good[network.feature]
     held = poorly_observed(network.group, network.free, network.camera[used], network.feature[used])
     priors = priors_of(network.group, work.known, held, 1.0)
-    adjusted = _refine(work, state, used, priors, held, _usual_noise(work, state, used), context)
+    adjusted = _refine(work, state, used, priors, _usual_noise(work, state, used), context)
     for _ in range(1 + len(network.group)):
         weak = poorly_determined(adjusted.model.problem, adjusted.state, adjusted.covariance, adjusted.variance)
         again = held | weak
@@ -82,9 +82,9 @@ def adjust_bar(work: BarNetwork, state: State, context: Context) -> BarAdjusted:
             break
         held = again
         priors = priors_of(network.group, work.known, held, adjusted.sigma0)
-        adjusted = _refine(work, adjusted.state, adjusted.used, priors, held, adjusted.sigma0, context)
+        adjusted = _refine(work, adjusted.state, adjusted.used, priors, adjusted.sigma0, context)
         adjusted = replace(adjusted, noise_known=True)
-    return adjusted
+    return replace(adjusted, held=held & network.free.any(axis=1))
 
 
 def chain_pairs(work: BarNetwork, state: State, parents: tuple[tuple[int, int], ...], context: Context) -> BarAdjusted:
@@ -168,8 +168,9 @@ def _usual_noise(work: BarNetwork, state: State, used: BoolArray) -> float:
 
 
 def _refine(
-    work: BarNetwork, state: State, used: BoolArray, priors: Priors, held: BoolArray, noise: float, context: Context
+    work: BarNetwork, state: State, used: BoolArray, priors: Priors, noise: float, context: Context
 ) -> BarAdjusted:
+    """The adjusted network, none of its cameras noted as held."""
     network, rounds = work.network, 0
     while True:
         rounds += 1
@@ -192,7 +193,7 @@ def _refine(
     if len(points) and len(lengths.frame):
         covariance = frame_covariance(model, minimum.state, model.point_rows(minimum.state, points))
     count = redundancy(model, minimum.state)
-    return BarAdjusted(state, model, gated, minimum, count, covariance, points, held & network.free.any(axis=1))
+    return BarAdjusted(state, model, gated, minimum, count, covariance, points, np.zeros_like(work.placed))
 
 
 def _model(

@@ -10,6 +10,7 @@ from scipy.sparse.csgraph import dijkstra
 from spherecal.base.arrays import BoolArray, FloatArray, IntArray
 from spherecal.base.context import Context
 from spherecal.geometry.camera import undistort
+from spherecal.geometry.posed import PosedCameras
 from spherecal.geometry.triangulation import triangulate
 from spherecal.methods.bar_marks import BarRecording
 from spherecal.methods.bar_model import Lengths
@@ -67,7 +68,8 @@ def start_from_pairs(
         context.report("pairs of cameras", number / len(todo))
         points = np.flatnonzero((table[a] >= 0) & (table[b] >= 0))
         rows = table[a, points], table[b, points]
-        pair = _solve_pair(recording, lengths, points, xy[rows[0]], xy[rows[1]], intrinsics[[a, b]], seed)
+        focal = float(intrinsics[[a, b], 0].mean())
+        pair = _solve_pair(recording, lengths, _Common(points, xy[rows[0]], xy[rows[1]], focal), seed)
         if pair is not None:
             pairs[a, b] = pair
             back = pair.rotation.T
@@ -75,23 +77,25 @@ def start_from_pairs(
     return _chain(pairs, common, n)
 
 
-def _solve_pair(
-    recording: BarRecording,
-    lengths: Lengths,
-    points: IntArray,
-    first: FloatArray,
-    second: FloatArray,
-    intrinsics: FloatArray,
-    seed: int,
-) -> CameraPair | None:
-    """A pair from its common points (k,), normalised image points (k,2) each; None where they do not agree."""
+@dataclass(frozen=True)
+class _Common:
+    """What two cameras both see: points (k,), their normalised image points (k,2) in each, the mean focal length px."""
+
+    points: IntArray
+    first: FloatArray
+    second: FloatArray
+    focal: float
+
+
+def _solve_pair(recording: BarRecording, lengths: Lengths, common: _Common, seed: int) -> CameraPair | None:
+    """A pair of cameras from what both see; None where that does not agree."""
+    points, first, second, focal = common.points, common.first, common.second, common.focal
     frames = np.unique(points // recording.slots)
     if len(points) > _ENOUGH:  # whole frames, or no length would be left
         step = int(np.ceil(len(points) / _ENOUGH))
         take = np.isin(points // recording.slots, frames[::step])
         points, first, second = points[take], first[take], second[take]
     cv2.setRNGSeed(seed + 1)
-    focal = float(intrinsics[:, 0].mean())
     matrix, mask = cv2.findEssentialMat(first, second, np.eye(3), cv2.RANSAC, 0.999, _GATE_PX / focal, 1000)
     if matrix is None or matrix.shape != (3, 3):
         return None
@@ -122,9 +126,7 @@ def _triangulated(
         np.concatenate([first, second]) * focal,
         np.ones(2 * k),
         k,
-        pinhole,
-        np.stack([np.eye(3), rotation]),
-        np.stack([np.zeros(3), translation]),
+        PosedCameras(pinhole, np.stack([np.eye(3), rotation]), np.stack([np.zeros(3), translation])),
     )
     points = np.where(found.in_front[:, None], found.points, np.nan)
     size = np.linalg.norm(found.residual, axis=1)

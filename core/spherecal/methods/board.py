@@ -3,13 +3,12 @@
 Each camera alone, cameras chained in overlapping groups of four, then everything together, the board's points held.
 """
 
-from dataclasses import dataclass, replace
-from typing import Literal
+from dataclasses import replace
 
 import numpy as np
 
 from spherecal.adjust.state import State
-from spherecal.base.arrays import BoolArray, FloatArray, IntArray
+from spherecal.base.arrays import BoolArray, IntArray
 from spherecal.base.context import Context, Stopwatch
 from spherecal.base.errors import InputError
 from spherecal.base.messages.values import Phrase
@@ -26,7 +25,7 @@ from spherecal.methods.board_adjustment import (
     leave_chained,
     residuals_px,
 )
-from spherecal.methods.board_chain import Links, chain, find_links, whole
+from spherecal.methods.board_chain import BoardStart, Links, chain, find_links, whole
 from spherecal.methods.board_images import BoardImages, find_boards
 from spherecal.methods.board_model import BoardViews, board_views
 from spherecal.methods.board_pattern import board_uncertainty, read_board_pattern, shape_estimated
@@ -35,34 +34,23 @@ from spherecal.methods.board_start import LEAST_POINTS, poses, start_intrinsics,
 from spherecal.methods.eccentricity import eccentricity
 from spherecal.methods.findings import common_findings, scale_finding, unlinked
 from spherecal.methods.result import Fit, assemble_fit, assemble_nothing, groups_of
+from spherecal.methods.settings import CalibrationSettings
 
 METHOD = "board"
 
 
-@dataclass(frozen=True)
-class _Start:
-    """What each camera alone gives: intrinsics (c,16), the usable observations (n,), poses of every view."""
-
-    intrinsics: FloatArray
-    candidates: BoolArray
-    poses: ViewPoses
-
-
 def calibrate_board(
-    session: Session,
-    intrinsics: Literal["free", "fixed"] = "free",
-    own_intrinsics: bool = False,
-    context: Context | None = None,
-    joint: bool = True,
+    session: Session, settings: CalibrationSettings | None = None, context: Context | None = None
 ) -> Calibration:
     """The rig calibrated by the session's board, from observations or images of its placements.
 
-    Without `joint` cameras stay as the groups of four were chained; such a result is for comparison and not valid.
+    Of the settings `intrinsics`, `own_intrinsics` and `joint` count. Without `joint` cameras stay as the groups of four
+    were chained; such a result is for comparison and not valid.
 
     Points are the board's at every placement. Cameras that share no placement with the rest are left out and the result
     is not valid. InputError where the session describes no board or its images or observations show none of it.
     """
-    context, watch = context or Context(), Stopwatch()
+    settings, context, watch = settings or CalibrationSettings(), context or Context(), Stopwatch()
     board = session.board
     if board is None:
         raise InputError(Phrase("error-board-needed", {"folder": session.where}))
@@ -74,7 +62,7 @@ def calibrate_board(
     observations, point, foreign = _on_board(session)
     points_mm = np.array([p.xyz_mm for p in board])
     views = board_views(observations, points_mm, point)
-    free = estimated_intrinsics(session, intrinsics == "free")
+    free = estimated_intrinsics(session, settings.intrinsics == "free")
     start = _start(session, views, free, context)
     if images is not None and np.isfinite(images.diameter):
         radius = (read_board_pattern(session).dot_diameter_mm or images.diameter * _pitch(session)) / 2
@@ -83,7 +71,7 @@ def calibrate_board(
         start = _start(session, views, free, context)
     watch.lap("each camera alone")
 
-    names = [c.id if own_intrinsics else c.intrinsics_group for c in session.cameras]
+    names = [c.id if settings.own_intrinsics else c.intrinsics_group for c in session.cameras]
     group = np.unique(names, return_inverse=True)[1].reshape(-1)
     findings = _about_observations(session, images, foreign)
     if not start.poses:
@@ -91,11 +79,12 @@ def calibrate_board(
         return _nothing(session, observations, features, findings, watch.seconds)
     network, state, groups = _chained(session, views, start, free, group, context)
     placed = np.isfinite(state.translation[:, 0])
-    solution, about_shape = _adjusted(session, network, state, start.candidates, context, joint)
+    solution, about_shape = _adjusted(session, network, state, start.candidates, context, settings.joint)
     watch.lap("joint adjustment")
     findings += _linking(session, start.poses, placed, views)
     findings += [*about_shape, *_groups_finding(session, groups)]
-    return _result(session, observations, solution, network, placed, findings, watch.seconds)
+    session = replace(session, observations=observations)
+    return _result(session, solution, network, placed, findings, watch.seconds)
 
 
 def _pitch(session: Session) -> float:
@@ -119,18 +108,16 @@ def _on_board(session: Session) -> tuple[Observations, IntArray, int]:
     return o.select(keep), point[keep], int((on_placement & (point < 0)).sum())
 
 
-def _start(session: Session, views: BoardViews, free: BoolArray, context: Context) -> _Start:
+def _start(session: Session, views: BoardViews, free: BoolArray, context: Context) -> BoardStart:
     every = np.ones(len(views), dtype=bool)
     usable = usable_views(views, every)
-    prior = np.array([camera.prior for camera in session.cameras])
-    sizes = [camera.image_size for camera in session.cameras]
-    intrinsics = start_intrinsics(views, usable, prior, sizes, free, context, _assumed(session))
+    intrinsics = start_intrinsics(views, usable, session.cameras, free, context)
     found = {view: poses(views, views.of(*view), intrinsics[view[0]]) for view in usable}
     found = {view: some for view, some in found.items() if some}
     candidates = np.zeros(len(views), dtype=bool)
     for view in found:
         candidates[views.of(*view)] = True
-    return _Start(intrinsics, candidates, found)
+    return BoardStart(intrinsics, candidates, found)
 
 
 def _assumed(session: Session) -> BoolArray:
@@ -139,14 +126,14 @@ def _assumed(session: Session) -> BoolArray:
 
 
 def _chained(
-    session: Session, views: BoardViews, start: _Start, free: BoolArray, group: IntArray, context: Context
+    session: Session, views: BoardViews, start: BoardStart, free: BoolArray, group: IntArray, context: Context
 ) -> tuple[BoardNetwork, State, list[list[int]]]:
     """The network, its state with NaN for cameras and placements that are not linked, and the groups behind it."""
     links = find_links(views, start.poses, start.intrinsics, context)
     known = np.array([camera.prior for camera in session.cameras])
     known = np.where(_assumed(session)[:, None], start.intrinsics, known)  # nobody knows better than the first images
     network = BoardNetwork(views, free, group, known, _reference(links, start.poses, views))
-    state, groups = chain(network, start.poses, links, start.intrinsics, start.candidates, context)
+    state, groups = chain(network, start, links, context)
     placed = np.isfinite(state.translation[:, 0])
     count = np.bincount(views.camera[start.candidates], minlength=len(placed))
     for g in np.unique(group):  # who shares intrinsics starts from one set of them
@@ -205,14 +192,14 @@ def _features(
 
 def _result(
     session: Session,
-    observations: Observations,
     solution: BoardSolution,
     network: BoardNetwork,
     placed: BoolArray,
     findings: list[Finding],
     seconds: dict[str, float],
 ) -> Calibration:
-    state, views, used = solution.state, network.views, solution.used
+    observations, state, views, used = session.observations, solution.state, network.views, solution.used
+    assert observations is not None
     residual = residuals_px(views, state)
     placed = placed & (np.bincount(views.camera[used], minlength=len(placed)) > 0)
     frame, point, _ = board_points(views, used)

@@ -5,16 +5,18 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from spherecal.adjust.ball_model import Rigid
 from spherecal.adjust.bundle import CAUCHY_PX, GATE_LEAST_PX, GATE_ROUNDS, GATE_SIGMAS, START_INTRINSICS
 from spherecal.adjust.levenberg import Minimum, Settings
+from spherecal.adjust.problem import sorted_problem
 from spherecal.adjust.rows import NO_PRIORS, Priors
 from spherecal.adjust.state import State
 from spherecal.base.arrays import BoolArray, FloatArray, IntArray
 from spherecal.base.context import Context
 from spherecal.geometry.camera import INTRINSIC_NAMES, project
-from spherecal.methods.board_model import BoardModel, BoardViews, board_model
+from spherecal.methods.board_model import BoardModel, BoardViews
 from spherecal.methods.board_start import LEAST_POINTS, BoardPose
-from spherecal.methods.frames import minimise, redundancy
+from spherecal.methods.frames import cameras_only, minimise, redundancy
 from spherecal.methods.frames_covariance import FrameCovariance, frame_covariance
 from spherecal.methods.held_cameras import poorly_determined, poorly_observed, priors_of
 
@@ -141,7 +143,7 @@ def leave_chained(network: BoardNetwork, state: State, candidates: BoolArray, co
     views = network.views
     gated = gate(network, state, candidates)
     nobody = np.zeros(views.n_cameras, dtype=bool)
-    model, rows = board_model(views, gated, nobody, np.zeros_like(network.free), network.group, NO_PRIORS, True)
+    model, rows = _model(network, gated, np.zeros_like(network.free), NO_PRIORS, True, free_poses=False)
     minimum = minimise(model, state, Settings(max_iterations=60), progress(context, "joint adjustment", 20))
     return BoardAdjusted(
         minimum.state, model, rows, gated, minimum, redundancy(model, minimum.state), None, nobody, joint=False
@@ -179,10 +181,25 @@ def board_points(views: BoardViews, used: BoolArray) -> tuple[IntArray, IntArray
 
 
 def _model(
-    network: BoardNetwork, used: BoolArray, free: BoolArray, priors: Priors, weighted: bool
+    network: BoardNetwork, used: BoolArray, free: BoolArray, priors: Priors, weighted: bool, free_poses: bool = True
 ) -> tuple[BoardModel, IntArray]:
-    free_pose = np.arange(network.views.n_cameras) != network.reference
-    return board_model(network.views, used, free_pose, free, network.group, priors, weighted)
+    """The adjustment of the used observations, and which observation each of its rows is."""
+    views, rows = network.views, np.flatnonzero(used)
+    seen = np.bincount(views.camera[rows], minlength=views.n_cameras) > 0
+    sigma = views.sigma[rows] if weighted and views.sigma is not None else None
+    problem, order = sorted_problem(
+        views.camera[rows],
+        views.point[rows],
+        views.uv[rows],
+        sigma,
+        len(views.points_mm),
+        free_pose=seen & (np.arange(views.n_cameras) != network.reference) & free_poses,
+        free_intrinsics=free & seen[:, None],
+        group=network.group,
+        priors=priors,
+        ball=Rigid(views.placement[rows], np.ones(views.n_placements, dtype=bool)),
+    )
+    return BoardModel(problem, cameras_only(problem)), rows[order]
 
 
 def residual_size(views: BoardViews, state: State) -> FloatArray:

@@ -3,6 +3,7 @@
 [Tao21] calibrates four neighbouring cameras at a time by the 2-D method and chains them over cameras in common.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -11,9 +12,11 @@ from spherecal.adjust.state import State
 from spherecal.base.arrays import BoolArray, FloatArray, IntArray
 from spherecal.base.context import Context
 from spherecal.geometry.camera import project
+from spherecal.geometry.posed import PosedCameras
 from spherecal.geometry.rotation import nearest_rotation
 from spherecal.methods.board_adjustment import BoardNetwork, ViewPoses, place_boards, robust_start
 from spherecal.methods.board_model import BoardViews
+from spherecal.methods.board_start import BoardPose
 
 GROUP_SIZE = 4
 # Placements that a pair's relative pose is taken from, and is tried on: more gain nothing and cost time squared.
@@ -30,6 +33,15 @@ class Link:
 
 
 Links = dict[tuple[int, int], Link]
+
+
+@dataclass(frozen=True)
+class BoardStart:
+    """What each camera alone gives: intrinsics (c,16), the usable observations (n,), poses of every view."""
+
+    intrinsics: FloatArray
+    candidates: BoolArray
+    poses: ViewPoses
 
 
 def common_placements(found: ViewPoses, n_cameras: int, n_placements: int) -> IntArray:
@@ -67,7 +79,8 @@ def _link(views: BoardViews, found: ViewPoses, intrinsics: FloatArray, a: int, b
             for second in found[b, t]:
                 rotation = second.rotation @ first.rotation.T
                 translation = second.translation - rotation @ first.translation
-                errors = [_error_in(views, found, intrinsics, a, b, s, rotation, translation) for s in tried]
+                camera = PosedCameras(intrinsics[b], rotation, translation)
+                errors = [_error_in(views, views.of(b, s), found[a, s], camera) for s in tried]
                 weight = float(np.median(errors)) * (1 + 1 / len(placements))
                 if np.isfinite(weight) and (best is None or weight < best.weight):
                     best = Link(rotation, translation, weight)
@@ -78,48 +91,34 @@ def _spread(n: int, most: int) -> list[int]:
     return sorted(set(np.linspace(0, n - 1, min(n, most)).round().astype(int).tolist()))
 
 
-def _error_in(
-    views: BoardViews,
-    found: ViewPoses,
-    intrinsics: FloatArray,
-    a: int,
-    b: int,
-    placement: int,
-    rotation: FloatArray,
-    translation: FloatArray,
-) -> float:
-    """Median distance in px in camera b of the board as camera a has it, for the better of its poses."""
-    rows = views.of(b, placement)
+def _error_in(views: BoardViews, rows: IntArray, poses: Sequence[BoardPose], camera: PosedCameras) -> float:
+    """Median distance in px of a camera's view (rows) from the board as another has it, for the better of its poses.
+
+    `camera`: the one camera, in the frame of the other.
+    """
     points, best = views.points_mm[views.point[rows]], np.inf
-    for pose in found[a, placement]:
-        x = (points @ pose.rotation.T + pose.translation) @ rotation.T + translation
+    for pose in poses:
+        x = (points @ pose.rotation.T + pose.translation) @ camera.rotation.T + camera.translation
         if (x[:, 2] > 0).all():
-            off = np.linalg.norm(project(x, intrinsics[b]) - views.uv[rows], axis=1)
+            off = np.linalg.norm(project(x, camera.intrinsics) - views.uv[rows], axis=1)
             best = min(best, float(np.median(off)))
     return best
 
 
-def chain(
-    network: BoardNetwork,
-    found: ViewPoses,
-    links: Links,
-    intrinsics: FloatArray,
-    candidates: BoolArray,
-    context: Context,
-) -> tuple[State, list[list[int]]]:
+def chain(network: BoardNetwork, start: BoardStart, links: Links, context: Context) -> tuple[State, list[list[int]]]:
     """Cameras (NaN where none) and placements in the reference camera's frame, and the groups they were chained by."""
     views = network.views
     n = views.n_cameras
-    state = State(np.full((n, 3, 3), np.nan), np.full((n, 3), np.nan), intrinsics.copy(), views.points_mm)
+    state = State(np.full((n, 3, 3), np.nan), np.full((n, 3), np.nan), start.intrinsics.copy(), views.points_mm)
     state.rotation[network.reference], state.translation[network.reference] = np.eye(3), 0.0
     placed = np.arange(n) == network.reference
     groups: list[list[int]] = []
     while (group := _next_group(links, placed)) is not None:
         context.report("groups of cameras", float(placed.mean()), " ".join(map(str, group)))
-        local = _adjust_group(network, found, links, state.intrinsics, candidates, group, context)
+        local = _adjust_group(network, replace(start, intrinsics=state.intrinsics), links, group, context)
         groups.append(group)
         _join(state, local, group, placed)
-    return place_boards(views, found, state, placed), groups
+    return place_boards(views, start.poses, state, placed), groups
 
 
 def _next_group(links: Links, placed: BoolArray) -> list[int] | None:
@@ -144,18 +143,10 @@ def _next_group(links: Links, placed: BoolArray) -> list[int] | None:
     return sorted(group, key=lambda c: (not placed[c], c))
 
 
-def _adjust_group(
-    network: BoardNetwork,
-    found: ViewPoses,
-    links: Links,
-    intrinsics: FloatArray,
-    candidates: BoolArray,
-    group: list[int],
-    context: Context,
-) -> State:
+def _adjust_group(network: BoardNetwork, start: BoardStart, links: Links, group: list[int], context: Context) -> State:
     """The cameras of a group in the frame of its first, after a robust adjustment of their own."""
     n = network.views.n_cameras
-    state = State(np.tile(np.eye(3), (n, 1, 1)), np.zeros((n, 3)), intrinsics.copy(), network.views.points_mm)
+    state = State(np.tile(np.eye(3), (n, 1, 1)), np.zeros((n, 3)), start.intrinsics.copy(), network.views.points_mm)
     reached = [group[0]]
     while len(reached) < len(group):
         open_links = {p: k for p, k in links.items() if p[0] in reached and p[1] in group and p[1] not in reached}
@@ -165,9 +156,9 @@ def _adjust_group(
         state.translation[b] = link.rotation @ state.translation[a] + link.translation
         reached.append(b)
     members = np.isin(np.arange(n), group)
-    state = place_boards(network.views, found, state, members)
+    state = place_boards(network.views, start.poses, state, members)
     state = whole(state)
-    own = candidates & members[network.views.camera]
+    own = start.candidates & members[network.views.camera]
     # shared intrinsics may be another group's as well: each group here estimates its own
     alone = replace(network, reference=group[0], group=np.arange(n))
     return robust_start(alone, state, own, context)

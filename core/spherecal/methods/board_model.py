@@ -6,15 +6,13 @@ from functools import cached_property
 import numpy as np
 
 from spherecal.adjust import engine
-from spherecal.adjust.ball_model import Rigid
 from spherecal.adjust.layout import POSE
-from spherecal.adjust.problem import Problem, sorted_problem
-from spherecal.adjust.rows import Priors
+from spherecal.adjust.problem import Problem
 from spherecal.adjust.state import State
 from spherecal.base.arrays import BoolArray, FloatArray, IntArray
 from spherecal.data.observations import Observations
 from spherecal.geometry.rotation import cross_matrix, exp_rotation
-from spherecal.methods.frames import Ties, cameras_only
+from spherecal.methods.frames import Ties
 from spherecal.methods.frames_covariance import PointRows
 
 
@@ -112,31 +110,3 @@ class BoardModel:
         turned = np.einsum("pij,pj->pi", state.placement_rotation[placement], state.points[point])
         by_frame = np.concatenate([-cross_matrix(turned), np.tile(np.eye(3), (len(point), 1, 1))], axis=2)
         return PointRows(placement, turned + state.placement_translation[placement], by_frame, in_datum)
-
-
-def board_model(
-    views: BoardViews,
-    used: BoolArray,
-    free_pose: BoolArray,
-    free: BoolArray,
-    group: IntArray,
-    priors: Priors,
-    weighted: bool,
-) -> tuple[BoardModel, IntArray]:
-    """The adjustment of the used observations, and which observation each of its rows is."""
-    rows = np.flatnonzero(used)
-    seen = np.bincount(views.camera[rows], minlength=views.n_cameras) > 0
-    sigma = views.sigma[rows] if weighted and views.sigma is not None else None
-    problem, order = sorted_problem(
-        views.camera[rows],
-        views.point[rows],
-        views.uv[rows],
-        sigma,
-        len(views.points_mm),
-        free_pose=free_pose & seen,
-        free_intrinsics=free & seen[:, None],
-        group=group,
-        priors=priors,
-        ball=Rigid(views.placement[rows], np.ones(views.n_placements, dtype=bool)),
-    )
-    return BoardModel(problem, cameras_only(problem)), rows[order]

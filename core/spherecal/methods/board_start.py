@@ -1,6 +1,6 @@
 """Each camera alone before the board: intrinsics and the board's possible poses in its frame, by OpenCV."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 
@@ -10,6 +10,7 @@ import numpy as np
 from spherecal.base.arrays import BoolArray, FloatArray, IntArray
 from spherecal.base.context import Context
 from spherecal.base.threads import SharedLimit
+from spherecal.data.session import CameraSpec
 from spherecal.geometry.camera import N_INTRINSICS, camera_matrix, project, undistort
 from spherecal.geometry.rotation import exp_rotation
 from spherecal.methods.board_model import BoardViews
@@ -72,27 +73,22 @@ def usable_views(views: BoardViews, used: BoolArray) -> list[tuple[int, int]]:
 def start_intrinsics(
     views: BoardViews,
     usable: list[tuple[int, int]],
-    prior: FloatArray,
-    sizes: list[tuple[int, int]],
+    cameras: Sequence[CameraSpec],
     free: BoolArray,
     context: Context,
-    assumed: BoolArray | None = None,
 ) -> FloatArray:
-    """Intrinsics (c,16) of each camera alone: estimated where views and `free` (c,16) allow, else the prior (c,16).
-
-    `assumed` (c,): whose prior's focal length is only a guess.
-    """
-    out = prior.copy()
+    """Intrinsics (c,16) of each camera alone: estimated where views and `free` (c,16) allow, else its prior."""
+    out = np.array([camera.prior for camera in cameras])
     plane = _plane_frame(views.points_mm)
-    for camera in range(views.n_cameras):
+    for camera, spec in enumerate(cameras):
         context.report("each camera alone", camera / views.n_cameras)
         own = [views.of(c, t) for c, t in usable if c == camera]
         # OpenCV's start knows five terms of distortion; a prior with more is a calibrated one
-        if len(own) < _LEAST_VIEWS or not free[camera].any() or prior[camera, 9:].any():
+        if len(own) < _LEAST_VIEWS or not free[camera].any() or spec.prior[9:].any():
             continue
         own = [own[i] for i in np.unique(np.linspace(0, len(own) - 1, _ENOUGH_VIEWS).round().astype(int))]
-        wild = _WILD_ASSUMED if assumed is not None and assumed[camera] else _WILD_FOCAL
-        found = _calibrate(views, own, prior[camera], sizes[camera], plane, wild)
+        wild = _WILD_ASSUMED if "focal_length" in spec.assumed else _WILD_FOCAL
+        found = _calibrate(views, own, spec.prior, spec.image_size, plane, wild)
         if found is not None:
             out[camera] = found
     return out

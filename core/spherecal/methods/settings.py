@@ -8,6 +8,7 @@ from spherecal.base.messages.values import Phrase
 from spherecal.data.edits import Repairs
 from spherecal.data.findings import Finding
 from spherecal.data.session import Session
+from spherecal.files.assumed import assumed_of_session
 from spherecal.files.ball_file import BallProfile
 from spherecal.geometry.camera import LensModel
 from spherecal.initialise.path import BASE, PathSettings, Search
@@ -67,6 +68,11 @@ def without_effect(settings: CalibrationSettings) -> tuple[Finding, ...]:
     if chained and settings.paths != PathSettings():
         kinds.append("paths")
     return tuple(Finding("setting-without-effect", "info", {"method": settings.method}, kind=kind) for kind in kinds)
+
+
+def as_stated(session: Session, settings: CalibrationSettings) -> tuple[Finding, ...]:
+    """Findings on what is taken as the user states it: assumed figures, settings without effect."""
+    return (*assumed_of_session(session), *without_effect(settings))
 
 
 def check_settings(session: Session, settings: CalibrationSettings) -> None:

@@ -1,18 +1,21 @@
 """The sphere's start values: its network, the local reconstruction, and points as in the paper."""
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from spherecal.adjust.network import Network, free_network
 from spherecal.ball.run import Run
-from spherecal.base.arrays import FloatArray
+from spherecal.base.arrays import BoolArray, FloatArray
 from spherecal.base.context import Context, Stopwatch
+from spherecal.base.memory import release_freed
+from spherecal.base.messages.values import Phrase
 from spherecal.data.lens_model import estimated_intrinsics
 from spherecal.data.observations import Features
 from spherecal.data.recording import Recording
-from spherecal.data.session import Session
 from spherecal.geometry.camera import estimated_mask
 from spherecal.initialise.chain import chain_points
-from spherecal.initialise.incremental import InitialPoses
+from spherecal.initialise.incremental import InitialPoses, grow
 from spherecal.initialise.local import LocalNetwork, lasting_reference, reconstruct_locally
 from spherecal.initialise.spherical_projection import project_to_spheres
 from spherecal.methods.settings import CalibrationSettings
@@ -32,13 +35,44 @@ def describe_network(recording: Recording, settings: CalibrationSettings) -> Net
     ).with_sigma(observations.sigma)
 
 
-def local_network(
-    recording: Recording, known: FloatArray, settings: CalibrationSettings, context: Context
-) -> LocalNetwork:
-    """Two-view geometry, triples and paths of a recording, from its cameras' known intrinsics (c,16)."""
+def local_network(recording: Recording, settings: CalibrationSettings, context: Context) -> LocalNetwork:
+    """Two-view geometry, triples, view graph and paths of a recording, from its cameras' priors."""
     observations, features = recording.observations, recording.features
-    local = reconstruct_locally(observations, features, known, settings.paths, settings.seed, context)
+    local = reconstruct_locally(observations, features, recording.priors, settings.paths, settings.seed, context)
+    release_freed()
     return lasting_reference(local, recording.session)
+
+
+@dataclass(frozen=True)
+class StartValues:
+    """What the adjustment starts from: the network, its local reconstructions, poses, and points (m,3).
+
+    `points` None: to be triangulated.
+    """
+
+    network: Network
+    local: LocalNetwork
+    poses: InitialPoses
+    points: FloatArray | None
+
+    @property
+    def candidates(self) -> BoolArray:
+        """The observations to start with (n,): those that the two-view gates keep, of cameras with a pose."""
+        return self.local.keep & self.poses.placed[self.network.camera]
+
+
+def start_values(
+    recording: Recording, local: LocalNetwork, settings: CalibrationSettings, context: Context
+) -> StartValues:
+    """Poses chained along the paths and by resection; points as in the paper where that is asked for."""
+    context.report("start values", 0.0, Phrase("compiling"))
+    network = describe_network(recording, settings)
+    poses = grow(local, network, recording.priors, local.keep, context)
+    points = None
+    if settings.method == "tao2021":
+        points = points_as_in_the_paper(poses, local, recording.features, settings.spherical_projection)
+    release_freed()
+    return StartValues(network, local, poses, points)
 
 
 def points_as_in_the_paper(start: InitialPoses, local: LocalNetwork, features: Features, spherical: bool) -> FloatArray:
@@ -50,15 +84,10 @@ def points_as_in_the_paper(start: InitialPoses, local: LocalNetwork, features: F
 
 
 def run_of(
-    session: Session,
-    settings: CalibrationSettings,
-    start: InitialPoses,
-    local: LocalNetwork,
-    known: FloatArray,
-    context: Context,
-    watch: Stopwatch,
+    recording: Recording, start: StartValues, settings: CalibrationSettings, context: Context, watch: Stopwatch
 ) -> Run:
     """What the stages from the adjustment on share; the wanted reference camera, where it has a pose, is the first."""
-    wanted = [c for c, camera in enumerate(session.cameras) if camera.id == settings.reference and start.placed[c]]
-    first, *others = dict.fromkeys((*wanted, *local.graph.references))
-    return Run(known, first, settings.method == "tao2021", tuple(others), context, watch)
+    cameras, placed = recording.session.cameras, start.poses.placed
+    wanted = [c for c, camera in enumerate(cameras) if camera.id == settings.reference and placed[c]]
+    first, *others = dict.fromkeys((*wanted, *start.local.graph.references))
+    return Run(recording.priors, first, settings.method == "tao2021", tuple(others), context, watch)

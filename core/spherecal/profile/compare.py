@@ -8,6 +8,7 @@ from spherecal.base.arrays import ByValue, FloatArray, IntArray
 from spherecal.base.errors import InputError
 from spherecal.base.messages.values import Phrase
 from spherecal.data.rig import Rig, RigCamera
+from spherecal.data.rig_camera import posed
 from spherecal.geometry.rotation import log_rotation
 from spherecal.geometry.transform import Similarity
 from spherecal.geometry.triangulation import triangulate
@@ -151,9 +152,7 @@ def _effect(true: list[RigCamera], used: list[RigCamera], lengths: _Lengths) -> 
         uv,
         np.ones(len(uv)),
         len(lengths.points),
-        np.array([c.intrinsics for c in used]),
-        np.array([c.rotation for c in used]),
-        np.array([c.translation_mm for c in used]),
+        posed(used),
     ).points
     off = np.linalg.norm(measured - lengths.points, axis=1)
     if not np.isfinite(off).any():

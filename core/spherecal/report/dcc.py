@@ -339,7 +339,7 @@ def _verification(results: Xml.Element, result: Result) -> None:
         one,
         "description",
         "Mean of the measured minus the certified length, brought to the bar's temperature.",
-        *(procedure.departures if procedure is not None else ()),
+        *(one.text for one in (procedure.departures if procedure is not None else ())),
     )
     data = _add(one, "data")
     for x in bars.lengths:

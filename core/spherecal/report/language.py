@@ -1,18 +1,15 @@
 """The report's language: its texts are phrases of the catalogue (resources/messages). Numbers keep their point."""
 
-import re
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from contextvars import ContextVar
-from functools import cache
 
 from spherecal.base.errors import InputError
-from spherecal.base.messages.catalogue import LANGUAGES, Field, fill, parsed, phrase, table
+from spherecal.base.messages.catalogue import LANGUAGES, phrase
 from spherecal.base.messages.values import Phrase, Value
 from spherecal.data.findings import Finding
+from spherecal.files.written_phrase import Sentence
 
-# The sentences of verification.json that hold figures: the file has their English words alone.
-_WRITTEN = ("departure-", "decision-", "remedy-")
 _now: ContextVar[str] = ContextVar("language", default="en")
 
 
@@ -43,23 +40,9 @@ def word(keys: Mapping[str, str], name: str) -> str:
     return label(keys[name]) if name in keys else name
 
 
-def written(text: str) -> str:
-    """A sentence of verification.json in the report's language; one of another version stays as it is."""
-    for key, pattern in _patterns():
-        if found := pattern.fullmatch(text):
-            return fill(table(_now.get())["phrases"][key], found.groupdict(), _now.get())
-    return text
-
-
-@cache
-def _patterns() -> tuple[tuple[str, re.Pattern[str]], ...]:
-    words = table("en")["phrases"]
-    return tuple((key, _pattern(words[key])) for key in words if key.startswith(_WRITTEN))
-
-
-def _pattern(template: str) -> re.Pattern[str]:
-    pieces = (f"(?P<{piece.name}>.+?)" if isinstance(piece, Field) else re.escape(piece) for piece in parsed(template))
-    return re.compile("".join(pieces))
+def written(sentence: Sentence) -> str:
+    """A sentence of a file in the report's language; as it was written where the file has no phrase for it."""
+    return sentence.text if sentence.phrase is None else phrase(sentence.phrase, _now.get())
 
 
 def finding_words(finding: Finding) -> tuple[str, str]:

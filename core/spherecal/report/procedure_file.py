@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 
 from spherecal.files.json_file import JsonValue
+from spherecal.files.written_phrase import Sentence, read_sentence, read_sentences
 
 _MOST_MM = 1e9
 
@@ -67,7 +68,7 @@ class BudgetReport:
     freedom: float | None
     coverage_factor: float
     expanded_mm: float
-    remedy: str
+    remedy: Sentence
     contributions: tuple[ContributionRow, ...]
 
 
@@ -100,7 +101,7 @@ class ProcedureReport:
     """All of it."""
 
     title: str
-    departures: tuple[str, ...]
+    departures: tuple[Sentence, ...]
     volume: tuple[tuple[float, ...], float] | None
     bars: tuple[ArtefactRow, ...]
     poses: tuple[PoseRow, ...]
@@ -109,16 +110,19 @@ class ProcedureReport:
     cameras_moved: tuple[str, ...]
 
 
+_OPTIONAL = ("departure_phrases", "volume_mm", "acceptance", "cameras_moved")
+
+
 def read_procedure(value: JsonValue) -> ProcedureReport:
     """The procedure; InputError names what is not as it was written."""
-    f = value.fields(("title", "departures", "bars", "poses", "budgets"), ("volume_mm", "acceptance", "cameras_moved"))
+    f = value.fields(("title", "departures", "bars", "poses", "budgets"), _OPTIONAL)
     volume = None
     if "volume_mm" in f:
         v = f["volume_mm"].fields(("sides", "diagonal"))
         volume = tuple(v["sides"].numbers(3)), v["diagonal"].number(0, _MOST_MM)
     return ProcedureReport(
         title=f["title"].text(),
-        departures=tuple(item.prose() for item in f["departures"].items()),
+        departures=read_sentences(f["departures"], f.get("departure_phrases")),
         volume=volume,
         bars=tuple(_read_bar(item) for item in f["bars"].items()),
         poses=tuple(_read_pose(item) for item in f["poses"].items()),
@@ -190,7 +194,7 @@ def _read_conformity(value: JsonValue) -> ConformityRow:
 
 def _read_budget(value: JsonValue) -> BudgetReport:
     required = ("bar", "from", "to", "combined_mm", "coverage_factor", "expanded_uncertainty_mm", "contributions")
-    f = value.fields(required, ("effective_degrees_of_freedom", "remedy"))
+    f = value.fields(required, ("effective_degrees_of_freedom", "remedy", "remedy_phrase"))
     freedom = f["effective_degrees_of_freedom"].number(0) if "effective_degrees_of_freedom" in f else None
     return BudgetReport(
         f["bar"].name(),
@@ -200,7 +204,7 @@ def _read_budget(value: JsonValue) -> BudgetReport:
         freedom,
         f["coverage_factor"].number(0, 100),
         f["expanded_uncertainty_mm"].number(0, _MOST_MM),
-        f["remedy"].prose() if "remedy" in f else "",
+        read_sentence(f["remedy"], f.get("remedy_phrase")) if "remedy" in f else Sentence(""),
         tuple(_read_contribution(item) for item in f["contributions"].items()),
     )
 

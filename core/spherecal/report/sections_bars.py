@@ -171,7 +171,7 @@ def _budget(budget: BudgetReport) -> Table:
         expanded=number(budget.expanded_mm, 4),
     )
     largest_first = sorted(budget.contributions, key=lambda c: -c.share)
-    if budget.remedy:
+    if budget.remedy.text:
         title = label("report-to-lessen", budget=title, remedy=written(budget.remedy))
     rows = []
     for c in largest_first:

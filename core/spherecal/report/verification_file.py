@@ -9,6 +9,7 @@ from spherecal.base.messages.values import Phrase
 from spherecal.data.findings import Finding, Severity, as_written
 from spherecal.files.findings_file import with_values
 from spherecal.files.json_file import JsonValue, read_json
+from spherecal.files.written_phrase import Sentence, read_sentence
 from spherecal.report.csv_table import read_csv
 from spherecal.report.procedure_file import ProcedureReport, read_procedure
 from spherecal.verify.write_verification import BAR_COLUMNS, FORMAT, VERSION
@@ -82,7 +83,7 @@ class BarReport:
     sd_mm: float | None
     max_abs_error_mm: float | None
     verdict: str
-    rule: str
+    rule: Sentence
     coverage_factor: float | None
     exceeding: frozenset[tuple[str, str, str]]
     findings: tuple[Finding, ...]
@@ -102,7 +103,7 @@ def read_bar_report(folder: Path) -> BarReport | None:
     optional = ("findings", "procedure", "cameras")
     f = read_json(document, FORMAT, VERSION).fields(("lengths", "overall", "decision"), optional)
     overall = f["overall"].fields(("n",), ("mean_error_mm", "sd_mm", "max_abs_error_mm"))
-    decision = f["decision"].fields(("verdict", "rule"), ("coverage_factor", "exceeding", "cameras"))
+    decision = f["decision"].fields(("verdict", "rule"), ("rule_phrase", "coverage_factor", "exceeding", "cameras"))
     exceeding = decision["exceeding"].items() if "exceeding" in decision else []
     findings = f["findings"].items() if "findings" in f else []
     return BarReport(
@@ -113,7 +114,7 @@ def read_bar_report(folder: Path) -> BarReport | None:
         sd_mm=_optional(overall, "sd_mm", 0),
         max_abs_error_mm=_optional(overall, "max_abs_error_mm", 0),
         verdict=decision["verdict"].prose(),
-        rule=decision["rule"].prose(),
+        rule=read_sentence(decision["rule"], decision.get("rule_phrase")),
         coverage_factor=_optional(decision, "coverage_factor", 0),
         exceeding=frozenset(_read_exceeding(value) for value in exceeding),
         findings=with_values([_read_finding(value) for value in findings], folder),

@@ -32,7 +32,7 @@ from spherecal.data.rig import (
 from spherecal.data.session import Session
 from spherecal.data.verdict import affected, is_valid, ruled, widening
 from spherecal.diagnose.ball_size import SizeChange, size_change
-from spherecal.diagnose.checks import run_checks, unconfirmed_poses, unlinked
+from spherecal.diagnose.checks import STOPPED, run_checks, unconfirmed_poses, unlinked
 from spherecal.diagnose.evidence import Evidence
 from spherecal.diagnose.soundness import scale_doubt
 from spherecal.geometry.camera import N_INTRINSICS, project
@@ -114,7 +114,7 @@ def build_result(recording: Recording, local: LocalNetwork, fit: MetricFit, meth
     if solution.covariance is not None:
         variance = adjusted.variance * np.einsum("pii->pi", solution.covariance.points)
         sigma = np.sqrt(np.maximum(variance, 0.0)) * solution.factor * factor.max(initial=1.0)
-    return Calibration(
+    done = Calibration(
         rig,
         observations,
         features,
@@ -128,6 +128,16 @@ def build_result(recording: Recording, local: LocalNetwork, fit: MetricFit, meth
         run.watch.seconds,
         _ball_shape(observations, features, solved, solution),
     )
+    return stopped_early(done) if fit.stopped else done
+
+
+def stopped_early(done: Calibration) -> Calibration:
+    """A calibration that says that somebody stopped the work behind it, and hence is not valid."""
+    quality = done.rig.quality
+    if STOPPED in quality.findings:
+        return done
+    quality = replace(quality, valid=False, findings=(STOPPED, *quality.findings))
+    return replace(done, rig=replace(done.rig, quality=quality))
 
 
 # A place of the map is weak where a length is that many times as uncertain as in the middle of the rest.

@@ -41,12 +41,16 @@ class Solution:
 
 @dataclass(frozen=True)
 class MetricFit:
-    """The ball model that was chosen, why, and its network in millimetres; `findings` of the choice."""
+    """The ball model that was chosen, why, and its network in millimetres; `findings` of the choice.
+
+    `stopped`: the user wanted no more than the free form.
+    """
 
     solved: BallFit
     choice: ModelChoice
     solution: Solution
     findings: tuple[Finding, ...] = ()
+    stopped: bool = False
 
 
 def in_millimetres(recording: Recording, solved: BallFit, run: Run) -> tuple[BallFit, Solution]:

@@ -88,14 +88,14 @@ def find_blobs(image: GreyImage, dark: bool = False) -> Blobs:
     dots = np.zeros(image.shape, dtype=np.uint8)
     everywhere, taken = np.ones(_tiles(image), dtype=bool), np.zeros(_tiles(image), dtype=bool)
     found = _Found(image, np.empty((0, 7)))
-    compounds = _blobs_of_one_size(found, dark, everywhere, taken, dots, 0, 0.0)
+    compounds = _blobs_of_one_size(found, dark, everywhere, taken, dots, 0)
     fine, looks = found.rows(), found.looks()
     # larger dots are compounds at this size; in an image of half the size they fit
     small = cv2.resize(image, (image.shape[1] // 2, image.shape[0] // 2), interpolation=cv2.INTER_AREA)
     half = cast(GreyImage, small)
     compounds, taken = _halved(compounds, _tiles(half)), _halved(taken, _tiles(half))
     found = _Found(half, (fine - _HALF_SHIFT) / _HALF_SCALE)
-    _blobs_of_one_size(found, dark, compounds, taken, dots, 1, _SMALLEST_COARSE_AXIS_PX)
+    _blobs_of_one_size(found, dark, compounds, taken, dots, 1)
     coarse = found.rows()[len(fine) :] * _HALF_SCALE + _HALF_SHIFT
     return _described(np.concatenate([fine, coarse]), joined([looks, looks_of(image, coarse)]))
 
@@ -148,7 +148,6 @@ def _blobs_of_one_size(
     taken: BoolArray,
     dots: NDArray[np.uint8],
     halvings: int,
-    smallest_axis: float,
 ) -> BoolArray:
     """Add to `found` the blobs in the given tiles of its image; returns those that an image of half the size is for.
 
@@ -169,6 +168,7 @@ def _blobs_of_one_size(
     lively = rest & (bright_near - dark_near > _LIVELY * contrast)
     bright_near = bright_near - _LEAST_HEIGHT * contrast
     most_area = int(_LARGEST_AXIS_PX**2) * (1 if halvings else 4)
+    smallest_axis = _SMALLEST_COARSE_AXIS_PX if halvings else 0.0
     compounds: BoolArray | None = None
     for level, alike in zip(_LEVELS, _LEAST_ALIKE, strict=True):
         if alike and rest.mean() > _TEXTURED:

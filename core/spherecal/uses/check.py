@@ -100,7 +100,9 @@ def check(
         )
     context.report("check", 0.5, Phrase("measuring"))
     balls = [] if known is None else _check_balls(session, rig, known, own, camera, consistency)
-    return _judged(rig, consistency, balls, lengths, findings, limit, known is not None)
+    if known is not None and not balls and not lengths:
+        findings = (*findings, Finding("ball-not-known", "info"))
+    return _judged(rig, consistency, balls, lengths, findings, limit)
 
 
 def _check_balls(
@@ -118,9 +120,9 @@ def _check_balls(
     features = find_features(own)
     views, expected = views_of(own, features, camera, rig)
     checked = triangulate_checked(views, expected)
-    errors = point_errors(views, replace(checked, noise=noise_alone(views, checked, rig)), rig.covariance, rig)
+    errors = point_errors(replace(checked, noise=noise_alone(checked, rig)), rig)
     at = [own.placements.index(p.id) for p in session.placements]
-    balls = [check_ball(known, p, own, features, views, checked, errors) for p in at]
+    balls = [check_ball(known, p, own, features, errors) for p in at]
     return [ball for ball in balls if ball is not None]
 
 
@@ -162,14 +164,11 @@ def _judged(
     lengths: tuple[MeasuredLength, ...],
     findings: tuple[Finding, ...],
     limit: LengthLimit | None,
-    known: bool,
 ) -> Check:
     tolerance = None if rig.length_map is None else rig.length_map.typical_mm
     cameras = [camera_state(test, rig, tolerance) for test in consistency.cameras]
     cameras.sort(key=lambda one: (-_ORDER.index(one.verdict), -one.test.point_mm))
     found = [*_of_the_rig(rig, consistency), *findings, *_scale_findings(balls, lengths, limit, tolerance)]
-    if known and not balls and not lengths:
-        found.append(Finding("ball-not-known", "info"))
     by_severity: dict[str, Verdict] = {"error": "recalibrate", "warning": "watch", "info": "ok"}
     words = [*(one.verdict for one in cameras), *(by_severity[f.severity] for f in found)]
     worst = _ORDER[max((_ORDER.index(word) for word in words), default=0)]

@@ -10,7 +10,6 @@ from spherecal.data.observations import Features, Observations
 from spherecal.files.write_result import POINT_COLUMNS
 from spherecal.geometry.transform import Similarity, fit_similarity
 from spherecal.report.csv_table import read_csv
-from spherecal.verify.outlying_views import CheckedPoints, Views
 from spherecal.verify.uncertainty import PointErrors, calibration_variance
 
 LEAST_DOTS = 12
@@ -59,18 +58,13 @@ def read_known_ball(path: Path) -> BallDots | None:
 
 
 def check_ball(
-    known: BallDots,
-    placement: int,
-    o: Observations,
-    features: Features,
-    views: Views,
-    checked: CheckedPoints,
-    errors: PointErrors,
+    known: BallDots, placement: int, o: Observations, features: Features, errors: PointErrors
 ) -> BallCheck | None:
     """Compare the ball at one placement (index) with the placement of the calibration that shares most dots.
 
     None where they share fewer than 12.
     """
+    checked = errors.checked
     usable = np.isfinite(checked.points.points[:, 0]) & checked.points.in_front & ~checked.contradicting
     rows = np.flatnonzero(usable & (features.placement == placement))
     names = [(int(features.target[i]), o.points[features.point[i]]) for i in rows]
@@ -91,7 +85,7 @@ def check_ball(
         if keep.sum() < LEAST_DOTS:
             return None
         fit, rest, ratio = _fit(before, now, noise, keep)
-    sd = _scale_sd(rows[keep], now[keep], views, errors, ratio)
+    sd = _scale_sd(rows[keep], now[keep], errors, ratio)
     return BallCheck(
         o.placements[placement],
         int(keep.sum()),
@@ -111,9 +105,9 @@ def _fit(
     return fit, rest, max(float(np.median(rest / noise)) / 1.538, 1.0)  # the median of a chi of three degrees
 
 
-def _scale_sd(rows: IntArray, now: FloatArray, views: Views, errors: PointErrors, ratio: float) -> float:
+def _scale_sd(rows: IntArray, now: FloatArray, errors: PointErrors, ratio: float) -> float:
     """The size's standard uncertainty: noise then and now, and the cameras' covariance (for the part not in common)."""
     centred = now - now.mean(axis=0)
     by_point = centred / (centred**2).sum()  # d(scale) = sum of by_point . dx
     noise = float(np.einsum("ki,kij,kj->", by_point, errors.covariance[rows], by_point))
-    return float(np.sqrt(2 * ratio**2 * noise + calibration_variance(rows, by_point, views, errors)))
+    return float(np.sqrt(2 * ratio**2 * noise + calibration_variance(rows, by_point, errors)))

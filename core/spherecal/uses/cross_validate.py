@@ -12,6 +12,7 @@ from spherecal.base.threads import on_one_blas_thread
 from spherecal.calibrate import calibrate
 from spherecal.data.observations import find_features
 from spherecal.data.rig import Calibration, Rig
+from spherecal.data.rig_camera import posed
 from spherecal.data.session import Session
 from spherecal.detect.session_images import observed
 from spherecal.geometry.transform import fit_similarity
@@ -79,9 +80,7 @@ def _left_out(placement: str, number: int, whole: Calibration, rig: Rig) -> Left
         own.uv,
         weight,
         len(features),
-        np.array([c.intrinsics for c in rig.cameras]),
-        np.array([c.rotation for c in rig.cameras]),
-        np.array([c.translation_mm for c in rig.cameras]),
+        posed(rig.cameras),
     )
     full = whole.features.of_observation[rows]
     place = np.full((len(features), 3), np.nan)

@@ -14,6 +14,7 @@ from spherecal.base.threads import on_one_blas_thread
 from spherecal.data.findings import Finding
 from spherecal.data.observations import Features, Observations, find_features
 from spherecal.data.rig import Rig
+from spherecal.data.rig_camera import posed
 from spherecal.data.session import Bar, BarLength, BarPose, Session
 from spherecal.data.verdict import care_phrases
 from spherecal.files.assumed import assumed_of_bars
@@ -82,19 +83,19 @@ def verify(
     views, expected_noise = views_of(observations, features, camera, rig)
     checked = triangulate_checked(views, expected_noise)
     consistency = examine_cameras(views, rig, expected_noise)  # of all views: those left out below show a move too
-    cameras = participation(views, checked, rig)
+    cameras = participation(checked, rig)
     if wrong := [i for i, one in enumerate(cameras) if one.state == "rejected"]:  # a single view would spoil the others
         stays = ~np.isin(camera, wrong)
         observations, camera = observations.select(stays), camera[stays]
         features = find_features(observations)
         views, expected_noise = views_of(observations, features, camera, rig)
         checked = triangulate_checked(views, expected_noise)
-        rest = participation(views, checked, rig)
+        rest = participation(checked, rig)
         cameras = tuple(one if one.state == "rejected" else again for one, again in zip(cameras, rest, strict=True))
-    finder = MarkFinder(observations, features, views, checked, session.target_set)
+    finder = MarkFinder(observations, features, checked, session.target_set)
     _report_views(finder, many_outlying(cameras), findings)
     _report_uncertainty(rig, findings)
-    errors = point_errors(views, replace(checked, noise=noise_alone(views, checked, rig)), rig.covariance, rig)
+    errors = point_errors(replace(checked, noise=noise_alone(checked, rig)), rig)
     measured: list[MeasuredLength] = []
     poses = [pose for pose in session.bar_poses if pose.bar in bars]
     for done, pose in enumerate(poses):
@@ -225,9 +226,7 @@ def views_of(observations: Observations, features: Features, camera: IntArray, r
         observations.uv,
         sigma,
         len(features),
-        intrinsics=np.array([c.intrinsics for c in rig.cameras]),
-        rotation=np.array([c.rotation for c in rig.cameras]),
-        translation=np.array([c.translation_mm for c in rig.cameras]),
+        posed(rig.cameras),
     )
     return views, expected_noise
 
@@ -279,7 +278,7 @@ def _measure_pose(
             else:
                 ends.append(place)
         if len(ends) == 2:
-            measured.append(_measure(pose, bar, certified, (ends[0], ends[1]), finder.views, errors, rig))
+            measured.append(_measure(pose, bar, certified, (ends[0], ends[1]), errors, rig))
     return measured
 
 
@@ -288,7 +287,6 @@ def _measure(
     bar: Bar,
     certified: BarLength,
     ends: tuple[MarkPlace, MarkPlace],
-    views: Views,
     errors: PointErrors,
     rig: Rig,
 ) -> MeasuredLength:
@@ -300,10 +298,10 @@ def _measure(
         certified.to_mark,
         length_mm=float(np.linalg.norm(ends[1].place_mm - ends[0].place_mm)),
         reference_mm=reference_length(certified, bar, pose.temperature_c),
-        budget=length_budget(ends, views, errors, scale_relative, certified, bar, pose.temperature_c),
+        budget=length_budget(ends, errors, scale_relative, certified, bar, pose.temperature_c),
         views=min(end.views for end in ends),
         temperature_c=pose.temperature_c,
         ends_mm=np.stack([end.place_mm for end in ends]),
-        by_cameras=length_gradient(ends, views, errors),
+        by_cameras=length_gradient(ends, errors),
         certified=certified.certified,
     )

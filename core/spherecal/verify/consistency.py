@@ -13,6 +13,7 @@ from scipy.special import chdtrc
 from spherecal.base.arrays import BoolArray, FloatArray
 from spherecal.data.rig import Rig
 from spherecal.geometry.camera import project_with_derivatives
+from spherecal.geometry.posed import PosedCameras
 from spherecal.geometry.rotation import cross_matrix, exp_rotation
 from spherecal.verify.outlying_views import LEAST_REDUNDANCY, CheckedPoints, Views
 
@@ -166,11 +167,8 @@ class _System:
     @staticmethod
     def at(views: Views, keep: BoolArray, rig: Rig, poses: FloatArray) -> "_System":
         turn = exp_rotation(poses[:, :3])
-        moved = replace(
-            views,
-            rotation=turn @ views.rotation,
-            translation=np.einsum("cij,cj->ci", turn, views.translation) + poses[:, 3:],
-        )
+        translation = np.einsum("cij,cj->ci", turn, views.translation) + poses[:, 3:]
+        moved = replace(views, cameras=PosedCameras(views.intrinsics, turn @ views.rotation, translation))
         found = moved.triangulate(keep)
         good = keep & np.isfinite(found.residual[:, 0])
         rotation, k = moved.rotation[views.camera], views.intrinsics[views.camera]
@@ -289,17 +287,17 @@ def camera_normal(views: Views, keep: BoolArray, rig: Rig) -> FloatArray:
     return _System.at(views, keep, rig, np.zeros((len(rig.cameras), 6))).whole
 
 
-def noise_alone(views: Views, checked: CheckedPoints, rig: Rig) -> float:
+def noise_alone(checked: CheckedPoints, rig: Rig) -> float:
     """The image points' noise in units of their sigma without what the cameras' own uncertainty adds to the residuals.
 
     That counts by itself in every budget: left in, it made the noise of bars' marks on rigs A 4 % too large. Without
     the cameras' covariance, or with too few residuals to estimate it, the noise as it is.
     """
-    points = len(np.unique(views.feature[checked.kept]))
+    points = len(np.unique(checked.views.feature[checked.kept]))
     redundancy = 2 * int(checked.kept.sum()) - 3 * points
     if rig.covariance is None or redundancy < LEAST_REDUNDANCY:
         return checked.noise
-    by_cameras = float(np.einsum("ij,ji->", camera_normal(views, checked.kept, rig), rig.covariance.matrix))
+    by_cameras = float(np.einsum("ij,ji->", camera_normal(checked.views, checked.kept, rig), rig.covariance.matrix))
     # a covariance that explains more than the residuals is itself in doubt
     return float(np.sqrt(max(checked.noise**2 - by_cameras / redundancy, checked.noise**2 / 4)))
 

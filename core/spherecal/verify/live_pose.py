@@ -29,7 +29,7 @@ def measured_ends(
         return None
     features = find_features(own)
     views, noise = views_of(own, features, in_rig[own.camera], rig)
-    finder = MarkFinder(own, features, views, triangulate_checked(views, noise), target_set)
+    finder = MarkFinder(own, features, triangulate_checked(views, noise), target_set)
     marks = BarMarks.of(bar.id, bar.lengths)
     places = [finder.find(placement, bar.marks[name]) for name in (marks.names[0], marks.names[-1])]
     ends = [place.place_mm for place in places if isinstance(place, MarkPlace)]

@@ -10,7 +10,7 @@ from spherecal.data.observations import Features, Observations
 from spherecal.data.session import Mark
 from spherecal.targets.centre import target_centre
 from spherecal.targets.target_set import TargetSet
-from spherecal.verify.outlying_views import CheckedPoints, Views
+from spherecal.verify.outlying_views import CheckedPoints
 
 # A dot that only grazing or nearly parallel rays show would pull the layout about, since all dots weigh the same; among
 # the dots of one sticker, seen by the same cameras, the standard deviations differ by less than 2.
@@ -33,11 +33,10 @@ class MarkPlace:
 
 @dataclass(frozen=True)
 class MarkFinder:
-    """Finds marks among the reconstructed points of bar poses; `views` and `checked` belong to `features`."""
+    """Finds marks among the reconstructed points of bar poses; `checked` belongs to `features`."""
 
     observations: Observations
     features: Features
-    views: Views
     checked: CheckedPoints
     target_set: TargetSet | None
 
@@ -76,8 +75,8 @@ class MarkFinder:
         return dots[variance <= _WEAK_DOT**2 * np.median(variance)]
 
     def _count_cameras(self, features: IntArray) -> int:
-        rows = self.checked.kept & np.isin(self.views.feature, features)
-        return len(np.unique(self.views.camera[rows]))
+        rows = self.checked.kept & np.isin(self.checked.views.feature, features)
+        return len(np.unique(self.checked.views.camera[rows]))
 
 
 def _why_missing(mark: Mark, seen: int) -> Phrase:

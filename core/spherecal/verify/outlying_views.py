@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from spherecal.base.arrays import BoolArray, FloatArray, IntArray
+from spherecal.geometry.posed import PosedCameras
 from spherecal.geometry.triangulation import Triangulation, triangulate
 
 # A good view exceeds 4.5 standard deviations once in 25 000 (two coordinates), and no view within 0.15 px is gross:
@@ -20,7 +21,7 @@ _MEDIAN_TO_SIGMA = 1.1774  # the median length of (x, y), both normal with sigma
 class Views:
     """Views of points: row i shows point `feature[i]` at `uv[i]` px (n, 2) in camera `camera[i]`, sigma[i] (n, 2) px.
 
-    The cameras are `intrinsics` (c, 16), `rotation` (c, 3, 3) and `translation` (c, 3).
+    The cameras are those of all rows together, in their order.
     """
 
     feature: IntArray
@@ -28,9 +29,22 @@ class Views:
     uv: FloatArray
     sigma: FloatArray
     n_features: int
-    intrinsics: FloatArray
-    rotation: FloatArray
-    translation: FloatArray
+    cameras: PosedCameras
+
+    @property
+    def intrinsics(self) -> FloatArray:
+        """The cameras' lenses (c, 16)."""
+        return self.cameras.intrinsics
+
+    @property
+    def rotation(self) -> FloatArray:
+        """The cameras' rotations (c, 3, 3)."""
+        return self.cameras.rotation
+
+    @property
+    def translation(self) -> FloatArray:
+        """The cameras' translations (c, 3)."""
+        return self.cameras.translation
 
     def triangulate(self, keep: BoolArray) -> Triangulation:
         """The points from the views kept."""
@@ -38,8 +52,7 @@ class Views:
 
     def _triangulate(self, feature: IntArray, rows: IntArray, keep: BoolArray, n_features: int) -> Triangulation:
         weight = keep[:, None] / self.sigma[rows] ** 2
-        cameras = self.intrinsics, self.rotation, self.translation
-        return triangulate(feature, self.camera[rows], self.uv[rows], weight, n_features, *cameras)
+        return triangulate(feature, self.camera[rows], self.uv[rows], weight, n_features, self.cameras)
 
     def leaving_one_out(self, rows: IntArray) -> Triangulation:
         """For k views of one point: k points, the i-th without view i; residuals (k * k, 2), the i-th block for it."""
@@ -49,11 +62,12 @@ class Views:
 
 @dataclass(frozen=True)
 class CheckedPoints:
-    """Points, the views they rest on (`kept`, (n,)), and the points given up because their views contradict.
+    """Points of views, the views they rest on (`kept`, (n,)), and those given up because their views contradict.
 
     `contradicting` (m,) bool; `noise` is the standard deviation of the observations in units of their sigma.
     """
 
+    views: Views
     points: Triangulation
     kept: BoolArray
     contradicting: BoolArray
@@ -87,7 +101,7 @@ def triangulate_checked(views: Views, expected_noise: float) -> CheckedPoints:
                 kept[rows[wrong]] = False
         points = views.triangulate(kept)
     good = kept & ~contradicting[views.feature] & np.isfinite(points.residual[:, 0])
-    return CheckedPoints(points, good, contradicting, weighted_noise(views, points, good, expected_noise))
+    return CheckedPoints(views, points, good, contradicting, weighted_noise(views, points, good, expected_noise))
 
 
 def _wrong_view(views: Views, rows: IntArray, gate: FloatArray) -> int | None:

@@ -8,7 +8,7 @@ import numpy as np
 
 from spherecal.data.findings import Finding
 from spherecal.data.rig import Rig
-from spherecal.verify.outlying_views import CheckedPoints, Views
+from spherecal.verify.outlying_views import CheckedPoints
 
 State = Literal["verified", "not seen", "rejected"]
 
@@ -33,8 +33,9 @@ class CameraViews:
     state: State
 
 
-def participation(views: Views, checked: CheckedPoints, rig: Rig) -> tuple[CameraViews, ...]:
+def participation(checked: CheckedPoints, rig: Rig) -> tuple[CameraViews, ...]:
     """All cameras of the rig; a view of a mark that a single camera has is not one that verifies anything."""
+    views = checked.views
     usable = (np.bincount(views.feature, minlength=views.n_features) >= 2)[views.feature]
     cameras = []
     for i, camera in enumerate(rig.cameras):

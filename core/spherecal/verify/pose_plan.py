@@ -226,7 +226,7 @@ def _pose_for(
     for bar in sorted(bars, key=lambda one: -one.span_mm):
         for middle in _places(box):
             for line, direction in enumerate(box.directions()):
-                pose = _seen(rig, box, line, direction, bar, middle, camera)
+                pose = _seen(rig, line, direction, bar, middle, camera)
                 if pose is None or camera.id not in pose.cameras or len(facing_cameras(rig, pose)) < _LEAST_VIEWS:
                     continue
                 away = np.linalg.norm(taken - middle, axis=1).min(initial=box.diagonal_mm) / box.diagonal_mm
@@ -280,7 +280,7 @@ def _pose(
         through = box.point(offset)
         shift = _shift(before) * room * (inward if line >= 3 else 1.0)
         middle = through + shift * direction
-        pose = _seen(rig, box, line, direction, bar, middle)
+        pose = _seen(rig, line, direction, bar, middle)
         if pose is not None and pose.good:
             return pose
         best = best or pose
@@ -303,7 +303,6 @@ def _shift(number: int) -> float:
 
 def _seen(
     rig: Rig,
-    box: MeasuringVolume,
     line: int,
     direction: FloatArray,
     bar: BarMarks,

@@ -9,12 +9,12 @@ from scipy.special import ndtri, stdtrit
 
 from spherecal.base.arrays import FloatArray
 from spherecal.base.messages.values import Phrase
-from spherecal.data.rig import CameraCovariance, Rig
+from spherecal.data.rig import Rig
 from spherecal.data.session import Bar, BarLength
 from spherecal.geometry.camera import project_with_derivatives
 from spherecal.geometry.rotation import cross_matrix
 from spherecal.verify.marks import MarkPlace
-from spherecal.verify.outlying_views import CheckedPoints, Views
+from spherecal.verify.outlying_views import CheckedPoints
 from spherecal.verify.verification import Decision, LengthBudget, LengthStatistics, MeasuredLength, Overall
 
 # k = 2 for a normal distribution, as certificates are stated.
@@ -34,19 +34,20 @@ _UNKNOWN_EXPANSION_RELATIVE_SD = 1 / math.sqrt(3)
 
 @dataclass(frozen=True)
 class PointErrors:
-    """How points err: by noise with `covariance` (m, 3, 3) mm^2, and by the cameras they are triangulated with.
+    """How `checked` points err: by noise with `covariance` (m, 3, 3) mm^2, and by the cameras that see them.
 
     `by_camera` (n, 3, w) is the shift of the point of row i in mm by the w parameters of its camera, whose covariance
     is `cameras` (c*w, c*w). `with_scale` says that it holds the scale's share too.
     """
 
+    checked: CheckedPoints
     covariance: FloatArray
     by_camera: FloatArray
     cameras: FloatArray
     with_scale: bool
 
 
-def point_errors(views: Views, checked: CheckedPoints, covariance: CameraCovariance | None, rig: Rig) -> PointErrors:
+def point_errors(checked: CheckedPoints, rig: Rig) -> PointErrors:
     """The errors of triangulated points to first order.
 
     Without the cameras' covariance (a rig.json copied alone) only the standard uncertainties of the focal lengths
@@ -54,7 +55,7 @@ def point_errors(views: Views, checked: CheckedPoints, covariance: CameraCovaria
     point and distortion were estimated together and make up for each other in the images. The focal lengths' alone
     gave 1.03 to 1.9 times the full covariance's for bars of 100 to 500 mm on rigs A and B: safe, and near.
     """
-    points = checked.points
+    views, points, covariance = checked.views, checked.points, rig.covariance
     rotation, k = views.rotation[views.camera], views.intrinsics[views.camera]
     x_camera = np.einsum("nij,nj->ni", rotation, points.points[views.feature]) + views.translation[views.camera]
     _, by_camera_point, by_intrinsics = project_with_derivatives(x_camera, k)
@@ -68,7 +69,7 @@ def point_errors(views: Views, checked: CheckedPoints, covariance: CameraCovaria
     weighted = (by_camera_point @ rotation) * (checked.kept[:, None] / views.sigma**2)[:, :, None]
     cofactor = points.covariance
     by_camera = -cofactor[views.feature] @ np.swapaxes(weighted, 1, 2) @ by_parameters
-    return PointErrors(checked.noise**2 * cofactor, by_camera, matrix, covariance is not None)
+    return PointErrors(checked, checked.noise**2 * cofactor, by_camera, matrix, covariance is not None)
 
 
 def focal_sigmas(rig: Rig) -> FloatArray:
@@ -79,7 +80,6 @@ def focal_sigmas(rig: Rig) -> FloatArray:
 
 def length_budget(
     ends: tuple[MarkPlace, MarkPlace],
-    views: Views,
     errors: PointErrors,
     scale_relative: float,
     certified: BarLength,
@@ -93,7 +93,7 @@ def length_budget(
     features = np.concatenate([ends[0].features, ends[1].features])
     by_point = np.concatenate([-direction @ ends[0].by_point, direction @ ends[1].by_point])  # dL/dX, (k, 3)
     noise = np.einsum("ki,kij,kj->", by_point, errors.covariance[features], by_point)
-    calibration, scale = calibration_variance(features, by_point, views, errors), scale_relative * length
+    calibration, scale = calibration_variance(features, by_point, errors), scale_relative * length
     if errors.with_scale:
         calibration = max(calibration - scale**2, 0.0)
     return LengthBudget(
@@ -105,23 +105,24 @@ def length_budget(
     )
 
 
-def calibration_variance(features: np.ndarray, by_point: FloatArray, views: Views, errors: PointErrors) -> float:
+def calibration_variance(features: np.ndarray, by_point: FloatArray, errors: PointErrors) -> float:
     """The cameras' share in the variance of a function of points; a camera's error acts on all of them together."""
-    gradient = camera_gradient(features, by_point, views, errors)
+    gradient = camera_gradient(features, by_point, errors)
     return float(gradient @ errors.cameras @ gradient)
 
 
-def length_gradient(ends: tuple[MarkPlace, MarkPlace], views: Views, errors: PointErrors) -> FloatArray:
+def length_gradient(ends: tuple[MarkPlace, MarkPlace], errors: PointErrors) -> FloatArray:
     """How the length between two marks follows the cameras' parameters, (c*w,)."""
     between = ends[1].place_mm - ends[0].place_mm
     direction = between / float(np.linalg.norm(between))
     features = np.concatenate([ends[0].features, ends[1].features])
     by_point = np.concatenate([-direction @ ends[0].by_point, direction @ ends[1].by_point])
-    return camera_gradient(features, by_point, views, errors)
+    return camera_gradient(features, by_point, errors)
 
 
-def camera_gradient(features: np.ndarray, by_point: FloatArray, views: Views, errors: PointErrors) -> FloatArray:
+def camera_gradient(features: np.ndarray, by_point: FloatArray, errors: PointErrors) -> FloatArray:
     """How a function of points, with derivatives (k, 3) by them, follows the cameras' parameters, (c*w,)."""
+    views = errors.checked.views
     by_feature = np.zeros((views.n_features, 3))
     np.add.at(by_feature, features, by_point)
     rows = np.flatnonzero(np.isin(views.feature, features))

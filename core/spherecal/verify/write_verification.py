@@ -7,7 +7,7 @@ from typing import Any
 from spherecal.base.errors import InputError, OutputError
 from spherecal.base.filesystem import create, read_below, read_file
 from spherecal.base.messages.catalogue import phrase
-from spherecal.base.messages.values import Phrase
+from spherecal.base.messages.values import Phrase, as_json
 from spherecal.data.findings import Finding
 from spherecal.data.session import Bar
 from spherecal.files.atomic import RESULT, check_folder, write_folder_whole
@@ -16,6 +16,7 @@ from spherecal.files.findings_file import FINDINGS_FILE, findings_document, read
 from spherecal.files.json_file import json_bytes
 from spherecal.files.rig_file import finding_entry, finite, software_entry
 from spherecal.files.write_result import place_cell, small_cell, write_table
+from spherecal.files.written_phrase import sentence_entry
 from spherecal.verify.budget import Budget
 from spherecal.verify.limit import RULE, Acceptance
 from spherecal.verify.verification import LengthStatistics, MeasuredLength, Verification
@@ -87,7 +88,7 @@ def _document(verification: Verification, software: Mapping[str, Any] | None) ->
             "max_abs_error_mm": finite(overall.max_abs_error_mm),
         },
         "decision": {
-            "rule": phrase(decision.rule),
+            **sentence_entry("rule", decision.rule),
             "verdict": decision.verdict,
             "coverage_factor": finite(decision.coverage_factor),
             "exceeding": [{"pose": pose, "from": start, "to": end} for pose, start, end in decision.exceeding],
@@ -111,6 +112,7 @@ def procedure_entry(verification: Verification) -> dict[str, Any]:
     return {
         "title": procedure.title,
         "departures": [phrase(one) for one in procedure.departures],
+        "departure_phrases": [as_json(one) for one in procedure.departures],
         "volume_mm": None if volume is None else {"sides": finite(volume[0]), "diagonal": finite(volume[1])},
         "bars": [_bar_entry(bar) for bar in procedure.bars],
         "poses": _pose_entries(verification.measured),
@@ -184,7 +186,7 @@ def _budget_entry(budget: Budget) -> dict[str, Any]:
         "effective_degrees_of_freedom": finite(budget.freedom),
         "coverage_factor": finite(budget.coverage_factor),
         "expanded_uncertainty_mm": finite(budget.expanded_mm),
-        "remedy": "" if (remedy := budget.remedy()) is None else phrase(remedy),
+        **sentence_entry("remedy", budget.remedy()),
         "contributions": [
             {
                 "name": c.name,

@@ -12,7 +12,7 @@ from spherecal.base.arrays import FloatArray
 from spherecal.base.kernels import njit
 from spherecal.geometry.camera import project
 from spherecal_sim.dot_truth import RIM_POINTS, TrueDots
-from spherecal_sim.render import Station
+from spherecal_sim.station import Station
 
 _BACKGROUND = 0.08
 _BALL = 0.25

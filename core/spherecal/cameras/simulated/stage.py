@@ -16,10 +16,11 @@ from spherecal.data.session import Session
 from spherecal.geometry.rotation import exp_rotation
 from spherecal.targets.target_set import TargetSet
 from spherecal_sim.dot_truth import TrueDots, ball_dots, bar_dots
-from spherecal_sim.render import Station, render_image
+from spherecal_sim.render import render_image
 from spherecal_sim.render_session import CLUTTERED, RENDERED
 from spherecal_sim.scene import RenderSettings, ball_scene, bar_scene, lit_for
 from spherecal_sim.session import simulate_session
+from spherecal_sim.station import Station
 from spherecal_sim.tracing import TracedScene
 from spherecal_sim.truth import SimulationOptions, TrueBarPose, Truth
 

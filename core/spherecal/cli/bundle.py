@@ -36,6 +36,7 @@ def add_parsers(add: Callable[[str, str], argparse.ArgumentParser]) -> None:
 
 def support_bundle(options: argparse.Namespace) -> int:
     """`spherecal support-bundle`."""
+    from spherecal.cli.answer import answer
     from spherecal.cli.commands import out
     from spherecal.cli.main import DONE
     from spherecal.cli.progress import shown_progress
@@ -52,6 +53,7 @@ def support_bundle(options: argparse.Namespace) -> int:
     )
 
     def announce(contents: BundleContents) -> None:
+        answer(options, {"output": options.output, "files": contents.files, "replaced": contents.redacted})
         out.print(f"{counted(len(contents.files), 'file goes', 'files go')} into {options.output}:", markup=False)
         for name, size in contents.files.items():
             out.print(f"  {name}  {size} bytes", markup=False)

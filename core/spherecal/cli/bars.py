@@ -37,7 +37,7 @@ def add_parsers(add: Callable[[str, str], argparse.ArgumentParser]) -> None:
     table.add_argument("table", type=Path, metavar="FILE", help="as a spreadsheet writes it; export gives a model")
     table.add_argument("--replace", action="store_true", help="also bars that the registry has with other figures")
     export = action("export", "Write all bars as such a table.")
-    export.add_argument("table", type=Path, metavar="FILE", help="a file that is replaced where it is there")
+    export.add_argument("table", type=Path, metavar="FILE", help="the file to write, - for standard output")
     _add_add(action("add", "Enter a bar, or with --replace new figures of one, from its certificate."))
 
 
@@ -325,12 +325,14 @@ def _import(options: argparse.Namespace) -> int:
 
 
 def _export(options: argparse.Namespace) -> None:
+    from spherecal.cli.parsing import output_file
     from spherecal.files.bar_registry import read_registry, registry_path
     from spherecal.files.bars_table import write_bars_table
 
     path = options.registry or registry_path()
     found = read_registry(path)
-    write_bars_table(tuple(found.values()), options.table)
+    with output_file(options.table) as place:
+        write_bars_table(tuple(found.values()), place)
     answer(options, {"registry": path, "output": options.table, "bars": list(found)})
     _say(f"{counted(len(found), 'bar')} of {path} written to {options.table}.")
 

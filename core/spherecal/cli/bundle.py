@@ -39,6 +39,7 @@ def support_bundle(options: argparse.Namespace) -> int:
     from spherecal.cli.answer import answer
     from spherecal.cli.commands import out
     from spherecal.cli.main import DONE
+    from spherecal.cli.parsing import output_file
     from spherecal.cli.progress import shown_progress
     from spherecal.methods.settings import CalibrationSettings
     from spherecal.support.bundle import BundleContents, BundleOptions, write_bundle
@@ -59,8 +60,8 @@ def support_bundle(options: argparse.Namespace) -> int:
             out.print(f"  {name}  {size} bytes", markup=False)
         out.print(f"Replaced in them: {'; '.join(contents.redacted)}.", markup=False)
 
-    with shown_progress() as context:
-        write_bundle(options.session, options.output, wanted, context, announce)
+    with shown_progress() as context, output_file(options.output) as place:
+        write_bundle(options.session, place, wanted, context, announce)
     out.print(f"Written: {options.output}", markup=False)
     if not options.images:
         out.print("It holds no images.")

@@ -186,4 +186,6 @@ def _repair(options: argparse.Namespace, session: "Session", rig: "Rig", found: 
     with shown_progress() as context:
         done = mend(session, rig, found.to_repair, context)
         write_result(done, options.repair, {"method": "selected", "only": list(found.to_repair), "estimate": "pose"})
-    out.print(f"Cameras {', '.join(found.to_repair)} recalibrated; the repaired rig is in {options.repair}.")
+    out.print(
+        f"Cameras {', '.join(found.to_repair)} recalibrated; the repaired rig is in {options.repair}.", markup=False
+    )

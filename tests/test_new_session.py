@@ -150,7 +150,11 @@ def test_targets_and_the_ball_go_into_the_session(images: Path, tmp_path: Path) 
     session = made.session
     assert session.target_set is not None and len(session.target_set.layouts) == 12
     assert session.sphere_diameter_mm == 500.0 and session.cameras[0].lens_model == "fisheye"
-    assert [one.split(":")[0] for one in made.missing] == ["a scale"]
+    assert made.missing == () and any("state what they measure" in one for one in made.assumed)
+    scale = made.session.scale
+    assert scale is not None and (scale.kind, scale.surface) == ("target_spacing", "sphere")
+    first, second = (session.target_set.layouts[1][str(dot)] for dot in (scale.from_point, scale.to_point))
+    assert scale.distance_mm == pytest.approx(float(np.linalg.norm(first - second))) and scale.distance_mm > 20
 
 
 def test_the_command_says_what_it_read(images: Path, tmp_path: Path, capsys) -> None:

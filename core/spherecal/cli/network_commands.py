@@ -87,7 +87,7 @@ def guide(options: argparse.Namespace) -> int:
         save_guidance_picture(calibration.rig, guidance, calibration.spheres[0].radius_mm, options.picture)
     answer(options, _as_json(guidance))
     out.print(escape(guidance.words()))
-    table = Table("place (mm, rig frame)", "turn", "towards", "cameras", "500 mm, k = 2")
+    table = Table("place (mm, rig frame)", "turn", "towards", "cameras", "500 mm, k = 2", box=None)
     for c in guidance.candidates[:6]:
         place = ", ".join(f"{x:.0f}" for x in c.centre_mm)
         turn = "none" if c.axis is None else f"{c.turn_deg:.0f} deg about " + ", ".join(f"{x:.2f}" for x in c.axis)
@@ -127,7 +127,7 @@ def cross_validate(options: argparse.Namespace) -> int:
     with shown_progress() as context:
         whole, found = run(read_session(options.session), None, context)
     answer(options, found)
-    table = Table("left out", "dots", "rms px", "shape rms mm", "size, ppm")
+    table = Table("left out", "dots", "rms px", "shape rms mm", "size, ppm", box=None)
     for one in found:
         cells = [
             "-" if value is None else text

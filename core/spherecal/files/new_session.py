@@ -222,9 +222,22 @@ def _document(
         document["sphere"] = {"nominal_diameter_mm": contents.sphere_diameter_mm}
     if contents.board is not None:
         document["board"] = dict(contents.board)
+    elif (scale := _printed_scale(contents)) is not None:
+        document["scale"] = scale
+        spacing = f"{scale['from']} to {scale['to']}, {scale['distance_mm']:.3f} mm"
+        assumed[f"the scale by the targets as they should be printed ({spacing}); state what they measure"] = []
     document["placements"] = [{"id": place} for place in maker.places]
     said = tuple(f"{one} ({', '.join(who)})" if who else one for one, who in assumed.items())
     return document, tuple(cameras), said
+
+
+def _printed_scale(contents: Contents) -> dict[str, Any] | None:
+    """The scale by the targets' nominal spacing, good to what the printer is; None without targets."""
+    widest = None if contents.targets is None else contents.targets.widest()
+    if widest is None:
+        return None
+    surface = "flat" if contents.sphere_diameter_mm is None else "sphere"
+    return {"kind": "target_spacing", "from": widest[0], "to": widest[1], "distance_mm": widest[2], "surface": surface}
 
 
 def _camera(
@@ -289,7 +302,7 @@ def _missing(contents: Contents, layout: ImageLayout) -> tuple[str, ...]:
     said = []
     if contents.board is None and contents.targets is None:
         said.append("what the images show: a board (--board) or coded targets (--targets)")
-    if contents.board is None:
+    if contents.board is None and _printed_scale(contents) is None:
         said.append('a scale: lengths will be arbitrary; add "scale" or bars to session.json (formats.md)')
     if len(layout.files) < 2:
         said.append("a second camera")

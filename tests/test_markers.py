@@ -16,10 +16,15 @@ from spherecal.base.errors import InputError
 from spherecal.cli.main import main
 from spherecal.files.target_set_file import read_target_set, write_target_set
 from spherecal.geometry.camera import project
+from spherecal.measuring.live import collected
+from spherecal.measuring.regions import _joined
 from spherecal.targets.detection import Detections, DetectionSettings, Detector
+from spherecal.targets.family import DOTS
 from spherecal.targets.marker_set import CORNERS, make_marker_set, sticker_mm
 from spherecal.targets.sheet import scaled, sticker_places, write_sheet
 from spherecal.targets.target_set import TargetSet
+from spherecal_gui.presenters.coverage import Dots
+from spherecal_gui.tasks.guide import observations_of, printed_scale
 from spherecal_sim.rendered_stickers import (
     StickerCamera,
     camera_ring,
@@ -172,6 +177,24 @@ def test_a_session_with_markers_is_calibrated(recorded: Recorded) -> None:
     assert figures.rms_px < 0.2 and figures.observations > 400
     assert figures.over_stated < 4  # three placements with free lenses leave much open, and the result says how much
     assert figures.centre_mm < 30.0 and figures.turn_deg < 3.0 and abs(figures.scale_ppm) < 10_000
+
+
+def test_an_image_without_markers_does_not_rename_the_corners_of_the_others(rendered: Scene) -> None:
+    found = Detector(rendered.targets).detect(rendered.image)
+    empty = _joined([], DetectionSettings())
+    assert empty.points == DOTS and len(empty) == 0, "as a part of an image gives it"
+    together = collected([0, 1], [empty, found], ("C1", "C2"))
+    assert together.points == CORNERS and set(together.camera.tolist()) == {1} and len(together) == len(found)
+
+
+def test_the_windows_table_has_the_names_of_corners(rendered: Scene) -> None:
+    found = Detector(rendered.targets).detect(rendered.image)
+    dots = {"P1": {"C1": Dots(found.target, found.point, found.uv, SIZE)}}
+    assert observations_of(["P1"], ["C1"], dots, rendered.targets).points == CORNERS
+    assert observations_of(["P1"], ["C1"], dots, None).points == DOTS
+    scale = printed_scale(rendered.targets)
+    assert scale is not None and {scale["from"], scale["to"]} in ({"0", "2"}, {"1", "3"})
+    assert scale["distance_mm"] == pytest.approx(28 * 2**0.5)
 
 
 # --- what follows a calibration --------------------------------------------------------------------------------------

@@ -32,8 +32,10 @@ def licences(options: argparse.Namespace) -> int:
     answer(options, [{"name": part.name, "version": part.version, "licence": part.licence} for part in found])
     if options.texts is not None:
         to_output(options.texts, licence_text().encode())
+        out.print(f"Licence texts in {options.texts}.", markup=False)
     if options.sbom is not None:
         to_output(options.sbom, bill_of_materials())
+        out.print(f"Bill of materials in {options.sbom}.", markup=False)
     if options.texts is None and options.sbom is None:
         for part in found:
             out.print(f"{part.name} {part.version}: {part.licence}", markup=False)

@@ -34,7 +34,7 @@ def add_parsers(add: Callable[[str, str], argparse.ArgumentParser]) -> None:
     new.add_argument(
         "--board",
         metavar="BOARD",
-        help="the board that they show: chessboard,rows=6,columns=9,pitch_mm=25, with the fields of the manual's page "
+        help="the board that they show: chessboard,rows=6,columns=9,pitch_mm=20, with the fields of the manual's page "
         "on boards, or a JSON file with them",
     )
     new.add_argument("--targets", type=Path, metavar="targets.json", help="the coded targets that they show")

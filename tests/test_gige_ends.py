@@ -74,6 +74,14 @@ def test_the_exit_code_is_the_commands(session: Path) -> None:
         assert program.wait(LIMIT_S) == 7
 
 
+def test_as_json_it_tells_where_the_cameras_are(session: Path) -> None:
+    words = [*SPHERECAL, "cameras", "simulate-gige", str(session), "--cameras", "1", "--json"]
+    done = subprocess.run(words, input="quit\n", capture_output=True, text=True, check=True, timeout=LIMIT_S)
+    document = json.loads(done.stdout)
+    assert set(document) == {"cameras", "scene", "scenes", "producers"}
+    assert len(document["cameras"]) == 1 and document["scene"] == document["scenes"][0]
+
+
 def test_after_ctrl_c_the_command_ends_in_its_own_way(session: Path) -> None:
     with rig_with(session, "trap 'exit 5' INT; readlink /proc/self/ns/net; while :; do sleep 0.1; done") as program:
         network = first_line(program)

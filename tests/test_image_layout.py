@@ -150,6 +150,18 @@ def test_caliscope(tmp_path):
     assert list(layout.files) == ["cam_0", "cam_1", "cam_3"] and len(layout.left_out) == 5
 
 
+def test_a_recording_of_caliscope(tmp_path):
+    names = [*named("port_{c}.mp4", ["0", "1", "10"], [""]), *named("HOLISTIC/port_{c}_HOLISTIC.mp4", ["0", "1"], [""])]
+    layout = recognise(folder(tmp_path, names))
+    assert layout.words == "videos as caliscope names them" and len(layout.left_out) == 2
+    assert list(layout.files) == ["port_0", "port_1", "port_10"]
+
+
+def test_a_set_of_matlabs_stereo_calibrator(tmp_path):
+    layout = recognise(folder(tmp_path, named("{c}/{c}{p}.png", ["left", "right"], ["01", "02", "03"])))
+    assert list(layout.files) == ["left", "right"] and layout.placements == ("01", "02", "03")
+
+
 def test_anipose(tmp_path):
     names = [
         *named("calibration/vid_v1_cam{c}.avi", ["1", "2"], [""]),

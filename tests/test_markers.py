@@ -16,10 +16,15 @@ from spherecal.base.errors import InputError
 from spherecal.cli.main import main
 from spherecal.files.target_set_file import read_target_set, write_target_set
 from spherecal.geometry.camera import project
+from spherecal.measuring.live import collected
+from spherecal.measuring.regions import _joined
 from spherecal.targets.detection import Detections, DetectionSettings, Detector
+from spherecal.targets.family import DOTS
 from spherecal.targets.marker_set import CORNERS, make_marker_set, sticker_mm
 from spherecal.targets.sheet import scaled, sticker_places, write_sheet
 from spherecal.targets.target_set import TargetSet
+from spherecal_gui.presenters.coverage import Dots
+from spherecal_gui.tasks.guide import observations_of, printed_scale
 from spherecal_sim.rendered_stickers import (
     StickerCamera,
     camera_ring,
@@ -117,24 +122,153 @@ def test_what_is_ignored_and_what_is_not_there(rendered: Scene) -> None:
     assert Detector(few).detect(rendered.image).target_ids.tolist() == [found.target_ids[0]]
 
 
+class Recorded(NamedTuple):
+    folder: Path
+    cameras: list[StickerCamera]
+    centres_mm: float  # the distance of the centres of two markers, and of their corners 0
+    corners_mm: float
+
+
+MARKS = (31, 57)  # seen well at P3
+
+
 @pytest.fixture(scope="module")
-def recorded(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, list[StickerCamera]]:
-    """Four cameras, three placements of a ball with AprilTags."""
+def recorded(tmp_path_factory: pytest.TempPathFactory) -> Recorded:
+    """Four cameras, three placements of a ball with ArUco markers, of which two serve as a bar too."""
     random = np.random.default_rng(2)
     folder = tmp_path_factory.mktemp("markers") / "session"
     cameras = camera_ring(4, SIZE, 960.0, 1000.0, random, 100.0)
     ball = sticker_ball(make_marker_set("DICT_4X4_100", 28.0, range(100)), 200.0, random)
     write_sticker_session(folder, ball, cameras, 3, random)
-    return folder, cameras
+    points = sticker_points(ball)
+    first, second = (np.array([points[mark, corner] for corner in CORNERS]) for mark in MARKS)
+    centres, corners = np.linalg.norm(first.mean(axis=0) - second.mean(axis=0)), np.linalg.norm(first[0] - second[0])
+    session = json.loads((folder / "session.json").read_text(encoding="utf-8"))
+    names = {"A": (MARKS[0], "centre"), "B": (MARKS[1], "centre"), "C": (MARKS[0], "0"), "D": (MARKS[1], "0")}
+    session["bars"] = [
+        {
+            "id": "pair",
+            "role": "check",
+            "marks": {name: {"target": target, "point": point} for name, (target, point) in names.items()},
+            "lengths": [
+                {"from": a, "to": b, "length_mm": float(length), "expanded_uncertainty_mm": 0.01}
+                for a, b, length in (("A", "B", centres), ("C", "D", corners))
+            ],
+        }
+    ]
+    pose = {"id": "B1", "bar": "pair", "temperature_c": 20.0, "images": session["placements"][2]["images"]}
+    (folder / "session.json").write_text(json.dumps(session | {"bar_poses": [pose]}), encoding="utf-8")
+    return Recorded(folder, cameras, float(centres), float(corners))
+
+
+@pytest.fixture(scope="module")
+def result(recorded: Recorded) -> Path:
+    """Calibrated and verified."""
+    folder = recorded.folder.parent / "result"
+    assert main(["calibrate", str(recorded.folder), "-o", str(folder), "-q"]) == 0
+    assert main(["verify", str(recorded.folder), "--rig", str(folder), "-o", str(folder), "-q"]) == 0
+    return folder
 
 
 @pytest.mark.slow
-def test_a_session_with_markers_is_calibrated(recorded: tuple[Path, list[StickerCamera]]) -> None:
-    figures = compared(*recorded)
+def test_a_session_with_markers_is_calibrated(recorded: Recorded) -> None:
+    figures = compared(recorded.folder, recorded.cameras)
     assert figures.verdict in ("valid", "use-with-care")
     assert figures.rms_px < 0.2 and figures.observations > 400
     assert figures.over_stated < 4  # three placements with free lenses leave much open, and the result says how much
     assert figures.centre_mm < 30.0 and figures.turn_deg < 3.0 and abs(figures.scale_ppm) < 10_000
+
+
+def test_an_image_without_markers_does_not_rename_the_corners_of_the_others(rendered: Scene) -> None:
+    found = Detector(rendered.targets).detect(rendered.image)
+    empty = _joined([], DetectionSettings())
+    assert empty.points == DOTS and len(empty) == 0, "as a part of an image gives it"
+    together = collected([0, 1], [empty, found], ("C1", "C2"))
+    assert together.points == CORNERS and set(together.camera.tolist()) == {1} and len(together) == len(found)
+
+
+def test_the_windows_table_has_the_names_of_corners(rendered: Scene) -> None:
+    found = Detector(rendered.targets).detect(rendered.image)
+    dots = {"P1": {"C1": Dots(found.target, found.point, found.uv, SIZE)}}
+    assert observations_of(["P1"], ["C1"], dots, rendered.targets).points == CORNERS
+    assert observations_of(["P1"], ["C1"], dots, None).points == DOTS
+    scale = printed_scale(rendered.targets)
+    assert scale is not None and {scale["from"], scale["to"]} in ({"0", "2"}, {"1", "3"})
+    assert scale["distance_mm"] == pytest.approx(28 * 2**0.5)
+
+
+# --- what follows a calibration --------------------------------------------------------------------------------------
+
+
+def told(capsys: pytest.CaptureFixture[str], *words: object) -> list[dict]:
+    """The documents that a command prints."""
+    capsys.readouterr()
+    assert main([*(str(word) for word in words), "--json"]) == 0
+    text = capsys.readouterr().out
+    return [json.loads(line) for line in text.splitlines()] if words[0] == "measure" else [json.loads(text)]
+
+
+@pytest.mark.slow
+def test_lengths_between_markers_are_verified(recorded: Recorded, result: Path) -> None:
+    found = json.loads((result / "verification.json").read_text(encoding="utf-8"))
+    assert found["decision"]["verdict"] == "consistent"
+    assert [(one["from"], one["to"], one["n"]) for one in found["lengths"]] == [("A", "B", 1), ("C", "D", 1)]
+    for length in found["lengths"]:  # without that, any error would be consistent
+        assert abs(length["mean_error_mm"]) < length["expanded_uncertainty_mm"] < 0.5
+    assert {one["state"] for one in found["cameras"]} == {"verified"}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("ending", ["html", "pdf", "json"])
+def test_the_report_shows_them(recorded: Recorded, result: Path, tmp_path: Path, ending: str) -> None:
+    report = tmp_path / f"report.{ending}"
+    assert main(["report", str(result), "-o", str(report), "--session", str(recorded.folder), "-q"]) == 0
+    if ending == "html":
+        text = report.read_text(encoding="utf-8")
+        assert all(camera.id in text for camera in recorded.cameras) and "pair" in text
+    elif ending == "pdf":
+        assert len(pages(report)) > 3
+    else:
+        found = json.loads(report.read_text(encoding="utf-8"))
+        assert len(found["verdicts"]) == 2 and "pair" in json.dumps(found["sections"])
+
+
+@pytest.mark.slow
+def test_markers_are_measured(recorded: Recorded, result: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    a, b = MARKS
+    centres, corners = f"{a},{b}={recorded.centres_mm}", f"{a}/0,{b}/0={recorded.corners_mm}"
+    sets = told(
+        capsys, "measure", recorded.folder, "--rig", result, "--distance", centres, "--distance", corners, "--not-kept"
+    )
+    assert [one["id"] for one in sets] == ["P1", "P2", "P3", "B1"] and all(len(one["points"]) > 15 for one in sets)
+    measured = [value for one in sets[2:] for value in one["values"] if value["kind"] == "distance"]
+    assert len(measured) >= 4
+    for value in measured:
+        assert abs(value["deviation"]) < 2 * value["u"] < 0.4
+
+
+@pytest.mark.slow
+def test_the_next_place_of_a_ball_with_markers_is_advised(
+    recorded: Recorded, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (found,) = told(capsys, "guide", recorded.folder)
+    assert found["candidates"] and found["candidates"][0]["expanded_mm"] < found["now_mm"]
+
+
+@pytest.mark.slow
+def test_a_rig_is_checked_and_its_ball_used_again(
+    recorded: Recorded, result: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (found,) = told(capsys, "check", recorded.folder, "--profile", result, "--only", "P1", "--not-kept")
+    assert found["verdict"] == "ok" and not found["balls"][0]["changed"]
+    ball = tmp_path / "ball.json"
+    (kept,) = told(capsys, "ball", "export", result, "-o", ball, "--session", recorded.folder)
+    assert kept["targets"] > 30 and abs(kept["radius_mm"] - 200) < 2
+    (again,) = told(capsys, "calibrate", recorded.folder, "--ball", ball, "-o", tmp_path / "again")
+    assert again["form"]["name"] == "rigid" and "ball profile" in again["form"]["reason"]
+
+
+# --- files -----------------------------------------------------------------------------------------------------------
 
 
 def test_detect_writes_the_corners(rendered: Scene, tmp_path: Path) -> None:

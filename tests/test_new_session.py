@@ -12,6 +12,8 @@ import spherecal
 from spherecal.base.context import Context
 from spherecal.base.errors import Cancelled, InputError, OutputError
 from spherecal.cli.main import main
+from spherecal.targets.video_frames import _frames as video_frames
+from spherecal.targets.video_frames import common_moments
 
 SIZE = (160, 120)
 BOARD = {"kind": "chessboard", "rows": 6, "columns": 9, "pitch_mm": 25.0}
@@ -148,7 +150,11 @@ def test_targets_and_the_ball_go_into_the_session(images: Path, tmp_path: Path) 
     session = made.session
     assert session.target_set is not None and len(session.target_set.layouts) == 12
     assert session.sphere_diameter_mm == 500.0 and session.cameras[0].lens_model == "fisheye"
-    assert [one.split(":")[0] for one in made.missing] == ["a scale"]
+    assert made.missing == () and any("state what they measure" in one for one in made.assumed)
+    scale = made.session.scale
+    assert scale is not None and (scale.kind, scale.surface) == ("target_spacing", "sphere")
+    first, second = (session.target_set.layouts[1][str(dot)] for dot in (scale.from_point, scale.to_point))
+    assert scale.distance_mm == pytest.approx(float(np.linalg.norm(first - second))) and scale.distance_mm > 20
 
 
 def test_the_command_says_what_it_read(images: Path, tmp_path: Path, capsys) -> None:
@@ -209,6 +215,71 @@ def test_still_and_sharp_frames_of_videos_are_taken(tmp_path: Path) -> None:
     kept = cv2.imread(str(made.session.placements[0].images["cam1"]), cv2.IMREAD_UNCHANGED)
     assert kept.shape == (240, 320) and kept.std() > 20
     assert any("one moment" in line for line in made.assumed)
+
+
+def write_times(path: Path, header: str, times: dict[str, np.ndarray]) -> None:
+    """A table of frame times, its rows in no order."""
+    rows = [
+        {"sync_index": i, "frame_index": i, "cam_id": number, "port": number, "frame_time": float(time)}
+        for number, own in times.items()
+        for i, time in enumerate(own)
+    ]
+    np.random.default_rng(1).shuffle(rows)  # pyright: ignore[reportArgumentType]
+    names = header.split(",")
+    path.write_text("\n".join([header, *(",".join(str(row[name]) for name in names) for row in rows)]) + "\n")
+
+
+@pytest.mark.parametrize(
+    ("table", "header", "stem"),
+    [
+        ("timestamps.csv", "cam_id,frame_time", "cam"),
+        ("frame_time_history.csv", "sync_index,port,frame_index,frame_time", "port"),
+    ],
+)
+def test_frames_of_one_moment_by_caliscopes_times(tmp_path: Path, table: str, header: str, stem: str) -> None:
+    """The second camera began 8 frames later and dropped one: frame i of both is never of one moment."""
+    clock = 1000.0 + 0.04 * np.arange(60)
+    late = np.delete(clock[8:] + 0.005, 30)
+    video(tmp_path / "videos" / f"{stem}_0.avi", 1)
+    video(tmp_path / "videos" / f"{stem}_3.avi", 2, len(late), (2, 22, 41))  # still at the same times
+    write_times(tmp_path / "videos" / table, header, {"0": clock, "3": late})
+    made = spherecal.new_session(tmp_path / "new", tmp_path / "videos", board=BOARD, frames=3)
+    frames = [int(placement.id[1:]) for placement in made.session.placements]
+    assert len(frames) == 3 and all(min(abs(f - s) for s in (10, 30, 50)) <= 3 for f in frames)
+    assert f"by the times in {table}, at most 5 ms apart" in " ".join(made.assumed)
+    other = list(video_frames(tmp_path / "videos" / f"{stem}_3.avi"))
+    for frame, placement in zip(frames, made.session.placements, strict=True):
+        kept = cv2.imread(str(placement.images[f"{stem}_3"]), cv2.IMREAD_UNCHANGED)
+        expected = int(np.argmin(np.abs(late - clock[frame])))
+        assert kept is not None and np.array_equal(kept, other[expected]) and expected != frame
+
+
+def test_moments_that_a_camera_missed_are_left_out() -> None:
+    fast, slow = 0.01 * np.arange(100), 0.003 + 0.033 * np.arange(30)
+    found = common_moments([fast, np.delete(slow, [4, 5])])
+    assert list(found[:, 1]) == [*range(28)] and (np.abs(fast[found[:, 0]] - np.delete(slow, [4, 5])) <= 0.006).all()
+    gap = np.delete(fast, np.arange(40, 60))
+    found = common_moments([gap, slow])
+    assert len(found) == 24 and (np.abs(gap[found[:, 0]] - slow[found[:, 1]]) <= 0.006).all()
+    assert not len(common_moments([fast, slow + 100.0]))
+
+
+def test_times_that_do_not_fit_the_videos(tmp_path: Path) -> None:
+    clock, videos = 0.04 * np.arange(30), tmp_path / "videos"
+    for number in (0, 1):
+        video(videos / f"cam_{number}.avi", number, 30)
+    for times, message in (
+        ({"0": clock, "1": clock[:-1]}, r"cam_1.avi has 30 frames, the table beside it 29 times"),
+        ({"0": clock}, r"has no rows of cam_1.avi; it names the cameras 0"),
+        ({"0": clock, "1": clock + 60}, r"cam_0.avi and cam_1.avi have no common moment"),
+        ({"0": clock, "1": clock * np.nan}, r"line \d+ has no time"),
+    ):
+        write_times(videos / "timestamps.csv", "cam_id,frame_time", times)
+        with pytest.raises(InputError, match=message):
+            spherecal.new_session(tmp_path / "new", videos, board=BOARD)
+    (videos / "timestamps.csv").write_text("when,what\n12:00,began\n")  # of another program
+    made = spherecal.new_session(tmp_path / "new", videos, board=BOARD)
+    assert any(line.startswith("frame i of every video") for line in made.assumed)
 
 
 def test_frames_that_show_the_same_are_taken_once(tmp_path: Path) -> None:

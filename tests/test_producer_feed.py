@@ -1,6 +1,5 @@
 """A session folder in front of the simulated cameras, and the commands around it."""
 
-import argparse
 import json
 import os
 import signal
@@ -136,8 +135,21 @@ def test_the_command_runs_until_it_is_ended_and_others_can_change_the_scene(
         ProducerControl.attached()
 
 
+def test_as_json_it_tells_what_is_seen_and_nothing_else(
+    cti: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("SPHERECAL_GENTL_REGION", f"spherecal-json-{os.getpid()}")
+    folder = str(_write_session(tmp_path / "s"))
+    words = [sys.executable, "-m", "spherecal.cli.main", "cameras", "simulate-producer", folder, "--json"]
+    done = subprocess.run(words, input="P2\nquit\n", capture_output=True, text=True, check=True, timeout=60)
+    assert json.loads(done.stdout) == {
+        "cameras": ["4711", "C2"], "scene": "P1", "scenes": ["P1", "P2"], "producers": str(cti.parent)
+    }  # fmt: skip
+
+
 def test_building_says_how_to_use_it(cti: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    options = argparse.Namespace(kind="build-producer", output=tmp_path, aravis=False)
-    assert command.run(options) == DONE
+    assert main(["cameras", "build-producer", "-o", str(tmp_path)]) == DONE
     assert f"GENICAM_GENTL64_PATH={tmp_path}" in capsys.readouterr().out
     assert (tmp_path / cti.name).read_bytes() == cti.read_bytes()
+    assert main(["cameras", "build-producer", "-o", str(tmp_path), "--json"]) == DONE
+    assert json.loads(capsys.readouterr().out) == {"producer": str(tmp_path / cti.name)}

@@ -1,7 +1,9 @@
 """Scenes for 3-D programs, rigs of other programs as files of ours, and lenses fitted where the volume is."""
 
 import json
+import os
 import re
+import subprocess
 import sys
 import types
 from dataclasses import replace
@@ -9,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from conftest import ROOT
 
 import spherecal
 from spherecal.base.errors import InputError
@@ -139,6 +142,46 @@ def test_blender_cameras_project_as_ours_do(tmp_path: Path, monkeypatch) -> None
         u = (0.5 + data["lens"] / data["sensor_width"] * local[0] / -local[2] - data["shift_x"]) * w - 0.5
         v = (0.5 * h / w - (data["lens"] / data["sensor_width"] * local[1] / -local[2] - data["shift_y"])) * w - 0.5
         np.testing.assert_allclose((u, v), camera.project(point), atol=1e-6)
+
+
+def with_blender() -> str | None:
+    """A Python that has Blender's module: this one, or one named in SPHERECAL_READERS."""
+    named = filter(None, os.environ.get("SPHERECAL_READERS", "").split(os.pathsep))
+    for python in (sys.executable, *named):
+        if subprocess.run([python, "-c", "import bpy"], capture_output=True, check=False).returncode == 0:
+            return python
+    return None
+
+
+@pytest.mark.parametrize(("kind", "name"), [("blender", "rig.py"), ("gltf", "rig.gltf"), ("ply", "rig.ply")])
+def test_blender_itself_reads_them(tmp_path: Path, kind: str, name: str) -> None:
+    """Centred principal points and square pixels, which glTF can hold; Blender computes in single precision."""
+    python = with_blender()
+    if python is None:
+        pytest.skip("there is no Blender (pip install bpy)")
+    rig = make_rig(4, 4)
+    size = np.array(rig.cameras[0].image_size)
+    middle = (size - 1) / 2
+    bare = tuple(
+        replace(c, intrinsics=np.concatenate([c.intrinsics[[0, 0]], middle, np.zeros(12)])) for c in rig.cameras
+    )
+    rig = replace(rig, cameras=bare)
+    spherecal.export_rig(rig, kind, tmp_path / name)
+    points = {c.id: c.centre_mm + 1500 * c.rotation[2] + 120 * c.rotation[0] - 70 * c.rotation[1] for c in bare}
+    given = {
+        key: {"size": size.tolist(), "point": [x / 1000, z / 1000, -y / 1000]} for key, (x, y, z) in points.items()
+    }
+    line = [python, ROOT / "tests" / "blender_reader.py", kind, tmp_path / name, json.dumps(given)]
+    done = subprocess.run([str(word) for word in line], capture_output=True, text=True, check=True, timeout=300)
+    found = json.loads(next(said[6:] for said in done.stdout.splitlines() if said.startswith("found ")))
+    if kind == "ply":
+        (vertices,) = (np.array(own) for own in found.values())
+        for camera in bare:
+            assert np.linalg.norm(vertices - camera.centre_mm, axis=1).min() < 1e-3
+        return
+    for camera in bare:
+        u, v = found[camera.id][0] * size[0] - 0.5, (1 - found[camera.id][1]) * size[1] - 0.5
+        np.testing.assert_allclose((u, v), camera.project(points[camera.id]), atol=2e-3)
 
 
 # --- imports ---------------------------------------------------------------------------------------------------------

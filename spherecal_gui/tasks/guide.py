@@ -14,9 +14,6 @@ from spherecal_gui.presenters.coverage import SetDots
 from spherecal_gui.presenters.guidance import guidance_of
 from spherecal_gui.presenters.rig_scenes import next_scene
 
-_SAME_MM = 1e-6
-
-
 # Dots of a camera from which the first answer is worked out: with 80 the cameras are known to some px (demo rig).
 _COARSE_DOTS = 160
 
@@ -82,13 +79,14 @@ def session_of_dots(document: dict[str, Any], target_set: Any, dots: Mapping[str
         bare = {key: value for key, value in bare.items() if value is not None}
     bare["placements"] = [{"id": name} for name in placements]
     session = _read(bare, target_set, read_session)
-    return replace(session, observations=observations_of(placements, cameras, dots))
+    return replace(session, observations=observations_of(placements, cameras, dots, target_set))
 
 
-def observations_of(placements: list[str], cameras: list[str], dots: Mapping[str, SetDots]) -> Any:
-    """The dots of these placements and cameras as one table (network.observations)."""
+def observations_of(placements: list[str], cameras: list[str], dots: Mapping[str, SetDots], target_set: Any) -> Any:
+    """The dots of these placements and cameras, or the corners of markers, as one table (network.observations)."""
     from spherecal.data.observations import Observations
     from spherecal.targets.family import DOTS
+    from spherecal.targets.marker_set import CORNERS
 
     shots = [(p, c, dots[name].get(camera)) for p, name in enumerate(placements) for c, camera in enumerate(cameras)]
     found = [(p, c, one) for p, c, one in shots if one is not None and len(one)]
@@ -100,7 +98,7 @@ def observations_of(placements: list[str], cameras: list[str], dots: Mapping[str
     return Observations(
         tuple(placements),
         tuple(cameras),
-        DOTS,
+        DOTS if target_set is None or target_set.dictionary is None else CORNERS,
         np.repeat(np.array([p for p, _, _ in found], dtype=np.int64), count),
         np.repeat(np.array([c for _, c, _ in found], dtype=np.int64), count),
         column([one.target for *_, one in found], np.int64, 0),
@@ -112,19 +110,13 @@ def observations_of(placements: list[str], cameras: list[str], dots: Mapping[str
 def printed_scale(target_set: Any) -> dict[str, Any] | None:
     """The scale as the targets were printed, good to a percent or so: enough to say what a length will be worth.
 
-    The widest pair of dots that all targets have at the same distance; None where there is no such pair.
+    None where no two dots of all targets have the same distance.
     """
-    layouts = list(target_set.layouts.values())
-    names = sorted(set.intersection(*(set(layout) for layout in layouts)))
-    widest: tuple[float, str, str] | None = None
-    for i, first in enumerate(names):
-        for second in names[i + 1 :]:
-            lengths = [float(np.linalg.norm(layout[first] - layout[second])) for layout in layouts]
-            if np.ptp(lengths) < _SAME_MM and (widest is None or lengths[0] > widest[0]):
-                widest = (lengths[0], first, second)
+    widest = target_set.widest()
     if widest is None:
         return None
-    return {"kind": "target_spacing", "from": widest[1], "to": widest[2], "distance_mm": widest[0], "surface": "sphere"}
+    first, second, distance_mm = widest
+    return {"kind": "target_spacing", "from": first, "to": second, "distance_mm": distance_mm, "surface": "sphere"}
 
 
 def _read(document: dict[str, Any], target_set: Any, read_session: Any) -> Any:

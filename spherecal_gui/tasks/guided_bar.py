@@ -28,7 +28,7 @@ def lying_ends(rig: Any, bar: Any, target_set: Any, dots: Mapping[str, Dots]) ->
     """Where the first and the last mark of a bar are, (2, 3) mm, from the dots by camera; None where not found."""
     from spherecal.verify.live_pose import measured_ends
 
-    return measured_ends(rig, bar, target_set, observations_of(["live"], list(dots), {"live": dots}))
+    return measured_ends(rig, bar, target_set, observations_of(["live"], list(dots), {"live": dots}, target_set))
 
 
 def lay_bar(stage: Any, rig: Any, pose: Any, bar: Any) -> None:

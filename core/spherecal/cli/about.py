@@ -23,16 +23,22 @@ def add_parsers(add: Add) -> None:
 
 def licences(options: argparse.Namespace) -> int:
     """`spherecal licences`."""
+    from spherecal.cli.answer import answer
+    from spherecal.cli.commands import out
     from spherecal.cli.parsing import to_output
     from spherecal.support.licences import bill_of_materials, licence_text, parts
 
+    found = parts()
+    answer(options, [{"name": part.name, "version": part.version, "licence": part.licence} for part in found])
     if options.texts is not None:
         to_output(options.texts, licence_text().encode())
+        out.print(f"Licence texts in {options.texts}.", markup=False)
     if options.sbom is not None:
         to_output(options.sbom, bill_of_materials())
+        out.print(f"Bill of materials in {options.sbom}.", markup=False)
     if options.texts is None and options.sbom is None:
-        for part in parts():
-            print(f"{part.name} {part.version}: {part.licence}")
+        for part in found:
+            out.print(f"{part.name} {part.version}: {part.licence}", markup=False)
     return 0
 
 
@@ -43,11 +49,14 @@ def manual(options: argparse.Namespace) -> int:
     from spherecal.base.errors import InputError
     from spherecal.base.messages.values import Phrase
     from spherecal.base.resources import manual_page
+    from spherecal.cli.answer import answer
+    from spherecal.cli.commands import out
 
     page = manual_page(options.language)
     if page is None:
         raise InputError(Phrase("error-no-manual"))
-    print(page)
+    answer(options, {"page": page})
+    out.print(str(page), markup=False)
     if options.open and not webbrowser.open(page.as_uri()):
         raise InputError(Phrase("error-no-browser", {"page": page}))
     return 0

@@ -74,18 +74,19 @@ def _export(options: argparse.Namespace) -> None:
         if targets is not None:
             profile = replace(profile, family=targets.family, target_size_mm=targets.size_mm)
     to_output(options.output, ball_bytes(profile))
-    _say(profile, options.output)
+    _say(options, profile, options.output)
 
 
 def _show(options: argparse.Namespace) -> None:
     from spherecal.files.ball_file import read_ball
 
-    _say(read_ball(options.ball), options.ball)
+    _say(options, read_ball(options.ball), options.ball)
 
 
-def _say(profile: "BallProfile", path: Path) -> None:
+def _say(options: argparse.Namespace, profile: "BallProfile", path: Path) -> None:
     import numpy as np
 
+    from spherecal.cli.answer import answer
     from spherecal.cli.commands import out
     from spherecal.geometry.sphere import fit_sphere
 
@@ -95,6 +96,18 @@ def _say(profile: "BallProfile", path: Path) -> None:
     name = profile.name or "The ball"
     size_ppm = 1e6 * (shape.scale.relative_uncertainty or 0.0)
     day = "" if profile.calibrated is None else f", calibrated on {profile.calibrated.isoformat()}"
+    told = {
+        "file": path,
+        "name": profile.name,
+        "calibrated": profile.calibrated,
+        "dots": len(sd),
+        "targets": len(np.unique(shape.target)),
+        "sd_mm": np.median(sd),
+        "scale": shape.scale,
+        "radius_mm": sphere and sphere.radius,
+        "radial_sd_mm": sphere and sphere.radial_sd,
+    }
+    answer(options, told)
     out.print(
         f"{name}: {counted(len(sd), 'dot')} of {counted(len(np.unique(shape.target)), 'target')}{day}; "
         f"standard uncertainty of a dot {np.median(sd):.4f} mm per coordinate (median), of the size "

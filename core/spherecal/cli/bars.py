@@ -1,13 +1,13 @@
 """`spherecal bars list|add|show|remove|import|export|plan`: the owner's reference bars, and where to lay one."""
 
 import argparse
-import json
 from collections.abc import Callable
 from datetime import date
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from spherecal.base.messages.values import Phrase
+from spherecal.cli.answer import answer
 from spherecal.data.findings import counted
 
 if TYPE_CHECKING:
@@ -24,23 +24,20 @@ def add_parsers(add: Callable[[str, str], argparse.ArgumentParser]) -> None:
         one.add_argument("--registry", type=Path, metavar="FILE", help="instead of your own (or $SPHERECAL_BARS)")
         return one
 
-    listing = action("list", "All bars with their longest length and the state of their certificates.")
-    listing.add_argument("--json", action="store_true", help="print them as JSON")
+    action("list", "All bars with their longest length and the state of their certificates.")
     show = action("show", "One bar with its marks and certified lengths.")
     show.add_argument("serial", metavar="SERIAL", help="its serial number")
-    show.add_argument("--json", action="store_true", help="print it as JSON")
     remove = action("remove", "Take a bar out of the registry.")
     remove.add_argument("serial", metavar="SERIAL", help="its serial number")
     plan = action("plan", "Where to lay a bar to verify a rig: seven lines over its volume (VDI/VDE 2634-1, reduced).")
     plan.add_argument("result", type=Path, metavar="RESULT", help="result or profile folder, or rig.json")
     plan.add_argument("serial", metavar="SERIAL", nargs="?", help="a bar of the registry")
     plan.add_argument("--session", type=Path, metavar="SESSION", help="take the check bars of this session instead")
-    plan.add_argument("--json", action="store_true", help="print it as JSON")
     table = action("import", "Enter the bars of a table (CSV): one certified length a line, columns by their headings.")
     table.add_argument("table", type=Path, metavar="FILE", help="as a spreadsheet writes it; export gives a model")
     table.add_argument("--replace", action="store_true", help="also bars that the registry has with other figures")
     export = action("export", "Write all bars as such a table.")
-    export.add_argument("table", type=Path, metavar="FILE", help="a file that is replaced where it is there")
+    export.add_argument("table", type=Path, metavar="FILE", help="the file to write, - for standard output")
     _add_add(action("add", "Enter a bar, or with --replace new figures of one, from its certificate."))
 
 
@@ -99,19 +96,23 @@ def _say(*lines: str) -> None:
 
 
 def _list(options: argparse.Namespace) -> None:
-    from spherecal.files.bar_registry import bar_entry, read_registry, registry_path
+    from spherecal.files.bar_registry import read_registry, registry_path
 
     path = options.registry or registry_path()
     found = read_registry(path)
-    if options.json:
-        print(json.dumps([{**bar_entry(bar), "state": _state(bar)[0]} for bar in found.values()], indent=1))
-        return
+    answer(options, [_entry_with_state(bar) for bar in found.values()])
     if not found:
         _say(f"There are no bars in {path}.", "Enter one: spherecal bars add SERIAL --mark ... --length ...")
     for bar in found.values():
         longest = max(bar.lengths, key=lambda length: length.length_mm)
         shown = f"{_nominal(longest.nominal_mm)}{longest.length_mm:.3f} mm, {counted(len(bar.lengths), 'length')}"
         _say(f"{bar.serial}: {shown}, {_state(bar)[1]}  {bar.description}".rstrip())
+
+
+def _entry_with_state(bar: "RegisteredBar") -> dict[str, Any]:
+    from spherecal.files.bar_registry import bar_entry
+
+    return {**bar_entry(bar), "state": _state(bar)[0]}
 
 
 def _state(bar: "RegisteredBar") -> tuple[str, str]:
@@ -129,12 +130,10 @@ def _state(bar: "RegisteredBar") -> tuple[str, str]:
 
 
 def _show(options: argparse.Namespace) -> None:
-    from spherecal.files.bar_registry import bar_entry, find_bar
+    from spherecal.files.bar_registry import find_bar
 
     bar = find_bar(options.serial, options.registry)
-    if options.json:
-        print(json.dumps({**bar_entry(bar), "state": _state(bar)[0]}, indent=1))
-        return
+    answer(options, _entry_with_state(bar))
     _say(f"{bar.serial}  {bar.description}".rstrip(), f"  {_state(bar)[1]}")
     if bar.certificate is not None and (bar.certificate.laboratory or bar.certificate.date):
         _say(f"  calibrated by {bar.certificate.laboratory or '-'} on {bar.certificate.date or '-'}")
@@ -170,6 +169,7 @@ def _add(options: argparse.Namespace) -> None:
         if options.serial in known and not options.replace:
             raise InputError(Phrase("error-bar-registered", {"serial": options.serial}))
         write_registry({**known, bar.serial: bar}, path)
+    answer(options, {"registry": path, "bar": _entry_with_state(bar)})
     _say(f"Bar {bar.serial} is in {path}: {counted(len(bar.lengths), 'length')}, {_state(bar)[1]}.")
 
 
@@ -279,6 +279,7 @@ def _remove(options: argparse.Namespace) -> None:
     with changing_registry(path):
         gone = find_bar(options.serial, path)
         write_registry({key: bar for key, bar in read_registry(path).items() if key != gone.serial}, path)
+    answer(options, {"registry": path, "removed": gone.serial})
     _say(f"Bar {gone.serial} is no longer in {path}.")
 
 
@@ -297,11 +298,21 @@ def _import(options: argparse.Namespace) -> int:
         entered = found.new + (found.other if options.replace else ())
         if entered:
             write_registry({**known, **{bar.serial: bar for bar in entered}}, path)
+    kept = () if options.replace else found.other
+    told = {
+        "registry": path,
+        **{
+            name: [bar.serial for bar in of]
+            for name, of in (("entered", entered), ("same", found.same), ("kept", kept))
+        },
+        "problems": [{"serial": one.serial, "message": phrase(one.message)} for one in table.problems],
+        "ignored_columns": table.ignored,
+    }
+    answer(options, told)
     for bar in entered:
         _say(f"{bar.serial}: entered, {counted(len(bar.lengths), 'length')}, {_state(bar)[1]}")
     for bar in found.same:
         _say(f"{bar.serial}: as it was")
-    kept = () if options.replace else found.other
     for bar in kept:
         _say(f"{bar.serial}: not entered, the registry has other figures; --replace enters these")
     for problem in table.problems:
@@ -314,12 +325,15 @@ def _import(options: argparse.Namespace) -> int:
 
 
 def _export(options: argparse.Namespace) -> None:
+    from spherecal.cli.parsing import output_file
     from spherecal.files.bar_registry import read_registry, registry_path
     from spherecal.files.bars_table import write_bars_table
 
     path = options.registry or registry_path()
     found = read_registry(path)
-    write_bars_table(tuple(found.values()), options.table)
+    with output_file(options.table) as place:
+        write_bars_table(tuple(found.values()), place)
+    answer(options, {"registry": path, "output": options.table, "bars": list(found)})
     _say(f"{counted(len(found), 'bar')} of {path} written to {options.table}.")
 
 
@@ -340,7 +354,5 @@ def _plan(options: argparse.Namespace) -> None:
     source = read_source(options.result)
     box = volume_of(source)
     plan = plan_poses(source.rig, marks, (box.low_mm, box.high_mm))
-    if options.json:
-        print(json.dumps(plan.as_json(), indent=1))
-    else:
-        _say(*plan_words(plan))
+    answer(options, plan.as_json())
+    _say(*plan_words(plan))

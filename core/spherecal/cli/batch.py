@@ -1,10 +1,10 @@
 """`spherecal batch`: a whole folder of sessions calibrated, on this machine or on a cluster."""
 
 import argparse
-import json
 from collections.abc import Callable
 from pathlib import Path
 
+from spherecal.cli.answer import answer
 from spherecal.cli.progress import shown_progress
 from spherecal.cli.search import add_search, search_of
 from spherecal.cli.study import add_workers
@@ -27,7 +27,6 @@ def add_parsers(add: Callable[[str, str], argparse.ArgumentParser]) -> None:
     )
     parser.add_argument("--own-intrinsics", action="store_true", help="every camera for itself")
     parser.add_argument("--seed", type=int, default=0, help="of the random choices of triples (default 0)")
-    parser.add_argument("--json", action="store_true", help="print the table as JSON")
     add_workers(parser)
 
 
@@ -52,9 +51,7 @@ def batch(options: argparse.Namespace) -> int:
     with shown_progress() as context:
         workers = workers_for(options.workers, options.cluster)
         done = run_batch(options.folder, options.output, settings, workers, context)
-    if options.json:
-        print(json.dumps(done.rows, indent=1))
-        return DONE if done.valid else NOT_VALID
+    answer(options, done.rows)
     table = Table("session", "outcome", "cameras", "rms px", "bars", "message", box=None)
     for row in done.rows:
         cameras = "-" if row["cameras"] is None else f"{row['cameras_placed']} of {row['cameras']}"

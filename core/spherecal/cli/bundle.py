@@ -36,8 +36,10 @@ def add_parsers(add: Callable[[str, str], argparse.ArgumentParser]) -> None:
 
 def support_bundle(options: argparse.Namespace) -> int:
     """`spherecal support-bundle`."""
+    from spherecal.cli.answer import answer
     from spherecal.cli.commands import out
     from spherecal.cli.main import DONE
+    from spherecal.cli.parsing import output_file
     from spherecal.cli.progress import shown_progress
     from spherecal.methods.settings import CalibrationSettings
     from spherecal.support.bundle import BundleContents, BundleOptions, write_bundle
@@ -52,13 +54,14 @@ def support_bundle(options: argparse.Namespace) -> int:
     )
 
     def announce(contents: BundleContents) -> None:
+        answer(options, {"output": options.output, "files": contents.files, "replaced": contents.redacted})
         out.print(f"{counted(len(contents.files), 'file goes', 'files go')} into {options.output}:", markup=False)
         for name, size in contents.files.items():
             out.print(f"  {name}  {size} bytes", markup=False)
         out.print(f"Replaced in them: {'; '.join(contents.redacted)}.", markup=False)
 
-    with shown_progress() as context:
-        write_bundle(options.session, options.output, wanted, context, announce)
+    with shown_progress() as context, output_file(options.output) as place:
+        write_bundle(options.session, place, wanted, context, announce)
     out.print(f"Written: {options.output}", markup=False)
     if not options.images:
         out.print("It holds no images.")

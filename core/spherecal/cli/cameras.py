@@ -2,7 +2,6 @@
 
 import argparse
 import dataclasses
-import json
 import sys
 from collections.abc import Callable
 from typing import Any
@@ -31,6 +30,7 @@ from spherecal.cameras.protocol import (
 )
 from spherecal.cameras.sources import open_source
 from spherecal.cli import cameras_lines, drivers, producer
+from spherecal.cli.answer import answer, plain
 from spherecal.cli.main import DONE, NOT_VALID
 from spherecal.cli.progress import shown_progress
 from spherecal.uses.capture import camera_name
@@ -99,9 +99,7 @@ def list_cameras(options: argparse.Namespace, profile: CameraProfile) -> int:
     """`spherecal cameras list`: every camera once, and a verdict for every driver; 3 without any camera."""
     with open_named(options, profile) as source, shown_progress() as context:
         discovery = discovered(source, context)
-    if options.json:
-        print(json.dumps({"source": source.kind, "label": source.label, **_plain(discovery)}, indent=1))
-        return DONE if discovery.cameras else NOT_VALID
+    answer(options, {"source": source.kind, "label": source.label, **plain(discovery)})
     out = console()
     table = Table("name", "serial", "model", "maker", "line", "state", box=None)
     for info in discovery.cameras:
@@ -142,18 +140,16 @@ def show(options: argparse.Namespace, profile: CameraProfile) -> int:
         status = source.statuses()[serial]
         features = features_of(source, serial)
     entry = profile.entry(serial)
-    if options.json:
-        document = {
-            "camera": _plain(info),
-            "name": camera_name(profile, info),
-            "state": _plain(status),
-            "settings": settings_json(entry.settings),
-            "focal_length_mm": entry.focal_length_mm,
-            "pixel_pitch_um": entry.pixel_pitch_um,
-            "features": _plain(list(features)),
-        }
-        print(json.dumps(document, indent=1))
-        return DONE
+    document = {
+        "camera": info,
+        "name": camera_name(profile, info),
+        "state": status,
+        "settings": settings_json(entry.settings),
+        "focal_length_mm": entry.focal_length_mm,
+        "pixel_pitch_um": entry.pixel_pitch_um,
+        "features": features,
+    }
+    answer(options, document)
     out = console()
     of = f"{info.vendor} {info.model}, serial {serial}"
     out.print(f"[bold]{escape(camera_name(profile, info))}[/]: {escape(of)}")
@@ -184,6 +180,7 @@ def set_up(options: argparse.Namespace, profile: CameraProfile) -> int:
             list(profile.cameras) if options.camera == "all" else [profile.serial_of(options.camera) or options.camera]
         )
         _keep(options, profile, serials)
+        answer(options, {"profile": options.profile, "cameras": serials, "set_up": [], "not_reached": {}})
         return DONE
     with open_named(options, profile) as source, shown_progress() as context:
         discovery = discovered(source, context)
@@ -193,6 +190,8 @@ def set_up(options: argparse.Namespace, profile: CameraProfile) -> int:
         profile = _keep(options, profile, serials)
         reports = source.open(serials, profile.settings())
         unreachable = {s: status for s, status in source.statuses().items() if not status.state.usable}
+    told = {"profile": options.profile, "cameras": serials, "set_up": reports, "not_reached": unreachable}
+    answer(options, told)
     for report in reports:
         _show_setup(report, profile.entry(report.serial).name or report.serial)
     for serial, status in unreachable.items():
@@ -253,9 +252,7 @@ def doctor(options: argparse.Namespace, profile: CameraProfile) -> int:
         if options.order:
             _order_test(source, discovery, profile)
     well = examination.well and cameras_lines.well(lines)
-    if options.json:
-        print(json.dumps({"source": source.kind, **_plain(examination), "lines": _plain(lines)}, indent=1))
-        return DONE if well else NOT_VALID
+    answer(options, {"source": source.kind, **plain(examination), "lines": lines})
     out = console()
     table = Table("camera", "state", box=None)
     headings = ("images", "incomplete", "underrun", "rate/s", "wanted/s", "packet", "missing", "resent", "degrees C")
@@ -328,14 +325,3 @@ def ask(text: str) -> bool:
     """Wait for Enter; False at the end of input."""
     print(text, end="", file=sys.stderr, flush=True)
     return bool(sys.stdin.readline())
-
-
-def _plain(value: Any) -> Any:
-    """Dataclasses, tuples and enums as JSON knows them."""
-    if dataclasses.is_dataclass(value) and not isinstance(value, type):
-        return {f.name: _plain(getattr(value, f.name)) for f in dataclasses.fields(value)}
-    if isinstance(value, dict):
-        return {str(key): _plain(item) for key, item in value.items()}
-    if isinstance(value, list | tuple):
-        return [_plain(item) for item in value]
-    return value

@@ -20,6 +20,7 @@ from spherecal.cameras.plan import (
 )
 from spherecal.cameras.profile import CameraProfile
 from spherecal.cameras.protocol import CameraError, CameraSource, CaptureRequest, FrameSet, session_behind
+from spherecal.cli.answer import answer
 from spherecal.cli.cameras import ask, console, discovered, open_named
 from spherecal.cli.main import DONE, NOT_VALID
 from spherecal.cli.progress import shown_progress
@@ -45,7 +46,7 @@ def capture(options: argparse.Namespace, profile: CameraProfile) -> int:
         names = {camera.serial: camera.id for camera in cameras}
         detector = Detector(plan.target_set) if plan.target_set is not None and options.average > 1 else None
         request = CaptureRequest(tuple(names), options.timeout, options.retries)
-        poor = 0
+        poor, told = 0, []
         for planned in session.to_take:
             if isinstance(source, Staged):
                 source.show(planned.id)
@@ -53,11 +54,25 @@ def capture(options: argparse.Namespace, profile: CameraProfile) -> int:
             averaged = take_averaged(source, options.average, detector, request, context)
             session.add(planned, averaged.taken, averaged.stillness)
             poor += _show_set(planned.id, averaged, names)
+            told.append(_told(planned.id, averaged, names))
     total = len(plan.sets)
+    answer(options, {"session": options.output, "cameras": list(names.values()), "sets": told})
     console().print(f"{counted(total, 'set')} of {counted(len(cameras), 'camera')} in {escape(str(options.output))}.")
     if poor:
         console().print(f"{poor} of them {'is' if poor == 1 else 'are'} incomplete or not still; see above.")
     return NOT_VALID if poor else DONE
+
+
+def _told(set_id: str, averaged: AveragedSet, names: dict[str, str]) -> dict[str, object]:
+    taken = averaged.taken
+    return {
+        "id": set_id,
+        "images": len(taken.frames),
+        "missing": [names[one.camera] for one in taken.missing],
+        "moved": [names[serial] for serial in averaged.moved],
+        "attempts": taken.attempts,
+        "spread_s": taken.spread_s,
+    }
 
 
 def _plan(options: argparse.Namespace, source: CameraSource) -> CapturePlan:

@@ -29,10 +29,9 @@ def add_parser(commands: Subparsers) -> None:
     def add(name: str, help_text: str) -> argparse.ArgumentParser:
         return kinds.add_parser(name, help=help_text, description=help_text, parents=[common])
 
-    add("list", "List cameras and drivers.").add_argument("--json", action="store_true", help="print as JSON")
+    add("list", "List cameras and drivers.")
     show = add("show", "Show a camera's settings, state and features.")
     show.add_argument("camera", metavar="SERIAL|NAME", help="its serial number or its name")
-    show.add_argument("--json", action="store_true", help="print as JSON")
     _add_set(add("set", "Keep settings for a camera, and apply them if it is there."))
     doctor = add("doctor", "Test lines, rates and triggers, and say what to do.")
     doctor.add_argument("--seconds", type=_positive, default=5.0, help="how long to watch (default 5)")
@@ -41,7 +40,6 @@ def add_parser(commands: Subparsers) -> None:
     doctor.add_argument(
         "--stagger", action="store_true", help="keep the delays with which GigE cameras share a line, and apply them"
     )
-    doctor.add_argument("--json", action="store_true", help="print as JSON")
     _add_capture(add("capture", "Capture a session, set by set."))
     text = "Allow driver files (.cti) to be loaded, take the leave back, or list the files allowed."
     trust = kinds.add_parser("trust", help=text, description=text)

@@ -1,7 +1,6 @@
 """`spherecal check`: whether the rig still measures as it was calibrated."""
 
 import argparse
-import json
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -44,11 +43,11 @@ def add_parsers(add: Callable[[str, str], argparse.ArgumentParser]) -> None:
         help="calibrate the poses of cameras that moved anew, the others locked",
     )
     check.add_argument("-o", "--output", type=Path, metavar="FILE", help="write the check as JSON")
-    check.add_argument("--json", action="store_true", help="print the check as JSON")
 
 
 def check(options: argparse.Namespace) -> int:
     """`spherecal check`."""
+    from spherecal.cli.answer import answer
     from spherecal.cli.commands import out
     from spherecal.cli.main import DONE, NOT_VALID
     from spherecal.cli.parsing import to_output
@@ -73,12 +72,10 @@ def check(options: argparse.Namespace) -> int:
     if options.output is not None:
         to_output(options.output, json_bytes(document))
     kept = None if options.not_kept else keep(options.profile, document, options.temperature)
-    if options.json:
-        print(json.dumps(document, indent=1))
-    else:
-        _show(found, _chip(options))
-        if kept is not None:
-            out.print(kept, markup=False)
+    answer(options, document)
+    _show(found, _chip(options))
+    if kept is not None:
+        out.print(kept, markup=False)
     if options.repair is not None:
         _repair(options, session, source.rig, found)
     return NOT_VALID if found.verdict == "recalibrate" else DONE
@@ -189,4 +186,6 @@ def _repair(options: argparse.Namespace, session: "Session", rig: "Rig", found: 
     with shown_progress() as context:
         done = mend(session, rig, found.to_repair, context)
         write_result(done, options.repair, {"method": "selected", "only": list(found.to_repair), "estimate": "pose"})
-    out.print(f"Cameras {', '.join(found.to_repair)} recalibrated; the repaired rig is in {options.repair}.")
+    out.print(
+        f"Cameras {', '.join(found.to_repair)} recalibrated; the repaired rig is in {options.repair}.", markup=False
+    )

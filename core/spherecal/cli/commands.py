@@ -1,7 +1,6 @@
 """What each command does: read, call the engine's one entry point, write, say what came out."""
 
 import argparse
-import json
 import os
 import sys
 import time
@@ -17,6 +16,7 @@ from spherecal.base.errors import InputError
 from spherecal.base.messages.catalogue import language, phrase
 from spherecal.base.messages.values import Phrase
 from spherecal.cli.about import completion, licences, manual  # noqa: F401
+from spherecal.cli.answer import answer
 from spherecal.cli.ball import ball  # noqa: F401
 from spherecal.cli.bars import bars  # noqa: F401
 from spherecal.cli.batch import batch  # noqa: F401
@@ -96,10 +96,8 @@ def calibrate(options: argparse.Namespace) -> int:
         context.report("writing the result", 0.0)
         write_result(calibration, options.output, {"method": calibration.method, "seed": options.seed})
     _log_findings(calibration.rig.quality.findings)
-    if options.json:
-        print(json.dumps(_calibration_summary(calibration), indent=1))
-    else:
-        show_calibration(calibration, options.output, time.perf_counter() - began)
+    answer(options, calibration_summary(calibration))
+    show_calibration(calibration, options.output, time.perf_counter() - began)
     return DONE if calibration.rig.quality.valid else NOT_VALID
 
 
@@ -130,10 +128,8 @@ def verify(options: argparse.Namespace) -> int:
         verification = run(session, rig, context, VerifySettings(limit, None, corners_beside(options.rig)))
         write_verification(verification, options.output, options.rig)
     _log_findings(verification.findings)
-    if options.json:
-        print(json.dumps(_verification_summary(verification), indent=1))
-    else:
-        show_verification(verification, options.output)
+    answer(options, _verification_summary(verification))
+    show_verification(verification, options.output)
     return NOT_VALID if verification.failed else DONE
 
 
@@ -151,6 +147,14 @@ def simulate(options: argparse.Namespace) -> int:
             write_session(session, truth, options.output)
         else:
             truth = render_session(options.preset, options.seed, options.output, context)
+    told = {
+        "session": options.output,
+        "preset": options.preset,
+        "cameras": [camera.id for camera in truth.cameras],
+        "placements": truth.placements,
+        "bar_poses": [pose.id for pose in truth.bar_poses],
+    }
+    answer(options, told)
     out.print(
         f"Simulated {options.preset}: {counted(len(truth.cameras), 'camera')}, "
         f"{counted(len(truth.placements), 'placement')}, {counted(len(truth.bar_poses), 'bar pose')}, in "
@@ -181,6 +185,11 @@ def detect(options: argparse.Namespace) -> int:
         f"{counted(targets_found, 'target')} in {counted(len(found), 'image')}, {counted(len(lines) - 1, 'dot')} in "
         f"{escape(str(options.csv))}."
     )
+    told = [
+        {"image": image, "targets": len(dots.target_ids), "dots": len(dots.target)}
+        for image, dots in zip(options.images, found, strict=True)
+    ]
+    answer(options, {"output": options.csv, "images": told})
     if not targets_found:
         cause = why_nothing_in(paths, target_set)
         seen, remedy = phrase(cause.seen), phrase(cause.remedy)
@@ -198,6 +207,7 @@ def targets(options: argparse.Namespace) -> int:
 
         with output_file(options.output) as place:
             drawn = write_board_sheet(options.board, place, options.page)
+        answer(options, {"output": options.output, "board": drawn})
         out.print(f"Board in {options.output}: --board {drawn}", markup=False)
         return DONE
     if options.markers is not None:
@@ -215,6 +225,9 @@ def targets(options: argparse.Namespace) -> int:
             from spherecal.files.target_set_file import write_target_set
 
             write_target_set(place, made)
+    answer(
+        options, {"output": options.output, "family": made.family, "size_mm": made.size_mm, "ids": list(made.layouts)}
+    )
     out.print(f"{counted(len(made.layouts), 'target')} in {escape(str(options.output))}.")
     return DONE
 
@@ -236,7 +249,8 @@ def report(options: argparse.Namespace) -> int:
     with shown_progress() as context:
         context.report("drawing the report", 0.0)
         write_report(options.result, options.output, options.session, options.page, options.issuer, options.language)
-    out.print(f"Report in {options.output}.")
+    answer(options, {"output": options.output})
+    out.print(f"Report in {options.output}.", markup=False)
     return DONE
 
 
@@ -246,9 +260,7 @@ def doctor(options: argparse.Namespace) -> int:
 
     table, found = Table("", "what", "found", box=None), tuple(examine())
     code = NOT_VALID if any(one.state == "missing" for one in found) else DONE
-    if options.json:
-        print(json.dumps([{"what": one.name, "state": one.state, "found": one.found} for one in found], indent=1))
-        return code
+    answer(options, [{"what": one.name, "state": one.state, "found": one.found} for one in found])
     for one in found:
         mark = {"ok": "[green]ok[/]", "missing": "[red]missing[/]", "optional": "[yellow]optional[/]"}[one.state]
         table.add_row(mark, one.name, escape(one.found))
@@ -386,7 +398,8 @@ def _log_findings(findings: tuple[Finding, ...]) -> None:
         log.info("finding: %s %s: %s", finding.severity, finding.code, finding.message)
 
 
-def _calibration_summary(calibration: Calibration) -> dict[str, object]:
+def calibration_summary(calibration: Calibration) -> dict[str, object]:
+    """What `--json` tells of a calibration."""
     rig = calibration.rig
     return {
         "valid": rig.quality.valid,

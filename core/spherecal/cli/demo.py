@@ -2,14 +2,15 @@
 
 import argparse
 import csv
-from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from rich.markup import escape
 
 from spherecal.base.errors import InputError
 from spherecal.base.messages.values import Phrase
+from spherecal.cli.answer import answer
 from spherecal.cli.parsing import is_standard_output
 from spherecal.data.findings import counted
 from spherecal.data.verdict import WORDS
@@ -47,25 +48,35 @@ def demo(options: argparse.Namespace) -> int:
             out.quiet = quiet
         if code != DONE:
             return code
-    for line in _found(result, folder):
+    told, lines = _found(result, folder)
+    answer(options, told)
+    for line in lines:
         out.print(line, markup=False)
     return DONE
 
 
-def _found(result: Path, folder: Path) -> Iterator[str]:
-    """What the demo found, in five lines."""
+def _found(result: Path, folder: Path) -> tuple[dict[str, Any], list[str]]:
+    """What the demo found: for programs, and in five lines."""
     rig, bars = read_rig(result / "rig.json"), read_bar_report(result)
     quality = rig.quality
-    yield f"{WORDS[quality.verdict]}: {counted(len(rig.cameras), 'camera')} placed, rms {quality.rms_px:.4f} px."
     sigmas = [np.linalg.norm(camera.sigma.centre_mm) for camera in rig.cameras if camera.sigma is not None]
-    if sigmas:
-        yield f"Cameras: standard deviation of their centres at most {max(sigmas):.3f} mm."
     with (result / "spheres.csv").open(encoding="utf-8") as file:
         spheres = list(csv.DictReader(file))
-    radius = np.mean([float(one["radius_mm"]) for one in spheres])
-    out_of_round = np.mean([float(one["radial_sd_mm"]) for one in spheres])
-    yield f"Ball: radius {radius:.3f} mm, out of round by {out_of_round:.3f} mm."
+    radius, out_of_round = (np.mean([float(one[key]) for one in spheres]) for key in ("radius_mm", "radial_sd_mm"))
+    told = {
+        "verdict": quality.verdict,
+        "cameras": len(rig.cameras),
+        "rms_px": quality.rms_px,
+        "largest_centre_sd_mm": max(sigmas, default=None),
+        "ball": {"radius_mm": radius, "radial_sd_mm": out_of_round},
+        "bars": bars and {"verdict": bars.verdict, "n": bars.n, "max_abs_error_mm": bars.max_abs_error_mm},
+        "folder": folder,
+    }
+    lines = [f"{WORDS[quality.verdict]}: {counted(len(rig.cameras), 'camera')} placed, rms {quality.rms_px:.4f} px."]
+    if sigmas:
+        lines.append(f"Cameras: standard deviation of their centres at most {max(sigmas):.3f} mm.")
+    lines.append(f"Ball: radius {radius:.3f} mm, out of round by {out_of_round:.3f} mm.")
     if bars is not None and bars.max_abs_error_mm is not None:
         largest = f"largest error {bars.max_abs_error_mm:.4f} mm"
-        yield f"{bars.verdict.upper()}: {counted(bars.n, 'length')} of a bar, {largest}."
-    yield f"Report and result in {folder}. Details: spherecal demo --verbose."
+        lines.append(f"{bars.verdict.upper()}: {counted(bars.n, 'length')} of a bar, {largest}.")
+    return told, [*lines, f"Report and result in {folder}. Details: spherecal demo --verbose."]

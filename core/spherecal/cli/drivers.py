@@ -41,17 +41,20 @@ def _yes(driver: "Driver") -> bool:
 def trust(options: argparse.Namespace) -> int:
     """`spherecal cameras trust`."""
     from spherecal.cameras.gentl.trust import TrustStore
+    from spherecal.cli.answer import answer
+    from spherecal.cli.commands import out
 
     store = TrustStore()
     if not options.files:
         for file, digest in sorted(store.allowed().items()):
-            print(f"{digest}  {file}")
-        return 0
+            out.print(f"{digest}  {file}", markup=False)
     for file in options.files:
         if options.forget:
-            print(f"{file}: {'forgotten' if store.forget(file) else 'was not on the list'}.")
+            out.print(f"{file}: {'forgotten' if store.forget(file) else 'was not on the list'}.", markup=False)
         else:
             _allow(store, file)
+            out.print(f"{file}: allowed.", markup=False)
+    answer(options, {"allowed": store.allowed()})
     return 0
 
 
@@ -71,4 +74,3 @@ def _allow(store: "TrustStore", file: str) -> None:
         )
     if driver.state != "own":
         store.allow(driver)
-    print(f"{file}: allowed.")

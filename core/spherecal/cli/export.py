@@ -55,7 +55,6 @@ def add_parsers(add: Callable[[str, str], argparse.ArgumentParser]) -> None:
     bring.add_argument(
         "--ids", metavar="ID,ID,...", help="names for its cameras in the file's order, such as those of your session"
     )
-    bring.add_argument("--json", action="store_true", help="print what was read as JSON")
 
     priors = add("import-priors", "Copy a session and give its cameras the lenses of a file of another program.")
     priors.add_argument(
@@ -71,6 +70,7 @@ def add_parsers(add: Callable[[str, str], argparse.ArgumentParser]) -> None:
 def export(options: argparse.Namespace) -> int:
     """`spherecal export`."""
     from spherecal.base.errors import InputError
+    from spherecal.cli.answer import answer
     from spherecal.cli.commands import out
     from spherecal.cli.main import DONE
     from spherecal.cli.parsing import output_file
@@ -88,6 +88,18 @@ def export(options: argparse.Namespace) -> int:
     frame = None if options.frame is None else read_frame(options.frame)
     with output_file(options.output) as place:
         done = export_rig(rig, options.to, place, options.unit, most, frame, corners_beside(options.rig))
+    answer(
+        options,
+        {
+            "output": options.output,
+            "format": done.format.name,
+            "cameras": done.ids,
+            "unit": done.unit,
+            "largest_difference_px": done.largest_difference_px,
+            "losses": done.losses,
+            "verdict": rig.quality.verdict,
+        },
+    )
     unit = (
         done.unit
         if rig.scale.source != "none"
@@ -142,9 +154,8 @@ def _costs(losses: Mapping[str, "Loss"]) -> list[str]:
 
 def import_rig(options: argparse.Namespace) -> int:
     """`spherecal import`."""
-    import json
-
     from spherecal.base.errors import OutputError
+    from spherecal.cli.answer import answer
     from spherecal.cli.commands import out
     from spherecal.cli.main import DONE
     from spherecal.cli.parsing import to_output
@@ -157,17 +168,18 @@ def import_rig(options: argparse.Namespace) -> int:
     if output != options.output and output.exists():
         raise OutputError(Phrase("error-has-rig", {"folder": options.output, "file": output}))
     to_output(output, rig_bytes(rig))
-    if options.json:
-        print(json.dumps({"cameras": [c.id for c in rig], "reference_camera": rig.reference_camera}, indent=1))
-    elif str(output) != "-":
-        names = ", ".join(camera.id for camera in rig.cameras[:8]) + (", ..." if len(rig.cameras) > 8 else "")
-        out.print(f"{counted(len(rig.cameras), 'camera')} ({names}) in {output}.", markup=False)
+    cameras = [camera.id for camera in rig]
+    answer(options, {"output": output, "cameras": cameras, "reference_camera": rig.reference_camera})
+    if str(output) != "-":
+        names = ", ".join(cameras[:8]) + (", ..." if len(cameras) > 8 else "")
+        out.print(f"{counted(len(cameras), 'camera')} ({names}) in {output}.", markup=False)
         out.print("How accurate they are is not known: verify the rig with a bar.")
     return DONE
 
 
 def import_priors(options: argparse.Namespace) -> int:
     """`spherecal import-priors`."""
+    from spherecal.cli.answer import answer
     from spherecal.cli.commands import out
     from spherecal.cli.main import DONE
     from spherecal.cli.parsing import check_output_folder
@@ -181,6 +193,7 @@ def import_priors(options: argparse.Namespace) -> int:
     priors = matched(session, cameras, options.by_order)
     write_with_priors(options.session, priors, options.output)
     without = [spec.id for spec in session.cameras if spec.id not in priors]
+    answer(options, {"output": options.output, "format": kind, "cameras": list(priors), "left_as_they_were": without})
     out.print(f"{kind}: lenses of {counted(len(priors), 'camera')} are priors in {options.output}.", markup=False)
     if without:
         out.print(f"Not in the file, left as they were: {', '.join(without)}.", markup=False)

@@ -40,11 +40,12 @@ def add_parsers(add: Callable[[str, str], argparse.ArgumentParser]) -> None:
 
 def frame(options: argparse.Namespace) -> int:
     """`spherecal frame`."""
+    from spherecal.cli.answer import answer
     from spherecal.cli.commands import out
     from spherecal.cli.main import DONE
     from spherecal.cli.parsing import output_file
     from spherecal.export.frame import define_frame
-    from spherecal.files.frame_file import write_frame
+    from spherecal.files.frame_file import frame_entry, write_frame
     from spherecal.geometry.user_frame import FrameDefinition
 
     x, y, z = options.offset
@@ -53,6 +54,7 @@ def frame(options: argparse.Namespace) -> int:
     )
     with output_file(options.output) as place:
         write_frame(made, place)
+    answer(options, {"output": options.output, **frame_entry(made)})
     for line in _said(made):
         out.print(line, markup=False)
     out.print(f"Frame in {options.output}.", markup=False)

@@ -47,6 +47,7 @@ def simulate(options: argparse.Namespace) -> int:
     from spherecal.cameras.gige.control import MOST_CAMERAS, GigeCamera, GigeRig
     from spherecal.cameras.producer.build import build_producer
     from spherecal.cameras.producer.feed import SessionScenes
+    from spherecal.cli.answer import answer
     from spherecal.cli.commands import out
     from spherecal.cli.main import CANCELLED, DONE
     from spherecal.cli.producer import ended_by_signals
@@ -64,6 +65,9 @@ def simulate(options: argparse.Namespace) -> int:
         show(rig, scenes, scene)
         if options.run:
             return _run(rig, options.run, producer.parent)
+        answer(
+            options, {"cameras": rig.addresses, "scene": scene, "scenes": scenes.names, "producers": producer.parent}
+        )
         for serial, address in rig.addresses.items():
             out.print(f"{serial} at {address}", markup=False)
         out.print(f"They see {scene} of {', '.join(scenes.names)}.", markup=False)

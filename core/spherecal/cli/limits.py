@@ -1,9 +1,10 @@
 """`spherecal limits show|reset-pin`: what the responsible person has set, and what to do about a forgotten PIN."""
 
 import argparse
-import json
 from collections.abc import Callable
 from pathlib import Path
+
+from spherecal.cli.answer import answer
 
 
 def add_parsers(add: Callable[[str, str], argparse.ArgumentParser]) -> None:
@@ -16,8 +17,6 @@ def add_parsers(add: Callable[[str, str], argparse.ArgumentParser]) -> None:
     ):
         one = actions.add_parser(name, help=text, description=text)
         one.add_argument("--file", type=Path, metavar="FILE", help="instead of your own (or $SPHERECAL_LIMITS)")
-        if name == "show":
-            one.add_argument("--json", action="store_true", help="print them as JSON")
 
 
 def limits(options: argparse.Namespace) -> int:
@@ -41,9 +40,7 @@ def _show(options: argparse.Namespace) -> None:
     path = options.file or limits_path()
     kept = read_limits(path)
     values = {name: getattr(kept.limits, name) for name in NAMES}
-    if options.json:
-        print(json.dumps({"limits": values, "pin": kept.pin is not None}, indent=1))
-        return
+    answer(options, {"limits": values, "pin": kept.pin is not None})
     _say(f"{path}: {'locked by a PIN' if kept.pin is not None else 'no PIN was set'}")
     for name, value in values.items():
         delivered = getattr(Limits(), name)
@@ -67,6 +64,7 @@ def _reset_pin(options: argparse.Namespace) -> None:
     path = options.file or limits_path()
     with changing_limits(path):
         kept = read_limits(path)
+        answer(options, {"file": path, "removed": kept.pin is not None})
         if kept.pin is None:
             _say(f"{path}: no PIN was set.")
             return

@@ -113,7 +113,8 @@ def _run(arguments: Sequence[str] | None) -> int:
     if options.command == "help":
         return _help(parser, options.words)
     beside = any(is_standard_output(value) for value in vars(options).values())
-    with _speaking(options.verbose, options.quiet, beside):
+    as_json = getattr(options, "json", False)
+    with _speaking(options.verbose, options.quiet, as_json, beside):
         logging.getLogger("spherecal").info("spherecal %s: %s", __version__, options.command)
         if options.command == "cameras":
             from spherecal.cli import cameras
@@ -135,9 +136,10 @@ def _help(parser: argparse.ArgumentParser, words: Sequence[str]) -> int:
 
 
 @contextmanager
-def _speaking(verbose: bool, quiet: bool, beside: bool) -> Iterator[None]:
+def _speaking(verbose: bool, quiet: bool, as_json: bool, beside: bool) -> Iterator[None]:
     """Show the log as it is written, or print nothing but errors and JSON, while a command runs.
 
+    `as_json`: no words on standard output, but progress.
     `beside`: what it says goes to standard error, since standard output takes the file.
     """
     from spherecal.cli import commands, progress
@@ -149,8 +151,8 @@ def _speaking(verbose: bool, quiet: bool, beside: bool) -> Iterator[None]:
     if verbose:
         logger.addHandler(handler)
         logger.setLevel(level)
-    if quiet:
-        commands.out.quiet = progress.quiet = True
+    if quiet or as_json:
+        commands.out.quiet, progress.quiet = True, quiet or progress.quiet
     if beside:
         commands.out.file = sys.stderr
     try:

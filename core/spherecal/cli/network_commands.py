@@ -1,7 +1,6 @@
 """`recalibrate`, `guide` and `cross-validate`: what follows a calibration, or leads to it."""
 
 import argparse
-import json
 from collections.abc import Callable
 from pathlib import Path
 
@@ -10,6 +9,7 @@ from rich.table import Table
 
 from spherecal.base.errors import InputError
 from spherecal.base.messages.values import Phrase
+from spherecal.cli.answer import answer
 from spherecal.cli.parsing import check_output_folder, rig_file
 
 Add = Callable[..., argparse.ArgumentParser]
@@ -30,19 +30,17 @@ def add_parsers(add: Add) -> None:
 
     guide = add("guide", "Where to put the ball next, and what stopping now would give.")
     guide.add_argument("session", type=Path, metavar="SESSION", help="the session folder so far")
-    guide.add_argument("--json", action="store_true", help="print all candidates as JSON")
     guide.add_argument("--picture", type=Path, metavar="FILE.png", help="write a picture, seen from above and tilted")
 
     without = add("cross-validate", "Leave one placement out after the other and see how the rest predicts it.")
     without.add_argument("session", type=Path, metavar="SESSION", help="a session folder of three placements or more")
-    without.add_argument("--json", action="store_true", help="print the figures as JSON")
 
 
 def recalibrate(options: argparse.Namespace) -> int:
     """`spherecal recalibrate`."""
     import time
 
-    from spherecal.cli.commands import show_calibration
+    from spherecal.cli.commands import calibration_summary, show_calibration
     from spherecal.cli.main import DONE, NOT_VALID
     from spherecal.cli.progress import shown_progress
     from spherecal.files.atomic import RESULT
@@ -60,6 +58,7 @@ def recalibrate(options: argparse.Namespace) -> int:
         calibration = run(read_session(options.session), rig, Selection(cameras, options.estimate), None, context)
         details = {"method": "selected", "only": list(cameras), "estimate": options.estimate}
         write_result(calibration, options.output, details)
+    answer(options, calibration_summary(calibration))
     show_calibration(calibration, options.output, time.perf_counter() - began)
     return DONE if calibration.rig.quality.valid else NOT_VALID
 
@@ -86,11 +85,9 @@ def guide(options: argparse.Namespace) -> int:
         from spherecal.report.guidance_picture import save_guidance_picture
 
         save_guidance_picture(calibration.rig, guidance, calibration.spheres[0].radius_mm, options.picture)
-    if options.json:
-        print(json.dumps(_as_json(guidance), indent=1))
-        return DONE
+    answer(options, _as_json(guidance))
     out.print(escape(guidance.words()))
-    table = Table("place (mm, rig frame)", "turn", "towards", "cameras", "500 mm, k = 2")
+    table = Table("place (mm, rig frame)", "turn", "towards", "cameras", "500 mm, k = 2", box=None)
     for c in guidance.candidates[:6]:
         place = ", ".join(f"{x:.0f}" for x in c.centre_mm)
         turn = "none" if c.axis is None else f"{c.turn_deg:.0f} deg about " + ", ".join(f"{x:.2f}" for x in c.axis)
@@ -121,8 +118,6 @@ def _as_json(guidance) -> dict:
 
 def cross_validate(options: argparse.Namespace) -> int:
     """`spherecal cross-validate`."""
-    from dataclasses import asdict
-
     from spherecal.cli.commands import out
     from spherecal.cli.main import DONE, NOT_VALID
     from spherecal.cli.progress import shown_progress
@@ -131,19 +126,17 @@ def cross_validate(options: argparse.Namespace) -> int:
 
     with shown_progress() as context:
         whole, found = run(read_session(options.session), None, context)
-    if options.json:
-        print(json.dumps([asdict(one) for one in found], indent=1))
-    else:
-        table = Table("left out", "dots", "rms px", "shape rms mm", "size, ppm")
-        for one in found:
-            cells = [
-                "-" if value is None else text
-                for value, text in (
-                    (one.rms_px, f"{one.rms_px or 0:.4f}"),
-                    (one.shape_rms_mm, f"{one.shape_rms_mm or 0:.4f}"),
-                    (one.length_error, f"{1e6 * (one.length_error or 0):.0f}"),
-                )
-            ]
-            table.add_row(one.placement, str(one.dots), *cells)
-        out.print(table)
+    answer(options, found)
+    table = Table("left out", "dots", "rms px", "shape rms mm", "size, ppm", box=None)
+    for one in found:
+        cells = [
+            "-" if value is None else text
+            for value, text in (
+                (one.rms_px, f"{one.rms_px or 0:.4f}"),
+                (one.shape_rms_mm, f"{one.shape_rms_mm or 0:.4f}"),
+                (one.length_error, f"{1e6 * (one.length_error or 0):.0f}"),
+            )
+        ]
+        table.add_row(one.placement, str(one.dots), *cells)
+    out.print(table)
     return DONE if whole.rig.quality.valid else NOT_VALID

@@ -56,8 +56,7 @@ def make_parser() -> Parser:
     for module in modules:
         module.add_parsers(add)
 
-    doctor = add("doctor", "What this machine has and lacks.")
-    doctor.add_argument("--json", action="store_true", help="print it as JSON")
+    add("doctor", "What this machine has and lacks.")
     add_cameras(commands)
     add_common(parser)
     return parser
@@ -163,7 +162,6 @@ def _add_calibrate(add: Add) -> None:
     _add_repairs(calibrate)
     calibrate.add_argument("--seed", type=_seed, default=0, help="of the random choices of triples (default 0)")
     calibrate.add_argument("--reference", metavar="CAMERA", help="the camera whose frame is the world, if it is placed")
-    calibrate.add_argument("--json", action="store_true", help="print a summary as JSON")
 
 
 def _add_verify(add: Add) -> None:
@@ -178,7 +176,6 @@ def _add_verify(add: Add) -> None:
     verify.add_argument(
         "--limit", metavar="A+L/K", help="the limit of the length error, A in mm: 0.03+L/20000; decided by ISO 14253-1"
     )
-    verify.add_argument("--json", action="store_true", help="print a summary as JSON")
 
 
 def _add_report(add: Add) -> None:

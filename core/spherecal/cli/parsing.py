@@ -18,6 +18,8 @@ if TYPE_CHECKING:
 # Sixteen misspellings and shortenings of our commands ("verfy", "barz", "calib") score 0.71 to 0.96 against the right
 # one; of 325 pairs of commands three are above 0.6.
 _LIKE = 0.6
+# What these print is a text by itself: help for a person, a script for a shell.
+_TEXT = (("help",), ("completion",))
 
 
 class Parser(argparse.ArgumentParser):
@@ -80,6 +82,8 @@ def add_common(parser: argparse.ArgumentParser) -> None:
         voice = group.add_mutually_exclusive_group()
         voice.add_argument("-v", "--verbose", action="store_true", help="show the log on standard error", **kept)
         voice.add_argument("-q", "--quiet", action="store_true", help="print errors and JSON only", **kept)
+        if is_leaf(one) and words not in _TEXT and "--json" not in one._option_string_actions:
+            group.add_argument("--json", action="store_true", help="print what the command tells as JSON, nothing else")
 
 
 def rig_file(text: str) -> Path:

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 
 from spherecal.base.errors import InputError, SpherecalError
 from spherecal.cli import gige
+from spherecal.cli.answer import answer
 from spherecal.data.findings import counted
 
 if TYPE_CHECKING:
@@ -52,6 +53,7 @@ def build_producer(options: argparse.Namespace) -> int:
     from spherecal.cli.main import DONE
 
     path = built(options.output, options.aravis)
+    answer(options, {"producer": path})
     out.print(f"{'GigE Vision and USB3 Vision' if options.aravis else 'Simulated cameras'}: {path}", markup=False)
     out.print(_how_to_find(path.parent), markup=False)
     return DONE
@@ -67,10 +69,12 @@ def simulate_producer(options: argparse.Namespace) -> int:
 
     if options.running:
         with RigFeed(options.session or _demo_folder(), default_name(), options.show, running=True) as feed:
+            answer(options, _seen(feed, None))
             out.print(f"They see {feed.scene}.", markup=False)
         return DONE
     folder = built().parent
     with ended_by_signals(), RigFeed(options.session or _demo_folder(), default_name(), options.show) as feed:
+        answer(options, _seen(feed, folder))
         out.print(
             f"{counted(len(feed.control.serials), 'simulated camera')}: {', '.join(feed.control.serials)}", markup=False
         )
@@ -79,6 +83,10 @@ def simulate_producer(options: argparse.Namespace) -> int:
         sys.stdout.flush()
         follow(feed, sys.stdin, lambda text: out.print(text, markup=False))
     return DONE
+
+
+def _seen(feed: "RigFeed", producers: Path | None) -> dict[str, object]:
+    return {"cameras": feed.control.serials, "scene": feed.scene, "scenes": feed.scenes, "producers": producers}
 
 
 def follow(feed: "RigFeed", lines: Iterable[str], say: Callable[[str], None]) -> None:

@@ -1,7 +1,6 @@
 """`spherecal profile save|list|show|apply|restore|compare|trend`."""
 
 import argparse
-import json
 from collections.abc import Callable
 from datetime import datetime
 from math import isfinite
@@ -9,11 +8,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from spherecal.base.messages.values import Phrase
+from spherecal.cli.answer import answer, plain
 from spherecal.data.findings import counted
 
 if TYPE_CHECKING:
     from spherecal.profile.compare import CameraChange, Comparison
     from spherecal.profile.store import Profile
+    from spherecal.profile.trend import Trend, TrendSeries
     from spherecal.profile.validity import Validity, ValidityLimits
 
 
@@ -43,12 +44,10 @@ def add_parsers(add: Callable[[str, str], argparse.ArgumentParser]) -> None:
     listing.add_argument(
         "folder", type=Path, nargs="?", default=Path("."), metavar="FOLDER", help="where to look (default: here)"
     )
-    listing.add_argument("--json", action="store_true", help="print them as JSON")
     show = action("show", "A profile's state and history.")
     for one in (listing, show):
         one.add_argument("--temperature", type=float, metavar="C", help="of the rig now")
     show.add_argument("profile", type=Path, metavar="PROFILE", help="the profile's folder")
-    show.add_argument("--json", action="store_true", help="print it as JSON")
 
     apply = action("apply", "Put a calibration of the history to use.")
     apply.add_argument("profile", type=Path, metavar="PROFILE", help="the profile's folder")
@@ -63,7 +62,6 @@ def add_parsers(add: Callable[[str, str], argparse.ArgumentParser]) -> None:
     compare = action("compare", "What has changed from calibration A to B, in millimetres in the volume.")
     for name in ("a", "b"):
         compare.add_argument(name, type=Path, metavar=name.upper(), help="profile, result, history folder or rig.json")
-    compare.add_argument("--json", action="store_true", help="print it as JSON")
     trend = action("trend", "Changes over a profile's history, with control limits.")
     trend.add_argument("--checks", action="store_true", help="of the quick checks instead of the calibrations")
     trend.add_argument("profile", type=Path, metavar="PROFILE", help="the profile's folder")
@@ -109,6 +107,9 @@ def _save(options: argparse.Namespace) -> None:
     profile = open_profile(options.to)
     if options.apply:
         apply(profile, saved, options.note, options.anyway)
+        profile = open_profile(options.to)
+    answer(options, {"profile": options.to, "calibration": saved, "active": profile.active_id})
+    if options.apply:
         _say(f"Calibration {saved} is in use.")
     elif profile.active_id is None:
         _say(f"None is in use yet: spherecal profile apply {options.to} {saved}")
@@ -137,7 +138,7 @@ def _list(options: argparse.Namespace) -> None:
         raise InputError(Phrase("error-no-folder", {"folder": options.folder}))
     folders = [options.folder, *sorted(path for path in options.folder.iterdir() if path.is_dir())]
     found = [folder for folder in folders if is_profile(folder)]
-    if not found and not options.json:
+    if not found:
         _say(f"There are no profiles in {options.folder}.")
     told: list[dict[str, Any]] = []
     for folder in found:
@@ -149,10 +150,8 @@ def _list(options: argparse.Namespace) -> None:
         except InputError as error:  # one broken profile must not hide the others
             told.append({"folder": str(folder), "error": str(error)})
             line = f"{folder.name}: cannot be read. {error}"
-        if not options.json:
-            _say(line)
-    if options.json:
-        print(json.dumps(told, indent=1))
+        _say(line)
+    answer(options, told)
 
 
 def _chip(state: "Validity") -> str:
@@ -166,9 +165,7 @@ def _show(options: argparse.Namespace) -> None:
 
     profile = open_profile(options.profile)
     state = profile.validity(options.temperature)
-    if options.json:
-        print(json.dumps(_summary(profile, state), indent=1))
-        return
+    answer(options, _summary(profile, state))
     _say(f"{profile.name}: {_chip(state)}", f"In use: {profile.active_id or 'none'}")
     if not copy_is_right(profile):
         _say(
@@ -238,6 +235,7 @@ def _apply(options: argparse.Namespace) -> None:
     if chosen is None:
         raise InputError(Phrase("error-empty-profile", {"folder": options.profile}))
     apply(profile, chosen, options.note, options.anyway)
+    answer(options, {"profile": options.profile, "active": chosen})
     _say(f"Calibration {chosen} is in use; its rig is {options.profile / 'rig.json'}.")
 
 
@@ -245,6 +243,7 @@ def _restore(options: argparse.Namespace) -> None:
     from spherecal.profile.store import open_profile, restore
 
     changed = restore(open_profile(options.profile), options.calibration, options.note)
+    answer(options, {"profile": options.profile, "active": changed.active_id})
     _say(f"Calibration {changed.active_id} is in use again; its rig is {options.profile / 'rig.json'}.")
 
 
@@ -254,9 +253,7 @@ def _compare(options: argparse.Namespace) -> None:
 
     a, b = read_source(options.a), read_source(options.b)
     free, metric = compare(a.rig, b.rig, volume_of(a))
-    if options.json:
-        print(json.dumps({"similarity": _compared(free), "metric": _compared(metric)}, indent=1))
-        return
+    answer(options, {"similarity": _compared(free), "metric": _compared(metric)})
     for comparison, title in ((free, "After the best similarity"), (metric, "Metric, without a change of scale")):
         _say(f"{title}:", *_lines(comparison), "")
     if free.only_in_a or free.only_in_b:
@@ -332,6 +329,21 @@ def _compared(c: "Comparison") -> dict[str, Any]:
     }
 
 
+def _trend_entry(trend: "Trend") -> dict[str, Any]:
+    def entry(series: "TrendSeries") -> dict[str, Any]:
+        outside = [trend.ids[i] for i in series.outside]
+        return {**plain(series), "outside": outside}
+
+    return {
+        "kind": trend.kind,
+        "ids": trend.ids,
+        "times": trend.times,
+        "verdicts": trend.verdicts,
+        "series": [entry(one) for one in trend.series],
+        "cameras": [entry(one) for one in trend.cameras],
+    }
+
+
 def _trend(options: argparse.Namespace) -> None:
     from spherecal.cli.parsing import to_output
     from spherecal.profile.store import open_profile
@@ -344,6 +356,7 @@ def _trend(options: argparse.Namespace) -> None:
         write_trend_chart(trend, options.output)
     if options.csv is not None:
         to_output(options.csv, trend_table(trend).encode())
+    answer(options, _trend_entry(trend))
     if trend.verdicts:
         counts = ", ".join(f"{trend.verdicts.count(word)} {word}" for word in dict.fromkeys(trend.verdicts))
         _say(f"{len(trend.verdicts)} checks: {counts}")

@@ -34,7 +34,7 @@ def add_parsers(add: Callable[[str, str], argparse.ArgumentParser]) -> None:
     new.add_argument(
         "--board",
         metavar="BOARD",
-        help="the board that they show: chessboard,rows=6,columns=9,pitch_mm=25, with the fields of the manual's page "
+        help="the board that they show: chessboard,rows=6,columns=9,pitch_mm=20, with the fields of the manual's page "
         "on boards, or a JSON file with them",
     )
     new.add_argument("--targets", type=Path, metavar="targets.json", help="the coded targets that they show")
@@ -43,13 +43,11 @@ def add_parsers(add: Callable[[str, str], argparse.ArgumentParser]) -> None:
     new.add_argument("--pixel-pitch", type=float, metavar="UM", help="of all sensors, instead of what EXIF says")
     new.add_argument("--lens", choices=("brown", "rational", "fisheye"), help="the lens model (default brown)")
     new.add_argument("--frames", type=int, default=30, metavar="N", help="of videos: at most this many (default 30)")
-    new.add_argument("--json", action="store_true", help="print what was made as JSON")
 
 
 def session(options: argparse.Namespace) -> int:
     """`spherecal session`."""
-    import json
-
+    from spherecal.cli.answer import answer
     from spherecal.cli.main import DONE
     from spherecal.cli.progress import shown_progress
     from spherecal.uses.use_cases import new_session
@@ -68,10 +66,8 @@ def session(options: argparse.Namespace) -> int:
             frames=options.frames,
             context=context,
         )
-    if options.json:
-        print(json.dumps(_summary(made), indent=1))
-    else:
-        _show(made, options.folder)
+    answer(options, _summary(made))
+    _show(made, options.folder)
     return DONE
 
 

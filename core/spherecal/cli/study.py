@@ -56,15 +56,19 @@ def add_workers(parser: argparse.ArgumentParser) -> None:
 
 def study(options: argparse.Namespace) -> int:
     """Run the studies named, or all; pages and results go into a folder, from which a stopped study goes on."""
+    from spherecal.cli.answer import answer
     from spherecal.cli.commands import out
     from spherecal_study.executor import workers_for
 
     workers = workers_for(options.workers, options.cluster)
     run = _of_session if options.session is not None else _of_rigs
+    pages = {}
     for name, start in run(options):
         with shown_progress() as context:
             page = start(options.output, workers, context)
+        pages[name] = page
         out.print(f"{name}: page in {page}.", markup=False)
+    answer(options, pages)
     return 0
 
 

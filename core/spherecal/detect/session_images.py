@@ -35,7 +35,8 @@ def observed(session: Session, context: Context, bar_poses_only: bool = False) -
         return session
     shots = _shots(session, bar_poses_only)
     if not shots:
-        raise InputError(Phrase("error-nothing-recorded", {"folder": session.where}))
+        nothing = "error-no-bar-images" if bar_poses_only and session.placements else "error-nothing-recorded"
+        raise InputError(Phrase(nothing, {"folder": session.where}))
     if session.target_set is None:
         raise InputError(Phrase("error-no-target-set", {"folder": session.where}))
     settings = [_what_is_known(session.cameras[shot.camera]) for shot in shots]

@@ -123,7 +123,8 @@ def _listed(folder: Path) -> list[str]:
 def _known_program(found: list[str]) -> tuple[str, list[str], list[str]]:
     """The words for a program's own folder, the files in it that show the calibration, and the others."""
     for words, inside in (
-        ("caliscope's calibration/extrinsic", re.compile(r"calibration/extrinsic/cam_\d+\.mp4")),
+        ("caliscope's calibration/extrinsic", re.compile(r"calibration/extrinsic/(cam|port)_\d+\.mp4")),
+        ("videos as caliscope names them", re.compile(r"(cam|port)_\d+\.mp4")),
         ("Anipose's calibration folder", re.compile(r"calibration/[^/]+\.\w+")),
     ):
         chosen = [path for path in found if inside.fullmatch(path)]

@@ -15,6 +15,7 @@ from spherecal.base.messages.values import Phrase
 from spherecal.data.findings import counted
 from spherecal.data.session import Session
 from spherecal.files.atomic import SESSION, WRITTEN_FILE, check_folder, write_folder_whole, written_bytes
+from spherecal.files.frame_times import frame_times
 from spherecal.files.image_layout import ImageLayout, recognise
 from spherecal.files.json_file import MOST_CAMERAS, json_bytes
 from spherecal.files.read_session import FORMAT, SESSION_FILE, VERSION, read_session
@@ -160,18 +161,24 @@ class _OfImages:
 
 
 class _OfVideos:
-    """Frames of synchronised videos."""
+    """Frames of videos that are synchronised, or have the times of their frames beside them."""
 
     def __init__(self, source: Path, layout: ImageLayout, most: int, context: Context) -> None:
         self._videos = {camera: source / next(iter(own.values())) for camera, own in layout.files.items()}
         if any(len(own) > 1 for own in layout.files.values()):
             raise InputError(Phrase("error-several-videos", {"folder": source}))
-        self._frames, sizes = choose_frames(self._videos, most, context)
-        self.places = tuple(f"F{frame:06d}" for frame in self._frames)
+        known = frame_times(self._videos)
+        chosen = choose_frames(self._videos, most, context, None if known is None else known[1])
+        self._numbers = chosen.numbers
+        self.places = tuple(f"F{frame:06d}" for frame in next(iter(chosen.numbers.values())))
         self.facts = {
-            camera: [(path.name, ImageFacts(sizes[camera]))] * len(self._frames)
+            camera: [(path.name, ImageFacts(chosen.sizes[camera]))] * len(self.places)
             for camera, path in self._videos.items()
         }
+        self.moments = "frame i of every video is of one moment (synchronisation is left to other programs)"
+        if known is not None and chosen.apart_s is not None:
+            apart = f"at most {1e3 * chosen.apart_s:.3g} ms apart"
+            self.moments = f"frames are of one moment by the times in {known[0].name}, {apart}"
         self._context = context
 
     def images(self, place: str) -> dict[str, str]:
@@ -179,10 +186,11 @@ class _OfVideos:
 
     def copy(self, put: Callable[[str, bytes], None]) -> None:
         for camera, path in self._videos.items():
+            place = dict(zip(self._numbers[camera], self.places, strict=True))
             keep_frames(
                 path,
-                self._frames,
-                lambda frame, data, c=camera: put(f"placements/F{frame:06d}/{c}.png", data),
+                self._numbers[camera],
+                lambda frame, data, c=camera, place=place: put(f"placements/{place[frame]}/{c}.png", data),
                 self._context,
             )
 
@@ -205,8 +213,8 @@ def _document(
         cameras.append(shown)
         for one in said:
             assumed.setdefault(one, []).append(camera)
-    if layout.videos:
-        assumed["frame i of every video is of one moment (synchronisation is left to other programs)"] = []
+    if isinstance(maker, _OfVideos):
+        assumed[maker.moments] = []
     document: dict[str, Any] = {"format": FORMAT, "version": VERSION, "cameras": entries}
     if contents.targets is not None:
         document["target_set"] = TARGETS_FILE
@@ -214,9 +222,22 @@ def _document(
         document["sphere"] = {"nominal_diameter_mm": contents.sphere_diameter_mm}
     if contents.board is not None:
         document["board"] = dict(contents.board)
+    elif (scale := _printed_scale(contents)) is not None:
+        document["scale"] = scale
+        spacing = f"{scale['from']} to {scale['to']}, {scale['distance_mm']:.3f} mm"
+        assumed[f"the scale by the targets as they should be printed ({spacing}); state what they measure"] = []
     document["placements"] = [{"id": place} for place in maker.places]
     said = tuple(f"{one} ({', '.join(who)})" if who else one for one, who in assumed.items())
     return document, tuple(cameras), said
+
+
+def _printed_scale(contents: Contents) -> dict[str, Any] | None:
+    """The scale by the targets' nominal spacing, good to what the printer is; None without targets."""
+    widest = None if contents.targets is None else contents.targets.widest()
+    if widest is None:
+        return None
+    surface = "flat" if contents.sphere_diameter_mm is None else "sphere"
+    return {"kind": "target_spacing", "from": widest[0], "to": widest[1], "distance_mm": widest[2], "surface": surface}
 
 
 def _camera(
@@ -281,7 +302,7 @@ def _missing(contents: Contents, layout: ImageLayout) -> tuple[str, ...]:
     said = []
     if contents.board is None and contents.targets is None:
         said.append("what the images show: a board (--board) or coded targets (--targets)")
-    if contents.board is None:
+    if contents.board is None and _printed_scale(contents) is None:
         said.append('a scale: lengths will be arbitrary; add "scale" or bars to session.json (formats.md)')
     if len(layout.files) < 2:
         said.append("a second camera")

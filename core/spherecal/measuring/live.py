@@ -198,7 +198,7 @@ def collected(cameras: list[int], found: list[Detections], ids: tuple[str, ...])
     """The detections of some cameras (indices into `ids`) as the observations of one set."""
     count = [len(one) for one in found]
     none: list[np.ndarray] = [np.empty((0, 2))]
-    points = found[0].points if found else DOTS
+    points = next((one.points for one in found if len(one)), DOTS)  # a part without targets names no family
     return Observations(
         ("",),
         ids,

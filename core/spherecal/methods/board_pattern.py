@@ -95,7 +95,7 @@ def _written(text: str) -> dict[str, Any]:
             raise InputError(
                 Phrase(
                     "error-board-option",
-                    {"field": printable(field), "example": "chessboard,rows=6,columns=9,pitch_mm=25"},
+                    {"field": printable(field), "example": "chessboard,rows=6,columns=9,pitch_mm=20"},
                 )
             )
         entry[name] = value if name in _TEXTS else _value(name, value)

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import combinations
 from typing import Literal
 
 import numpy as np
@@ -9,6 +10,7 @@ import numpy as np
 from spherecal.base.arrays import ByValue, FloatArray
 
 Polarity = Literal["light-on-dark", "dark-on-light"]
+_SAME_MM = 1e-6
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -26,6 +28,17 @@ class TargetSet(ByValue):
     dot_diameter_mm: float
     layouts: dict[int, dict[str, FloatArray]]
     dictionary: str | None = None
+
+    def widest(self) -> tuple[str, str, float] | None:
+        """The two dots farthest apart of those that all targets have at the same distance (mm); None without any."""
+        layouts = list(self.layouts.values())
+        names = sorted(set.intersection(*map(set, layouts))) if layouts else []
+        found: tuple[str, str, float] | None = None
+        for first, second in combinations(names, 2):
+            lengths = [float(np.linalg.norm(layout[first] - layout[second])) for layout in layouts]
+            if np.ptp(lengths) < _SAME_MM and (found is None or lengths[0] > found[2]):
+                found = first, second, lengths[0]
+        return found
 
     def places(self, target: int, dots: Sequence[str]) -> FloatArray:
         """Places (k, 2) in mm on the flat sticker of the named dots of one target; KeyError where it has no such."""

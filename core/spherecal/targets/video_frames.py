@@ -1,20 +1,20 @@
-"""Frames of videos for a calibration: those in which nothing moves and the image is sharp, the same in all cameras.
+"""Frames of videos for a calibration: those in which nothing moves and the image is sharp, of common moments.
 
-The videos must be synchronised: frame i of each is taken to be of one moment. Bringing them together by sound or time
-stamps is left to other programs.
+Frame i of each video is of one moment, or the times of all frames are known. Bringing videos together by sound is left
+to other programs.
 """
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import cast
+from typing import Any, cast
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from spherecal.base.arrays import FloatArray
+from spherecal.base.arrays import FloatArray, IntArray
 from spherecal.base.context import Context
 from spherecal.base.errors import InputError
 from spherecal.base.messages.values import Phrase
@@ -34,6 +34,23 @@ _SAME_GREY = 0.2
 _MAGIC = ((4, b"ftyp"), (4, b"moov"), (4, b"mdat"), (4, b"wide"), (0, b"RIFF"), (0, b"\x1aE\xdf\xa3"))
 
 
+# Successive frames of a camera are at most 1.2 times its usual interval apart where none was dropped; the nearest frame
+# is then within 0.6 of it.
+_NEAR = 0.6
+
+
+@dataclass(frozen=True)
+class ChosenFrames:
+    """Frames of common moments: each camera's ascending frame numbers, a moment each, and its image size (px).
+
+    `apart_s`: how far apart the frames of a moment are at most, where their times are known.
+    """
+
+    numbers: Mapping[str, list[int]]
+    sizes: Mapping[str, tuple[int, int]]
+    apart_s: float | None
+
+
 @dataclass(frozen=True)
 class _Watched:
     """A video frame by frame: motion to the frame before (n,), sharpness (n,), small images (n,h,w), size in px."""
@@ -45,9 +62,9 @@ class _Watched:
 
 
 def choose_frames(
-    videos: Mapping[str, Path], most: int, context: Context
-) -> tuple[list[int], dict[str, tuple[int, int]]]:
-    """At most `most` frame numbers that serve in all synchronised videos, and each video's size (width, height) px.
+    videos: Mapping[str, Path], most: int, context: Context, times: Mapping[str, FloatArray] | None = None
+) -> ChosenFrames:
+    """The frames of at most `most` moments that serve in all videos; `times` (s) of all their frames where known.
 
     The recording is cut into as many stretches; of each the sharpest of its stillest frames is taken, unless it shows
     the same as the one before. InputError for a video that cannot be read, or of another number of frames.
@@ -57,10 +74,43 @@ def choose_frames(
         context.report(STAGE, 0.7 * number / len(videos), path.name)
         watched[camera] = _watch(path, context)
     counts = {camera: len(one.motion) for camera, one in watched.items()}
-    if len(set(counts.values())) > 1:
+    if times is None and len(set(counts.values())) > 1:
         shown = ", ".join(f"{videos[camera].name} {count}" for camera, count in counts.items())
         raise InputError(Phrase("error-frame-counts", {"counts": shown}))
-    return _chosen(list(watched.values()), most), {camera: one.size for camera, one in watched.items()}
+    for camera, own in ({} if times is None else times).items():
+        if len(own) != counts[camera]:
+            values = {"video": videos[camera].name, "frames": counts[camera], "times": len(own)}
+            raise InputError(Phrase("error-frame-times-count", values))
+    if times is None:
+        moments = np.tile(np.arange(min(counts.values()))[:, None], len(watched))
+    else:
+        moments = common_moments([times[camera] for camera in watched])
+    if not len(moments):
+        raise InputError(Phrase("error-no-common-moment", {"videos": [path.name for path in videos.values()]}))
+    chosen = moments[_chosen(list(watched.values()), moments, most)]
+    apart = None
+    if times is not None:
+        taken = np.array([times[camera][own] for camera, own in zip(watched, chosen.T, strict=True)])
+        apart = float(np.ptp(taken, axis=0).max())
+    numbers = {camera: own.tolist() for camera, own in zip(watched, chosen.T, strict=True)}
+    return ChosenFrames(numbers, {camera: one.size for camera, one in watched.items()}, apart)
+
+
+def common_moments(times: Sequence[NDArray[np.floating[Any]]]) -> IntArray:
+    """Frames of one moment (moments, cameras): of the slowest camera, each with the nearest frame of every other.
+
+    Moments at which a camera has no frame near are left out, and no frame is of two moments.
+    """
+    usual = [float(np.median(np.diff(own))) for own in times]
+    clock = times[int(np.argmax(usual))]
+    moments, near = [], np.full(len(clock), True)
+    for own, interval in zip(times, usual, strict=True):
+        after = np.clip(np.searchsorted(own, clock), 1, len(own) - 1)
+        nearest = np.where(clock - own[after - 1] <= own[after] - clock, after - 1, after)
+        near &= np.abs(own[nearest] - clock) <= _NEAR * interval
+        moments.append(nearest)
+    found = np.array(moments).T[near]
+    return found[np.append(True, (np.diff(found, axis=0) > 0).all(axis=1))[: len(found)]]
 
 
 def keep_frames(path: Path, frames: Sequence[int], keep: Callable[[int, bytes], None], context: Context) -> None:
@@ -128,18 +178,20 @@ def _watch(path: Path, context: Context) -> _Watched:
     return _Watched(np.array(motion), np.array(sharpness), np.array(small, dtype=np.uint8), size)
 
 
-def _chosen(watched: Sequence[_Watched], most: int) -> list[int]:
-    count = len(watched[0].motion)
+def _chosen(watched: Sequence[_Watched], moments: IntArray, most: int) -> list[int]:
+    """Which rows of `moments` (n, cameras) to take."""
+    count = len(moments)
     moved, sharp = np.zeros(count), np.full(count, np.inf)
-    for one in watched:
+    for one, own in zip(watched, moments.T, strict=True):
         both = np.maximum(one.motion, np.append(one.motion[1:], one.motion[-1]))  # before and after the frame
-        moved = np.maximum(moved, both / max(float(np.median(both)), 1e-6))
-        sharp = np.minimum(sharp, one.sharpness / max(float(np.percentile(one.sharpness, 90)), 1e-6))
+        moved = np.maximum(moved, both[own] / max(float(np.median(both)), 1e-6))
+        sharp = np.minimum(sharp, one.sharpness[own] / max(float(np.percentile(one.sharpness, 90)), 1e-6))
     chosen: list[int] = []
     for stretch in np.array_split(np.arange(count), min(most, count)):
         still = stretch[moved[stretch] <= _AS_STILL * moved[stretch].min()]
         best = int(still[np.argmax(sharp[still])])
-        if not chosen or not all(_same(one, best, chosen[-1]) for one in watched):
+        before = moments[chosen[-1]] if chosen else ()
+        if not chosen or not all(map(_same, watched, moments[best], before)):
             chosen.append(best)
     return chosen
 

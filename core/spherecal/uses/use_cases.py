@@ -88,7 +88,7 @@ def new_session(
     Camera and placement are taken from the paths, as cam1/0001.png, 0001/cam1.png or cam1_0001.png, or as `pattern`
     says: "{camera}_{placement}.png". Images are copied unless they lie in `folder`; of videos up to `frames` still and
     sharp ones are. `board`: the fields of session.json's `board`, as a mapping, as text
-    ("chessboard,rows=6,columns=9,pitch_mm=25") or in a JSON file. Focal length and pixel pitch are EXIF's unless
+    ("chessboard,rows=6,columns=9,pitch_mm=20") or in a JSON file. Focal length and pixel pitch are EXIF's unless
     given, else a start value is assumed. InputError shows what was seen where names can be read in two ways.
     """
     from spherecal.files.new_session import Contents, StatedCameras, make_session

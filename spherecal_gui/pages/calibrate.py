@@ -116,7 +116,7 @@ class CalibratePage(Page):
             task = self.controller.runner.task
             stopping, keeping = task is not None and task.stopping, task is not None and task.keeping
             self.say(
-                self.tr("Stopping: what was taken is kept")
+                self.tr("Stopping: what was captured is kept")
                 if stopping
                 else self.tr("Stopping as soon as there is a result")
                 if keeping
@@ -142,7 +142,7 @@ class CalibratePage(Page):
             )
             self.say(told, "good" if taken == len(project.placements) else "caution")
         elif state.status is Status.FAILED and state.reason is not None and state.reason.code == "error":
-            self.say(self.tr("It failed; what was taken is kept"), "bad")
+            self.say(self.tr("It failed; what was captured is kept"), "bad")
             self.left.setText(reason_text(state.reason))
         elif state.status is Status.FAILED:
             self.say(*bad)

@@ -72,9 +72,9 @@ class PlacementPage(LivePage):
 
     def _buttons(self) -> QHBoxLayout:
         row = QHBoxLayout()
-        self.automatic = option(self.tr("Take by itself when still"))
+        self.automatic = option(self.tr("Capture by itself when still"))
         self.automatic.setObjectName("automatic")
-        self.again = button(self.tr("Take again"), "retake")
+        self.again = button(self.tr("Retake"), "retake")
         self.again.clicked.connect(self._take)
         self.delete = button(self.tr("Delete"), "delete-set")
         self.delete.clicked.connect(self._delete)
@@ -93,13 +93,15 @@ class PlacementPage(LivePage):
         self.fixed.clicked.connect(self.controller.cameras_fixed)
         row.addWidget(self.automatic)
         row.addStretch(1)
-        for one in (self.put_there, self.fixed, self.turned, self.keep, self.again, self.delete, self.undo, self.more):
+        for one in (self.fixed, self.turned, self.keep, self.again, self.delete, self.undo, self.more):
             row.addWidget(one)
         return row
 
     def _tabs(self) -> QTabWidget:
         self.tabs = QTabWidget()
         self.tabs.setObjectName("placement-tabs")
+        self.tabs.setUsesScrollButtons(False)  # three names have room, if need be cut short
+        self.tabs.setElideMode(Qt.TextElideMode.ElideRight)
         self.coverage = CoverageChart()
         covered = QWidget()
         column = QVBoxLayout(covered)
@@ -109,7 +111,7 @@ class PlacementPage(LivePage):
             line.setToolTip(self.tr("A click on a camera shows its picture."))
             line.asked.connect(self._show_camera)
             column.addWidget(line)
-        column.addWidget(label(self.tr("Green: covered by placements taken. Blue: what this one adds."), "soft"))
+        column.addWidget(label(self.tr("Green: covered so far. Blue: what this placement adds."), "soft"))
         self.tabs.addTab(covered, self.tr("Coverage"))
         pairs = QWidget()
         column = QVBoxLayout(pairs)
@@ -126,8 +128,8 @@ class PlacementPage(LivePage):
         self.guide_text, self.now, self.then = label("", "big"), label(""), label("")
         self.top_view = TopView()
         self.to_go = label("", "title")
-        self.put_there = button(self.tr("Put it there (training)"), "put-there")
-        self.put_there.setToolTip(self.tr("Moves the simulated ball to where it should go."))
+        self.put_there = button(self.tr("Put it there"), "put-there")
+        self.put_there.setToolTip(self.tr("Training: moves the simulated ball to where it should go."))
         self.put_there.clicked.connect(self.controller.put_there)
         column.addWidget(self.guide_text)
         column.addWidget(self.to_go)
@@ -138,10 +140,14 @@ class PlacementPage(LivePage):
         self.in_space.toggled.connect(self._show_in_space)
         self.space: SceneView | None = None
         self._space_at = column.count()
-        column.addWidget(self.in_space, 0, Qt.AlignmentFlag.AlignLeft)
+        row = QHBoxLayout()
+        row.addWidget(self.in_space)
+        row.addWidget(self.put_there)
+        row.addStretch(1)
+        column.addLayout(row)
         column.addWidget(self.now)
         column.addWidget(self.then)
-        told = self.tr("In 95 of 100 cases a length of 500 mm is measured to this. Seen from above.")
+        told = self.tr("Expected error on 500 mm (95 %); the picture is seen from above.")
         self.guide_key = label(told, "soft")
         column.addWidget(self.guide_key)
         return self.tabs
@@ -190,20 +196,21 @@ class PlacementPage(LivePage):
         self.show_cameras()
         idle = self.controller.runner.running is None
         busy = self.tr("Work is running.")
-        there = self.tr("This placement was not taken yet.")
+        there = self.tr("This placement is not captured yet.")
         enable(
             self.again, idle and self.is_taken and self.controller.connection is not None, busy if not idle else there
         )
         spare = not self.is_taken and len(self.project.placements) > FEW_PLACEMENTS
-        self.delete.setText(self.tr("Do without it") if spare else self.tr("Delete"))
+        self.delete.setText(self.tr("Skip this placement") if spare else self.tr("Delete"))
         enable(self.delete, idle and (self.is_taken or spare), busy if not idle else there)
+        self.delete.setVisible(self.is_taken or spare)
         undo = self.controller.can_undo
         enable(self.undo, idle and undo is not None, busy if not idle else self.tr("Nothing was deleted."))
         self.undo.setText(self.tr("Undo {name}").format(name=undo) if undo else self.tr("Undo"))
         enable(self.more, idle and self.controller.connection is not None, busy)
         flawed = self.is_taken and self._is_flawed
         self.keep.setVisible(flawed and idle)
-        self.again.setVisible(not flawed)  # then it is the large button
+        self.again.setVisible(self.is_taken and not flawed)  # then it is the large button
         self.undo.setVisible(undo is not None)
         self.fixed.setVisible(bool(self.controller.moved_cameras()))
         self._show_guidance()
@@ -471,17 +478,17 @@ class PlacementPage(LivePage):
         """Take it."""
         running = self.controller.runner.running
         lost = self.controller.lost_cameras()
-        text = self.tr("Taken") if self.is_taken else self.tr("Take  (space)")
+        text = self.tr("Captured") if self.is_taken else self.tr("Capture  (space)")
         if lost and not self.is_taken:
-            text = self.tr("Take without {cameras}").format(cameras=", ".join(lost))
+            text = self.tr("Capture without {cameras}").format(cameras=", ".join(lost))
         if self.is_taking:
-            return PageAction(self.tr("Taking"), False, self.tr("Images are being taken."))
+            return PageAction(self.tr("Capturing"), False, self.tr("Images are being captured."))
         if running:
             return PageAction(text, False, self.tr("Work is running."))
         if self.is_taken and self._is_flawed:
-            return PageAction(self.tr("Take again  (space)"), self.controller.connection is not None)
+            return PageAction(self.tr("Retake  (space)"), self.controller.connection is not None)
         if self.is_taken:
-            return PageAction(text, False, self.tr("It is taken; use Take again to replace it."), done=True)
+            return PageAction(text, False, self.tr("It is captured; Retake replaces it."), done=True)
         if self.controller.connection is None:
             return PageAction(text, False, self.tr("The cameras are not connected."))
         return PageAction(text, accepts=True)

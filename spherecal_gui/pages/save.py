@@ -3,6 +3,7 @@
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from PySide6.QtCore import Qt
 from PySide6.QtGui import QGuiApplication
 from PySide6.QtWidgets import (
     QComboBox,
@@ -22,7 +23,7 @@ from spherecal_gui.presenters.start import next_check_text, number_in_use
 from spherecal_gui.project import VERIFIED
 from spherecal_gui.project_folder import profile_of
 from spherecal_gui.standing import Level
-from spherecal_gui.widgets.basic import Card, button, enable, label, open_file, option, set_level
+from spherecal_gui.widgets.basic import Card, button, details_button, enable, label, open_file, option, set_level
 from spherecal_gui.wizard.controller import Controller
 from spherecal_gui.workflow import Status, Step
 
@@ -183,19 +184,24 @@ class SavePage(Page):
         return card
 
     def _commands(self) -> QWidget:
-        card = Card(self.tr("The same on the command line"))
+        inner = QWidget()
+        column = QVBoxLayout(inner)
+        column.setContentsMargins(0, 0, 0, 0)
+        column.addWidget(label(self.tr("The same on the command line"), "soft"))
         self.commands = QPlainTextEdit()
         self.commands.setReadOnly(True)
         self.commands.setAccessibleName(self.tr("The same on the command line"))
         self.commands.setMaximumHeight(66)
-        card.body.addWidget(self.commands)
+        column.addWidget(self.commands)
         copy = button(self.tr("Copy as command"), "copy-command")
         copy.clicked.connect(self._copy)
-        row = QHBoxLayout()
-        row.addWidget(copy)
-        row.addStretch(1)
-        card.body.addLayout(row)
-        return card
+        column.addWidget(copy, 0, Qt.AlignmentFlag.AlignLeft)
+        whole = QWidget()
+        outer = QVBoxLayout(whole)
+        outer.setContentsMargins(0, 0, 0, 0)
+        outer.addWidget(details_button(inner), 0, Qt.AlignmentFlag.AlignLeft)
+        outer.addWidget(inner)
+        return whole
 
     @property
     def report_path(self) -> Path:

@@ -1,11 +1,11 @@
-"""Findings: what, why, what to do, and the buttons that do it; above them what is mended already."""
+"""Findings: what, where, what to do, and the buttons that do it; above them what is mended already."""
 
 from PySide6.QtCore import Qt, Signal
 from PySide6.QtWidgets import QHBoxLayout, QScrollArea, QVBoxLayout, QWidget
 
 from spherecal_gui import theme
 from spherecal_gui.presenters.results import Action, Advice, repair_text
-from spherecal_gui.widgets.basic import button, clear, label, set_level
+from spherecal_gui.widgets.basic import button, clear, details_button, label, set_level
 from spherecal_gui.widgets.icons import level_pixmap
 
 
@@ -52,18 +52,20 @@ class FindingsList(QScrollArea):
         row.addSpacing(theme.SMALL)
         words = QVBoxLayout()
         words.setSpacing(2)
-        title = label(one.title, "big")
+        title = label(f"{one.title}: {one.where}" if one.where else one.title, "big")
         set_level(title, one.level)
         words.addWidget(title)
-        words.addWidget(label(one.message))
         if one.hint:
-            words.addWidget(label(one.hint, "soft"))
+            words.addWidget(label(one.hint))
         buttons = QHBoxLayout()
         for action in one.actions:
             buttons.addWidget(self._button(action))
-
+        said = label(one.message, "soft")
+        if one.message:
+            buttons.addWidget(details_button(said))
         buttons.addStretch(1)
         words.addLayout(buttons)
+        words.addWidget(said)
         row.addLayout(words, 1)
         return box
 

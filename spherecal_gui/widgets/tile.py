@@ -8,7 +8,7 @@ from PySide6.QtCore import QEvent, QObject, QPointF, QRectF, QSize, Qt, Signal
 from PySide6.QtGui import QBrush, QColor, QImage, QKeyEvent, QMouseEvent, QPainter, QPaintEvent, QPen
 from PySide6.QtWidgets import QGridLayout, QLineEdit, QToolTip, QWidget
 
-from spherecal_gui import theme
+from spherecal_gui import languages, theme
 from spherecal_gui.presenters.look import TileState
 from spherecal_gui.widgets.basic import MARKS, plain
 
@@ -88,6 +88,8 @@ class CameraTile(QWidget):
         """Show the state and the dots (n, 2) px."""
         if state != self._state or len(dots) != len(self._dots):
             self.setAccessibleName(f"{state.name}: {state.word}")
+            if state.details != self._state.details:
+                self.setToolTip(plain(state.details))
             self.update()
         self._state, self._dots = state, dots
 
@@ -215,14 +217,14 @@ class CameraTile(QWidget):
         painter.drawEllipse(start, 3, 3)
 
     def _draw_image(self, painter: QPainter, room: QRectF) -> None:
+        c = theme.now()
+        painter.fillRect(room, QColor(c.scene))  # around an image its own black would look like more of it
         if self._image is None:
-            painter.fillRect(room, QColor("#000000"))
-            painter.setPen(QColor("#b4c0cc"))
+            painter.setPen(QColor(c.soft))
             painter.setFont(theme.font(11))
             painter.drawText(room, Qt.AlignmentFlag.AlignCenter, self.tr("no image yet"))
             return
         at, scale = self._field()
-        painter.fillRect(room, QColor("#000000"))
         painter.setRenderHint(QPainter.RenderHint.SmoothPixmapTransform)
         painter.drawImage(at, self._image)
         self._draw_coverage(painter, at)
@@ -295,13 +297,16 @@ class CameraTile(QWidget):
         said = self._need if self._need and state.level in ("good", "none") else state.word
         if not self._has_two_lines and state.figures and state.level == "good":
             said = f"{said} · {state.figures}"
-        text = painter.fontMetrics().elidedText(said, Qt.TextElideMode.ElideRight, int(bottom.width()))
+        text = painter.fontMetrics().elidedText(
+            languages.by_locale(said), Qt.TextElideMode.ElideRight, int(bottom.width())
+        )
         painter.drawText(bottom, Qt.AlignmentFlag.AlignVCenter | Qt.AlignmentFlag.AlignLeft, text)
         if self._has_two_lines:
             bottom.moveTop(bottom.bottom())
             painter.setFont(theme.font(10))
             painter.setPen(QColor(c.soft))
-            text = painter.fontMetrics().elidedText(state.figures, Qt.TextElideMode.ElideRight, int(bottom.width()))
+            figures = languages.by_locale(state.figures)
+            text = painter.fontMetrics().elidedText(figures, Qt.TextElideMode.ElideRight, int(bottom.width()))
             painter.drawText(bottom, Qt.AlignmentFlag.AlignVCenter | Qt.AlignmentFlag.AlignLeft, text)
 
     def _name_box(self) -> QRectF:

@@ -24,7 +24,12 @@ class Photographer:
     """The wizard's window and the folder of its pictures."""
 
     def __init__(
-        self, folder: Path, projects: Path, languages: Sequence[str] = (), sizes: Sequence[tuple[int, int]] = (SIZE,)
+        self,
+        folder: Path,
+        projects: Path,
+        languages: Sequence[str] = (),
+        sizes: Sequence[tuple[int, int]] = (SIZE,),
+        looks: Sequence[tuple[str, bool, bool]] = LOOKS,
     ) -> None:
         from PySide6.QtWidgets import QApplication
 
@@ -32,7 +37,7 @@ class Photographer:
         from spherecal_gui.wizard.controller import Controller
 
         self.application = QApplication.instance() or QApplication(["spherecal"])
-        self.folder, self.languages, self.sizes, self.number = folder, languages, sizes, 0
+        self.folder, self.languages, self.sizes, self.looks, self.number = folder, languages, sizes, looks, 0
         self.only = tuple(os.environ.get("SPHERECAL_PICTURES", "").split())
         Controller.live_hz = 1.0  # leave the cores to the walk
         folder.mkdir(parents=True, exist_ok=True)
@@ -66,7 +71,7 @@ class Photographer:
         for language in ("en", *self.languages):
             wanted = [
                 (look, size, path)
-                for look in LOOKS
+                for look in self.looks
                 for size in self.sizes
                 if not (path := self._path(name, language, look[0], size)).exists()
             ]
@@ -234,6 +239,9 @@ def walk(p: Photographer) -> None:
     p.take("placement-done")
     p.go_on()
     p.wait(lambda: controller.to_go is not None and not controller.guidance.coarse)
+    seen = controller.live.rounds
+    p.wait(lambda: controller.live.rounds > seen + 3)  # the ball as it stands now, not as it stood before
+    p.live(1.5)
     p.take("placement-ghost")
     window.page.put_there.click()
     p.wait(lambda: controller.to_go is not None and controller.to_go.near)
@@ -402,13 +410,18 @@ def _lose(p: Photographer, camera: str, shown: Callable[[], bool]) -> None:
     p.wait(shown)
 
 
-def make_screenshots(folder: Path, languages: Sequence[str] = (), sizes: Sequence[tuple[int, int]] = (SIZE,)) -> int:
+def make_screenshots(
+    folder: Path,
+    languages: Sequence[str] = (),
+    sizes: Sequence[tuple[int, int]] = (SIZE,),
+    looks: Sequence[tuple[str, bool, bool]] = LOOKS,
+) -> int:
     """Make all pictures; 0 when done."""
     os.environ.setdefault("QT_QPA_PLATFORM", "offscreen")
     with tempfile.TemporaryDirectory() as home:
         os.environ["SPHERECAL_SETTINGS"] = str(Path(home) / "settings.ini")
         os.environ["SPHERECAL_LIMITS"] = str(Path(home) / "limits.json")
-        p = Photographer(folder, Path(home) / "projects", languages, sizes)
+        p = Photographer(folder, Path(home) / "projects", languages, sizes, looks)
         walk(p)
         p.window.close()
         p.live(0.2)

@@ -13,7 +13,6 @@ pytest.importorskip("PySide6.QtWidgets", reason="Qt cannot be loaded here", exc_
 from PySide6.QtWidgets import QPushButton, QWidget
 
 from spherecal_gui import languages, theme
-from spherecal_gui.pages.placement import PlacementPage
 from spherecal_gui.widgets.basic import label
 from spherecal_gui.wizard.controller import Controller
 from spherecal_gui.wizard.window import WizardWindow

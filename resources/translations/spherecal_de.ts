@@ -621,16 +621,32 @@
         <translation>Hier aufhören</translation>
     </message>
     <message>
+        <source>What goes into it</source>
+        <translation>Was eingeht</translation>
+    </message>
+    <message>
+        <source>Captured</source>
+        <translation>Aufgenommen</translation>
+    </message>
+    <message>
+        <source>cameras</source>
+        <translation>Kameras</translation>
+    </message>
+    <message>
+        <source>dots</source>
+        <translation>Punkte</translation>
+    </message>
+    <message>
+        <source>state</source>
+        <translation>Zustand</translation>
+    </message>
+    <message>
         <source>Stages</source>
         <translation>Schritte der Rechnung</translation>
     </message>
     <message>
         <source>Convergence</source>
         <translation>Konvergenz</translation>
-    </message>
-    <message>
-        <source>Every line is one adjustment; it is done when its line falls no more.</source>
-        <translation>Jede Linie ist eine Ausgleichung; sie ist fertig, wenn ihre Linie nicht mehr fällt.</translation>
     </message>
     <message>
         <source>Details</source>
@@ -643,6 +659,14 @@
     <message>
         <source>Log of the computation</source>
         <translation>Protokoll der Rechnung</translation>
+    </message>
+    <message>
+        <source>captured</source>
+        <translation>aufgenommen</translation>
+    </message>
+    <message>
+        <source>not captured</source>
+        <translation>nicht aufgenommen</translation>
     </message>
     <message>
         <source>Stopping: what was captured is kept</source>
@@ -707,6 +731,10 @@
     <message>
         <source>Work is running.</source>
         <translation>Es wird gearbeitet.</translation>
+    </message>
+    <message>
+        <source>Done when the line falls no more. Each adjustment goes on where the one before ended.</source>
+        <translation>Fertig, wenn die Linie nicht mehr fällt. Jede Ausgleichung beginnt, wo die vorige endete.</translation>
     </message>
     <message>
         <source>See what to do</source>
@@ -1228,8 +1256,8 @@ px</translation>
         <translation>Iteration</translation>
     </message>
     <message>
-        <source>cost / first cost</source>
-        <translation>Kosten / erste Kosten</translation>
+        <source>cost, as a share of the first</source>
+        <translation>Kosten, als Anteil der ersten</translation>
     </message>
 </context>
 <context>

@@ -621,16 +621,32 @@
         <translation>到此为止</translation>
     </message>
     <message>
+        <source>What goes into it</source>
+        <translation>计算所用</translation>
+    </message>
+    <message>
+        <source>Captured</source>
+        <translation>已拍摄</translation>
+    </message>
+    <message>
+        <source>cameras</source>
+        <translation>相机</translation>
+    </message>
+    <message>
+        <source>dots</source>
+        <translation>圆点</translation>
+    </message>
+    <message>
+        <source>state</source>
+        <translation>状态</translation>
+    </message>
+    <message>
         <source>Stages</source>
         <translation>计算阶段</translation>
     </message>
     <message>
         <source>Convergence</source>
         <translation>收敛过程</translation>
-    </message>
-    <message>
-        <source>Every line is one adjustment; it is done when its line falls no more.</source>
-        <translation>每条线是一次平差；线不再下降时即完成。</translation>
     </message>
     <message>
         <source>Details</source>
@@ -643,6 +659,14 @@
     <message>
         <source>Log of the computation</source>
         <translation>计算日志</translation>
+    </message>
+    <message>
+        <source>captured</source>
+        <translation>已拍摄</translation>
+    </message>
+    <message>
+        <source>not captured</source>
+        <translation>未拍摄</translation>
     </message>
     <message>
         <source>Stopping: what was captured is kept</source>
@@ -707,6 +731,10 @@
     <message>
         <source>Work is running.</source>
         <translation>正在运行。</translation>
+    </message>
+    <message>
+        <source>Done when the line falls no more. Each adjustment goes on where the one before ended.</source>
+        <translation>曲线不再下降即完成。每次平差从上一次结束处继续。</translation>
     </message>
     <message>
         <source>See what to do</source>
@@ -1228,8 +1256,8 @@ px</translation>
         <translation>迭代</translation>
     </message>
     <message>
-        <source>cost / first cost</source>
-        <translation>代价 / 初始代价</translation>
+        <source>cost, as a share of the first</source>
+        <translation>代价，占首次的份额</translation>
     </message>
 </context>
 <context>

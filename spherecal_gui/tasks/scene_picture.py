@@ -32,7 +32,7 @@ def scene_picture(result: Any, images: Mapping[str, Any]) -> "ScenePicture | Non
     pixels = render_once(data, paper_style(), eye)
     if pixels is None:
         return None
-    names, places = _named(data)
+    names, places = named_places(data)
     return ScenePicture(pixels, names, eye.flat(places), data.floor.step)
 
 
@@ -43,7 +43,7 @@ def paper_style() -> SceneStyle:
     return SceneStyle(False, _PAPER, *tints)
 
 
-def _named(data: SceneData) -> tuple[tuple[str, ...], Any]:
+def named_places(data: SceneData) -> tuple[tuple[str, ...], Any]:
     """Cameras, placements and axes with their places (n, 3)."""
     found = [(one.id, one.centre) for one in data.scene.cameras]
     found += [(one.name, one.ball_centre) for one in data.scene.placements if one.ball_centre is not None]

@@ -98,8 +98,14 @@ class Photographer:
 
     @staticmethod
     def _dress(window: Any, dark: bool, far: bool) -> None:
+        from PySide6.QtWidgets import QApplication
+
+        from spherecal_gui import theme
+
         window.header.dark.setChecked(dark)
         window.header.far.setChecked(far)
+        theme.apply(QApplication.instance(), dark, far)  # a window of another language may have changed it
+        window.redraw()
 
     def take_dialog(self, dialog: Any, name: str) -> None:
         """One picture of a dialog over the window, which is closed."""

@@ -81,9 +81,11 @@ def faults(window: WizardWindow) -> list[str]:
 
 
 def both_ways(window: WizardWindow) -> list[str]:
-    """What scrolls sideways, or grows the window."""
-    found = [f"{name} scrolls sideways" for name, across, _ in scrolled(window) if across]
-    return found + ([f"the window is {window.width()} px wide"] if window.width() > SIZE[0] else [])
+    """What scrolls sideways, grows the window, or, where nothing scrolls, is cut short."""
+    areas = scrolled(window)
+    found = [f"{name} scrolls sideways" for name, across, _ in areas if across]
+    found += [f"the window is {window.width()} px wide"] if window.width() > SIZE[0] else []
+    return found if areas else found + cut_short(window)
 
 
 def incomplete(window: WizardWindow) -> list[str]:

@@ -2585,7 +2585,7 @@ px</translation>
     </message>
     <message>
         <source>Skip this placement</source>
-        <translation>Diese Aufstellung auslassen</translation>
+        <translation>Auslassen</translation>
     </message>
     <message>
         <source>Nothing was deleted.</source>

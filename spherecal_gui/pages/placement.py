@@ -93,7 +93,7 @@ class PlacementPage(LivePage):
         self.fixed.clicked.connect(self.controller.cameras_fixed)
         row.addWidget(self.automatic)
         row.addStretch(1)
-        for one in (self.fixed, self.turned, self.keep, self.again, self.delete, self.undo, self.more):
+        for one in (self.put_there, self.fixed, self.turned, self.keep, self.again, self.delete, self.undo, self.more):
             row.addWidget(one)
         return row
 
@@ -123,7 +123,7 @@ class PlacementPage(LivePage):
             label(self.tr("Dots that two cameras have in common, over all placements and this image."), "soft")
         )
         self.tabs.addTab(pairs, self.tr("Pairs"))
-        self.guidance = QWidget()
+        self.guidance, self._next_title = QWidget(), self.tr("Where next")
         column = QVBoxLayout(self.guidance)
         self.guide_text, self.now, self.then = label("", "big"), label(""), label("")
         self.top_view = TopView()
@@ -140,11 +140,7 @@ class PlacementPage(LivePage):
         self.in_space.toggled.connect(self._show_in_space)
         self.space: SceneView | None = None
         self._space_at = column.count()
-        row = QHBoxLayout()
-        row.addWidget(self.in_space)
-        row.addWidget(self.put_there)
-        row.addStretch(1)
-        column.addLayout(row)
+        column.addWidget(self.in_space, 0, Qt.AlignmentFlag.AlignLeft)
         column.addWidget(self.now)
         column.addWidget(self.then)
         told = self.tr("Expected error on 500 mm (95 %); the picture is seen from above.")
@@ -436,11 +432,12 @@ class PlacementPage(LivePage):
                 self.tabs.removeTab(at)
             return
         if at < 0:
-            self.tabs.insertTab(0, self.guidance, self.tr("Where next"))
+            self.tabs.insertTab(0, self.guidance, self._next_title)
             self.tabs.setCurrentIndex(0)
         self.top_view.show_guidance(None if self._is_enough() else shown)
         self._show_in_space()
         self.guide_key.setVisible(self.height() > _TALL_PX and not theme.is_far())  # the picture needs the room
+        self.in_space.setVisible(not theme.is_far() or self.in_space.isChecked())
         if shown is None:
             self._show_planning()
             self.now.clear()

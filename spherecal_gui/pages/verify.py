@@ -251,6 +251,8 @@ class VerifyPage(ScalePage):
 
     def _show_limit(self, idle: bool) -> None:
         may = limits.now().verification_limit_open
+        if not self.limit.hasFocus() and self.limit.text().strip() != self.project.limit:
+            self.limit.setText(self.project.limit)
         self.limit.setEnabled(idle and may)
         locked = self.tr("Locked: the responsible person sets this limit (Menu, Limits).")
         self.limit.setToolTip(plain(self._limit_tip if may else locked))

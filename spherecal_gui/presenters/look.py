@@ -117,7 +117,7 @@ def _all_well(sight: Any) -> str:
     if sight.blur_px is not None:
         parts.append(translate("Look", "Focus {blur:.1f} px").format(blur=sight.blur_px))
     parts.append(translate("Look", "brightness {share} %").format(share=round(100 * sight.brightness)))
-    return ", ".join(parts)
+    return " · ".join(parts)
 
 
 def bump_text(cameras: dict[str, float]) -> tuple[str, str]:

@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 from PySide6.QtCore import QEvent, QObject, QPointF, QRectF, QSize, Qt, Signal
-from PySide6.QtGui import QBrush, QColor, QImage, QKeyEvent, QMouseEvent, QPainter, QPaintEvent, QPen
+from PySide6.QtGui import QBrush, QColor, QFontMetrics, QImage, QKeyEvent, QMouseEvent, QPainter, QPaintEvent, QPen
 from PySide6.QtWidgets import QGridLayout, QLineEdit, QToolTip, QWidget
 
 from spherecal_gui import languages, theme
@@ -29,6 +29,14 @@ def shown_image(image: np.ndarray, bits: int, width: int) -> QImage:
     small = np.ascontiguousarray(small)
     height, columns = small.shape
     return QImage(small.data, columns, height, columns, QImage.Format.Format_Grayscale8).copy()
+
+
+def _fitting(told: str, metrics: QFontMetrics, width: float) -> str:
+    """As many of the figures of a line as have room: a number that is cut short would be another one."""
+    shown = languages.by_locale(told)
+    while " · " in shown and metrics.horizontalAdvance(shown) > width:
+        shown = shown.rpartition(" · ")[0]
+    return metrics.elidedText(shown, Qt.TextElideMode.ElideRight, int(width))
 
 
 class CameraTile(QWidget):
@@ -292,21 +300,18 @@ class CameraTile(QWidget):
         painter.drawText(top, Qt.AlignmentFlag.AlignVCenter | Qt.AlignmentFlag.AlignRight, count)
         line = theme.pt(19) if self._has_two_lines else foot
         bottom = QRectF(box.left() + 10, box.bottom() - foot - 1, box.width() - 20, line)
-        painter.setFont(theme.font(10, bold=state.level != "good"))
+        painter.setFont(theme.font(theme.CAPTION, bold=state.level != "good"))
         painter.setPen(tint if state.level != "good" else QColor(c.soft))
         said = self._need if self._need and state.level in ("good", "none") else state.word
         if not self._has_two_lines and state.figures and state.level == "good":
             said = f"{said} · {state.figures}"
-        text = painter.fontMetrics().elidedText(
-            languages.by_locale(said), Qt.TextElideMode.ElideRight, int(bottom.width())
-        )
+        text = _fitting(said, painter.fontMetrics(), bottom.width())
         painter.drawText(bottom, Qt.AlignmentFlag.AlignVCenter | Qt.AlignmentFlag.AlignLeft, text)
         if self._has_two_lines:
             bottom.moveTop(bottom.bottom())
-            painter.setFont(theme.font(10))
+            painter.setFont(theme.font(theme.CAPTION))
             painter.setPen(QColor(c.soft))
-            figures = languages.by_locale(state.figures)
-            text = painter.fontMetrics().elidedText(figures, Qt.TextElideMode.ElideRight, int(bottom.width()))
+            text = _fitting(state.figures, painter.fontMetrics(), bottom.width())
             painter.drawText(bottom, Qt.AlignmentFlag.AlignVCenter | Qt.AlignmentFlag.AlignLeft, text)
 
     def _name_box(self) -> QRectF:

@@ -382,10 +382,9 @@ def checking(p: Photographer) -> None:
     like = load_project(next(line.folder for line in window.start._lines if line.calibrated))
     controller.new_check(replace(like, source="simulated:demo+bump:C03:0.3"))
     p.wait()
-    for _ in range(3):
+    while controller.project.step != "check":  # each step's work, then the next one
         p.go_on()
         p.live(1.0)
-        p.go_on()
     p.take("check-ready")
     window.advance()
     p.wait()

@@ -54,17 +54,19 @@ class FindingsList(QScrollArea):
         words.setSpacing(2)
         title = label(f"{one.title}: {one.where}" if one.where else one.title, "big")
         set_level(title, one.level)
-        words.addWidget(title)
+        first, said = QHBoxLayout(), label(one.message, "soft")
+        first.addWidget(title, 1)
+        if one.message:
+            first.addWidget(details_button(said), 0, Qt.AlignmentFlag.AlignTop)
+        words.addLayout(first)
         if one.hint:
             words.addWidget(label(one.hint))
-        buttons = QHBoxLayout()
-        for action in one.actions:
-            buttons.addWidget(self._button(action))
-        said = label(one.message, "soft")
-        if one.message:
-            buttons.addWidget(details_button(said))
-        buttons.addStretch(1)
-        words.addLayout(buttons)
+        if one.actions:
+            buttons = QHBoxLayout()
+            for action in one.actions:
+                buttons.addWidget(self._button(action))
+            buttons.addStretch(1)
+            words.addLayout(buttons)
         words.addWidget(said)
         row.addLayout(words, 1)
         return box

@@ -33,7 +33,8 @@ from spherecal_gui.presenters.scene_eye import SIDES, View, fitting_view
 from spherecal_gui.presenters.scene_hover import items_of
 from spherecal_gui.presenters.scene_shapes import LAYERS, SHOWN_AT_FIRST, SceneStyle, blended, scene_shapes, shrunk
 from spherecal_gui.tasks.scene_picture import named_places, paper_style
-from spherecal_gui.tasks.scene_renderer import can_render, render_once
+from spherecal_gui.tasks.scene_process import render_once
+from spherecal_gui.tasks.scene_renderer import can_render
 from spherecal_gui.widgets.painted_scene import PaintedScene
 from spherecal_gui.widgets.rendered_scene import RenderedScene
 from spherecal_gui.widgets.scene_panel import ScenePanel

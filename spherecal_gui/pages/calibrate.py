@@ -53,6 +53,7 @@ class CalibratePage(Page):
         )
         self.inputs.setSelectionMode(Table.SelectionMode.NoSelection)
         self._inputs.body.addWidget(self.inputs, 1)
+        self._inputs.hide()
         column.addWidget(self._inputs, 1)
         self._work = QWidget()
         row = QHBoxLayout(self._work)

@@ -377,11 +377,11 @@ def report(project: Project, output: Path, language: str, notice: str, context: 
     context.report("drawing the report", 0.0)
     result = project.result_folder
     scene = scene_picture(read_result(result), last_images(project.folder))
-    told = {"language": language, "notice": notice, "note": project.note}
+    told: Any = {"language": language, "notice": notice, "note": project.note, "scene": scene}
     try:
-        write_report(result, output, project.folder, **told, scene=scene)
+        write_report(result, output, project.folder, **told)
     except InputError:  # retaken since: the numbers still hold, the pictures would not
-        write_report(result, output, **told, scene=scene)
+        write_report(result, output, **told)
     return output
 
 

@@ -9,7 +9,8 @@ from spherecal_gui import theme
 from spherecal_gui.presenters.scene import SceneData, scene_data, with_images
 from spherecal_gui.presenters.scene_eye import fitting_view
 from spherecal_gui.presenters.scene_shapes import SceneStyle, rgb
-from spherecal_gui.tasks.scene_renderer import can_render, render_once
+from spherecal_gui.tasks.scene_process import render_once
+from spherecal_gui.tasks.scene_renderer import can_render
 
 if TYPE_CHECKING:
     from spherecal.report.scene_picture import ScenePicture
@@ -39,8 +40,8 @@ def scene_picture(result: Any, images: Mapping[str, Any]) -> "ScenePicture | Non
 def paper_style() -> SceneStyle:
     """The light colours on white paper."""
     c = theme.LIGHT
-    tints = [rgb(one) for one in (c.border, c.text, c.accent, c.good, c.caution, c.bad)]
-    return SceneStyle(False, _PAPER, *tints)
+    border, text, accent = rgb(c.border), rgb(c.text), rgb(c.accent)
+    return SceneStyle(False, _PAPER, border, text, accent, rgb(c.good), rgb(c.caution), rgb(c.bad))
 
 
 def named_places(data: SceneData) -> tuple[tuple[str, ...], Any]:

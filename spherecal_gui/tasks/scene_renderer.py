@@ -5,7 +5,6 @@ in shared memory. What is asked for is always the newest: views that were overta
 """
 
 import contextlib
-import multiprocessing
 import os
 from dataclasses import dataclass
 from importlib.util import find_spec
@@ -140,32 +139,6 @@ class Stage:
 def can_render() -> bool:
     """Whether pyvista is there, and nobody asks to do without it."""
     return os.environ.get("SPHERECAL_3D") not in _PLAIN and find_spec("pyvista") is not None
-
-
-def render_once(data: SceneData, style: SceneStyle, eye: Eye) -> Any:
-    """One picture with smooth edges, (height, width, 3) uint8, from a process of its own; None where that fails."""
-    context = multiprocessing.get_context("spawn")
-    ours, theirs = context.Pipe()
-    process = context.Process(target=serve, args=(theirs,), daemon=True, name="spherecal-picture")
-    memory = shared_memory.SharedMemory(create=True, size=3 * eye.width * eye.height)
-    try:
-        process.start()
-        theirs.close()
-        if ours.recv()[0] != "ready":
-            return None
-        ours.send(("scene", (data, style)))
-        ours.send(("eye", (memory.name, 0, eye, True)))
-        ours.recv()
-        return np.ndarray((eye.height, eye.width, 3), np.uint8, memory.buf).copy()
-    except (EOFError, OSError):
-        return None
-    finally:
-        ours.close()
-        process.join(2.0)
-        if process.is_alive():
-            process.terminate()
-        memory.close()
-        memory.unlink()
 
 
 def serve(pipe: Connection) -> None:

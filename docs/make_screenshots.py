@@ -171,6 +171,15 @@ class Photographer:
         self.window.advance()
         self.wait()
 
+    def reach(self, step: str) -> None:
+        """Go on until this step is shown; a button pressed too early does nothing."""
+        until = time.monotonic() + PATIENCE_S
+        while self.window.controller.project.step != step:
+            if time.monotonic() > until:
+                raise TimeoutError(f"The wizard has not come to {step}.")
+            self.go_on()
+            self.live(1.0)
+
 
 def _scenes(window: Any) -> list[Any]:
     """The scenes that are on the screen."""
@@ -252,10 +261,8 @@ def walk(p: Photographer) -> None:
     window.page.put_there.click()
     p.wait(lambda: controller.to_go is not None and controller.to_go.near)
     p.take("placement-there")
-    p.go_on()
-    for _ in range(2):
-        p.go_on()
-        p.live(1.0)
+    p.reach("placement:P4")
+    while not window.page.is_taken:
         p.go_on()
     computing(p)
 
@@ -268,11 +275,10 @@ def computing(p: Photographer) -> None:
         page.tabs.setCurrentWidget(tab)
         p.take(f"placement-{name}")
     page.tabs.setCurrentIndex(0)
-    p.go_on()
-    p.live(2.0)
+    p.reach("scale")
+    p.live(1.0)
     p.take("scale")
-    while controller.project.step == "scale":
-        p.go_on()
+    p.reach("calibrate")
     p.take("calibrate-ready")
     window.advance()
     p.live(0.2)
@@ -382,9 +388,7 @@ def checking(p: Photographer) -> None:
     like = load_project(next(line.folder for line in window.start._lines if line.calibrated))
     controller.new_check(replace(like, source="simulated:demo+bump:C03:0.3"))
     p.wait()
-    while controller.project.step != "check":  # each step's work, then the next one
-        p.go_on()
-        p.live(1.0)
+    p.reach("check")
     p.take("check-ready")
     window.advance()
     p.wait()

@@ -380,6 +380,10 @@ class PlacementPage(LivePage):
         for tile in self.wall.tiles.values():
             tile.show_ghost(found.get(tile.name), to_go is not None and to_go.near)
         text, level = to_go_text(to_go) if wanted and to_go is not None else ("", "none")
+        size = "big" if theme.is_far() else "title"  # large text needs its room
+        if self.to_go.objectName() != size:
+            self.to_go.setObjectName(size)
+            self.to_go.style().polish(self.to_go)
         self.to_go.setText(text)
         set_level(self.to_go, level)
         self.to_go.setVisible(bool(text))

@@ -20,7 +20,7 @@ class FindingsList(QScrollArea):
         self.setWidgetResizable(True)
         self._inner = QWidget()
         self._column = QVBoxLayout(self._inner)
-        self._column.setSpacing(14)
+        self._column.setSpacing(theme.SMALL)
         self.setWidget(self._inner)
         self.shown: list[Advice] = []
         self.repairs: tuple[tuple[str, str], ...] = ()

@@ -5,13 +5,13 @@ import sys
 import tempfile
 from pathlib import Path
 
-from make_screenshots import make_screenshots
+from make_screenshots import LOOKS, make_screenshots
 from PIL import Image
 
 PICTURES = Path(__file__).parent / "guide" / "pictures"
 # name in the guide -> name of make_screenshots' picture
 TAKEN = {
-    "start": "start-with-projects", "connect": "connect", "look": "look", "placement": "placement-done",
+    "start": "start-with-projects", "connect": "connect", "look": "look", "placement": "placement-ghost",
     "results": "results-findings", "verify": "verify-done", "measure": "measure",
 }  # fmt: skip
 WALK = Path(__file__).parent / "pictures" / "walk.png"
@@ -22,7 +22,7 @@ COLUMNS, WIDTH, GAP = 4, 480, 6
 def make_guide_pictures() -> int:
     """Walk through the simulated demo and keep the pictures that the guide shows; 0 when all are there."""
     with tempfile.TemporaryDirectory() as folder:
-        return make_screenshots(Path(folder)) or keep_pictures(Path(folder))
+        return make_screenshots(Path(folder), looks=LOOKS[:1]) or keep_pictures(Path(folder))
 
 
 def keep_pictures(folder: Path) -> int:

@@ -24,7 +24,12 @@ class Photographer:
     """The wizard's window and the folder of its pictures."""
 
     def __init__(
-        self, folder: Path, projects: Path, languages: Sequence[str] = (), sizes: Sequence[tuple[int, int]] = (SIZE,)
+        self,
+        folder: Path,
+        projects: Path,
+        languages: Sequence[str] = (),
+        sizes: Sequence[tuple[int, int]] = (SIZE,),
+        looks: Sequence[tuple[str, bool, bool]] = LOOKS,
     ) -> None:
         from PySide6.QtWidgets import QApplication
 
@@ -32,7 +37,7 @@ class Photographer:
         from spherecal_gui.wizard.controller import Controller
 
         self.application = QApplication.instance() or QApplication(["spherecal"])
-        self.folder, self.languages, self.sizes, self.number = folder, languages, sizes, 0
+        self.folder, self.languages, self.sizes, self.looks, self.number = folder, languages, sizes, looks, 0
         self.only = tuple(os.environ.get("SPHERECAL_PICTURES", "").split())
         Controller.live_hz = 1.0  # leave the cores to the walk
         folder.mkdir(parents=True, exist_ok=True)
@@ -66,7 +71,7 @@ class Photographer:
         for language in ("en", *self.languages):
             wanted = [
                 (look, size, path)
-                for look in LOOKS
+                for look in self.looks
                 for size in self.sizes
                 if not (path := self._path(name, language, look[0], size)).exists()
             ]
@@ -93,8 +98,14 @@ class Photographer:
 
     @staticmethod
     def _dress(window: Any, dark: bool, far: bool) -> None:
+        from PySide6.QtWidgets import QApplication
+
+        from spherecal_gui import theme
+
         window.header.dark.setChecked(dark)
         window.header.far.setChecked(far)
+        theme.apply(QApplication.instance(), dark, far)  # a window of another language may have changed it
+        window.redraw()
 
     def take_dialog(self, dialog: Any, name: str) -> None:
         """One picture of a dialog over the window, which is closed."""
@@ -159,6 +170,15 @@ class Photographer:
         """The page's work where it is not done, then the next step."""
         self.window.advance()
         self.wait()
+
+    def reach(self, step: str) -> None:
+        """Go on until this step is shown; a button pressed too early does nothing."""
+        until = time.monotonic() + PATIENCE_S
+        while self.window.controller.project.step != step:
+            if time.monotonic() > until:
+                raise TimeoutError(f"The wizard has not come to {step}.")
+            self.go_on()
+            self.live(1.0)
 
 
 def _scenes(window: Any) -> list[Any]:
@@ -234,14 +254,15 @@ def walk(p: Photographer) -> None:
     p.take("placement-done")
     p.go_on()
     p.wait(lambda: controller.to_go is not None and not controller.guidance.coarse)
+    seen = controller.live.rounds
+    p.wait(lambda: controller.live.rounds > seen + 3)  # the ball as it stands now, not as it stood before
+    p.live(1.5)
     p.take("placement-ghost")
     window.page.put_there.click()
     p.wait(lambda: controller.to_go is not None and controller.to_go.near)
     p.take("placement-there")
-    p.go_on()
-    for _ in range(2):
-        p.go_on()
-        p.live(1.0)
+    p.reach("placement:P4")
+    while not window.page.is_taken:
         p.go_on()
     computing(p)
 
@@ -254,11 +275,10 @@ def computing(p: Photographer) -> None:
         page.tabs.setCurrentWidget(tab)
         p.take(f"placement-{name}")
     page.tabs.setCurrentIndex(0)
-    p.go_on()
-    p.live(2.0)
+    p.reach("scale")
+    p.live(1.0)
     p.take("scale")
-    while controller.project.step == "scale":
-        p.go_on()
+    p.reach("calibrate")
     p.take("calibrate-ready")
     window.advance()
     p.live(0.2)
@@ -368,10 +388,7 @@ def checking(p: Photographer) -> None:
     like = load_project(next(line.folder for line in window.start._lines if line.calibrated))
     controller.new_check(replace(like, source="simulated:demo+bump:C03:0.3"))
     p.wait()
-    for _ in range(3):
-        p.go_on()
-        p.live(1.0)
-        p.go_on()
+    p.reach("check")
     p.take("check-ready")
     window.advance()
     p.wait()
@@ -402,13 +419,18 @@ def _lose(p: Photographer, camera: str, shown: Callable[[], bool]) -> None:
     p.wait(shown)
 
 
-def make_screenshots(folder: Path, languages: Sequence[str] = (), sizes: Sequence[tuple[int, int]] = (SIZE,)) -> int:
+def make_screenshots(
+    folder: Path,
+    languages: Sequence[str] = (),
+    sizes: Sequence[tuple[int, int]] = (SIZE,),
+    looks: Sequence[tuple[str, bool, bool]] = LOOKS,
+) -> int:
     """Make all pictures; 0 when done."""
     os.environ.setdefault("QT_QPA_PLATFORM", "offscreen")
     with tempfile.TemporaryDirectory() as home:
         os.environ["SPHERECAL_SETTINGS"] = str(Path(home) / "settings.ini")
         os.environ["SPHERECAL_LIMITS"] = str(Path(home) / "limits.json")
-        p = Photographer(folder, Path(home) / "projects", languages, sizes)
+        p = Photographer(folder, Path(home) / "projects", languages, sizes, looks)
         walk(p)
         p.window.close()
         p.live(0.2)

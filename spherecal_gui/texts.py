@@ -18,7 +18,7 @@ def step_title(step: Step) -> str:
         return translate("Steps", "Placement {name}").format(name=(step.set_id or "").removeprefix("P"))
     return {
         "connect": translate("Steps", "Connect"),
-        "look": translate("Steps", "Look"),
+        "look": translate("Steps", "Camera check"),
         "scale": translate("Steps", "Scale bar"),
         "calibrate": translate("Steps", "Calibrate"),
         "results": translate("Steps", "Results"),
@@ -38,7 +38,7 @@ def step_task(step: Step) -> str:
         "scale": translate(
             "Steps", "Lay the bar that gives the scale where three cameras see it; for every pose another way."
         ),
-        "calibrate": translate("Steps", "Compute the cameras from what was taken."),
+        "calibrate": translate("Steps", "Compute the cameras from what was captured."),
         "results": translate("Steps", "Is the calibration good, and what would make it better?"),
         "verify": translate("Steps", "Measure the check bar: does the rig measure what its certificate says?"),
         "save": translate("Steps", "Write the report and put the calibration to use."),
@@ -84,12 +84,12 @@ def reason_text(reason: Reason | None) -> str:
         "confirm the bench": translate("Reasons", "Nobody has confirmed yet which ball and bars are on the bench."),
         "look first": translate("Reasons", "Look at the cameras' images first."),
         "cameras new": translate("Reasons", "New since the last look: {names}.").format(names=joined),
-        "scale missing": translate("Reasons", "No pose of the bar that gives the scale was taken."),
+        "scale missing": translate("Reasons", "No pose of the bar that gives the scale is captured."),
         "changed": translate("Reasons", "Changed since: {names}.").format(names=joined),
         "calibrate first": translate("Reasons", "There is no calibration yet."),
         "calibration stale": translate("Reasons", "The calibration is out of date: calibrate again."),
         "no check bar": translate("Reasons", "No check bar was chosen at Connect, so there is nothing to verify with."),
-        "placement missing": translate("Reasons", "No picture of the ball was taken yet."),
+        "placement missing": translate("Reasons", "The ball is not captured yet."),
         "recalibrate": translate("Reasons", "The rig has changed: recalibrate it."),
         "not valid": translate("Reasons", "The calibration is not valid: see its findings."),
         "inconsistent": translate("Reasons", "The check bar contradicts the calibration."),
@@ -97,21 +97,21 @@ def reason_text(reason: Reason | None) -> str:
         "busy": translate("Reasons", "Work is running; wait for it or cancel it."),
         "cameras lost": translate("Reasons", "No images from {names}.").format(names=joined),
         "moved": moved_text(values),
-        "taken without": translate("Reasons", "Taken without {names}: take it again.").format(names=joined),
-        "taken moving": translate("Reasons", "The scene moved in {names}: take it again.").format(names=joined),
-        "moved since": translate("Reasons", "{names} was moved after this: take it again.").format(names=joined),
+        "taken without": translate("Reasons", "Captured without {names}: retake it.").format(names=joined),
+        "taken moving": translate("Reasons", "The scene moved in {names}: retake it.").format(names=joined),
+        "moved since": translate("Reasons", "{names} was moved after this: retake it.").format(names=joined),
         "repair not in use": translate("Reasons", "Repaired, but not in use yet."),
         "with care": translate("Reasons", "To be used with care: see the findings."),
         "not verified": translate("Reasons", "Saved, but not verified."),
-        "undecided": translate("Reasons", "Undecided: the uncertainty is too large for the limit."),
+        "undecided": translate("Reasons", "Undecided: uncertainty too large for the limit."),
         "watch": translate("Reasons", "The rig has changed a little: watch it."),
         "error": joined,
     }
     if reason.code == "placements missing":
-        text = translate("Reasons", "{have} of at least {need} placements are taken.")
+        text = translate("Reasons", "{have} of at least {need} placements are captured.")
         return text.format(have=reason.values[0], need=reason.values[1])
     if reason.code == "flawed":
-        text = translate("Reasons", "{name} is not good ({cameras}): take it again, or keep it as it is.")
+        text = translate("Reasons", "{name} is not good ({cameras}): retake it, or keep it as it is.")
         return text.format(name=values[0], cameras=", ".join(values[1:]))
     return texts[reason.code]
 
@@ -123,9 +123,7 @@ def moved_text(cameras: tuple[str, ...]) -> str:
 
 
 def camera_trouble(status: Any) -> str:
-    """What is wrong with a camera and what to do: the engine's words in English, else by its state."""
-    if languages.now() == "en":
-        return f"{status.state.value}. {status.cause} {status.remedy}".strip()
+    """What is wrong with a camera and what to do, by its state; the engine's own words are `camera_details`."""
     return {
         "found": translate("Cameras", "Found, but not opened. Search again."),
         "no trigger": translate("Cameras", "It waits for a trigger. Check trigger, cable and network load."),
@@ -135,7 +133,12 @@ def camera_trouble(status: Any) -> str:
         "lost": translate("Cameras", "Lost. Check cable, power and network; it comes back by itself."),
         "busy": translate("Cameras", "Another program holds it. Close that program."),
         "error": translate("Cameras", "It cannot be opened. Switch it off and on, then search again."),
-    }.get(status.state.value, f"{status.state.value}. {status.cause} {status.remedy}".strip())
+    }.get(status.state.value, camera_details(status))
+
+
+def camera_details(status: Any) -> str:
+    """The engine's own words on a camera, which are English."""
+    return f"{status.state.value}. {status.cause} {status.remedy}".strip()
 
 
 def verdict_word(verdict: str) -> str:

@@ -139,7 +139,7 @@ def test_nothing_moves_under_somebodys_pointer(wall, monkeypatch):
 
 def test_serial_rate_exposure_and_temperature_stand_on_the_tile():
     status = CameraStatus("S", CameraState.STREAMING, counters=Counters(rate_hz=5.0), temperature_c=41.4)
-    assert figures_text("40012345", status, 8000.0) == "40012345 · 5/s · 8 ms · 41 °C"
+    assert figures_text("40012345", status, 8000.0) == "40012345 · 5 fps · 8 ms · 41 °C"
     assert figures_text("40012345", None, 125.0) == "40012345 · 0.12 ms"
 
 

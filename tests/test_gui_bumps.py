@@ -92,8 +92,9 @@ def test_the_tile_and_the_message_name_it():
     state = tile_state("C03", None, Sight(), bumped_px=12.3)
     assert (state.level, state.word) == ("bad", "moved by 12 px, alone. Is it fixed?")
     what, todo = bump_text({"C03": 12.3})
-    assert what == "C03 (12 px) was moved, while all else lay still."
-    assert "take it again" in todo
+    assert what == "Only C03 moved (12 px)."
+    assert bump_text({"C03": 12.3, "C04": 5.0})[0] == "Only these moved: C03 (12 px), C04 (5 px)."
+    assert todo.startswith("Tighten its mount") and "Retake" in todo
 
 
 @pytest.mark.slow

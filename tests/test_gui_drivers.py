@@ -57,7 +57,7 @@ def test_drivers_without_cameras_share_a_note_and_a_refused_one_can_be_allowed()
     (refused,) = driver_notes([DriverTrouble("not-allowed", "/opt/a.cti")])
     assert refused.allow == "/opt/a.cti" and "a.cti" in refused.title
     (broken,) = driver_notes([DriverTrouble("not-loaded", "/opt/a.cti", "The file is empty.")])
-    assert not broken.allow and "The file is empty." in words(broken)
+    assert not broken.allow and broken.details == "The file is empty."
 
 
 def test_the_panel_allows_with_a_click(qtbot):

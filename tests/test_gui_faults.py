@@ -96,7 +96,7 @@ def test_a_camera_lost_while_taking_is_named_and_the_others_are_kept(wizard, sai
     wizard.connection.source.inject(SimulatedFault("lose", "C04"))
     take(wizard, "P1")
     assert status(wizard, "placement:P1") is Status.FAILED, "it is kept, and never called done"
-    assert "P1 is taken, but without C04." in [text for _, text, _ in said]
+    assert "P1 is captured, but without C04." in [text for _, text, _ in said]
     wizard.connection.source.heal("C04")
     take(wizard, "P1")
     assert status(wizard, "placement:P1") is Status.DONE

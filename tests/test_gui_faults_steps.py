@@ -185,7 +185,7 @@ def test_a_pose_without_a_camera_is_taken_and_said(opened):
     poses = controller.project.scale_poses if step == "scale" else controller.project.check_poses
     controller.connection.source.inject(SimulatedFault("lose", "C04"))
     take(controller, poses[0])
-    assert f"{poses[0]} is taken, but without C04." in opened.banner.text
+    assert f"{poses[0]} is captured, but without C04." in opened.banner.text
     assert "C04" not in controller.dots[poses[0]]
 
 

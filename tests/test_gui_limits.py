@@ -382,7 +382,7 @@ def test_the_chip_follows_the_limits(home, result, locked, tmp_path):
 def a_bench(nominal):
     lengths = (BarLength("1", "2", 500.012, 0.004, 2.0, nominal),)
     bars = (Bar("B", "scale", {}, lengths, 1e-5, 20.0), Bar("A", "check", {}, lengths, 1e-5, 20.0))
-    return SimpleNamespace(plan=SimpleNamespace(bars=bars), names={})
+    return SimpleNamespace(plan=SimpleNamespace(bars=bars, target_set=None), names={})
 
 
 ARTEFACTS = Artefacts("dots8", "500 mm", "B: 500.012 mm", "B", ("A",), "A: 500.012 mm")

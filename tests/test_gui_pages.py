@@ -124,7 +124,7 @@ def test_the_start_page_lists_projects_with_how_far_they_came(window, home):
     save_project(project)
     window.start.refresh()
     (line,) = window.start._lines
-    assert line.where == "0 of 4 placements taken"
+    assert line.where == "0 of 4 placements captured"
     assert line.source == "SIMULATED"
 
 

@@ -47,13 +47,17 @@ def test_42_lengths_are_named_by_their_poses_and_few_by_both(qtbot: QtBot) -> No
     assert len(ticks(chart)) == 14
 
 
-def test_adjustments_are_drawn_against_their_own_start(qtbot: QtBot) -> None:
+def test_each_adjustment_goes_on_where_the_last_ended(qtbot: QtBot) -> None:
+    """One of more dots costs more: drawn as it is, it would look like a step back."""
     chart = ConvergenceChart()
     qtbot.addWidget(chart)
     chart.show_runs([(1000.0, 10.0), (5.0, 0.5), (8000.0, 80.0)])
     earlier, latest = (np.asarray(curve.getData()[1]) for curve in (chart._earlier, chart._latest))
-    assert np.allclose(earlier[np.isfinite(earlier)], [0, -2, 0, -1])
-    assert np.allclose(latest, [0, -2])
+    assert np.allclose(earlier, [0, -2, -2, -3, -3])
+    assert np.allclose(latest, [-3, -5])
+    chart.show_runs([(4.0, 0.0)])
+    assert np.allclose(chart._latest.getData()[1], [0, 0])
+    chart.show_runs(())
 
 
 def test_a_dot_leads_to_its_image(qtbot: QtBot) -> None:

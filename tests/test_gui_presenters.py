@@ -112,7 +112,7 @@ def test_advice_names_the_most_urgent():
     assert "B sends no images" in advice(Scene({"A": 200, "B": 0}, True, ("B",)), False, False).text
     assert "come to rest" in advice(Scene(enough, False), False, False).text
     assert advice(Scene(enough, True), False, False).level == "good"
-    assert advice(Scene(enough, True), True, False).text.startswith("Taken")
+    assert advice(Scene(enough, True), True, False).text.startswith("Captured")
 
 
 def test_a_lost_camera_does_not_hold_up_the_others():
@@ -152,8 +152,8 @@ def sight(count: int = 40, blur: float | None = 0.7, saturated: float = 0.0, bri
 @pytest.mark.parametrize(
     ("seen", "level", "word"),
     [
-        (sight(), "good", "sharp 0.7 px"),
-        (sight(blur=1.8), "caution", "out of focus (1.8 px)"),
+        (sight(), "good", "Focus 0.7 px"),
+        (sight(blur=1.8), "caution", "Out of focus (1.8 px)"),
         (sight(blur=3.0), "bad", "focus ring"),
         (sight(saturated=0.2), "caution", "20 % clipped"),
         (sight(count=0, blur=None, brightness=0.001), "bad", "Lens cap"),
@@ -169,13 +169,16 @@ def test_a_tile_says_what_to_do(seen, level, word):
 
 def test_a_lost_camera_says_so_before_anything_else():
     state = tile_state("C01", status(CameraState.LOST), sight())
-    assert (state.level, state.word) == ("bad", "lost. cause remedy")
+    assert (state.level, state.word) == ("bad", "Lost. Check cable, power and network; it comes back by itself.")
+    assert state.details == "lost. cause remedy"
 
 
 def test_the_wall_in_one_sentence():
     good, bad = tile_state("C01", status(), sight()), tile_state("C02", status(CameraState.LOST), None)
     assert summary([good]) == ("All 1 cameras are sharp and well lit.", "good")
     assert summary([good, bad]) == ("Look after C02.", "bad")
+    assert summary([good, tile_state("C05", status(), sight(blur=3.0))]) == ("C05 is out of focus.", "bad")
+    assert summary([good, tile_state("C05", status(), sight(saturated=0.2))]) == ("C05 is too bright.", "caution")
 
 
 def connection(statuses: dict[str, CameraStatus]):
@@ -332,7 +335,7 @@ def test_errors_carry_their_limits():
 
 @pytest.mark.parametrize(
     ("limit", "decision", "word", "beyond"),
-    [(0.06, "pass", "PASS", False), (0.03, "cannot tell", "CANNOT TELL", False), (-0.02, "fail", "FAIL", True)],
+    [(0.06, "pass", "PASS", False), (0.03, "cannot tell", "UNDECIDED", False), (-0.02, "fail", "FAIL", True)],
 )
 def test_a_limit_decides_with_its_guard_band(limit, decision, word, beyond):
     found = judged_by(limit, decision)

@@ -70,7 +70,8 @@ def test_advice_retakes_repairs_or_shows():
     told = replace(moved_camera(), severity="info")
     first, second, third = advice(result_with(moved_camera(), few, told), ("P1", "P3"))
     assert [(one.kind, one.target) for one in first.actions] == [("--split", "C05@P3"), ("retake", "P3")]
-    assert first.title == "A camera was moved between placements"
+    assert first.title.startswith("C05 was moved before P3, by about") and not first.where
+    assert (second.title, second.where) == ("Few placements", "")
     assert [one.kind for one in second.actions] == ["add placement"]
     assert [(one.kind, one.target) for one in third.actions] == [("show camera", "C05")]
 
@@ -80,7 +81,7 @@ def test_a_repair_that_was_asked_for_is_listed_and_can_be_taken_back(qtbot):
     qtbot.addWidget(shown)
     asked = Action("--split", "C05@P3", "Split C05 from P3 on")
     shown.show_advice([Advice("caution", "Moved", "It moved.", "", (asked,))], (("--split", "C05@P3"),))
-    back, split = shown.findChildren(QPushButton)
+    back, _, split = shown.findChildren(QPushButton)  # between them “Details”
     assert not split.isEnabled() and "calibrate again" in split.toolTip()
     with qtbot.waitSignal(shown.taken_back) as caught:
         back.click()

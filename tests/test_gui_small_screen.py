@@ -53,8 +53,8 @@ def test_connect_from_afar_fits_a_small_screen(qtbot, afar, count, word):
         for one, serial in zip(lines, serials, strict=True)
     ]
     page._show_lines(lines)
-    bars = "B: 120.029 mm, 279.950 mm, 500.032 mm"
-    bench = (("Targets", "dots8: 1 - 208 (208), 28 mm"), ("Scale from", bars), ("Verified by", bars))
+    bars = "B: 120.029, 279.950, 500.032 mm"
+    bench = (("Targets", "208 targets, nos. 1-208, 28 mm"), ("Scale from", bars), ("Verified by", bars))
     page._show_bench([BenchRow(title, value) for title, value in bench])
     page.resize(*ROOM)
     page.show()

@@ -298,9 +298,9 @@ def test_a_set_without_a_camera_is_taken_and_said(walk):
     source.heal("C05")
     page, rail = walk.window.page, walk.window.rail.item("placement:P4")
     pump(lambda: not walk.controller.lost_cameras())
-    pump(lambda: page.advice.text() == "Taken without C05: take it again.")
+    pump(lambda: page.advice.text() == "Captured without C05: retake it.")
     assert page.ready.text() == "5 / 6" and rail.level == "bad"
-    assert walk.window.footer.default == "action" and page.action().text == "Take again  (space)"
+    assert walk.window.footer.default == "action" and page.action().text == "Retake  (space)"
     assert walk.statuses()["placement:P4"] is Status.FAILED
     page.keep.click()
     assert walk.statuses()["placement:P4"] is Status.CARE and walk.window.footer.default == "next"

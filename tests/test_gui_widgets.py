@@ -14,7 +14,7 @@ pytest.importorskip("PySide6.QtWidgets", reason="Qt cannot be loaded here", exc_
 from PySide6.QtCore import QEvent, QPointF, QRectF, QSizeF, Qt
 from PySide6.QtGui import QColor, QImage, QMouseEvent
 from PySide6.QtTest import QTest
-from PySide6.QtWidgets import QApplication
+from PySide6.QtWidgets import QApplication, QLabel
 
 from spherecal_gui import project as changes
 from spherecal_gui import sounds, theme
@@ -157,7 +157,11 @@ def test_findings_have_buttons_that_ask_for_what_they_advise(qtbot):
     findings.show_advice([Advice("caution", "Few", "Few placements.", "Add one.", actions)])
     from PySide6.QtWidgets import QPushButton
 
-    (button,) = findings.findChildren(QPushButton)
+    button, details = findings.findChildren(QPushButton)
+    said = next(one for one in findings.findChildren(QLabel) if one.text() == "Few placements.")
+    assert said.isHidden()
+    details.click()
+    assert not said.isHidden(), "the engine's words are one click away"
     with qtbot.waitSignal(findings.asked) as caught:
         button.click()
     assert caught.args == ["add placement", ""]

@@ -26,6 +26,7 @@ from spherecal.report.detection_page import choose_detections, find_session, rea
 from spherecal.report.pictures import save_pictures
 from spherecal.report.result_folder import read_result
 from spherecal.report.rig_view import make_scene
+from spherecal.report.scene_picture import ScenePicture
 from spherecal.report.sheet import shortened, text_width, wrap
 from spherecal.report.style import number, report_style, significant
 from spherecal.report.write_report import html_report, make_document, report_bytes, write_report
@@ -138,6 +139,20 @@ def test_demo_report_says_what_matters(demo, demo_pages):
     text = " ".join(pages)
     for words in ("Top view", "Front view", "Side view", "Oblique view", "magnified", "A1\u2013A4", "Detection: C"):
         assert words in text
+
+
+def test_a_rendered_scene_is_shown_with_names_in_place_of_the_oblique_view(demo, tmp_path):
+    pixels = np.full((88, 160, 3), (10, 120, 200), np.uint8)
+    picture = ScenePicture(pixels, ("C01", "P1", "x"), np.array([[20.0, 20.0], [80.0, 40.0], [90.0, 60.0]]), 250.0)
+    with_it, without = tmp_path / "with.html", tmp_path / "without.html"
+    write_report(demo / "result", with_it, scene=picture)
+    write_report(demo / "result", without)
+    shown, drawn = with_it.read_text(encoding="utf-8"), without.read_text(encoding="utf-8")
+    assert "data:image/png" in shown and "data:image/png" not in drawn
+    assert "Oblique view" in drawn and "Oblique view" not in shown and "Top view" in shown
+    assert "grid of 250 mm" in shown and ">P1<" in shown
+    pdf = report_bytes(demo / "result", scene=picture)
+    assert b"/Subtype /Image" in pdf and report_bytes(demo / "result", scene=picture) == pdf
 
 
 def test_pdf_is_vector_whole_and_the_same_each_time(demo, demo_pdf, demo_pages, tmp_path):

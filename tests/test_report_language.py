@@ -149,7 +149,7 @@ def test_sentences_without_their_phrase_stay_as_written(
         assert [written(one) for one in sentences(with_changes(result, tmp_path, change))] == texts
 
 
-@pytest.mark.parametrize(("name", "word"), [("de", "NICHT ENTSCHEIDBAR"), ("zh_CN", "无法判定"), ("en", "CANNOT TELL")])
+@pytest.mark.parametrize(("name", "word"), [("de", "UNENTSCHIEDEN"), ("zh_CN", "未判定"), ("en", "UNDECIDED")])
 def test_the_first_page_speaks(result: Path, name: str, word: str) -> None:
     with speaking(name), report_style():
         document = Document("A4", "SphereCal calibration report", "")

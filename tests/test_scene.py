@@ -32,6 +32,9 @@ from spherecal_gui.presenters.scene import (
 from spherecal_gui.presenters.scene_eye import SIDES, View, fitting_view
 from spherecal_gui.presenters.scene_hover import items_of
 from spherecal_gui.presenters.scene_shapes import LAYERS, SHOWN_AT_FIRST, SceneStyle, blended, scene_shapes, shrunk
+from spherecal_gui.tasks.scene_picture import named_places, paper_style
+from spherecal_gui.tasks.scene_process import render_once
+from spherecal_gui.tasks.scene_renderer import can_render
 from spherecal_gui.widgets.painted_scene import PaintedScene
 from spherecal_gui.widgets.rendered_scene import RenderedScene
 from spherecal_gui.widgets.scene_panel import ScenePanel
@@ -355,6 +358,24 @@ def test_pyvista_renders_what_is_painted(qtbot: QtBot, data: SceneData, monkeypa
     process = view._process
     view.close_view()
     assert process.wait(10)
+
+
+def test_one_picture_for_the_report(data: SceneData, monkeypatch: pytest.MonkeyPatch) -> None:
+    """On white, with what the rig shows where the names say."""
+    monkeypatch.setenv("SPHERECAL_3D", "2d")
+    assert not can_render()
+    pytest.importorskip("pyvista", reason="pyvista is not installed")
+    monkeypatch.delenv("SPHERECAL_3D")
+    eye = fitting_view(data.every_place(), "oblique", 300, 180).eye(320, 200)
+    picture = render_once(data, paper_style(), eye)
+    if picture is None:
+        pytest.skip("OpenGL does not work here")
+    assert picture.shape == (200, 320, 3)
+    assert picture[2, 2].tolist() == [255, 255, 255]
+    names, places = named_places(data)
+    assert names == ("C01", "C02", "C03", "P1", "x", "y", "z")
+    x, y = (round(one) for one in eye.flat(places[3:4])[0])
+    assert picture[y, x].tolist() != [255, 255, 255], "the ball is there"
 
 
 def test_images_of_any_type_become_bytes(data: SceneData) -> None:

@@ -104,11 +104,11 @@
 <context>
     <name>Bars</name>
     <message>
-        <source>Hold still: images are being taken</source>
+        <source>Hold still: images are being captured</source>
         <translation>Stillhalten: Es wird aufgenommen</translation>
     </message>
     <message>
-        <source>{name} is taken</source>
+        <source>{name} is captured</source>
         <translation>{name} ist aufgenommen</translation>
     </message>
     <message>
@@ -610,7 +610,7 @@
         <translation>{before} konnte nicht bestimmt werden. Frühere Koordinaten passen nicht zu diesen.</translation>
     </message>
     <message>
-        <source>Cancelled. What was taken is kept.</source>
+        <source>Cancelled. What was captured is kept.</source>
         <translation>Abgebrochen. Was aufgenommen ist, bleibt erhalten.</translation>
     </message>
 </context>
@@ -621,16 +621,32 @@
         <translation>Hier aufhören</translation>
     </message>
     <message>
+        <source>What goes into it</source>
+        <translation>Was eingeht</translation>
+    </message>
+    <message>
+        <source>Captured</source>
+        <translation>Aufgenommen</translation>
+    </message>
+    <message>
+        <source>cameras</source>
+        <translation>Kameras</translation>
+    </message>
+    <message>
+        <source>dots</source>
+        <translation>Punkte</translation>
+    </message>
+    <message>
+        <source>state</source>
+        <translation>Zustand</translation>
+    </message>
+    <message>
         <source>Stages</source>
         <translation>Schritte der Rechnung</translation>
     </message>
     <message>
         <source>Convergence</source>
         <translation>Konvergenz</translation>
-    </message>
-    <message>
-        <source>Every line is one adjustment; it is done when its line falls no more.</source>
-        <translation>Jede Linie ist eine Ausgleichung; sie ist fertig, wenn ihre Linie nicht mehr fällt.</translation>
     </message>
     <message>
         <source>Details</source>
@@ -645,7 +661,15 @@
         <translation>Protokoll der Rechnung</translation>
     </message>
     <message>
-        <source>Stopping: what was taken is kept</source>
+        <source>captured</source>
+        <translation>aufgenommen</translation>
+    </message>
+    <message>
+        <source>not captured</source>
+        <translation>nicht aufgenommen</translation>
+    </message>
+    <message>
+        <source>Stopping: what was captured is kept</source>
         <translation>Hält an: Die Aufnahmen bleiben erhalten</translation>
     </message>
     <message>
@@ -673,7 +697,7 @@
         <translation>Bereit: {taken} von {planned} Aufstellungen</translation>
     </message>
     <message>
-        <source>It failed; what was taken is kept</source>
+        <source>It failed; what was captured is kept</source>
         <translation>Fehlgeschlagen; die Aufnahmen bleiben erhalten</translation>
     </message>
     <message>
@@ -707,6 +731,10 @@
     <message>
         <source>Work is running.</source>
         <translation>Es wird gearbeitet.</translation>
+    </message>
+    <message>
+        <source>Done when the line falls no more. Each adjustment goes on where the one before ended.</source>
+        <translation>Fertig, wenn die Linie nicht mehr fällt. Jede Ausgleichung beginnt, wo die vorige endete.</translation>
     </message>
     <message>
         <source>See what to do</source>
@@ -1150,7 +1178,7 @@ px</translation>
         <translation>Die Namen stammen aus der Aufnahme oder dem simulierten Aufbau.</translation>
     </message>
     <message>
-        <source>Placements were taken under this name: begin a new calibration to change it.</source>
+        <source>Placements were captured under this name: begin a new calibration to change it.</source>
         <translation>Unter diesem Namen wurden schon Aufstellungen aufgenommen: Für einen anderen eine neue Kalibrierung beginnen.</translation>
     </message>
     <message>
@@ -1205,7 +1233,7 @@ px</translation>
         <translation>Kugel, Zielmarken, Maßstäbe mit Zertifikaten, Grenzen.</translation>
     </message>
     <message>
-        <source>Placements were taken already: begin a new calibration for another bench.</source>
+        <source>Placements are captured already: begin a new calibration for another bench.</source>
         <translation>Es sind schon Aufstellungen aufgenommen: Für andere Messmittel eine neue Kalibrierung beginnen.</translation>
     </message>
     <message>
@@ -1229,8 +1257,8 @@ px</translation>
         <translation>Messmittel bestätigt</translation>
     </message>
     <message>
-        <source>This is on the bench</source>
-        <translation>Das liegt bereit</translation>
+        <source>Yes, this matches</source>
+        <translation>Ja, das stimmt</translation>
     </message>
     <message>
         <source>The cameras are being looked for.</source>
@@ -1252,8 +1280,8 @@ px</translation>
         <translation>Iteration</translation>
     </message>
     <message>
-        <source>cost / first cost</source>
-        <translation>Kosten / erste Kosten</translation>
+        <source>cost, as a share of the first</source>
+        <translation>Kosten, als Anteil der ersten</translation>
     </message>
 </context>
 <context>
@@ -1261,6 +1289,13 @@ px</translation>
     <message>
         <source>dots in this image</source>
         <translation>Punkte in diesem Bild</translation>
+    </message>
+</context>
+<context>
+    <name>Details</name>
+    <message>
+        <source>Details</source>
+        <translation>Einzelheiten</translation>
     </message>
 </context>
 <context>
@@ -1664,8 +1699,8 @@ px</translation>
         <translation>Jede Stelle, an der die Kameras sie gut sehen, ist recht; vorher drehen.</translation>
     </message>
     <message>
-        <source>There</source>
-        <translation>Angekommen</translation>
+        <source>In place</source>
+        <translation>Am Platz</translation>
     </message>
     <message>
         <source>{away:.0f} mm to go</source>
@@ -2068,6 +2103,14 @@ px</translation>
         <translation>zu hell: {share} % übersteuert. Belichtung verkürzen.</translation>
     </message>
     <message>
+        <source>{camera} is too bright.</source>
+        <translation>{camera} ist zu hell.</translation>
+    </message>
+    <message>
+        <source>{camera} is too dark.</source>
+        <translation>{camera} ist zu dunkel.</translation>
+    </message>
+    <message>
         <source>dark. Lens cap, light, or exposure?</source>
         <translation>dunkel. Deckel, Licht oder Belichtung?</translation>
     </message>
@@ -2076,36 +2119,44 @@ px</translation>
         <translation>Helligkeit {own} %, bei den anderen {usual} %. Blende öffnen oder länger belichten.</translation>
     </message>
     <message>
-        <source>out of focus ({blur:.1f} px). Turn the focus ring until this falls.</source>
+        <source>Out of focus ({blur:.1f} px). Turn the focus ring until this falls.</source>
         <translation>unscharf ({blur:.1f} px). Am Fokusring drehen, bis die Zahl fällt.</translation>
     </message>
     <message>
-        <source>sharp {blur:.1f} px</source>
-        <translation>scharf {blur:.1f} px</translation>
+        <source>{camera} is out of focus.</source>
+        <translation>{camera} ist unscharf.</translation>
     </message>
     <message>
-        <source>light {share} %</source>
-        <translation>Licht {share} %</translation>
+        <source>Focus {blur:.1f} px</source>
+        <translation>Schärfe {blur:.1f} px</translation>
+    </message>
+    <message>
+        <source>brightness {share} %</source>
+        <translation>Helligkeit {share} %</translation>
+    </message>
+    <message>
+        <source>Only these moved: {names}.</source>
+        <translation>Nur diese wurden bewegt: {names}.</translation>
+    </message>
+    <message>
+        <source>Only {name} moved ({px:.0f} px).</source>
+        <translation>Nur {name} wurde bewegt ({px:.0f} px).</translation>
+    </message>
+    <message>
+        <source>Tighten its mount, then press “Fixed again” at Camera check. Retake what was captured before: it no longer fits.</source>
+        <translation>Halterung festziehen, dann bei „Kameraprüfung“ auf „Sitzt wieder fest“ drücken. Frühere Aufnahmen passen nicht mehr: neu aufnehmen.</translation>
     </message>
     <message>
         <source>{temperature:.0f} °C</source>
         <translation>{temperature:.0f} °C</translation>
     </message>
     <message>
-        <source>{rate:.0f}/s</source>
-        <translation>{rate:.0f}/s</translation>
+        <source>{rate:.0f} fps</source>
+        <translation>{rate:.0f} Bilder/s</translation>
     </message>
     <message>
         <source>{ms:g} ms</source>
         <translation>{ms:g} ms</translation>
-    </message>
-    <message>
-        <source>{names} was moved, while all else lay still.</source>
-        <translation>{names} wurde bewegt, während alles andere ruhte.</translation>
-    </message>
-    <message>
-        <source>Fix its mount; then press “Fixed again” at Look. What was taken before no longer fits: take it again.</source>
-        <translation>Halterung befestigen, dann bei „Ansehen“ auf „Sitzt wieder fest“ drücken. Frühere Aufnahmen passen nicht mehr: neu aufnehmen.</translation>
     </message>
     <message>
         <source>Still warming up, in °C per minute: {rates}. Wait until it is less than 0.1: lenses move with it.</source>
@@ -2342,11 +2393,11 @@ px</translation>
 <context>
     <name>Placement</name>
     <message>
-        <source>Hold still: images are being taken</source>
+        <source>Hold still: images are being captured</source>
         <translation>Stillhalten: Es wird aufgenommen</translation>
     </message>
     <message>
-        <source>Taken. Press space to go on</source>
+        <source>Captured. Press space to go on</source>
         <translation>Aufgenommen. Leertaste: weiter</translation>
     </message>
     <message>
@@ -2430,23 +2481,23 @@ px</translation>
         <translation>Nicht miteinander verbunden: {names}</translation>
     </message>
     <message>
-        <source>{name} is taken, but without {cameras}.</source>
+        <source>{name} is captured, but without {cameras}.</source>
         <translation>{name} ist aufgenommen, aber ohne {cameras}.</translation>
     </message>
     <message>
-        <source>Check these cameras, then take it again.</source>
+        <source>Check these cameras, then retake it.</source>
         <translation>Diese Kameras prüfen, dann erneut aufnehmen.</translation>
     </message>
     <message>
-        <source>{name} is taken, but {cameras} saw it move.</source>
+        <source>{name} is captured, but {cameras} saw it move.</source>
         <translation>{name} ist aufgenommen, aber {cameras} sah Bewegung.</translation>
     </message>
     <message>
-        <source>Let it come to rest, then take it again.</source>
+        <source>Let it come to rest, then retake it.</source>
         <translation>Zur Ruhe kommen lassen, dann erneut aufnehmen.</translation>
     </message>
     <message>
-        <source>{name} is taken.</source>
+        <source>{name} is captured.</source>
         <translation>{name} ist aufgenommen.</translation>
     </message>
     <message>
@@ -2473,11 +2524,11 @@ px</translation>
         <translation>Wie lange sie schon ruht</translation>
     </message>
     <message>
-        <source>Take by itself when still</source>
+        <source>Capture by itself when still</source>
         <translation>Bei Ruhe selbst aufnehmen</translation>
     </message>
     <message>
-        <source>Take again</source>
+        <source>Retake</source>
         <translation>Neu aufnehmen</translation>
     </message>
     <message>
@@ -2517,8 +2568,8 @@ px</translation>
         <translation>Ein Klick auf eine Kamera zeigt ihr Bild.</translation>
     </message>
     <message>
-        <source>Green: covered by placements taken. Blue: what this one adds.</source>
-        <translation>Grün: durch Aufnahmen abgedeckt. Blau: was diese hinzufügt.</translation>
+        <source>Green: covered so far. Blue: what this placement adds.</source>
+        <translation>Grün: bisher abgedeckt. Blau: was diese Aufstellung hinzufügt.</translation>
     </message>
     <message>
         <source>Coverage</source>
@@ -2533,32 +2584,32 @@ px</translation>
         <translation>Paare</translation>
     </message>
     <message>
-        <source>Put it there (training)</source>
-        <translation>Dorthin legen (Übung)</translation>
+        <source>Put it there</source>
+        <translation>Dorthin legen</translation>
     </message>
     <message>
-        <source>Moves the simulated ball to where it should go.</source>
-        <translation>Bewegt die simulierte Kugel dorthin, wo sie liegen soll.</translation>
+        <source>Training: moves the simulated ball to where it should go.</source>
+        <translation>Übung: legt die simulierte Kugel an den gewünschten Platz.</translation>
+    </message>
+    <message>
+        <source>Expected error on 500 mm (95 %); the picture is seen from above.</source>
+        <translation>Erwarteter Fehler auf 500 mm (95 %); Bild von oben gesehen.</translation>
     </message>
     <message>
         <source>In space</source>
         <translation>Im Raum</translation>
     </message>
     <message>
-        <source>In 95 of 100 cases a length of 500 mm is measured to this. Seen from above.</source>
-        <translation>So genau werden 500 mm in 95 von 100 Fällen gemessen. Von oben gesehen.</translation>
-    </message>
-    <message>
         <source>Work is running.</source>
         <translation>Es wird gearbeitet.</translation>
     </message>
     <message>
-        <source>This placement was not taken yet.</source>
+        <source>This placement is not captured yet.</source>
         <translation>Diese Aufstellung ist noch nicht aufgenommen.</translation>
     </message>
     <message>
-        <source>Do without it</source>
-        <translation>Darauf verzichten</translation>
+        <source>Skip this placement</source>
+        <translation>Auslassen</translation>
     </message>
     <message>
         <source>Nothing was deleted.</source>
@@ -2578,34 +2629,34 @@ px</translation>
     </message>
     <message>
         <source>Where next</source>
-        <translation>Wohin als Nächstes</translation>
+        <translation>Nächster Platz</translation>
     </message>
     <message>
-        <source>Taken</source>
+        <source>Captured</source>
         <translation>Aufgenommen</translation>
     </message>
     <message>
-        <source>Take  (space)</source>
+        <source>Capture  (space)</source>
         <translation>Aufnehmen  (Leertaste)</translation>
     </message>
     <message>
-        <source>Take without {cameras}</source>
+        <source>Capture without {cameras}</source>
         <translation>Ohne {cameras} aufnehmen</translation>
     </message>
     <message>
-        <source>Taking</source>
+        <source>Capturing</source>
         <translation>Nimmt auf</translation>
     </message>
     <message>
-        <source>Images are being taken.</source>
+        <source>Images are being captured.</source>
         <translation>Es wird aufgenommen.</translation>
     </message>
     <message>
-        <source>Take again  (space)</source>
+        <source>Retake  (space)</source>
         <translation>Neu aufnehmen  (Leertaste)</translation>
     </message>
     <message>
-        <source>It is taken; use Take again to replace it.</source>
+        <source>It is captured; Retake replaces it.</source>
         <translation>Aufgenommen; „Neu aufnehmen“ ersetzt sie.</translation>
     </message>
     <message>
@@ -2731,7 +2782,7 @@ px</translation>
         <translation>Neu seit dem letzten Ansehen: {names}.</translation>
     </message>
     <message>
-        <source>No pose of the bar that gives the scale was taken.</source>
+        <source>No pose of the bar that gives the scale is captured.</source>
         <translation>Keine Lage des Maßstabs wurde aufgenommen.</translation>
     </message>
     <message>
@@ -2751,7 +2802,7 @@ px</translation>
         <translation>Bei „Verbinden“ wurde kein Prüfmaßstab gewählt; es gibt nichts zum Verifizieren.</translation>
     </message>
     <message>
-        <source>No picture of the ball was taken yet.</source>
+        <source>The ball is not captured yet.</source>
         <translation>Die Kugel wurde noch nicht aufgenommen.</translation>
     </message>
     <message>
@@ -2779,15 +2830,15 @@ px</translation>
         <translation>Keine Bilder von {names}.</translation>
     </message>
     <message>
-        <source>Taken without {names}: take it again.</source>
+        <source>Captured without {names}: retake it.</source>
         <translation>Ohne {names} aufgenommen: bitte neu aufnehmen.</translation>
     </message>
     <message>
-        <source>The scene moved in {names}: take it again.</source>
+        <source>The scene moved in {names}: retake it.</source>
         <translation>In {names} hat sich die Szene bewegt: bitte neu aufnehmen.</translation>
     </message>
     <message>
-        <source>{names} was moved after this: take it again.</source>
+        <source>{names} was moved after this: retake it.</source>
         <translation>{names} wurde danach bewegt: bitte neu aufnehmen.</translation>
     </message>
     <message>
@@ -2803,7 +2854,7 @@ px</translation>
         <translation>Gespeichert, aber nicht verifiziert.</translation>
     </message>
     <message>
-        <source>Undecided: the uncertainty is too large for the limit.</source>
+        <source>Undecided: uncertainty too large for the limit.</source>
         <translation>Unentschieden: Die Unsicherheit ist zu groß für die Grenze.</translation>
     </message>
     <message>
@@ -2811,11 +2862,11 @@ px</translation>
         <translation>Der Aufbau hat sich etwas verändert: im Auge behalten.</translation>
     </message>
     <message>
-        <source>{have} of at least {need} placements are taken.</source>
+        <source>{have} of at least {need} placements are captured.</source>
         <translation>{have} von mindestens {need} Aufstellungen sind aufgenommen.</translation>
     </message>
     <message>
-        <source>{name} is not good ({cameras}): take it again, or keep it as it is.</source>
+        <source>{name} is not good ({cameras}): retake it, or keep it as it is.</source>
         <translation>{name} ist nicht in Ordnung ({cameras}): neu aufnehmen oder so behalten.</translation>
     </message>
     <message>
@@ -2857,12 +2908,12 @@ px</translation>
         <translation>{placed} von {all} Kameras bestimmt; die Bilder stimmen auf {rms:.3f} px überein.</translation>
     </message>
     <message>
-        <source>{length:.0f} mm are measured to {mm:.3f} mm (k = {k:.0f}).</source>
-        <translation>{length:.0f} mm werden auf {mm:.3f} mm gemessen (k = {k:.0f}).</translation>
+        <source>Expected error on {length:.0f} mm (k = {k:.0f}): {mm:.3f} mm.</source>
+        <translation>Erwarteter Fehler auf {length:.0f} mm (k = {k:.0f}): {mm:.3f} mm.</translation>
     </message>
     <message>
-        <source>{length:.0f} mm are measured to {mm:.3f} mm in 95 of 100 cases.</source>
-        <translation>{length:.0f} mm werden in 95 von 100 Fällen auf {mm:.3f} mm gemessen.</translation>
+        <source>Expected error on {length:.0f} mm (95 %): {mm:.3f} mm.</source>
+        <translation>Erwarteter Fehler auf {length:.0f} mm (95 %): {mm:.3f} mm.</translation>
     </message>
     <message>
         <source>NOT VALID</source>
@@ -3300,15 +3351,15 @@ mm</translation>
 <context>
     <name>ScalePage</name>
     <message>
-        <source>Take the last pose again</source>
+        <source>Retake the last pose</source>
         <translation>Letzte Lage neu aufnehmen</translation>
     </message>
     <message>
-        <source>No pose was taken yet.</source>
+        <source>No pose is captured yet.</source>
         <translation>Noch keine Lage aufgenommen.</translation>
     </message>
     <message>
-        <source>All poses taken</source>
+        <source>All poses captured</source>
         <translation>Alle Lagen aufgenommen</translation>
     </message>
     <message>
@@ -3316,7 +3367,7 @@ mm</translation>
         <translation>Alle Lagen sind da.</translation>
     </message>
     <message>
-        <source>Take {pose}  (space)</source>
+        <source>Capture {pose}  (space)</source>
         <translation>{pose} aufnehmen  (Leertaste)</translation>
     </message>
     <message>
@@ -3507,7 +3558,7 @@ mm</translation>
 <context>
     <name>Stages</name>
     <message>
-        <source>Reading what was taken</source>
+        <source>Reading what was captured</source>
         <translation>Aufnahmen lesen</translation>
     </message>
     <message>
@@ -3551,7 +3602,7 @@ mm</translation>
         <translation>Den Punkten der Kugel Spiel geben</translation>
     </message>
     <message>
-        <source>Taking the ball as one rigid body</source>
+        <source>Computing with the ball as one rigid body</source>
         <translation>Kugel als starren Körper rechnen</translation>
     </message>
     <message>
@@ -3599,7 +3650,7 @@ mm</translation>
         <translation>Kamera einstellen</translation>
     </message>
     <message>
-        <source>Taking images</source>
+        <source>Capturing images</source>
         <translation>Bilder aufnehmen</translation>
     </message>
     <message>
@@ -3654,7 +3705,7 @@ mm</translation>
         <translation>kalibriert, nicht verifiziert</translation>
     </message>
     <message>
-        <source>{taken} of {planned} placements taken</source>
+        <source>{taken} of {planned} placements captured</source>
         <translation>{taken} von {planned} Aufstellungen aufgenommen</translation>
     </message>
     <message>
@@ -3812,8 +3863,8 @@ mm</translation>
         <translation>Verbinden</translation>
     </message>
     <message>
-        <source>Look</source>
-        <translation>Ansehen</translation>
+        <source>Camera check</source>
+        <translation>Kameraprüfung</translation>
     </message>
     <message>
         <source>Scale bar</source>
@@ -3860,7 +3911,7 @@ mm</translation>
         <translation>Den Maßstab, der die Skala gibt, dorthin legen, wo drei Kameras ihn sehen; in jeder Lage anders.</translation>
     </message>
     <message>
-        <source>Compute the cameras from what was taken.</source>
+        <source>Compute the cameras from what was captured.</source>
         <translation>Die Kameras aus den Aufnahmen berechnen.</translation>
     </message>
     <message>
@@ -4210,8 +4261,8 @@ mm</translation>
         <translation>WIDERSPRÜCHLICH</translation>
     </message>
     <message>
-        <source>CANNOT TELL</source>
-        <translation>NICHT ENTSCHEIDBAR</translation>
+        <source>UNDECIDED</source>
+        <translation>UNENTSCHIEDEN</translation>
     </message>
     <message>
         <source>PASS</source>
@@ -4357,11 +4408,11 @@ mm</translation>
         <translation>Bilder</translation>
     </message>
     <message>
-        <source>Take by itself when it lies right</source>
+        <source>Capture by itself when it lies right</source>
         <translation>Selbst aufnehmen, wenn er richtig liegt</translation>
     </message>
     <message>
-        <source>Take it as it lies</source>
+        <source>Capture it as it lies</source>
         <translation>So aufnehmen, wie er liegt</translation>
     </message>
     <message>
@@ -4405,11 +4456,11 @@ mm</translation>
         <translation>Maßstab</translation>
     </message>
     <message>
-        <source>Taken; a click takes it again.</source>
+        <source>Captured; a click retakes it.</source>
         <translation>Aufgenommen; ein Klick nimmt sie neu auf.</translation>
     </message>
     <message>
-        <source>Not taken yet.</source>
+        <source>Not captured yet.</source>
         <translation>Noch nicht aufgenommen.</translation>
     </message>
     <message>
@@ -4417,15 +4468,15 @@ mm</translation>
         <translation>Es wird gearbeitet.</translation>
     </message>
     <message>
-        <source>No pose was taken yet.</source>
+        <source>No pose is captured yet.</source>
         <translation>Noch keine Lage aufgenommen.</translation>
     </message>
     <message>
-        <source>Hold still: images are being taken</source>
+        <source>Hold still: images are being captured</source>
         <translation>Stillhalten: Bilder werden aufgenommen</translation>
     </message>
     <message>
-        <source>It is measured; take a pose again to measure anew.</source>
+        <source>It is measured; retake a pose to measure again.</source>
         <translation>Gemessen; eine Lage neu aufnehmen, um erneut zu messen.</translation>
     </message>
     <message>

@@ -104,11 +104,11 @@
 <context>
     <name>Bars</name>
     <message>
-        <source>Hold still: images are being taken</source>
+        <source>Hold still: images are being captured</source>
         <translation>请保持不动：正在拍摄</translation>
     </message>
     <message>
-        <source>{name} is taken</source>
+        <source>{name} is captured</source>
         <translation>{name} 已拍摄</translation>
     </message>
     <message>
@@ -610,7 +610,7 @@
         <translation>无法确定 {before} 的位置。以前的坐标与现在的不一致。</translation>
     </message>
     <message>
-        <source>Cancelled. What was taken is kept.</source>
+        <source>Cancelled. What was captured is kept.</source>
         <translation>已取消。已拍摄的内容保留。</translation>
     </message>
 </context>
@@ -621,16 +621,32 @@
         <translation>到此为止</translation>
     </message>
     <message>
+        <source>What goes into it</source>
+        <translation>计算所用</translation>
+    </message>
+    <message>
+        <source>Captured</source>
+        <translation>已拍摄</translation>
+    </message>
+    <message>
+        <source>cameras</source>
+        <translation>相机</translation>
+    </message>
+    <message>
+        <source>dots</source>
+        <translation>圆点</translation>
+    </message>
+    <message>
+        <source>state</source>
+        <translation>状态</translation>
+    </message>
+    <message>
         <source>Stages</source>
         <translation>计算阶段</translation>
     </message>
     <message>
         <source>Convergence</source>
         <translation>收敛过程</translation>
-    </message>
-    <message>
-        <source>Every line is one adjustment; it is done when its line falls no more.</source>
-        <translation>每条线是一次平差；线不再下降时即完成。</translation>
     </message>
     <message>
         <source>Details</source>
@@ -645,7 +661,15 @@
         <translation>计算日志</translation>
     </message>
     <message>
-        <source>Stopping: what was taken is kept</source>
+        <source>captured</source>
+        <translation>已拍摄</translation>
+    </message>
+    <message>
+        <source>not captured</source>
+        <translation>未拍摄</translation>
+    </message>
+    <message>
+        <source>Stopping: what was captured is kept</source>
         <translation>正在停止：已拍摄的内容保留</translation>
     </message>
     <message>
@@ -673,7 +697,7 @@
         <translation>就绪：{taken}/{planned} 次摆放</translation>
     </message>
     <message>
-        <source>It failed; what was taken is kept</source>
+        <source>It failed; what was captured is kept</source>
         <translation>失败；已拍摄的内容保留</translation>
     </message>
     <message>
@@ -707,6 +731,10 @@
     <message>
         <source>Work is running.</source>
         <translation>正在运行。</translation>
+    </message>
+    <message>
+        <source>Done when the line falls no more. Each adjustment goes on where the one before ended.</source>
+        <translation>曲线不再下降即完成。每次平差从上一次结束处继续。</translation>
     </message>
     <message>
         <source>See what to do</source>
@@ -1150,7 +1178,7 @@ px</translation>
         <translation>名称来自录制数据或仿真系统。</translation>
     </message>
     <message>
-        <source>Placements were taken under this name: begin a new calibration to change it.</source>
+        <source>Placements were captured under this name: begin a new calibration to change it.</source>
         <translation>已用此名称拍摄位置：如需更改，请开始新的标定。</translation>
     </message>
     <message>
@@ -1205,7 +1233,7 @@ px</translation>
         <translation>球、靶标、带证书的基准尺、限值。</translation>
     </message>
     <message>
-        <source>Placements were taken already: begin a new calibration for another bench.</source>
+        <source>Placements are captured already: begin a new calibration for another bench.</source>
         <translation>已有拍摄内容：更换器具请新建标定。</translation>
     </message>
     <message>
@@ -1229,8 +1257,8 @@ px</translation>
         <translation>器具已确认</translation>
     </message>
     <message>
-        <source>This is on the bench</source>
-        <translation>确认使用这些器具</translation>
+        <source>Yes, this matches</source>
+        <translation>是，一致</translation>
     </message>
     <message>
         <source>The cameras are being looked for.</source>
@@ -1252,8 +1280,8 @@ px</translation>
         <translation>迭代</translation>
     </message>
     <message>
-        <source>cost / first cost</source>
-        <translation>代价 / 初始代价</translation>
+        <source>cost, as a share of the first</source>
+        <translation>代价，占首次的份额</translation>
     </message>
 </context>
 <context>
@@ -1261,6 +1289,13 @@ px</translation>
     <message>
         <source>dots in this image</source>
         <translation>此图像中的点数</translation>
+    </message>
+</context>
+<context>
+    <name>Details</name>
+    <message>
+        <source>Details</source>
+        <translation>详细信息</translation>
     </message>
 </context>
 <context>
@@ -1664,7 +1699,7 @@ px</translation>
         <translation>转动球后，放在任何相机看得清的位置都可以。</translation>
     </message>
     <message>
-        <source>There</source>
+        <source>In place</source>
         <translation>已到位</translation>
     </message>
     <message>
@@ -2068,6 +2103,14 @@ px</translation>
         <translation>过亮：{share} % 饱和。请缩短曝光。</translation>
     </message>
     <message>
+        <source>{camera} is too bright.</source>
+        <translation>{camera} 过亮。</translation>
+    </message>
+    <message>
+        <source>{camera} is too dark.</source>
+        <translation>{camera} 过暗。</translation>
+    </message>
+    <message>
         <source>dark. Lens cap, light, or exposure?</source>
         <translation>过暗。镜头盖、照明还是曝光？</translation>
     </message>
@@ -2076,36 +2119,44 @@ px</translation>
         <translation>亮度 {own} %，其他相机 {usual} %。请开大光圈或延长曝光。</translation>
     </message>
     <message>
-        <source>out of focus ({blur:.1f} px). Turn the focus ring until this falls.</source>
+        <source>Out of focus ({blur:.1f} px). Turn the focus ring until this falls.</source>
         <translation>失焦（{blur:.1f} px）。转动对焦环直到数值下降。</translation>
     </message>
     <message>
-        <source>sharp {blur:.1f} px</source>
+        <source>{camera} is out of focus.</source>
+        <translation>{camera} 失焦。</translation>
+    </message>
+    <message>
+        <source>Focus {blur:.1f} px</source>
         <translation>清晰度 {blur:.1f} px</translation>
     </message>
     <message>
-        <source>light {share} %</source>
+        <source>brightness {share} %</source>
         <translation>亮度 {share} %</translation>
+    </message>
+    <message>
+        <source>Only these moved: {names}.</source>
+        <translation>仅以下相机被移动：{names}。</translation>
+    </message>
+    <message>
+        <source>Only {name} moved ({px:.0f} px).</source>
+        <translation>仅 {name} 被移动（{px:.0f} px）。</translation>
+    </message>
+    <message>
+        <source>Tighten its mount, then press “Fixed again” at Camera check. Retake what was captured before: it no longer fits.</source>
+        <translation>拧紧支架，然后在“相机检查”页按“已重新固定”。之前拍摄的内容不再吻合：请重拍。</translation>
     </message>
     <message>
         <source>{temperature:.0f} °C</source>
         <translation>{temperature:.0f} °C</translation>
     </message>
     <message>
-        <source>{rate:.0f}/s</source>
-        <translation>{rate:.0f}/s</translation>
+        <source>{rate:.0f} fps</source>
+        <translation>{rate:.0f} 帧/秒</translation>
     </message>
     <message>
         <source>{ms:g} ms</source>
         <translation>{ms:g} ms</translation>
-    </message>
-    <message>
-        <source>{names} was moved, while all else lay still.</source>
-        <translation>{names} 被移动，而其他一切静止。</translation>
-    </message>
-    <message>
-        <source>Fix its mount; then press “Fixed again” at Look. What was taken before no longer fits: take it again.</source>
-        <translation>固定支架，然后在“查看”页按“已重新固定”。之前拍摄的内容不再吻合：请重新拍摄。</translation>
     </message>
     <message>
         <source>Still warming up, in °C per minute: {rates}. Wait until it is less than 0.1: lenses move with it.</source>
@@ -2342,11 +2393,11 @@ px</translation>
 <context>
     <name>Placement</name>
     <message>
-        <source>Hold still: images are being taken</source>
+        <source>Hold still: images are being captured</source>
         <translation>请保持不动：正在拍摄</translation>
     </message>
     <message>
-        <source>Taken. Press space to go on</source>
+        <source>Captured. Press space to go on</source>
         <translation>已拍摄。按空格键继续</translation>
     </message>
     <message>
@@ -2430,23 +2481,23 @@ px</translation>
         <translation>彼此未关联：{names}</translation>
     </message>
     <message>
-        <source>{name} is taken, but without {cameras}.</source>
+        <source>{name} is captured, but without {cameras}.</source>
         <translation>{name} 已拍摄，但缺少 {cameras}。</translation>
     </message>
     <message>
-        <source>Check these cameras, then take it again.</source>
+        <source>Check these cameras, then retake it.</source>
         <translation>请检查这些相机，然后重拍。</translation>
     </message>
     <message>
-        <source>{name} is taken, but {cameras} saw it move.</source>
+        <source>{name} is captured, but {cameras} saw it move.</source>
         <translation>{name} 已拍摄，但 {cameras} 看到其移动。</translation>
     </message>
     <message>
-        <source>Let it come to rest, then take it again.</source>
+        <source>Let it come to rest, then retake it.</source>
         <translation>待其静止后重拍。</translation>
     </message>
     <message>
-        <source>{name} is taken.</source>
+        <source>{name} is captured.</source>
         <translation>{name} 已拍摄。</translation>
     </message>
     <message>
@@ -2473,11 +2524,11 @@ px</translation>
         <translation>已静止多久</translation>
     </message>
     <message>
-        <source>Take by itself when still</source>
+        <source>Capture by itself when still</source>
         <translation>静止时自动拍摄</translation>
     </message>
     <message>
-        <source>Take again</source>
+        <source>Retake</source>
         <translation>重拍</translation>
     </message>
     <message>
@@ -2517,8 +2568,8 @@ px</translation>
         <translation>点击相机可显示其图像。</translation>
     </message>
     <message>
-        <source>Green: covered by placements taken. Blue: what this one adds.</source>
-        <translation>绿色：已拍摄覆盖。蓝色：本次新增。</translation>
+        <source>Green: covered so far. Blue: what this placement adds.</source>
+        <translation>绿色：已覆盖。蓝色：本次摆放新增。</translation>
     </message>
     <message>
         <source>Coverage</source>
@@ -2533,32 +2584,32 @@ px</translation>
         <translation>相机对</translation>
     </message>
     <message>
-        <source>Put it there (training)</source>
-        <translation>放到该处（练习）</translation>
+        <source>Put it there</source>
+        <translation>放到该处</translation>
     </message>
     <message>
-        <source>Moves the simulated ball to where it should go.</source>
-        <translation>把模拟的球移到建议的位置。</translation>
+        <source>Training: moves the simulated ball to where it should go.</source>
+        <translation>练习：将仿真球移到应放的位置。</translation>
+    </message>
+    <message>
+        <source>Expected error on 500 mm (95 %); the picture is seen from above.</source>
+        <translation>500 mm 的预期误差（95 %）；图为俯视。</translation>
     </message>
     <message>
         <source>In space</source>
         <translation>三维</translation>
     </message>
     <message>
-        <source>In 95 of 100 cases a length of 500 mm is measured to this. Seen from above.</source>
-        <translation>100 次中有 95 次，500 mm 长度可测到此精度。俯视图。</translation>
-    </message>
-    <message>
         <source>Work is running.</source>
         <translation>正在运行。</translation>
     </message>
     <message>
-        <source>This placement was not taken yet.</source>
+        <source>This placement is not captured yet.</source>
         <translation>此次摆放尚未拍摄。</translation>
     </message>
     <message>
-        <source>Do without it</source>
-        <translation>不拍此次</translation>
+        <source>Skip this placement</source>
+        <translation>跳过此次摆放</translation>
     </message>
     <message>
         <source>Nothing was deleted.</source>
@@ -2581,31 +2632,31 @@ px</translation>
         <translation>下一位置</translation>
     </message>
     <message>
-        <source>Taken</source>
+        <source>Captured</source>
         <translation>已拍摄</translation>
     </message>
     <message>
-        <source>Take  (space)</source>
+        <source>Capture  (space)</source>
         <translation>拍摄（空格键）</translation>
     </message>
     <message>
-        <source>Take without {cameras}</source>
+        <source>Capture without {cameras}</source>
         <translation>不用 {cameras} 拍摄</translation>
     </message>
     <message>
-        <source>Taking</source>
+        <source>Capturing</source>
         <translation>正在拍摄</translation>
     </message>
     <message>
-        <source>Images are being taken.</source>
+        <source>Images are being captured.</source>
         <translation>正在拍摄。</translation>
     </message>
     <message>
-        <source>Take again  (space)</source>
+        <source>Retake  (space)</source>
         <translation>重新拍摄（空格键）</translation>
     </message>
     <message>
-        <source>It is taken; use Take again to replace it.</source>
+        <source>It is captured; Retake replaces it.</source>
         <translation>已拍摄；可用“重拍”替换。</translation>
     </message>
     <message>
@@ -2731,7 +2782,7 @@ px</translation>
         <translation>上次查看后新增：{names}。</translation>
     </message>
     <message>
-        <source>No pose of the bar that gives the scale was taken.</source>
+        <source>No pose of the bar that gives the scale is captured.</source>
         <translation>尚未拍摄提供比例尺的基准尺。</translation>
     </message>
     <message>
@@ -2751,7 +2802,7 @@ px</translation>
         <translation>在“连接”步骤未选择检验尺，无法验证。</translation>
     </message>
     <message>
-        <source>No picture of the ball was taken yet.</source>
+        <source>The ball is not captured yet.</source>
         <translation>尚未拍摄球。</translation>
     </message>
     <message>
@@ -2779,15 +2830,15 @@ px</translation>
         <translation>{names} 没有图像。</translation>
     </message>
     <message>
-        <source>Taken without {names}: take it again.</source>
+        <source>Captured without {names}: retake it.</source>
         <translation>拍摄时缺少 {names}：请重新拍摄。</translation>
     </message>
     <message>
-        <source>The scene moved in {names}: take it again.</source>
+        <source>The scene moved in {names}: retake it.</source>
         <translation>{names} 中场景有移动：请重新拍摄。</translation>
     </message>
     <message>
-        <source>{names} was moved after this: take it again.</source>
+        <source>{names} was moved after this: retake it.</source>
         <translation>此后 {names} 被移动过：请重新拍摄。</translation>
     </message>
     <message>
@@ -2803,7 +2854,7 @@ px</translation>
         <translation>已保存，但未验证。</translation>
     </message>
     <message>
-        <source>Undecided: the uncertainty is too large for the limit.</source>
+        <source>Undecided: uncertainty too large for the limit.</source>
         <translation>无法判定：对该限值来说不确定度太大。</translation>
     </message>
     <message>
@@ -2811,11 +2862,11 @@ px</translation>
         <translation>系统略有变化：请留意。</translation>
     </message>
     <message>
-        <source>{have} of at least {need} placements are taken.</source>
+        <source>{have} of at least {need} placements are captured.</source>
         <translation>至少需 {need} 次摆放，已拍摄 {have} 次。</translation>
     </message>
     <message>
-        <source>{name} is not good ({cameras}): take it again, or keep it as it is.</source>
+        <source>{name} is not good ({cameras}): retake it, or keep it as it is.</source>
         <translation>{name} 有问题（{cameras}）：请重新拍摄，或保持现状。</translation>
     </message>
     <message>
@@ -2857,12 +2908,12 @@ px</translation>
         <translation>{placed}/{all} 台相机已定位；图像一致性 {rms:.3f} px。</translation>
     </message>
     <message>
-        <source>{length:.0f} mm are measured to {mm:.3f} mm (k = {k:.0f}).</source>
-        <translation>{length:.0f} mm 的测量精度为 {mm:.3f} mm（k = {k:.0f}）。</translation>
+        <source>Expected error on {length:.0f} mm (k = {k:.0f}): {mm:.3f} mm.</source>
+        <translation>{length:.0f} mm 的预期误差（k = {k:.0f}）：{mm:.3f} mm。</translation>
     </message>
     <message>
-        <source>{length:.0f} mm are measured to {mm:.3f} mm in 95 of 100 cases.</source>
-        <translation>100 次中有 95 次，{length:.0f} mm 的测量精度为 {mm:.3f} mm。</translation>
+        <source>Expected error on {length:.0f} mm (95 %): {mm:.3f} mm.</source>
+        <translation>{length:.0f} mm 的预期误差（95 %）：{mm:.3f} mm。</translation>
     </message>
     <message>
         <source>NOT VALID</source>
@@ -3300,15 +3351,15 @@ mm</translation>
 <context>
     <name>ScalePage</name>
     <message>
-        <source>Take the last pose again</source>
+        <source>Retake the last pose</source>
         <translation>重拍上一位姿</translation>
     </message>
     <message>
-        <source>No pose was taken yet.</source>
+        <source>No pose is captured yet.</source>
         <translation>尚未拍摄任何位姿。</translation>
     </message>
     <message>
-        <source>All poses taken</source>
+        <source>All poses captured</source>
         <translation>所有位姿已拍摄</translation>
     </message>
     <message>
@@ -3316,7 +3367,7 @@ mm</translation>
         <translation>所有位姿齐全。</translation>
     </message>
     <message>
-        <source>Take {pose}  (space)</source>
+        <source>Capture {pose}  (space)</source>
         <translation>拍摄 {pose}（空格键）</translation>
     </message>
     <message>
@@ -3507,7 +3558,7 @@ mm</translation>
 <context>
     <name>Stages</name>
     <message>
-        <source>Reading what was taken</source>
+        <source>Reading what was captured</source>
         <translation>读取拍摄内容</translation>
     </message>
     <message>
@@ -3551,7 +3602,7 @@ mm</translation>
         <translation>允许球上的点有微小位移</translation>
     </message>
     <message>
-        <source>Taking the ball as one rigid body</source>
+        <source>Computing with the ball as one rigid body</source>
         <translation>将球视为一个刚体</translation>
     </message>
     <message>
@@ -3599,7 +3650,7 @@ mm</translation>
         <translation>设置相机</translation>
     </message>
     <message>
-        <source>Taking images</source>
+        <source>Capturing images</source>
         <translation>拍摄图像</translation>
     </message>
     <message>
@@ -3654,7 +3705,7 @@ mm</translation>
         <translation>已标定，未验证</translation>
     </message>
     <message>
-        <source>{taken} of {planned} placements taken</source>
+        <source>{taken} of {planned} placements captured</source>
         <translation>已拍摄 {taken}/{planned} 次摆放</translation>
     </message>
     <message>
@@ -3812,8 +3863,8 @@ mm</translation>
         <translation>连接</translation>
     </message>
     <message>
-        <source>Look</source>
-        <translation>查看</translation>
+        <source>Camera check</source>
+        <translation>相机检查</translation>
     </message>
     <message>
         <source>Scale bar</source>
@@ -3860,7 +3911,7 @@ mm</translation>
         <translation>将提供比例尺的基准尺放在三台相机可见之处；每个位姿换一种放法。</translation>
     </message>
     <message>
-        <source>Compute the cameras from what was taken.</source>
+        <source>Compute the cameras from what was captured.</source>
         <translation>由拍摄内容计算各相机。</translation>
     </message>
     <message>
@@ -4210,8 +4261,8 @@ mm</translation>
         <translation>不一致</translation>
     </message>
     <message>
-        <source>CANNOT TELL</source>
-        <translation>无法判定</translation>
+        <source>UNDECIDED</source>
+        <translation>未判定</translation>
     </message>
     <message>
         <source>PASS</source>
@@ -4357,11 +4408,11 @@ mm</translation>
         <translation>图像</translation>
     </message>
     <message>
-        <source>Take by itself when it lies right</source>
+        <source>Capture by itself when it lies right</source>
         <translation>放正后自动拍摄</translation>
     </message>
     <message>
-        <source>Take it as it lies</source>
+        <source>Capture it as it lies</source>
         <translation>按现状拍摄</translation>
     </message>
     <message>
@@ -4405,11 +4456,11 @@ mm</translation>
         <translation>基准尺</translation>
     </message>
     <message>
-        <source>Taken; a click takes it again.</source>
+        <source>Captured; a click retakes it.</source>
         <translation>已拍摄；点击可重拍。</translation>
     </message>
     <message>
-        <source>Not taken yet.</source>
+        <source>Not captured yet.</source>
         <translation>尚未拍摄。</translation>
     </message>
     <message>
@@ -4417,15 +4468,15 @@ mm</translation>
         <translation>正在运行。</translation>
     </message>
     <message>
-        <source>No pose was taken yet.</source>
+        <source>No pose is captured yet.</source>
         <translation>尚未拍摄任何位姿。</translation>
     </message>
     <message>
-        <source>Hold still: images are being taken</source>
+        <source>Hold still: images are being captured</source>
         <translation>保持静止：正在拍摄</translation>
     </message>
     <message>
-        <source>It is measured; take a pose again to measure anew.</source>
+        <source>It is measured; retake a pose to measure again.</source>
         <translation>已测量；重拍某位姿后可再次测量。</translation>
     </message>
     <message>

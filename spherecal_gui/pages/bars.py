@@ -27,7 +27,7 @@ class ScalePage(LivePage):
         self.wall = Wall()
         self.column.addWidget(self.wall, 1)
         self.row = QHBoxLayout()
-        self.again = button(self.tr("Take the last pose again"), "retake-pose")
+        self.again = button(self.tr("Retake the last pose"), "retake-pose")
         self.again.clicked.connect(self._retake)
         self.row.addStretch(1)
         self.row.addWidget(self.again)
@@ -85,7 +85,7 @@ class ScalePage(LivePage):
         self._last = taken[-1] if taken else None
         self._show_poses()
         idle = self.controller.runner.running is None
-        none = self.tr("No pose was taken yet.")
+        none = self.tr("No pose is captured yet.")
         enable(self.again, idle and bool(taken) and self.controller.connection is not None, none)
         self.tick()
         self.action_changed.emit()
@@ -125,8 +125,8 @@ class ScalePage(LivePage):
         """Take the next pose."""
         running, pose = self.controller.runner.running, self.current
         if pose is None:
-            return PageAction(self.tr("All poses taken"), False, self.tr("Every pose is there."), done=True)
-        text = self.tr("Take {pose}  (space)").format(pose=pose)
+            return PageAction(self.tr("All poses captured"), False, self.tr("Every pose is there."), done=True)
+        text = self.tr("Capture {pose}  (space)").format(pose=pose)
         if running:
             return PageAction(text, False, self.tr("Work is running."))
         if self.controller.connection is None:

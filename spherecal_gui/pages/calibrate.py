@@ -1,4 +1,4 @@
-"""Calibrate: stages, time left, convergence, log; it can be cancelled at any moment."""
+"""Calibrate: what goes into it, stages, time left, convergence, log; it can be cancelled at any moment."""
 
 import time
 from html import escape
@@ -8,7 +8,7 @@ from PySide6.QtWidgets import QHBoxLayout, QLabel, QPlainTextEdit, QProgressBar,
 
 from spherecal_gui import languages, theme
 from spherecal_gui.pages.base import Page, PageAction
-from spherecal_gui.presenters.calibrate import CourseOfWork, time_text
+from spherecal_gui.presenters.calibrate import CourseOfWork, input_rows, time_text
 from spherecal_gui.presenters.stages import stage_name
 from spherecal_gui.project import usable
 from spherecal_gui.standing import Level
@@ -16,6 +16,7 @@ from spherecal_gui.texts import reason_text
 from spherecal_gui.widgets.basic import Card, button, enable, label
 from spherecal_gui.widgets.charts import ConvergenceChart
 from spherecal_gui.widgets.icons import give_icon
+from spherecal_gui.widgets.table import Table
 from spherecal_gui.wizard.controller import Controller
 from spherecal_gui.workflow import Status
 
@@ -46,7 +47,17 @@ class CalibratePage(Page):
         line.addWidget(self.left, 1)
         line.addWidget(self.stop_here)
         column.addLayout(line)
-        row = QHBoxLayout()
+        self._inputs = Card(self.tr("What goes into it"))
+        self.inputs = Table(
+            [self.tr("Captured"), self.tr("cameras"), self.tr("dots"), self.tr("state")], sortable=False
+        )
+        self.inputs.setSelectionMode(Table.SelectionMode.NoSelection)
+        self._inputs.body.addWidget(self.inputs, 1)
+        self._inputs.hide()
+        column.addWidget(self._inputs, 1)
+        self._work = QWidget()
+        row = QHBoxLayout(self._work)
+        row.setContentsMargins(0, 0, 0, 0)
         stages = Card(self.tr("Stages"))
         self._stages = label("", "", wrap=False)  # one text: a grid of labels is laid out for 50 ms beside the engine
         self._stages.setTextFormat(Qt.TextFormat.RichText)
@@ -59,7 +70,10 @@ class CalibratePage(Page):
         plot.body.addWidget(self.plot, 1)
         foot = QHBoxLayout()
         foot.addWidget(
-            label(self.tr("Every line is one adjustment; it is done when its line falls no more."), "soft"), 1
+            label(
+                self.tr("Done when the line falls no more. Each adjustment goes on where the one before ended."), "soft"
+            ),
+            1,
         )
         self.details = button(self.tr("Details"), "details")
         give_icon(self.details, "list-details")
@@ -77,7 +91,7 @@ class CalibratePage(Page):
         lines.hide()
         self.details.toggled.connect(lines.setVisible)
         row.addLayout(right, 3)
-        column.addLayout(row, 1)
+        column.addWidget(self._work, 1)
         if self.course.stages:  # a window made anew, in another language say
             self._draw()
 
@@ -101,7 +115,29 @@ class CalibratePage(Page):
             self._last_news()
         self._was_running = self.is_running
         self._show_word()
+        self._show_inputs()
         self.action_changed.emit()
+
+    def _show_inputs(self) -> None:
+        """Before anything is computed: what it would be computed from."""
+        waiting = not self.is_running and not self.course.stages
+        self._inputs.setVisible(waiting)
+        self._work.setVisible(not waiting)
+        if not waiting:
+            return
+        there, lacking = (self.tr("captured"), "good"), (self.tr("not captured"), "caution")
+        rows = []
+        for one in input_rows((*self.project.placements, *self.project.scale_poses), self.controller.dots):
+            word, level = there if one.captured else lacking
+            rows.append(
+                [
+                    (one.name, one.name, ""),
+                    (str(one.cameras), one.cameras, ""),
+                    (str(one.dots), one.dots, ""),
+                    (word, word, level),
+                ]
+            )
+        self.inputs.fill(rows)
 
     @property
     def _is_running_on(self) -> bool:
@@ -116,7 +152,7 @@ class CalibratePage(Page):
             task = self.controller.runner.task
             stopping, keeping = task is not None and task.stopping, task is not None and task.keeping
             self.say(
-                self.tr("Stopping: what was taken is kept")
+                self.tr("Stopping: what was captured is kept")
                 if stopping
                 else self.tr("Stopping as soon as there is a result")
                 if keeping
@@ -142,7 +178,7 @@ class CalibratePage(Page):
             )
             self.say(told, "good" if taken == len(project.placements) else "caution")
         elif state.status is Status.FAILED and state.reason is not None and state.reason.code == "error":
-            self.say(self.tr("It failed; what was taken is kept"), "bad")
+            self.say(self.tr("It failed; what was captured is kept"), "bad")
             self.left.setText(reason_text(state.reason))
         elif state.status is Status.FAILED:
             self.say(*bad)

@@ -10,7 +10,7 @@ from spherecal.profile.store import open_profile
 from spherecal_gui import limits
 from spherecal_gui.pages.base import Page, PageAction
 from spherecal_gui.presenters.check import check_notes, check_rows, check_verdict, repaired_text, repaired_verdict
-from spherecal_gui.presenters.rig_scenes import check_scene
+from spherecal_gui.presenters.rig_scenes import check_scene, rig_scene
 from spherecal_gui.project import usable
 from spherecal_gui.standing import Level
 from spherecal_gui.texts import reason_text, verdict_word
@@ -53,7 +53,7 @@ class CheckPage(Page):
         )
         self.panel = ScenePanel()
         self.panel.said.connect(self.controller.tell)
-        self._drawn: Any = None
+        self._drawn: tuple[Any, Any] = (None, None)  # the profile's folder, and what was found
         self.split = QSplitter(Qt.Orientation.Horizontal)
         self.split.addWidget(self.panel)
         self.split.addWidget(self.table)
@@ -124,8 +124,10 @@ class CheckPage(Page):
             return
         found, state = self.controller.check_found, self.state
         there = found is not None and state is not None and state.status is not Status.STALE
-        self.split.setVisible(there)
+        self.table.setVisible(there)
         self.notes.setVisible(there)
+        if not there:
+            self._draw(None)
         self.sentence.setText("")
         checked = self.project.checked
         self.calibrate.setVisible(
@@ -176,16 +178,17 @@ class CheckPage(Page):
         self.told.setText("\n".join(check_notes(found)))
 
     def _draw(self, found: Any) -> None:
-        """The rig as it was calibrated, with the cameras that moved."""
-        if found is self._drawn or self.controller.profile_folder is None:
+        """The rig as it was calibrated, with the cameras that moved; without a check (None) as it is in use."""
+        folder = self.controller.profile_folder
+        if folder is None or (self._drawn[0] == folder and self._drawn[1] is found):
             return
-        self._drawn = found
+        self._drawn = folder, found
         try:
-            rig = open_profile(self.controller.profile_folder).rig()
+            rig = open_profile(folder).rig()
         except SpherecalError:  # said where the check itself reads it
             self.panel.show_scene(None)
             return
-        self.panel.show_scene(check_scene(rig, found))
+        self.panel.show_scene(check_scene(rig, found) if found is not None else rig_scene(rig))
 
     def dress(self) -> None:
         """Draw in the new colours."""

@@ -88,7 +88,7 @@ class ConnectPage(Page):
         self.describe.setEnabled(running is None)
         self.choose.setEnabled(running is None and not self.project.taken)
         self.choose.setToolTip(
-            self.tr("Placements were taken already: begin a new calibration for another bench.")
+            self.tr("Placements are captured already: begin a new calibration for another bench.")
             if self.project.taken
             else self.tr("A session.json, or the folder of an earlier session.")
         )
@@ -162,7 +162,7 @@ class ConnectPage(Page):
         """Confirm the bench: nobody calibrates with the wrong bar by default."""
         connection, running = self.controller.connection, self.controller.runner.running
         done = self.project is not None and self.project.artefacts is not None and connection is not None
-        text = self.tr("Bench confirmed") if done else self.tr("This is on the bench")
+        text = self.tr("Bench confirmed") if done else self.tr("Yes, this matches")
         if running:
             return PageAction(text, False, self.tr("The cameras are being looked for."))
         if connection is None:

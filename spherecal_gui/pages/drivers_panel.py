@@ -4,7 +4,7 @@ from PySide6.QtCore import Qt, Signal
 from PySide6.QtWidgets import QAbstractItemView, QDialog, QHBoxLayout, QVBoxLayout, QWidget
 
 from spherecal_gui.presenters.drivers import DriverNote, makers_rows
-from spherecal_gui.widgets.basic import button, clear, label, set_level
+from spherecal_gui.widgets.basic import button, clear, details_button, label, set_level
 from spherecal_gui.widgets.table import Table
 
 
@@ -60,6 +60,10 @@ class DriversPanel(QWidget):
             row.addWidget(yes)
             row.addStretch(1)
             column.addLayout(row)
+        if note.details:
+            said = label(note.details, "soft")
+            column.addWidget(details_button(said), 0, Qt.AlignmentFlag.AlignLeft)
+            column.addWidget(said)
         return box
 
     def _allow(self) -> None:

@@ -72,9 +72,9 @@ class PlacementPage(LivePage):
 
     def _buttons(self) -> QHBoxLayout:
         row = QHBoxLayout()
-        self.automatic = option(self.tr("Take by itself when still"))
+        self.automatic = option(self.tr("Capture by itself when still"))
         self.automatic.setObjectName("automatic")
-        self.again = button(self.tr("Take again"), "retake")
+        self.again = button(self.tr("Retake"), "retake")
         self.again.clicked.connect(self._take)
         self.delete = button(self.tr("Delete"), "delete-set")
         self.delete.clicked.connect(self._delete)
@@ -100,6 +100,8 @@ class PlacementPage(LivePage):
     def _tabs(self) -> QTabWidget:
         self.tabs = QTabWidget()
         self.tabs.setObjectName("placement-tabs")
+        self.tabs.setUsesScrollButtons(False)  # three names have room, if need be cut short
+        self.tabs.setElideMode(Qt.TextElideMode.ElideRight)
         self.coverage = CoverageChart()
         covered = QWidget()
         column = QVBoxLayout(covered)
@@ -109,7 +111,7 @@ class PlacementPage(LivePage):
             line.setToolTip(self.tr("A click on a camera shows its picture."))
             line.asked.connect(self._show_camera)
             column.addWidget(line)
-        column.addWidget(label(self.tr("Green: covered by placements taken. Blue: what this one adds."), "soft"))
+        column.addWidget(label(self.tr("Green: covered so far. Blue: what this placement adds."), "soft"))
         self.tabs.addTab(covered, self.tr("Coverage"))
         pairs = QWidget()
         column = QVBoxLayout(pairs)
@@ -121,13 +123,13 @@ class PlacementPage(LivePage):
             label(self.tr("Dots that two cameras have in common, over all placements and this image."), "soft")
         )
         self.tabs.addTab(pairs, self.tr("Pairs"))
-        self.guidance = QWidget()
+        self.guidance, self._next_title = QWidget(), self.tr("Where next")
         column = QVBoxLayout(self.guidance)
         self.guide_text, self.now, self.then = label("", "big"), label(""), label("")
         self.top_view = TopView()
         self.to_go = label("", "title")
-        self.put_there = button(self.tr("Put it there (training)"), "put-there")
-        self.put_there.setToolTip(self.tr("Moves the simulated ball to where it should go."))
+        self.put_there = button(self.tr("Put it there"), "put-there")
+        self.put_there.setToolTip(self.tr("Training: moves the simulated ball to where it should go."))
         self.put_there.clicked.connect(self.controller.put_there)
         column.addWidget(self.guide_text)
         column.addWidget(self.to_go)
@@ -141,7 +143,7 @@ class PlacementPage(LivePage):
         column.addWidget(self.in_space, 0, Qt.AlignmentFlag.AlignLeft)
         column.addWidget(self.now)
         column.addWidget(self.then)
-        told = self.tr("In 95 of 100 cases a length of 500 mm is measured to this. Seen from above.")
+        told = self.tr("Expected error on 500 mm (95 %); the picture is seen from above.")
         self.guide_key = label(told, "soft")
         column.addWidget(self.guide_key)
         return self.tabs
@@ -190,20 +192,21 @@ class PlacementPage(LivePage):
         self.show_cameras()
         idle = self.controller.runner.running is None
         busy = self.tr("Work is running.")
-        there = self.tr("This placement was not taken yet.")
+        there = self.tr("This placement is not captured yet.")
         enable(
             self.again, idle and self.is_taken and self.controller.connection is not None, busy if not idle else there
         )
         spare = not self.is_taken and len(self.project.placements) > FEW_PLACEMENTS
-        self.delete.setText(self.tr("Do without it") if spare else self.tr("Delete"))
+        self.delete.setText(self.tr("Skip this placement") if spare else self.tr("Delete"))
         enable(self.delete, idle and (self.is_taken or spare), busy if not idle else there)
+        self.delete.setVisible(self.is_taken or spare)
         undo = self.controller.can_undo
         enable(self.undo, idle and undo is not None, busy if not idle else self.tr("Nothing was deleted."))
         self.undo.setText(self.tr("Undo {name}").format(name=undo) if undo else self.tr("Undo"))
         enable(self.more, idle and self.controller.connection is not None, busy)
         flawed = self.is_taken and self._is_flawed
         self.keep.setVisible(flawed and idle)
-        self.again.setVisible(not flawed)  # then it is the large button
+        self.again.setVisible(self.is_taken and not flawed)  # then it is the large button
         self.undo.setVisible(undo is not None)
         self.fixed.setVisible(bool(self.controller.moved_cameras()))
         self._show_guidance()
@@ -377,6 +380,10 @@ class PlacementPage(LivePage):
         for tile in self.wall.tiles.values():
             tile.show_ghost(found.get(tile.name), to_go is not None and to_go.near)
         text, level = to_go_text(to_go) if wanted and to_go is not None else ("", "none")
+        size = "big" if theme.is_far() else "title"  # large text needs its room
+        if self.to_go.objectName() != size:
+            self.to_go.setObjectName(size)
+            self.to_go.style().polish(self.to_go)
         self.to_go.setText(text)
         set_level(self.to_go, level)
         self.to_go.setVisible(bool(text))
@@ -429,11 +436,12 @@ class PlacementPage(LivePage):
                 self.tabs.removeTab(at)
             return
         if at < 0:
-            self.tabs.insertTab(0, self.guidance, self.tr("Where next"))
+            self.tabs.insertTab(0, self.guidance, self._next_title)
             self.tabs.setCurrentIndex(0)
         self.top_view.show_guidance(None if self._is_enough() else shown)
         self._show_in_space()
         self.guide_key.setVisible(self.height() > _TALL_PX and not theme.is_far())  # the picture needs the room
+        self.in_space.setVisible(not theme.is_far() or self.in_space.isChecked())
         if shown is None:
             self._show_planning()
             self.now.clear()
@@ -471,17 +479,17 @@ class PlacementPage(LivePage):
         """Take it."""
         running = self.controller.runner.running
         lost = self.controller.lost_cameras()
-        text = self.tr("Taken") if self.is_taken else self.tr("Take  (space)")
+        text = self.tr("Captured") if self.is_taken else self.tr("Capture  (space)")
         if lost and not self.is_taken:
-            text = self.tr("Take without {cameras}").format(cameras=", ".join(lost))
+            text = self.tr("Capture without {cameras}").format(cameras=", ".join(lost))
         if self.is_taking:
-            return PageAction(self.tr("Taking"), False, self.tr("Images are being taken."))
+            return PageAction(self.tr("Capturing"), False, self.tr("Images are being captured."))
         if running:
             return PageAction(text, False, self.tr("Work is running."))
         if self.is_taken and self._is_flawed:
-            return PageAction(self.tr("Take again  (space)"), self.controller.connection is not None)
+            return PageAction(self.tr("Retake  (space)"), self.controller.connection is not None)
         if self.is_taken:
-            return PageAction(text, False, self.tr("It is taken; use Take again to replace it."), done=True)
+            return PageAction(text, False, self.tr("It is captured; Retake replaces it."), done=True)
         if self.controller.connection is None:
             return PageAction(text, False, self.tr("The cameras are not connected."))
         return PageAction(text, accepts=True)

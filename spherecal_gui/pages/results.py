@@ -82,7 +82,8 @@ class ResultsPage(Page):
                 self.tr("turn ±\ndeg"),
                 self.tr("focal\npx"),
                 self.tr("change\nmm"),
-            ]
+            ],
+            spare=(6, 5, 3),
         )
         self.table.itemSelectionChanged.connect(self._selected)
         self.table.itemDoubleClicked.connect(lambda _: self.tabs.setCurrentIndex(2))

@@ -3,6 +3,7 @@
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from PySide6.QtCore import Qt
 from PySide6.QtGui import QGuiApplication
 from PySide6.QtWidgets import (
     QComboBox,
@@ -18,11 +19,13 @@ from PySide6.QtWidgets import (
 from spherecal_gui import limits, theme
 from spherecal_gui.pages.base import Page, PageAction
 from spherecal_gui.presenters.frame import frame_words
+from spherecal_gui.presenters.rig_scenes import outcome_scene
 from spherecal_gui.presenters.start import next_check_text, number_in_use
 from spherecal_gui.project import VERIFIED
 from spherecal_gui.project_folder import profile_of
 from spherecal_gui.standing import Level
-from spherecal_gui.widgets.basic import Card, button, enable, label, open_file, option, set_level
+from spherecal_gui.widgets.basic import Card, button, details_button, enable, label, open_file, option, set_level
+from spherecal_gui.widgets.scene import make_scene_view
 from spherecal_gui.wizard.controller import Controller
 from spherecal_gui.workflow import Status, Step
 
@@ -46,7 +49,12 @@ class SavePage(Page):
         column.addWidget(self._files())
         self._for_the_desk = self._commands()
         column.addWidget(self._for_the_desk)
-        column.addStretch(1)
+        self.scene = make_scene_view()
+        self.scene.setMinimumHeight(0)
+        self._drawn: object = None
+        column.addWidget(self.scene, 1)
+        self._room = QWidget()  # in its place, where there is nothing to show
+        column.addWidget(self._room, 1)
         self._compared: tuple[object, bool] = (None, False)
         self.dialog: FrameDialog | None = None
 
@@ -183,19 +191,24 @@ class SavePage(Page):
         return card
 
     def _commands(self) -> QWidget:
-        card = Card(self.tr("The same on the command line"))
+        inner = QWidget()
+        column = QVBoxLayout(inner)
+        column.setContentsMargins(0, 0, 0, 0)
+        column.addWidget(label(self.tr("The same on the command line"), "soft"))
         self.commands = QPlainTextEdit()
         self.commands.setReadOnly(True)
         self.commands.setAccessibleName(self.tr("The same on the command line"))
         self.commands.setMaximumHeight(66)
-        card.body.addWidget(self.commands)
+        column.addWidget(self.commands)
         copy = button(self.tr("Copy as command"), "copy-command")
         copy.clicked.connect(self._copy)
-        row = QHBoxLayout()
-        row.addWidget(copy)
-        row.addStretch(1)
-        card.body.addLayout(row)
-        return card
+        column.addWidget(copy, 0, Qt.AlignmentFlag.AlignLeft)
+        whole = QWidget()
+        outer = QVBoxLayout(whole)
+        outer.setContentsMargins(0, 0, 0, 0)
+        outer.addWidget(details_button(inner), 0, Qt.AlignmentFlag.AlignLeft)
+        outer.addWidget(inner)
+        return whole
 
     @property
     def report_path(self) -> Path:
@@ -223,6 +236,7 @@ class SavePage(Page):
             else self.tr("Keeps every calibration of this rig; the one in use changes only when you say so.")
         )
         self._for_the_desk.setVisible(not theme.is_far())
+        self._show_rig()
         state = self.state
         done = state is not None and state.status in (Status.DONE, Status.CARE, Status.FAILED)
         stale = state is not None and state.status is Status.STALE
@@ -254,6 +268,25 @@ class SavePage(Page):
         self._enable()
         enable(self.report, self.report_path.is_file(), self.tr("It is not written yet."))
         self.action_changed.emit()
+
+    def _show_rig(self) -> None:
+        """What is saved."""
+        outcome = self.controller.outcome
+        if outcome is not self._drawn:
+            self._drawn = outcome
+            self.scene.show_scene(outcome_scene(outcome) if outcome is not None else None)
+        shown = outcome is not None and not theme.is_far()  # large text needs its room
+        self.scene.setVisible(shown)
+        self._room.setVisible(not shown)
+
+    def dress(self) -> None:
+        """Draw in the new colours."""
+        self.scene.dress()
+        self.refresh()
+
+    def close_page(self) -> None:
+        """Let go of the 3-D view."""
+        self.scene.close_view()
 
     def _saved_words(self) -> tuple[str, Level]:
         """Saved, and how good that is: never greener than what was saved."""

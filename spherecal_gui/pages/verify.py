@@ -69,9 +69,9 @@ class VerifyPage(ScalePage):
         self.column.insertWidget(2, self.certificates)
 
     def _add_buttons(self) -> None:
-        self.automatic = option(self.tr("Take by itself when it lies right"))
+        self.automatic = option(self.tr("Capture by itself when it lies right"))
         self.automatic.setObjectName("automatic-bar")
-        self.as_it_lies = button(self.tr("Take it as it lies"), "take-anyway")
+        self.as_it_lies = button(self.tr("Capture it as it lies"), "take-anyway")
         self.as_it_lies.clicked.connect(self._take)
         self.enough = button(self.tr("Enough: measure now"), "measure-now")
         self.enough.clicked.connect(self._measure)
@@ -168,7 +168,7 @@ class VerifyPage(ScalePage):
                 one.setProperty("level", "good" if there else "none")
                 one.setCheckable(True)
                 one.setChecked(pose == self.current)
-                one.setToolTip(self.tr("Taken; a click takes it again.") if there else self.tr("Not taken yet."))
+                one.setToolTip(self.tr("Captured; a click retakes it.") if there else self.tr("Not captured yet."))
                 one.clicked.connect(self._choose)
                 self.grid.addWidget(one, row, column)
 
@@ -228,7 +228,7 @@ class VerifyPage(ScalePage):
         taken = sum(pose in self.project.taken for pose in self.pose_ids())
         idle = self.controller.runner.running is None
         busy = self.tr("Work is running.")
-        enable(self.enough, idle and taken > 0, busy if not idle else self.tr("No pose was taken yet."))
+        enable(self.enough, idle and taken > 0, busy if not idle else self.tr("No pose is captured yet."))
         ready = idle and self.controller.connection is not None and self.current is not None
         enable(self.as_it_lies, ready, busy)
         self._show_limit(idle)
@@ -251,6 +251,8 @@ class VerifyPage(ScalePage):
 
     def _show_limit(self, idle: bool) -> None:
         may = limits.now().verification_limit_open
+        if not self.limit.hasFocus() and self.limit.text().strip() != self.project.limit:
+            self.limit.setText(self.project.limit)
         self.limit.setEnabled(idle and may)
         locked = self.tr("Locked: the responsible person sets this limit (Menu, Limits).")
         self.limit.setToolTip(plain(self._limit_tip if may else locked))
@@ -336,7 +338,7 @@ class VerifyPage(ScalePage):
         self.view.show_guide(guide)
         text, level = (guide.text, guide.level) if guide is not None else ("", "none")
         if self.is_taking:
-            text, level = self.tr("Hold still: images are being taken"), "caution"
+            text, level = self.tr("Hold still: images are being captured"), "caution"
         elif guide is None:
             text = lay_text(self.controller.planned_pose(self.current))
         if not self.shows_outcome:
@@ -370,7 +372,7 @@ class VerifyPage(ScalePage):
         if running:
             return PageAction(text, False, self.tr("Work is running."))
         if measured:
-            return PageAction(text, False, self.tr("It is measured; take a pose again to measure anew."), done=True)
+            return PageAction(text, False, self.tr("It is measured; retake a pose to measure again."), done=True)
         return PageAction(text)
 
     def _take_action(self) -> PageAction | None:

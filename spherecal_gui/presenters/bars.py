@@ -29,9 +29,9 @@ def pose_state(targets: Mapping[str, int], taken: bool, taking: bool, name: str)
     """What to do with a pose; `targets` seen now, by camera."""
     seeing = sum(count >= 2 for count in targets.values())
     if taking:
-        return PoseState(seeing, translate("Bars", "Hold still: images are being taken"), "caution")
+        return PoseState(seeing, translate("Bars", "Hold still: images are being captured"), "caution")
     if taken:
-        return PoseState(seeing, translate("Bars", "{name} is taken").format(name=name), "good")
+        return PoseState(seeing, translate("Bars", "{name} is captured").format(name=name), "good")
     if seeing < LEAST_CAMERAS:
         return PoseState(seeing, translate("Bars", "Lay the bar where two cameras or more see it"), "bad")
     if seeing < GOOD_CAMERAS:

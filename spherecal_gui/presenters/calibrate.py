@@ -1,5 +1,6 @@
-"""The course of a calibration: stages, time left, and the cost of each iteration."""
+"""The course of a calibration: what goes into it, stages, time left, and the cost of each iteration."""
 
+from collections.abc import Mapping, Sequence, Sized
 from dataclasses import dataclass, field
 
 from PySide6.QtCore import QCoreApplication
@@ -28,6 +29,25 @@ _SURE_AFTER_S = 2.0
 
 def _between(ends: tuple[float, float], fraction: float) -> float:
     return ends[0] + fraction * (ends[1] - ends[0])
+
+
+@dataclass(frozen=True)
+class InputRow:
+    """One set that is computed with: its name, the cameras that see something in it, their dots; captured or not."""
+
+    name: str
+    cameras: int
+    dots: int
+    captured: bool
+
+
+def input_rows(names: Sequence[str], dots: Mapping[str, Mapping[str, Sized]]) -> list[InputRow]:
+    """What a calibration would be computed from: `names` of the sets, `dots` by set and camera of those captured."""
+    rows = []
+    for name in names:
+        seen = [len(one) for one in dots.get(name, {}).values() if len(one)]
+        rows.append(InputRow(name, len(seen), sum(seen), name in dots))
+    return rows
 
 
 @dataclass

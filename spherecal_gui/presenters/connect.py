@@ -116,10 +116,18 @@ def bars_with_nominal(connection: Any, bars: Collection[str]) -> list[Any]:
     return [bar for bar in known if bar.id in bars and any(one.nominal_mm is not None for one in bar.lengths)]
 
 
+def _targets_words(connection: Any, artefacts: Artefacts) -> str:
+    """The targets in words; as the project keeps them, which is of no language, where nothing is connected."""
+    from spherecal_gui.presenters.bench import targets_words
+
+    targets = connection.plan.target_set if connection is not None else None
+    return artefacts.target_set if targets is None else targets_words(targets)
+
+
 def _bars_words(connection: Any, bars: tuple[str, ...], kept: str) -> str:
     """The bars as the project keeps them, which is of no language; with nominal lengths, as people read them."""
     if not bars_with_nominal(connection, bars):
-        return kept
+        return kept.replace(" mm, ", ", ")  # the unit once, after the last
     own = [bar for bar in connection.plan.bars if bar.id in bars]
     return "\n".join("\n".join((f"{bar.id} (mm):", *lengths_texts(bar))) for bar in own)
 
@@ -147,7 +155,7 @@ def bench_rows(connection: Any, confirmed: Artefacts | None) -> list[BenchRow]:
     told = reminder(connection.plan.bars, date.today()) if connection is not None else Reminder()
     certificates = [BenchRow(translate("Connect", "Certificates"), told.text, told.level)] if told.text else []
     return [
-        BenchRow(translate("Connect", "Targets on the ball"), artefacts.target_set, level),
+        BenchRow(translate("Connect", "Targets on the ball"), _targets_words(connection, artefacts), level),
         BenchRow(translate("Connect", "Ball, about"), artefacts.ball or "-", level),
         BenchRow(translate("Connect", "Scale from"), scale or none, level if scale else "caution"),
         BenchRow(translate("Connect", "Verified by"), checks or no_check, level if checks else "caution"),

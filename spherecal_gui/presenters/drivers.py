@@ -8,8 +8,6 @@ from typing import Any
 
 from PySide6.QtCore import QCoreApplication
 
-from spherecal_gui import languages
-
 translate = QCoreApplication.translate
 
 ENVIRONMENT = "GENICAM_GENTL64_PATH"
@@ -17,11 +15,15 @@ ENVIRONMENT = "GENICAM_GENTL64_PATH"
 
 @dataclass(frozen=True)
 class DriverNote:
-    """What is in the way and what to do; `allow` is a driver's file that can be allowed with one click."""
+    """What is in the way and what to do; `allow` is a driver's file that can be allowed with one click.
+
+    `details`: the engine's own words, which are English.
+    """
 
     title: str
     steps: tuple[str, ...]
     allow: str = ""
+    details: str = ""
 
 
 def driver_notes(troubles: Sequence[Any], system: str = sys.platform) -> list[DriverNote]:
@@ -63,12 +65,7 @@ def _not_allowed(one: Any) -> DriverNote:
 def _not_loaded(one: Any) -> DriverNote:
     title = translate("Drivers", "The driver {name} does not work.").format(name=Path(one.file).name)
     told = translate("Drivers", "Install it again with its maker's installer; never copy the file alone.")
-    return DriverNote(title, (one.file, told, *_own_words(one)))
-
-
-def _own_words(one: Any) -> tuple[str, ...]:
-    """The engine's words, which are English; elsewhere they stand in the log."""
-    return (one.said,) if languages.now() == "en" and one.said else ()
+    return DriverNote(title, (one.file, told), details=one.said)
 
 
 def _no_cameras(files: Sequence[str], windows: bool) -> DriverNote:

@@ -181,7 +181,7 @@ def advice_text(shown: Guidance, planned_taken: bool) -> str:
 def to_go_text(to_go: Any) -> tuple[str, Level]:
     """How far the ball still is from where it should go (tasks.ghost.ToGo)."""
     if to_go.near:
-        return translate("Guidance", "There"), "good"
+        return translate("Guidance", "In place"), "good"
     away = round(to_go.away_mm, -1)
     if to_go.turn_deg is None:
         return translate("Guidance", "{away:.0f} mm to go").format(away=away), "caution"

@@ -7,7 +7,7 @@ from typing import Any
 from PySide6.QtCore import QCoreApplication
 
 from spherecal_gui.presenters.coverage import Level
-from spherecal_gui.texts import camera_trouble
+from spherecal_gui.texts import camera_details, camera_trouble
 
 translate = QCoreApplication.translate
 
@@ -26,13 +26,18 @@ _FEW = 2  # cameras of which it cannot be said which one is dim
 
 @dataclass(frozen=True)
 class TileState:
-    """A tile's words: `dots` is the counter, `word` the one thing to know or do, `figures` its own figures."""
+    """A tile's words: `dots` is the counter, `word` the one thing to know or do, `figures` its own figures.
+
+    `summed` is its trouble in a headline, with its name; `details` are the engine's own words on it.
+    """
 
     name: str
     level: Level = "none"
     word: str = ""
     dots: int | None = None
     figures: str = ""
+    summed: str = ""
+    details: str = ""
 
 
 @dataclass(frozen=True)
@@ -51,7 +56,7 @@ def figures_text(serial: str, status: Any, exposure_us: float) -> str:
     """A camera's serial number, images a second, exposure, temperature, as far as they are known."""
     parts = [serial]
     if status is not None and status.counters.rate_hz:
-        parts.append(translate("Look", "{rate:.0f}/s").format(rate=status.counters.rate_hz))
+        parts.append(translate("Look", "{rate:.0f} fps").format(rate=status.counters.rate_hz))
     parts.append(translate("Look", "{ms:g} ms").format(ms=round(exposure_us / 1e3, 2)))
     if status is not None and status.temperature_c is not None:
         parts.append(translate("Look", "{temperature:.0f} °C").format(temperature=status.temperature_c))
@@ -71,21 +76,21 @@ def tile_state(
     `bumped_px`: it was moved by so much.
     """
     if status is not None and not status.state.usable:
-        return TileState(name, "bad", camera_trouble(status))
+        return TileState(name, "bad", camera_trouble(status), details=camera_details(status))
     if sight is None:
         looking, waiting = translate("Look", "looking for targets"), translate("Look", "waiting for the first image")
         return TileState(name, "none", looking if has_image else waiting)
     if bumped_px is not None:
         word = translate("Look", "moved by {px:.0f} px, alone. Is it fixed?").format(px=bumped_px)
         return TileState(name, "bad", word, len(sight.dots))
-    level, word = _light(sight, expected.light)
+    level, word, summed = _light(sight, expected.light)
     if level == "good":
-        level, word = _focus(sight)
+        level, word, summed = _focus(sight)
     if level == "good" and not len(sight.dots) and expected.by_some:
         level, word = "none", translate("Look", "does not see it; not every camera has to")
     if level == "good" and not len(sight.dots):
         level, word = "bad" if expected.dots else "caution", translate("Look", "no targets in sight")
-    return TileState(name, level, word or _all_well(sight), len(sight.dots))
+    return TileState(name, level, word or _all_well(sight), len(sight.dots), summed=summed.format(camera=name))
 
 
 def usual_light(sights: Iterable[Any]) -> float | None:
@@ -94,41 +99,49 @@ def usual_light(sights: Iterable[Any]) -> float | None:
     return found[len(found) // 2] if len(found) > _FEW else None
 
 
-def _light(sight: Any, usual: float | None = None) -> tuple[Level, str]:
+def _light(sight: Any, usual: float | None = None) -> tuple[Level, str, str]:
     if sight.saturated > CLIPPED:
         word = translate("Look", "too bright: {share} % clipped. Shorten the exposure.")
-        return "caution", word.format(share=round(100 * sight.saturated))
+        word = word.format(share=round(100 * sight.saturated))
+        return "caution", word, translate("Look", "{camera} is too bright.")
+    dark = translate("Look", "{camera} is too dark.")
     if sight.brightness < DARK:
-        return "caution" if len(sight.dots) else "bad", translate("Look", "dark. Lens cap, light, or exposure?")
+        return "caution" if len(sight.dots) else "bad", translate("Look", "dark. Lens cap, light, or exposure?"), dark
     if usual is not None and sight.brightness < DIM * usual:
         word = translate("Look", "brightness {own} %, the others {usual} %. Open the aperture or expose longer.")
-        return "caution", word.format(own=round(100 * sight.brightness), usual=round(100 * usual))
-    return "good", ""
+        return "caution", word.format(own=round(100 * sight.brightness), usual=round(100 * usual)), dark
+    return "good", "", ""
 
 
-def _focus(sight: Any) -> tuple[Level, str]:
+def _focus(sight: Any) -> tuple[Level, str, str]:
     if sight.blur_px is None or sight.blur_px <= SOFT_PX:
-        return "good", ""
-    word = translate("Look", "out of focus ({blur:.1f} px). Turn the focus ring until this falls.")
-    return "bad" if sight.blur_px > BLURRED_PX else "caution", word.format(blur=sight.blur_px)
+        return "good", "", ""
+    word = translate("Look", "Out of focus ({blur:.1f} px). Turn the focus ring until this falls.")
+    summed = translate("Look", "{camera} is out of focus.")
+    return "bad" if sight.blur_px > BLURRED_PX else "caution", word.format(blur=sight.blur_px), summed
 
 
 def _all_well(sight: Any) -> str:
     parts = []
     if sight.blur_px is not None:
-        parts.append(translate("Look", "sharp {blur:.1f} px").format(blur=sight.blur_px))
-    parts.append(translate("Look", "light {share} %").format(share=round(100 * sight.brightness)))
+        parts.append(translate("Look", "Focus {blur:.1f} px").format(blur=sight.blur_px))
+    parts.append(translate("Look", "brightness {share} %").format(share=round(100 * sight.brightness)))
     return " · ".join(parts)
 
 
 def bump_text(cameras: dict[str, float]) -> tuple[str, str]:
     """What is said when cameras were moved, by name in px: what happened, and what to do."""
     names = ", ".join(f"{name} ({px:.0f} px)" for name, px in cameras.items())
+    told = translate("Look", "Only these moved: {names}.").format(names=names)
+    if len(cameras) == 1:
+        ((name, px),) = cameras.items()
+        told = translate("Look", "Only {name} moved ({px:.0f} px).").format(name=name, px=px)
     return (
-        translate("Look", "{names} was moved, while all else lay still.").format(names=names),
+        told,
         translate(
             "Look",
-            "Fix its mount; then press “Fixed again” at Look. What was taken before no longer fits: take it again.",
+            "Tighten its mount, then press “Fixed again” at Camera check. Retake what was captured before: it no "
+            "longer fits.",
         ),
     )
 
@@ -148,12 +161,15 @@ def summary(states: list[TileState], have_images: bool = False) -> tuple[str, Le
     bad = [state.name for state in states if state.level == "bad"]
     unsure = [state.name for state in states if state.level == "caution"]
     waiting = [state.name for state in states if state.level == "none"]
+    alone = {state.name: state.summed for state in states if [state.name] in (bad, unsure)}
     if bad:
-        return translate("Look", "Look after {names}.").format(names=", ".join(bad)), "bad"
+        told = translate("Look", "Look after {names}.").format(names=", ".join(bad))
+        return alone.get(bad[0]) or told, "bad"
     if waiting and have_images:
         return translate("Look", "Looking for targets"), "none"
     if waiting:
         return translate("Look", "Waiting for images of {names}.").format(names=", ".join(waiting)), "none"
     if unsure:
-        return translate("Look", "Could be better: {names}.").format(names=", ".join(unsure)), "caution"
+        told = translate("Look", "Could be better: {names}.").format(names=", ".join(unsure))
+        return alone.get(unsure[0]) or told, "caution"
     return translate("Look", "All {count} cameras are sharp and well lit.").format(count=len(states)), "good"

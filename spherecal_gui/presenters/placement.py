@@ -52,9 +52,9 @@ class Advice:
 def advice(scene: Scene, taken: bool, taking: bool, as_before: bool = False) -> Advice:
     """What to do now; one sentence at a time, the most urgent. `as_before`: the ball has not been moved yet."""
     if taking:
-        return Advice(translate("Placement", "Hold still: images are being taken"), "caution")
+        return Advice(translate("Placement", "Hold still: images are being captured"), "caution")
     if taken:
-        return Advice(translate("Placement", "Taken. Press space to go on"), "good")
+        return Advice(translate("Placement", "Captured. Press space to go on"), "good")
     if scene.board and not scene.lost:
         return _board_advice(scene, as_before)
     poor = [name for name, count in scene.counts.items() if count < needed_dots() and name not in scene.lost]

@@ -71,13 +71,14 @@ class Action:
 
 @dataclass(frozen=True)
 class Advice:
-    """A finding in words, and the buttons that do what it advises."""
+    """A finding in words, and the buttons that do what it advises; `where` are the names that its title lacks."""
 
     level: Level
     title: str
     message: str
     hint: str
     actions: tuple[Action, ...] = ()
+    where: str = ""
 
 
 def verdict(result: Any) -> VerdictText:
@@ -91,9 +92,9 @@ def verdict(result: Any) -> VerdictText:
     )
     lengths = result.rig.length_map
     if quality.valid and lengths is not None and lengths.typical_mm is not None:
-        text = translate("Results", "{length:.0f} mm are measured to {mm:.3f} mm (k = {k:.0f}).")
+        text = translate("Results", "Expected error on {length:.0f} mm (k = {k:.0f}): {mm:.3f} mm.")
         if lengths.coverage_factor == 2.0:
-            text = translate("Results", "{length:.0f} mm are measured to {mm:.3f} mm in 95 of 100 cases.")
+            text = translate("Results", "Expected error on {length:.0f} mm (95 %): {mm:.3f} mm.")
         text = text.format(length=lengths.length_mm, mm=lengths.typical_mm, k=lengths.coverage_factor)
         told = f"{told} {text}"
     if not quality.valid:
@@ -138,7 +139,7 @@ def bar_verdict(bars: Any) -> VerdictText:
     if (bars.verdict == "inconsistent" and not unsure) or any(f.severity == "error" for f in bars.findings):
         return VerdictText(translate("Verify", "INCONSISTENT"), "bad", told)
     if acceptance is not None and acceptance.verdict == "cannot tell":
-        return VerdictText(translate("Verify", "CANNOT TELL"), "caution", told)
+        return VerdictText(translate("Verify", "UNDECIDED"), "caution", told)
     if acceptance is not None and acceptance.verdict == "pass":
         return VerdictText(translate("Verify", "PASS"), "good", told)
     if bars.verdict == "consistent":
@@ -292,12 +293,15 @@ def advice(result: Any, placements: tuple[str, ...]) -> list[Advice]:
 def _told(finding: Finding, level: Level, actions: tuple[Action, ...]) -> Advice:
     """A finding in the reader's language; options of the command line are not named where there are buttons."""
     has_buttons = any(action.kind.startswith("--") for action in actions)
+    title = finding.words("title", languages.now())
+    named = [] if any(name in title for name in finding.where) else list(finding.where)
     return Advice(
         level,
-        finding.words("title", languages.now()),
+        title,
         finding.words("message", languages.now()),
         finding.words("hint", languages.now(), with_options=not has_buttons),
         actions,
+        ", ".join(named[:_MOST_NAMED]) + (" …" if len(named) > _MOST_NAMED else ""),
     )
 
 

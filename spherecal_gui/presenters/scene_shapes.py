@@ -402,11 +402,12 @@ def _box(data: SceneData, style: SceneStyle) -> Lines:
 
 def _axes(data: SceneData) -> list[Lines]:
     ends = [pair for pair, _ in data.reference_axes]
-    tints = [_rgb(tint) for _, tint in data.reference_axes]
+    tints = [rgb(tint) for _, tint in data.reference_axes]
     return [Lines(np.array(ends), np.array(tints, dtype=np.uint8), 4.0, "axes")] if ends else []
 
 
-def _rgb(name: str) -> Tint:
+def rgb(name: str) -> Tint:
+    """The three parts of a colour such as #2f9e5f."""
     return int(name[1:3], 16), int(name[3:5], 16), int(name[5:7], 16)
 
 

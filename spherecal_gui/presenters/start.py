@@ -102,7 +102,7 @@ def progress_text(project: Project) -> tuple[str, Level]:
     if project.calibrated is not None:
         return translate("Start", "calibrated, not verified"), "caution"
     taken = sum(name in project.taken for name in project.placements)
-    text = translate("Start", "{taken} of {planned} placements taken")
+    text = translate("Start", "{taken} of {planned} placements captured")
     return text.format(taken=taken, planned=len(project.placements)), "none"
 
 

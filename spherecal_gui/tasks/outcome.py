@@ -61,10 +61,10 @@ def read_outcome(folder: Path, session: Path, profile: Path, bars: Sequence[Any]
     plan = plan_poses_of(folder, result.rig, bars)
     planes = RigPlanes.of(result.rig, plan.box.middle) if plan is not None else None
     context.report("reading the result", 0.9)
-    return Outcome(result, compared, links, plan, planes, _places(folder, session), _images(session))
+    return Outcome(result, compared, links, plan, planes, _places(folder, session), last_images(session))
 
 
-def _images(session: Path) -> Mapping[str, Any]:
+def last_images(session: Path) -> Mapping[str, Any]:
     """The last image of each camera; one that cannot be read is left out, as the result does not depend on it."""
     from spherecal.files.read_session import read_session
     from spherecal.targets.images import read_image

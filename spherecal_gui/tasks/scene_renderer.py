@@ -5,7 +5,9 @@ in shared memory. What is asked for is always the newest: views that were overta
 """
 
 import contextlib
+import os
 from dataclasses import dataclass
+from importlib.util import find_spec
 from multiprocessing import shared_memory
 from multiprocessing.connection import Connection
 from typing import Any
@@ -17,6 +19,7 @@ from spherecal_gui.presenters.scene_eye import Eye
 from spherecal_gui.presenters.scene_shapes import Lines, Mesh, Picture, SceneStyle, scene_shapes
 
 _FAR = 6.0  # the eye's distance, in radii of the scene; a parallel projection does not depend on it
+_PLAIN = ("painted", "2d")  # what SPHERECAL_3D asks for the painted view by
 _FINE = 2  # at rest a picture is rendered so many times larger and averaged, which smooths edges
 
 
@@ -131,6 +134,11 @@ class Stage:
     def close(self) -> None:
         """Let go of the renderer."""
         self._plotter.close()
+
+
+def can_render() -> bool:
+    """Whether pyvista is there, and nobody asks to do without it."""
+    return os.environ.get("SPHERECAL_3D") not in _PLAIN and find_spec("pyvista") is not None
 
 
 def serve(pipe: Connection) -> None:

@@ -3,7 +3,7 @@
 import re
 from pathlib import Path
 
-from PySide6.QtCore import QEvent, QObject, QPointF, QRectF, QSize, Qt, QUrl, Signal
+from PySide6.QtCore import QCoreApplication, QEvent, QObject, QPointF, QRectF, QSize, Qt, QUrl, Signal
 from PySide6.QtGui import QColor, QDesktopServices, QGuiApplication, QPainter, QPaintEvent, QPen
 from PySide6.QtWidgets import (
     QBoxLayout,
@@ -74,6 +74,15 @@ def button(text: str, name: str, kind: str = "") -> QPushButton:
     made.setAccessibleName(text)
     made.setAutoDefault(False)
     made.setFocusPolicy(Qt.FocusPolicy.TabFocus)  # a click leaves the space bar with the large button
+    return made
+
+
+def details_button(inner: QWidget) -> QPushButton:
+    """The button “Details”, which shows and hides what is for the person at the desk; hidden at first."""
+    made = button(QCoreApplication.translate("Details", "Details"), "details", "link")
+    made.setCheckable(True)
+    made.toggled.connect(inner.setVisible)
+    inner.hide()
     return made
 
 

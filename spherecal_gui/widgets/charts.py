@@ -177,6 +177,7 @@ class PairMatrix(Chart):
         picture = np.empty((count, count, 3), np.uint8)
         picture[:] = _rgb(c.window)
         size = 12 if count <= 8 else 9
+        levels: dict[tuple[int, int], str] = {}
         for i in range(count):
             for j in range(count):
                 if i == j or not common[i, j]:
@@ -184,14 +185,15 @@ class PairMatrix(Chart):
                 one = (
                     "bad" if common[i, j] < cov.MIN_COMMON else "caution" if common[i, j] < cov.WEAK_COMMON else "good"
                 )
-                picture[i, j] = _rgb(c.of(one))
+                levels[i, j] = one
+                picture[i, j] = _rgb(c.tint(one))
         if count:
             image = pg.ImageItem(picture, levels=(0, 255))
             image.setRect(QRectF(-0.5, -0.5, count, count))
             self.addItem(image)
-        for i, j in zip(*np.nonzero(common), strict=True):
-            if i != j and count <= 12:
-                text = _text(str(common[i, j]), c.surface if not c.dark else c.on_accent, size, bold=True)
+        for (i, j), one in levels.items():
+            if count <= 12:
+                text = _text(str(common[i, j]), c.of(one), size, bold=True)
                 text.setPos(j, i)
                 self.addItem(text)
         for edge in np.arange(-0.5, count):
@@ -200,11 +202,13 @@ class PairMatrix(Chart):
         for side in ("left", "bottom"):
             self.getAxis(side).setTicks([list(enumerate(cameras))])
             self.getAxis(side).setTickFont(_font(size, True))
+        widest = max((QFontMetricsF(_font(size, True)).horizontalAdvance(name) for name in cameras), default=0.0)
+        self.getAxis("left").setWidth(int(widest) + 12)  # its own width is that of numbers
         self.setRange(QRectF(-0.5, -0.5, max(count, 1), max(count, 1)), padding=0.0)
 
 
 class ConvergenceChart(Chart):
-    """The cost of each iteration against the first of its adjustment, a line for every adjustment, logarithmic.
+    """The cost of each iteration as a share of the first, logarithmic; every adjustment goes on where the last ended.
 
     Drawn while the engine computes, when whatever Python does here takes five times as long: two curves that stay,
     given new points, stall the window a fifth as long as a plot made anew.
@@ -225,14 +229,11 @@ class ConvergenceChart(Chart):
         """Show the costs of each run."""
         self._wear(theme.now())
         # each run against its own start: one of more dots costs more, and would look like a step back
-        shares = [[float(cost) / (float(run[0]) or 1.0) for cost in run] for run in runs]
-        gap, costs = [float("nan")], [cost for run in shares[:-1] for cost in (*run, float("nan"))]
-        latest = shares[-1] if shares else gap
-        with np.errstate(divide="ignore"):
-            log = np.log10(np.array([*costs, *latest]))
-        log[~np.isfinite(log)] = np.nan  # a cost of nothing has no place on this axis
-        at, begun = np.arange(len(log), dtype=float), len(costs)
-        self._earlier.setData(at[:begun], log[:begun])
+        parts = [_fall(run) for run in runs]
+        ends = np.cumsum([0.0, *(part[-1] for part in parts)])
+        log = np.concatenate([part + end for part, end in zip(parts, ends[:-1], strict=True)] or [np.empty(0)])
+        at, begun = np.arange(len(log), dtype=float), len(log) - (len(parts[-1]) if parts else 0)
+        self._earlier.setData(at[: begun + 1], log[: begun + 1])
         self._latest.setData(at[begun:], log[begun:])
         if bool(runs) == self._empty:  # an axis that is shown again is laid out again, 20 ms
             self._empty = not runs
@@ -250,7 +251,15 @@ class ConvergenceChart(Chart):
         self.dress()
         self._earlier.setPen(pg.mkPen(colours.idle, width=2))
         self._latest.setPen(pg.mkPen(colours.accent, width=3))
-        self.names(self.tr("iteration"), self.tr("cost / first cost"))
+        self.names(self.tr("iteration"), self.tr("cost, as a share of the first"))
+
+
+def _fall(run: Sequence[float]) -> FloatArray:
+    """Decimal logarithm of an adjustment's costs against its first, (n,); a cost of nothing counts as the least."""
+    costs = np.asarray(run, dtype=float)
+    some = costs[costs > 0]
+    costs = np.maximum(costs, some.min() if len(some) else 1.0)
+    return np.log10(costs / costs[0])
 
 
 class ErrorChart(Chart):

@@ -1,11 +1,11 @@
-"""Findings: what, why, what to do, and the buttons that do it; above them what is mended already."""
+"""Findings: what, where, what to do, and the buttons that do it; above them what is mended already."""
 
 from PySide6.QtCore import Qt, Signal
 from PySide6.QtWidgets import QHBoxLayout, QScrollArea, QVBoxLayout, QWidget
 
 from spherecal_gui import theme
 from spherecal_gui.presenters.results import Action, Advice, repair_text
-from spherecal_gui.widgets.basic import button, clear, label, set_level
+from spherecal_gui.widgets.basic import button, clear, details_button, label, set_level
 from spherecal_gui.widgets.icons import level_pixmap
 
 
@@ -20,7 +20,7 @@ class FindingsList(QScrollArea):
         self.setWidgetResizable(True)
         self._inner = QWidget()
         self._column = QVBoxLayout(self._inner)
-        self._column.setSpacing(14)
+        self._column.setSpacing(theme.SMALL)
         self.setWidget(self._inner)
         self.shown: list[Advice] = []
         self.repairs: tuple[tuple[str, str], ...] = ()
@@ -52,18 +52,22 @@ class FindingsList(QScrollArea):
         row.addSpacing(theme.SMALL)
         words = QVBoxLayout()
         words.setSpacing(2)
-        title = label(one.title, "big")
+        title = label(f"{one.title}: {one.where}" if one.where else one.title, "big")
         set_level(title, one.level)
-        words.addWidget(title)
-        words.addWidget(label(one.message))
+        first, said = QHBoxLayout(), label(one.message, "soft")
+        first.addWidget(title, 1)
+        if one.message:
+            first.addWidget(details_button(said), 0, Qt.AlignmentFlag.AlignTop)
+        words.addLayout(first)
         if one.hint:
-            words.addWidget(label(one.hint, "soft"))
-        buttons = QHBoxLayout()
-        for action in one.actions:
-            buttons.addWidget(self._button(action))
-
-        buttons.addStretch(1)
-        words.addLayout(buttons)
+            words.addWidget(label(one.hint))
+        if one.actions:
+            buttons = QHBoxLayout()
+            for action in one.actions:
+                buttons.addWidget(self._button(action))
+            buttons.addStretch(1)
+            words.addLayout(buttons)
+        words.addWidget(said)
         row.addLayout(words, 1)
         return box
 

@@ -1,10 +1,8 @@
 """The rig as pyvista renders it, in a process of its own; painted by Qt until the first picture is there."""
 
 import itertools
-import os
 import time
 from dataclasses import replace
-from importlib.util import find_spec
 
 from PySide6.QtCore import QRectF, Qt, QTimer
 from PySide6.QtGui import QHideEvent, QImage, QPainter, QShowEvent
@@ -14,11 +12,11 @@ from spherecal_gui.presenters.scene import SceneData
 from spherecal_gui.presenters.scene_eye import Eye
 from spherecal_gui.tasks import scene_process
 from spherecal_gui.tasks.scene_process import SceneProcess, Wanted
+from spherecal_gui.tasks.scene_renderer import can_render
 from spherecal_gui.widgets.painted_scene import PaintedScene
 
 _LEAVE_MS = 30_000
 _REST_MS = 180  # so long after the last turn the picture is rendered with smooth edges
-PLAIN = ("painted", "2d")  # what SPHERECAL_3D asks for the painted view by
 _numbers = itertools.count(1)
 
 
@@ -33,7 +31,7 @@ class RenderedScene(PaintedScene):
         self._image: QImage | None = None
         self._image_eye: Eye | None = None
         self._asked: dict[int, Eye] = {}
-        self._broken = os.environ.get("SPHERECAL_3D") in PLAIN or find_spec("pyvista") is None
+        self._broken = not can_render()
         self._shown_at: float | None = None
         self.first_picture_s: float | None = None
         self._rest = QTimer(self)

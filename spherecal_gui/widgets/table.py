@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 
 from PySide6.QtCore import QSize, Qt
-from PySide6.QtGui import QColor, QFontMetricsF
+from PySide6.QtGui import QColor, QFontMetricsF, QResizeEvent
 from PySide6.QtWidgets import QAbstractItemView, QHeaderView, QTableWidget, QTableWidgetItem, QWidget
 
 from spherecal_gui import languages, theme
@@ -37,10 +37,16 @@ class _Headings(QHeaderView):
 
 
 class Table(QTableWidget):
-    """A table that is only read; numbers to the right."""
+    """A table that is only read; numbers to the right.
 
-    def __init__(self, headings: Sequence[str], sortable: bool = True, parent: QWidget | None = None) -> None:
+    `spare`: columns that are left out, in this order, where all of them are wider than the table.
+    """
+
+    def __init__(
+        self, headings: Sequence[str], sortable: bool = True, spare: Sequence[int] = (), parent: QWidget | None = None
+    ) -> None:
         super().__init__(0, len(headings), parent)
+        self._spare = tuple(spare)
         self.setHorizontalHeader(_Headings(Qt.Orientation.Horizontal, self))
         self.horizontalHeader().setSectionsClickable(sortable)
         self.setHorizontalHeaderLabels(list(headings))
@@ -76,6 +82,24 @@ class Table(QTableWidget):
             order = Qt.SortOrder.AscendingOrder if sort_by is None else Qt.SortOrder.DescendingOrder
             self.horizontalHeader().setSortIndicator(sort_by or 0, order)
         self.setSortingEnabled(self._sortable)
+        self._leave_out()
+
+    def _leave_out(self) -> None:
+        """Leave out as many columns as it takes for the others to be in sight."""
+        for column in self._spare:
+            self.setColumnHidden(column, False)
+        wide = {column: max(self.sizeHintForColumn(column), self.horizontalHeader().sectionSizeHint(column))
+                for column in range(self.columnCount())}  # fmt: skip
+        for column in self._spare:
+            if sum(wide.values()) <= self.viewport().width():
+                return
+            self.setColumnHidden(column, True)
+            del wide[column]
+
+    def resizeEvent(self, event: QResizeEvent) -> None:
+        """There is room for more columns, or for fewer."""
+        super().resizeEvent(event)
+        self._leave_out()
 
     def _align_headings(self) -> None:
         """Each heading over its column: at the side where the column's cells are written."""

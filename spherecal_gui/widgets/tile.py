@@ -5,10 +5,10 @@ from typing import Any
 
 import numpy as np
 from PySide6.QtCore import QEvent, QObject, QPointF, QRectF, QSize, Qt, Signal
-from PySide6.QtGui import QBrush, QColor, QImage, QKeyEvent, QMouseEvent, QPainter, QPaintEvent, QPen
+from PySide6.QtGui import QBrush, QColor, QFontMetrics, QImage, QKeyEvent, QMouseEvent, QPainter, QPaintEvent, QPen
 from PySide6.QtWidgets import QGridLayout, QLineEdit, QToolTip, QWidget
 
-from spherecal_gui import theme
+from spherecal_gui import languages, theme
 from spherecal_gui.presenters.look import TileState
 from spherecal_gui.widgets.basic import MARKS, plain
 
@@ -29,6 +29,14 @@ def shown_image(image: np.ndarray, bits: int, width: int) -> QImage:
     small = np.ascontiguousarray(small)
     height, columns = small.shape
     return QImage(small.data, columns, height, columns, QImage.Format.Format_Grayscale8).copy()
+
+
+def _fitting(told: str, metrics: QFontMetrics, width: float) -> str:
+    """As many of the figures of a line as have room: a number that is cut short would be another one."""
+    shown = languages.by_locale(told)
+    while " · " in shown and metrics.horizontalAdvance(shown) > width:
+        shown = shown.rpartition(" · ")[0]
+    return metrics.elidedText(shown, Qt.TextElideMode.ElideRight, int(width))
 
 
 class CameraTile(QWidget):
@@ -88,6 +96,8 @@ class CameraTile(QWidget):
         """Show the state and the dots (n, 2) px."""
         if state != self._state or len(dots) != len(self._dots):
             self.setAccessibleName(f"{state.name}: {state.word}")
+            if state.details != self._state.details:
+                self.setToolTip(plain(state.details))
             self.update()
         self._state, self._dots = state, dots
 
@@ -215,14 +225,14 @@ class CameraTile(QWidget):
         painter.drawEllipse(start, 3, 3)
 
     def _draw_image(self, painter: QPainter, room: QRectF) -> None:
+        c = theme.now()
+        painter.fillRect(room, QColor(c.scene))  # around an image its own black would look like more of it
         if self._image is None:
-            painter.fillRect(room, QColor("#000000"))
-            painter.setPen(QColor("#b4c0cc"))
+            painter.setPen(QColor(c.soft))
             painter.setFont(theme.font(11))
             painter.drawText(room, Qt.AlignmentFlag.AlignCenter, self.tr("no image yet"))
             return
         at, scale = self._field()
-        painter.fillRect(room, QColor("#000000"))
         painter.setRenderHint(QPainter.RenderHint.SmoothPixmapTransform)
         painter.drawImage(at, self._image)
         self._draw_coverage(painter, at)
@@ -290,18 +300,18 @@ class CameraTile(QWidget):
         painter.drawText(top, Qt.AlignmentFlag.AlignVCenter | Qt.AlignmentFlag.AlignRight, count)
         line = theme.pt(19) if self._has_two_lines else foot
         bottom = QRectF(box.left() + 10, box.bottom() - foot - 1, box.width() - 20, line)
-        painter.setFont(theme.font(10, bold=state.level != "good"))
+        painter.setFont(theme.font(theme.CAPTION, bold=state.level != "good"))
         painter.setPen(tint if state.level != "good" else QColor(c.soft))
         said = self._need if self._need and state.level in ("good", "none") else state.word
         if not self._has_two_lines and state.figures and state.level == "good":
             said = f"{said} · {state.figures}"
-        text = painter.fontMetrics().elidedText(said, Qt.TextElideMode.ElideRight, int(bottom.width()))
+        text = _fitting(said, painter.fontMetrics(), bottom.width())
         painter.drawText(bottom, Qt.AlignmentFlag.AlignVCenter | Qt.AlignmentFlag.AlignLeft, text)
         if self._has_two_lines:
             bottom.moveTop(bottom.bottom())
-            painter.setFont(theme.font(10))
+            painter.setFont(theme.font(theme.CAPTION))
             painter.setPen(QColor(c.soft))
-            text = painter.fontMetrics().elidedText(state.figures, Qt.TextElideMode.ElideRight, int(bottom.width()))
+            text = _fitting(state.figures, painter.fontMetrics(), bottom.width())
             painter.drawText(bottom, Qt.AlignmentFlag.AlignVCenter | Qt.AlignmentFlag.AlignLeft, text)
 
     def _name_box(self) -> QRectF:

@@ -5,6 +5,7 @@ from typing import Any
 from PySide6.QtCore import Qt
 from PySide6.QtWidgets import QHBoxLayout, QSplitter, QTabWidget, QWidget
 
+from spherecal_gui import theme
 from spherecal_gui.presenters.bars import (
     budget_cells,
     camera_cells,
@@ -20,6 +21,8 @@ from spherecal_gui.widgets.basic import Card, label
 from spherecal_gui.widgets.charts import ErrorChart
 from spherecal_gui.widgets.scene_panel import ScenePanel
 from spherecal_gui.widgets.table import Table
+
+_MOST, _MOST_FROM_AFAR = 4, 1  # rows in sight at 1280 x 800
 
 
 class VerificationView(QSplitter):
@@ -39,7 +42,7 @@ class VerificationView(QSplitter):
         words.addWidget(self.sentence, 1)
         outcome.body.addLayout(words)
         self.errors = ErrorChart()
-        self.errors.setMinimumHeight(120)
+        self.errors.setMinimumHeight(100)
         self.panel = ScenePanel()
         self.panel.view.setMinimumSize(200, 100)  # the tables below need room at 800 px
         self.pictures = QTabWidget()
@@ -76,7 +79,6 @@ class VerificationView(QSplitter):
         self.tables.addTab(self.table, self.tr("Lengths"))
         self.tables.addTab(self.cameras, self.tr("Cameras"))
         self.tables.addTab(self.budget, self.tr("Budget"))
-        self.tables.setMinimumHeight(130)
         self.addWidget(outcome)
         self.addWidget(self.tables)
         self.setStretchFactor(0, 3)
@@ -104,6 +106,13 @@ class VerificationView(QSplitter):
             ]
         )
         self.budget.fill([[(cell, cell, "") for cell in row] for row in budget_cells(bars)])
+        self._fit_tables()
+
+    def _fit_tables(self) -> None:
+        """Room for the rows of lengths and cameras, as far as the plot can spare it."""
+        rows = min(max(self.table.rowCount(), self.cameras.rowCount()), _MOST_FROM_AFAR if theme.is_far() else _MOST)
+        row, head = self.table.verticalHeader().defaultSectionSize(), self.table.horizontalHeader().sizeHint().height()
+        self.tables.setMinimumHeight(self.tables.tabBar().sizeHint().height() + head + rows * row + 6)
 
 
 def _value(cell: str) -> float | str:

@@ -91,7 +91,7 @@ class ComputeControl(BarControl):
 
     def _cancelled(self) -> None:
         self._resume_live()
-        self.tell("info", translate("Calibrate", "Cancelled. What was taken is kept."))
+        self.tell("info", translate("Calibrate", "Cancelled. What was captured is kept."))
 
     def cancel(self) -> None:
         """Ask the running work to stop."""

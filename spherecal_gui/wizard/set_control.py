@@ -113,17 +113,17 @@ class SetControl(TuneControl):
         self.taken.emit(taken.set_id)
         missing, moved = ", ".join(lacking), ", ".join(moving)
         if missing:
-            text = translate("Placement", "{name} is taken, but without {cameras}.").format(
+            text = translate("Placement", "{name} is captured, but without {cameras}.").format(
                 name=taken.set_id, cameras=missing
             )
-            self.tell("bad", text, translate("Placement", "Check these cameras, then take it again."))
+            self.tell("bad", text, translate("Placement", "Check these cameras, then retake it."))
         elif moved:
-            text = translate("Placement", "{name} is taken, but {cameras} saw it move.").format(
+            text = translate("Placement", "{name} is captured, but {cameras} saw it move.").format(
                 name=taken.set_id, cameras=moved
             )
-            self.tell("bad", text, translate("Placement", "Let it come to rest, then take it again."))
+            self.tell("bad", text, translate("Placement", "Let it come to rest, then retake it."))
         else:
-            self.tell("good", translate("Placement", "{name} is taken.").format(name=taken.set_id))
+            self.tell("good", translate("Placement", "{name} is captured.").format(name=taken.set_id))
 
     def delete(self, set_id: str) -> None:
         """Put a set aside."""

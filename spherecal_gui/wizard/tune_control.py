@@ -58,7 +58,9 @@ class TuneControl(CameraControl):
         if not self._real or connection is None or project is None:
             return translate("Connect", "The names come from the recording or the simulated rig.")
         if project.taken:
-            return translate("Connect", "Placements were taken under this name: begin a new calibration to change it.")
+            return translate(
+                "Connect", "Placements were captured under this name: begin a new calibration to change it."
+            )
         if connection.plan.camera(serial, "") is not None:
             return translate("Connect", "The description of the bench names this camera.")
         return ""

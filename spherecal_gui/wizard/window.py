@@ -260,12 +260,12 @@ class WizardWindow(WindowFrame):
         self.sounds.play("done" if finished else kind)
 
     def _page_tells(self, text: str) -> bool:
-        """Whether the page itself shows the error, large: what its step failed with, or what is wrong with its set."""
+        """Whether the page itself says it, large: what its step failed with, what is wrong with its set or result."""
         state = self.controller.state
         if state is None or state.now.status is not Status.FAILED or state.now.reason is None:
             return False
         code = state.now.reason.code
-        return text in reason_text(state.now.reason) or code in ("taken without", "taken moving")
+        return text in reason_text(state.now.reason) or code in ("taken without", "taken moving", "not valid")
 
     def _work(self, _: str) -> None:
         if self.banner.isVisible():

@@ -14,6 +14,7 @@ from spherecal.report.residuals_page import arrow_caption, arrow_scale, draw_his
 from spherecal.report.result_folder import Result
 from spherecal.report.rig_page import draw_view
 from spherecal.report.rig_view import OBLIQUE, TOP, make_scene
+from spherecal.report.scene_picture import ScenePicture, draw_scene
 from spherecal.report.sheet import PageBox, Sheet
 from spherecal.report.tables import Section, Table, made_by
 from spherecal.report.uncertainty_page import draw_layers, layers_of
@@ -52,7 +53,7 @@ table,svg{break-inside:avoid}
 """
 
 
-def html_bytes(content: Content, result: Result) -> bytes:
+def html_bytes(content: Content, result: Result, picture: ScenePicture | None = None) -> bytes:
     """The file; the same result gives the same bytes. To be called within `report_style`."""
     title = label("report-spherecal-calibration-report")
     body = [f"<h1>{escape(title)}</h1>", *(_verdict(v.title, v.word, v.colour, v.sentence) for v in content.verdicts)]
@@ -65,7 +66,7 @@ def html_bytes(content: Content, result: Result) -> bytes:
     if not content.findings:
         body.append(f"<p>{escape(label('report-none-there-is-nothing-to'))}</p>")
     body += [_finding(finding) for finding in content.findings]
-    body += _pictures(result)
+    body += _pictures(result, picture)
     for section in content.sections:
         body += _section(section, result)
     signed = "".join(f"<div><small>{escape(name)}</small></div>" for name in signed_by())
@@ -121,13 +122,17 @@ def _table(table: Table) -> str:
     return f'{title}<div class="wide"><table>{head}<tbody>{rows}</tbody></table></div>'
 
 
-def _pictures(result: Result) -> list[str]:
+def _pictures(result: Result, picture: ScenePicture | None) -> list[str]:
     """The rig from two sides, the residuals of every camera."""
     if not result.rig.cameras:
         return []
     scene = make_scene(result)
     body = [f"<h2>{escape(label('report-rig-and-placements'))}</h2>"]
-    body += [_svg(175.0, 105.0, lambda s, b, v=view: draw_view(s, b, scene, v, result)) for view in (OBLIQUE, TOP)]
+    views = (OBLIQUE, TOP)
+    if picture is not None:
+        body.append(_svg(175.0, picture.height_for(175.0), lambda s, b: draw_scene(s, b, picture, result.unit)))
+        views = (TOP,)
+    body += [_svg(175.0, 105.0, lambda s, b, v=view: draw_view(s, b, scene, v, result)) for view in views]
     body.append(f"<h2>{escape(label('report-residuals'))}</h2>")
     if not result.residuals.used.any():
         return [*body, f"<p>{escape(label('report-no-observation-was-used-so'))}</p>"]

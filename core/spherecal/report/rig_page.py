@@ -12,11 +12,13 @@ from spherecal.report.labels import Labels
 from spherecal.report.language import label, language_now
 from spherecal.report.result_folder import Result
 from spherecal.report.rig_view import FRONT, OBLIQUE, SIDE, TOP, DrawnRig, Projection, make_scene
+from spherecal.report.scene_picture import ScenePicture, draw_scene
 from spherecal.report.sheet import PageBox, Sheet, shortened
 from spherecal.report.style import INK, MARKS, NONE, RULE, SERIES, SMALL_PT, SOFT, TINY_PT, number
 
 _CROWDED = 12  # cameras that four views on one page can still name
 _MANY_PLACEMENTS = 6
+_GAP_MM = 6.0  # between views
 _MARGIN_MM = 6.0  # around what is shown, for the names
 _LONGEST_NAME_MM = 24.0
 _TOGETHER_MM = 2.2  # cameras nearer than this share a name
@@ -24,25 +26,27 @@ _CAMERA = "#33475b"
 _GRID = "#e3e6ea"
 
 
-def add_rig_pages(document: Document, result: Result) -> None:
-    """The rig, of at least one camera, from above, from the front, from the side and obliquely."""
+def add_rig_pages(document: Document, result: Result, picture: ScenePicture | None = None) -> None:
+    """The rig, of at least one camera, from above, from the front, from the side and obliquely, or as a `picture`."""
     document.begin_section(label("report-rig-and-placements"))
     scene = make_scene(result)
     document.caption(_explanation(scene, result))
     crowded = len(scene.cameras) > _CROWDED or len(scene.placements) > _MANY_PLACEMENTS
-    columns = 1 if crowded else 2
-    width = (document.width - (columns - 1) * 6.0) / columns
-    views = (OBLIQUE, TOP, FRONT, SIDE)
-    for start in range(0, 4, 2):
-        pair = views[start : start + 2]
+    rows: tuple[tuple[Projection, ...], ...] = ((OBLIQUE, TOP), (FRONT, SIDE))
+    if picture is not None:
+        draw_scene(document.sheet, document.box(picture.height_for(document.width)), picture, result.unit)
+        document.y += 4.0
+        rows = ((TOP, FRONT, SIDE),)
+    for row in rows:
         if crowded:
-            for view in pair:
-                box = document.box(min(_height(width, scene, view), 0.5 * document.room - 20.0))
+            for view in row:
+                box = document.box(min(_height(document.width, scene, view), 0.5 * document.room - 20.0))
                 draw_view(document.sheet, box, scene, view, result)
                 document.y += 3.0
         else:
-            height = min(max(_height(width, scene, view) for view in pair), 0.5 * document.room - 14.0)
-            for box, view in zip(document.box(height).grid(1, 2, 6.0), pair, strict=True):
+            width = (document.width - (len(row) - 1) * _GAP_MM) / len(row)
+            height = min(max(_height(width, scene, view) for view in row), 0.5 * document.room - 14.0)
+            for box, view in zip(document.box(height).grid(1, len(row), _GAP_MM), row, strict=True):
                 draw_view(document.sheet, box, scene, view, result)
         document.y += 5.0
 

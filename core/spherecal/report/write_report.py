@@ -15,6 +15,7 @@ from spherecal.report.language import label, language_now, speaking
 from spherecal.report.residuals_page import add_residual_pages
 from spherecal.report.result_folder import Result, read_result
 from spherecal.report.rig_page import add_rig_pages
+from spherecal.report.scene_picture import ScenePicture
 from spherecal.report.sections_rig import rig_sections
 from spherecal.report.sheet import PAGE_SIZES_MM
 from spherecal.report.style import chinese_fonts, report_style
@@ -32,6 +33,7 @@ def write_report(
     language: str = "en",
     notice: str = "",
     note: str = "",
+    scene: ScenePicture | None = None,
 ) -> None:
     """Write the report of a result folder, whole or not at all; the same result gives the same bytes.
 
@@ -39,15 +41,16 @@ def write_report(
     Certificate with the statements in the file `issuer`, always in English). `language`: en, de or zh_CN; what has no
     translation stays English. Pictures of detections in the PDF need the session's images: of `session_folder`, or of
     a folder `session` beside the result (or the one around it) if it is the result's own. `notice` is printed at the
-    head of every page of the PDF, `note` under its verdict, both as they are. InputError for another ending, and
+    head of every page of the PDF, `note` under its verdict, both as they are. `scene` is the rig in space as it was
+    rendered, in place of the drawn view, in PDF and HTML. InputError for another ending, and
     for a folder or file that cannot be used as it is, OutputError where the report cannot be written.
     """
     forms = {
-        ".html": html_report,
-        ".htm": html_report,
+        ".html": lambda folder: html_report(folder, scene),
+        ".htm": lambda folder: html_report(folder, scene),
         ".json": json_report,
         ".xml": lambda folder: certificate(folder, issuer),
-        ".pdf": lambda folder: report_bytes(folder, session_folder, page, notice, note),
+        ".pdf": lambda folder: report_bytes(folder, session_folder, page, notice, note, scene),
     }
     make = forms.get(output.suffix.lower())
     if make is None:
@@ -67,7 +70,12 @@ def certificate(result_folder: Path, issuer: Path | None) -> bytes:
 
 
 def report_bytes(
-    result_folder: Path, session_folder: Path | None = None, page: PageSize = "A4", notice: str = "", note: str = ""
+    result_folder: Path,
+    session_folder: Path | None = None,
+    page: PageSize = "A4",
+    notice: str = "",
+    note: str = "",
+    scene: ScenePicture | None = None,
 ) -> bytes:
     """The report as the bytes of a PDF."""
     if page not in PAGE_SIZES_MM:
@@ -77,16 +85,16 @@ def report_bytes(
         raise InputError(Phrase("error-no-chinese-font"))
     detections = choose_detections(result, find_session(result, session_folder))
     with report_style():
-        return make_document(result, detections, page, notice, note).pdf()
+        return make_document(result, detections, page, notice, note, scene).pdf()
 
 
-def html_report(result_folder: Path) -> bytes:
+def html_report(result_folder: Path, scene: ScenePicture | None = None) -> bytes:
     """The report as one HTML file."""
     from spherecal.report.html import html_bytes
 
     result = read_result(result_folder)
     with report_style():
-        return html_bytes(make_content(result), result)
+        return html_bytes(make_content(result), result, scene)
 
 
 def json_report(result_folder: Path) -> bytes:
@@ -96,7 +104,12 @@ def json_report(result_folder: Path) -> bytes:
 
 
 def make_document(
-    result: Result, detections: list[Detection], page: PageSize, notice: str = "", note: str = ""
+    result: Result,
+    detections: list[Detection],
+    page: PageSize,
+    notice: str = "",
+    note: str = "",
+    scene: ScenePicture | None = None,
 ) -> Document:
     """The report's pages; to be called, and the result used, within `report_style`."""
     document = Document(page, label("report-spherecal-calibration-report"), made_by(result))
@@ -105,7 +118,7 @@ def make_document(
     add_verdict_page(document, result, note)
     add_cameras_page(document, result)
     if result.rig.cameras:
-        add_rig_pages(document, result)
+        add_rig_pages(document, result, scene)
         add_residual_pages(document, result)
         add_section(document, sections.get("coverage"))
         add_uncertainty_page(document, result, sections.get("uncertainty"))

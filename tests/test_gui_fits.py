@@ -1,0 +1,115 @@
+"""Every page on 1280 x 800: complete without scrolling, nothing cut short; large text scrolls one way at most."""
+
+import os
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+os.environ.setdefault("QT_QPA_PLATFORM", "offscreen")
+
+pytest.importorskip("PySide6.QtWidgets", reason="Qt cannot be loaded here", exc_type=ImportError)
+
+from PySide6.QtWidgets import QPushButton, QWidget
+
+from spherecal_gui import languages, theme
+from spherecal_gui.widgets.basic import label
+from spherecal_gui.wizard.controller import Controller
+from spherecal_gui.wizard.window import WizardWindow
+from tests.gui_fit import covered, cut_short, scrolled, settled
+from tests.gui_walking import pump, settle, walked_to
+
+SIZE = (1280, 800)
+STEPS = ("connect", "look", "placement:P1", "scale", "calibrate", "results", "verify", "save", "measure")
+
+
+@pytest.fixture(scope="module")
+def walked(qapp, tmp_path_factory) -> Iterator[Controller]:
+    """A project of which everything is done, with the cameras connected."""
+    home = tmp_path_factory.mktemp("fits")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("SPHERECAL_SETTINGS", str(home / "settings.ini"))
+        patch.setenv("SPHERECAL_3D", "2d")
+        made = walked_to(home / "projects", "save")
+        yield made
+        made.close_project()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("language", ["en", "de", "zh_CN"])
+def test_every_page_is_complete(qapp, qtbot, home: Path, walked: Controller, language: str) -> None:
+    languages.use(language)
+    window = WizardWindow(home, controller=walked)
+    try:
+        qtbot.addWidget(window)
+        window.showNormal()
+        window.resize(*SIZE)
+        wrong = []
+        for step in STEPS:
+            walked.go(step)
+            settle(walked)
+            wrong += [f"{step}, {one}" for one in faults(window)]
+        walked.delete("P4")  # a placement that is not captured has the ghost, and most buttons
+        walked.go("placement:P4")
+        pump(lambda: walked.to_go is not None)
+        wrong += [f"placement:P4, {one}" for one in faults(window)]
+        walked.undo()
+        settle(walked)
+        assert not wrong, "\n".join(wrong)
+    finally:
+        for page in window.pages.values():
+            page.close_page()
+        window.close()
+        languages.use("en")
+        theme.apply(qapp, dark=False)
+
+
+def faults(window: WizardWindow) -> list[str]:
+    """What does not fit, tab by tab, with normal and with large text."""
+    found = []
+    for large in (False, True):
+        window.header.far.setChecked(large)
+        tabs = getattr(window.page, "tabs", None)
+        for index in range(tabs.count() if tabs is not None else 1):
+            if tabs is not None:
+                tabs.setCurrentIndex(index)
+            settled(window)
+            here = f"{'large text, ' if large else ''}tab {index}: "
+            found += [here + one for one in (both_ways(window) if large else incomplete(window))]
+    window.header.far.setChecked(False)
+    return found
+
+
+def both_ways(window: WizardWindow) -> list[str]:
+    """What scrolls sideways, grows the window, or, where nothing scrolls, is cut short."""
+    areas = scrolled(window)
+    found = [f"{name} scrolls sideways" for name, across, _ in areas if across]
+    found += [f"the window is {window.width()} px wide"] if window.width() > SIZE[0] else []
+    return found if areas else found + cut_short(window)
+
+
+def incomplete(window: WizardWindow) -> list[str]:
+    """What scrolls, is cut short or covered."""
+    found = [f"{name} scrolls {'sideways' if across else 'downwards'}" for name, across, _ in scrolled(window)]
+    if (window.width(), window.height()) != SIZE:
+        found.append(f"the window is {window.width()} x {window.height()}")
+    return found + cut_short(window) + covered(window)
+
+
+def test_what_does_not_fit_is_found(qtbot) -> None:
+    """Else the test above would pass for the wrong reason."""
+    box = QWidget()
+    qtbot.addWidget(box)
+    box.resize(200, 100)
+    low = QPushButton("out of sight", box)
+    low.move(10, 90)
+    narrow = label("A sentence that is longer than its room", "")
+    narrow.setParent(box)
+    narrow.setGeometry(0, 0, 60, 18)
+    over = QPushButton("over it", box)
+    over.move(10, 5)
+    box.show()
+    settled(box)
+    told = "\n".join(cut_short(box))
+    assert "out of sight" in told and "A sentence" in told
+    assert covered(box)

@@ -9,8 +9,6 @@ from math import isfinite
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 
 def answer(options: argparse.Namespace, document: Any) -> None:
     """With `--json`, print the document: all that goes to standard output, or to standard error beside a file there."""
@@ -22,7 +20,7 @@ def answer(options: argparse.Namespace, document: Any) -> None:
 
 def plain(value: Any) -> Any:
     """Dataclasses, arrays, paths and dates as JSON knows them; a number that is not finite is null."""
-    if isinstance(value, np.ndarray | np.generic):
+    if hasattr(value, "tolist"):  # of numpy, which a command's help does not wait for
         value = value.tolist()
     if dataclasses.is_dataclass(value) and not isinstance(value, type):
         value = {field.name: getattr(value, field.name) for field in dataclasses.fields(value)}

@@ -157,7 +157,7 @@ def test_findings_have_buttons_that_ask_for_what_they_advise(qtbot):
     findings.show_advice([Advice("caution", "Few", "Few placements.", "Add one.", actions)])
     from PySide6.QtWidgets import QPushButton
 
-    button, details = findings.findChildren(QPushButton)
+    details, button = findings.findChildren(QPushButton)
     said = next(one for one in findings.findChildren(QLabel) if one.text() == "Few placements.")
     assert said.isHidden()
     details.click()

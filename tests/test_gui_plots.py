@@ -56,7 +56,7 @@ def test_each_adjustment_goes_on_where_the_last_ended(qtbot: QtBot) -> None:
     assert np.allclose(earlier, [0, -2, -2, -3, -3])
     assert np.allclose(latest, [-3, -5])
     chart.show_runs([(4.0, 0.0)])
-    assert np.allclose(chart._latest.getData()[1], [0, 0])
+    assert np.allclose(np.asarray(chart._latest.getData()[1]), [0, 0])
     chart.show_runs(())
 
 

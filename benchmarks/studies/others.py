@@ -20,7 +20,7 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from benchmarks.starts import Start, start_of
-from benchmarks.studies.others_run import PROGRAMS, peak_mb
+from benchmarks.studies.others_run import PROGRAMS, forget_peak, peak_mb
 from benchmarks.studies.realistic import reference_of
 from benchmarks.studies.report import Report
 from spherecal.adjust.state import State
@@ -189,7 +189,8 @@ def _run(program: str, case: Case, start: Start, path: Path) -> None:
         problem = Path(folder) / "problem.npz"
         if program in PROGRAMS:
             np.savez(problem, **(_board_problem(case) if program in _BOARD else _ball_problem(start, case)))
-            script = [str(Path(__file__).with_name("others_run.py"))]
+            # -P: numba imports `coverage`, which beside this file is a study
+            script = ["-P", str(Path(__file__).with_name("others_run.py"))]
         else:
             import pickle
 
@@ -380,7 +381,8 @@ def run_one(program: str, problem: Path, result: Path) -> None:
         )
 
     def adjustment() -> State:
-        from spherecal.adjust.levenberg import Settings, minimise
+        from spherecal.adjust.least_squares import minimise
+        from spherecal.adjust.levenberg import Settings
 
         return minimise(start.problem(), start.state, Settings(max_iterations=200)).state
 
@@ -393,6 +395,7 @@ def run_one(program: str, problem: Path, result: Path) -> None:
     with threadpool_limits(1):
         if program != "ceres":
             solve()
+            forget_peak()
         before, began, wall = peak_mb(), time.process_time(), time.perf_counter()
         state = solve()
         used, lasted = time.process_time() - began, time.perf_counter() - wall

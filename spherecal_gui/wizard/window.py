@@ -33,6 +33,7 @@ from spherecal_gui.workflow import Status, Step
 
 _TICK_MS = 100
 _PATIENCE_MS = 5000
+_SAID_BY_PAGES = ("taken without", "taken moving", "not valid", "recalibrate")  # reasons that a headline has
 
 
 class WizardWindow(WindowFrame):
@@ -265,7 +266,7 @@ class WizardWindow(WindowFrame):
         if state is None or state.now.status is not Status.FAILED or state.now.reason is None:
             return False
         code = state.now.reason.code
-        return text in reason_text(state.now.reason) or code in ("taken without", "taken moving", "not valid")
+        return text in reason_text(state.now.reason) or code in _SAID_BY_PAGES
 
     def _work(self, _: str) -> None:
         if self.banner.isVisible():

@@ -88,6 +88,8 @@ def select_ball_model(
         return solve_others(recording, ball.network, placed, settings, run)
 
     def sizes(rigid: RigidNetwork, adjusted: Adjustment, free_variance: float | None) -> FloatArray | None:
+        if settings.intrinsics == "fixed":  # a focal length that is wrong looks like other sizes
+            return None
         return sizes_to_fit(rigid, adjusted, recording.observations.placement, recording.n_ball, free_variance)
 
     def chosen(wanted: Wanted) -> tuple[BallFit, ModelChoice]:

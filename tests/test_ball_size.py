@@ -6,7 +6,7 @@ import pytest
 from benchmarks.studies.judged import Judged, calibrated_and_judged
 from benchmarks.studies.mischief import growing_ball, stretched_print
 from benchmarks.studies.mischief_case import Make
-from benchmarks.studies.mischief_motions import moved
+from benchmarks.studies.mischief_motions import moved, warming
 from benchmarks.studies.mischief_world import make_world
 from spherecal.data.findings import Finding
 from spherecal.diagnose.ball_size import MOST_CHANGE
@@ -45,6 +45,16 @@ def test_a_ball_that_grows_costs_nothing_but_certainty_of_the_scale(rig: str, se
     assert [f.code for f in grown.findings if f.code.startswith("form-")] == ["form-rigid"]
     assert largest_mm(grown) < 3 * largest_mm(clean) + 0.02
     assert not grown.wrong and grown.covered == 1.0
+
+
+@pytest.mark.parametrize(
+    ("make", "ppm", "seed"), [(growing_ball, 200, 201), (growing_ball, 400, 201), (warming, 100, 314)]
+)
+def test_sizes_that_are_not_certain_make_cameras_and_lengths_less_so(make: Make, ppm: float, seed: int) -> None:
+    """In a hall cameras were up to 5.1 times their U off, and 75 % of the lengths within theirs; valid."""
+    judged = done(make, ppm, "hall12", seed)
+    assert judged.verdict == "valid" and not judged.wrong
+    assert judged.covered == 1.0 and np.median(judged.lengths_over_u) > 0.05
 
 
 def test_a_camera_that_moved_is_no_ball_that_grew() -> None:

@@ -236,15 +236,14 @@ def test_a_camera_with_another_pose_in_each_image_is_not_repaired(
     assert keeps_a_tested_pose(repaired(faultless(), way), way) == tested
 
 
-@pytest.mark.parametrize(("place", "kind"), [("P1", "first"), ("P2", ""), ("P4", "last")])
-def test_names_put_back_at_either_end_ask_for_care(place: str, kind: str) -> None:
-    """Exchanged from the second of four placements on, cameras were named by the majority: 536 mm off, and valid."""
-    session = faultless()
-    swapped = repaired(session, Repairs(swap=(f"C02,C03@{place}",)))
-    done = calibrate(swapped)
-    (finding,) = (f for f in done.rig.quality.findings if f.code == "swapped-back")
-    assert finding.kind == kind and finding.where == ("C02", "C03", place)
-    assert done.rig.quality.verdict == ("use-with-care" if kind else "valid")
+@pytest.mark.parametrize(("place", "verdict"), [("P1", "not-valid"), ("P2", "valid"), ("P4", "not-valid")])
+def test_names_are_put_back_only_between_placements_that_have_them(place: str, verdict: str) -> None:
+    """Exchanged from the second of four placements on, cameras were named by the majority: 536 mm off."""
+    swapped = repaired(faultless(), Repairs(swap=(f"C02,C03@{place}",)))
+    done = calibrate(swapped).rig.quality
+    (finding,) = (f for f in done.findings if f.code == ("swapped-back" if verdict == "valid" else "cameras-swapped"))
+    assert finding.where == ("C02", "C03", place)
+    assert done.verdict == verdict
 
 
 @pytest.mark.parametrize(

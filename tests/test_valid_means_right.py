@@ -396,8 +396,7 @@ def test_exchanged_cameras_whose_names_nobody_knows_are_not_valid() -> None:
     done = calibrate(half)
     assert done.rig.quality.verdict == "not-valid" and "cameras-swapped" in codes(done)
     last = calibrate(repaired(session, Repairs(swap=("C06,C07@P4",))))
-    assert last.rig.quality.verdict == "use-with-care" and repairs(last) == [("--swap", "C06,C07@P4", True)]
-    assert {one.camera for one in last.rig.quality.affected} == {"C06", "C07"}
+    assert last.rig.quality.verdict == "not-valid" and "cameras-swapped" in codes(last)
     before = calibrate(repaired(session, Repairs(swap=("C06,C07@P2",))))
     assert before.rig.quality.verdict == "valid" and repairs(before) == [("--swap", "C06,C07@P2", True)]
 

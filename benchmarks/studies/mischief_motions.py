@@ -17,6 +17,8 @@ from benchmarks.studies.mischief_case import (
     seen_placement,
 )
 from benchmarks.studies.mischief_world import Pose, World
+from spherecal.base.arrays import FloatArray
+from spherecal.data.observations import Features, Observations
 from spherecal.geometry.rotation import exp_rotation
 
 
@@ -98,7 +100,10 @@ def drifting(world: World, size: float, rng: np.random.Generator) -> Case:
 
 
 def warming(world: World, size: float, rng: np.random.Generator) -> Case:
-    """The rig expands by so many ppm from the first to the last placement."""
+    """The rig expands by so many ppm from the first to the last placement.
+
+    The ball's places, by which the result is aligned, are those in the rig's frame, which grows with it.
+    """
     last = len(world.turns) - 1
     centres = np.array([-c.rotation.T @ c.translation_mm for c in world.cameras])
     middle = centres.mean(axis=0)
@@ -108,7 +113,14 @@ def warming(world: World, size: float, rng: np.random.Generator) -> Case:
         centre = middle + (centres[camera] - middle) * (1 + 1e-6 * size * placement / last)
         return rotation, -rotation @ centre
 
-    return make_case(replace(world, pose_of=pose_of), rng, (*MOVED, "size", "drift"))
+    case = make_case(replace(world, pose_of=pose_of), rng, (*MOVED, "size", "drift"))
+    fixed = case.reference.places_of
+
+    def places_of(features: Features, o: Observations) -> FloatArray:
+        grown = (1 + 1e-6 * size) / (1 + 1e-6 * size * features.placement / last)
+        return middle + grown[:, None] * (fixed(features, o) - middle)
+
+    return replace(case, reference=replace(case.reference, places_of=places_of))
 
 
 def trigger_groups(world: World, size: float, rng: np.random.Generator) -> Case:

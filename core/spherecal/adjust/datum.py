@@ -100,7 +100,10 @@ def moved_points(at: FloatArray, centroid: FloatArray, spread: float) -> FloatAr
 
 
 def moved_cameras(problem: Problem, state: State, centroid: FloatArray, spread: float) -> FloatArray:
-    """How cameras move with the whole, (c*w,7): each keeps its view, x_camera stays or is stretched with the points."""
+    """How cameras move with the whole, (c*w,7): each keeps its view, x_camera stays or is stretched with the points.
+
+    Those without a pose do not: one NaN would spread to every function of all cameras.
+    """
     cameras = np.zeros((problem.n_cameras, POSE + len(problem.intrinsic_columns), 7))
     rotation = state.rotation
     to_centroid = np.einsum("cij,j->ci", rotation, centroid) + state.translation
@@ -108,6 +111,7 @@ def moved_cameras(problem: Problem, state: State, centroid: FloatArray, spread: 
     cameras[:, :3, 3:6] = -rotation / spread
     cameras[:, 3:6, 3:6] = -np.einsum("cij,cjk->cik", cross_matrix(to_centroid), rotation) / spread
     cameras[:, 3:6, 6] = to_centroid / spread
+    cameras[~np.isfinite(to_centroid).all(axis=1)] = 0.0
     return cameras.reshape(-1, 7)
 
 

@@ -75,12 +75,7 @@ def recorded(
         both = {"first": names[0], "second": names[1]}
         what = Phrase("exchanged-at", {**both, "place": at}) if at else Phrase("exchanged", both)
         where = (*names, *([at] if at else []))
-        seen = placements_seen_by(session, names) if automatic and at is not None else []
-        kind = "last" if at in seen[-1:] else "first" if at in seen[:1] else ""
-        values = {"done": what, "why": why, **({**both, "place": at} if kind else {})}
-        # what they record from now on may have the names of the last images, or those of all but the first
-        severity = "warning" if kind else "info"
-        findings.append(Finding("swapped-back", severity, values, where, kind=kind))
+        findings.append(Finding("swapped-back", "info", {"done": what, "why": why}, where))
     for value in repairs.leave_out:
         done.append(Repair("--leave-out", value, automatic=automatic))
         what = {"done": _what(session, value), "why": why}

@@ -129,9 +129,6 @@ RULES: dict[str, Rule] = {
         "Knocked for one image by 30 mm and back again, at the last that it had: 30 mm off, 323 times U. "
         "Late by 0.05 mm at each placement, and split as moved: 5.1 times U.",
     ),
-    "swapped-back": _care(
-        "cameras", "At the last placement or the first: other images may have these names, 290 and 536 mm off then."
-    ),
     "few-frames": _care("cameras", "Stated, as few-placements."),
     "linked-by-a-thread": _care("cameras", "Stated, but one wrong camera turns half of the rig unseen."),
     "placements-clustered": _care("volume", "Stated: twice as uncertain outside (numerics, section 7)."),
@@ -139,6 +136,7 @@ RULES: dict[str, Rule] = {
     # information: the result is as good as it says
     "form-free": Rule("information", "Stated: the free form's uncertainties hold whatever the ball does."),
     "form-soft": Rule("information", "Stated: studies/shape.md."),
+    "swapped-back": Rule("information", "Put back where the names before and after are the same: right in every case."),
     "two-view-points": Rule("information", "Stated: 61 % of rig B's points; errors 0.96 to 1.08 of the stated."),
     "little-coverage": Rule("information", "Stated: normalised errors 0.96 to 1.08, small balls included."),
     "scale-uncertainty": Rule("information", "Every calibration has it."),

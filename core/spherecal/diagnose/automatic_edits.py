@@ -214,14 +214,15 @@ def _with(done: Repairs, options: list[_Option]) -> Repairs:
 
 
 def _names_are_certain(session: Session, way: Repairs) -> bool:
-    """Whether exchanged cameras have their own names at most placements: at half of them either may be right.
+    """Whether exchanged cameras have their own names before and after, and at most placements.
 
-    Exchanged from the third of four placements on, the first two were exchanged "back": 290 mm off, and valid. None may
-    have been exchanged unseen, either.
+    Exchanged from the third of four placements on, the first two were exchanged "back": 290 mm off, and valid; from the
+    second on, the first was: 536 mm off. None may have been exchanged unseen, either.
     """
     for pair in {value.partition("@")[0] for value in way.swap}:
         swapped = {value.partition("@")[2] for value in way.swap if value.partition("@")[0] == pair}
-        if 2 * len(swapped) >= len(placements_seen_by(session, pair.split(","))):
+        seen = placements_seen_by(session, pair.split(","))
+        if 2 * len(swapped) >= len(seen) or swapped & {seen[0], seen[-1]}:
             return False
     return not any(may_be_exchanged(session, way, value.partition("@")[0]) for value in way.leave_out)
 

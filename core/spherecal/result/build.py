@@ -31,7 +31,7 @@ from spherecal.data.rig import (
 )
 from spherecal.data.session import Session
 from spherecal.data.verdict import affected, is_valid, ruled, widening
-from spherecal.diagnose.ball_size import SizeChange, size_change
+from spherecal.diagnose.ball_size import SizeChange, possible_sizes, size_change
 from spherecal.diagnose.checks import STOPPED, run_checks, unconfirmed_poses, unlinked
 from spherecal.diagnose.evidence import Evidence
 from spherecal.diagnose.soundness import scale_doubt
@@ -76,6 +76,7 @@ def build_result(recording: Recording, local: LocalNetwork, fit: MetricFit, meth
     release_freed()
     names = [camera.id for camera in cameras]
     factor, of_poses = widening(findings, names, choice.form)
+    size = size or possible_sizes(evidence, float(factor.max(initial=1.0)))
     scale = _doubted(solution.scale, float(np.hypot(scale_doubt(evidence), size.largest if size else 0.0)))
     cameras = tuple(_wider(camera, f) for camera, f in zip(cameras, of_poses, strict=True))
     covariance = _wider_covariance(covariance, factor, cameras, solution.scale, scale)

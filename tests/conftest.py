@@ -2,14 +2,19 @@
 
 import json
 import os
+import shutil
 import sys
 import threading
 from collections import defaultdict
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import hypothesis
 import pytest
+
+# The tests' own modules and each of the processes that tests start are compiled once, not in every process.
+sys.dont_write_bytecode = False
+os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 
 ROOT = Path(__file__).resolve().parents[1]
 # Seconds of each test function, all its cases together, where it takes 0.1 s or more (renewed by --write-durations),
@@ -80,6 +85,27 @@ def shared_data() -> Path:
     return folder
 
 
+@pytest.fixture(scope="session")
+def made_once(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str, Callable[[Path], None]], Path]:
+    """`made_once(name, make)`: the folder that `make(folder)` fills, once for all workers of a run; never to be changed."""
+    own = tmp_path_factory.getbasetemp()
+    root = own.parent if os.environ.get("PYTEST_XDIST_WORKER") else own
+
+    def made(name: str, make: Callable[[Path], None]) -> Path:
+        from spherecal.files.lock import locked
+
+        folder = root / f"once-{name}"
+        with locked(folder, 1800.0):
+            if not (folder / "made").is_file():  # a worker that failed leaves it to the next
+                shutil.rmtree(folder, ignore_errors=True)
+                folder.mkdir()
+                make(folder)
+                (folder / "made").touch()
+        return folder
+
+    return made
+
+
 @pytest.fixture(scope="session", autouse=True)
 def _nothing_of_the_user(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
     """Allowed drivers, reference bars, cameras' settings: of the tests' own, never those of whoever runs them."""
@@ -112,6 +138,25 @@ def home(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     monkeypatch.setenv("SPHERECAL_SETTINGS", str(tmp_path / "settings.ini"))
     monkeypatch.setenv("SPHERECAL_3D", "2d")
     return tmp_path
+
+
+@pytest.fixture(scope="session")
+def walked(qapp: object, made_once: Callable[[str, Callable[[Path], None]], Path]) -> Path:
+    """The folder of a project of which everything is done, saved in `training-profile` beside it; to be copied."""
+
+    def walk(home: Path) -> None:
+        from tests.gui_walking import settle, walked_to
+
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setenv("SPHERECAL_SETTINGS", str(home / "settings.ini"))
+            patch.setenv("SPHERECAL_3D", "2d")
+            made = walked_to(home / "projects", "save")
+            assert made.profile_folder is not None
+            made.save_profile(made.profile_folder, True, "by the tests")
+            settle(made)
+            made.close_project()
+
+    return next(path.parent for path in made_once("walked", walk).glob("projects/*/wizard.json"))
 
 
 @pytest.fixture(autouse=True)

@@ -180,19 +180,6 @@ def test_no_page_contradicts_itself_with_a_fault_of_the_training(qtbot, home, fa
     window.close()
 
 
-@pytest.fixture(scope="module")
-def walked(qapp, tmp_path_factory) -> Path:
-    """A project of which everything is done."""
-    home = tmp_path_factory.mktemp("agreed")
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("SPHERECAL_SETTINGS", str(home / "settings.ini"))
-        made = walked_to(home, "save")
-        assert made.project is not None
-        folder = made.project.folder
-        made.close_project()
-    return folder
-
-
 STEPS = ("connect", "look", "placement:P1", "placement:P4", "scale", "calibrate", "results", "verify", "save")
 
 
@@ -201,6 +188,7 @@ def opened(qtbot, home, walked, monkeypatch) -> Iterator[WizardWindow]:
     monkeypatch.setattr(Controller, "live_hz", 4.0)
     folder = home / "projects" / walked.name
     shutil.copytree(walked, folder)
+    save_project(replace(load_project(folder), saved=None))
     window = WizardWindow(home / "projects")
     qtbot.addWidget(window)
     window.show()

@@ -120,6 +120,13 @@ def _nothing_of_the_user(tmp_path_factory: pytest.TempPathFactory) -> Iterator[N
         yield
 
 
+@pytest.fixture(scope="session", autouse=True)
+def _live_images_leave_the_processors_to_the_tests() -> None:
+    """Two rounds a second where a test asks for no other rate: detection would fill a processor all the while."""
+    if control := sys.modules.get("spherecal_gui.wizard.camera_control"):
+        control.CameraControl.live_hz = 2.0
+
+
 @pytest.hookimpl(wrapper=True)
 def pytest_runtest_teardown() -> Iterator[None]:
     """Delete the windows of a test when it ends: Qt itself does so in an event loop only, and none runs here.

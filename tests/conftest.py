@@ -87,7 +87,7 @@ def shared_data() -> Path:
 
 @pytest.fixture(scope="session")
 def made_once(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str, Callable[[Path], None]], Path]:
-    """`made_once(name, make)`: the folder that `make(folder)` fills, once for all workers of a run; never to be changed."""
+    """`made_once(name, make)`: the folder that `make(folder)` fills, once for all workers; nobody may change it."""
     own = tmp_path_factory.getbasetemp()
     root = own.parent if os.environ.get("PYTEST_XDIST_WORKER") else own
 
@@ -128,15 +128,22 @@ def _live_images_leave_the_processors_to_the_tests() -> None:
 
 
 @pytest.hookimpl(wrapper=True)
-def pytest_runtest_teardown() -> Iterator[None]:
+def pytest_runtest_teardown(item: pytest.Item, nextitem: pytest.Item | None) -> Iterator[None]:
     """Delete the windows of a test when it ends: Qt itself does so in an event loop only, and none runs here.
 
-    Left alone they become hundreds of widgets, each of which is styled anew with every change of the look.
+    Left alone they become hundreds of widgets, each of which is styled again with every change of the look. Windows of
+    a file's fixtures go when the file ends.
     """
     yield
-    core = sys.modules.get("PySide6.QtCore")
-    if core is not None and core.QCoreApplication.instance() is not None:
-        core.QCoreApplication.sendPostedEvents(None, core.QEvent.Type.DeferredDelete)
+    widgets = sys.modules.get("PySide6.QtWidgets")
+    if widgets is None or widgets.QApplication.instance() is None:
+        return
+    if nextitem is None or nextitem.path != item.path:
+        for window in widgets.QApplication.topLevelWidgets():
+            if type(window).__module__.startswith("spherecal_gui"):
+                window.deleteLater()
+    core = sys.modules["PySide6.QtCore"]
+    core.QCoreApplication.sendPostedEvents(None, core.QEvent.Type.DeferredDelete)
 
 
 @pytest.fixture

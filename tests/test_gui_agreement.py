@@ -33,7 +33,7 @@ from spherecal_gui.wizard.controller import Controller
 from spherecal_gui.wizard.window import WizardWindow
 from spherecal_gui.workflow import Running, Status, resolve
 from tests.gui_agreement import Watcher, disagreements
-from tests.gui_walking import settle, walked_to
+from tests.gui_walking import settle
 from tests.test_gui_workflow import OPEN, statuses, taken_project
 
 LEVELS: tuple[Level, ...] = ("none", "good", "caution", "bad")

@@ -28,7 +28,7 @@ from spherecal_gui.wizard.window import WizardWindow
 from spherecal_gui.workflow import Status
 from tests.built_producer import built_producer
 from tests.conftest import ROOT
-from tests.gui_walking import PATIENCE_S, pump, settle, status, take, walked_to
+from tests.gui_walking import PATIENCE_S, pump, settle, status, take
 
 pytestmark = pytest.mark.slow
 

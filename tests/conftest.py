@@ -7,6 +7,7 @@ import sys
 import threading
 from collections import defaultdict
 from collections.abc import Callable, Iterator
+from contextlib import redirect_stdout
 from pathlib import Path
 
 import hypothesis
@@ -104,6 +105,19 @@ def made_once(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str, Callab
         return folder
 
     return made
+
+
+@pytest.fixture(scope="session")
+def demo_tried(made_once: Callable[[str, Callable[[Path], None]], Path]) -> Path:
+    """A folder in which `spherecal demo -o try` was run; `printed.txt` is what it said."""
+
+    def run(folder: Path) -> None:
+        from spherecal.cli.main import main
+
+        with (folder / "printed.txt").open("w", encoding="utf-8") as printed, redirect_stdout(printed):
+            assert main(["demo", "-o", str(folder / "try")]) == 0
+
+    return made_once("demo", run)
 
 
 @pytest.fixture(scope="session", autouse=True)

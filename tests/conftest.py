@@ -39,7 +39,7 @@ def _durations() -> dict[str, float]:
 
 def _function(nodeid: str) -> str:
     """`test_x.py::test_name`, the cases of a parametrised test under one name."""
-    return nodeid.rpartition("/")[2].partition("[")[0]
+    return nodeid.partition("[")[0].rpartition("/")[2]
 
 
 def _is_slow(item: pytest.Item, durations: dict[str, float]) -> bool:

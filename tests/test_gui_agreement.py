@@ -164,7 +164,7 @@ def test_no_page_contradicts_itself_with_a_fault_of_the_training(qtbot, home, fa
         if step != "connect":
             assert controller.live is not None
             seen = controller.live.rounds
-            watcher.until(lambda seen=seen: controller.live.rounds > seen + 4)
+            watcher.until(lambda seen=seen: controller.live.rounds > seen + 2)
         if window.page.standing().level == "bad":
             red.add(step)
         if not window.page.action().done:

@@ -518,8 +518,9 @@ def test(arguments: list[str]) -> int:
     with kernels_compiled("the checks") if whole else nullcontext():
         lint_code = lint([], fast)
     say("== tests: pytest")
-    # each file by one worker, so that what its tests share is made once; the order is that of tests/conftest.py
-    spread = ["-n", str(min(max(2, os.cpu_count() or 2), 8)), "--dist", "loadfile", "--no-loadscope-reorder"]
+    # each file by one worker, so that what its tests share is made once; the order is that of tests/conftest.py; one
+    # worker more than there are processors, since tests of cameras and windows wait most of their time
+    spread = ["-n", str(min(1 + (os.cpu_count() or 2), 8)), "--dist", "loadfile", "--no-loadscope-reorder"]
     code = run([PYTHON, "-m", "pytest", *spread, *arguments], tool_env())
     if code == 0 and lint_code != 0:
         say("The tests passed, but the checks before them FAILED (see above).")

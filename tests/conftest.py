@@ -2,14 +2,20 @@
 
 import json
 import os
+import shutil
 import sys
 import threading
 from collections import defaultdict
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from contextlib import redirect_stdout
 from pathlib import Path
 
 import hypothesis
 import pytest
+
+# The tests' own modules and each of the processes that tests start are compiled once, not in every process.
+sys.dont_write_bytecode = False
+os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 
 ROOT = Path(__file__).resolve().parents[1]
 # Seconds of each test function, all its cases together, where it takes 0.1 s or more (renewed by --write-durations),
@@ -33,7 +39,7 @@ def _durations() -> dict[str, float]:
 
 def _function(nodeid: str) -> str:
     """`test_x.py::test_name`, the cases of a parametrised test under one name."""
-    return nodeid.rpartition("/")[2].partition("[")[0]
+    return nodeid.partition("[")[0].rpartition("/")[2]
 
 
 def _is_slow(item: pytest.Item, durations: dict[str, float]) -> bool:
@@ -80,6 +86,40 @@ def shared_data() -> Path:
     return folder
 
 
+@pytest.fixture(scope="session")
+def made_once(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str, Callable[[Path], None]], Path]:
+    """`made_once(name, make)`: the folder that `make(folder)` fills, once for all workers; nobody may change it."""
+    own = tmp_path_factory.getbasetemp()
+    root = own.parent if os.environ.get("PYTEST_XDIST_WORKER") else own
+
+    def made(name: str, make: Callable[[Path], None]) -> Path:
+        from spherecal.files.lock import locked
+
+        folder = root / f"once-{name}"
+        with locked(folder, 1800.0):
+            if not (folder / "made").is_file():  # a worker that failed leaves it to the next
+                shutil.rmtree(folder, ignore_errors=True)
+                folder.mkdir()
+                make(folder)
+                (folder / "made").touch()
+        return folder
+
+    return made
+
+
+@pytest.fixture(scope="session")
+def demo_tried(made_once: Callable[[str, Callable[[Path], None]], Path]) -> Path:
+    """A folder in which `spherecal demo -o try` was run; `printed.txt` is what it said."""
+
+    def run(folder: Path) -> None:
+        from spherecal.cli.main import main
+
+        with (folder / "printed.txt").open("w", encoding="utf-8") as printed, redirect_stdout(printed):
+            assert main(["demo", "-o", str(folder / "try")]) == 0
+
+    return made_once("demo", run)
+
+
 @pytest.fixture(scope="session", autouse=True)
 def _nothing_of_the_user(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
     """Allowed drivers, reference bars, cameras' settings: of the tests' own, never those of whoever runs them."""
@@ -94,16 +134,30 @@ def _nothing_of_the_user(tmp_path_factory: pytest.TempPathFactory) -> Iterator[N
         yield
 
 
+@pytest.fixture(scope="session", autouse=True)
+def _live_images_leave_the_processors_to_the_tests() -> None:
+    """Two rounds a second where a test asks for no other rate: detection would fill a processor all the while."""
+    if control := sys.modules.get("spherecal_gui.wizard.camera_control"):
+        control.CameraControl.live_hz = 2.0
+
+
 @pytest.hookimpl(wrapper=True)
-def pytest_runtest_teardown() -> Iterator[None]:
+def pytest_runtest_teardown(item: pytest.Item, nextitem: pytest.Item | None) -> Iterator[None]:
     """Delete the windows of a test when it ends: Qt itself does so in an event loop only, and none runs here.
 
-    Left alone they become hundreds of widgets, each of which is styled anew with every change of the look.
+    Left alone they become hundreds of widgets, each of which is styled again with every change of the look. Windows of
+    a file's fixtures go when the file ends.
     """
     yield
-    core = sys.modules.get("PySide6.QtCore")
-    if core is not None and core.QCoreApplication.instance() is not None:
-        core.QCoreApplication.sendPostedEvents(None, core.QEvent.Type.DeferredDelete)
+    widgets = sys.modules.get("PySide6.QtWidgets")
+    if widgets is None or widgets.QApplication.instance() is None:
+        return
+    if nextitem is None or nextitem.path != item.path:
+        for window in widgets.QApplication.topLevelWidgets():
+            if type(window).__module__.startswith("spherecal_gui"):
+                window.deleteLater()
+    core = sys.modules["PySide6.QtCore"]
+    core.QCoreApplication.sendPostedEvents(None, core.QEvent.Type.DeferredDelete)
 
 
 @pytest.fixture
@@ -112,6 +166,25 @@ def home(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     monkeypatch.setenv("SPHERECAL_SETTINGS", str(tmp_path / "settings.ini"))
     monkeypatch.setenv("SPHERECAL_3D", "2d")
     return tmp_path
+
+
+@pytest.fixture(scope="session")
+def walked(qapp: object, made_once: Callable[[str, Callable[[Path], None]], Path]) -> Path:
+    """The folder of a project of which everything is done, saved in `training-profile` beside it; to be copied."""
+
+    def walk(home: Path) -> None:
+        from tests.gui_walking import settle, walked_to
+
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setenv("SPHERECAL_SETTINGS", str(home / "settings.ini"))
+            patch.setenv("SPHERECAL_3D", "2d")
+            made = walked_to(home / "projects", "save")
+            assert made.profile_folder is not None
+            made.save_profile(made.profile_folder, True, "by the tests")
+            settle(made)
+            made.close_project()
+
+    return next(path.parent for path in made_once("walked", walk).glob("projects/*/wizard.json"))
 
 
 @pytest.fixture(autouse=True)

@@ -1,5 +1,7 @@
 """What a window says at one moment: headline, rail, chip, tiles, counter, banner, default button; do they agree?"""
 
+import time
+
 from PySide6.QtCore import QCoreApplication, QEventLoop
 
 from spherecal_gui.pages.live_page import LivePage
@@ -72,6 +74,7 @@ class Watcher:
 
         def looked() -> bool:
             self.look()
+            time.sleep(0.03)  # the window's own clock ticks ten times a second
             return bool(done())
 
         pump(looked)

@@ -1,9 +1,7 @@
 """From rendered images to the verified rig and its report, as `spherecal demo` runs it."""
 
 import csv
-import io
 import json
-from contextlib import redirect_stdout
 from dataclasses import replace
 from pathlib import Path
 
@@ -24,12 +22,9 @@ from spherecal_sim.render_session import demo_session
 
 
 @pytest.fixture(scope="module")
-def said(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, list[str]]:
+def said(demo_tried: Path) -> tuple[Path, list[str]]:
     """The demo's output, result and report, and the lines that it printed."""
-    folder, printed = tmp_path_factory.mktemp("demo"), io.StringIO()
-    with redirect_stdout(printed):
-        assert main(["demo", "-o", str(folder)]) == 0
-    return folder, printed.getvalue().splitlines()
+    return demo_tried / "try", (demo_tried / "printed.txt").read_text(encoding="utf-8").splitlines()
 
 
 @pytest.fixture(scope="module")

@@ -4,8 +4,10 @@ import contextlib
 import io
 import re
 import shlex
+import shutil
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -65,7 +67,9 @@ def run_line(line: str) -> None:
 
 
 @pytest.mark.parametrize("page", RUNNABLE, ids=lambda page: str(page.relative_to(DOCS)))
-def test_commands_of_a_page_run(page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_commands_of_a_page_run(
+    page: Path, request: pytest.FixtureRequest, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path / "config"))
     monkeypatch.setenv("SPHERECAL_BARS", str(tmp_path / "bars.json"))
@@ -76,7 +80,10 @@ def test_commands_of_a_page_run(page: Path, tmp_path: Path, monkeypatch: pytest.
             exec(compile(block.text, str(page), "exec"), {"__name__": "example"})
         else:
             for line in block.text.splitlines():
-                run_line(line)
+                if line == "spherecal demo -o try":  # that was run
+                    shutil.copytree(request.getfixturevalue("demo_tried") / "try", "try")
+                else:
+                    run_line(line)
 
 
 def commands_named(page: Path) -> Iterator[str]:
@@ -95,12 +102,13 @@ def test_commands_named_exist_with_their_options(page: Path) -> None:
         command = [word for word in alternatives[1:] if re.fullmatch(r"[a-z][a-z|-]*", word)]
         options = [word.rstrip(",.") for word in alternatives if word.startswith("--")]
         if command:
-            text = help_of(command)
+            text = help_of(tuple(command[:2]))
             missing = [option for option in options if option.split("=")[0] not in text]
             assert not missing, f"{page.name}: {line}: {missing} unknown"
 
 
-def help_of(words: list[str]) -> str:
+@cache
+def help_of(words: tuple[str, ...]) -> str:
     """The help of the longest chain of subcommands that the words name; every first word must be one."""
     first = words[0].split("|")[0]
     said = io.StringIO()
@@ -160,6 +168,7 @@ def plain(text: str) -> str:
     return re.sub(r"\s+", " ", text.replace("&", "")).rstrip(" :.…")
 
 
+@cache
 def words_on_screen(language: str) -> dict[str, set[str]]:
     """What the window shows for each of its English texts in a language: the English where nobody has translated it."""
     tree = ElementTree.parse(ROOT / "resources" / "translations" / TRANSLATED.get(language, TRANSLATED["de"]))

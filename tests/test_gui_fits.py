@@ -2,6 +2,7 @@
 
 import os
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -13,6 +14,7 @@ pytest.importorskip("PySide6.QtWidgets", reason="Qt cannot be loaded here", exc_
 from PySide6.QtWidgets import QPushButton, QWidget
 
 from spherecal_gui import languages, theme
+from spherecal_gui.project_folder import TRAINING_PROFILE, load_project
 from spherecal_gui.widgets.basic import label
 from spherecal_gui.wizard.controller import Controller
 from spherecal_gui.wizard.window import WizardWindow
@@ -49,6 +51,11 @@ def test_every_page_is_complete(qapp, qtbot, home: Path, walked: Controller, lan
             walked.go(step)
             settle(walked)
             wrong += [f"{step}, {one}" for one in faults(window)]
+        walked.go("verify")
+        settle(walked)
+        window.page.outcome.tables.setCurrentIndex(1)
+        assert window.page.outcome.cameras.rowCount() == 6
+        wrong += [f"verify's cameras, {one}" for one in faults(window)]
         walked.delete("P4")  # a placement that is not captured has the ghost, and most buttons
         walked.go("placement:P4")
         pump(lambda: walked.to_go is not None)
@@ -60,6 +67,55 @@ def test_every_page_is_complete(qapp, qtbot, home: Path, walked: Controller, lan
         for page in window.pages.values():
             page.close_page()
         window.close()
+        languages.use("en")
+        theme.apply(qapp, dark=False)
+
+
+@pytest.fixture(scope="module")
+def checked(walked: Controller) -> Iterator[Controller]:
+    """A check of the calibration in use, as far as its answer: a camera has moved, which has most to say."""
+    folder = walked.project.folder
+    walked.save_profile(folder.parent / TRAINING_PROFILE, True)
+    settle(walked)
+    again = Controller()
+    again.new_check(replace(load_project(folder), source="simulated:demo+bump:C03:0.3"))
+    settle(again)
+    again.confirm_bench()
+    again.accept_look()
+    assert again.take("P1", "placement:P1")
+    settle(again)
+    assert again.check()
+    settle(again)
+    yield again
+    again.close_project()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("language", ["en", "de", "zh_CN"])
+def test_the_check_and_the_start_page_are_complete(
+    qapp, qtbot, walked: Controller, checked: Controller, language: str
+) -> None:
+    languages.use(language)
+    projects = walked.project.folder.parent
+    checking, starting = WizardWindow(projects, controller=checked), WizardWindow(projects, controller=Controller())
+    try:
+        wrong = []
+        for window, name in ((checking, "check"), (starting, "start")):
+            qtbot.addWidget(window)
+            window.showNormal()
+            window.resize(*SIZE)
+            if name == "check":
+                checked.go("check")
+                settle(checked)
+            wrong += [f"{name}, {one}" for one in faults(window)]
+            window.hide()
+        assert not starting.start.picture.isHidden(), "the rig in use is shown"
+        assert not wrong, "\n".join(wrong)
+    finally:
+        for window in (checking, starting):
+            for page in window.pages.values():
+                page.close_page()
+            window.close()
         languages.use("en")
         theme.apply(qapp, dark=False)
 

@@ -71,7 +71,7 @@ def check_scene(rig: Any, found: Any) -> SceneData | None:
     now, changes = [], []
     for camera in rig.cameras:
         test = moved.get(camera.id)
-        if test is None:
+        if test is None or np.size(test.turn_rad) != 3:  # of a check that was read again only the sizes are known
             now.append(camera)
             continue
         turn = exp_rotation(np.asarray(test.turn_rad, dtype=float))

@@ -22,7 +22,7 @@ from spherecal_gui.widgets.scene_panel import ScenePanel
 from spherecal_gui.widgets.table import Table
 from spherecal_scene.model import SceneData
 
-_MOST, _MOST_FROM_AFAR = 4, 1  # rows in sight at 1280 x 800
+_MOST, _MOST_CAMERAS, _MOST_FROM_AFAR = 4, 8, 1  # rows in sight at 1280 x 800; the plot gives way to the cameras
 
 
 class VerificationView(QSplitter):
@@ -79,6 +79,7 @@ class VerificationView(QSplitter):
         self.tables.addTab(self.table, self.tr("Lengths"))
         self.tables.addTab(self.cameras, self.tr("Cameras"))
         self.tables.addTab(self.budget, self.tr("Budget"))
+        self.tables.currentChanged.connect(self._fit_tables)
         self.addWidget(outcome)
         self.addWidget(self.tables)
         self.setStretchFactor(0, 3)
@@ -109,8 +110,9 @@ class VerificationView(QSplitter):
         self._fit_tables()
 
     def _fit_tables(self) -> None:
-        """Room for the rows of lengths and cameras, as far as the plot can spare it."""
-        rows = min(max(self.table.rowCount(), self.cameras.rowCount()), _MOST_FROM_AFAR if theme.is_far() else _MOST)
+        """Room for the rows of the table that is shown, as far as the plot can spare it."""
+        most = _MOST_FROM_AFAR if theme.is_far() else _MOST_CAMERAS if self.tables.currentIndex() == 1 else _MOST
+        rows = min(self.cameras.rowCount() if self.tables.currentIndex() == 1 else self.table.rowCount(), most)
         row, head = self.table.verticalHeader().defaultSectionSize(), self.table.horizontalHeader().sizeHint().height()
         self.tables.setMinimumHeight(self.tables.tabBar().sizeHint().height() + head + rows * row + 6)
 

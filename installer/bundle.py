@@ -1,6 +1,7 @@
 """Makes the program for people without Python: a folder, and on Debian and Ubuntu a .deb of it.
 
-`python3 dev.py installer` runs this; --with-vtk takes pyvista's 3-D view in (275 MB more), --with-numba takes numba in
+`python3 dev.py installer` runs this; --scene-apart makes a second package with pyvista's 3-D view (275 MB), --with-vtk takes
+that into the bundle itself, --with-numba takes numba in
 instead of compiling the engine's kernels ahead of time (190 MB more, and minutes at every first calibration),
 --no-package leaves out the .deb, --only-package packs the folder that is there.
 """

@@ -42,9 +42,7 @@ class VerificationView(QSplitter):
         words.addWidget(self.sentence, 1)
         outcome.body.addLayout(words)
         self.errors = ErrorChart()
-        self.errors.setMinimumHeight(100)
         self.panel = ScenePanel()
-        self.panel.view.setMinimumSize(200, 100)  # the tables below need room at 800 px
         self.pictures = QTabWidget()
         self.pictures.addTab(self.errors, self.tr("Errors"))
         self.pictures.addTab(self.panel, self.tr("In space"))
@@ -113,6 +111,10 @@ class VerificationView(QSplitter):
         """Room for the rows of the table that is shown, as far as the plot can spare it."""
         most = _MOST_FROM_AFAR if theme.is_far() else _MOST_CAMERAS if self.tables.currentIndex() == 1 else _MOST
         rows = min(self.cameras.rowCount() if self.tables.currentIndex() == 1 else self.table.rowCount(), most)
+        low = 60 if most == _MOST_CAMERAS else 100  # the tables need room at 800 px
+        self.errors.setMinimumHeight(low)
+        self.panel.view.setMinimumSize(200, low)
+        self.rule.setVisible(low == 100)
         row, head = self.table.verticalHeader().defaultSectionSize(), self.table.horizontalHeader().sizeHint().height()
         self.tables.setMinimumHeight(self.tables.tabBar().sizeHint().height() + head + rows * row + 6)
 

@@ -8,7 +8,8 @@ from pathlib import Path
 
 INSIDE = "_internal"
 _PARTS = (
-    "pyvista", "pyvista-*.dist-info", "pyvista_validation", "pyvista_validation-*.dist-info", "scooby",
+    "pooch", "pooch-*.dist-info", "pyvista", "pyvista-*.dist-info", "pyvista_validation",
+    "pyvista_validation-*.dist-info", "scooby",
     "scooby-*.dist-info", "vtkmodules", "vtk-*.dist-info", "vtk.libs", "libvtk*.so*",
 )  # fmt: skip
 

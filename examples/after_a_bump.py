@@ -4,9 +4,10 @@ import sys
 
 import spherecal
 
-found = spherecal.check_rig(sys.argv[1], sys.argv[2])
+session, result, new_result = sys.argv[1:] if len(sys.argv) == 4 else sys.exit(print(__doc__, file=sys.stderr) or 2)
+found = spherecal.check_rig(session, result)
 print(found.sentence)
 if found.to_repair:
-    again = spherecal.recalibrate_cameras(sys.argv[1], sys.argv[2], found.to_repair, "pose")
-    spherecal.save_calibration(again, sys.argv[3])
-    print(spherecal.check_rig(sys.argv[1], sys.argv[3]).sentence)
+    again = spherecal.recalibrate_cameras(session, result, found.to_repair, "pose")
+    spherecal.save_calibration(again, new_result)
+    print(spherecal.check_rig(session, new_result).sentence)

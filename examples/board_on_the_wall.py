@@ -7,8 +7,8 @@ import sys
 
 import spherecal
 
-images, session_folder, result, board = sys.argv[1:]
-session = spherecal.new_session(session_folder, images, board=board).session
+images, folder, result, board = sys.argv[1:] if len(sys.argv) == 5 else sys.exit(print(__doc__, file=sys.stderr) or 2)
+session = spherecal.new_session(folder, images, board=board).session
 calibration = spherecal.calibrate_session(session, "board")
 spherecal.save_calibration(calibration, result)
 print(calibration.rig)

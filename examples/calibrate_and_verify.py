@@ -32,7 +32,9 @@ def main(session_folder: str, result_folder: str) -> int:
 
 
 if __name__ == "__main__":
+    if len(sys.argv) != 3:
+        sys.exit(print(__doc__, file=sys.stderr) or 2)
     try:
-        sys.exit(main(*sys.argv[1:3]))
+        sys.exit(main(*sys.argv[1:]))
     except spherecal.SpherecalError as error:
         sys.exit(f"{error}")

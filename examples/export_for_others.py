@@ -35,4 +35,6 @@ def main(rig_file: str, folder: str) -> float:
 
 
 if __name__ == "__main__":
-    main(*sys.argv[1:3])
+    if len(sys.argv) != 3:
+        sys.exit(print(__doc__, file=sys.stderr) or 2)
+    main(*sys.argv[1:])

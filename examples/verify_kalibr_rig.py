@@ -4,8 +4,9 @@ import sys
 
 import spherecal
 
-rig = spherecal.import_rig(sys.argv[1], "kalibr")  # its cameras are named after their topics, else cam0, cam1, ...
-verification = spherecal.verify_rig(sys.argv[2], rig)
+camchain, session = sys.argv[1:] if len(sys.argv) == 3 else sys.exit(print(__doc__, file=sys.stderr) or 2)
+rig = spherecal.import_rig(camchain, "kalibr")  # its cameras are named after their topics, else cam0, cam1, ...
+verification = spherecal.verify_rig(session, rig)
 for length in verification.lengths:
     print(f"{length.bar} {length.from_mark}-{length.to_mark}: {length.mean_error_mm:+.4f} mm in {length.n} poses")
 print(verification.decision.verdict)

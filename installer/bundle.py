@@ -1,8 +1,9 @@
 """Makes the program for people without Python: a folder, and on Debian and Ubuntu a .deb of it.
 
-`python3 dev.py installer` runs this; --with-vtk takes pyvista's 3-D view in (275 MB more), --with-numba takes numba in
-instead of compiling the engine's kernels ahead of time (190 MB more, and minutes at every first calibration),
---no-package leaves out the .deb, --only-package packs the folder that is there.
+`python3 dev.py installer` runs this; --scene-apart packs pyvista's 3-D view (275 MB) as a .deb of its own beside the
+other, --with-vtk takes it into the bundle, --with-numba takes numba in instead of compiling the engine's kernels ahead
+of time (190 MB more, and minutes at every first calibration), --no-package leaves out the .deb, --only-package packs
+the folders that are there.
 """
 
 import argparse
@@ -18,7 +19,10 @@ HERE = Path(__file__).resolve().parent
 ROOT = HERE.parent
 sys.path[:0] = [str(ROOT / "core"), str(HERE)]
 
+from scene_part import take_apart  # noqa: E402
 from slim import megabytes, slim  # noqa: E402
+
+SCENE = ROOT / "dist" / "spherecal-3d"
 
 
 def kernels() -> Path | None:
@@ -51,8 +55,11 @@ def build(with_vtk: bool, with_numba: bool) -> Path:
     return bundle
 
 
-def check(bundle: Path) -> None:
-    """The bundle starts, has what it needs, calibrates and verifies; CalledProcessError where it does not."""
+def check(bundle: Path, rendered: bool) -> None:
+    """The bundle starts, has what it needs, calibrates and verifies; CalledProcessError where it does not.
+
+    `rendered`: its reports show the scene as pyvista renders it, else as lines; RuntimeError where they do not.
+    """
     program = bundle / ("spherecal.exe" if os.name == "nt" else "spherecal")
     with tempfile.TemporaryDirectory() as folder:
         # nothing of this machine's Python may help: an empty environment but for what every session has
@@ -71,6 +78,7 @@ def check(bundle: Path) -> None:
             ),
             ["verify", f"{folder}/session", "--rig", f"{folder}/auto/rig.json", "-o", f"{folder}/auto"],
             ["report", f"{folder}/auto", "-o", f"{folder}/report.pdf"],
+            ["report", f"{folder}/auto", "-o", f"{folder}/report.html"],
         ):
             began = time.monotonic()
             done = subprocess.run(
@@ -80,24 +88,36 @@ def check(bundle: Path) -> None:
                 sys.stderr.write(done.stdout[-2000:] + done.stderr[-4000:])
                 done.check_returncode()
             print(f"  spherecal {arguments[0]}: {time.monotonic() - began:.1f} s", flush=True)
+        page = Path(folder, "report.html").read_text(encoding="utf-8")
+        if ("data:image/png" in page) != rendered:
+            raise RuntimeError(f"the report's scene is {'drawn' if rendered else 'rendered'}")
 
 
 def main() -> int:
     """Build, check and pack."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--with-vtk", action="store_true")
+    parser.add_argument("--scene-apart", action="store_true")
     parser.add_argument("--with-numba", action="store_true")
     parser.add_argument("--no-package", action="store_true")
     parser.add_argument("--only-package", action="store_true")
     parser.add_argument("--level", type=int, default=15, help="of compression, 1 (quick) to 22 (small)")
     options = parser.parse_args()
-    bundle = ROOT / "dist" / "spherecal" if options.only_package else build(options.with_vtk, options.with_numba)
-    check(bundle)
+    bundle, apart = ROOT / "dist" / "spherecal", options.scene_apart
+    if not options.only_package:
+        build(options.with_vtk or apart, options.with_numba)
+        if apart:
+            check(bundle, rendered=True)
+            take_apart(bundle, SCENE)
+            print(f"Bundle: {megabytes(bundle):.0f} MB, 3-D view apart: {megabytes(SCENE):.0f} MB", flush=True)
+    check(bundle, rendered=options.with_vtk and not apart)
     if sys.platform.startswith("linux") and shutil.which("dpkg-deb") and not options.no_package:
-        from debian import make_deb
+        from debian import make_deb, make_scene_deb
 
-        package = make_deb(bundle, ROOT / "dist", options.level)
-        print(f"{package.name}: {package.stat().st_size / 1e6:.0f} MB")
+        packages = [make_deb(bundle, ROOT / "dist", options.level)]
+        packages += [make_scene_deb(SCENE, ROOT / "dist", options.level)] if apart else []
+        for package in packages:
+            print(f"{package.name}: {package.stat().st_size / 1e6:.0f} MB")
     return 0
 
 

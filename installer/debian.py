@@ -6,6 +6,7 @@ import os
 import shutil
 import subprocess
 import tempfile
+from collections.abc import Mapping
 from pathlib import Path
 
 import spherecal
@@ -33,24 +34,68 @@ def make_deb(bundle: Path, output: Path, level: int = 15) -> Path:
 
     `level` is zstd's, 1 to 22; dpkg reads zstd since Debian 12 and Ubuntu 18.04.
     """
-    architecture = subprocess.run(
-        ["dpkg", "--print-architecture"], capture_output=True, text=True, check=True
-    ).stdout.strip()
-    package = output / f"spherecal_{spherecal.__version__}_{architecture}.deb"
-    output.mkdir(parents=True, exist_ok=True)
-    with tempfile.TemporaryDirectory(dir=output) as scratch:
-        tree = Path(scratch)
-        tree.chmod(0o755)
-        (tree / HOME).parent.mkdir(parents=True)
-        shutil.copytree(bundle, tree / HOME, symlinks=True)
+    with tempfile.TemporaryDirectory(dir=made(output)) as scratch:
+        tree = put_home(Path(scratch), bundle)
         (tree / "usr/bin").mkdir(parents=True)
         for name in ("spherecal", "spherecal-gui"):
             (tree / "usr/bin" / name).symlink_to(f"/{HOME}/{name}")
         put_producer(tree / HOME / "cti")
         put_shared_files(tree, bundle)
-        put_control(tree, architecture)
-        pack = ["dpkg-deb", "--root-owner-group", "-Zzstd", f"-z{level}", "--build"]
-        subprocess.run([*pack, str(tree), str(package)], check=True)
+        told = {
+            "Depends": ", ".join(DEPENDS),
+            "Recommends": ", ".join(RECOMMENDS),
+            "Suggests": "spherecal-3d",
+            "Description": "calibration of multi-camera measuring rigs with an imperfect ball\n"
+            " Finds position, orientation and lens of every camera of a rig from pictures of\n"
+            " a ball with coded targets, with uncertainties, and verifies the rig with\n"
+            " reference bars. Nothing is sent anywhere; the program needs no network.",
+        }
+        return pack(tree, "spherecal", told, output, level)
+
+
+def make_scene_deb(scene: Path, output: Path, level: int = 15) -> Path:
+    """Pack what scene_part.py took out of the bundle; it is of use only beside the package of the same version."""
+    with tempfile.TemporaryDirectory(dir=made(output)) as scratch:
+        tree = put_home(Path(scratch), scene)
+        documents = tree / "usr/share/doc/spherecal-3d"
+        documents.mkdir(parents=True)
+        licences = sorted(path for path in scene.rglob("*.dist-info/**/*") if path.name.lower().startswith("licen"))
+        texts = (
+            f"{path.relative_to(scene)}\n\n{path.read_text(encoding='utf-8')}" for path in licences if path.is_file()
+        )
+        (documents / "copyright").write_text("\n\n".join(texts), encoding="utf-8")
+        told = {
+            "Depends": f"spherecal (= {spherecal.__version__})",
+            "Description": "rendered 3-D view for SphereCal\n"
+            " pyvista and VTK: the rig in the window and in reports is rendered with light,\n"
+            " images and surfaces. Without this package SphereCal paints it with lines.",
+        }
+        return pack(tree, "spherecal-3d", told, output, level)
+
+
+def made(folder: Path) -> Path:
+    """The folder, made where it is missing."""
+    folder.mkdir(parents=True, exist_ok=True)
+    return folder
+
+
+def put_home(tree: Path, bundle: Path) -> Path:
+    """The tree with the bundle at its place."""
+    tree.chmod(0o755)
+    (tree / HOME).parent.mkdir(parents=True)
+    shutil.copytree(bundle, tree / HOME, symlinks=True)
+    return tree
+
+
+def pack(tree: Path, name: str, told: Mapping[str, str], output: Path, level: int) -> Path:
+    """The package of a tree, with `told` in its control file."""
+    architecture = subprocess.run(
+        ["dpkg", "--print-architecture"], capture_output=True, text=True, check=True
+    ).stdout.strip()
+    put_control(tree, name, architecture, told)
+    package = output / f"{name}_{spherecal.__version__}_{architecture}.deb"
+    command = ["dpkg-deb", "--root-owner-group", "-Zzstd", f"-z{level}", "--build", str(tree), str(package)]
+    subprocess.run(command, check=True)
     return package
 
 
@@ -90,24 +135,19 @@ def copy(source: Path, goal: Path) -> None:
     goal.chmod(0o755 if os.access(source, os.X_OK) else 0o644)
 
 
-def put_control(tree: Path, architecture: str) -> None:
+def put_control(tree: Path, name: str, architecture: str, told: Mapping[str, str]) -> None:
     """DEBIAN/control and md5sums; no script runs at installation."""
     files = [path for path in sorted(tree.rglob("*")) if path.is_file() and not path.is_symlink()]
     kilobytes = sum(path.stat().st_size for path in files) // 1024
     lines = {
-        "Package": "spherecal",
+        "Package": name,
         "Version": spherecal.__version__,
         "Architecture": architecture,
         "Section": "science",
         "Priority": "optional",
         "Maintainer": "SphereCal authors <spherecal@localhost>",
         "Installed-Size": str(kilobytes),
-        "Depends": ", ".join(DEPENDS),
-        "Recommends": ", ".join(RECOMMENDS),
-        "Description": "calibration of multi-camera measuring rigs with an imperfect ball\n"
-        " Finds position, orientation and lens of every camera of a rig from pictures of\n"
-        " a ball with coded targets, with uncertainties, and verifies the rig with\n"
-        " reference bars. Nothing is sent anywhere; the program needs no network.",
+        **told,
     }
     control = tree / "DEBIAN"
     control.mkdir()

@@ -124,11 +124,32 @@ def time_to_window(root: Path) -> bool:
     return good
 
 
+def scene_package(root: Path, package: Path) -> bool:
+    """Install the package with pyvista and VTK, see reports rendered, and drawn again once it is gone."""
+    shutil.copy(package, root / "tmp" / "scene.deb")
+    good = True
+    for name, command, rendered in (
+        ("3-D view installed", ("dpkg", "-i", "/tmp/scene.deb"), True),
+        ("3-D view removed", ("apt-get", "purge", "-y", "spherecal-3d"), False),
+    ):
+        began = time.monotonic()
+        good &= say(name, inside(root, *command), began)
+        began = time.monotonic()
+        done = inside(root, "spherecal", "report", "/tmp/try/r", "-o", "/tmp/try/r.html", user=True)
+        good &= say("spherecal report", done, began)
+        page = root / "tmp" / "try" / "r.html"
+        as_it_should = page.is_file() and ("data:image/png" in page.read_text(encoding="utf-8")) == rendered
+        print(f"{'ok ' if as_it_should else 'BAD'} its scene is {'rendered' if rendered else 'drawn'}")
+        good &= as_it_should
+    return good
+
+
 def main() -> int:
     """Install, try, report; 1 where anything failed."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("root", type=Path)
-    parser.add_argument("--deb", type=Path, default=next(iter(sorted((ROOT / "dist").glob("*.deb"))), None))
+    parser.add_argument("--deb", type=Path, default=next(iter(sorted((ROOT / "dist").glob("spherecal_*.deb"))), None))
+    parser.add_argument("--scene-deb", type=Path, default=next(iter((ROOT / "dist").glob("spherecal-3d_*.deb")), None))
     parser.add_argument("--mirror", default="")
     options = parser.parse_args()
     if options.deb is None:
@@ -179,6 +200,8 @@ def main() -> int:
         print(f"ok  whole walk: {walk(['/usr/bin/spherecal-gui'], root / 'tmp' / 'walk', root):.0f} s")
     else:
         print("    whole walk in the window: not tried (no Xvfb, xdotool)")
+    if options.scene_deb is not None:
+        good &= scene_package(root, options.scene_deb)
     began = time.monotonic()
     good &= say("removed", inside(root, "apt-get", "purge", "-y", "spherecal"), began)
     left = (root / "opt/spherecal").exists() or (root / "usr/bin/spherecal").exists()

@@ -18,8 +18,8 @@ from PySide6.QtWidgets import QLabel
 from spherecal.base.resources import resource_path
 from spherecal.support.licences import parts
 from spherecal_gui import theme
-from spherecal_gui.presenters.scene import ramp
 from spherecal_gui.widgets.icons import LEVEL_ICONS, give_icon, pixmap, svg_pixmap
+from spherecal_scene.model import ramp
 from tests.conftest import ROOT
 from tests.test_gui_pages import contrast
 

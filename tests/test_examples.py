@@ -58,6 +58,14 @@ def test_examples_are_short(name: str) -> None:
     assert len(lines) < 15 and max(map(len, lines)) <= 120
 
 
+@pytest.mark.parametrize("path", sorted((ROOT / "examples").glob("*.py")), ids=lambda path: path.stem)
+def test_without_arguments_an_example_says_how_it_is_used(path: Path) -> None:
+    environment = {**os.environ, "PYTHONPATH": str(ROOT / "core")}
+    done = subprocess.run([sys.executable, path], env=environment, capture_output=True, text=True, check=False)
+    assert done.returncode == 2 and done.stdout == ""
+    assert f"python {path.name} " in done.stderr and "Traceback" not in done.stderr
+
+
 def test_arrays_become_a_rig(calibration, session, tmp_path: Path) -> None:
     random = np.random.default_rng(3)
     middle = np.mean([sphere.centre_mm for sphere in calibration.spheres], axis=0)

@@ -35,6 +35,7 @@ from spherecal_gui.presenters.look import TileState, figures_text
 from spherecal_gui.presenters.pace import as_text, expected_s, kind_of, pace_text, read_durations, with_duration
 from spherecal_gui.presenters.placement import AutoTrigger, Scene
 from spherecal_gui.presenters.results import culprit
+from spherecal_gui.presenters.rig_scenes import check_scene
 from spherecal_gui.presenters.start import number_in_use, picture_name, validity_of
 from spherecal_gui.project import Project, Run
 from spherecal_gui.project_folder import save_project
@@ -310,6 +311,8 @@ def test_a_check_that_is_opened_again_has_its_numbers(tmp_path, monkeypatch):
     monkeypatch.setattr(controller, "connect_cameras", lambda: None)
     controller.open_project(project.folder)
     assert controller.check_found.to_repair == ("C03",)
+    drawn = check_scene(example_calibration().rig, found)
+    assert drawn is not None and drawn.moved == (), "where to is not kept: nothing is drawn, and nothing fails"
     controller.close_project()
     (project.folder / "check.json").write_text("{")
     assert read_kept_check(project.folder) is None

@@ -15,7 +15,7 @@ pytest.importorskip("PySide6.QtWidgets", reason="Qt cannot be loaded here", exc_
 from PySide6.QtWidgets import QPushButton, QWidget
 
 from spherecal_gui import languages, theme
-from spherecal_gui.project_folder import load_project, save_project
+from spherecal_gui.project_folder import TRAINING_PROFILE, load_project, save_project
 from spherecal_gui.widgets.basic import label
 from spherecal_gui.wizard.controller import Controller
 from spherecal_gui.wizard.window import WizardWindow
@@ -59,6 +59,11 @@ def test_every_page_is_complete(qapp, qtbot, home: Path, connected: Controller, 
             connected.go(step)
             settle(connected)
             wrong += [f"{step}, {one}" for one in faults(window)]
+        connected.go("verify")
+        settle(connected)
+        window.page.outcome.tables.setCurrentIndex(1)
+        assert window.page.outcome.cameras.rowCount() == 6
+        wrong += [f"verify's cameras, {one}" for one in faults(window)]
         connected.delete("P4")  # a placement that is not captured has the ghost, and most buttons
         connected.go("placement:P4")
         pump(lambda: connected.to_go is not None)
@@ -70,6 +75,55 @@ def test_every_page_is_complete(qapp, qtbot, home: Path, connected: Controller, 
         for page in window.pages.values():
             page.close_page()
         window.close()
+        languages.use("en")
+        theme.apply(qapp, dark=False)
+
+
+@pytest.fixture(scope="module")
+def checked(connected: Controller) -> Iterator[Controller]:
+    """A check of the calibration in use, as far as its answer: a camera has moved, which has most to say."""
+    folder = connected.project.folder
+    connected.save_profile(folder.parent / TRAINING_PROFILE, True)
+    settle(connected)
+    again = Controller()
+    again.new_check(replace(load_project(folder), source="simulated:demo+bump:C03:0.3"))
+    settle(again)
+    again.confirm_bench()
+    again.accept_look()
+    assert again.take("P1", "placement:P1")
+    settle(again)
+    assert again.check()
+    settle(again)
+    yield again
+    again.close_project()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("language", ["en", "de", "zh_CN"])
+def test_the_check_and_the_start_page_are_complete(
+    qapp, qtbot, connected: Controller, checked: Controller, language: str
+) -> None:
+    languages.use(language)
+    projects = connected.project.folder.parent
+    checking, starting = WizardWindow(projects, controller=checked), WizardWindow(projects, controller=Controller())
+    try:
+        wrong = []
+        for window, name in ((checking, "check"), (starting, "start")):
+            qtbot.addWidget(window)
+            window.showNormal()
+            window.resize(*SIZE)
+            if name == "check":
+                checked.go("check")
+                settle(checked)
+            wrong += [f"{name}, {one}" for one in faults(window)]
+            window.hide()
+        assert not starting.start.picture.isHidden(), "the rig in use is shown"
+        assert not wrong, "\n".join(wrong)
+    finally:
+        for window in (checking, starting):
+            for page in window.pages.values():
+                page.close_page()
+            window.close()
         languages.use("en")
         theme.apply(qapp, dark=False)
 

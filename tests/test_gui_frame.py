@@ -181,7 +181,7 @@ def test_the_dialog_follows_every_press(dialog, choice):
 
 
 def test_axes_are_red_green_blue(dialog, choice):
-    from spherecal_gui.presenters.scene import AXIS_TINTS
+    from spherecal_scene.model import AXIS_TINTS
 
     choice.choose("origin", "P1")
     dialog.scene.update()

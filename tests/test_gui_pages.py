@@ -15,6 +15,7 @@ pytest.importorskip("PySide6.QtWidgets", reason="Qt cannot be loaded here", exc_
 from PySide6.QtCore import Qt
 from PySide6.QtGui import QColor
 from PySide6.QtTest import QTest
+from PySide6.QtWidgets import QFileDialog
 
 from spherecal.base.context import Context
 from spherecal.base.errors import InputError
@@ -98,7 +99,38 @@ def test_a_source_that_does_not_exist_is_said_on_the_page(qtbot, window):
 def test_a_replay_folder_without_images_is_said(qtbot, window, tmp_path):
     window.new_project(f"replay:{tmp_path}")
     qtbot.waitUntil(lambda: window.controller.runner.running is None, timeout=20_000)
-    assert "session.json" in window.page.summary.text()
+    assert window.page.summary.text() == "This folder holds no recording."
+    assert "session.json" in window.page.why.text()
+
+
+def test_instead_of_a_damaged_recording_another_can_be_chosen(qtbot, window, tmp_path, monkeypatch):
+    (tmp_path / "session.json").write_text('{"format": "spherecal/session", "version": 1, "cam')
+    window.new_project(f"replay:{tmp_path}")
+    qtbot.waitUntil(lambda: window.controller.runner.running is None, timeout=20_000)
+    page = window.page
+    assert page.summary.text() == "This recording is damaged." and "not valid JSON" in page.why.text()
+    assert page.other.text() == "Choose another" and page.other.isVisible() and not page.again.isVisible()
+    asked = []
+    chosen = tmp_path / "other"
+    monkeypatch.setattr(QFileDialog, "getExistingDirectory", lambda *_: asked.append(1) or str(chosen))
+    page.other.click()
+    qtbot.waitUntil(lambda: window.controller.runner.running is None, timeout=20_000)
+    assert asked == [1] and window.controller.project.source == f"replay:{chosen}"
+
+
+def test_connect_shows_the_cameras_images_and_the_bench_to_scale(qtbot, window):
+    window.new_project("simulated:demo")
+    qtbot.waitUntil(lambda: window.controller.runner.running is None, timeout=60_000)
+    pictures = window.page._pictures
+    assert len(pictures) == 6
+    qtbot.waitUntil(lambda: all(one._image is not None for one in pictures.values()), timeout=60_000)
+    shown = window.page.drawn._shown
+    assert (shown.diameter_mm, shown.targets) == (500.0, 200)
+    assert [name for name, _ in shown.bars] == ["A", "B"]
+    lengths = {bar.id: {one.length_mm for one in bar.lengths} for bar in window.controller.connection.plan.bars}
+    for name, marks in shown.bars:
+        between = {abs(a - b) for a in marks for b in marks}
+        assert all(min(abs(one - d) for d in between) < 1e-6 for one in lengths[name]), "every length is there"
 
 
 def test_a_blocked_step_on_the_rail_says_why(qtbot, window):

@@ -32,12 +32,12 @@ from spherecal_gui.presenters.results import (
     residual_text,
     residuals_of,
 )
-from spherecal_gui.presenters.scene import SceneData, scene_data
 from spherecal_gui.project import Artefacts, Project
 from spherecal_gui.project_folder import load_project, save_project
 from spherecal_gui.tasks.outcome import read_outcome
 from spherecal_gui.widgets.findings import FindingsList
 from spherecal_gui.workflow import Running, Status, resolve
+from spherecal_scene.model import SceneData, scene_data
 from spherecal_sim.session_folder import write_session
 from tests.networks import calibrated, one_thread, simulated
 
@@ -70,7 +70,7 @@ def test_advice_retakes_repairs_or_shows():
     told = replace(moved_camera(), severity="info")
     first, second, third = advice(result_with(moved_camera(), few, told), ("P1", "P3"))
     assert [(one.kind, one.target) for one in first.actions] == [("--split", "C05@P3"), ("retake", "P3")]
-    assert first.title.startswith("C05 was moved before P3, by about") and not first.where
+    assert first.title == "C05 was moved, 3 px in its images, at placement 3" and not first.where
     assert (second.title, second.where) == ("Few placements", "")
     assert [one.kind for one in second.actions] == ["add placement"]
     assert [(one.kind, one.target) for one in third.actions] == [("show camera", "C05")]

@@ -24,7 +24,6 @@ from spherecal_gui.presenters.bars import Errors
 from spherecal_gui.presenters.guidance import Guidance
 from spherecal_gui.presenters.placement import NeedLine
 from spherecal_gui.presenters.results import Action, Advice, CameraResiduals
-from spherecal_gui.presenters.scene import SceneData
 from spherecal_gui.project import Project
 from spherecal_gui.widgets.bar_view import BarView
 from spherecal_gui.widgets.basic import button, once
@@ -41,6 +40,7 @@ from spherecal_gui.widgets.table import Table
 from spherecal_gui.widgets.tile import CameraTile, Wall, shown_image
 from spherecal_gui.widgets.top_view import TopView
 from spherecal_gui.workflow import Running, resolve
+from spherecal_scene.model import SceneData
 
 
 def colours_of(widget) -> set[str]:

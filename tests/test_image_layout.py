@@ -171,6 +171,29 @@ def test_anipose(tmp_path):
     assert layout.words.startswith("Anipose") and layout.videos and list(layout.files) == ["cam1", "cam2"]
 
 
+def test_anipose_says_by_cam_regex_which_camera_it_is(tmp_path):
+    names = ["calibration/calib-day1-camA-run1.avi", "calibration/calib-day1-camB-run2.avi"]
+    root = folder(tmp_path / "project" / "session", [*names, "videos-raw/walk-camA.avi"]).parent
+    (root / "config.toml").write_text("[triangulation]\ncam_regex = 'cam([A-Z])'\n")
+    layout = recognise(root / "session")
+    assert layout.files == {"A": {"P1": names[0]}, "B": {"P1": names[1]}} and layout.videos
+    assert layout.left_out == ("videos-raw/walk-camA.avi",)
+    (root / "config.toml").write_text("[triangulation]\ncam_regex = 'cam([1-9])'\n")
+    with pytest.raises(InputError) as refused:
+        recognise(root / "session")
+    assert refused.value.code == "error-pattern-fits-none"
+
+
+@pytest.mark.parametrize("regex", ["cam[A-Z]", "(a+)+b", "(", "([a-z]*){9}"])
+def test_a_cam_regex_that_cannot_be_used_is_refused(tmp_path, regex):
+    own = folder(tmp_path / "session", ["calibration/x-camA.avi", "calibration/x-camB.avi", "videos-raw/y-camA.avi"])
+    (own / "config.toml").write_text(f"[triangulation]\ncam_regex = '{regex}'\n")
+    with pytest.raises(InputError) as refused:
+        recognise(own)
+    assert refused.value.code == "error-cam-regex"
+    assert recognise(own, "calibration/x-cam{camera}.avi").files.keys() == {"A", "B"}
+
+
 def test_images_beside_videos_are_asked_about(tmp_path):
     with pytest.raises(InputError, match=r"2 images .* and 2 videos"):
         recognise(folder(tmp_path, ["cam1.png", "cam2.png", "cam1.mp4", "cam2.mp4"]))

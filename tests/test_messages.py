@@ -84,7 +84,7 @@ def test_nothing_in_the_catalogue_is_of_no_use() -> None:
         used = {kind for one in here for kind in one.kinds}
         assert "*" in used or set(kinds_of(code)) <= used, (code, set(kinds_of(code)) - used)
     keys = {key for one in phrases_in_code() for key in one.codes}
-    assert set(table("en")["phrases"]) - keys - {f"{key}-hint" for key in keys} == set()
+    assert set(table("en")["phrases"]) - keys - {f"{key}-{part}" for key in keys for part in ("hint", "short")} == set()
 
 
 def test_every_field_has_a_value_where_the_code_writes_them_out() -> None:
@@ -100,7 +100,7 @@ def test_every_field_has_a_value_where_the_code_writes_them_out() -> None:
         known = one.codes & set(table("en")["phrases"])
         assert known, f"{one.place}: no words for {one.codes}"
         for key in known if one.values is not None and len(one.codes) == 1 else ():
-            words = [table("en")["phrases"].get(name, "") for name in (key, f"{key}-hint")]
+            words = [table("en")["phrases"].get(name, "") for name in (key, f"{key}-hint", f"{key}-short")]
             asked = {f.name for f in fields("".join(words))}
             assert asked <= (one.values or set()), f"{one.place}: {key} lacks {asked - (one.values or set())}"
             checked += 1
@@ -192,7 +192,7 @@ def sample(field: Field) -> object:
         return "text" if field.spec == "capital" else ("A", "B")
     if field.name in ("low", "high", "place_mm"):
         return (1.0, 2.0, 3.0)
-    return 7.0 if field.spec else "text"
+    return 7.0 if field.spec not in ("", "number", "short") else "text"
 
 
 @pytest.mark.parametrize("language", LANGUAGES)
@@ -259,6 +259,24 @@ def test_phrases_are_of_the_same_language() -> None:
     )
     assert moved().words("message", "de").startswith("Die Kamera C03 hat sich vor P2 bewegt, um etwa 0.25 mm")
     assert phrase(Phrase("camera-at", {"camera": "C1", "place": "P2"}), "zh_CN") == "C1（P2）"
+
+
+@pytest.mark.parametrize(
+    ("language", "turned", "images"),
+    [
+        ("en", "C03 was turned by 0.3° at placement 2", "4 images contradict the others"),
+        ("de", "C03 wurde bei Aufstellung 2 um 0.3° gedreht", "4 Bilder widersprechen den anderen"),
+        ("zh_CN", "C03 在第 2 次摆放时转动了 0.3°", "有 4 幅图像与其他图像矛盾"),
+    ],
+)
+def test_titles_are_short(language: str, turned: str, images: str) -> None:
+    size = Phrase("move-turned", {"shift": Phrase("shift-mm", {"shift": 0.25}), "degrees": 0.3})
+    finding = replace(moved(), values={**moved().values, "size": size})
+    assert finding.words("title", language) == turned
+    assert "0.25 mm" in finding.words("message", language)
+    four = {"images": ["C1@P1", "C2@P1", "C3@P1", "C4@P1"], "out": 3, "points": 9}
+    assert Finding("image-contradicts", "warning", four, kind="images").words("title", language) == images
+    assert as_written("warning", "image-contradicts", "m.", "").words("title", language)
 
 
 def test_options_are_named_only_where_there_are_repairs_and_no_buttons() -> None:

@@ -18,6 +18,8 @@ import pytest
 from conftest import ROOT
 
 import spherecal
+from installer.debian import make_scene_deb
+from installer.scene_part import take_apart
 from spherecal.base.resources import manual_page
 from spherecal.support.licences import bill_of_materials, closure, licence_text, parts
 
@@ -298,3 +300,33 @@ def test_the_set_up_program_for_windows_compiles(tmp_path: Path) -> None:
 def test_documents_say_plainly_what_was_never_run() -> None:
     for page in ("docs/install.md", "docs/environments.md", "installer/windows/README.md", "installer/macos/README.md"):
         assert re.search("never run (there )?by us", (ROOT / page).read_text(encoding="utf-8"), re.IGNORECASE), page
+
+
+def bundle_with_vtk(folder: Path) -> Path:
+    for name in ("pyvista/core.py", "vtkmodules/vtkCommonCore.so", "numpy/core.py", "vtk-9.5.dist-info/LICENSE"):
+        (folder / "_internal" / name).parent.mkdir(parents=True, exist_ok=True)
+        (folder / "_internal" / name).write_text(name)
+    return folder
+
+
+def test_pyvista_and_vtk_are_taken_out_of_a_bundle(tmp_path: Path) -> None:
+    bundle, scene = bundle_with_vtk(tmp_path / "bundle"), tmp_path / "scene"
+    take_apart(bundle, scene)
+    assert [path.name for path in (bundle / "_internal").iterdir()] == ["numpy"]
+    assert sorted(path.name for path in (scene / "_internal").iterdir()) == [
+        "pyvista", "vtk-9.5.dist-info", "vtkmodules"
+    ]  # fmt: skip
+    with pytest.raises(FileNotFoundError):
+        take_apart(bundle, scene)
+
+
+@pytest.mark.skipif(shutil.which("dpkg-deb") is None, reason="no dpkg here")
+def test_the_3d_view_is_a_package_beside_the_program(tmp_path: Path) -> None:
+    scene = tmp_path / "scene"
+    take_apart(bundle_with_vtk(tmp_path / "bundle"), scene)
+    package = make_scene_deb(scene, tmp_path / "dist", level=1)
+    control = subprocess.run(["dpkg-deb", "-f", package], check=True, capture_output=True, text=True).stdout
+    assert "Package: spherecal-3d" in control and f"Depends: spherecal (= {spherecal.__version__})" in control
+    subprocess.run(["dpkg-deb", "-x", package, tmp_path / "root"], check=True)
+    assert (tmp_path / "root/opt/spherecal/_internal/pyvista/core.py").is_file()
+    assert "LICENSE" in (tmp_path / "root/usr/share/doc/spherecal-3d/copyright").read_text()

@@ -1,12 +1,14 @@
 """The report of a result folder: its pages, its bytes, and what it refuses."""
 
 import json
+import os
 import re
 import shutil
 import subprocess
 import sys
 from dataclasses import replace
 from datetime import UTC, datetime
+from multiprocessing.connection import Connection
 from pathlib import Path
 
 import matplotlib
@@ -145,14 +147,38 @@ def test_a_rendered_scene_is_shown_with_names_in_place_of_the_oblique_view(demo,
     pixels = np.full((88, 160, 3), (10, 120, 200), np.uint8)
     picture = ScenePicture(pixels, ("C01", "P1", "x"), np.array([[20.0, 20.0], [80.0, 40.0], [90.0, 60.0]]), 250.0)
     with_it, without = tmp_path / "with.html", tmp_path / "without.html"
-    write_report(demo / "result", with_it, scene=picture)
+    write_report(demo / "result", with_it, render=lambda *_: picture)
     write_report(demo / "result", without)
     shown, drawn = with_it.read_text(encoding="utf-8"), without.read_text(encoding="utf-8")
     assert "data:image/png" in shown and "data:image/png" not in drawn
     assert "Oblique view" in drawn and "Oblique view" not in shown and "Top view" in shown
     assert "grid of 250 mm" in shown and ">P1<" in shown
-    pdf = report_bytes(demo / "result", scene=picture)
-    assert b"/Subtype /Image" in pdf and report_bytes(demo / "result", scene=picture) == pdf
+    pdf = report_bytes(demo / "result", render=lambda *_: picture)
+    assert b"/Subtype /Image" in pdf and report_bytes(demo / "result", render=lambda *_: picture) == pdf
+
+
+def end_at_once(_pipe: Connection) -> None:
+    os._exit(1)  # as VTK does where OpenGL is broken
+
+
+def test_the_command_shows_the_rendered_scene_where_it_can(demo, tmp_path, monkeypatch, capfd):
+    pytest.importorskip("pyvista", reason="pyvista is not installed")
+
+    def written(name: str) -> str:
+        assert main(["report", str(demo / "result"), "-o", str(tmp_path / name), "-q"]) == DONE
+        return (tmp_path / name).read_text(encoding="utf-8")
+
+    monkeypatch.setenv("SPHERECAL_3D", "painted")
+    drawn = written("drawn.html")
+    monkeypatch.delenv("SPHERECAL_3D")
+    rendered = written("rendered.html")
+    monkeypatch.setattr("spherecal_scene.renderer.serve", end_at_once)
+    ended = written("ended.html")
+    assert "data:image/png" not in drawn and ended == drawn
+    if rendered == drawn:
+        pytest.skip("OpenGL does not work here")
+    assert "data:image/png" in rendered and "Oblique view" not in rendered
+    assert capfd.readouterr().err == "", "VTK says nothing"
 
 
 def test_pdf_is_vector_whole_and_the_same_each_time(demo, demo_pdf, demo_pages, tmp_path):

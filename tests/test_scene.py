@@ -21,7 +21,12 @@ from pytestqt.qtbot import QtBot
 from spherecal.geometry.rotation import exp_rotation
 from spherecal.report.rig_view import CameraShape, DrawnPlacement, DrawnRig
 from spherecal_gui.presenters.gltf import scene_glb
-from spherecal_gui.presenters.scene import (
+from spherecal_gui.presenters.scene_hover import items_of
+from spherecal_gui.widgets.painted_scene import PaintedScene
+from spherecal_gui.widgets.rendered_scene import RenderedScene
+from spherecal_gui.widgets.scene_panel import ScenePanel
+from spherecal_scene.eye import SIDES, View, fitting_view
+from spherecal_scene.model import (
     CameraFigures,
     SceneBar,
     SceneData,
@@ -29,15 +34,9 @@ from spherecal_gui.presenters.scene import (
     with_images,
     with_moved,
 )
-from spherecal_gui.presenters.scene_eye import SIDES, View, fitting_view
-from spherecal_gui.presenters.scene_hover import items_of
-from spherecal_gui.presenters.scene_shapes import LAYERS, SHOWN_AT_FIRST, SceneStyle, blended, scene_shapes, shrunk
-from spherecal_gui.tasks.scene_picture import named_places, paper_style
-from spherecal_gui.tasks.scene_process import render_once
-from spherecal_gui.tasks.scene_renderer import can_render
-from spherecal_gui.widgets.painted_scene import PaintedScene
-from spherecal_gui.widgets.rendered_scene import RenderedScene
-from spherecal_gui.widgets.scene_panel import ScenePanel
+from spherecal_scene.picture import named_places, paper_style
+from spherecal_scene.renderer import can_render, render_once
+from spherecal_scene.shapes import LAYERS, SHOWN_AT_FIRST, SceneStyle, blended, scene_shapes, shrunk
 
 STYLE = SceneStyle(
     True, (18, 23, 28), (55, 66, 77), (232, 237, 242), (116, 180, 230), (99, 207, 152), (238, 180, 87), (255, 140, 130)

@@ -1130,6 +1130,14 @@ px</translation>
         <translation>nominal {nominal}, zertifiziert {certified}</translation>
     </message>
     <message>
+        <source>This recording is damaged.</source>
+        <translation>Diese Aufnahme ist beschädigt.</translation>
+    </message>
+    <message>
+        <source>This folder holds no recording.</source>
+        <translation>In diesem Ordner ist keine Aufnahme.</translation>
+    </message>
+    <message>
         <source>not known: describe the bench</source>
         <translation>nicht bekannt: die Messmittel beschreiben</translation>
     </message>
@@ -1207,6 +1215,10 @@ px</translation>
     <message>
         <source>Cameras</source>
         <translation>Kameras</translation>
+    </message>
+    <message>
+        <source>Choose another</source>
+        <translation>Eine andere wählen</translation>
     </message>
     <message>
         <source>Search again</source>

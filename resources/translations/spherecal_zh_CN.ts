@@ -1130,6 +1130,14 @@ px</translation>
         <translation>标称 {nominal}，证书 {certified}</translation>
     </message>
     <message>
+        <source>This recording is damaged.</source>
+        <translation>此记录已损坏。</translation>
+    </message>
+    <message>
+        <source>This folder holds no recording.</source>
+        <translation>此文件夹中没有记录。</translation>
+    </message>
+    <message>
         <source>not known: describe the bench</source>
         <translation>未知：请描述器具</translation>
     </message>
@@ -1207,6 +1215,10 @@ px</translation>
     <message>
         <source>Cameras</source>
         <translation>相机</translation>
+    </message>
+    <message>
+        <source>Choose another</source>
+        <translation>另选一个</translation>
     </message>
     <message>
         <source>Search again</source>

@@ -36,12 +36,13 @@ def lost_reason(cameras: tuple[str, ...]) -> Reason:
 class Page(QWidget):
     """A page of the wizard. `action_changed`: the buttons may be others; `finished`: somebody leaves the project.
 
-    `bench_wanted`: somebody wants to describe the bench.
+    `bench_wanted`: somebody wants to describe the bench; `recording_wanted`: to choose another recorded session.
     """
 
     action_changed = Signal()
     finished = Signal()
     bench_wanted = Signal()
+    recording_wanted = Signal()
 
     def __init__(self, controller: Controller, parent: QWidget | None = None) -> None:
         super().__init__(parent)

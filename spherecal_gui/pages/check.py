@@ -50,7 +50,7 @@ class CheckPage(Page):
                 self.tr("rms then\npx"),
             ],
             sortable=False,
-            spare=(7, 6, 5, 4),
+            spare=(7, 6, 5, 4, 2),
         )
         self.panel = ScenePanel()
         self.panel.said.connect(self.controller.tell)

@@ -2,18 +2,40 @@
 
 from typing import TYPE_CHECKING
 
-from PySide6.QtWidgets import QFileDialog, QGridLayout, QHBoxLayout, QLabel, QVBoxLayout, QWidget
+from PySide6.QtGui import QResizeEvent
+from PySide6.QtWidgets import QFileDialog, QGridLayout, QHBoxLayout, QLabel, QPushButton, QVBoxLayout, QWidget
 
 from spherecal_gui import theme
 from spherecal_gui.pages.base import Page, PageAction
 from spherecal_gui.pages.drivers_panel import DriversPanel
-from spherecal_gui.presenters.connect import BenchRow, CameraLine, bench_rows, camera_lines, connect_summary
+from spherecal_gui.presenters.connect import (
+    BenchRow,
+    CameraLine,
+    bench_rows,
+    camera_lines,
+    connect_summary,
+    drawn_bench,
+    recording_text,
+)
 from spherecal_gui.presenters.drivers import driver_notes
 from spherecal_gui.widgets.basic import MARKS, Card, Downwards, button, clear, label, plain, set_level
+from spherecal_gui.widgets.bench_view import BenchView
+from spherecal_gui.widgets.thumbnail import Thumbnail
 from spherecal_gui.wizard.controller import Controller
 
 if TYPE_CHECKING:
     from spherecal_gui.pages.camera_dialog import CameraDialog
+
+_PICTURES, _WORDS = 1, 3  # columns of the table of cameras
+_ROOMY_PX = 1200
+
+
+def _at_the_left(one: QPushButton) -> QHBoxLayout:
+    """A button no wider than its words ask for."""
+    line = QHBoxLayout()
+    line.addWidget(one)
+    line.addStretch(1)
+    return line
 
 
 class ConnectPage(Page):
@@ -26,16 +48,21 @@ class ConnectPage(Page):
         self.cameras = Card(self.tr("Cameras"))
         self.summary = label("", "big")
         self.cameras.body.addWidget(self.summary)
+        self.why = label("", "soft")
+        self.cameras.body.addWidget(self.why)
+        self.other = button(self.tr("Choose another"), "choose-recording")
+        self.other.clicked.connect(self.recording_wanted)
+        self.cameras.body.addLayout(_at_the_left(self.other))
+        self._pictures: dict[str, Thumbnail] = {}
         inner = QWidget()
         self._grid = QGridLayout(inner)
         self._grid.setHorizontalSpacing(18)
-        self._grid.setColumnStretch(2, 1)
         self._grid.setVerticalSpacing(10)
         scroll = Downwards()
         top = QWidget()
         column = QVBoxLayout(top)
         column.setContentsMargins(0, 0, 0, 0)
-        column.addWidget(inner)
+        column.addWidget(inner, 100)  # the rows grow with the page
         self.drivers = DriversPanel()
         self.drivers.allowed.connect(self.controller.allow_driver)
         column.addWidget(self.drivers)
@@ -44,7 +71,7 @@ class ConnectPage(Page):
         self.cameras.body.addWidget(scroll, 1)
         self.again = button(self.tr("Search again"), "search-again")
         self.again.clicked.connect(self.controller.connect_cameras)
-        self.cameras.body.addWidget(self.again)
+        self.cameras.body.addLayout(_at_the_left(self.again))
         row.addWidget(self.cameras, 3)
         self.bench = Card(self.tr("On the bench"))
         hint = self.tr("Compare with what lies there: the targets' numbers, the names and lengths on the bars.")
@@ -55,7 +82,8 @@ class ConnectPage(Page):
         self._bench_rows = QVBoxLayout()
         self._bench_rows.setSpacing(12)
         column.addLayout(self._bench_rows)
-        column.addStretch(1)
+        self.drawn = BenchView()
+        column.addWidget(self.drawn, 1)
         scroll = Downwards()
         scroll.setWidget(rows)
         self.bench.body.addWidget(scroll, 1)
@@ -79,11 +107,18 @@ class ConnectPage(Page):
             return
         connection, running = self.controller.connection, self.controller.runner.running
         lines = camera_lines(connection, self.project.cameras)
-        text, level = connect_summary(lines, running == "connect", self.project.failures.get("connect", ""))
+        failure = self.project.failures.get("connect", "")
+        wrong = recording_text(self.project.source) if failure else ""
+        text, level = connect_summary(lines, running == "connect", wrong or failure)
         self.say(text, level)
+        self.why.setText(failure if wrong else "")
+        self.why.setVisible(bool(wrong))
+        self.other.setVisible(bool(wrong))
+        self.again.setVisible(not wrong)
         self._show_lines(lines)
         self.drivers.show_notes([] if running == "connect" else driver_notes(self.controller.driver_troubles))
         self._show_bench(bench_rows(connection, self.project.artefacts))
+        self.drawn.show_bench(drawn_bench(connection))
         self.again.setEnabled(running is None)
         self.describe.setEnabled(running is None)
         self.choose.setEnabled(running is None and not self.project.taken)
@@ -100,10 +135,36 @@ class ConnectPage(Page):
             lines = camera_lines(self.controller.connection, self.project.cameras)
             if lines != getattr(self, "_shown", None):
                 self.refresh()
+            self._follow()
+
+    def resizeEvent(self, event: QResizeEvent) -> None:
+        """With large text a small screen has no room for pictures."""
+        super().resizeEvent(event)
+        for picture in self._pictures.values():
+            picture.setVisible(self._has_room)
+
+    @property
+    def _has_room(self) -> bool:
+        return not theme.is_far() or self.width() > _ROOMY_PX
+
+    def _follow(self) -> None:
+        """Show the newest images."""
+        live = self.controller.live
+        if live is None:
+            return
+        for serial, picture in self._pictures.items():
+            frame = live.frame(serial)
+            if frame is not None:
+                picture.show_image(frame.image, frame.bits, frame.arrived_s)
 
     def _show_lines(self, lines: list[CameraLine]) -> None:
         self._shown = lines
         clear(self._grid)
+        for number in range(self._grid.rowCount()):
+            self._grid.setRowStretch(number, 0)
+        self._pictures = {}
+        self._grid.setColumnStretch(_PICTURES, 2 if lines else 0)
+        self._grid.setColumnStretch(_WORDS, 1)
         # With the letters for three metres the state stands below: beside it the buttons would leave a small screen.
         below = theme.is_far()
         for number, line in enumerate(lines):
@@ -114,19 +175,23 @@ class ConnectPage(Page):
             word = label(line.word)
             for part in (name, word):
                 set_level(part, line.level)
+            self._grid.setRowStretch(2 * number, 1)
             self._grid.addWidget(name, 2 * number, 0)
-            self._grid.addWidget(about, 2 * number, 1)
+            self._grid.addWidget(about, 2 * number, 2)
             if below:
-                self._grid.addWidget(word, 2 * number + 1, 1, 1, 2)
+                self._grid.addWidget(word, 2 * number + 1, 2, 1, 2)
             else:
-                self._grid.addWidget(word, 2 * number, 2)
+                self._grid.addWidget(word, 2 * number, _WORDS)
             connection = self.controller.connection
             if connection is not None and line.serial in connection.names:
+                picture = self._pictures[line.serial] = Thumbnail()
+                picture.setVisible(self._has_room)
+                self._grid.addWidget(picture, 2 * number, _PICTURES, 2 if below else 1, 1)
                 one = button(self.tr("Which is it?"), f"camera-{line.name}")
                 one.setToolTip(self.tr("Its picture, its name, exposure and gain; its light, where it has one."))
                 one.setProperty("serial", line.serial)
                 one.clicked.connect(self._open_camera)
-                self._grid.addWidget(one, 2 * number, 3)
+                self._grid.addWidget(one, 2 * number, 4)
 
     def _open_camera(self) -> None:
         from spherecal_gui.pages.camera_dialog import CameraDialog

@@ -150,7 +150,15 @@ class StartPage(QWidget):
         return self._card(self.tr("Verify"), text, "verify", self.verify)
 
     def _recent(self) -> Card:
-        self.recent = Card(self.tr("Recent"))
+        self.recent = Card()
+        self.training = button(self.tr("Train on a simulated rig"), "new-simulated")
+        give_icon(self.training, "school")
+        self.training.clicked.connect(lambda: self.train(""))
+        head = QHBoxLayout()
+        head.addWidget(label(self.tr("Recent"), "big", wrap=False))
+        head.addStretch(1)
+        head.addWidget(self.training)
+        self.recent.body.addLayout(head)
         self._rows = QVBoxLayout()
         self._rows.setSpacing(theme.TIGHT)
         self.recent.body.addLayout(self._rows)
@@ -160,10 +168,7 @@ class StartPage(QWidget):
         other.clicked.connect(self._open_other)
         self.replay = button(self.tr("Replay a recorded session"), "new-replay")
         give_icon(self.replay, "player-record")
-        self.replay.clicked.connect(self._choose_recording)
-        self.training = button(self.tr("Train on a simulated rig"), "new-simulated")
-        give_icon(self.training, "school")
-        self.training.clicked.connect(lambda: self.train(""))
+        self.replay.clicked.connect(self.choose_recording)
         self.bars = button(self.tr("Bench, bars and balls"), "bench")
         give_icon(self.bars, "ruler-2")
         self.bars.clicked.connect(self.bench_wanted)
@@ -171,7 +176,6 @@ class StartPage(QWidget):
         for one in (other, self.replay, self.bars):
             line.addWidget(one)
         line.addStretch(1)
-        line.addWidget(self.training)
         self.recent.body.addLayout(line)
         return self.recent
 
@@ -259,7 +263,8 @@ class StartPage(QWidget):
         if folder:
             self.opened.emit(folder)
 
-    def _choose_recording(self) -> None:
+    def choose_recording(self) -> None:
+        """Have somebody choose a recorded session, and show it as live cameras."""
         folder = QFileDialog.getExistingDirectory(self, self.tr("A recorded session with images"), str(self.projects))
         if folder:
             self.wanted.emit(f"replay:{folder}")

@@ -3,6 +3,7 @@
 from collections.abc import Collection
 from dataclasses import dataclass
 from datetime import date
+from pathlib import Path
 from typing import Any
 
 from PySide6.QtCore import QCoreApplication
@@ -38,6 +39,15 @@ class BenchRow:
     title: str
     value: str
     level: Level = "none"
+
+
+@dataclass(frozen=True)
+class DrawnBench:
+    """The ball's diameter and how many targets it has; each bar's name and its marks, mm from the first."""
+
+    diameter_mm: float | None = None
+    targets: int = 0
+    bars: tuple[tuple[str, tuple[float, ...]], ...] = ()
 
 
 def camera_lines(connection: Any, expected: tuple[str, ...]) -> list[CameraLine]:
@@ -130,6 +140,40 @@ def _bars_words(connection: Any, bars: tuple[str, ...], kept: str) -> str:
         return kept.replace(" mm, ", ", ")  # the unit once, after the last
     own = [bar for bar in connection.plan.bars if bar.id in bars]
     return "\n".join("\n".join((f"{bar.id} (mm):", *lengths_texts(bar))) for bar in own)
+
+
+def drawn_bench(connection: Any) -> DrawnBench:
+    """The ball and the bars that lie on the bench, to be drawn."""
+    if connection is None or connection.plan.target_set is None:
+        return DrawnBench()
+    plan = connection.plan
+    on_bars = {mark.target for bar in plan.bars for mark in bar.marks.values()}
+    bars = tuple((bar.id, places) for bar in plan.bars if len(places := mark_places(bar)) > 1)
+    diameter = plan.fields.get("sphere", {}).get("nominal_diameter_mm")
+    return DrawnBench(diameter, len(set(plan.target_set.layouts) - on_bars), bars)
+
+
+def mark_places(bar: Any) -> tuple[float, ...]:
+    """Where a bar's marks lie, mm from the first along the bar, as its lengths say."""
+    longest = max(bar.lengths, key=lambda one: one.length_mm)
+    places = {longest.from_mark: 0.0, longest.to_mark: longest.length_mm}
+    for one in bar.lengths:
+        if one.from_mark in places:
+            places.setdefault(one.to_mark, places[one.from_mark] + one.length_mm)
+        elif one.to_mark in places:
+            places.setdefault(one.from_mark, places[one.to_mark] - one.length_mm)
+    least = min(places.values())
+    return tuple(sorted(one - least for one in places.values()))
+
+
+def recording_text(source: str) -> str:
+    """What is wrong with a recorded session that cannot be shown; empty for other sources."""
+    kind, _, folder = source.partition(":")
+    if kind != "replay":
+        return ""
+    if (Path(folder) / "session.json").is_file():
+        return translate("Connect", "This recording is damaged.")
+    return translate("Connect", "This folder holds no recording.")
 
 
 def bench_rows(connection: Any, confirmed: Artefacts | None) -> list[BenchRow]:

@@ -10,8 +10,8 @@ from PySide6.QtCore import QCoreApplication
 from spherecal.base.arrays import FloatArray
 from spherecal.base.errors import InputError
 from spherecal.geometry.user_frame import FrameDefinition, UserFrame, turn_matrix
-from spherecal_gui.presenters.scene import SceneData, scene_data
 from spherecal_gui.texts import error_text
+from spherecal_scene.model import SceneData, scene_data
 
 translate = QCoreApplication.translate
 

@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 
 from spherecal.base.arrays import FloatArray
-from spherecal_gui.presenters.scene import SceneData
-from spherecal_gui.presenters.scene_shapes import Lines, Mesh, Picture, SceneStyle, scene_shapes
+from spherecal_scene.model import SceneData
+from spherecal_scene.shapes import Lines, Mesh, Picture, SceneStyle, scene_shapes
 
 _FLOAT, _UINT32, _UINT8 = 5126, 5125, 5121
 _ARRAY, _ELEMENTS = 34962, 34963

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from spherecal.base.arrays import FloatArray
-from spherecal_gui.presenters.scene import DrawnBall, SceneData, scene_data, with_bars, with_images, with_moved
+from spherecal_scene.model import DrawnBall, SceneData, scene_data, with_bars, with_images, with_moved
 
 
 def outcome_scene(outcome: Any) -> SceneData | None:
@@ -71,7 +71,7 @@ def check_scene(rig: Any, found: Any) -> SceneData | None:
     now, changes = [], []
     for camera in rig.cameras:
         test = moved.get(camera.id)
-        if test is None:
+        if test is None or np.size(test.turn_rad) != 3:  # of a check that was read again only the sizes are known
             now.append(camera)
             continue
         turn = exp_rotation(np.asarray(test.turn_rad, dtype=float))

@@ -5,8 +5,8 @@ from dataclasses import dataclass
 from PySide6.QtCore import QCoreApplication
 
 from spherecal.base.arrays import FloatArray
-from spherecal_gui.presenters.scene import SceneData
-from spherecal_gui.presenters.scene_shapes import map_step
+from spherecal_scene.model import SceneData
+from spherecal_scene.shapes import map_step
 
 translate = QCoreApplication.translate
 

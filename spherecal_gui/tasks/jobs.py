@@ -369,15 +369,12 @@ def report(project: Project, output: Path, language: str, notice: str, context: 
 
     `notice` heads every page; the operator's note is under the verdict.
     """
-    from spherecal.report.result_folder import read_result
     from spherecal.report.write_report import write_report
-    from spherecal_gui.tasks.outcome import last_images
-    from spherecal_gui.tasks.scene_picture import scene_picture
+    from spherecal_scene.picture import scene_picture
 
     context.report("drawing the report", 0.0)
     result = project.result_folder
-    scene = scene_picture(read_result(result), last_images(project.folder))
-    told: Any = {"language": language, "notice": notice, "note": project.note, "scene": scene}
+    told: Any = {"language": language, "notice": notice, "note": project.note, "render": scene_picture}
     try:
         write_report(result, output, project.folder, **told)
     except InputError:  # retaken since: the numbers still hold, the pictures would not

@@ -1,7 +1,6 @@
 """A result as the window shows it: read, compared with the calibration in use, and the paths by which it was built."""
 
 from collections.abc import Mapping, Sequence
-from contextlib import suppress
 from dataclasses import dataclass, field
 from itertools import pairwise
 from pathlib import Path
@@ -13,8 +12,6 @@ from spherecal.base.context import Context
 from spherecal.base.errors import SpherecalError
 from spherecal_gui.presenters.bar_guide import RigPlanes
 from spherecal_gui.tasks.guided_bar import plan_poses_of
-
-_IMAGE_PX = 480
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,31 +58,18 @@ def read_outcome(folder: Path, session: Path, profile: Path, bars: Sequence[Any]
     plan = plan_poses_of(folder, result.rig, bars)
     planes = RigPlanes.of(result.rig, plan.box.middle) if plan is not None else None
     context.report("reading the result", 0.9)
-    return Outcome(result, compared, links, plan, planes, _places(folder, session), last_images(session))
+    return Outcome(result, compared, links, plan, planes, _places(folder, session), _last_images(session))
 
 
-def last_images(session: Path) -> Mapping[str, Any]:
-    """The last image of each camera; one that cannot be read is left out, as the result does not depend on it."""
+def _last_images(folder: Path) -> Mapping[str, Any]:
+    """The last image of each camera; none where the session cannot be read, as the result does not depend on it."""
     from spherecal.files.read_session import read_session
-    from spherecal.targets.images import read_image
+    from spherecal_scene.picture import last_images
 
     try:
-        placements = read_session(session).placements
+        return last_images(read_session(folder))
     except SpherecalError:
         return {}
-    last = {camera: path for placement in placements for camera, path in placement.images.items()}
-    found = {}
-    for camera, path in last.items():
-        with suppress(SpherecalError):
-            found[camera] = _small(read_image(path))
-    return found
-
-
-def _small(image: Any) -> Any:
-    """Every k-th pixel, as bytes."""
-    step = max(1, -(-max(image.shape) // _IMAGE_PX))
-    picked = np.asarray(image)[::step, ::step].astype(float)
-    return np.ascontiguousarray((picked * (255.0 / max(float(picked.max()), 1.0))).astype(np.uint8))
 
 
 def _places(folder: Path, session: Path) -> Mapping[str, Any]:

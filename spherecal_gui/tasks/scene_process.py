@@ -8,14 +8,13 @@ from dataclasses import dataclass
 from multiprocessing import shared_memory
 from typing import Any
 
-import numpy as np
 from PySide6.QtCore import QObject, Signal
 from PySide6.QtGui import QImage
 
-from spherecal_gui.presenters.scene import SceneData
-from spherecal_gui.presenters.scene_eye import Eye
-from spherecal_gui.presenters.scene_shapes import SceneStyle
-from spherecal_gui.tasks.scene_renderer import serve
+from spherecal_scene.eye import Eye
+from spherecal_scene.model import SceneData
+from spherecal_scene.renderer import serve
+from spherecal_scene.shapes import SceneStyle
 
 log = logging.getLogger("spherecal.gui")
 
@@ -154,29 +153,3 @@ def give_back() -> None:
     if _SHARED.users <= 0 and _SHARED.process is not None:
         _SHARED.process.close()
         _SHARED.process, _SHARED.users = None, 0
-
-
-def render_once(data: SceneData, style: SceneStyle, eye: Eye) -> Any:
-    """One picture with smooth edges, (height, width, 3) uint8, from a process of its own; None where that fails."""
-    context = multiprocessing.get_context("spawn")
-    ours, theirs = context.Pipe()
-    process = context.Process(target=serve, args=(theirs,), daemon=True, name="spherecal-picture")
-    memory = shared_memory.SharedMemory(create=True, size=3 * eye.width * eye.height)
-    try:
-        process.start()
-        theirs.close()
-        if ours.recv()[0] != "ready":
-            return None
-        ours.send(("scene", (data, style)))
-        ours.send(("eye", (memory.name, 0, eye, True)))
-        ours.recv()
-        return np.ndarray((eye.height, eye.width, 3), np.uint8, memory.buf).copy()
-    except (EOFError, OSError):
-        return None
-    finally:
-        ours.close()
-        process.join(2.0)
-        if process.is_alive():
-            process.terminate()
-        memory.close()
-        memory.unlink()

@@ -222,16 +222,27 @@ class Chip(QWidget):
 
     def sizeHint(self) -> QSize:
         """As wide as its word."""
+        return self._size_of(self._text)
+
+    def _size_of(self, text: str) -> QSize:
         metrics = self.fontMetrics()
         mark = 0 if self._level == "none" else self._mark_px() + theme.TIGHT
-        return QSize(metrics.horizontalAdvance(self._text) + int(mark) + 2 * theme.GAP + 4, metrics.height() + 10)
+        return QSize(metrics.horizontalAdvance(text) + int(mark) + 2 * theme.GAP + 4, metrics.height() + 10)
 
     def _mark_px(self) -> float:
         return 0.8 * self.fontMetrics().height()
 
     def minimumSizeHint(self) -> QSize:
-        """A word is never squeezed."""
-        return self.sizeHint()
+        """A word is never squeezed; the last of three or more, such as the age, is left out where there is no room."""
+        return self._size_of(self._shorter)
+
+    @property
+    def _shorter(self) -> str:
+        return " · ".join(self._text.split(" · ")[:2])
+
+    @property
+    def _shown(self) -> str:
+        return self._text if self.width() >= self.sizeHint().width() else self._shorter
 
     def paintEvent(self, _: QPaintEvent) -> None:
         """Draw it."""
@@ -248,7 +259,7 @@ class Chip(QWidget):
             painter.drawPixmap(QPointF(words.left(), box.center().y() - px / 2), level_pixmap(self._level, px, tint))
             words.setLeft(words.left() + px + theme.TIGHT)
         painter.setPen(QColor(tint))
-        painter.drawText(words, Qt.AlignmentFlag.AlignVCenter | Qt.AlignmentFlag.AlignLeft, self._text)
+        painter.drawText(words, Qt.AlignmentFlag.AlignVCenter | Qt.AlignmentFlag.AlignLeft, self._shown)
 
     def mouseReleaseEvent(self, _: object) -> None:
         """Tell that it was clicked."""

@@ -18,7 +18,7 @@ class Drawing(QWidget):
         super().__init__(parent)
         self._text = resource_path("drawings", f"{name}.svg").read_text(encoding="utf-8")
         self.setSizePolicy(QSizePolicy.Policy.Expanding, QSizePolicy.Policy.Expanding)
-        self.setMinimumHeight(56)
+        self.setMinimumHeight(40)
         self.setAttribute(Qt.WidgetAttribute.WA_TransparentForMouseEvents)
 
     def sizeHint(self) -> QSize:

@@ -8,12 +8,12 @@ from PySide6.QtCore import QRectF, Qt, QTimer
 from PySide6.QtGui import QHideEvent, QImage, QPainter, QShowEvent
 from PySide6.QtWidgets import QWidget
 
-from spherecal_gui.presenters.scene import SceneData
-from spherecal_gui.presenters.scene_eye import Eye
 from spherecal_gui.tasks import scene_process
 from spherecal_gui.tasks.scene_process import SceneProcess, Wanted
-from spherecal_gui.tasks.scene_renderer import can_render
 from spherecal_gui.widgets.painted_scene import PaintedScene
+from spherecal_scene.eye import Eye
+from spherecal_scene.model import SceneData
+from spherecal_scene.renderer import can_render
 
 _LEAVE_MS = 30_000
 _REST_MS = 180  # so long after the last turn the picture is rendered with smooth edges

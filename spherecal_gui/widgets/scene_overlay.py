@@ -9,10 +9,10 @@ from PySide6.QtWidgets import QWidget
 
 from spherecal.base.arrays import FloatArray
 from spherecal_gui import languages, theme
-from spherecal_gui.presenters.scene import AXIS_TINTS, SceneData, ramp
-from spherecal_gui.presenters.scene_eye import Eye
 from spherecal_gui.presenters.scene_hover import SceneItem
 from spherecal_gui.widgets.name_tags import place_tags
+from spherecal_scene.eye import Eye
+from spherecal_scene.model import AXIS_TINTS, SceneData, ramp
 
 _CUBE_PX = 30.0  # half of its side
 _CORNER = 2.05  # of its middle from the corner of the view, in half sides

@@ -10,12 +10,12 @@ from spherecal.base.errors import SpherecalError
 from spherecal.base.filesystem import write_whole
 from spherecal_gui import theme
 from spherecal_gui.presenters.gltf import scene_glb
-from spherecal_gui.presenters.scene import SceneData
-from spherecal_gui.presenters.scene_shapes import SHOWN_AT_FIRST
 from spherecal_gui.texts import error_text
 from spherecal_gui.widgets.basic import button
 from spherecal_gui.widgets.icons import give_icon, menu_icon
 from spherecal_gui.widgets.scene import make_scene_view
+from spherecal_scene.model import SceneData
+from spherecal_scene.shapes import SHOWN_AT_FIRST
 
 _MODEL = ".glb"
 

@@ -15,14 +15,14 @@ from spherecal_gui.presenters.bars import (
     rule_text,
 )
 from spherecal_gui.presenters.results import bar_verdict
-from spherecal_gui.presenters.scene import SceneData
 from spherecal_gui.standing import Level
 from spherecal_gui.widgets.basic import Card, label
 from spherecal_gui.widgets.charts import ErrorChart
 from spherecal_gui.widgets.scene_panel import ScenePanel
 from spherecal_gui.widgets.table import Table
+from spherecal_scene.model import SceneData
 
-_MOST, _MOST_FROM_AFAR = 4, 1  # rows in sight at 1280 x 800
+_MOST, _MOST_CAMERAS, _MOST_FROM_AFAR = 4, 8, 1  # rows in sight at 1280 x 800; the plot gives way to the cameras
 
 
 class VerificationView(QSplitter):
@@ -42,9 +42,7 @@ class VerificationView(QSplitter):
         words.addWidget(self.sentence, 1)
         outcome.body.addLayout(words)
         self.errors = ErrorChart()
-        self.errors.setMinimumHeight(100)
         self.panel = ScenePanel()
-        self.panel.view.setMinimumSize(200, 100)  # the tables below need room at 800 px
         self.pictures = QTabWidget()
         self.pictures.addTab(self.errors, self.tr("Errors"))
         self.pictures.addTab(self.panel, self.tr("In space"))
@@ -79,6 +77,7 @@ class VerificationView(QSplitter):
         self.tables.addTab(self.table, self.tr("Lengths"))
         self.tables.addTab(self.cameras, self.tr("Cameras"))
         self.tables.addTab(self.budget, self.tr("Budget"))
+        self.tables.currentChanged.connect(self._fit_tables)
         self.addWidget(outcome)
         self.addWidget(self.tables)
         self.setStretchFactor(0, 3)
@@ -109,8 +108,13 @@ class VerificationView(QSplitter):
         self._fit_tables()
 
     def _fit_tables(self) -> None:
-        """Room for the rows of lengths and cameras, as far as the plot can spare it."""
-        rows = min(max(self.table.rowCount(), self.cameras.rowCount()), _MOST_FROM_AFAR if theme.is_far() else _MOST)
+        """Room for the rows of the table that is shown, as far as the plot can spare it."""
+        most = _MOST_FROM_AFAR if theme.is_far() else _MOST_CAMERAS if self.tables.currentIndex() == 1 else _MOST
+        rows = min(self.cameras.rowCount() if self.tables.currentIndex() == 1 else self.table.rowCount(), most)
+        low = 60 if most == _MOST_CAMERAS else 100  # the tables need room at 800 px
+        self.errors.setMinimumHeight(low)
+        self.panel.view.setMinimumSize(200, low)
+        self.rule.setVisible(low == 100)
         row, head = self.table.verticalHeader().defaultSectionSize(), self.table.horizontalHeader().sizeHint().height()
         self.tables.setMinimumHeight(self.tables.tabBar().sizeHint().height() + head + rows * row + 6)
 

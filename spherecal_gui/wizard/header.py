@@ -33,6 +33,8 @@ class Header(QFrame):
         row.setContentsMargins(theme.PAD, theme.SMALL - 2, theme.PAD, theme.SMALL - 2)
         row.setSpacing(theme.SMALL)
         self.home = button(self.tr("Start page"), "home")
+        self.home.setAccessibleName(self.tr("Start page"))
+        self.home.setToolTip(self.tr("Start page"))
         give_icon(self.home, "home")
         self.name = Elided("SphereCal", "big")
         self.doing = Elided("", "soft")
@@ -59,7 +61,8 @@ class Header(QFrame):
         self.dress()
 
     def dress(self) -> None:
-        """The menu's icons in the colours of now."""
+        """The menu's icons in the colours of now; large text needs the room of a word that an icon says as well."""
+        self.home.setText("" if theme.is_far() else self.tr("Start page"))
         for action, name in self._icons.items():
             action.setIcon(menu_icon(name))
 

@@ -209,6 +209,7 @@ class WizardWindow(WindowFrame):
             page.action_changed.connect(self._show_buttons)
             page.finished.connect(self.show_start)
             page.bench_wanted.connect(self.edit_bench)
+            page.recording_wanted.connect(self.start.choose_recording)
             self.pages[step.kind] = page
             if (layout := page.layout()) is not None:  # in one line with heading and footer
                 layout.setContentsMargins(theme.PAD, theme.SMALL, theme.PAD, theme.SMALL)

@@ -245,10 +245,12 @@ def _markers(options: argparse.Namespace) -> TargetSet:
 def report(options: argparse.Namespace) -> int:
     """`spherecal report`."""
     from spherecal.report.write_report import write_report
+    from spherecal_scene.picture import scene_picture
 
+    o = options
     with shown_progress() as context:
         context.report("drawing the report", 0.0)
-        write_report(options.result, options.output, options.session, options.page, options.issuer, options.language)
+        write_report(o.result, o.output, o.session, o.page, o.issuer, o.language, render=scene_picture)
     answer(options, {"output": options.output})
     out.print(f"Report in {options.output}.", markup=False)
     return DONE

@@ -40,6 +40,8 @@ def _drawn(folder: Path) -> None:
         picture = stage.picture(0, StageView(), rendered)
         for bits in (8, 12):
             _find_dots(digitise(picture, bits, 1.0, np.random.default_rng(bits)), targets)
+    squares = np.random.default_rng(1).integers(0, 2, (60, 80), np.uint8)
+    _find_dots(200 * np.kron(squares, np.ones((8, 8), np.uint8)), targets)  # texture all over the image
 
 
 def _rendered(folder: Path) -> None:

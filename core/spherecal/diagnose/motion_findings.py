@@ -15,6 +15,7 @@ from spherecal.diagnose.two_poses import Knock, find_knock
 
 # Moves larger than this are measured by resection: linear tests are good for small ones.
 FAR_PX = 3.0
+_TINY_RAD = 1.7e-4  # 0.01 degrees: smaller turns are said in microradians
 
 
 def motion_findings(e: Evidence, anomalies: Anomalies, wrong: Sequence[WrongImage]) -> list[Finding]:
@@ -94,8 +95,10 @@ def moved_cameras(e: Evidence, findings: Sequence[Finding]) -> set[str]:
 
 
 def _moved(e: Evidence, move: Move) -> Finding:
-    turn, shift = np.linalg.norm(move.step[:3]), np.linalg.norm(move.step[3:]) * e.solution.factor
-    size = Phrase("move-microradians", {"shift": _shift(e, float(shift)), "microradians": 1e6 * turn})
+    turn, shift = (float(np.linalg.norm(part)) for part in (move.step[:3], move.step[3:] * e.solution.factor))
+    size = _size(e, move.camera, shift, turn)
+    if turn < _TINY_RAD:
+        size = Phrase("move-microradians", {"shift": _shift(e, shift), "microradians": 1e6 * turn})
     sure = Phrase("shows-move", {
         "px": move.image_change_px, "chi_square": move.statistic, "dof": move.dof, "limit": LEAST_STATISTIC,
     })  # fmt: skip
@@ -104,7 +107,17 @@ def _moved(e: Evidence, move: Move) -> Finding:
 
 def _knocked(e: Evidence, knock: Knock) -> Finding:
     sure = Phrase("shows-knock", {"one_px": knock.fit_px[0], "two_px": knock.fit_px[1]})
-    return _finding(e, knock.camera, set(knock.placements), _degrees(e, knock.shift, knock.turn_rad), sure)
+    size = _size(e, knock.camera, knock.shift, knock.turn_rad)
+    return _finding(e, knock.camera, set(knock.placements), size, sure)
+
+
+def _size(e: Evidence, camera: int, shift: float, turn_rad: float) -> Phrase:
+    """How far a camera moved; only turned where its shift moves the images ten times less than its turn."""
+    state = e.solution.state
+    seen = state.points[np.unique(e.features.of_observation[(e.observations.camera == camera) & e.used])]
+    distance = np.median(np.linalg.norm(seen @ state.rotation[camera].T + state.translation[camera], axis=1))
+    key = "move-turned" if shift < 0.1 * turn_rad * distance else "move-degrees"
+    return Phrase(key, {"shift": _shift(e, shift), "degrees": np.rad2deg(turn_rad)})
 
 
 def _degrees(e: Evidence, shift: float, turn_rad: float) -> Phrase:
@@ -161,7 +174,7 @@ def unexplained_images(e: Evidence, wrong: Sequence[WrongImage], explained: set[
     some = unknown[0]
     values = {"images": where, "out": some.left_out, "points": some.points}
     named = tuple(dict.fromkeys(name for i in unknown for name in _names(e, i)))
-    return [Finding("image-contradicts", "warning", values, named, leave_out(*where))]
+    return [Finding("image-contradicts", "warning", values, named, leave_out(*where), "images")]
 
 
 def _names(e: Evidence, image: WrongImage) -> tuple[str, str]:

@@ -6,8 +6,9 @@ be written down without guessing. What can be read in two ways is refused, and b
 
 import os
 import re
-from collections.abc import Collection, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+import tomllib
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path, PurePosixPath
 
 from spherecal.base.errors import InputError, Words
@@ -20,6 +21,7 @@ ONLY_PLACEMENT = "P1"  # of images whose names give only cameras
 _DEEPEST = 6
 _MOST_FILES = 200_000
 _SHOWN = 4
+_MOST_CONFIG_BYTES, _LONGEST_REGEX = 1 << 20, 200
 _EXAMPLE = "{camera}/{placement}.png"
 _KINDS = {"camera": Phrase("the-camera"), "placement": Phrase("the-placement")}
 _MOST_WILD = 6  # fields and stars in a pattern: matching stays fast
@@ -86,11 +88,15 @@ def recognise(folder: Path, pattern: str | None = None) -> ImageLayout:
             )
         )
     words, chosen, rest = _known_program(found)
+    regex = _anipose_regex(folder)
+    if regex is not None:
+        layout = _sorted_out(folder, chosen, lambda path: _by_regex(regex, path), regex.pattern, "Anipose's cam_regex")
+        return replace(layout, left_out=(*layout.left_out, *rest))
     proposed = _proposed(chosen, videos=not kinds[0])
     if len(proposed) != 1:
         raise _ambiguous(folder, chosen, proposed)
     layout = _by_pattern(folder, chosen, proposed[0], words or _said(proposed[0]))
-    return ImageLayout(layout.words, layout.pattern, layout.files, layout.placements, (*layout.left_out, *rest))
+    return replace(layout, left_out=(*layout.left_out, *rest))
 
 
 def natural(text: str) -> tuple[tuple[int, int | str], ...]:
@@ -139,6 +145,37 @@ def _known_program(found: list[str]) -> tuple[str, list[str], list[str]]:
     if all(re.fullmatch(r"cam\d+/\d{16,19}\.\w+", path) for path in found):
         return "Kalibr's data set folder (time stamps in nanoseconds)", found, []
     return "", found, []
+
+
+def _anipose_regex(folder: Path) -> re.Pattern[str] | None:
+    """How Anipose finds the camera in a video's name: `cam_regex` of config.toml in the folder or the two around it.
+
+    InputError where it cannot be taken: without a group, or such that matching it could take for ever.
+    """
+    for one in (folder.resolve(), *folder.resolve().parents[:2]):
+        file = one / "config.toml"
+        try:
+            if not file.is_file() or file.stat().st_size > _MOST_CONFIG_BYTES:
+                continue
+            text = tomllib.loads(file.read_text(encoding="utf-8")).get("triangulation", {}).get("cam_regex")
+        except (OSError, ValueError, AttributeError):
+            continue
+        if not isinstance(text, str):
+            continue
+        try:
+            compiled = re.compile(text)
+        except (re.error, OverflowError, RecursionError):
+            compiled = None
+        if compiled is None or compiled.groups < 1 or len(text) > _LONGEST_REGEX or re.search(r"\)[*+{?]", text):
+            raise InputError(Phrase("error-cam-regex", {"file": file, "regex": text[:_LONGEST_REGEX]}))
+        return compiled
+    return None
+
+
+def _by_regex(regex: re.Pattern[str], path: str) -> dict[str, str] | None:
+    """The camera in a file's name, as Anipose takes it."""
+    found = regex.search(PurePosixPath(path).stem)
+    return {"camera": found[1].strip()} if found is not None and found[1] and found[1].strip() else None
 
 
 # --- patterns --------------------------------------------------------------------------------------------------------
@@ -314,16 +351,28 @@ def _compiled(pattern: str) -> re.Pattern[str]:
 
 def _by_pattern(folder: Path, found: Iterable[str], pattern: str, words: str) -> ImageLayout:
     compiled = _compiled(pattern)
+
+    def named(path: str) -> dict[str, str] | None:
+        match = compiled.fullmatch(path)
+        return match.groupdict() if match is not None else None
+
+    return _sorted_out(folder, found, named, pattern, words)
+
+
+def _sorted_out(
+    folder: Path, found: Iterable[str], named: Callable[[str], dict[str, str] | None], pattern: str, words: str
+) -> ImageLayout:
+    """The layout of files by what they are `named`: camera and placement, or None for a file that is no part of it."""
     files: dict[str, dict[str, str]] = {}
     names: dict[str, dict[str, str]] = {"camera": {}, "placement": {}}
     left_out: list[str] = []
     paths = list(found)
     for path in paths:
-        match = compiled.fullmatch(path)
-        if match is None:
+        own = named(path)
+        if own is None:
             left_out.append(path)
             continue
-        given = {"placement": ONLY_PLACEMENT, **match.groupdict()}
+        given = {"placement": ONLY_PLACEMENT, **own}
         camera, place = (_id(folder, names[kind], kind, given[kind]) for kind in ("camera", "placement"))
         if (other := files.setdefault(camera, {}).setdefault(place, path)) != path:
             raise InputError(

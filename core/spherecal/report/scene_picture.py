@@ -1,13 +1,16 @@
-"""The rig in space as a picture that was rendered elsewhere (the window has a renderer), with names on it."""
+"""The rig in space as a picture that was rendered elsewhere (package spherecal_scene), with names on it."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from spherecal.base.arrays import FloatArray
+from spherecal.data.session import Session
 from spherecal.report.labels import Labels
 from spherecal.report.language import label
+from spherecal.report.result_folder import Result
 from spherecal.report.sheet import PageBox, Sheet
 from spherecal.report.style import INK, SMALL_PT, SOFT, TINY_PT
 
@@ -27,6 +30,10 @@ class ScenePicture:
         """The height on paper, mm, with the line below it."""
         height, width = self.pixels.shape[:2]
         return width_mm * height / width + _FOOT_MM
+
+
+# What renders a result with the images of its session, where there is one; None where it cannot.
+Renderer = Callable[[Result, Session | None], ScenePicture | None]
 
 
 def draw_scene(sheet: Sheet, box: PageBox, picture: ScenePicture, unit: str) -> None:

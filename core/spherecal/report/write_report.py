@@ -15,7 +15,7 @@ from spherecal.report.language import label, language_now, speaking
 from spherecal.report.residuals_page import add_residual_pages
 from spherecal.report.result_folder import Result, read_result
 from spherecal.report.rig_page import add_rig_pages
-from spherecal.report.scene_picture import ScenePicture
+from spherecal.report.scene_picture import Renderer, ScenePicture
 from spherecal.report.sections_rig import rig_sections
 from spherecal.report.sheet import PAGE_SIZES_MM
 from spherecal.report.style import chinese_fonts, report_style
@@ -33,7 +33,7 @@ def write_report(
     language: str = "en",
     notice: str = "",
     note: str = "",
-    scene: ScenePicture | None = None,
+    render: Renderer | None = None,
 ) -> None:
     """Write the report of a result folder, whole or not at all; the same result gives the same bytes.
 
@@ -41,16 +41,16 @@ def write_report(
     Certificate with the statements in the file `issuer`, always in English). `language`: en, de or zh_CN; what has no
     translation stays English. Pictures of detections in the PDF need the session's images: of `session_folder`, or of
     a folder `session` beside the result (or the one around it) if it is the result's own. `notice` is printed at the
-    head of every page of the PDF, `note` under its verdict, both as they are. `scene` is the rig in space as it was
-    rendered, in place of the drawn view, in PDF and HTML. InputError for another ending, and
-    for a folder or file that cannot be used as it is, OutputError where the report cannot be written.
+    head of every page of the PDF, `note` under its verdict, both as they are. `render` is asked for the rig in
+    space, in place of the drawn view, in PDF and HTML. InputError for another ending,
+    and for a folder or file that cannot be used as it is, OutputError where the report cannot be written.
     """
     forms = {
-        ".html": lambda folder: html_report(folder, scene),
-        ".htm": lambda folder: html_report(folder, scene),
+        ".html": lambda folder: html_report(folder, session_folder, render),
+        ".htm": lambda folder: html_report(folder, session_folder, render),
         ".json": json_report,
         ".xml": lambda folder: certificate(folder, issuer),
-        ".pdf": lambda folder: report_bytes(folder, session_folder, page, notice, note, scene),
+        ".pdf": lambda folder: report_bytes(folder, session_folder, page, notice, note, render),
     }
     make = forms.get(output.suffix.lower())
     if make is None:
@@ -75,7 +75,7 @@ def report_bytes(
     page: PageSize = "A4",
     notice: str = "",
     note: str = "",
-    scene: ScenePicture | None = None,
+    render: Renderer | None = None,
 ) -> bytes:
     """The report as the bytes of a PDF."""
     if page not in PAGE_SIZES_MM:
@@ -83,16 +83,19 @@ def report_bytes(
     result = read_result(result_folder)
     if language_now() == "zh_CN" and not chinese_fonts():
         raise InputError(Phrase("error-no-chinese-font"))
-    detections = choose_detections(result, find_session(result, session_folder))
+    session = find_session(result, session_folder)
+    detections = choose_detections(result, session)
+    scene = render(result, session) if render is not None else None
     with report_style():
         return make_document(result, detections, page, notice, note, scene).pdf()
 
 
-def html_report(result_folder: Path, scene: ScenePicture | None = None) -> bytes:
+def html_report(result_folder: Path, session_folder: Path | None = None, render: Renderer | None = None) -> bytes:
     """The report as one HTML file."""
     from spherecal.report.html import html_bytes
 
     result = read_result(result_folder)
+    scene = render(result, find_session(result, session_folder)) if render is not None else None
     with report_style():
         return html_bytes(make_content(result), result, scene)
 

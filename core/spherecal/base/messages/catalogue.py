@@ -16,7 +16,7 @@ import os
 import re
 import tomllib
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from typing import Any, Literal
 
@@ -124,8 +124,10 @@ def _shown(value: Value, field: Field, language: str) -> str:
     if isinstance(value, tuple):
         return str(len(value)) if field.spec == "count" else _joined(value, field.spec, language)
     if isinstance(value, Phrase):
-        value = phrase(value, language)
+        value = phrase(replace(value, key=f"{value.key}-short") if field.spec == "short" else value, language)
     if isinstance(value, str):
+        if field.spec == "number" and re.fullmatch(r"P\d+", value):
+            return value[1:]
         return value[:1].upper() + value[1:] if field.spec == "capital" else value
     return format(value, field.spec)
 

@@ -1,10 +1,12 @@
-"""The process that renders a scene by pyvista, off the screen: the window never waits for a picture.
+"""The process that renders a scene by pyvista, off the screen: nobody waits for VTK, or ends with it.
 
 Without a graphics card a picture takes some 30 ms, and VTK lets nobody else run Python meanwhile. Pictures come back
-in shared memory. What is asked for is always the newest: views that were overtaken are left out.
+in shared memory. The window asks for the newest view only (spherecal_gui/tasks/scene_process.py), a report
+for one picture.
 """
 
 import contextlib
+import multiprocessing
 import os
 from dataclasses import dataclass
 from importlib.util import find_spec
@@ -14,12 +16,13 @@ from typing import Any
 
 import numpy as np
 
-from spherecal_gui.presenters.scene import SceneData
-from spherecal_gui.presenters.scene_eye import Eye
-from spherecal_gui.presenters.scene_shapes import Lines, Mesh, Picture, SceneStyle, scene_shapes
+from spherecal_scene.eye import Eye
+from spherecal_scene.model import SceneData
+from spherecal_scene.shapes import Lines, Mesh, Picture, SceneStyle, scene_shapes
 
 _FAR = 6.0  # the eye's distance, in radii of the scene; a parallel projection does not depend on it
 _PLAIN = ("painted", "2d")  # what SPHERECAL_3D asks for the painted view by
+_PATIENCE_S = 60.0  # for one picture; the first on a new machine takes some seconds
 _FINE = 2  # at rest a picture is rendered so many times larger and averaged, which smooths edges
 
 
@@ -141,11 +144,19 @@ def can_render() -> bool:
     return os.environ.get("SPHERECAL_3D") not in _PLAIN and find_spec("pyvista") is not None
 
 
+def _be_quiet() -> None:
+    """VTK would say on standard error that there is no screen, and then render without one."""
+    from vtkmodules.vtkCommonCore import vtkLogger
+
+    vtkLogger.SetStderrVerbosity(vtkLogger.VERBOSITY_ERROR)
+
+
 def serve(pipe: Connection) -> None:
     """Answer until the other end closes: `ready`, then a RenderedFrame for each eye; `failed` with the reason."""
     import time
 
     try:
+        _be_quiet()
         stage = Stage()
     except Exception as error:
         with contextlib.suppress(OSError):
@@ -171,3 +182,31 @@ def serve(pipe: Connection) -> None:
     if memory is not None:
         memory.close()
     stage.close()
+
+
+def render_once(data: SceneData, style: SceneStyle, eye: Eye) -> Any:
+    """One picture with smooth edges, (height, width, 3) uint8, from a process of its own; None where that fails."""
+    context = multiprocessing.get_context("spawn")
+    ours, theirs = context.Pipe()
+    process = context.Process(target=serve, args=(theirs,), daemon=True, name="spherecal-picture")
+    memory = shared_memory.SharedMemory(create=True, size=3 * eye.width * eye.height)
+    try:
+        process.start()
+        theirs.close()
+        if not ours.poll(_PATIENCE_S) or ours.recv()[0] != "ready":
+            return None
+        ours.send(("scene", (data, style)))
+        ours.send(("eye", (memory.name, 0, eye, True)))
+        if not ours.poll(_PATIENCE_S):
+            return None
+        ours.recv()
+        return np.ndarray((eye.height, eye.width, 3), np.uint8, memory.buf).copy()
+    except (EOFError, OSError):
+        return None
+    finally:
+        ours.close()
+        process.join(2.0)
+        if process.is_alive():
+            process.terminate()
+        memory.close()
+        memory.unlink()

@@ -1,7 +1,8 @@
 """The rig as a scene: cameras, dots coloured by their residuals, balls, uncertainties, bars and what has moved.
 
-One model for all views of a rig in the window: rendered (tasks/scene_render.py), painted (widgets/painted_scene.py)
-and written as glTF (presenters/gltf.py). The report draws the same `DrawnRig` (report.rig_view). Knows no Qt.
+One model for all views of a rig: rendered (renderer.py) for window and report; in the window also painted
+(widgets/painted_scene.py) and written as glTF (presenters/gltf.py). The report
+draws the same `DrawnRig` (report.rig_view).
 """
 
 from collections.abc import Mapping, Sequence

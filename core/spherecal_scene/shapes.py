@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spherecal.base.arrays import FloatArray, IntArray
-from spherecal_gui.presenters.scene import MovedCamera, SceneData
+from spherecal_scene.model import MovedCamera, SceneData
 
 LAYERS = ("map", "links", "ellipsoids", "images", "dots")
 SHOWN_AT_FIRST = frozenset(("images", "dots"))

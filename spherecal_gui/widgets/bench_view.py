@@ -1,0 +1,88 @@
+"""What should lie on the bench, drawn to one scale: the ball with its targets, below it the bars with their marks."""
+
+import math
+from collections.abc import Sequence
+
+from PySide6.QtCore import QPointF, QRectF, QSize, Qt
+from PySide6.QtGui import QColor, QPainter, QPaintEvent, QPen, QRadialGradient
+from PySide6.QtWidgets import QSizePolicy, QWidget
+
+from spherecal_gui import theme
+from spherecal_gui.presenters.connect import DrawnBench
+
+_LEAST_PX = 90.0
+_MARGIN_PX = 12.0
+_MARK_PX = 5.0
+_TURN = math.pi * (3.0 - math.sqrt(5.0))  # the golden angle spreads points evenly over a ball
+
+
+class BenchView(QWidget):
+    """The drawing; nothing where nothing is known, or where there is no room for it."""
+
+    def __init__(self, parent: QWidget | None = None) -> None:
+        super().__init__(parent)
+        self._shown = DrawnBench()
+        self.setSizePolicy(QSizePolicy.Policy.Expanding, QSizePolicy.Policy.Expanding)
+        self.setAttribute(Qt.WidgetAttribute.WA_TransparentForMouseEvents)
+
+    def show_bench(self, shown: DrawnBench) -> None:
+        """Draw this bench."""
+        self._shown = shown
+        self.update()
+
+    def sizeHint(self) -> QSize:
+        """As much as the page leaves."""
+        return QSize(240, 0)
+
+    def paintEvent(self, _: QPaintEvent) -> None:
+        """Ball and bars, as large as there is room for both at one scale."""
+        shown, line = self._shown, 2.4 * self.fontMetrics().height()
+        widest = max((shown.diameter_mm or 0.0, *(max(marks) for _, marks in shown.bars)), default=0.0)
+        if widest <= 0:
+            return
+        room = self.height() - 2 * _MARGIN_PX - line * len(shown.bars)
+        scale = min((self.width() - 2 * _MARGIN_PX) / widest, room / (shown.diameter_mm or widest))
+        if scale * widest < _LEAST_PX:
+            return
+        painter = QPainter(self)
+        painter.setRenderHint(QPainter.RenderHint.Antialiasing)
+        middle, top = self.width() / 2, _MARGIN_PX
+        if shown.diameter_mm:
+            radius = scale * shown.diameter_mm / 2
+            self._draw_ball(painter, QPointF(middle, top + radius), radius)
+            top += 2 * radius
+        for name, marks in shown.bars:
+            self._draw_bar(painter, name, marks, scale, QPointF(middle, top + line))
+            top += line
+
+    def _draw_ball(self, painter: QPainter, centre: QPointF, radius: float) -> None:
+        c = theme.now()
+        light = QRadialGradient(centre - QPointF(0.35, 0.4) * radius, 1.5 * radius)
+        light.setColorAt(0.0, QColor(c.raised).lighter(115))
+        light.setColorAt(1.0, QColor(c.border))
+        painter.setPen(QPen(QColor(c.soft), 1.5))
+        painter.setBrush(light)
+        painter.drawEllipse(centre, radius, radius)
+        painter.setPen(Qt.PenStyle.NoPen)
+        painter.setBrush(QColor(c.soft))
+        for i in range(self._shown.targets):
+            height = 1.0 - (2 * i + 1) / self._shown.targets
+            out = math.sqrt(1.0 - height * height)
+            depth = out * math.sin(i * _TURN)
+            if depth > 0.15:  # on the side that is seen
+                at = centre + QPointF(out * math.cos(i * _TURN), -height) * radius
+                painter.drawEllipse(at, 0.018 * radius * (0.4 + depth), 0.018 * radius)
+
+    def _draw_bar(self, painter: QPainter, name: str, marks: Sequence[float], scale: float, at: QPointF) -> None:
+        c = theme.now()
+        half = scale * max(marks) / 2
+        painter.setPen(QPen(QColor(c.soft), 3.0))
+        painter.drawLine(at - QPointF(half, 0), at + QPointF(half, 0))
+        painter.setPen(Qt.PenStyle.NoPen)
+        painter.setBrush(QColor(c.accent))
+        for one in marks:
+            painter.drawEllipse(at + QPointF(scale * one - half, 0), _MARK_PX, _MARK_PX)
+        painter.setPen(QColor(c.text))
+        height = self.fontMetrics().height()
+        box = QRectF(at.x() - half, at.y() - _MARK_PX - height - 2, 2 * half, height)
+        painter.drawText(box, Qt.AlignmentFlag.AlignCenter | Qt.TextFlag.TextDontClip, name)

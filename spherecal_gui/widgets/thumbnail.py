@@ -1,0 +1,47 @@
+"""A camera's newest image, as large as its row leaves room."""
+
+import numpy as np
+from PySide6.QtCore import QRectF, QSize
+from PySide6.QtGui import QColor, QImage, QPainter, QPaintEvent
+from PySide6.QtWidgets import QSizePolicy, QWidget
+
+from spherecal_gui import theme
+from spherecal_gui.widgets.tile import shown_image
+
+_LEAST_PX = (44, 36)
+_WIDTH_PX = 320  # of what is kept of an image
+
+
+class Thumbnail(QWidget):
+    """An image without words; an empty frame until there is one."""
+
+    def __init__(self, parent: QWidget | None = None) -> None:
+        super().__init__(parent)
+        self._image: QImage | None = None
+        self._shown_s: float | None = None
+        self.setMinimumSize(*_LEAST_PX)
+        self.setSizePolicy(QSizePolicy.Policy.Expanding, QSizePolicy.Policy.Expanding)
+
+    def show_image(self, image: np.ndarray, bits: int, taken_s: float) -> None:
+        """Show an image, unless it is shown already."""
+        if taken_s == self._shown_s:
+            return
+        self._image, self._shown_s = shown_image(image, bits, _WIDTH_PX), taken_s
+        self.update()
+
+    def sizeHint(self) -> QSize:
+        """As a picture in a row."""
+        return QSize(80, 64)
+
+    def paintEvent(self, _: QPaintEvent) -> None:
+        """The image in its proportions, in the middle."""
+        size = self._image.size() if self._image is not None else QSize(5, 4)
+        scale = min(self.width() / size.width(), self.height() / size.height())
+        width, height = scale * size.width(), scale * size.height()
+        room = QRectF((self.width() - width) / 2, (self.height() - height) / 2, width, height)
+        painter = QPainter(self)
+        painter.setRenderHint(QPainter.RenderHint.SmoothPixmapTransform)
+        if self._image is None:
+            painter.fillRect(room, QColor(theme.now().scene))
+        else:
+            painter.drawImage(room, self._image)

@@ -1,6 +1,6 @@
 """Measured points, distances and poses against the truth: errors and what was stated of them."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import combinations
 
 import numpy as np
@@ -72,11 +72,19 @@ def body_of(world: World, most: int = 60) -> Body:
 
 
 def measure_motion(
-    world: World, path: Path, skew_s: float, task: Task, sets: int, rng: np.random.Generator, errors: Errors
+    world: World,
+    path: Path,
+    skew_s: float,
+    task: Task,
+    sets: int,
+    rng: np.random.Generator,
+    errors: Errors,
+    exposures: bool = True,
 ) -> None:
-    """Sets along a path; those from the third on count, when velocities are known. Skew: each camera's own, even."""
-    late = rng.uniform(-skew_s / 2, skew_s / 2, len(world.truth.cameras))
-    late -= late.mean()
+    """Sets along a path; those from the third on count, when velocities are known.
+
+    Skew: each camera's own in every set, even. Without `exposures` nobody knows of the moments.
+    """
     names = [PointName(int(t)) for t in world.targets[:: max(len(world.targets) // 10, 1)]]
     rulers = tuple(Ruler(pair) for pair in combinations(names, 2))
     task = Task(
@@ -84,7 +92,9 @@ def measure_motion(
     )
     measurer = Measurer(world.rig, task)
     for number in range(1, sets + 1):
-        observed = world.seen(path, number, rng, late)
+        late = rng.uniform(-skew_s / 2, skew_s / 2, len(world.truth.cameras))
+        observed = world.seen(path, number, rng, late - late.mean())
+        observed = observed if exposures else replace(observed, exposure_s=None)
         found = measurer.measure(observed)
         if number >= 3:
             rotation, place = path((number - 1) / 10.0)

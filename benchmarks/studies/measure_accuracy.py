@@ -27,7 +27,7 @@ class Errors:
     asked: int = 0  # targets that the rig may measure, seen by two cameras
 
     def row(self) -> tuple[object, ...]:
-        """Targets measured of those seen, rms error, rms u, held in 95 %; distances: rms error, rms u, held; poses."""
+        """Targets measured of those seen; median and rms error, the same of u, held in 95 %; distances; poses."""
         off, cov = np.array(self.points), np.array(self.stated)
         chi = np.einsum("ni,ni->n", off, np.linalg.solve(cov, off[:, :, None])[:, :, 0])
         d = np.array(self.distances).reshape(-1, 2)
@@ -35,6 +35,8 @@ class Errors:
         poses = np.array(self.poses)
         return (
             f"{100 * len(off) / self.asked:.0f} %",
+            float(np.median(np.linalg.norm(off, axis=1))),
+            float(np.median(np.sqrt(np.einsum("nii->n", cov)))),
             rms3(off),
             float(np.sqrt(np.einsum("nii->n", cov).mean())),
             f"{100 * (chi <= _CHI2_95[3]).mean():.0f} %",
@@ -54,7 +56,8 @@ class Errors:
 
 
 COLUMNS = (
-    "motion", "targets measured", "point: rms error, mm", "rms u, mm", "held by 95 % limits", "distance: rms error, mm",
+    "motion", "targets measured", "point: median error, mm", "median u, mm", "rms error, mm", "rms u, mm",
+    "held by 95 % limits", "distance: rms error, mm",
     "rms u, mm", "held", "pose: rms error, mm", "held",
 )  # fmt: skip
 

@@ -7,7 +7,7 @@ import numpy as np
 from spherecal.base.arrays import FloatArray, IntArray
 
 # Beyond it the sets before say nothing of how a target carried by hand moved since.
-_LONGEST_S = 1.0
+_LONGEST_S = 3.0
 
 
 @dataclass(frozen=True)

@@ -5,12 +5,16 @@ screen (or in a real window where QT_QPA_PLATFORM says so). Pictures that are th
 that was stopped goes on with those that are missing. SPHERECAL_PICTURES names some pages only, by their names.
 """
 
+import math
 import os
 import tempfile
 import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from spherecal.cameras.simulated.stage import Vector
 
 SIZE = (1280, 800)
 SIZES = (SIZE, (1920, 1080), (2560, 1440))
@@ -318,12 +322,18 @@ def computing(p: Photographer) -> None:
 
 
 def measuring(p: Photographer) -> None:
-    """The bar that was verified last, carried on by hand."""
+    """The bar that was verified last, carried to and fro by hand: up to 50 mm/s."""
     p.window.controller.go("measure")
-    stage = p.window.controller.connection.source.stage
-    for _ in range(40):
-        stage.move((1.5, -1.0, 0.5), (0.3, 0.2, 0.0))
-        p.live(0.2)
+    began = time.perf_counter()
+
+    def carried(moment_s: float) -> "tuple[Vector, Vector]":
+        way = 1.0 - math.cos(0.8 * (moment_s - began))
+        return (50.0 * way, -33.0 * way, 17.0 * way), (10.0 * way, 7.0 * way, 0.0)
+
+    p.live(2.0)
+    began = time.perf_counter()
+    p.window.controller.connection.source.stage.carry(carried)
+    p.live(10.0)
     p.take_alone("measure")  # a second window would measure with the same cameras
     p.window.controller.go("save")
 

@@ -318,6 +318,30 @@ def test_settings_reach_the_simulated_image(source):
     assert second.image.mean() / 16 == pytest.approx(same.mean() / 2, rel=0.15)
 
 
+def test_what_moves_is_seen_at_the_moments_of_exposure(stage, monkeypatch):
+    """However long drawing takes, each camera shows what was there at the moment that its image states."""
+    shown = {}
+    draw = stage.picture
+
+    def slow(camera, view, rendered=False, held=None):
+        time.sleep(0.01)
+        shown[camera] = held or stage.at()
+        return draw(camera, view, rendered, held)
+
+    monkeypatch.setattr(stage, "picture", slow)
+    began = time.perf_counter()
+    stage.show("P1")
+    stage.carry(lambda at_s: ((1000.0 * (at_s - began), 0.0, 0.0), (0.0, 0.0, 0.0)))
+    with SimulatedSource(stage=stage) as source:
+        source.open(source.discover().serials, {})
+        taken = source.capture_set()
+    assert taken.spread_s == pytest.approx(0.005)
+    for camera, frame in enumerate(taken.frames.values()):
+        assert shown[camera].shift_mm[0] == pytest.approx(1000.0 * (frame.taken_s - began), abs=1e-6)
+    stage.show("P1")
+    assert stage.at().shift_mm == (0.0, 0.0, 0.0)
+
+
 def test_the_ball_moves_by_hand(source, stage):
     before = source.capture_set().frames["SIM-C01"].image.astype(int)
     still = source.capture_set().frames["SIM-C01"].image.astype(int)

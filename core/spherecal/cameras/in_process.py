@@ -94,6 +94,12 @@ class InProcessSource(ABC):
     def take_image(self, serial: str, settings: CameraSettings, number: int, attempt: int, timeout_s: float) -> Frame:
         """An image of a camera for set `number` (0: live view); NoImage where it does not deliver."""
 
+    def triggered(self, exposed_s: Mapping[str, float]) -> None:  # noqa: B027 - a scene at rest needs nothing
+        """A set is to be taken, each camera's image (by serial) exposed at a moment of perf_counter.
+
+        For sources whose scene moves: `take_image` is called when a thread is free, which may be much later.
+        """
+
     # --- the protocol ------------------------------------------------------------------------------------------------
 
     def discover(self, context: Context | None = None) -> Discovery:
@@ -226,17 +232,19 @@ class InProcessSource(ABC):
         if self._pool is None:
             self._pool = ThreadPoolExecutor(min(os.cpu_count() or 1, 4), thread_name_prefix="cameras")
         number = self.sets_taken
+        began = time.perf_counter()
+        exposed = {serial: began + position * _PULSE_S for position, serial in enumerate(serials)}
+        self.triggered(exposed)
         jobs = {
             serial: self._pool.submit(self.take_image, serial, self._settings[serial], number, attempt, timeout_s)
             for serial in serials
         }
         frames: dict[str, Frame] = {}
         missing: list[MissingFrame] = []
-        taken = time.perf_counter()
-        for position, (serial, job) in enumerate(jobs.items()):
+        for serial, job in jobs.items():
             context.check()
             try:
-                frame = replace(job.result(), taken_s=taken + position * _PULSE_S, round=number)
+                frame = replace(job.result(), taken_s=exposed[serial], round=number)
             except NoImage as none:
                 missing.append(MissingFrame(serial, none.cause, none.remedy))
                 if none.state is not None:

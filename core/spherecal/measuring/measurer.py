@@ -11,9 +11,9 @@ from spherecal.base.context import Context
 from spherecal.base.threads import on_one_blas_thread
 from spherecal.data.rig import Rig
 from spherecal.data.rig_camera import posed
-from spherecal.geometry.camera import project
 from spherecal.measuring.health import RigHealth
-from spherecal.measuring.motion import Velocities, enlarged, late_shift, matters, with_shifts
+from spherecal.measuring.lateness import Timing, at_one_moment
+from spherecal.measuring.motion import Velocities
 from spherecal.measuring.places import Layouts, LocatedPoints, locate
 from spherecal.measuring.pose import measure_body
 from spherecal.measuring.rejection import reject_views
@@ -34,6 +34,8 @@ from spherecal.verify.uncertainty import PointErrors, point_errors
 STAGE = "measure"
 _POINTS = 1024  # names of points on a target; a key is target * _POINTS + point
 _FORGET = 0.98  # of the noise's sums from set to set: some 50 sets count
+_ROOM_S = 5e-3  # views of what moves are first compared as if exposed so far apart, whatever is stated
+_MATTERS = 0.5  # of an image point's standard deviation: less is not worth an adjustment of its own
 _STILL_PX = 2.0  # what a target at rest may move from set to set and still count for the cameras' health
 
 
@@ -66,18 +68,11 @@ class Measurer:
         sigma = np.ones((len(rows), 2)) if o.sigma is None else o.sigma[rows]
         plain = Views(feature, camera, o.uv[rows], sigma, len(key), self._cameras)
         expected = self._expected_noise(observed)
-        views, shift, velocity = self._with_motion(plain, key, observed)
-        checked = reject_views(views, expected)
-        if self.task.correct_exposure and observed.time_s is not None:
-            shift, checked = self._at_one_moment(plain, shift, checked, key, observed)
-        errors = point_errors(checked, self.rig)
-        shifted = matters(shift, expected * sigma)
-        if shifted:
-            errors = with_shifts(errors, sigma, shift)
+        checked, errors, velocity = self._checked(plain, key, observed, expected)
         if o.points != self._layouts.points:
             self._layouts = Layouts(self.task.target_set, o.points)
         places = locate(key // _POINTS, key % _POINTS, self._layouts, self.task.wanted, errors)
-        if not shifted:
+        if self._last_s is not None or observed.time_s is None:  # what moves is not known to in the first set
             self._learn_noise(checked)
         still = self._still_points(feature, len(key), velocity, observed.time_s)
         self._health.add(observed.number, plain, checked, key, still, expected)
@@ -122,62 +117,51 @@ class Measurer:
         cost = float(((checked.points.residual[kept] / views.sigma[kept]) ** 2).sum()) if freedom else 0.0
         self._cost, self._redundancy = _FORGET * self._cost + cost, _FORGET * self._redundancy + freedom
 
-    def _with_motion(self, views: Views, key: IntArray, observed: ObservedSet) -> tuple[Views, FloatArray, FloatArray]:
-        """The views at the set's moment, the shifts (n, 2) px that may be left, and image velocities (n, 2) px/s."""
-        n = len(views.uv)
+    def _checked(
+        self, plain: Views, key: IntArray, observed: ObservedSet, expected: float
+    ) -> tuple[CheckedPoints, PointErrors, FloatArray]:
+        """The points at the set's moment, their errors, and the image points' velocities (n, 2) px/s, NaN unknown."""
         if observed.time_s is None:
-            return views, np.zeros((n, 2)), np.full((n, 2), np.nan)
-        exposure = self._exposure(observed)
-        of_view = key[views.feature] * len(self.rig.cameras) + views.camera
-        motion = self._image_motion.of(of_view, views.uv, exposure[views.camera])
-        if self.task.correct_exposure:
-            late = exposure[views.camera] - observed.time_s
-            views = replace(views, uv=views.uv - np.nan_to_num(motion.now) * late[:, None])
-            shift = late_shift(motion, late, exact=True)
+            checked = reject_views(plain, expected)
+            return checked, point_errors(checked, self.rig), np.full(plain.uv.shape, np.nan)
+        timing = self._timing(observed)
+        at_s = observed.time_s + timing.late_s[plain.camera]
+        of_view = key[plain.feature] * len(self.rig.cameras) + plain.camera
+        seen = self._image_motion.of(of_view, plain.uv, at_s)
+        self._image_motion.keep(of_view, plain.uv, at_s, seen)
+        room = _room(seen.now, _ROOM_S if timing.exact else max(timing.sd_s, _ROOM_S))
+        moves = bool((room > _MATTERS * plain.sigma * expected).any())
+        checked = reject_views(replace(plain, sigma=np.hypot(plain.sigma, room)) if moves else plain, expected)
+        time_s, target = np.full(len(key), observed.time_s), key // _POINTS
+        if moves:
+            checked, errors, motion = at_one_moment(
+                plain,
+                checked,
+                timing,
+                lambda x: self._point_motion.of(key, x, time_s).shared_by(target),
+                target,
+                expected,
+                self.rig,
+            )
         else:
-            shift = late_shift(motion, np.full(n, self._exposure_sd(observed)), exact=False)
-        return enlarged(views, shift), shift, motion.now
+            errors = point_errors(checked, self.rig)
+            motion = self._point_motion.of(key, checked.points.points, time_s)
+        self._point_motion.keep(key, checked.points.points, time_s, motion)
+        return checked, errors, seen.mean
 
-    def _exposure(self, observed: ObservedSet) -> FloatArray:
-        """Each camera's moment of exposure (c,)."""
+    def _timing(self, observed: ObservedSet) -> Timing:
+        """Each camera's moment: exact, or off by what is stated, or else by what the moments scatter."""
         exposed = observed.exposure_s or {}
-        return np.array([exposed.get(c.id, observed.time_s or 0.0) for c in self.rig.cameras])
-
-    def _exposure_sd(self, observed: ObservedSet) -> float:
-        """The standard uncertainty of a camera's moment of exposure, s: as stated, or as the moments scatter."""
-        if self.task.exposure_sd_s is not None:
-            return self.task.exposure_sd_s
-        times = list((observed.exposure_s or {}).values())
-        return float(np.std(times)) if len(times) > 1 else 0.0
-
-    def _at_one_moment(
-        self, plain: Views, shift: FloatArray, checked: CheckedPoints, key: IntArray, observed: ObservedSet
-    ) -> tuple[FloatArray, CheckedPoints]:
-        """What may be left of `plain` views brought to the set's moment by the points' velocities, and the points.
-
-        Velocities in the images, with which the views of `checked` were moved, lag: at 1 m/s and 10 Hz perspective
-        changes them by some per cent from set to set, 0.15 mm for 5 ms of skew; velocities in space by nothing on a
-        straight way.
-        """
-        views = checked.views
-        motion = self._point_motion.of(key, checked.points.points, np.full(len(key), observed.time_s))
-        v, dv, x = (a[views.feature] for a in (motion.now, motion.sd, checked.points.points))
-        known = np.isfinite(v).all(axis=1) & np.isfinite(x).all(axis=1)
-        if not known.any():
-            return shift, checked
-        late = (self._exposure(observed)[views.camera] - (observed.time_s or 0.0))[known, None]
-        here, there, off = (
-            self._project(views.camera[known], x[known] + way)
-            for way in (0.0, v[known] * late, (v + np.copysign(dv, v))[known] * late)
+        here = (
+            np.array([c.id in exposed for c in self.rig.cameras]) if exposed else np.ones(len(self.rig.cameras), bool)
         )
-        uv, left = views.uv.copy(), shift.copy()
-        uv[known], left[known] = plain.uv[known] - (there - here), off - there
-        return left, reject_views(enlarged(replace(plain, uv=uv), left), self._expected_noise(observed))
-
-    def _project(self, camera: IntArray, points: FloatArray) -> FloatArray:
-        known = self._cameras
-        x = np.einsum("nij,nj->ni", known.rotation[camera], points) + known.translation[camera]
-        return project(x, known.intrinsics[camera])
+        if self.task.correct_exposure and exposed:
+            late = [exposed.get(c.id, observed.time_s or 0.0) - (observed.time_s or 0.0) for c in self.rig.cameras]
+            return Timing(np.array(late), 0.0, True, here)
+        sd_s = self.task.exposure_sd_s
+        if sd_s is None:
+            sd_s = float(np.std(list(exposed.values()))) if len(exposed) > 1 else 0.0
+        return Timing(np.zeros(len(self.rig.cameras)), sd_s, False, here)
 
     def _still_points(self, feature: IntArray, n: int, velocity: FloatArray, time_s: float | None) -> BoolArray:
         """Points that did not move since the last set: a camera that exposes late would seem moved by the others."""
@@ -197,7 +181,10 @@ class Measurer:
         column = {name: i for i, name in enumerate(self._layouts.points)}
         key = [name.target * _POINTS + column.get(name.point, _POINTS - 1) for name in places.names]
         at_s = np.full(len(places), time_s)
-        return np.linalg.norm(self._motion.of(np.array(key, dtype=np.int64), places.places_mm, at_s).mean, axis=1)
+        names = np.array(key, dtype=np.int64)
+        motion = self._motion.of(names, places.places_mm, at_s)
+        self._motion.keep(names, places.places_mm, at_s, motion)
+        return np.linalg.norm(motion.mean, axis=1)
 
     # --- what is asked for -------------------------------------------------------------------------------------------
 
@@ -236,6 +223,13 @@ def measure_sets(
     for observed in sets:
         context.check()
         yield measurer.measure(observed)
+
+
+def _room(velocity: FloatArray, late_s: float) -> FloatArray:
+    """What views (n, 1) px may be shifted by; where nothing is known of a motion, that of the fastest is assumed."""
+    speed = np.linalg.norm(velocity, axis=1)
+    fastest = float(np.nanmax(speed, initial=0.0))
+    return np.where(np.isfinite(speed), speed, fastest)[:, None] * late_s
 
 
 def _skew(observed: ObservedSet) -> float | None:

@@ -222,7 +222,14 @@ def _places(
     p = len(views.rotation) * width
     if not n:
         return LocatedPoints(
-            (), places, np.zeros((0, 3, 3)), np.zeros((0, 3, p)), errors.cameras, np.zeros(0, int), (), ()
+            (),
+            places,
+            np.zeros((0, 3, 3)),
+            np.zeros((0, 3, len(errors.cameras))),
+            errors.cameras,
+            np.zeros(0, int),
+            (),
+            (),
         )
     of_dot = np.repeat(np.arange(n), [len(d) for d in dots])
     dot, derivative = np.concatenate(dots), np.concatenate(by_dot)
@@ -241,6 +248,10 @@ def _places(
     at = of_dot[pair] * len(views.rotation) + views.camera[row]
     np.add.at(gradient, at, derivative[pair] @ errors.by_camera[row])
     gradient = gradient.reshape(n, len(views.rotation), 3, width).transpose(0, 2, 1, 3).reshape(n, 3, p)
+    if errors.by_shared is not None:
+        shared = np.zeros((n, *errors.by_shared.shape[1:]))
+        np.add.at(shared, of_dot, derivative @ errors.by_shared[dot])
+        gradient = np.concatenate([gradient, shared], axis=2)
     seen = np.zeros(n * len(views.rotation), dtype=bool)
     seen[at] = True
     return LocatedPoints(names, places, noise, gradient, errors.cameras, seen.reshape(n, -1).sum(axis=1), dots, by_dot)

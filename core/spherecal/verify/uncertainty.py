@@ -37,7 +37,8 @@ class PointErrors:
     """How `checked` points err: by noise with `covariance` (m, 3, 3) mm^2, and by the cameras that see them.
 
     `by_camera` (n, 3, w) is the shift of the point of row i in mm by the w parameters of its camera, whose covariance
-    is `cameras` (c*w, c*w). `with_scale` says that it holds the scale's share too.
+    is `cameras` (c*w, c*w). `with_scale` says that it holds the scale's share too. Where points share more, `by_shared`
+    (m, 3, q) is their shift by q more parameters, the last of `cameras` then.
     """
 
     checked: CheckedPoints
@@ -45,6 +46,7 @@ class PointErrors:
     by_camera: FloatArray
     cameras: FloatArray
     with_scale: bool
+    by_shared: FloatArray | None = None
 
 
 def point_errors(checked: CheckedPoints, rig: Rig) -> PointErrors:
@@ -121,7 +123,7 @@ def length_gradient(ends: tuple[MarkPlace, MarkPlace], errors: PointErrors) -> F
 
 
 def camera_gradient(features: np.ndarray, by_point: FloatArray, errors: PointErrors) -> FloatArray:
-    """How a function of points, with derivatives (k, 3) by them, follows the cameras' parameters, (c*w,)."""
+    """How a function of points, with derivatives (k, 3) by them, follows the parameters, (c*w + q,)."""
     views = errors.checked.views
     by_feature = np.zeros((views.n_features, 3))
     np.add.at(by_feature, features, by_point)
@@ -129,7 +131,9 @@ def camera_gradient(features: np.ndarray, by_point: FloatArray, errors: PointErr
     by_row = np.einsum("ni,niw->nw", by_feature[views.feature[rows]], errors.by_camera[rows])
     by_camera = np.zeros((len(views.rotation), errors.by_camera.shape[2]))
     np.add.at(by_camera, views.camera[rows], by_row)
-    return by_camera.ravel()
+    if errors.by_shared is None:
+        return by_camera.ravel()
+    return np.concatenate([by_camera.ravel(), np.einsum("mi,miq->q", by_feature, errors.by_shared)])
 
 
 def reference_length(certified: BarLength, bar: Bar, temperature_c: float | None) -> float:

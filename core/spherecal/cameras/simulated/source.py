@@ -2,7 +2,7 @@
 
 import threading
 import time
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -14,7 +14,7 @@ from spherecal.cameras.in_process import InProcessSource, NoImage
 from spherecal.cameras.protocol import CameraInfo, CameraSettings, CameraState, Frame, GreyPixels, Region, SourceKind
 from spherecal.cameras.simulated.draw import digitise
 from spherecal.cameras.simulated.faults import SimulatedFault
-from spherecal.cameras.simulated.stage import Stage, StageView
+from spherecal.cameras.simulated.stage import Held, Stage, StageView
 from spherecal.data.session import Session
 
 PREFIX = "SIM-"
@@ -46,6 +46,7 @@ class SimulatedSource(InProcessSource):
         self._index = {PREFIX + camera.id: i for i, camera in enumerate(self.stage.truth.cameras)}
         self._pictures: dict[str, tuple[object, NDArray[np.float32]]] = {}
         self._picture_locks = {serial: threading.Lock() for serial in self._index}
+        self._exposed: Mapping[str, Held] = {}
         self.faults: tuple[SimulatedFault, ...] = ()
         for fault in faults:
             self.inject(fault)
@@ -102,6 +103,10 @@ class SimulatedSource(InProcessSource):
             for camera in self.stage.truth.cameras
         )
 
+    def triggered(self, exposed_s: Mapping[str, float]) -> None:
+        """Keep what is there at the cameras' moments: drawing takes longer than a trigger."""
+        self._exposed = {serial: self.stage.at(moment) for serial, moment in exposed_s.items()}
+
     def take_image(self, serial: str, settings: CameraSettings, number: int, attempt: int, timeout_s: float) -> Frame:
         """Draw or render one image with what is wrong with the camera now."""
         faults = {
@@ -113,7 +118,8 @@ class SimulatedSource(InProcessSource):
         if "blur" in faults:
             view = replace(view, blur_px=float(np.hypot(view.blur_px, faults["blur"].size)))
         light = settings.exposure_us / _NOMINAL_EXPOSURE_US * (faults["dim"].size if "dim" in faults else 1.0)
-        picture = self._picture(serial, replace(view, brightness=light))
+        held = self._exposed[serial] if number else self.stage.at()
+        picture = self._picture(serial, replace(view, brightness=light), held)
         bits = 12 if "12" in settings.pixel_format else 10 if "10" in settings.pixel_format else 8
         with self._lock:
             rng = np.random.default_rng(self._rng.integers(2**63))
@@ -142,13 +148,13 @@ class SimulatedSource(InProcessSource):
         """The live view shows the state of the set to come."""
         return number or self.sets_taken + 1
 
-    def _picture(self, serial: str, view: StageView) -> NDArray[np.float32]:
+    def _picture(self, serial: str, view: StageView, held: Held) -> NDArray[np.float32]:
         """The noise-free image, kept while nothing changes."""
         with self._picture_locks[serial]:
-            key = (self.stage.version, view)
+            key = (held, view)
             kept = self._pictures.get(serial)
             if kept is None or kept[0] != key:
-                kept = (key, self.stage.picture(self._index[serial], view, self._rendered))
+                kept = (key, self.stage.picture(self._index[serial], view, self._rendered, held))
                 self._pictures[serial] = kept
         return kept[1]
 

@@ -1,6 +1,8 @@
 """What the simulated cameras look at: the ball at a placement or a bar in a pose, which can be moved by hand."""
 
 import threading
+import time
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -13,7 +15,7 @@ from spherecal.base.messages.values import Phrase
 from spherecal.cameras.protocol import CameraError
 from spherecal.cameras.simulated.draw import Solid, draw
 from spherecal.data.session import Session
-from spherecal.geometry.rotation import exp_rotation
+from spherecal.geometry.rotation import exp_rotation, log_rotation
 from spherecal.targets.target_set import TargetSet
 from spherecal_sim.dot_truth import TrueDots, ball_dots, bar_dots
 from spherecal_sim.render import render_image
@@ -28,6 +30,10 @@ from spherecal_sim.truth import SimulationOptions, TrueBarPose, Truth
 SHARP_PX = 0.71
 _FULL_SCALE_OF_WHITE = 0.8
 
+Vector = tuple[float, float, float]
+# A shift in mm and a rotation vector in degrees, in the rig's frame, at a moment in s of perf_counter.
+Path = Callable[[float], tuple[Vector, Vector]]
+
 
 @dataclass(frozen=True)
 class StageView:
@@ -35,8 +41,23 @@ class StageView:
 
     blur_px: float = SHARP_PX
     brightness: float = 1.0
-    turned_rad: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    shifted_mm: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    turned_rad: Vector = (0.0, 0.0, 0.0)
+    shifted_mm: Vector = (0.0, 0.0, 0.0)
+
+
+@dataclass(frozen=True)
+class Held:
+    """What is there at one moment: a placement or bar pose, shifted and turned (rotation vector) by hand."""
+
+    shown: str
+    shift_mm: Vector = (0.0, 0.0, 0.0)
+    turn_rad: Vector = (0.0, 0.0, 0.0)
+
+    def moved(self, shift_mm: Vector, turn_deg: Vector) -> "Held":
+        """The same, moved on."""
+        turn = exp_rotation(np.deg2rad(np.asarray(turn_deg, float))) @ exp_rotation(np.array(self.turn_rad))
+        shift = np.array(self.shift_mm) + np.asarray(shift_mm, float)
+        return Held(self.shown, _vector(shift), _vector(log_rotation(turn)))
 
 
 class Stage:
@@ -52,9 +73,8 @@ class Stage:
         self.session, self.truth = simulate_session(preset, seed, options or replace(RENDERED, bar_poses=2))
         self.session = replace(self.session, observations=None)
         self._lock = threading.Lock()
-        self._shown = self.truth.placements[0]
-        self._shift_mm, self._turn = np.zeros(3), np.eye(3)
-        self.version = 0
+        self._held = Held(self.truth.placements[0])
+        self._path: Path | None = None
 
     @property
     def poses(self) -> tuple[str, ...]:
@@ -64,30 +84,39 @@ class Stage:
     @property
     def shown(self) -> str:
         """The id of what is shown."""
-        return self._shown
+        return self._held.shown
 
     def show(self, pose: str) -> None:
         """Put the ball to a placement, or a bar into one of its poses; forgets movements by hand."""
         if pose not in self.poses:
             raise InputError(Phrase("error-no-simulated-pose", {"pose": repr(pose), "names": list(self.poses)}))
         with self._lock:
-            self._shown, self._shift_mm, self._turn = pose, np.zeros(3), np.eye(3)
-            self.version += 1
+            self._held, self._path = Held(pose), None
 
-    def move(self, shift_mm: tuple[float, float, float], turn_deg: tuple[float, float, float] = (0, 0, 0)) -> None:
+    def move(self, shift_mm: Vector, turn_deg: Vector = (0, 0, 0)) -> None:
         """Shift and turn (rotation vector) the ball or bar by hand, in the rig's frame."""
         with self._lock:
-            self._shift_mm = self._shift_mm + np.asarray(shift_mm, float)
-            self._turn = exp_rotation(np.deg2rad(np.asarray(turn_deg, float))) @ self._turn
-            self.version += 1
+            self._held = self._held.moved(shift_mm, turn_deg)
 
-    def picture(self, camera: int, view: StageView, rendered: bool = False) -> NDArray[np.float32]:
-        """The noise-free image of a camera by index, (h, w), 1 = full scale."""
+    def carry(self, path: Path) -> None:
+        """Carry the ball or bar along a path, from where it is, until something else is shown."""
         with self._lock:
-            shown, shift, turn = self._shown, self._shift_mm, self._turn
-        station = self._station(camera, view)
+            self._path = path
+
+    def at(self, moment_s: float | None = None) -> Held:
+        """What is there at a moment of perf_counter; None: now."""
+        with self._lock:
+            held, path = self._held, self._path
+        return held if path is None else held.moved(*path(time.perf_counter() if moment_s is None else moment_s))
+
+    def picture(
+        self, camera: int, view: StageView, rendered: bool = False, held: Held | None = None
+    ) -> NDArray[np.float32]:
+        """The noise-free image of a camera by index, (h, w), 1 = full scale; of what is there now, or was `held`."""
+        held = held or self.at()
+        station, shown = self._station(camera, view), held.shown
         white = _FULL_SCALE_OF_WHITE * view.brightness
-        placed = self._truth_with(shown, shift, turn)
+        placed = self._truth_with(held)
         if rendered:
             return self._rendered(camera, shown, placed, station, white)
         if shown in placed.placements:
@@ -115,9 +144,10 @@ class Stage:
         translation = turn @ one.translation_mm + np.array(view.shifted_mm)
         return Station(one.id, turn @ one.rotation, translation, one.intrinsics, one.kind.image_size)
 
-    def _truth_with(self, shown: str, shift: FloatArray, turn: FloatArray) -> Truth:
+    def _truth_with(self, held: Held) -> Truth:
         """The truth with what is shown moved by hand."""
-        truth = self.truth
+        truth, shown = self.truth, held.shown
+        shift, turn = np.array(held.shift_mm), exp_rotation(np.array(held.turn_rad))
         if shown in truth.placements:
             t = truth.placements.index(shown)
             rotations, places = truth.ball_rotations.copy(), truth.ball_places_mm.copy()
@@ -144,6 +174,11 @@ class Stage:
             scene, dots = self._bar(_pose(placed, shown), placed, settings)
         lit = lit_for(scene, self.truth, camera, settings)
         return render_image(lit, dots, station, settings, np.random.default_rng(0)).exposure
+
+
+def _vector(values: FloatArray) -> Vector:
+    x, y, z = values.tolist()
+    return x, y, z
 
 
 def _pose(truth: Truth, name: str) -> TrueBarPose:

@@ -22,6 +22,7 @@ from PySide6.QtWidgets import QPushButton
 
 from spherecal.cameras.producer.feed import RigFeed
 from spherecal.cameras.simulated.faults import SimulatedFault
+from spherecal_gui.pages.placement import PlacementPage
 from spherecal_gui.project_folder import load_project, save_project
 from spherecal_gui.wizard.controller import Controller
 from spherecal_gui.wizard.window import WizardWindow
@@ -121,7 +122,9 @@ def lose_a_camera(opened: WizardWindow) -> None:
     elif step == "look":
         pump(lambda: "Look after C04" in told_on(opened))
     elif step == "placement:P2":
-        pump(lambda: "C04" in opened.page.scene().lost)
+        page = opened.page
+        assert isinstance(page, PlacementPage)
+        pump(lambda: "C04" in page.scene().lost)
     assert all_files(controller.project.folder) == before
     assert controller.state.current == step
     source.heal("C04")

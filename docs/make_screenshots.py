@@ -224,6 +224,7 @@ def walk(p: Photographer) -> None:
     window.show_start()
     window.new_project("simulated:demo")
     p.wait()
+    p.wait(lambda: all(one.has_image for one in window.page.pictures()))
     p.take("connect")
     _camera(p)
     _bench(p)

@@ -121,9 +121,9 @@ def test_instead_of_a_damaged_recording_another_can_be_chosen(qtbot, window, tmp
 def test_connect_shows_the_cameras_images_and_the_bench_to_scale(qtbot, window):
     window.new_project("simulated:demo")
     qtbot.waitUntil(lambda: window.controller.runner.running is None, timeout=60_000)
-    pictures = window.page._pictures
+    pictures = window.page.pictures()
     assert len(pictures) == 6
-    qtbot.waitUntil(lambda: all(one._image is not None for one in pictures.values()), timeout=60_000)
+    qtbot.waitUntil(lambda: all(one.has_image for one in pictures), timeout=60_000)
     shown = window.page.drawn._shown
     assert (shown.diameter_mm, shown.targets) == (500.0, 200)
     assert [name for name, _ in shown.bars] == ["A", "B"]

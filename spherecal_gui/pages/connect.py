@@ -137,6 +137,10 @@ class ConnectPage(Page):
                 self.refresh()
             self._follow()
 
+    def pictures(self) -> tuple[Thumbnail, ...]:
+        """The cameras' images, in the order of the list."""
+        return tuple(self._pictures.values())
+
     def resizeEvent(self, event: QResizeEvent) -> None:
         """With large text a small screen has no room for pictures."""
         super().resizeEvent(event)

@@ -29,6 +29,11 @@ class Thumbnail(QWidget):
         self._image, self._shown_s = shown_image(image, bits, _WIDTH_PX), taken_s
         self.update()
 
+    @property
+    def has_image(self) -> bool:
+        """Whether there is one."""
+        return self._image is not None
+
     def sizeHint(self) -> QSize:
         """As a picture in a row."""
         return QSize(80, 64)

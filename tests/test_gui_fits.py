@@ -15,6 +15,7 @@ pytest.importorskip("PySide6.QtWidgets", reason="Qt cannot be loaded here", exc_
 from PySide6.QtWidgets import QPushButton, QWidget
 
 from spherecal_gui import languages, theme
+from spherecal_gui.pages.verify import VerifyPage
 from spherecal_gui.project_folder import TRAINING_PROFILE, load_project, save_project
 from spherecal_gui.widgets.basic import label
 from spherecal_gui.wizard.controller import Controller
@@ -61,8 +62,10 @@ def test_every_page_is_complete(qapp, qtbot, home: Path, connected: Controller, 
             wrong += [f"{step}, {one}" for one in faults(window)]
         connected.go("verify")
         settle(connected)
-        window.page.outcome.tables.setCurrentIndex(1)
-        assert window.page.outcome.cameras.rowCount() == 6
+        page = window.page
+        assert isinstance(page, VerifyPage)
+        page.outcome.tables.setCurrentIndex(1)
+        assert page.outcome.cameras.rowCount() == 6
         wrong += [f"verify's cameras, {one}" for one in faults(window)]
         connected.delete("P4")  # a placement that is not captured has the ghost, and most buttons
         connected.go("placement:P4")

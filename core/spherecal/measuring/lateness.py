@@ -109,7 +109,7 @@ class _Adjustment:
         own_by_off = by_off + x_by_off[feature]
         turned = np.swapaxes(own_by_off, 1, 2)
         prior = (sd**-2)[:, None, None] * np.eye(3)
-        off_covariance: FloatArray = np.linalg.inv(prior + self._by_target(turned @ m @ by_off))
+        off_covariance = np.asarray(np.linalg.inv(prior + self._by_target(turned @ m @ by_off)), dtype=np.float64)
         off_by_z = -off_covariance @ self._by_target(turned @ (m @ by_z))
         held = prior @ state.off[:, :, None]
         off_step = -off_covariance @ (self._by_target(turned @ b) + held)

@@ -7,6 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from benchmarks.studies.mischief_motions import late_camera
+from benchmarks.studies.mischief_world import make_world
 from spherecal.base.errors import InputError
 from spherecal.calibrate import calibrate
 from spherecal.cli.main import main
@@ -234,6 +236,15 @@ def test_a_camera_with_another_pose_in_each_image_is_not_repaired(
     """A shifted region of interest passed for two knocks and a wrong image; the rig was to be used with care."""
     way = Repairs(split=split, leave_out=leave_out)
     assert keeps_a_tested_pose(repaired(faultless(), way), way) == tested
+
+
+def test_a_camera_whose_other_images_contradict_each_other_was_not_only_moved_once() -> None:
+    """Late by 0.3 mm at each placement: one image was left out as moved, and the camera was 3.8 times its U off."""
+    case = late_camera(make_world("hall12", 15008), 0.3, np.random.default_rng([15008, 2, 18, 300000]))
+    done = calibrate(case.session, case.settings)
+    assert done.rig.quality.verdict == "not-valid"
+    (finding,) = (f for f in done.rig.quality.findings if f.severity == "error")
+    assert finding.code == "camera-moved" and finding.where[:1] == case.names
 
 
 @pytest.mark.parametrize(("place", "verdict"), [("P1", "not-valid"), ("P2", "valid"), ("P4", "not-valid")])

@@ -71,21 +71,21 @@ def build_result(recording: Recording, local: LocalNetwork, fit: MetricFit, meth
         for some in (placed & lasting, placed & ~lasting)
     )
     covariance = _camera_covariance(placed & lasting, adjusted, solution)
-    size = size_change(evidence)
-    findings = ruled(run_checks(evidence) + fit.findings + _said_of_size(size, evidence))
+    ball_size = size_change(evidence)
+    findings = ruled(run_checks(evidence) + fit.findings + _said_of_size(ball_size, evidence))
     release_freed()
     names = [camera.id for camera in cameras]
     factor, of_poses = widening(findings, names, choice.form)
-    size = size or possible_sizes(evidence, float(factor.max(initial=1.0)))
-    scale = _doubted(solution.scale, float(np.hypot(scale_doubt(evidence), size.largest if size else 0.0)))
+    ball_size = ball_size or possible_sizes(evidence, float(factor.max(initial=1.0)))
+    scale = _doubted(solution.scale, float(np.hypot(scale_doubt(evidence), ball_size.largest if ball_size else 0.0)))
     cameras = tuple(_wider(camera, f) for camera, f in zip(cameras, of_poses, strict=True))
     covariance = _wider_covariance(covariance, factor, cameras, solution.scale, scale)
     cameras, covariance = _either_pose(cameras, covariance, evidence)
-    if size is not None:
+    if ball_size is not None:
         known = solution.state.points[np.isfinite(solution.state.points[:, 0])]
         from_middle = np.array([camera.centre_mm for camera in cameras]) - known.mean(axis=0)
         cameras, covariance = _of_either_size(
-            cameras, covariance, size.by_camera[:, placed & lasting], size.largest * from_middle
+            cameras, covariance, ball_size.by_camera[:, placed & lasting], ball_size.largest * from_middle
         )
     lengths = _length_map(cameras, covariance, features, adjusted, solution, observations)
     findings += _said_of(lengths)

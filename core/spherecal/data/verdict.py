@@ -43,6 +43,7 @@ def _care(
     return Rule("care", because, concerns, widen, poses)
 
 
+# Of calibrations; findings of verify, check and cameras keep the severity that they are made with.
 # A finding that its test calls "info" is information, one that it calls "error" makes the result not valid; between
 # them, "warning", the table decides. "Stated": the stated uncertainty as it is covers it.
 RULES: dict[str, Rule] = {

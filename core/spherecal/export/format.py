@@ -15,6 +15,8 @@ def _same_ids(rig: FileRig) -> Sequence[str]:
 class Format:
     """An export format: how it is called, what it carries, how it is written and read back.
 
+    Its cameras are read back with lens and pose. What has no lenses is a `SceneFormat` (scene.py).
+
     `coefficients`: how many of OpenCV's distortion numbers it keeps at most; `fisheye`: whether it holds lenses of the
     fisheye model. `units`: those it may be written in, the
     usual one first. `write` returns the files' texts by name ("" for the one file of a format without a folder);

@@ -219,7 +219,7 @@ def build_graph(triples: list[Triple], counts: IntArray, weights: EdgeWeights | 
 def edge_weight(
     error_j: float, error_g: float, common: int, threshold_px: float, weights: EdgeWeights | None = None
 ) -> float:
-    """alpha = xi1 alpha1 + xi2 alpha2 of (10)-(12): mean reprojection errors in px, one over the common features.
+    """alpha = xi1 alpha1 + xi2 alpha2 (12): mean reprojection error in px (10), one over the common features (11).
 
     Parameters
     ----------
@@ -228,9 +228,9 @@ def edge_weight(
     common
         N_jg, the features that they have in common.
     threshold_px
-        TH_er of (11).
+        TH_er of (10): beyond it the weight is infinite.
     weights
-        xi1 and xi2 of (10); those of [Tao21] unless given.
+        xi1 and xi2 of (12); those of [Tao21] unless given.
     """
     if not (0 <= error_j <= threshold_px and 0 <= error_g <= threshold_px) or common <= 0:
         return float("inf")

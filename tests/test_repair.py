@@ -248,7 +248,7 @@ def test_a_camera_whose_other_images_contradict_each_other_was_not_only_moved_on
 
 
 def test_a_last_image_of_few_points_that_are_all_wrong_shows_that_its_camera_moved() -> None:
-    """Knocked by 0.3 mm before its last image, of 5 dots: these were left out, and the camera was 3.8 times its U off."""
+    """Knocked by 0.3 mm before its last image, of 5 dots: these were left out; the camera was 3.8 times its U off."""
     case = moved(make_world("hall12", 15013), 0.3, np.random.default_rng([15013, 2, 5, 300000]))
     done = calibrate(case.session, case.settings)
     assert done.rig.quality.verdict == "not-valid"

@@ -39,9 +39,6 @@ HEAVIEST = 2.0
 # covariance does not tell. With both, 0 to 9 of the outliers of a 5 % series were missed, harmless ones.
 GATE_SIGMAS, GATE_LEAST_PX = 4.5, 0.15
 GATE_ROUNDS = 6
-# Rounds of plain least squares that ran out of iterations: a hall with a camera of wrong points alone (9 of them) crept
-# through 7,700 iterations, 85 s, and ended as not converged.
-MOST_UNFINISHED = 2
 # A point that two views alone locate is less certain than one of all: so many gates are allowed to find who agrees.
 PAIR_GATES = 2.0
 # From this number of columns on (40 cameras) each step takes seconds, and from a good start none needs damping: hall100
@@ -236,7 +233,7 @@ def refine(network: Network, state: State, used: BoolArray, placed: BoolArray, c
     context
         For progress, and to stop.
     """
-    rounds = unfinished = 0
+    rounds = 0
     while True:
         rounds += 1
         state = _locate_missing(network, state, used)
@@ -249,8 +246,7 @@ def refine(network: Network, state: State, used: BoolArray, placed: BoolArray, c
         minimum = minimise(problem, replace(state, points=known), settings, _watch(context, "bundle adjustment", 20))
         lost = (network.views(gated) == 0) & ~network.known
         state = replace(minimum.state, points=np.where(lost[:, None], np.nan, minimum.state.points))
-        unfinished += not minimum.converged
-        if (gated == used).all() or rounds == GATE_ROUNDS or unfinished == MOST_UNFINISHED:
+        if (gated == used).all() or rounds == GATE_ROUNDS:
             redundancy = problem.rows - problem.unknowns + datum_defect(problem) if gated.any() else 0
             return Adjustment(state, problem, rows, gated, minimum, redundancy)
         used = gated

@@ -131,6 +131,6 @@ def weighted(network: Network, adjusted: Adjustment, placed: BoolArray, context:
         factor = camera_noise(adjusted.problem, adjusted.state)
         network = replace(network, noise=network.noise * factor)
         adjusted = refine(network, adjusted.state, adjusted.used, placed, context)
-        if (np.abs(factor - 1) < SETTLED).all() or not adjusted.minimum.converged:
-            break  # weights of residuals that are still on their way lead nowhere
+        if (np.abs(factor - 1) < SETTLED).all():
+            break
     return network, adjusted

@@ -56,9 +56,11 @@ class WrongImage:
 def wrong_images(e: Evidence) -> list[WrongImage]:
     """All images that contradict the others as a whole, by camera and placement."""
     out, all_points = e.image_counts(e.contradicting), e.image_counts(e.candidates)
-    later = np.cumsum(all_points[::-1], axis=0)[::-1] - all_points
-    enough = (all_points >= LEAST_POINTS) | ((later == 0) & (out >= LEAST_WRONG_OF_LAST))
-    wrong = (out >= MOST_LEFT_OUT * all_points) & enough
+    most = out >= MOST_LEFT_OUT * all_points
+    wrong = most & (all_points >= LEAST_POINTS)
+    of_ball = np.arange(len(out))[:, None] < len(e.session.placements)
+    later = np.cumsum((all_points * of_ball)[::-1], axis=0)[::-1] - all_points
+    wrong |= most & of_ball & (later == 0) & (out >= LEAST_WRONG_OF_LAST) & ~wrong.any(axis=0)
     counted = [(int(c), int(t), int(out[t, c]), int(all_points[t, c])) for c, t in np.argwhere(wrong.T)]
     if len(counted) > MOST_EXPLAINED:
         return [WrongImage(*one, "unknown") for one in counted]

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from benchmarks.studies.mischief_motions import late_camera, moved
+from benchmarks.studies.mischief_motions import late_camera
 from benchmarks.studies.mischief_world import make_world
 from spherecal.base.errors import InputError
 from spherecal.calibrate import calibrate
@@ -245,15 +245,6 @@ def test_a_camera_whose_other_images_contradict_each_other_was_not_only_moved_on
     assert done.rig.quality.verdict == "not-valid"
     (finding,) = (f for f in done.rig.quality.findings if f.severity == "error")
     assert finding.code == "camera-moved" and finding.where[:1] == case.names
-
-
-def test_a_last_image_of_few_points_that_are_all_wrong_shows_that_its_camera_moved() -> None:
-    """Knocked by 0.3 mm before its last image, of 5 dots: these were left out; the camera was 3.8 times its U off."""
-    case = moved(make_world("hall12", 15013), 0.3, np.random.default_rng([15013, 2, 5, 300000]))
-    done = calibrate(case.session, case.settings)
-    assert done.rig.quality.verdict == "not-valid"
-    (finding,) = (f for f in done.rig.quality.findings if f.severity == "error")
-    assert finding.code == "image-contradicts" and finding.where[:1] == case.names
 
 
 @pytest.mark.parametrize(("place", "verdict"), [("P1", "not-valid"), ("P2", "valid"), ("P4", "not-valid")])

@@ -19,9 +19,6 @@ from spherecal.geometry.rotation import log_rotation
 # An image is wrong as a whole when most of what it shows was left out; in rigs with 5 % of wrong points the worst image
 # had a quarter of them.
 MOST_LEFT_OUT, LEAST_POINTS = 0.5, 12
-# Of a camera's last image fewer wrong points are enough: they alone show that it has moved since. Knocked by 0.3 mm
-# before an image of 5 dots, all of which were left out, a camera was 3.8 times its U off, and valid.
-LEAST_WRONG_OF_LAST = 3
 # What makes an image another camera's or another placement's: most points where these would have them. Good points lie
 # within 0.3 px; two cameras or two placements differ by hundreds.
 SAME_IMAGE_PX, SAME_SHARE = 10.0, 0.7
@@ -56,11 +53,7 @@ class WrongImage:
 def wrong_images(e: Evidence) -> list[WrongImage]:
     """All images that contradict the others as a whole, by camera and placement."""
     out, all_points = e.image_counts(e.contradicting), e.image_counts(e.candidates)
-    most = out >= MOST_LEFT_OUT * all_points
-    wrong = most & (all_points >= LEAST_POINTS)
-    of_ball = np.arange(len(out))[:, None] < len(e.session.placements)
-    later = np.cumsum((all_points * of_ball)[::-1], axis=0)[::-1] - all_points
-    wrong |= most & of_ball & (later == 0) & (out >= LEAST_WRONG_OF_LAST) & ~wrong.any(axis=0)
+    wrong = (out >= MOST_LEFT_OUT * all_points) & (all_points >= LEAST_POINTS)
     counted = [(int(c), int(t), int(out[t, c]), int(all_points[t, c])) for c, t in np.argwhere(wrong.T)]
     if len(counted) > MOST_EXPLAINED:
         return [WrongImage(*one, "unknown") for one in counted]

@@ -323,10 +323,10 @@ def test_what_moves_is_seen_at_the_moments_of_exposure(stage, monkeypatch):
     shown = {}
     draw = stage.picture
 
-    def slow(camera, view, rendered=False, held=None):
+    def slow(camera, view, rendered=False, artefact=None):
         time.sleep(0.01)
-        shown[camera] = held or stage.at()
-        return draw(camera, view, rendered, held)
+        shown[camera] = artefact or stage.at()
+        return draw(camera, view, rendered, artefact)
 
     monkeypatch.setattr(stage, "picture", slow)
     began = time.perf_counter()

@@ -26,7 +26,7 @@ from spherecal.diagnose.score import LEAST_SHARE, Change, Probe, make_probe, set
 FALSE_ALARM = 1e-6
 # In one of a hundred faultless recordings cameras are stated to be less certain than they are. A ball that grew by 200
 # ppm in a hall (chi-square 26 on 7) left a camera 2.7 times its U off.
-PERHAPS = 0.01
+WIDENED_FOR_NOTHING = 0.01
 # Of what the rigid form does not explain: a camera that moved, or a ball that bends, looks a little like a change of
 # size too.
 MOST_OF_IT = 0.5
@@ -89,7 +89,7 @@ class _Test:
         tried = [(self.change, self.sizes), (steady, times @ steady.value)]
         tried = [(replace(change, statistic=change.statistic / growth**2), sizes) for change, sizes in tried]
         change, sizes = min(tried, key=lambda one: one[0].log10_p)
-        if not change.log10_p < np.log10(PERHAPS / len(tried)):
+        if not change.log10_p < np.log10(WIDENED_FOR_NOTHING / len(tried)):
             return None
         return sizes * np.sqrt(1 - change.dof / change.statistic)
 

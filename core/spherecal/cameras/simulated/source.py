@@ -14,7 +14,7 @@ from spherecal.cameras.in_process import InProcessSource, NoImage
 from spherecal.cameras.protocol import CameraInfo, CameraSettings, CameraState, Frame, GreyPixels, Region, SourceKind
 from spherecal.cameras.simulated.draw import digitise
 from spherecal.cameras.simulated.faults import SimulatedFault
-from spherecal.cameras.simulated.stage import Held, Stage, StageView
+from spherecal.cameras.simulated.stage import ArtefactPose, Stage, StageView
 from spherecal.data.session import Session
 
 PREFIX = "SIM-"
@@ -46,7 +46,7 @@ class SimulatedSource(InProcessSource):
         self._index = {PREFIX + camera.id: i for i, camera in enumerate(self.stage.truth.cameras)}
         self._pictures: dict[str, tuple[object, NDArray[np.float32]]] = {}
         self._picture_locks = {serial: threading.Lock() for serial in self._index}
-        self._exposed: Mapping[str, Held] = {}
+        self._exposed: Mapping[str, ArtefactPose] = {}
         self.faults: tuple[SimulatedFault, ...] = ()
         for fault in faults:
             self.inject(fault)
@@ -118,8 +118,8 @@ class SimulatedSource(InProcessSource):
         if "blur" in faults:
             view = replace(view, blur_px=float(np.hypot(view.blur_px, faults["blur"].size)))
         light = settings.exposure_us / _NOMINAL_EXPOSURE_US * (faults["dim"].size if "dim" in faults else 1.0)
-        held = self._exposed[serial] if number else self.stage.at()
-        picture = self._picture(serial, replace(view, brightness=light), held)
+        artefact = self._exposed[serial] if number else self.stage.at()
+        picture = self._picture(serial, replace(view, brightness=light), artefact)
         bits = 12 if "12" in settings.pixel_format else 10 if "10" in settings.pixel_format else 8
         with self._lock:
             rng = np.random.default_rng(self._rng.integers(2**63))
@@ -148,13 +148,13 @@ class SimulatedSource(InProcessSource):
         """The live view shows the state of the set to come."""
         return number or self.sets_taken + 1
 
-    def _picture(self, serial: str, view: StageView, held: Held) -> NDArray[np.float32]:
+    def _picture(self, serial: str, view: StageView, artefact: ArtefactPose) -> NDArray[np.float32]:
         """The noise-free image, kept while nothing changes."""
         with self._picture_locks[serial]:
-            key = (held, view)
+            key = (artefact, view)
             kept = self._pictures.get(serial)
             if kept is None or kept[0] != key:
-                kept = (key, self.stage.picture(self._index[serial], view, self._rendered, held))
+                kept = (key, self.stage.picture(self._index[serial], view, self._rendered, artefact))
                 self._pictures[serial] = kept
         return kept[1]
 

@@ -46,18 +46,18 @@ class StageView:
 
 
 @dataclass(frozen=True)
-class Held:
+class ArtefactPose:
     """What is there at one moment: a placement or bar pose, shifted and turned (rotation vector) by hand."""
 
     shown: str
     shift_mm: Vector = (0.0, 0.0, 0.0)
     turn_rad: Vector = (0.0, 0.0, 0.0)
 
-    def moved(self, shift_mm: Vector, turn_deg: Vector) -> "Held":
+    def moved(self, shift_mm: Vector, turn_deg: Vector) -> "ArtefactPose":
         """The same, moved on."""
         turn = exp_rotation(np.deg2rad(np.asarray(turn_deg, float))) @ exp_rotation(np.array(self.turn_rad))
         shift = np.array(self.shift_mm) + np.asarray(shift_mm, float)
-        return Held(self.shown, _vector(shift), _vector(log_rotation(turn)))
+        return ArtefactPose(self.shown, _vector(shift), _vector(log_rotation(turn)))
 
 
 class Stage:
@@ -73,7 +73,7 @@ class Stage:
         self.session, self.truth = simulate_session(preset, seed, options or replace(RENDERED, bar_poses=2))
         self.session = replace(self.session, observations=None)
         self._lock = threading.Lock()
-        self._held = Held(self.truth.placements[0])
+        self._artefact = ArtefactPose(self.truth.placements[0])
         self._path: Path | None = None
 
     @property
@@ -84,39 +84,41 @@ class Stage:
     @property
     def shown(self) -> str:
         """The id of what is shown."""
-        return self._held.shown
+        return self._artefact.shown
 
     def show(self, pose: str) -> None:
         """Put the ball to a placement, or a bar into one of its poses; forgets movements by hand."""
         if pose not in self.poses:
             raise InputError(Phrase("error-no-simulated-pose", {"pose": repr(pose), "names": list(self.poses)}))
         with self._lock:
-            self._held, self._path = Held(pose), None
+            self._artefact, self._path = ArtefactPose(pose), None
 
     def move(self, shift_mm: Vector, turn_deg: Vector = (0, 0, 0)) -> None:
         """Shift and turn (rotation vector) the ball or bar by hand, in the rig's frame."""
         with self._lock:
-            self._held = self._held.moved(shift_mm, turn_deg)
+            self._artefact = self._artefact.moved(shift_mm, turn_deg)
 
     def carry(self, path: Path) -> None:
         """Carry the ball or bar along a path, from where it is, until something else is shown."""
         with self._lock:
             self._path = path
 
-    def at(self, moment_s: float | None = None) -> Held:
+    def at(self, moment_s: float | None = None) -> ArtefactPose:
         """What is there at a moment of perf_counter; None: now."""
         with self._lock:
-            held, path = self._held, self._path
-        return held if path is None else held.moved(*path(time.perf_counter() if moment_s is None else moment_s))
+            artefact, path = self._artefact, self._path
+        return (
+            artefact if path is None else artefact.moved(*path(time.perf_counter() if moment_s is None else moment_s))
+        )
 
     def picture(
-        self, camera: int, view: StageView, rendered: bool = False, held: Held | None = None
+        self, camera: int, view: StageView, rendered: bool = False, artefact: ArtefactPose | None = None
     ) -> NDArray[np.float32]:
-        """The noise-free image of a camera by index, (h, w), 1 = full scale; of what is there now, or was `held`."""
-        held = held or self.at()
-        station, shown = self._station(camera, view), held.shown
+        """The noise-free image of a camera by index, (h, w), 1 = full scale; of `artefact`, or what is there now."""
+        artefact = artefact or self.at()
+        station, shown = self._station(camera, view), artefact.shown
         white = _FULL_SCALE_OF_WHITE * view.brightness
-        placed = self._truth_with(held)
+        placed = self._truth_with(artefact)
         if rendered:
             return self._rendered(camera, shown, placed, station, white)
         if shown in placed.placements:
@@ -144,10 +146,10 @@ class Stage:
         translation = turn @ one.translation_mm + np.array(view.shifted_mm)
         return Station(one.id, turn @ one.rotation, translation, one.intrinsics, one.kind.image_size)
 
-    def _truth_with(self, held: Held) -> Truth:
+    def _truth_with(self, artefact: ArtefactPose) -> Truth:
         """The truth with what is shown moved by hand."""
-        truth, shown = self.truth, held.shown
-        shift, turn = np.array(held.shift_mm), exp_rotation(np.array(held.turn_rad))
+        truth, shown = self.truth, artefact.shown
+        shift, turn = np.array(artefact.shift_mm), exp_rotation(np.array(artefact.turn_rad))
         if shown in truth.placements:
             t = truth.placements.index(shown)
             rotations, places = truth.ball_rotations.copy(), truth.ball_places_mm.copy()

@@ -14,7 +14,7 @@ pytest.importorskip("PySide6.QtWidgets", reason="Qt cannot be loaded here", exc_
 from PySide6.QtCore import QEvent, QPointF, QRectF, QSizeF, Qt
 from PySide6.QtGui import QColor, QImage, QMouseEvent
 from PySide6.QtTest import QTest
-from PySide6.QtWidgets import QApplication, QLabel
+from PySide6.QtWidgets import QApplication, QLabel, QPushButton
 
 from spherecal_gui import project as changes
 from spherecal_gui import sounds, theme
@@ -155,18 +155,32 @@ def test_findings_have_buttons_that_ask_for_what_they_advise(qtbot):
     qtbot.addWidget(findings)
     actions = (Action("add placement", "", "Add a placement"),)
     findings.show_advice([Advice("caution", "Few", "Few placements.", "Add one.", actions)])
-    from PySide6.QtWidgets import QPushButton
-
     details, button = findings.findChildren(QPushButton)
     said = next(one for one in findings.findChildren(QLabel) if one.text() == "Few placements.")
-    assert said.isHidden()
+    findings.show()
+    assert button.isVisible()
+    assert not said.isVisible()
     details.click()
-    assert not said.isHidden(), "the engine's words are one click away"
+    assert said.isVisible(), "the engine's words are one click away"
     with qtbot.waitSignal(findings.asked) as caught:
         button.click()
     assert caught.args == ["add placement", ""]
     findings.show_advice([])
     assert findings.shown == []
+
+
+def test_a_finding_that_asks_for_nothing_is_one_line(qtbot):
+    findings = FindingsList()
+    qtbot.addWidget(findings)
+    findings.show_advice([Advice("none", "Few", "Few placements.", "Add one.", (Action("add placement", "", "Add"),))])
+    findings.show()
+    hint = next(one for one in findings.findChildren(QLabel) if one.text() == "Add one.")
+    add, details = sorted(findings.findChildren(QPushButton), key=lambda one: one.text())
+    assert not hint.isVisible()
+    assert not add.isVisible()
+    details.click()
+    assert hint.isVisible()
+    assert add.isVisible()
 
 
 def test_residuals_are_drawn_and_those_left_out_stand_out(qtbot):
@@ -215,11 +229,12 @@ def test_the_plain_view_tells_which_camera_was_meant(qtbot, home):
     assert theme.now().accent in colours_of(view) or len(colours_of(view)) > 3
 
 
-def test_where_opengl_fails_the_view_stays_painted(qtbot, monkeypatch, tmp_path):
+def test_where_opengl_fails_the_view_stays_painted(qapp, qtbot, monkeypatch, tmp_path):
     """The process that renders starts with our sys.path, where a pyvista without OpenGL comes first."""
     (tmp_path / "pyvista.py").write_text("raise RuntimeError('no OpenGL context can be made')\n")
     monkeypatch.syspath_prepend(tmp_path)
     monkeypatch.delenv("SPHERECAL_3D", raising=False)
+    theme.apply(qapp, dark=False)  # names are thick enough for their full colour in our own font only
     view = make_scene_view()
     assert isinstance(view, RenderedScene)
     qtbot.addWidget(view)

@@ -50,24 +50,30 @@ class FindingsList(QScrollArea):
         mark.setPixmap(level_pixmap(one.level, theme.pt(20), tint))
         row.addWidget(mark, 0, Qt.AlignmentFlag.AlignTop)
         row.addSpacing(theme.SMALL)
-        words = QVBoxLayout()
+        words, folded = QVBoxLayout(), QWidget()
         words.setSpacing(2)
-        title = label(f"{one.title}: {one.where}" if one.where else one.title, "big")
+        more = QVBoxLayout(folded)
+        more.setContentsMargins(0, 0, 0, 0)
+        more.setSpacing(2)
+        title = label(f"{one.title}: {one.where}" if one.where else one.title, "big" if one.level != "none" else "")
         set_level(title, one.level)
-        first, said = QHBoxLayout(), label(one.message, "soft")
+        first = QHBoxLayout()
         first.addWidget(title, 1)
-        if one.message:
-            first.addWidget(details_button(said), 0, Qt.AlignmentFlag.AlignTop)
         words.addLayout(first)
+        todo = more if one.level == "none" else words  # what asks for nothing stays one line
         if one.hint:
-            words.addWidget(label(one.hint))
+            todo.addWidget(label(one.hint))
         if one.actions:
             buttons = QHBoxLayout()
             for action in one.actions:
                 buttons.addWidget(self._button(action))
             buttons.addStretch(1)
-            words.addLayout(buttons)
-        words.addWidget(said)
+            todo.addLayout(buttons)
+        if one.message:
+            more.addWidget(label(one.message, "soft"))
+        if more.count():
+            first.addWidget(details_button(folded), 0, Qt.AlignmentFlag.AlignTop)
+        words.addWidget(folded)
         row.addLayout(words, 1)
         return box
 

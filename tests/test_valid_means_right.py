@@ -33,7 +33,7 @@ from spherecal.verify.pose_plan import BarMarks, facing_cameras, plan_poses
 from spherecal_sim.session_folder import write_session
 from spherecal_sim.truth import CameraMove, Truth
 from tests.findings_in_code import ENGINE, findings_in_code
-from tests.networks import one_thread
+from tests.networks import one_thread, with_observations
 from tests.wrong_recordings import (
     again,
     as_built,
@@ -264,6 +264,37 @@ def test_a_camera_knocked_before_its_last_image_asks_for_care() -> None:
     done = calibrate(again(session, truth, pose, still))
     assert done.rig.quality.verdict == "use-with-care" and codes(done, "warning") == {"pose-unconfirmed"}
     assert done.rig.quality.affected == (Affected(camera="C03"),)
+
+
+@pytest.mark.parametrize("points", [3, 5])
+@pytest.mark.parametrize("is_moved", [True, False], ids=["moved", "wrong dots"])
+def test_a_last_image_of_few_points_that_contradict_asks_for_care_where_a_pose_explains_them(
+    points: int, is_moved: bool
+) -> None:
+    """Knocked before an image of five dots, all left out, a camera was 3.8 U off, and the rig valid."""
+    session, truth = recording("rigB", 3)
+
+    def pose(c: int, t: int) -> tuple[np.ndarray, np.ndarray]:
+        rotation, translation = as_built(truth)(c, t)
+        return rotation, translation + np.array([0.0, 2.0, 0.0]) * (is_moved and c == 2 and t == 3)
+
+    recorded = again(session, truth, pose, still)
+    o = recorded.observations
+    assert o is not None
+    last = np.flatnonzero((o.camera == 2) & (o.placement == 3))
+    near = np.argsort(np.linalg.norm(o.uv[last] - o.uv[last[len(last) // 2]], axis=1))[:points]
+    keep = np.ones(len(o.camera), dtype=bool)
+    keep[np.delete(last, near)] = False
+    uv = o.uv.copy()
+    if not is_moved:
+        uv[last[near]] += np.random.default_rng(points).normal(0, 20, (points, 2))
+    done = calibrate(with_observations(recorded, keep, uv))
+    found = [f for f in done.rig.quality.findings if f.code == "pose-unconfirmed"]
+    assert [(f.kind, f.where) for f in found] == [("last-image", ("C03",))] * is_moved
+    assert done.rig.quality.verdict == ("use-with-care" if is_moved else "valid")
+    camera = done.rig.camera("C03")
+    assert camera is not None and camera.sigma is not None
+    assert (np.linalg.norm(camera.sigma.centre_mm) > 0.5) == is_moved
 
 
 @pytest.mark.parametrize(("shift_mm", "verdict"), [(0.06, "use-with-care"), (1.0, "valid")])

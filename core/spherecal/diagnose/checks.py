@@ -1,6 +1,5 @@
 """What a calibration says about itself: findings with their values."""
 
-from collections import Counter
 from dataclasses import replace
 
 import numpy as np
@@ -11,15 +10,14 @@ from spherecal.adjust.layout import POSE
 from spherecal.base.arrays import BoolArray, FloatArray, IntArray
 from spherecal.base.errors import PartialResultAccepted
 from spherecal.base.messages.values import Phrase
-from spherecal.data.findings import Finding, leave_out
+from spherecal.data.findings import Finding
 from spherecal.data.observations import Observations
 from spherecal.data.session import Session
 from spherecal.data.verdict import ruled
 from spherecal.diagnose.diagnosis import diagnose
 from spherecal.diagnose.evidence import Evidence
-from spherecal.diagnose.moves import LEAST_STATISTIC
 from spherecal.diagnose.soundness import locked, outlier_share, unsound
-from spherecal.geometry.transform import pose_change
+from spherecal.diagnose.unconfirmed_poses import unconfirmed_findings
 from spherecal.initialise.view_graph import MIN_COMMON
 
 # Self-calibration below this is what four spread placements give on rigs A and B (420 and 380 ppm) with a margin; one
@@ -48,7 +46,7 @@ def run_checks(evidence: Evidence) -> tuple[Finding, ...]:
         *_convergence(evidence),
         *_form(evidence),
         *_geometry(evidence),
-        *_unconfirmed_poses(evidence),
+        *unconfirmed_findings(evidence),
         *_held_intrinsics(evidence),
         *_weak_self_calibration(evidence),
         *_placements(evidence),
@@ -162,86 +160,6 @@ def _mirrored(e: Evidence) -> bool:
         into_ball = np.cross(axes[0], axes[1])  # x right, y down: z away from the viewer
         votes += 1 if into_ball @ (at.mean(axis=0) - centres[a_view[dots[0][0]]]) > 0 else -1
     return votes < 0
-
-
-# Of moves with up to this many times the least statistic, one a third as large would not have been seen: the camera's
-# other images may differ by that. A camera that saw the ball displaced by 0.05 mm, each time elsewhere, passed for one
-# that was knocked by 0.086 mm (statistic 205): it was 5.1 times its U off, and the rig valid.
-SMALL_MOVE = 8.0
-
-
-def unconfirmed_poses(e: Evidence) -> list[tuple[int, int]]:
-    """Split cameras (indices) whose pose the recording does not confirm, each with the index of its earlier pose.
-
-    It rests on one image alone, or differs so little from the earlier one that its images may differ as much.
-    """
-    seen = (e.image_counts(e.used) > 0).sum(axis=0)
-    return [(c, k) for c, k in _split_cameras(e) if seen[c] == 1 or (seen[c] > 1 and _is_small_move(e, c, k))]
-
-
-def _split_cameras(e: Evidence) -> list[tuple[int, int]]:
-    ids = list(e.camera_ids)
-    pairs = [
-        (ids.index(camera.earlier_pose_of), k)
-        for k, camera in enumerate(e.session.cameras)
-        if camera.earlier_pose_of is not None and e.placed[k]
-    ]
-    latest = dict(pairs)  # of several former poses the last is that before the image
-    return [(c, k) for c, k in latest.items() if e.placed[c]]
-
-
-def _is_small_move(e: Evidence, now: int, before: int) -> bool:
-    """Whether the difference of two poses is significant, but would not be at a third of its size."""
-    if e.solution.cameras is None:
-        return False
-    joint = e.solution.cameras
-    width = len(joint) // len(e.placed)
-    (r, t), (r_before, t_before) = (
-        (e.solution.state.rotation[c], e.solution.state.translation[c]) for c in (now, before)
-    )
-    change = pose_change(r, t, r_before, t_before)
-    rows, columns = (slice(c * width, c * width + POSE) for c in (now, before))
-    of_both = joint[rows, rows] + joint[columns, columns] - joint[rows, columns] - joint[columns, rows]
-    return float(change @ np.linalg.pinv(of_both) @ change) < SMALL_MOVE * LEAST_STATISTIC
-
-
-def _unconfirmed_poses(e: Evidence) -> list[Finding]:
-    found = []
-    counts = e.image_counts(e.used)
-    for c, k in unconfirmed_poses(e):
-        name = e.camera_ids[c]
-        images = np.flatnonzero(counts[:, c])
-        place = e.observations.placements[int(images[0])]
-        if len(images) == 1:
-            repairs = leave_out(f"{name}@{place}")
-            found.append(Finding("pose-unconfirmed", "warning", {"place": place}, (name,), repairs, "one-image"))
-        else:
-            centres = [-e.solution.state.rotation[i].T @ e.solution.state.translation[i] for i in (c, k)]
-            values = {"place": place, "shift_mm": float(np.linalg.norm(centres[0] - centres[1]))}
-            found.append(Finding("pose-unconfirmed", "warning", values, (name,), kind="small-move"))
-    return found + _not_seen_since(e)
-
-
-def _not_seen_since(e: Evidence) -> list[Finding]:
-    """Cameras without an image since several others moved at once: one part of the frame may carry all of them.
-
-    A beam of three cameras bent by 2 mm after the last image of one of them; that one was 83 U off.
-    """
-    images = e.image_counts(e.used) > 0
-    seen = np.flatnonzero(~e.is_earlier_pose & e.placed & images.any(axis=0))
-    split = {camera.earlier_pose_of for camera in e.session.cameras}
-    since = {k: int(np.argmax(images[:, k])) for k in seen if e.camera_ids[k] in split}
-    together = [t for t, count in Counter(since.values()).items() if count > 1]
-    if not together:
-        return []
-    first = min(together)
-    last = len(images) - 1 - np.argmax(images[::-1], axis=0)
-    unseen = [e.camera_ids[k] for k in seen if last[k] < first]
-    if not unseen:
-        return []
-    moved = [e.camera_ids[k] for k, t in since.items() if t == first]
-    values = {"moved": moved, "place": e.observations.placements[first]}
-    return [Finding("pose-unconfirmed", "warning", values, tuple(unseen), kind="not-seen-since")]
 
 
 def _held_intrinsics(e: Evidence) -> list[Finding]:

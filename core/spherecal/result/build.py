@@ -32,12 +32,12 @@ from spherecal.data.rig import (
 from spherecal.data.session import Session
 from spherecal.data.verdict import affected, is_valid, ruled, widening
 from spherecal.diagnose.ball_size import SizeChange, possible_sizes, size_change
-from spherecal.diagnose.checks import STOPPED, run_checks, unconfirmed_poses, unlinked
+from spherecal.diagnose.checks import STOPPED, run_checks, unlinked
 from spherecal.diagnose.evidence import Evidence
 from spherecal.diagnose.soundness import scale_doubt
+from spherecal.diagnose.unconfirmed_poses import unconfirmed_poses
 from spherecal.geometry.camera import N_INTRINSICS, project
 from spherecal.geometry.sphere import fit_sphere
-from spherecal.geometry.transform import pose_change
 from spherecal.initialise.local import LocalNetwork
 from spherecal.predict.lengths import Cameras
 from spherecal.predict.volume_map import LengthMap, length_map, measured_volume
@@ -183,27 +183,23 @@ def _wider_covariance(
 def _either_pose(
     cameras: tuple[RigCamera, ...], covariance: CameraCovariance | None, evidence: Evidence
 ) -> tuple[tuple[RigCamera, ...], CameraCovariance | None]:
-    """Cameras of unconfirmed poses, so uncertain that the former pose is one standard uncertainty off."""
-    names, state = [camera.id for camera in cameras], evidence.solution.state
-    for now, before in unconfirmed_poses(evidence):
-        index = names.index(evidence.camera_ids[now])
+    """Cameras of unconfirmed poses, so uncertain that each other pose is one standard uncertainty off."""
+    names = [camera.id for camera in cameras]
+    for pose in unconfirmed_poses(evidence):
+        index = names.index(evidence.camera_ids[pose.camera])
         camera = cameras[index]
-        change = pose_change(
-            state.rotation[now], state.translation[now], state.rotation[before], state.translation[before]
-        )
-        centres = [-state.rotation[c].T @ state.translation[c] for c in (now, before)]
         if camera.sigma is not None:
             sigma = replace(
                 camera.sigma,
-                rotation_deg=np.hypot(camera.sigma.rotation_deg, np.rad2deg(change[:3])),
-                centre_mm=np.hypot(camera.sigma.centre_mm, centres[1] - centres[0]),
+                rotation_deg=np.linalg.norm([camera.sigma.rotation_deg, *np.rad2deg(pose.changes[:, :3])], axis=0),
+                centre_mm=np.linalg.norm([camera.sigma.centre_mm, *pose.centre_shifts], axis=0),
             )
             cameras = (*cameras[:index], replace(camera, sigma=sigma), *cameras[index + 1 :])
         if covariance is not None:
             width = len(covariance.matrix) // len(cameras)
-            off = np.zeros(len(covariance.matrix))
-            off[index * width : index * width + POSE] = change
-            covariance = CameraCovariance(covariance.matrix + np.outer(off, off), covariance.intrinsics)
+            off = np.zeros((len(pose.changes), len(covariance.matrix)))
+            off[:, index * width : index * width + POSE] = pose.changes
+            covariance = CameraCovariance(covariance.matrix + off.T @ off, covariance.intrinsics)
     return cameras, covariance
 
 

@@ -130,7 +130,9 @@ def weighted(network: Network, adjusted: Adjustment, placed: BoolArray, context:
     for _ in range(ROUNDS):
         factor = camera_noise(adjusted.problem, adjusted.state)
         network = replace(network, noise=network.noise * factor)
-        adjusted = refine(network, adjusted.state, adjusted.used, placed, context)
-        if (np.abs(factor - 1) < SETTLED).all():
+        before, adjusted = adjusted, refine(network, adjusted.state, adjusted.used, placed, context)
+        # twice without convergence: more rounds did not converge either (hall, nine wrong points of one camera: 60 s)
+        is_stuck = not (before.minimum.converged or adjusted.minimum.converged)
+        if is_stuck or (np.abs(factor - 1) < SETTLED).all():
             break
     return network, adjusted

@@ -19,6 +19,7 @@ from spherecal.diagnose.geometry import threads, weak_places
 from spherecal.diagnose.images import WrongImage, wrong_images
 from spherecal.diagnose.influence import dependent_parts
 from spherecal.diagnose.motion_findings import mixed_up_images, motion_findings, moved_cameras, unexplained_images
+from spherecal.diagnose.rejected_edges import edge_findings
 from spherecal.diagnose.scale import scale_conflict, stretched_print
 from spherecal.diagnose.shape import changed_shape, contradicting_placements
 from spherecal.diagnose.swapped_cameras import exchanged_cameras
@@ -65,7 +66,7 @@ def _faults(e: Evidence) -> list[Finding]:
     found += [*moves, *unexplained_images(e, wrong, moved), *spoilt]
     if not spoilt:
         found += [] if anomalies.explained else changed_shape(e, anomalies.in_shape)
-        found += [*misfitting_lenses(e, anomalies, moved)]
+        found += [*misfitting_lenses(e, anomalies, moved), *edge_findings(e, moved)]
         found += wrong_targets(e, moved)
     e.context.report(STAGE, 0.9)
     found += scattering_poses(e, anomalies)

@@ -34,6 +34,7 @@ from spherecal.data.verdict import affected, is_valid, ruled, widening
 from spherecal.diagnose.ball_size import SizeChange, possible_sizes, size_change
 from spherecal.diagnose.checks import STOPPED, run_checks, unlinked
 from spherecal.diagnose.evidence import Evidence
+from spherecal.diagnose.rejected_edges import rejected_edges
 from spherecal.diagnose.soundness import scale_doubt
 from spherecal.diagnose.unconfirmed_poses import unconfirmed_poses
 from spherecal.geometry.camera import N_INTRINSICS, project
@@ -81,6 +82,7 @@ def build_result(recording: Recording, local: LocalNetwork, fit: MetricFit, meth
     cameras = tuple(_wider(camera, f) for camera, f in zip(cameras, of_poses, strict=True))
     covariance = _wider_covariance(covariance, factor, cameras, solution.scale, scale)
     cameras, covariance = _either_pose(cameras, covariance, evidence)
+    cameras, covariance = _either_lens(cameras, covariance, evidence, findings)
     if ball_size is not None:
         known = solution.state.points[np.isfinite(solution.state.points[:, 0])]
         from_middle = np.array([camera.centre_mm for camera in cameras]) - known.mean(axis=0)
@@ -200,6 +202,40 @@ def _either_pose(
             off = np.zeros((len(pose.changes), len(covariance.matrix)))
             off[:, index * width : index * width + POSE] = pose.changes
             covariance = CameraCovariance(covariance.matrix + off.T @ off, covariance.intrinsics)
+    return cameras, covariance
+
+
+def _either_lens(
+    cameras: tuple[RigCamera, ...],
+    covariance: CameraCovariance | None,
+    evidence: Evidence,
+    findings: tuple[Finding, ...],
+) -> tuple[tuple[RigCamera, ...], CameraCovariance | None]:
+    """Cameras of rejected edges, so uncertain that a lens nearer to these is one standard uncertainty off."""
+    named = {name for f in findings if f.code == "lens-misfit" and f.kind == "edge" for name in f.where}
+    columns, group = evidence.adjusted.problem.intrinsic_columns, evidence.solved.network.group
+    row = {camera.id: i for i, camera in enumerate(cameras)}
+    for edge in rejected_edges(evidence) if named else ():
+        if evidence.camera_ids[edge.camera] not in named:
+            continue
+        alike = [
+            row[evidence.camera_ids[c]]
+            for c in np.flatnonzero(group == group[edge.camera])
+            if evidence.camera_ids[c] in row
+        ]
+        wider = list(cameras)
+        for index in alike:
+            sigma = cameras[index].sigma
+            if sigma is not None:
+                intrinsics = sigma.intrinsics.copy()
+                intrinsics[columns] = np.hypot(intrinsics[columns], edge.change)
+                wider[index] = replace(cameras[index], sigma=replace(sigma, intrinsics=intrinsics))
+        cameras = tuple(wider)
+        if covariance is not None:
+            width = len(covariance.matrix) // len(cameras)
+            off = np.zeros((len(cameras), width))
+            off[alike, POSE:] = edge.change
+            covariance = CameraCovariance(covariance.matrix + np.outer(off, off), covariance.intrinsics)
     return cameras, covariance
 
 

@@ -21,38 +21,15 @@ from file_formats.vocabulary import (
     prose,
     record,
     text,
-    time,
 )
+from spherecal.measuring.body_file import BODY
+from spherecal_gui.last_verification import FORMAT as LAST_VERIFICATION
 from spherecal_gui.project import FlawCode, Verdict
 
 _RUNS = {
     "calibrated": "calibration", "accepted": "accepted calibration", "verified": "verification",
     "saved": "calibration put to use", "checked": "quick check", "repaired": "repair",
 }  # fmt: skip
-BODY = Format(
-    "body",
-    "body.json",
-    "A rigid body by named points in a frame of its own.",
-    {
-        "name": identifier("Its name."),
-        "points": items(
-            "Its points.",
-            record(
-                "",
-                {
-                    "target": integer("The target.", 0, 2**31),
-                    "point?": name("The point of the target; `centre` where absent."),
-                    "xyz_mm": items("Its place.", number("", -1e6, 1e6), length=3),
-                    "sigma_mm?": number("Standard deviation of that; 0 where absent.", 0, 1e6),
-                },
-            ),
-            3,
-            1000,
-        ),
-    },
-    ("No point is there twice.", "The points do not lie on one line."),
-    more="measuring.md#bodies",
-)
 SERIES = Format(
     "series",
     "series.json",
@@ -248,16 +225,6 @@ WIZARD = Format(
             ),
         ),
         "note?": prose("What the operator has written."),
-    },
-)
-LAST_VERIFICATION = Format(
-    "last-verification",
-    "last-verification.json",
-    "The last verification of the calibration in use, beside a profile.",
-    {
-        "calibration": text("Which calibration."),
-        "at": time("When."),
-        "verdict": choice("What came out.", get_args(Verdict)),
     },
 )
 STUDY = Format(

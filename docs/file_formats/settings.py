@@ -27,6 +27,7 @@ from file_formats.vocabulary import (
     time,
     unread,
 )
+from spherecal.cameras.gentl.trust import FORMAT as DRIVERS
 from spherecal.profile.entry import FILES, RIG_FILE
 from spherecal.profile.limits_file import DOTS, HOURS, KELVIN, NAMES
 
@@ -66,19 +67,6 @@ CAMERAS = Format(
         ),
     },
     ("Serial numbers and names differ.",),
-    more="cameras.md",
-)
-DRIVERS = Format(
-    "drivers",
-    "drivers.json",
-    "Camera drivers that were allowed, in the user's settings.",
-    {
-        "drivers": items(
-            "The driver files.",
-            record("", {"file": text("Its real path."), "sha256": text("SHA-256 of its contents.")}),
-        ),
-        "written_at?": unread("When."),
-    },
     more="cameras.md",
 )
 BARS = Format(

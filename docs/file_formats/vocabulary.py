@@ -39,6 +39,11 @@ class Format:
     forms: Sequence[Schema] = ()
 
     @property
+    def short(self) -> str:
+        """Its name."""
+        return self.name
+
+    @property
     def schema(self) -> Schema:
         """The whole schema."""
         head: Schema = {

@@ -11,8 +11,7 @@ from spherecal.base.arrays import ByValue, FloatArray
 from spherecal.base.errors import InputError
 from spherecal.base.messages.values import Phrase
 from spherecal.data.rig import BallShape, RigScale
-from spherecal.files.json_file import JsonValue, read_json, unique
-from spherecal.files.rig_file import software_entry
+from spherecal.files.json_file import JsonValue, read_json, software_entry, unique
 
 FORMAT = "spherecal/ball"
 VERSION = 1

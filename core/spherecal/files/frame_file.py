@@ -8,8 +8,8 @@ import numpy as np
 from spherecal.base.arrays import FloatArray
 from spherecal.base.messages.values import Phrase
 from spherecal.files.atomic import write_file_whole
-from spherecal.files.json_file import JsonValue, json_bytes, read_json
-from spherecal.files.rig_file import finite, read_rotation, software_entry
+from spherecal.files.json_file import JsonValue, finite, json_bytes, read_json, software_entry
+from spherecal.files.rig_file import read_rotation
 from spherecal.geometry.user_frame import TURNS, FrameDefinition, UserFrame
 
 FORMAT = "spherecal/frame"

@@ -8,9 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
 
-from spherecal import __version__
 from spherecal.base.arrays import FloatArray
 from spherecal.base.errors import InputError
 from spherecal.base.messages.values import Phrase
@@ -28,7 +26,16 @@ from spherecal.data.rig import (
     unknown_quality,
 )
 from spherecal.files.findings_file import with_values
-from spherecal.files.json_file import MOST_CAMERAS, JsonValue, json_bytes, read_bytes, read_json, unique
+from spherecal.files.json_file import (
+    MOST_CAMERAS,
+    JsonValue,
+    finite,
+    json_bytes,
+    read_bytes,
+    read_json,
+    software_entry,
+    unique,
+)
 from spherecal.geometry.camera import (
     INTRINSIC_NAMES,
     camera_matrix,
@@ -56,21 +63,6 @@ _MISSING = {
 
 # Rotations come from files of others too, printed with six digits or more.
 _ROTATION_TOLERANCE = 1e-5
-
-
-def finite(value: ArrayLike | None) -> Any:
-    """Numbers for JSON: Python floats in (nested) lists, `None` for what is absent or not finite."""
-    if value is None:
-        return None
-    array = np.asarray(value, dtype=float)
-    if array.ndim:
-        return [finite(item) for item in array]
-    return float(array) if np.isfinite(array) else None
-
-
-def software_entry(details: Mapping[str, Any] | None) -> dict[str, Any]:
-    """Who wrote a file: name and version of this program, and the details given (timestamps go here alone)."""
-    return {"name": "SphereCal", "version": __version__, **(details or {})}
 
 
 def finding_entry(finding: Finding) -> dict[str, Any]:

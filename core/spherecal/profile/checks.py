@@ -10,8 +10,7 @@ from typing import Any, Literal
 from spherecal.base.errors import InputError
 from spherecal.base.filesystem import write_below
 from spherecal.base.messages.values import Phrase
-from spherecal.files.json_file import JsonValue, json_bytes
-from spherecal.files.rig_file import finite, software_entry
+from spherecal.files.json_file import JsonValue, finite, json_bytes, software_entry
 from spherecal.profile.entry import migrated
 
 FORMAT = "spherecal/profile-check"

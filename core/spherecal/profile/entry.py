@@ -11,8 +11,8 @@ from spherecal.base.errors import InputError
 from spherecal.base.filesystem import read_below
 from spherecal.base.messages.values import Phrase
 from spherecal.data.rig import Rig, Verdict
-from spherecal.files.json_file import JsonValue, json_bytes, read_json, version_of
-from spherecal.files.rig_file import finite, read_rig, software_entry
+from spherecal.files.json_file import JsonValue, finite, json_bytes, read_json, software_entry, version_of
+from spherecal.files.rig_file import read_rig
 
 FORMAT = "spherecal/profile-entry"
 VERSION = 1

@@ -29,9 +29,8 @@ from spherecal.base.filesystem import (
 )
 from spherecal.base.messages.values import Phrase
 from spherecal.data.rig import Rig
-from spherecal.files.json_file import JsonValue, json_bytes, name_problem
+from spherecal.files.json_file import JsonValue, json_bytes, name_problem, software_entry
 from spherecal.files.lock import LOCK, locked
-from spherecal.files.rig_file import software_entry
 from spherecal.profile.checks import FOLDER as CHECKS
 from spherecal.profile.checks import last_check
 from spherecal.profile.entry import (

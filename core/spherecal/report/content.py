@@ -4,7 +4,8 @@ from dataclasses import dataclass
 from typing import Any
 
 from spherecal.data.findings import Finding
-from spherecal.files.rig_file import finding_entry, software_entry
+from spherecal.files.json_file import software_entry
+from spherecal.files.rig_file import finding_entry
 from spherecal.report.language import finding_words, label
 from spherecal.report.result_folder import Result
 from spherecal.report.sections_bars import bar_sections

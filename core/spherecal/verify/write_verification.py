@@ -13,8 +13,8 @@ from spherecal.data.session import Bar
 from spherecal.files.atomic import RESULT, check_folder, write_folder_whole
 from spherecal.files.bar_registry import certificate_entry, length_entry
 from spherecal.files.findings_file import FINDINGS_FILE, findings_document, read_findings
-from spherecal.files.json_file import json_bytes
-from spherecal.files.rig_file import finding_entry, finite, software_entry
+from spherecal.files.json_file import finite, json_bytes, software_entry
+from spherecal.files.rig_file import finding_entry
 from spherecal.files.write_result import place_cell, small_cell, write_table
 from spherecal.files.written_phrase import sentence_entry
 from spherecal.verify.budget import Budget

@@ -12,9 +12,10 @@ import logging
 import os
 import stat
 import sys
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
+from functools import partial
 from pathlib import Path
 from typing import Literal
 
@@ -22,10 +23,7 @@ from spherecal.base.errors import InputError, OutputError
 from spherecal.base.messages.values import Phrase
 from spherecal.cameras.gentl.driver_copy import NotTheSame, hash_of, private_copy
 from spherecal.files.atomic import write_file_whole
-from spherecal.files.json_file import read_json
-
-FORMAT = "spherecal/drivers"
-VERSION = 1
+from spherecal.files.codec import Format, field, items, record, text, unread
 
 State = Literal["own", "known", "new", "changed", "unsafe", "unreadable"]
 
@@ -53,6 +51,30 @@ class Refusal:
     allowable: bool = False
 
 
+def _hashes(drivers: Sequence[Driver]) -> dict[str, str]:
+    return {one.file: one.sha256 for one in drivers}
+
+
+_DRIVER = record(
+    "",
+    partial(Driver, state="known"),
+    field("file", text("Its real path.")),
+    field("sha256", text("SHA-256 of its contents.")),
+)
+FORMAT = Format(
+    "spherecal/drivers",
+    "drivers.json",
+    "Camera drivers that were allowed, in the user's settings.",
+    record(
+        "",
+        _hashes,
+        field("drivers", items("The driver files.", _DRIVER)),
+        unread("written_at", "When.", lambda _: datetime.now(UTC).isoformat(timespec="seconds")),
+    ),
+    more="cameras.md",
+)
+
+
 class TrustStore:
     """The files that were allowed: real path -> hash, in `path`. Reading a damaged list raises InputError."""
 
@@ -63,6 +85,11 @@ class TrustStore:
     def allowed(self) -> Mapping[str, str]:
         """The hashes by real path."""
         return dict(self._allowed)
+
+    @property
+    def drivers(self) -> list[Driver]:
+        """The files by path."""
+        return [Driver(file, digest, "known") for file, digest in sorted(self._allowed.items())]
 
     def look(self, file: str) -> Driver:
         """A driver file as it stands now."""
@@ -93,13 +120,7 @@ class TrustStore:
         return True
 
     def _write(self) -> None:
-        entries = [{"file": file, "sha256": digest} for file, digest in sorted(self._allowed.items())]
-        document = {
-            "format": FORMAT,
-            "version": VERSION,
-            "drivers": entries,
-            "written_at": datetime.now(UTC).isoformat(timespec="seconds"),
-        }
+        document = FORMAT.document(self)
         try:
             self.path.parent.mkdir(parents=True, exist_ok=True)
             write_file_whole(self.path, (json.dumps(document, indent=1) + "\n").encode())
@@ -255,8 +276,6 @@ def _read(path: Path) -> dict[str, str]:
     if not path.exists():
         return {}
     try:
-        entries = read_json(path, FORMAT, VERSION).fields(("drivers",))["drivers"].items()
-        fields = [entry.fields(("file", "sha256")) for entry in entries]
-        return {f["file"].text(): f["sha256"].text() for f in fields}
+        return FORMAT.read(path)
     except InputError as error:
         raise InputError(error.parts[0], Phrase("error-delete-trust", {"file": path})) from error

@@ -29,9 +29,8 @@ from file_formats.vocabulary import (
 )
 from spherecal.cameras.gentl.trust import FORMAT as DRIVERS
 from spherecal.profile.entry import FILES, RIG_FILE
-from spherecal.profile.limits_file import DOTS, HOURS, KELVIN, NAMES
+from spherecal.profile.limits_file import FORMAT as LIMITS
 
-_HEX = r"^[0-9a-fA-F]{%d}$"
 CAMERAS = Format(
     "cameras",
     "cameras.json",
@@ -121,50 +120,6 @@ BALLS = Format(
     },
     ("Names and ids differ.", *TARGETS.rules),
     more="guide/bench.md",
-)
-_LIMITS: dict[str, Schema] = {
-    "needed_dots": integer("Dots that each camera needs at a placement.", *DOTS),
-    "ageing_hours": number("Age from which a calibration is ageing, not above `stale_hours`.", *HOURS),
-    "stale_hours": number("Age from which it is stale.", *HOURS),
-    "ageing_kelvin": number(
-        "Change of the rig's temperature from which it is ageing, not above `stale_kelvin`.", *KELVIN
-    ),
-    "stale_kelvin": number("Change from which it is stale.", *KELVIN),
-    "verification_limit": text("A + L/K of the length errors in new projects of the wizard; empty for none."),
-    "verification_limit_open": boolean("Whether a project may have another."),
-    "unverified_use": boolean("Whether a calibration that no bar has verified may be put to use, with a reason."),
-}
-_VALUE = one_of("", boolean(""), text(""), number(""))
-LIMITS = Format(
-    "limits",
-    "limits.json",
-    "What the responsible person has set, in the user's settings; `SPHERECAL_LIMITS` names another file.",
-    {
-        "limits": record("The limits; what is absent is as delivered.", {f"{key}?": _LIMITS[key] for key in NAMES}),
-        "pin?": record(
-            "The lock.",
-            {
-                "kind": choice("How it is hashed.", ("scrypt-16384-8-1",)),
-                "salt": {"description": "32 hexadecimal digits.", "type": "string", "pattern": _HEX % 32},
-                "hash": {"description": "64 hexadecimal digits.", "type": "string", "pattern": _HEX % 64},
-            },
-        ),
-        "changes?": items(
-            "The last 500 changes, oldest first.",
-            record(
-                "",
-                {
-                    "at": time("When."),
-                    "by": text("Who."),
-                    "what": choice("A limit's name, or the PIN.", (*NAMES, "pin-set", "pin-removed")),
-                    "before?": {**_VALUE, "description": "Its value before."},
-                    "after?": {**_VALUE, "description": "Its value afterwards."},
-                },
-            ),
-        ),
-    },
-    ("`verification_limit` is a limit such as `0.03+L/20000`.",),
-    more="#limitsjson",
 )
 ISSUER = Format(
     "issuer",

@@ -232,7 +232,9 @@ class Field:
 
 
 Source = str | Callable[[Any], Any]
-"""The attribute of a field, empty where it has the field's name; a function for what is computed and only written.
+"""The attribute of a field, empty where it has the field's name; a function for what follows from others.
+
+What follows from others is written, and checked when it is read, but not kept.
 
 A path such as `name.target` is written from there, and read as the argument `target`.
 """
@@ -304,10 +306,11 @@ def record(
         for one in inner:
             if one.key not in given:
                 continue
+            value_of = one.kind.read(given[one.key])
             if one.inner:
-                found |= one.kind.read(given[one.key])
-            else:
-                found[one.attribute] = one.kind.read(given[one.key])
+                found |= value_of
+            elif one.attribute:
+                found[one.attribute] = value_of
         made = make(**found)
         if check is not None:
             check(made, given)

@@ -23,7 +23,7 @@ class LastVerification:
     verdict: Verdict
 
 
-FORMAT = Format(
+LAST_VERIFICATION = Format(
     "spherecal/last-verification",
     FILE,
     "The last verification of the calibration in use, beside a profile.",
@@ -40,7 +40,7 @@ FORMAT = Format(
 def keep_verification(profile: Path, calibration: str, verdict: Verdict, now: datetime | None = None) -> None:
     """Write it, whole; OutputError where the disk refuses."""
     at = (now or datetime.now(UTC)).astimezone(UTC).replace(microsecond=0)
-    document = FORMAT.document(LastVerification(calibration, at, verdict))
+    document = LAST_VERIFICATION.document(LastVerification(calibration, at, verdict))
     write_below(profile, FILE, (json.dumps(document, indent=1) + "\n").encode())
 
 
@@ -49,7 +49,7 @@ def last_verification(profile: Path, calibration: str | None) -> LastVerificatio
     if calibration is None or not is_plain_file_below(profile, FILE):
         return None
     try:
-        found = FORMAT.read(profile / FILE, below=profile)
+        found = LAST_VERIFICATION.read(profile / FILE, below=profile)
     except InputError:
         return None
     return found if found.calibration == calibration else None

@@ -23,7 +23,7 @@ from file_formats.vocabulary import (
     text,
 )
 from spherecal.measuring.body_file import BODY
-from spherecal_gui.last_verification import FORMAT as LAST_VERIFICATION
+from spherecal_gui.last_verification import LAST_VERIFICATION
 from spherecal_gui.project import FlawCode, Verdict
 
 _RUNS = {

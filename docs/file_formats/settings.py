@@ -1,35 +1,24 @@
 """Formats of what the owner of a rig keeps: cameras, drivers, bars, limits, profiles, who issues certificates."""
 
-from file_formats.results import CHECK
 from file_formats.sessions import BAR_SERIAL, CERTIFICATE, EXPANSION, LENGTHS, MARKS, REFERENCE_C, TARGETS
 from file_formats.vocabulary import (
-    SOFTWARE,
     Format,
-    Schema,
-    boolean,
-    celsius,
     choice,
     date,
-    digest,
-    entries,
-    identifier,
     integer,
     items,
-    matrix,
     name,
     number,
-    one_of,
     positive,
-    prose,
     record,
     serial,
     text,
-    time,
-    unread,
 )
-from spherecal.cameras.gentl.trust import FORMAT as DRIVERS
-from spherecal.profile.entry import FILES, RIG_FILE
-from spherecal.profile.limits_file import FORMAT as LIMITS
+from spherecal.cameras.gentl.trust import DRIVERS
+from spherecal.profile.checks import PROFILE_CHECK
+from spherecal.profile.entry import ENTRY
+from spherecal.profile.limits_file import LIMITS
+from spherecal.profile.store import PROFILE
 
 CAMERAS = Format(
     "cameras",
@@ -151,147 +140,6 @@ ISSUER = Format(
     },
     ("No text is empty.",),
 )
-PROFILE = Format(
-    "profile",
-    "profile.json",
-    "A rig's profile: its name, limits, and which calibration was in use from when on.",
-    {
-        "name": name("Name of the rig."),
-        "validity?": record(
-            "When a calibration is ageing or stale.",
-            {
-                f"{key}?": number(about, 0)
-                for key, about in (
-                    ("ageing_hours", "Age from which it is ageing, not above `stale_hours`."),
-                    ("stale_hours", "Age from which it is stale."),
-                    ("ageing_kelvin", "Change of temperature from which it is ageing, not above `stale_kelvin`."),
-                    ("stale_kelvin", "Change from which it is stale."),
-                )
-            },
-        ),
-        "applied": items(
-            "Which calibration was put to use, oldest first.",
-            record(
-                "",
-                {
-                    "calibration": {"description": "Its number.", "type": "string", "pattern": "^[0-9]{4,9}$"},
-                    "at": time("When."),
-                    "note?": text("Why."),
-                },
-            ),
-            most=10_000,
-        ),
-        "software?": SOFTWARE,
-    },
-    more="profiles.md",
-)
-_SETTING = one_of("", boolean(""), text(""), number(""), items("", number("")))
-ENTRY = Format(
-    "profile-entry",
-    "entry.json",
-    "A calibration in a profile: what was known when it was saved, and the files beside it.",
-    {
-        "saved_at": time("When it was saved."),
-        "calibrated_at": time("When it was calibrated."),
-        "note?": text("A note."),
-        "quality": record(
-            "As in rig.json.",
-            {
-                "valid": boolean("As there."),
-                "verdict?": unread("As there."),
-                "care?": prose("What it is to be used with care for; empty where nothing is."),
-                "rms_px?": number("As there.", 0),
-                "sigma0?": number("As there.", 0),
-            },
-        ),
-        "scale": record(
-            "Where the scale comes from.",
-            {
-                "source": text("As in rig.json."),
-                "artefact?": text("The bar or board."),
-                "relative_uncertainty?": number("Relative standard uncertainty.", 0),
-            },
-        ),
-        "sphere_diameter_mm?": positive("Diameter of the ball."),
-        "temperature_c?": celsius("The rig's temperature in degrees Celsius."),
-        "volume_mm?": matrix("Low and high corner of the calibrated points.", 2, 3),
-        "verification?": record(
-            "What the bars said.",
-            {
-                "verdict": text("The verdict."),
-                "mean_error_mm?": number("Mean error."),
-                "max_abs_error_mm?": number("Largest error, without its sign.", 0),
-            },
-        ),
-        "cameras": items(
-            "The cameras.",
-            record(
-                "",
-                {
-                    "id": identifier("Its id."),
-                    "serial?": serial("Its serial number."),
-                    "model?": text("Its maker's name for it."),
-                    "pixel_pitch_um?": positive("Pixel pitch of its sensor."),
-                    "focal_length_mm?": positive("Focal length of its lens."),
-                    "temperature_c?": celsius("Its temperature in degrees Celsius."),
-                    "settings?": entries("Its settings by name.", _SETTING) | {"maxProperties": 1000},
-                },
-            ),
-            most=1000,
-        ),
-        "input_sha256": digest("That of the rig."),
-        "files_sha256": record(
-            "SHA-256 of the files beside it.",
-            {RIG_FILE: text("The rig."), **{f"{file}?": text(f"{file}.") for file in FILES if file != RIG_FILE}},
-        ),
-        "software?": record("Who wrote it.", {"version?": text("Its version."), "name?": unread("Its name.")}),
-    },
-    ("`volume_mm` has the low corner first.",),
-    more="profiles.md",
-)
 
 
-def _of_check(part: str, read: dict[str, Schema]) -> Schema:
-    """A camera, ball or length of check.json, of which only some fields are read."""
-    names = CHECK.fields[part]["items"]["properties"]
-    others = {f"{key}?": unread("As in check.json.") for key in names if key not in read and f"{key}?" not in read}
-    return record("", read | others)
-
-
-PROFILE_CHECK = Format(
-    "profile-check",
-    "checks/*.json",
-    "A quick check kept in a profile.",
-    {
-        "checked_at": time("When."),
-        "calibration": name("Which calibration was checked."),
-        "temperature_c?": celsius("The rig's temperature in degrees Celsius."),
-        "check": record(
-            "What came out, as in check.json.",
-            {
-                "verdict": choice("The verdict.", ("ok", "watch", "recalibrate")),
-                "sentence": prose("In words."),
-                "tolerance_mm?": unread("As in check.json."),
-                "cameras": items(
-                    "As in check.json.",
-                    _of_check(
-                        "cameras",
-                        {
-                            "id": name("Its id."),
-                            "point_mm?": number("Largest shift of a point.", 0),
-                            "rms_px?": number("Root mean square of its residuals.", 0),
-                            "points?": number("Points that it saw.", 0),
-                        },
-                    ),
-                ),
-                "balls": items("As in check.json.", _of_check("balls", {"scale_ppm": number("Size of the ball.")})),
-                "lengths": items(
-                    "As in check.json.", _of_check("lengths", {"error_mm": number("Error of the length.")})
-                ),
-            },
-        ),
-        "software?": SOFTWARE,
-    },
-    more="profiles.md",
-)
 FORMATS = (CAMERAS, DRIVERS, BARS, BALLS, LIMITS, ISSUER, PROFILE, ENTRY, PROFILE_CHECK)

@@ -9,12 +9,14 @@ import datetime
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import MISSING, dataclass, fields, is_dataclass, replace
+from dataclasses import field as dataclass_field
 from operator import attrgetter
 from pathlib import Path
 from typing import Any, Generic, TypeVar
 
 from spherecal.base.errors import Words
-from spherecal.files.json_file import JsonValue, json_bytes, read_json, software_entry, unique
+from spherecal.base.messages.values import Phrase
+from spherecal.files.json_file import JsonValue, json_bytes, read_json, software_entry, unique, version_of
 
 Schema = dict[str, Any]
 """A JSON Schema, draft 2020-12."""
@@ -242,7 +244,9 @@ A path such as `name.target` is written from there, and read as the argument `ta
 
 def field(key: str, kind: Kind[Any], of: Source = "") -> Field:
     """A field that must be there."""
-    return Field(key, kind, of) if callable(of) else Field(key, kind, attrgetter(of or key), (of or key).split(".")[-1])
+    if callable(of):
+        return Field(key, kind, of)
+    return Field(key, kind, attrgetter(of or key), of.rpartition(".")[2] or key)
 
 
 def optional(key: str, kind: Kind[Any], of: Source = "", omit: object = _ALWAYS) -> Field:
@@ -295,8 +299,8 @@ def record(
 
     `check` takes what was made and the fields as the file has them.
     """
-    needed = [one.key for one in inner if one.is_read and one.is_needed]
-    others = [one.key for one in inner if one.is_read and not one.is_needed]
+    needed = [one.key for one in inner if one.is_needed]
+    others = [one.key for one in inner if not one.is_needed]
     named = {name for one in inner for name in one.attributes}
     bare = fields(make) if isinstance(make, type) and is_dataclass(make) else ()
     absent = {f.name: None for f in bare if f.name in named and f.default is f.default_factory is MISSING}
@@ -304,7 +308,7 @@ def record(
     def read(value: JsonValue) -> T:
         given, found = value.fields(needed, others), dict[str, Any](absent)
         for one in inner:
-            if one.key not in given:
+            if one.key not in given or not one.is_read:
                 continue
             value_of = one.kind.read(given[one.key])
             if one.inner:
@@ -334,7 +338,8 @@ class Format(Generic[T]):
     """One format: the name that its files have in the field `format`, its usual file, what it is for, what it holds.
 
     `rules` are sentences about what no schema can say, such as that ids differ. `is_read` is false for what is only
-    written for other programs. `more` links to the page that says more.
+    written for other programs. `more` links to the page that says more. `migrations`: from version n to n + 1, by n, so
+    that every file that was ever written can be read.
     """
 
     name: str
@@ -345,10 +350,17 @@ class Format(Generic[T]):
     is_read: bool = True
     more: str = ""
     version: int = 1
+    migrations: Mapping[int, Callable[[dict[str, Any]], dict[str, Any]]] = dataclass_field(default_factory=dict)
 
     def read(self, path: Path, below: Path | None = None) -> T:
         """What a file holds; InputError names the place that is not as declared. `below`: see `read_json`."""
-        return self.kind.read(read_json(path, self.name, self.version, below))
+        document = read_json(path, self.name, self.version, below)
+        for step in range(version_of(document)[0], self.version):
+            if step not in self.migrations:
+                raise document.error(Phrase("problem-old-version", {"version": step}))
+            older = document.as_object()
+            document = replace(document, value={**self.migrations[step](dict(older)), "version": step + 1})
+        return self.kind.read(document)
 
     def document(self, value: Any, **others: Any) -> dict[str, Any]:
         """The contents of a file; `others` take the place of fields that are not read, such as `software`."""

@@ -200,7 +200,7 @@ _CHANGE = record(
     optional("before", _VALUE.described("Its value before."), omit=None),
     optional("after", _VALUE.described("Its value afterwards."), omit=None),
 )
-FORMAT = Format(
+LIMITS = Format(
     "spherecal/limits",
     "limits.json",
     "What the responsible person has set, in the user's settings; `SPHERECAL_LIMITS` names another file.",
@@ -233,7 +233,7 @@ def read_limits(path: Path | None = None) -> KeptLimits:
         return KeptLimits()
     except OSError:  # the reader says what is wrong: the window has to start all the same
         pass
-    return FORMAT.read(path)
+    return LIMITS.read(path)
 
 
 def limits_in_use(path: Path | None = None) -> tuple[Limits, str]:
@@ -255,7 +255,7 @@ def write_limits(kept: KeptLimits, path: Path | None = None) -> None:
     path = path or limits_path()
     kept = replace(kept, changes=kept.changes[-_KEPT_CHANGES:])
     make_parent(path, Phrase("error-set-limits"))
-    write_file_whole(path, FORMAT.bytes(kept))
+    write_file_whole(path, LIMITS.bytes(kept))
 
 
 def with_limits(kept: KeptLimits, limits: Limits, by: str, now: datetime | None = None) -> KeptLimits:

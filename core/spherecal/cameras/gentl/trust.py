@@ -61,7 +61,7 @@ _DRIVER = record(
     field("file", text("Its real path.")),
     field("sha256", text("SHA-256 of its contents.")),
 )
-FORMAT = Format(
+DRIVERS = Format(
     "spherecal/drivers",
     "drivers.json",
     "Camera drivers that were allowed, in the user's settings.",
@@ -120,7 +120,7 @@ class TrustStore:
         return True
 
     def _write(self) -> None:
-        document = FORMAT.document(self)
+        document = DRIVERS.document(self)
         try:
             self.path.parent.mkdir(parents=True, exist_ok=True)
             write_file_whole(self.path, (json.dumps(document, indent=1) + "\n").encode())
@@ -276,6 +276,6 @@ def _read(path: Path) -> dict[str, str]:
     if not path.exists():
         return {}
     try:
-        return FORMAT.read(path)
+        return DRIVERS.read(path)
     except InputError as error:
         raise InputError(error.parts[0], Phrase("error-delete-trust", {"file": path})) from error

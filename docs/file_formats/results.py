@@ -6,7 +6,6 @@ from file_formats.vocabulary import (
     Schema,
     boolean,
     choice,
-    date,
     digest,
     distortion,
     entries,
@@ -20,7 +19,6 @@ from file_formats.vocabulary import (
     number,
     numbers,
     one_of,
-    positive,
     prose,
     record,
     serial,
@@ -29,8 +27,11 @@ from file_formats.vocabulary import (
     time,
     unread,
 )
+from spherecal.files.ball_file import BALL
+from spherecal.files.codec import record as frame_record
+from spherecal.files.frame_file import FIELDS as FRAME_FIELDS
+from spherecal.files.frame_file import FRAME
 from spherecal.geometry.camera import INTRINSIC_NAMES
-from spherecal.geometry.user_frame import TURNS
 from spherecal.report.verification_file import BUDGET_PARTS
 
 _MOST_MM = 1e9
@@ -450,69 +451,6 @@ CHECK = Format(
     },
     is_read=False,
 )
-BALL = Format(
-    "ball",
-    "ball.json",
-    "The shape of one ball as a calibration found it, for later ones.",
-    {
-        "name?": text("What the ball is called."),
-        "calibrated?": date("When."),
-        "targets?": record(
-            "Its targets.", {"family": name("Their family."), "size_mm": positive("Side of a sticker.")}
-        ),
-        "scale": record(
-            "Where its scale comes from.",
-            {
-                "source": choice("The source.", ("target_spacing", "bar", "board", "ball")),
-                "relative_uncertainty": number("Relative standard uncertainty.", 0, 1),
-            },
-        ),
-        "input_sha256?": text("`input_sha256` of the calibration."),
-        "software?": SOFTWARE,
-        "dots": items(
-            "The dots in the ball's own frame.",
-            record(
-                "",
-                {
-                    "target": integer("The target."),
-                    "point": name("The dot."),
-                    "xyz_mm": numbers("Its place.", 3),
-                    "covariance_mm2": numbers("xx, xy, xz, yy, yz, zz.", 6),
-                },
-            ),
-            least=12,
-        ),
-    },
-    ("No dot is there twice.", "The dots do not lie on one line.", "A covariance is positive definite."),
-)
-_FRAME_FIELDS: dict[str, Schema] = {
-    "rotation": matrix("x_user = R x_world + t.", 3, 3),
-    "translation_mm": numbers("The same.", 3),
-    "definition": record(
-        "How it was defined; `origin`, `x` and `xy` all or none.",
-        {
-            "origin?": text("The place of the origin."),
-            "x?": text("A place on the x axis."),
-            "xy?": text("A place in the xy plane."),
-            "offset_mm?": numbers("Shift of the origin.", 3),
-            "turns?": items("Turns by 90 degrees.", choice("", TURNS)),
-        },
-    ),
-    "reference_camera?": name("That of the calibration."),
-    "input_sha256?": text("That of the calibration."),
-    "distance_mm?": number("From the origin to the place on the x axis.", 0),
-    "angle_deg?": number("Between the two places, seen from the origin.", 0, 180),
-    "origin_sigma_mm?": items("Standard uncertainties of the origin.", number("", 0), length=3),
-    "axes_sigma_deg?": items("Standard uncertainties of the axes.", number("", 0), length=3),
-}
-FRAME = Format(
-    "frame",
-    "frame.json",
-    "The user's frame.",
-    {**_FRAME_FIELDS, "software?": SOFTWARE},
-    ("The rotation is orthogonal within 1e-5.",),
-    more="exports.md#the-users-frame",
-)
 _TABLE = record(
     "",
     {
@@ -581,7 +519,9 @@ EXPORT = Format(
                 },
             ),
         ),
-        "frame?": record("The user's frame in which poses are given, as in frame.json.", _FRAME_FIELDS),
+        "frame?": frame_record(
+            "The user's frame in which poses are given, as in frame.json.", dict, *FRAME_FIELDS
+        ).schema,
         "software": SOFTWARE,
     },
     is_read=False,

@@ -6,6 +6,7 @@ with another, is a function (`checked`). Why not a library: docs/decisions/0020-
 """
 
 import datetime
+import json
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import MISSING, dataclass, fields, is_dataclass, replace
@@ -147,6 +148,11 @@ def date(about: str) -> Kind[datetime.date]:
     return _kind(about, schema, JsonValue.date, datetime.date.isoformat)
 
 
+def free(about: str) -> Kind[dict[str, Any]]:
+    """An object as it is, unchecked."""
+    return _kind(about, {"type": "object"}, JsonValue.as_object, dict)
+
+
 def choice(about: str, options: Sequence[Text]) -> Kind[Text]:
     """One of some texts."""
     return _kind(about, {"enum": list(options)}, lambda value: value.choice(*options))
@@ -160,8 +166,12 @@ def items(
     length: int | None = None,
     differ: str = "",
     what: str = "",
+    excess: str = "",
 ) -> Kind[tuple[T, ...]]:
-    """A list of `least` to `most` values, or of exactly `length`; no two share the attribute `differ`, a `what`."""
+    """A list of `least` to `most` values, or of exactly `length`; no two share the attribute `differ`, a `what`.
+
+    `excess`: the phrase about more than `most` values, where it is not the usual one.
+    """
     schema: Schema = {"type": "array", "items": each.schema}
     if length is not None:
         schema |= {"minItems": length, "maxItems": length}
@@ -169,7 +179,9 @@ def items(
         schema |= ({"minItems": least} if least else {}) | ({} if most is None else {"maxItems": most})
 
     def read(value: JsonValue) -> tuple[T, ...]:
-        values = value.items(length, least, _MOST_ITEMS if most is None else most)
+        values = value.items(length, least, _MOST_ITEMS if most is None or excess else most)
+        if excess and most is not None and len(values) > most:
+            raise value.error(Phrase(excess, {"most": most}))
         found = tuple([each.read(one) for one in values])
         if differ:
             unique(values, [str(getattr(one, differ)) for one in found], what or differ)
@@ -338,8 +350,8 @@ class Format(Generic[T]):
     """One format: the name that its files have in the field `format`, its usual file, what it is for, what it holds.
 
     `rules` are sentences about what no schema can say, such as that ids differ. `is_read` is false for what is only
-    written for other programs. `more` links to the page that says more. `migrations`: from version n to n + 1, by n, so
-    that every file that was ever written can be read.
+    written for other programs. `more` links to the page that says more. `lines`: the last field, where each value of
+    its list is written on a line. `migrations`: from version n to n + 1, by n, so that all files can be read.
     """
 
     name: str
@@ -350,6 +362,7 @@ class Format(Generic[T]):
     is_read: bool = True
     more: str = ""
     version: int = 1
+    lines: str = ""
     migrations: Mapping[int, Callable[[dict[str, Any]], dict[str, Any]]] = dataclass_field(default_factory=dict)
 
     def read(self, path: Path, below: Path | None = None) -> T:
@@ -368,7 +381,11 @@ class Format(Generic[T]):
 
     def bytes(self, value: Any, **others: Any) -> bytes:
         """The same as it is written."""
-        return json_bytes(self.document(value, **others))
+        document = self.document(value, **others)
+        if not self.lines:
+            return json_bytes(document)
+        lines = ",\n  ".join(json.dumps(one) for one in document.pop(self.lines))
+        return json_bytes(document)[:-3] + f',\n "{self.lines}": [\n  {lines}\n ]\n}}\n'.encode()
 
     @property
     def short(self) -> str:

@@ -25,6 +25,7 @@ from spherecal.data.rig import (
     RigScale,
     unknown_quality,
 )
+from spherecal.files.codec import Kind, matrix
 from spherecal.files.findings_file import with_values
 from spherecal.files.json_file import (
     MOST_CAMERAS,
@@ -310,29 +311,31 @@ def _read_covariance(folder: Path, entry: JsonValue, n_cameras: int) -> CameraCo
     return CameraCovariance(matrix, intrinsics.astype(np.int64))
 
 
-def read_rotation(value: JsonValue) -> FloatArray:
-    """A rotation matrix (3, 3); InputError where it is none."""
-    rotation = np.array(value.matrix(3, 3))
-    off = np.abs(rotation @ rotation.T - np.eye(3)).max()
-    if not off <= _ROTATION_TOLERANCE or np.linalg.det(rotation) < 0:  # not a number is no rotation either
+def rotation(about: str) -> Kind[FloatArray]:
+    """A rotation matrix (3, 3)."""
+    return matrix(about, 3, 3).mapped(np.array).checked(_check_rotation)
+
+
+def _check_rotation(found: FloatArray, value: JsonValue) -> None:
+    off = np.abs(found @ found.T - np.eye(3)).max()
+    if not off <= _ROTATION_TOLERANCE or np.linalg.det(found) < 0:  # not a number is no rotation either
         raise value.error(Phrase("problem-rotation"))
-    return rotation
 
 
 def _read_camera(camera: JsonValue) -> RigCamera:
     required = ("id", "image_size", "matrix", "distortion", "rotation", "translation_mm")
     f = camera.fields(required, ("serial", "rms_px", "observations", "sigma"))
     width, height = (side.integer(1) for side in f["image_size"].items(2))
-    matrix = np.array(f["matrix"].matrix(3, 3))
-    if not np.array_equal(matrix, camera_matrix(intrinsics_vector(matrix, []))) or min(matrix[0, 0], matrix[1, 1]) <= 0:
+    lens = np.array(f["matrix"].matrix(3, 3))
+    if not np.array_equal(lens, camera_matrix(intrinsics_vector(lens, []))) or min(lens[0, 0], lens[1, 1]) <= 0:
         raise f["matrix"].error(Phrase("problem-camera-matrix"))
     wide, coefficients = _read_lens(f["distortion"])
     return RigCamera(
         id=f["id"].id(),
         serial=f["serial"].serial() if "serial" in f else None,
         image_size=(width, height),
-        intrinsics=fisheye_vector(matrix, coefficients) if wide else intrinsics_vector(matrix, coefficients),
-        rotation=read_rotation(f["rotation"]),
+        intrinsics=fisheye_vector(lens, coefficients) if wide else intrinsics_vector(lens, coefficients),
+        rotation=rotation("").read(f["rotation"]),
         translation_mm=np.array(f["translation_mm"].numbers(3)),
         rms_px=f["rms_px"].number(0) if "rms_px" in f else None,
         observations=f["observations"].integer(0) if "observations" in f else 0,

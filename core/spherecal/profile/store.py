@@ -153,6 +153,9 @@ _APPLIED = record(
     field("at", time("When.")),
     optional("note", text("Why.")),
 )
+_EVENTS = items(
+    "Which calibration was put to use, oldest first.", _APPLIED, most=_MOST_EVENTS, excess="problem-many-events"
+)
 PROFILE = Format(
     "spherecal/profile",
     PROFILE_FILE,
@@ -162,7 +165,15 @@ PROFILE = Format(
         _profile,
         field("name", name("Name of the rig.")),
         optional("validity", replace(_STATED, read=_read_limits), "limits"),
-        field("applied", items("Which calibration was put to use, oldest first.", _APPLIED, most=_MOST_EVENTS)),
+        field(
+            "applied",
+            items(
+                "Which calibration was put to use, oldest first.",
+                _APPLIED,
+                most=_MOST_EVENTS,
+                excess="problem-many-events",
+            ),
+        ),
         software(),
     ),
     more="profiles.md",

@@ -1,6 +1,5 @@
 """Formats of what the owner of a rig keeps: cameras, drivers, bars, limits, profiles, who issues certificates."""
 
-from file_formats.sessions import BAR_SERIAL, CERTIFICATE, EXPANSION, LENGTHS, MARKS, REFERENCE_C, TARGETS
 from file_formats.vocabulary import (
     Format,
     choice,
@@ -15,6 +14,8 @@ from file_formats.vocabulary import (
     text,
 )
 from spherecal.cameras.gentl.trust import DRIVERS
+from spherecal.files.ball_registry import BALLS
+from spherecal.files.bar_registry import BARS
 from spherecal.profile.checks import PROFILE_CHECK
 from spherecal.profile.entry import ENTRY
 from spherecal.profile.limits_file import LIMITS
@@ -56,59 +57,6 @@ CAMERAS = Format(
     },
     ("Serial numbers and names differ.",),
     more="cameras.md",
-)
-BARS = Format(
-    "bars",
-    "bars.json",
-    "The owner's reference bars, in the user's settings; `SPHERECAL_BARS` names another file.",
-    {
-        "bars": items(
-            "The bars.",
-            record(
-                "",
-                {
-                    "serial": BAR_SERIAL,
-                    "description?": text("What it is."),
-                    "marks": MARKS,
-                    "lengths": LENGTHS,
-                    "expansion_per_kelvin?": EXPANSION,
-                    "reference_temperature_c?": REFERENCE_C,
-                    "certificate?": CERTIFICATE,
-                },
-            ),
-        ),
-    },
-    ("Serial numbers differ.", "A mark that is named is there."),
-    more="verification.md",
-)
-BALLS = Format(
-    "balls",
-    "balls.json",
-    "The owner's balls, in the user's settings; `SPHERECAL_BALLS` names another file.",
-    {
-        "balls": items(
-            "The balls.",
-            record(
-                "",
-                {
-                    "name": name("The name that its owner knows it by."),
-                    "nominal_diameter_mm": positive("Its diameter, about."),
-                    "targets": record("Its targets, as in targets.json.", TARGETS.fields)
-                    | {"anyOf": list(TARGETS.forms)},
-                    "spacing?": record(
-                        "What was measured on a printed sticker.",
-                        {
-                            "from": name("A dot."),
-                            "to": name("Another dot."),
-                            "distance_mm": positive("Their distance on the print."),
-                        },
-                    ),
-                },
-            ),
-        ),
-    },
-    ("Names and ids differ.", *TARGETS.rules),
-    more="guide/bench.md",
 )
 ISSUER = Format(
     "issuer",

@@ -70,7 +70,10 @@ class Kind(Generic[T]):
 
     def described(self, about: str) -> "Kind[T]":
         """The same with another description."""
-        return replace(self, schema={**self.schema, "description": about})
+        return replace(
+            self,
+            schema={"description": about, **{key: self.schema[key] for key in self.schema if key != "description"}},
+        )
 
 
 def _kind(about: str, schema: Schema, read: Callable[[JsonValue], T], entry: Callable[[Any], Any] = _same) -> Kind[T]:
@@ -301,6 +304,11 @@ def _nullable(kind: Kind[T]) -> Kind[T]:
     return replace(kind, schema=about | schema)
 
 
+def _without_default(make: Callable[..., Any]) -> set[str]:
+    known = fields(make) if isinstance(make, type) and is_dataclass(make) else ()
+    return {one.name for one in known if one.default is one.default_factory is MISSING}
+
+
 def record(
     about: str,
     make: Callable[..., T],
@@ -313,9 +321,7 @@ def record(
     """
     needed = [one.key for one in inner if one.is_needed]
     others = [one.key for one in inner if not one.is_needed]
-    named = {name for one in inner for name in one.attributes}
-    bare = fields(make) if isinstance(make, type) and is_dataclass(make) else ()
-    absent = {f.name: None for f in bare if f.name in named and f.default is f.default_factory is MISSING}
+    absent = dict.fromkeys(_without_default(make) & {name for one in inner for name in one.attributes})
 
     def read(value: JsonValue) -> T:
         given, found = value.fields(needed, others), dict[str, Any](absent)
@@ -343,6 +349,11 @@ def record(
     schema: Schema = {"type": "object", "properties": {one.key: one.kind.schema for one in inner}}
     required = [one.key for one in inner if one.is_needed]
     return _kind(about, schema | ({"required": required} if required else {}), read, entry)
+
+
+def only(key: str, kind: Kind[T], *others: Field) -> Kind[T]:
+    """An object of which one field is everything."""
+    return record("", lambda **given: given[key], Field(key, kind, _same, key), *others)
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,7 @@ from spherecal.base.messages.values import Phrase, as_json
 from spherecal.data.findings import Finding
 from spherecal.data.session import Bar
 from spherecal.files.atomic import RESULT, check_folder, write_folder_whole
-from spherecal.files.bar_registry import certificate_entry, length_entry
+from spherecal.files.bar_registry import CERTIFICATE, LENGTHS
 from spherecal.files.findings_file import FINDINGS_FILE, findings_document, read_findings
 from spherecal.files.json_file import finite, json_bytes, software_entry
 from spherecal.files.rig_file import finding_entry
@@ -126,11 +126,11 @@ def _bar_entry(bar: Bar) -> dict[str, Any]:
     return {
         "id": bar.id,
         "serial": bar.serial,
-        "certificate": None if bar.certificate is None else certificate_entry(bar.certificate),
+        "certificate": None if bar.certificate is None else CERTIFICATE.entry(bar.certificate),
         "expansion_per_kelvin": bar.expansion_per_kelvin,
         "reference_temperature_c": bar.reference_temperature_c,
         "assumed": list(bar.assumed),
-        "lengths": [length_entry(length) for length in bar.lengths],
+        "lengths": LENGTHS.entry(bar.lengths),
     }
 
 

@@ -12,7 +12,7 @@ import logging
 import os
 import stat
 import sys
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from functools import partial
@@ -23,7 +23,7 @@ from spherecal.base.errors import InputError, OutputError
 from spherecal.base.messages.values import Phrase
 from spherecal.cameras.gentl.driver_copy import NotTheSame, hash_of, private_copy
 from spherecal.files.atomic import write_file_whole
-from spherecal.files.codec import Format, field, items, record, text, unread
+from spherecal.files.codec import Format, field, items, only, record, text, unread
 
 State = Literal["own", "known", "new", "changed", "unsafe", "unreadable"]
 
@@ -51,10 +51,6 @@ class Refusal:
     allowable: bool = False
 
 
-def _hashes(drivers: Sequence[Driver]) -> dict[str, str]:
-    return {one.file: one.sha256 for one in drivers}
-
-
 _DRIVER = record(
     "",
     partial(Driver, state="known"),
@@ -65,10 +61,9 @@ DRIVERS = Format(
     "spherecal/drivers",
     "drivers.json",
     "Camera drivers that were allowed, in the user's settings.",
-    record(
-        "",
-        _hashes,
-        field("drivers", items("The driver files.", _DRIVER)),
+    only(
+        "drivers",
+        items("The driver files.", _DRIVER),
         unread("written_at", "When.", lambda _: datetime.now(UTC).isoformat(timespec="seconds")),
     ),
     more="cameras.md",
@@ -85,11 +80,6 @@ class TrustStore:
     def allowed(self) -> Mapping[str, str]:
         """The hashes by real path."""
         return dict(self._allowed)
-
-    @property
-    def drivers(self) -> list[Driver]:
-        """The files by path."""
-        return [Driver(file, digest, "known") for file, digest in sorted(self._allowed.items())]
 
     def look(self, file: str) -> Driver:
         """A driver file as it stands now."""
@@ -120,7 +110,7 @@ class TrustStore:
         return True
 
     def _write(self) -> None:
-        document = DRIVERS.document(self)
+        document = DRIVERS.document([Driver(file, own, "known") for file, own in sorted(self._allowed.items())])
         try:
             self.path.parent.mkdir(parents=True, exist_ok=True)
             write_file_whole(self.path, (json.dumps(document, indent=1) + "\n").encode())
@@ -276,6 +266,6 @@ def _read(path: Path) -> dict[str, str]:
     if not path.exists():
         return {}
     try:
-        return DRIVERS.read(path)
+        return {one.file: one.sha256 for one in DRIVERS.read(path)}
     except InputError as error:
         raise InputError(error.parts[0], Phrase("error-delete-trust", {"file": path})) from error

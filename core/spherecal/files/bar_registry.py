@@ -152,11 +152,10 @@ def _unless_assumed(key: str, kind: Kind[Any]) -> Field:
 
 
 def _length(length_mm: float, **stated: Any) -> BarLength:
-    given = {"coverage_factor": ASSUMED_FACTOR, "expanded_uncertainty_mm": 0.0} | stated
-    if "expanded_uncertainty_mm" not in stated:
-        limits = _RULE_MM + _RULE_RELATIVE * length_mm
-        given["expanded_uncertainty_mm"] = given["coverage_factor"] * limits / math.sqrt(3)
+    factor = stated.get("coverage_factor", ASSUMED_FACTOR)
+    rule_mm = factor * (_RULE_MM + _RULE_RELATIVE * length_mm) / math.sqrt(3)
     assumed = tuple(key for key in ("expanded_uncertainty_mm", "coverage_factor") if key not in stated)
+    given = {"expanded_uncertainty_mm": rule_mm, "coverage_factor": factor} | stated
     return BarLength(length_mm=length_mm, **given, assumed=assumed)
 
 
@@ -200,13 +199,18 @@ MARKS = entries(
         field("point", name("The point of the target, mostly `centre`.")),
     ),
 )
+# Its range depends on the length: `_check_length`.
+_EXPANDED = replace(
+    number("Its expanded uncertainty, at most 5 % of the length.", 0),
+    read=lambda value: value.number(-math.inf, math.inf),
+)
 LENGTH = record(
     "A certified length.",
     _length,
     field("from", name("The mark at which it begins."), "from_mark"),
     field("to", name("The mark at which it ends."), "to_mark"),
     field("length_mm", positive("The length at the reference temperature.", "mm")),
-    _unless_assumed("expanded_uncertainty_mm", number("Its expanded uncertainty, at most 5 % of the length.", 0)),
+    _unless_assumed("expanded_uncertainty_mm", _EXPANDED),
     _unless_assumed("coverage_factor", number("The factor k of that uncertainty; 2 where absent.", *_COVERAGE_FACTORS)),
     optional("nominal_mm", positive("What the length is called by, within 1 % of it.", "mm"), omit=None),
     check=_check_length,

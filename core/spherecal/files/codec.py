@@ -70,10 +70,8 @@ class Kind(Generic[T]):
 
     def described(self, about: str) -> "Kind[T]":
         """The same with another description."""
-        return replace(
-            self,
-            schema={"description": about, **{key: self.schema[key] for key in self.schema if key != "description"}},
-        )
+        others = {key: value for key, value in self.schema.items() if key != "description"}
+        return replace(self, schema={"description": about, **others})
 
 
 def _kind(about: str, schema: Schema, read: Callable[[JsonValue], T], entry: Callable[[Any], Any] = _same) -> Kind[T]:

@@ -89,9 +89,9 @@ def _read_dots(dots: JsonValue, size_mm: float) -> dict[str, FloatArray]:
     layout = {name: np.array(place.numbers(2)) for name, place in dots.entries().items()}
     if not layout:
         raise dots.error(Phrase("problem-no-dots"))
-    for name, place in layout.items():
+    for point, place in layout.items():
         if np.abs(place).max() > size_mm / 2:
-            raise dots.error(Phrase("problem-dot-off", {"point": name, "reach": size_mm / 2}))
+            raise dots.error(Phrase("problem-dot-off", {"point": point, "reach": size_mm / 2}))
     return layout
 
 

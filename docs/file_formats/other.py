@@ -1,15 +1,11 @@
 """Formats of measuring with a rig, of the wizard, and of the studies."""
 
-from typing import get_args
-
 from file_formats.vocabulary import (
     SOFTWARE,
     Format,
     boolean,
-    celsius,
     choice,
     digest,
-    entries,
     identifier,
     integer,
     items,
@@ -24,12 +20,8 @@ from file_formats.vocabulary import (
 )
 from spherecal.measuring.body_file import BODY
 from spherecal_gui.last_verification import LAST_VERIFICATION
-from spherecal_gui.project import FlawCode, Verdict
+from spherecal_gui.project_folder import WIZARD
 
-_RUNS = {
-    "calibrated": "calibration", "accepted": "accepted calibration", "verified": "verification",
-    "saved": "calibration put to use", "checked": "quick check", "repaired": "repair",
-}  # fmt: skip
 SERIES = Format(
     "series",
     "series.json",
@@ -160,71 +152,6 @@ MEASURED_SET = record(
         "skew_s?": number("Between the first and the last exposure."),
         "latency_s?": number("From exposure to result."),
         "moved?": items("Cameras that moved since the calibration.", identifier("")),
-    },
-)
-_PAIR = items("", prose(""), length=2)
-_RECTANGLE = numbers("`[left, top, width, height]` in px.", 4)
-WIZARD = Format(
-    "wizard",
-    "wizard.json",
-    "Where the wizard is in a project.",
-    {
-        "source": text("Where images come from."),
-        "step": text("The step."),
-        "cameras": items("Serial numbers of the chosen cameras.", text("")),
-        "looked": items("Those that were looked at.", text("")),
-        **{
-            key: items(about, identifier(""))
-            for key, about in (
-                ("placements", "Planned placements of the ball."),
-                ("scale_poses", "Planned poses of the scale bar."),
-                ("check_poses", "Planned poses of the check bars."),
-            )
-        },
-        "bench?": prose("The file that describes targets, ball and bars."),
-        "purpose?": prose("`calibrate`, `check` or `verify`; anything else counts as `calibrate`."),
-        "artefacts?": record(
-            "What somebody has confirmed: words for people, and the bars.",
-            {
-                "target_set?": prose("The targets."),
-                "ball?": prose("The ball."),
-                "scale?": prose("What gives the scale."),
-                "scale_bar?": prose("Id of the bar that gives it."),
-                "check_bars?": items("Ids of the bars that verify.", prose("")),
-                "check?": prose("The check bars."),
-                "board?": boolean("Whether a board calibrates, not a ball."),
-            },
-        ),
-        **{
-            f"{key}?": record(
-                f"The last {about}.",
-                {"inputs": items("What it was made of.", _PAIR), "verdict": choice("Its verdict.", get_args(Verdict))},
-            )
-            for key, about in _RUNS.items()
-        },
-        "failures?": entries("Errors of the last attempts by step.", prose("")),
-        "repairs?": items("Options of the next calibration with their values.", _PAIR),
-        "masks?": items(
-            "Parts of images in which nothing is a target.",
-            record("", {"camera": text("The camera."), "rectangle": _RECTANGLE}),
-        ),
-        "limit?": prose("Limit of the length errors."),
-        "bar_celsius?": celsius("Temperature of the bars in degrees Celsius."),
-        "pose_bars?": items("Which bar a pose is of.", _PAIR),
-        "flaws?": items(
-            "What is wrong with a set.",
-            record(
-                "",
-                {
-                    "set": identifier("The set."),
-                    "taken": text("When it was taken."),
-                    "code": choice("What is wrong.", get_args(FlawCode)),
-                    "cameras": items("The cameras.", text("")),
-                    "kept": boolean("Whether somebody keeps it so."),
-                },
-            ),
-        ),
-        "note?": prose("What the operator has written."),
     },
 )
 STUDY = Format(

@@ -29,6 +29,7 @@ from file_formats.vocabulary import (
 )
 from spherecal.files.ball_file import BALL
 from spherecal.files.codec import record as frame_record
+from spherecal.files.findings_file import FINDINGS
 from spherecal.files.frame_file import FIELDS as FRAME_FIELDS
 from spherecal.files.frame_file import FRAME
 from spherecal.geometry.camera import INTRINSIC_NAMES
@@ -359,35 +360,6 @@ VERIFICATION = Format(
         "software?": SOFTWARE,
     },
     more="verification.md",
-)
-FINDINGS = Format(
-    "findings",
-    "findings.json",
-    "The values of the findings in the rig.json and verification.json beside it, for other languages; may be missing.",
-    {
-        "findings": items(
-            "A finding's words are made of its code, kind and values.",
-            record(
-                "",
-                {
-                    "code": prose("As in rig.json."),
-                    "kind": prose("Which of the code's sentences."),
-                    "values": {"description": "Values by name.", "type": "object"},
-                    "where": items("As in rig.json.", prose("")),
-                    "repairs": items(
-                        "Repairs that may help.",
-                        record(
-                            "",
-                            {
-                                "kind": choice("The repair.", ("leave-out", "split", "swap")),
-                                "target": prose("Of what."),
-                            },
-                        ),
-                    ),
-                },
-            ),
-        ),
-    },
 )
 CHECK = Format(
     "check",

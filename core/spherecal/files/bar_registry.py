@@ -200,10 +200,7 @@ MARKS = entries(
     ),
 )
 # Its range depends on the length: `_check_length`.
-_EXPANDED = replace(
-    number("Its expanded uncertainty, at most 5 % of the length.", 0),
-    read=lambda value: value.number(-math.inf, math.inf),
-)
+_EXPANDED = replace(number("Its expanded uncertainty, at most 5 % of the length.", 0), read=JsonValue.number)
 LENGTH = record(
     "A certified length.",
     _length,

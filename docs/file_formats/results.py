@@ -25,7 +25,6 @@ from file_formats.vocabulary import (
     sigmas,
     text,
     time,
-    unread,
 )
 from spherecal.files.ball_file import BALL
 from spherecal.files.codec import record as frame_record
@@ -33,7 +32,7 @@ from spherecal.files.findings_file import FINDINGS
 from spherecal.files.frame_file import FIELDS as FRAME_FIELDS
 from spherecal.files.frame_file import FRAME
 from spherecal.geometry.camera import INTRINSIC_NAMES
-from spherecal.report.verification_file import BUDGET_PARTS
+from spherecal.verify.verification_file import VERIFICATION
 
 _MOST_MM = 1e9
 _FINDINGS = items("What was found.", finding())
@@ -166,201 +165,11 @@ RIG = Format(
     ),
     more="#result-folder",
 )
-_STATISTICS: dict[str, Schema] = {
-    "mean_error_mm?": number("Mean error."),
-    "sd_mm?": number("Standard deviation of the errors.", 0),
-    "max_abs_error_mm?": number("Largest error, without its sign.", 0),
-}
 _ENDS: dict[str, Schema] = {
     "bar": name("The bar."),
     "from": name("The mark at which the length begins."),
     "to": name("At which it ends."),
 }
-_PROCEDURE_BAR = record(
-    "A bar and its certificate.",
-    {
-        "id": name("Its id."),
-        "serial?": serial("Its serial number."),
-        "certificate?": record(
-            "",
-            {
-                "number": text("Its number."),
-                "laboratory?": text("Who issued it."),
-                "date?": text("When."),
-                "valid_until?": text("Until when it is valid."),
-            },
-        ),
-        "expansion_per_kelvin": number("Coefficient of linear expansion.", -1, 1),
-        "reference_temperature_c": number("The temperature that the lengths refer to.", -300, 1000),
-        "assumed?": unread("Which of these were assumed."),
-        "lengths": items(
-            "The certified lengths, as in session.json.",
-            record(
-                "",
-                {
-                    "from": name("The mark at which it begins."),
-                    "to": name("At which it ends."),
-                    "length_mm": number("The length.", 0, _MOST_MM),
-                    "expanded_uncertainty_mm?": number("Its expanded uncertainty.", 0, _MOST_MM),
-                    "coverage_factor?": number("The factor k.", 0, _MOST_MM),
-                    "nominal_mm?": unread("What it is called by."),
-                },
-            ),
-        ),
-    },
-)
-_VERDICTS = ("pass", "fail", "cannot tell")
-_ACCEPTANCE = record(
-    "The limit E = A + L/K and the decision.",
-    {
-        "rule": prose("The decision rule in words."),
-        "limit": record(
-            "The limit.",
-            {
-                "words": text("In words."),
-                "constant_mm": number("A.", 0, _MOST_MM),
-                "divisor?": number("K; absent: A alone.", 1e-9),
-            },
-        ),
-        "verdict?": choice("The decision; absent where nothing was measured.", _VERDICTS),
-        "doubts?": items("What keeps a pass from being one.", text("")),
-        "lengths": items(
-            "Each certified length.",
-            record(
-                "",
-                {
-                    **_ENDS,
-                    "worst_pose": name("The pose with the largest error."),
-                    "worst_error_mm": number("That error.", -_MOST_MM, _MOST_MM),
-                    "limit_mm": number("The limit of this length.", 0, _MOST_MM),
-                    "expanded_uncertainty_mm": number("Expanded uncertainty of an error.", 0, _MOST_MM),
-                    "verdict": choice("The decision.", _VERDICTS),
-                },
-            ),
-        ),
-    },
-)
-_PHRASE = record(
-    "The same for other languages; may be missing.",
-    {
-        "phrase": prose("The sentence's code."),
-        "values": {"description": "Its values by name.", "type": "object"},
-    },
-)
-_BUDGET = record(
-    "The uncertainty budget of a length's error.",
-    {
-        **_ENDS,
-        "combined_mm": number("Combined standard uncertainty.", 0, _MOST_MM),
-        "effective_degrees_of_freedom?": number("Absent: infinite.", 0),
-        "coverage_factor": number("The factor k.", 0, 100),
-        "expanded_uncertainty_mm": number("Expanded uncertainty.", 0, _MOST_MM),
-        "remedy?": prose("What would make it smaller; empty where nothing would."),
-        "remedy_phrase?": _PHRASE,
-        "contributions": items(
-            "The contributions.",
-            record(
-                "",
-                {
-                    "name": text("What it is."),
-                    "evaluation": choice("Type of evaluation (GUM).", ("A", "B")),
-                    "distribution": text("Its distribution."),
-                    "standard_uncertainty_mm": number("Standard uncertainty.", 0, _MOST_MM),
-                    "degrees_of_freedom?": number("Absent: infinite.", 0),
-                    "share": number("Share of the combined variance.", 0, 1.0001),
-                    "contained_in_repeatability_mm?": number("The part that the repeatability holds.", 0, _MOST_MM),
-                },
-            ),
-        ),
-    },
-)
-_PROCEDURE = record(
-    "The procedure, its limit and budgets.",
-    {
-        "title": text("Its title."),
-        "departures": items("Departures from the guideline.", prose("")),
-        "departure_phrases?": items("The departures for other languages, in their order.", _PHRASE),
-        "volume_mm?": record(
-            "The measuring volume.", {"sides": numbers("Its sides.", 3), "diagonal": number("", 0, _MOST_MM)}
-        ),
-        "bars": items("The bars.", _PROCEDURE_BAR),
-        "poses": items(
-            "The poses.",
-            record(
-                "",
-                {
-                    "id": name("Its id."),
-                    "bar": name("The bar."),
-                    "temperature_c?": number("The bar's temperature.", -300, 1000),
-                    "from?": unread("The mark at one end of the longest length."),
-                    "to?": unread("At the other."),
-                    "ends_mm?": unread("Where both are in the world."),
-                },
-            ),
-        ),
-        "acceptance?": _ACCEPTANCE,
-        "budgets": items("A budget for each length.", _BUDGET),
-        "cameras_moved?": items("Cameras that moved since the calibration.", name("")),
-    },
-)
-VERIFICATION = Format(
-    "verification",
-    "verification.json",
-    "What the check bars say about a rig; the single lengths are in bars.csv beside it.",
-    {
-        "lengths": items(
-            "Each certified length over its poses.",
-            record(
-                "",
-                {
-                    **_ENDS,
-                    "n": integer("How often it was measured.", 0),
-                    **_STATISTICS,
-                    "expanded_uncertainty_mm?": number("Expanded uncertainty of an error.", 0),
-                    "coverage_factor?": number("The factor k.", 0),
-                    "standard_uncertainties_mm?": record(
-                        "Standard uncertainties by source.", {f"{part}?": number("", 0) for part in BUDGET_PARTS}
-                    ),
-                },
-            ),
-        ),
-        "overall": record(
-            "All lengths together.",
-            {"n": integer("How many.", 0), **_STATISTICS, "rms_error_mm?": unread("Root mean square error.")},
-        ),
-        "decision": record(
-            "Whether the errors agree with their uncertainty.",
-            {
-                "rule": prose("The rule in words."),
-                "rule_phrase?": _PHRASE,
-                "verdict": prose("`consistent`, `inconsistent` ..."),
-                "coverage_factor?": number("The factor k.", 0),
-                "exceeding?": items(
-                    "Lengths that break the rule.",
-                    record("", {"pose": name("The pose."), "from": name("The mark."), "to": name("The mark.")}),
-                ),
-                "cameras?": items("Cameras that contradict the calibration.", name("")),
-            },
-        ),
-        "cameras?": items(
-            "The cameras.",
-            record(
-                "",
-                {
-                    "id": name("Its id."),
-                    "views": integer("Views of marks.", 0),
-                    "used": integer("Those used.", 0),
-                    "rms_px?": number("Root mean square of their residuals.", 0),
-                    "state": choice("Its state.", ("verified", "not seen", "rejected")),
-                },
-            ),
-        ),
-        "findings?": _FINDINGS,
-        "procedure?": _PROCEDURE,
-        "software?": SOFTWARE,
-    },
-    more="verification.md",
-)
 CHECK = Format(
     "check",
     "check.json",

@@ -255,16 +255,16 @@ A path such as `name.target` is written from there, and read as the argument `ta
 """
 
 
-def field(key: str, kind: Kind[Any], of: Source = "") -> Field:
-    """A field that must be there."""
+def field(key: str, kind: Kind[Any], of: Source = "", attribute: str = "") -> Field:
+    """A field that must be there; `attribute`: the argument that it fills, where that is not the name in `of`."""
     if callable(of):
-        return Field(key, kind, of)
-    return Field(key, kind, attrgetter(of or key), of.rpartition(".")[2] or key)
+        return Field(key, kind, of, attribute)
+    return Field(key, kind, attrgetter(of or key), attribute or of.rpartition(".")[2] or key)
 
 
-def optional(key: str, kind: Kind[Any], of: Source = "", omit: object = _ALWAYS) -> Field:
+def optional(key: str, kind: Kind[Any], of: Source = "", attribute: str = "", omit: object = _ALWAYS) -> Field:
     """A field that may be absent or null, which give the dataclass's default, or None where it has none."""
-    return replace(field(key, _nullable(kind), of), is_needed=False, omit=omit)
+    return replace(field(key, _nullable(kind), of, attribute), is_needed=False, omit=omit)
 
 
 def unread(key: str, about: str, of: Source = "", omit: object = _ALWAYS) -> Field:

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from spherecal.base.messages.values import as_json, from_json
-from spherecal.data.findings import AdvisedRepair, Finding
+from spherecal.data.findings import AdvisedRepair, Finding, as_written
 from spherecal.files.codec import Format, choice, field, free, items, only, prose, record
 
 FINDINGS_FILE = "findings.json"
@@ -25,6 +25,16 @@ def _finding(values: Mapping[str, Any], **others: Any) -> Finding | None:
     return finding
 
 
+FINDING = record(
+    "A finding.",
+    as_written,
+    field("severity", choice("How grave it is.", ("info", "warning", "error"))),
+    field("code", prose("What it is, for programs.")),
+    field("message", prose("What was found, in English.")),
+    field("hint", prose("What to do.")),
+    field("where", items("Ids of the cameras, placements and targets that it is about.", prose(""))),
+)
+"""A finding as rig.json, verification.json and check.json have it."""
 _REPAIR = record(
     "",
     AdvisedRepair,

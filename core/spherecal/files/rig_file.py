@@ -12,7 +12,7 @@ import numpy as np
 from spherecal.base.arrays import FloatArray
 from spherecal.base.errors import InputError
 from spherecal.base.messages.values import Phrase
-from spherecal.data.findings import Finding, Severity, as_written
+from spherecal.data.findings import Finding
 from spherecal.data.rig import (
     Affected,
     CameraCovariance,
@@ -26,7 +26,7 @@ from spherecal.data.rig import (
     unknown_quality,
 )
 from spherecal.files.codec import Kind, matrix
-from spherecal.files.findings_file import with_values
+from spherecal.files.findings_file import FINDING, with_values
 from spherecal.files.json_file import (
     MOST_CAMERAS,
     JsonValue,
@@ -66,17 +66,6 @@ _MISSING = {
 _ROTATION_TOLERANCE = 1e-5
 
 
-def finding_entry(finding: Finding) -> dict[str, Any]:
-    """A finding as the files have it."""
-    return {
-        "severity": finding.severity,
-        "code": finding.code,
-        "message": finding.message,
-        "hint": finding.hint,
-        "where": list(finding.where),
-    }
-
-
 def rig_bytes(rig: Rig, software: Mapping[str, Any] | None = None) -> bytes:
     """The contents of rig.json; the same rig and software give the same bytes, and numbers are read back unchanged."""
     quality = rig.quality
@@ -96,7 +85,7 @@ def rig_bytes(rig: Rig, software: Mapping[str, Any] | None = None) -> bytes:
             "rms_px": finite(quality.rms_px),
             "mean_px": finite(quality.mean_px),
             "sigma0": finite(quality.sigma0),
-            "findings": [finding_entry(finding) for finding in quality.findings],
+            "findings": [FINDING.entry(finding) for finding in quality.findings],
         },
         "software": software_entry(software),
         "input_sha256": rig.input_sha256,
@@ -375,16 +364,9 @@ def _sigmas(values: JsonValue, length: int) -> FloatArray:
 def _read_quality(quality: JsonValue) -> Quality:
     f = quality.fields(("valid", "findings"), ("verdict", "affected", "rms_px", "mean_px", "sigma0"))
     rms_px, mean_px, sigma0 = (f[key].number(0) if key in f else None for key in ("rms_px", "mean_px", "sigma0"))
-    findings = tuple(_read_finding(finding) for finding in f["findings"].items())
+    findings = tuple(FINDING.read(finding) for finding in f["findings"].items())
     affected = tuple(_read_affected(one) for one in f["affected"].items()) if "affected" in f else ()
     found = Quality(f["valid"].boolean(), rms_px, mean_px, sigma0, findings, affected)
     if "verdict" in f and f["verdict"].choice("valid", "use-with-care", "not-valid") != found.verdict:
         raise f["verdict"].error(Phrase("problem-verdict", {"verdict": found.verdict}))
     return found
-
-
-def _read_finding(finding: JsonValue) -> Finding:
-    f = finding.fields(("severity", "code", "message", "hint", "where"))
-    where = tuple(item.prose() for item in f["where"].items())
-    severity: Severity = f["severity"].choice("info", "warning", "error")
-    return as_written(severity, f["code"].prose(), f["message"].prose(), f["hint"].prose(), where)

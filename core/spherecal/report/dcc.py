@@ -23,8 +23,8 @@ from spherecal.files.codec import date as day
 from spherecal.files.json_file import JsonValue
 from spherecal.geometry.camera import INTRINSIC_NAMES, is_fisheye, lens_names
 from spherecal.report.content import make_content
-from spherecal.report.procedure_file import ArtefactRow
 from spherecal.report.result_folder import Result
+from spherecal.verify.verification_file import ArtefactRow
 
 DCC, SI, XSI = "https://ptb.de/dcc", "https://ptb.de/si", "http://www.w3.org/2001/XMLSchema-instance"
 SCHEMA = "3.2.1"
@@ -78,7 +78,7 @@ def _said(about: str) -> Kind[str]:
     return text(about).mapped(lambda said: " ".join(said.split())).checked(_check_not_empty)
 
 
-def _contact(about: str) -> Kind[Contact]:
+def _stated_contact(about: str) -> Kind[Contact]:
     return record(
         about,
         Contact,
@@ -96,8 +96,8 @@ ISSUER = Format(
     record(
         "",
         Issuer,
-        field("laboratory", _contact("Who issues the certificate.")),
-        field("customer", _contact("For whom.")),
+        field("laboratory", _stated_contact("Who issues the certificate.")),
+        field("customer", _stated_contact("For whom.")),
         field("person", _said("Who is responsible.")),
         field("rig_serial", _said("Serial number of the rig.")),
         optional("manufacturer", _said("Who made the rig.")),

@@ -16,7 +16,8 @@ from spherecal.files.rig_file import FORMAT, VERSION, read_rig
 from spherecal.files.write_result import POINT_COLUMNS, RESIDUAL_COLUMNS, SPHERE_COLUMNS
 from spherecal.geometry.camera import project
 from spherecal.report.csv_table import CsvTable, read_csv
-from spherecal.report.verification_file import BarReport, read_bar_report
+from spherecal.report.verification_file import read_bar_report
+from spherecal.verify.verification_file import BarReport
 
 
 @dataclass(frozen=True)

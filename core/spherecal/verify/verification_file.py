@@ -78,11 +78,11 @@ class BudgetReport:
     start: str
     end: str
     combined_mm: float
-    freedom: float | None
     coverage_factor: float
     expanded_mm: float
     remedy: Sentence
     contributions: tuple[ContributionRow, ...]
+    freedom: float | None = None
 
 
 @dataclass(frozen=True)
@@ -115,12 +115,12 @@ class ProcedureReport:
 
     title: str
     departures: tuple[Sentence, ...]
-    volume: tuple[tuple[float, ...], float] | None
     bars: tuple[ArtefactRow, ...]
     poses: tuple[PoseRow, ...]
-    acceptance: AcceptanceReport | None
     budgets: tuple[BudgetReport, ...]
-    cameras_moved: tuple[str, ...]
+    volume: tuple[tuple[float, ...], float] | None = None
+    acceptance: AcceptanceReport | None = None
+    cameras_moved: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -173,12 +173,12 @@ class BarReport:
 
     lengths: tuple[LengthRow, ...]
     n: int
-    mean_error_mm: float | None
-    sd_mm: float | None
-    max_abs_error_mm: float | None
     verdict: str
     rule: Sentence
-    coverage_factor: float | None
+    mean_error_mm: float | None = None
+    sd_mm: float | None = None
+    max_abs_error_mm: float | None = None
+    coverage_factor: float | None = None
     exceeding: frozenset[tuple[str, str, str]] = frozenset()
     findings: tuple[Finding, ...] = ()
     procedure: ProcedureReport | None = None

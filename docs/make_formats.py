@@ -15,7 +15,8 @@ sys.path[:0] = [str(path) for path in (DOCS, DOCS.parent, DOCS.parent / "core") 
 
 from file_formats import FORMATS  # noqa: E402
 from file_formats.other import MEASURED_SET  # noqa: E402
-from file_formats.vocabulary import UNREAD, Format, Schema  # noqa: E402
+
+from spherecal.files.codec import UNREAD, Format, Schema  # noqa: E402
 
 SCHEMAS = DOCS / "schemas"
 PAGE = DOCS / "formats.md"

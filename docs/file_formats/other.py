@@ -2,7 +2,6 @@
 
 from file_formats.vocabulary import (
     SOFTWARE,
-    Format,
     boolean,
     choice,
     digest,
@@ -17,12 +16,13 @@ from file_formats.vocabulary import (
     prose,
     record,
     text,
+    written,
 )
 from spherecal.measuring.body_file import BODY
 from spherecal_gui.last_verification import LAST_VERIFICATION
 from spherecal_gui.project_folder import WIZARD
 
-SERIES = Format(
+SERIES = written(
     "series",
     "series.json",
     "A recorded measurement, beside its tables.",
@@ -60,7 +60,7 @@ SERIES = Format(
     is_read=False,
     more="measuring.md#the-series",
 )
-MEASUREMENTS = Format(
+MEASUREMENTS = written(
     "measurements",
     "stream of measure --stream",
     "The first line of the stream of measured sets; every other line is one set, as `#/$defs/set` has it.",
@@ -154,7 +154,7 @@ MEASURED_SET = record(
         "moved?": items("Cameras that moved since the calibration.", identifier("")),
     },
 )
-STUDY = Format(
+STUDY = written(
     "study",
     "STUDY.json",
     "A study's figures, beside its page and pictures.",

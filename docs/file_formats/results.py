@@ -2,7 +2,6 @@
 
 from file_formats.vocabulary import (
     SOFTWARE,
-    Format,
     Schema,
     boolean,
     choice,
@@ -17,6 +16,7 @@ from file_formats.vocabulary import (
     prose,
     record,
     text,
+    written,
 )
 from spherecal.files.ball_file import BALL
 from spherecal.files.codec import record as frame_record
@@ -33,7 +33,7 @@ _ENDS: dict[str, Schema] = {
     "from": name("The mark at which the length begins."),
     "to": name("At which it ends."),
 }
-CHECK = Format(
+CHECK = written(
     "check",
     "check.json",
     "The quick check of a rig, as `spherecal check --json` prints it.",
@@ -103,7 +103,7 @@ _TABLE = record(
         "rows": items("Cells as printed.", items("", prose(""))),
     },
 )
-REPORT = Format(
+REPORT = written(
     "report",
     "report.json",
     "What the report says, as data.",
@@ -137,7 +137,7 @@ REPORT = Format(
     },
     is_read=False,
 )
-EXPORT = Format(
+EXPORT = written(
     "export",
     "export.json",
     "What an exported folder holds; by it the folder is known as one that may be replaced.",

@@ -2,7 +2,6 @@
 
 from file_formats.vocabulary import (
     SOFTWARE,
-    Format,
     Schema,
     boolean,
     celsius,
@@ -26,6 +25,7 @@ from file_formats.vocabulary import (
     text,
     time,
     unread,
+    written,
 )
 from spherecal.files.bar_registry import FIGURES, SERIAL
 from spherecal.files.target_set_file import TARGETS, given
@@ -68,7 +68,7 @@ _CAMERA = record(
     },
 ) | {"anyOf": [given("prior"), given("pixel_pitch_um", "focal_length_mm")]}
 _FIGURES: dict[str, Schema] = {one.key: one.kind.schema for one in FIGURES}
-_BAR = record(
+_BAR: Schema = record(
     "A reference bar: with `marks` and `lengths`, or with the `serial` of a bar of bars.json.",
     {
         "id": identifier("Its id."),
@@ -133,7 +133,7 @@ def _sets(about: str, fields: dict[str, Schema]) -> Schema:
     return items(about, record("", {**_PLACEMENT, **fields, "images?": _IMAGES}))
 
 
-SESSION = Format(
+SESSION = written(
     "session",
     "session.json",
     "What was recorded: cameras, placements of the ball, bars, and the files that hold the images.",
@@ -158,7 +158,7 @@ SESSION = Format(
     ),
     more="#sessionjson",
 )
-CAPTURE = Format(
+CAPTURE = written(
     "capture",
     "capture.json",
     "When and how a session was captured, beside its session.json.",
@@ -205,7 +205,7 @@ CAPTURE = Format(
         ),
     },
 )
-BUNDLE = Format(
+BUNDLE = written(
     "bundle",
     "bundle.json",
     "Beside a session whose images were left out for a support bundle: what the original was.",
@@ -220,7 +220,7 @@ BUNDLE = Format(
         "software?": SOFTWARE,
     },
 )
-TRUTH = Format(
+TRUTH = written(
     "truth",
     "truth.json",
     "The exact values behind a simulated session, in the frame of the simulated rig.",
@@ -277,7 +277,7 @@ TRUTH = Format(
     },
     is_read=False,
 )
-WRITTEN = Format(
+WRITTEN = written(
     "written",
     "written.json",
     "Files of a folder that this program wrote beside those of its kind; such a folder may be replaced as a whole.",

@@ -81,6 +81,8 @@ def _kind(about: str, schema: Schema, read: Callable[[JsonValue], T], entry: Cal
 def number(about: str, least: float = -_MOST, most: float = _MOST, unit: Words = "") -> Kind[float]:
     """A number from `least` to `most`; what is not finite is written as null."""
     schema = {"type": "number", "minimum": least, "maximum": most}
+    if (least, most) == (-_MOST, _MOST):
+        return _kind(about, schema, JsonValue.number, _finite)
     return _kind(about, schema, lambda value: value.number(least, most, unit), _finite)
 
 
@@ -167,11 +169,11 @@ def items(
     length: int | None = None,
     differ: str = "",
     what: str = "",
-    excess: str = "",
+    excess: Words = "",
 ) -> Kind[tuple[T, ...]]:
     """A list of `least` to `most` values, or of exactly `length`; no two share the attribute `differ`, a `what`.
 
-    `excess`: the phrase about more than `most` values, where it is not the usual one.
+    `excess`: what is said of more than `most` values, where it is not the usual.
     """
     schema: Schema = {"type": "array", "items": each.schema}
     if length is not None:
@@ -182,7 +184,7 @@ def items(
     def read(value: JsonValue) -> tuple[T, ...]:
         values = value.items(length, least, _MOST_ITEMS if most is None or excess else most)
         if excess and most is not None and len(values) > most:
-            raise value.error(Phrase(excess, {"most": most}))
+            raise value.error(excess)
         found = tuple([each.read(one) for one in values])
         if differ:
             unique(values, [str(getattr(one, differ)) for one in found], what or differ)
@@ -193,12 +195,13 @@ def items(
 
 def numbers(about: str, length: int) -> Kind[tuple[float, ...]]:
     """So many numbers."""
-    return items(about, number(""), length=length)
+    return replace(items(about, number(""), length=length), read=lambda value: tuple(value.numbers(length)))
 
 
 def matrix(about: str, rows: int, columns: int) -> Kind[tuple[tuple[float, ...], ...]]:
     """Rows of numbers."""
-    return items(about, numbers("", columns), length=rows)
+    rows_of = items(about, numbers("", columns), length=rows)
+    return replace(rows_of, read=lambda value: tuple(map(tuple, value.matrix(rows, columns))))
 
 
 def entries(about: str, values: Kind[T], names: Kind[str] | None = None) -> Kind[dict[str, T]]:

@@ -138,7 +138,7 @@ class JsonValue:
                 raise self.error(Phrase("problem-lacks", {"key": key}))
         absent = [key for key in optional if key not in given]
         known = {*required, *optional}
-        unknown = () if self.later else (key for key in given if key not in known)
+        unknown = () if self.later or not absent else (key for key in given if key not in known)
         for key in itertools.islice(unknown, _MOST_UNKNOWN):
             if len(key) <= _LONGEST_NAME and (meant := difflib.get_close_matches(key, absent, 1, _MISSPELT)):
                 raise self.error(Phrase("problem-unknown-field", {"field": printable(key), "meant": meant[0]}))
@@ -189,6 +189,10 @@ class JsonValue:
 
     def numbers(self, length: int) -> list[float]:
         """A list of `length` finite numbers."""
+        found = self.value
+        if isinstance(found, list) and len(found) == length:
+            if all(type(one) in (float, int) and -_MOST <= one <= _MOST for one in found):
+                return [float(one) for one in found]
         return [item.number() for item in self.items(length)]
 
     def matrix(self, rows: int, columns: int) -> list[list[float]]:

@@ -211,7 +211,9 @@ def _camera(matrix: FloatArray, distortion: tuple[bool, list[float]], **others: 
 
 def _check_sigma(camera: RigCamera, f: Mapping[str, JsonValue]) -> None:
     if camera.sigma is not None:
-        f["sigma"].fields(["distortion"])["distortion"].items(len(_read_lens(f["distortion"])[1]))
+        lens: Any = f["distortion"].value
+        given = f["sigma"].fields(["distortion"])["distortion"]
+        given.items(len(lens["coefficients"] if isinstance(lens, dict) else lens))
 
 
 def _read_lens(value: JsonValue) -> tuple[bool, list[float]]:

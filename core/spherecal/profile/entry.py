@@ -172,7 +172,15 @@ ENTRY = Format(
         optional("temperature_c", celsius("The rig's temperature in degrees Celsius.")),
         optional("volume_mm", matrix("Low and high corner of the calibrated points.", 2, 3).checked(_check_corners)),
         _VERIFICATION,
-        field("cameras", items("The cameras.", _CAMERA, most=_MOST_CAMERAS, excess="problem-many-entries")),
+        field(
+            "cameras",
+            items(
+                "The cameras.",
+                _CAMERA,
+                most=_MOST_CAMERAS,
+                excess=Phrase("problem-many-entries", {"most": _MOST_CAMERAS}),
+            ),
+        ),
         field("input_sha256", digest("That of the rig.")),
         field("files_sha256", replace(_FILES, entry=dict), "files"),
         _SOFTWARE,

@@ -154,7 +154,10 @@ _APPLIED = record(
     optional("note", text("Why.")),
 )
 _EVENTS = items(
-    "Which calibration was put to use, oldest first.", _APPLIED, most=_MOST_EVENTS, excess="problem-many-events"
+    "Which calibration was put to use, oldest first.",
+    _APPLIED,
+    most=_MOST_EVENTS,
+    excess=Phrase("problem-many-events", {"most": _MOST_EVENTS}),
 )
 PROFILE = Format(
     "spherecal/profile",

@@ -190,9 +190,9 @@ class JsonValue:
     def numbers(self, length: int) -> list[float]:
         """A list of `length` finite numbers."""
         found = self.value
-        if isinstance(found, list) and len(found) == length:
-            if all(type(one) in (float, int) and -_MOST <= one <= _MOST for one in found):
-                return [float(one) for one in found]
+        is_list = isinstance(found, list) and len(found) == length
+        if is_list and all(type(one) in (float, int) and -_MOST <= one <= _MOST for one in found):
+            return [float(one) for one in found]
         return [item.number() for item in self.items(length)]
 
     def matrix(self, rows: int, columns: int) -> list[list[float]]:

@@ -1,6 +1,7 @@
 """Writes docs/schemas/*.schema.json and the tables of docs/formats.md: `python docs/make_formats.py`.
 
-The schemas are described in docs/file_formats; tests/test_schemas.py compares them with the readers and writers.
+The schemas are those of the formats (spherecal/files/codec.py) and of docs/file_formats; tests/test_schemas.py
+compares them with readers and writers.
 """
 
 import json
@@ -15,7 +16,8 @@ sys.path[:0] = [str(path) for path in (DOCS, DOCS.parent, DOCS.parent / "core") 
 
 from file_formats import FORMATS  # noqa: E402
 from file_formats.other import MEASURED_SET  # noqa: E402
-from file_formats.vocabulary import UNREAD, Format, Schema  # noqa: E402
+
+from spherecal.files.codec import UNREAD, Format, Schema  # noqa: E402
 
 SCHEMAS = DOCS / "schemas"
 PAGE = DOCS / "formats.md"
@@ -26,12 +28,12 @@ _NO_LIMIT = 1e15  # bounds of this size only keep sums finite
 
 def schema_of(form: Format) -> Schema:
     """A format's schema; that of the stream defines its other lines as well."""
-    return form.schema | ({"$defs": {"set": MEASURED_SET}} if form.name == "measurements" else {})
+    return form.schema | ({"$defs": {"set": MEASURED_SET}} if form.short == "measurements" else {})
 
 
 def made_files() -> dict[Path, str]:
     """Everything that is made: contents by path."""
-    files = {SCHEMAS / f"{form.name}.schema.json": _json(schema_of(form)) for form in FORMATS}
+    files = {SCHEMAS / f"{form.short}.schema.json": _json(schema_of(form)) for form in FORMATS}
     page = PAGE.read_text(encoding="utf-8")
     blocks = {"overview": _overview(), "fields": _fields()}
     return files | {PAGE: _BLOCK.sub(lambda found: found[1] + blocks[found[2]] + found[3], page)}
@@ -48,14 +50,14 @@ def _overview() -> str:
         written = "" if form.is_read else " Only written."
         file, schema = (
             f"[`{form.file}`](#{_anchor(form)})",
-            f"[schema](schemas/{form.name}.schema.json)",
+            f"[schema](schemas/{form.short}.schema.json)",
         )
-        lines.append(f"| {file} | `spherecal/{form.name}` | {schema} | {form.about}{written}{more} |")
+        lines.append(f"| {file} | `spherecal/{form.short}` | {schema} | {form.about}{written}{more} |")
     return "\n".join(lines) + "\n"
 
 
 def _anchor(form: Format) -> str:
-    return f"fields-of-{form.name}"
+    return f"fields-of-{form.short}"
 
 
 def _fields() -> str:

@@ -8,11 +8,10 @@ from typing import get_args
 
 from spherecal.base.errors import InputError
 from spherecal.base.filesystem import is_plain_file_below, write_below
-from spherecal.files.json_file import read_json
+from spherecal.files.codec import Format, choice, field, record, text, time
 from spherecal_gui.project import Verdict
 
 FILE = "last-verification.json"
-FORMAT, VERSION = "spherecal/last-verification", 1
 
 
 @dataclass(frozen=True)
@@ -24,16 +23,24 @@ class LastVerification:
     verdict: Verdict
 
 
+LAST_VERIFICATION = Format(
+    "spherecal/last-verification",
+    FILE,
+    "The last verification of the calibration in use, beside a profile.",
+    record(
+        "",
+        LastVerification,
+        field("calibration", text("Which calibration.")),
+        field("at", time("When.")),
+        field("verdict", choice("What came out.", get_args(Verdict))),
+    ),
+)
+
+
 def keep_verification(profile: Path, calibration: str, verdict: Verdict, now: datetime | None = None) -> None:
     """Write it, whole; OutputError where the disk refuses."""
     at = (now or datetime.now(UTC)).astimezone(UTC).replace(microsecond=0)
-    document = {
-        "format": FORMAT,
-        "version": VERSION,
-        "calibration": calibration,
-        "at": at.isoformat(),
-        "verdict": verdict,
-    }
+    document = LAST_VERIFICATION.document(LastVerification(calibration, at, verdict))
     write_below(profile, FILE, (json.dumps(document, indent=1) + "\n").encode())
 
 
@@ -42,8 +49,7 @@ def last_verification(profile: Path, calibration: str | None) -> LastVerificatio
     if calibration is None or not is_plain_file_below(profile, FILE):
         return None
     try:
-        f = read_json(profile / FILE, FORMAT, VERSION, below=profile).fields(("calibration", "at", "verdict"))
-        found = LastVerification(f["calibration"].text(), f["at"].time(), f["verdict"].choice(*get_args(Verdict)))
+        found = LAST_VERIFICATION.read(profile / FILE, below=profile)
     except InputError:
         return None
     return found if found.calibration == calibration else None

@@ -7,8 +7,10 @@ import hashlib
 import json
 import os
 from collections.abc import Mapping
-from dataclasses import asdict, replace
+from dataclasses import replace
 from datetime import datetime
+from functools import partial
+from operator import itemgetter
 from pathlib import Path
 from typing import Any, get_args
 
@@ -23,24 +25,119 @@ from spherecal.base.filesystem import (
     write_below,
 )
 from spherecal.base.messages.values import Phrase
-from spherecal.files.json_file import JsonValue, read_json
+from spherecal.files.codec import (
+    Format,
+    Kind,
+    boolean,
+    choice,
+    entries,
+    field,
+    identifier,
+    items,
+    number,
+    numbers,
+    optional,
+    prose,
+    record,
+    text,
+)
+from spherecal.files.json_file import JsonValue
 from spherecal_gui.project import Artefacts, Flaw, FlawCode, Project, Purpose, Rectangle, Run, Verdict
 
-FORMAT = "spherecal/wizard"
 # What is simulated keeps a profile of its own: it must never pass for the calibration of the rig.
 PROFILE, TRAINING_PROFILE = "rig-profile", "training-profile"
-VERSION = 1
 FILE = "wizard.json"
 _FOLDERS = ("result", "repair", "verification", "placements", "bars", "removed", "wizard")
 CAPTURE = "capture.json"  # spherecal.cameras.capture, which takes a second to import
 _MOST_BYTES = 64 << 20
-_RUNS = ("calibrated", "accepted", "verified", "saved", "checked", "repaired")
-_OPTIONAL = (
-    "bench", "artefacts", "failures", "repairs", "purpose", "masks", "limit", "pose_bars", "bar_celsius", "flaws",
-    "note",
-)  # fmt: skip
-_IDS = ("placements", "scale_poses", "check_poses")
-_LISTS = ("cameras", "looked", *_IDS)
+
+
+def _purpose(text: str) -> Purpose:
+    return next((one for one in get_args(Purpose) if one == text), "calibrate")
+
+
+def _artefacts(target_set: str = "", ball: str = "", scale: str = "", **others: Any) -> Artefacts:
+    return Artefacts(target_set, ball, scale, **others)
+
+
+def _mask(camera: str, rectangle: Rectangle) -> tuple[str, Rectangle]:
+    return camera, rectangle
+
+
+_ARTEFACTS = record(
+    "What somebody has confirmed: words for people, and the bars.",
+    _artefacts,
+    optional("target_set", prose("The targets.")),
+    optional("ball", prose("The ball.")),
+    optional("scale", prose("What gives the scale.")),
+    optional("scale_bar", prose("Id of the bar that gives it.")),
+    optional("check_bars", items("Ids of the bars that verify.", prose(""))),
+    optional("check", prose("The check bars.")),
+    optional("board", boolean("Whether a board calibrates, not a ball.")),
+)
+_PAIR = items("", prose(""), length=2)
+
+
+def _run(about: str) -> Kind[Run]:
+    return record(
+        f"The last {about}.",
+        Run,
+        field("inputs", items("What it was made of.", _PAIR)),
+        field("verdict", choice("Its verdict.", get_args(Verdict))),
+    )
+
+
+_MASK = record(
+    "",
+    _mask,
+    replace(field("camera", text("The camera.")), get=itemgetter(0)),
+    replace(field("rectangle", numbers("`[left, top, width, height]` in px.", 4)), get=itemgetter(1)),
+)
+_FLAW = record(
+    "",
+    Flaw,
+    field("set", identifier("The set."), "set_id"),
+    field("taken", text("When it was taken.")),
+    field("code", choice("What is wrong.", get_args(FlawCode))),
+    field("cameras", items("The cameras.", text(""))),
+    field("kept", boolean("Whether somebody keeps it so.")),
+)
+WIZARD = Format(
+    "spherecal/wizard",
+    FILE,
+    "Where the wizard is in a project.",
+    record(
+        "",
+        partial(Project, Path()),
+        field("source", text("Where images come from.")),
+        optional("bench", prose("The file that describes targets, ball and bars.")),
+        optional(
+            "purpose",
+            prose("`calibrate`, `check` or `verify`; anything else counts as `calibrate`.").mapped(_purpose),
+        ),
+        field("step", text("The step.")),
+        field("cameras", items("Serial numbers of the chosen cameras.", text(""))),
+        field("looked", items("Those that were looked at.", text(""))),
+        field("placements", items("Planned placements of the ball.", identifier(""))),
+        field("scale_poses", items("Planned poses of the scale bar.", identifier(""))),
+        field("check_poses", items("Planned poses of the check bars.", identifier(""))),
+        optional("artefacts", _ARTEFACTS),
+        optional("calibrated", _run("calibration")),
+        optional("accepted", _run("accepted calibration")),
+        optional("verified", _run("verification")),
+        optional("saved", _run("calibration put to use")),
+        optional("checked", _run("quick check")),
+        optional("repaired", _run("repair")),
+        optional("failures", entries("Errors of the last attempts by step.", prose(""))),
+        optional("repairs", items("Options of the next calibration with their values.", _PAIR)),
+        optional("masks", items("Parts of images in which nothing is a target.", _MASK)),
+        optional("limit", prose("Limit of the length errors.")),
+        optional("bar_celsius", number("Temperature of the bars in degrees Celsius.", -100, 200, "degrees Celsius")),
+        optional("pose_bars", items("Which bar a pose is of.", _PAIR)),
+        optional("note", prose("What the operator has written.")),
+        optional("flaws", items("What is wrong with a set.", _FLAW)),
+    ),
+)
 
 
 def is_project(folder: Path) -> bool:
@@ -50,30 +147,12 @@ def is_project(folder: Path) -> bool:
 
 def save_project(project: Project) -> None:
     """Write wizard.json; OutputError if that fails."""
-    document: dict[str, Any] = {"format": FORMAT, "version": VERSION, "source": project.source, "bench": project.bench}
-    document["purpose"] = project.purpose
-    document["step"] = project.step
-    document |= {key: list(getattr(project, key)) for key in _LISTS}
-    document["artefacts"] = asdict(project.artefacts) if project.artefacts else None
-    for key in _RUNS:
-        run = getattr(project, key)
-        document[key] = {"inputs": [list(pair) for pair in run.inputs], "verdict": run.verdict} if run else None
-    document["failures"] = dict(project.failures)
-    document["repairs"] = [list(pair) for pair in project.repairs]
-    document["masks"] = [{"camera": camera, "rectangle": list(rectangle)} for camera, rectangle in project.masks]
-    document["limit"], document["bar_celsius"] = project.limit, project.bar_celsius
-    document["pose_bars"] = [list(pair) for pair in project.pose_bars]
-    document["note"] = project.note
-    document["flaws"] = [
-        {"set": one.set_id, "taken": one.taken, "code": one.code, "cameras": list(one.cameras), "kept": one.kept}
-        for one in project.flaws
-    ]
     try:
         project.folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         what = Phrase("error-cannot-write", {"file": str(project.folder), "why": reason(error)})
         raise OutputError(what, Phrase("error-choose-folder")) from error
-    write_below(project.folder, FILE, (json.dumps(document, indent=1, ensure_ascii=False) + "\n").encode())
+    write_below(project.folder, FILE, WIZARD.bytes(project))
 
 
 def check_folders(folder: Path) -> None:
@@ -88,82 +167,8 @@ def load_project(folder: Path) -> Project:
     if not is_project(folder):
         raise InputError(Phrase("error-no-project", {"folder": folder, "file": FILE}))
     check_folders(folder)
-    f = read_json(folder / FILE, FORMAT, VERSION, below=folder).fields(
-        ("source", "step", *_LISTS), (*_OPTIONAL, *_RUNS)
-    )
-    lists: dict[str, Any] = {
-        key: tuple(one.id() if key in _IDS else one.text() for one in f[key].items()) for key in _LISTS
-    }
-    runs: dict[str, Any] = {key: _run(f[key]) for key in _RUNS if key in f}
-    project = Project(
-        folder=folder,
-        source=f["source"].text(),
-        bench=_text(f, "bench"),
-        step=f["step"].text(),
-        taken=taken_in(folder),
-        artefacts=_artefacts(f["artefacts"]) if "artefacts" in f else None,
-        failures={key: text.prose() for key, text in f["failures"].entries().items()} if "failures" in f else {},
-        purpose=_purpose(_text(f, "purpose")),
-        repairs=_pairs(f, "repairs"),
-        pose_bars=_pairs(f, "pose_bars"),
-        masks=tuple(_mask(one) for one in f["masks"].items()) if "masks" in f else (),
-        limit=_text(f, "limit"),
-        bar_celsius=f["bar_celsius"].number(-100, 200, "degrees Celsius") if "bar_celsius" in f else None,
-        flaws=tuple(_flaw(one) for one in f["flaws"].items()) if "flaws" in f else (),
-        note=_text(f, "note"),
-        **lists,
-        **runs,
-    )
-    return _as_on_disk(project)
-
-
-def _purpose(text: str) -> Purpose:
-    return next((one for one in get_args(Purpose) if one == text), "calibrate")
-
-
-def _mask(entry: Any) -> tuple[str, Rectangle]:
-    f = entry.fields(("camera", "rectangle"))
-    left, top, width, height = f["rectangle"].numbers(4)
-    return f["camera"].text(), (left, top, width, height)
-
-
-def _flaw(entry: JsonValue) -> Flaw:
-    f = entry.fields(("set", "taken", "code", "cameras", "kept"))
-    code: FlawCode = f["code"].choice(*get_args(FlawCode))
-    cameras = tuple(one.text() for one in f["cameras"].items())
-    return Flaw(f["set"].id(), f["taken"].text(), code, cameras, f["kept"].boolean())
-
-
-def _pairs(f: Mapping[str, Any], key: str) -> tuple[tuple[str, str], ...]:
-    return tuple(_pair(one) for one in f[key].items()) if key in f else ()
-
-
-def _pair(entry: JsonValue) -> tuple[str, str]:
-    first, second = (one.prose() for one in entry.items(2))
-    return first, second
-
-
-def _text(f: Mapping[str, JsonValue], key: str) -> str:
-    """An optional text, which may be empty."""
-    return f[key].prose() if key in f else ""
-
-
-def _artefacts(entry: JsonValue) -> Artefacts:
-    f = entry.fields((), ("target_set", "ball", "scale", "scale_bar", "check_bars", "check", "board"))
-    return Artefacts(
-        _text(f, "target_set"),
-        _text(f, "ball"),
-        _text(f, "scale"),
-        f["scale_bar"].prose() if "scale_bar" in f else None,
-        tuple(one.prose() for one in f["check_bars"].items()) if "check_bars" in f else (),
-        _text(f, "check"),
-        "board" in f and f["board"].boolean(),
-    )
-
-
-def _run(entry: JsonValue) -> Run:
-    f = entry.fields(("inputs", "verdict"))
-    return Run(tuple(_pair(one) for one in f["inputs"].items()), f["verdict"].choice(*get_args(Verdict)))
+    project = WIZARD.read(folder / FILE, below=folder)
+    return _as_on_disk(replace(project, folder=folder, taken=taken_in(folder)))
 
 
 def taken_in(folder: Path) -> dict[str, str]:

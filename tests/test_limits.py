@@ -20,7 +20,7 @@ from spherecal.files.write_result import write_result
 from spherecal.initialise.view_graph import MIN_COMMON
 from spherecal.profile.limits_file import (
     DOTS,
-    FORMAT,
+    LIMITS,
     NAMES,
     PAIRS,
     KeptLimits,
@@ -62,7 +62,7 @@ def a_document(**changes: object) -> dict[str, Any]:
     pin = {"kind": "scrypt-16384-8-1", "salt": kept.pin.salt.hex(), "hash": kept.pin.digest.hex()}  # type: ignore[union-attr]
     limits = {name: getattr(kept.limits, name) for name in NAMES} | changes
     changed = [{"at": NOON.isoformat(), "by": "Maria", "what": "stale_hours", "before": 12, "after": 4}]
-    return {"format": FORMAT, "version": 1, "limits": limits, "pin": pin, "changes": changed}
+    return {"format": LIMITS.name, "version": 1, "limits": limits, "pin": pin, "changes": changed}
 
 
 def written(path: Path, document: object) -> Path:

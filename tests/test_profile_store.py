@@ -236,23 +236,22 @@ def test_older_versions_are_migrated_step_by_step(profile: Profile, monkeypatch:
     def to_3(document: dict[str, Any]) -> dict[str, Any]:
         return {**document, "name": document["title"] + " migrated", "version": document["version"]}
 
-    monkeypatch.setattr(store, "VERSION", 3)
-    monkeypatch.setattr(store, "MIGRATIONS", {1: to_2, 2: to_3})
+    monkeypatch.setattr(store, "PROFILE", replace(store.PROFILE, version=3, migrations={1: to_2, 2: to_3}))
     before = (profile.folder / "profile.json").read_bytes()
     opened = open_profile(profile.folder)
     assert opened.name == "Rig 7 migrated"
     assert (profile.folder / "profile.json").read_bytes() == before
     apply(opened, "0003")
     assert json.loads((profile.folder / "profile.json").read_bytes())["version"] == 3
-    monkeypatch.setattr(store, "MIGRATIONS", {2: to_3})
+    monkeypatch.setattr(store, "PROFILE", replace(store.PROFILE, migrations={2: to_3}))
     (profile.folder / "profile.json").write_bytes(before)
     with pytest.raises(InputError, match="has version 1, which can no longer be read"):
         open_profile(profile.folder)
 
 
 def test_older_entries_are_migrated_too(profile: Profile, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(entry_module, "VERSION", 2)
-    monkeypatch.setattr(entry_module, "MIGRATIONS", {1: lambda document: {**document, "note": "migrated"}})
+    later = replace(entry_module.ENTRY, version=2, migrations={1: lambda document: {**document, "note": "migrated"}})
+    monkeypatch.setattr(entry_module, "ENTRY", later)
     assert {entry.note for entry in open_profile(profile.folder).entries.values()} == {"migrated"}
 
 

@@ -201,4 +201,4 @@ def test_recorded_sessions_fit(shared_data: Path) -> None:
 def test_samples_cover_every_format_that_is_read() -> None:
     from docs.make_formats import FORMATS
 
-    assert {form.name for form in FORMATS if form.is_read} == set(SAMPLES)
+    assert {form.short for form in FORMATS if form.is_read} == set(SAMPLES)

@@ -7,7 +7,7 @@ from typing import Any
 from spherecal.base.filesystem import create
 from spherecal.data.session import Bar, CameraSpec, Scale, Session
 from spherecal.files.atomic import SESSION, write_folder_whole
-from spherecal.files.bar_registry import length_entry
+from spherecal.files.bar_registry import LENGTHS
 from spherecal.files.observations_file import write_observations
 from spherecal.files.target_set_file import write_target_set
 from spherecal.geometry.camera import camera_matrix, is_fisheye
@@ -85,7 +85,7 @@ def _bar(bar: Bar) -> dict[str, Any]:
         "id": bar.id,
         "role": bar.role,
         "marks": {name: {"target": mark.target, "point": mark.point} for name, mark in bar.marks.items()},
-        "lengths": [length_entry(length) for length in bar.lengths],
+        "lengths": LENGTHS.entry(bar.lengths),
         "expansion_per_kelvin": bar.expansion_per_kelvin,
         "reference_temperature_c": bar.reference_temperature_c,
     }

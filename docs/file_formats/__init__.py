@@ -1,9 +1,24 @@
-"""What every file of SphereCal holds, as JSON Schemas: docs/schemas and the tables of docs/formats.md are made of it."""  # noqa: E501
+"""What every file of SphereCal holds, as JSON Schemas: docs/schemas and the tables of docs/formats.md are made of it.
+
+A format that is read and written by its declaration has it in its own module; the modules here have those that are
+read by hand or only written.
+"""
+
+from typing import Any
 
 from file_formats.other import FORMATS as _OTHER
 from file_formats.results import FORMATS as _RESULTS
 from file_formats.sessions import FORMATS as _SESSIONS
-from file_formats.settings import FORMATS as _SETTINGS
-from file_formats.vocabulary import Format
+from spherecal.cameras.gentl.trust import DRIVERS
+from spherecal.cameras.profile import CAMERAS
+from spherecal.files.ball_registry import BALLS
+from spherecal.files.bar_registry import BARS
+from spherecal.files.codec import Format
+from spherecal.profile.checks import PROFILE_CHECK
+from spherecal.profile.entry import ENTRY
+from spherecal.profile.limits_file import LIMITS
+from spherecal.profile.store import PROFILE
+from spherecal.report.dcc import ISSUER
 
-FORMATS: tuple[Format, ...] = (*_SESSIONS, *_RESULTS, *_SETTINGS, *_OTHER)
+_SETTINGS = (CAMERAS, DRIVERS, BARS, BALLS, LIMITS, ISSUER, PROFILE, ENTRY, PROFILE_CHECK)
+FORMATS: tuple[Format[Any], ...] = (*_SESSIONS, *_RESULTS, *_SETTINGS, *_OTHER)

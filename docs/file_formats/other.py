@@ -1,15 +1,10 @@
 """Formats of measuring with a rig, of the wizard, and of the studies."""
 
-from typing import get_args
-
 from file_formats.vocabulary import (
     SOFTWARE,
-    Format,
     boolean,
-    celsius,
     choice,
     digest,
-    entries,
     identifier,
     integer,
     items,
@@ -21,39 +16,13 @@ from file_formats.vocabulary import (
     prose,
     record,
     text,
-    time,
+    written,
 )
-from spherecal_gui.project import FlawCode, Verdict
+from spherecal.measuring.body_file import BODY
+from spherecal_gui.last_verification import LAST_VERIFICATION
+from spherecal_gui.project_folder import WIZARD
 
-_RUNS = {
-    "calibrated": "calibration", "accepted": "accepted calibration", "verified": "verification",
-    "saved": "calibration put to use", "checked": "quick check", "repaired": "repair",
-}  # fmt: skip
-BODY = Format(
-    "body",
-    "body.json",
-    "A rigid body by named points in a frame of its own.",
-    {
-        "name": identifier("Its name."),
-        "points": items(
-            "Its points.",
-            record(
-                "",
-                {
-                    "target": integer("The target.", 0, 2**31),
-                    "point?": name("The point of the target; `centre` where absent."),
-                    "xyz_mm": items("Its place.", number("", -1e6, 1e6), length=3),
-                    "sigma_mm?": number("Standard deviation of that; 0 where absent.", 0, 1e6),
-                },
-            ),
-            3,
-            1000,
-        ),
-    },
-    ("No point is there twice.", "The points do not lie on one line."),
-    more="measuring.md#bodies",
-)
-SERIES = Format(
+SERIES = written(
     "series",
     "series.json",
     "A recorded measurement, beside its tables.",
@@ -91,7 +60,7 @@ SERIES = Format(
     is_read=False,
     more="measuring.md#the-series",
 )
-MEASUREMENTS = Format(
+MEASUREMENTS = written(
     "measurements",
     "stream of measure --stream",
     "The first line of the stream of measured sets; every other line is one set, as `#/$defs/set` has it.",
@@ -185,82 +154,7 @@ MEASURED_SET = record(
         "moved?": items("Cameras that moved since the calibration.", identifier("")),
     },
 )
-_PAIR = items("", prose(""), length=2)
-_RECTANGLE = numbers("`[left, top, width, height]` in px.", 4)
-WIZARD = Format(
-    "wizard",
-    "wizard.json",
-    "Where the wizard is in a project.",
-    {
-        "source": text("Where images come from."),
-        "step": text("The step."),
-        "cameras": items("Serial numbers of the chosen cameras.", text("")),
-        "looked": items("Those that were looked at.", text("")),
-        **{
-            key: items(about, identifier(""))
-            for key, about in (
-                ("placements", "Planned placements of the ball."),
-                ("scale_poses", "Planned poses of the scale bar."),
-                ("check_poses", "Planned poses of the check bars."),
-            )
-        },
-        "bench?": prose("The file that describes targets, ball and bars."),
-        "purpose?": prose("`calibrate`, `check` or `verify`; anything else counts as `calibrate`."),
-        "artefacts?": record(
-            "What somebody has confirmed: words for people, and the bars.",
-            {
-                "target_set?": prose("The targets."),
-                "ball?": prose("The ball."),
-                "scale?": prose("What gives the scale."),
-                "scale_bar?": prose("Id of the bar that gives it."),
-                "check_bars?": items("Ids of the bars that verify.", prose("")),
-                "check?": prose("The check bars."),
-                "board?": boolean("Whether a board calibrates, not a ball."),
-            },
-        ),
-        **{
-            f"{key}?": record(
-                f"The last {about}.",
-                {"inputs": items("What it was made of.", _PAIR), "verdict": choice("Its verdict.", get_args(Verdict))},
-            )
-            for key, about in _RUNS.items()
-        },
-        "failures?": entries("Errors of the last attempts by step.", prose("")),
-        "repairs?": items("Options of the next calibration with their values.", _PAIR),
-        "masks?": items(
-            "Parts of images in which nothing is a target.",
-            record("", {"camera": text("The camera."), "rectangle": _RECTANGLE}),
-        ),
-        "limit?": prose("Limit of the length errors."),
-        "bar_celsius?": celsius("Temperature of the bars in degrees Celsius."),
-        "pose_bars?": items("Which bar a pose is of.", _PAIR),
-        "flaws?": items(
-            "What is wrong with a set.",
-            record(
-                "",
-                {
-                    "set": identifier("The set."),
-                    "taken": text("When it was taken."),
-                    "code": choice("What is wrong.", get_args(FlawCode)),
-                    "cameras": items("The cameras.", text("")),
-                    "kept": boolean("Whether somebody keeps it so."),
-                },
-            ),
-        ),
-        "note?": prose("What the operator has written."),
-    },
-)
-LAST_VERIFICATION = Format(
-    "last-verification",
-    "last-verification.json",
-    "The last verification of the calibration in use, beside a profile.",
-    {
-        "calibration": text("Which calibration."),
-        "at": time("When."),
-        "verdict": choice("What came out.", get_args(Verdict)),
-    },
-)
-STUDY = Format(
+STUDY = written(
     "study",
     "STUDY.json",
     "A study's figures, beside its page and pictures.",

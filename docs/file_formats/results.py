@@ -2,393 +2,38 @@
 
 from file_formats.vocabulary import (
     SOFTWARE,
-    Format,
     Schema,
     boolean,
     choice,
-    date,
     digest,
-    distortion,
     entries,
     finding,
     identifier,
     integer,
     items,
-    lens_matrix,
-    matrix,
     name,
     number,
-    numbers,
-    one_of,
-    positive,
     prose,
     record,
-    serial,
-    sigmas,
     text,
-    time,
-    unread,
+    written,
 )
-from spherecal.geometry.camera import INTRINSIC_NAMES
-from spherecal.geometry.user_frame import TURNS
-from spherecal.report.verification_file import BUDGET_PARTS
+from spherecal.files.ball_file import BALL
+from spherecal.files.codec import record as frame_record
+from spherecal.files.findings_file import FINDINGS
+from spherecal.files.frame_file import FIELDS as FRAME_FIELDS
+from spherecal.files.frame_file import FRAME
+from spherecal.files.rig_file import RIG
+from spherecal.verify.verification_file import VERIFICATION
 
 _MOST_MM = 1e9
 _FINDINGS = items("What was found.", finding())
-_COEFFICIENTS = one_of(
-    "The distortion; a list alone is in OpenCV's order.",
-    distortion(""),
-    record(
-        "",
-        {
-            "model": choice("OpenCV's model.", ("opencv",)),
-            "coefficients": distortion("k1 k2 p1 p2 k3 k4 k5 k6 s1 s2 s3 s4; 4, 5, 8 or 12 of them."),
-        },
-    ),
-    record(
-        "",
-        {
-            "model": choice("The model of `cv2.fisheye`.", ("opencv-fisheye",)),
-            "coefficients": numbers("k1 k2 k3 k4.", 4),
-        },
-    ),
-)
-_CAMERA_FIELDS: dict[str, Schema] = {
-    "id": identifier("Its id."),
-    "image_size": items("Width and height in px.", integer("", 1), length=2),
-    "matrix": lens_matrix("`[[fu, 0, u0], [0, fv, v0], [0, 0, 1]]` in px."),
-    "distortion": _COEFFICIENTS,
-    "rotation": matrix("World to camera: x_cam = R x_world + t.", 3, 3),
-    "translation_mm": numbers("World to camera.", 3),
-    "serial?": serial("Its serial number."),
-    "rms_px?": number("Root mean square of its residuals.", 0),
-    "observations?": integer("Used image points.", 0),
-    "sigma?": record(
-        "Standard uncertainties.",
-        {
-            "rotation_deg": sigmas("About the camera's axes.", 3),
-            "centre_mm": sigmas("Of the projection centre.", 3),
-            "matrix": sigmas("Of fu, fv, u0, v0 in px.", 4),
-            "distortion": sigmas("Of the coefficients; 0 where fixed."),
-        },
-    ),
-}
-_FORM = record(
-    "How the ball was modelled.",
-    {
-        "name": choice("The form.", ("free", "soft", "rigid")),
-        "reason": prose("Why."),
-        "shape_sd_mm?": number("Standard deviation of a dot's place on the ball.", 0),
-        "shape_sd?": choice("Where that comes from.", ("stated", "estimated")),
-    },
-)
-_AFFECTED = items(
-    "What care concerns: each has one of these fields.",
-    record(
-        "",
-        {
-            "camera?": name("A camera."),
-            "scale?": boolean("The scale."),
-            "region_mm?": matrix("Low and high corner of a part of the volume.", 2, 3),
-        },
-    ),
-)
-RIG = Format(
-    "rig",
-    "rig.json",
-    "The calibrated cameras. The world is the reference camera's frame; lengths in mm. Of another program's rig only "
-    "`cameras` is needed.",
-    {
-        "reference_camera?": name("Whose frame the world is."),
-        "cameras": items("The cameras.", record("", _CAMERA_FIELDS), most=1000),
-        "scale?": record(
-            "Where the scale comes from; without it lengths are taken as mm.",
-            {
-                "source": choice("Its source.", ("target_spacing", "bar", "board", "ball", "given", "none")),
-                "relative_uncertainty?": number("Relative standard uncertainty.", 0),
-            },
-        ),
-        "quality?": record(
-            "Whether the rig can be trusted.",
-            {
-                "valid": boolean("False exactly when the command ends with 3."),
-                "verdict?": choice("The verdict.", ("valid", "use-with-care", "not-valid")),
-                "affected?": _AFFECTED,
-                "rms_px?": number("sqrt(mean(du^2 + dv^2)) of the used observations.", 0),
-                "mean_px?": number("Mean length of (du, dv).", 0),
-                "sigma0?": number("sqrt(v'Pv / redundancy).", 0),
-                "findings": _FINDINGS,
-            },
-        ),
-        "software?": SOFTWARE,
-        "input_sha256?": digest("SHA-256 over session.json and every file that it names."),
-        "covariance?": record(
-            "The covariance of all cameras together, in a file beside this one.",
-            {
-                "file": choice("Its name.", ("covariance.npy",)),
-                "sha256": text("Its SHA-256."),
-                "intrinsics": items("Which intrinsics it holds after turn and shift.", choice("", INTRINSIC_NAMES)),
-            },
-        ),
-        "length_uncertainty?": record(
-            "A map of the expanded uncertainty of a length.",
-            {
-                "length_mm": number("The length.", 0),
-                "coverage_factor": number("The factor k.", 0),
-                "sigma_px": number("Standard deviation of an image coordinate.", 0),
-                "places_mm": items("Places in the volume.", numbers("", 3)),
-                "directions": items("Directions, unit vectors.", numbers("", 3)),
-                "expanded_uncertainty_mm": items("A row for each place, a value for each direction.", sigmas("")),
-            },
-        ),
-        "form?": _FORM,
-        "recorded_at?": time("When the last placement was taken."),
-        "repairs?": items(
-            "Repairs that went into it.",
-            record(
-                "",
-                {
-                    "option": prose("Option of the command line."),
-                    "value": prose("Its value."),
-                    "automatic?": boolean("Whether the program chose it."),
-                    "earlier_pose?": record("The camera before it moved.", _CAMERA_FIELDS),
-                },
-            ),
-        ),
-    },
-    (
-        "Ids differ; the reference camera is one of them.",
-        "A rotation is orthogonal within 1e-5.",
-        "`verdict` agrees with `valid` and `affected`.",
-        "A covariance.npy beside it is the one that it names.",
-    ),
-    more="#result-folder",
-)
-_STATISTICS: dict[str, Schema] = {
-    "mean_error_mm?": number("Mean error."),
-    "sd_mm?": number("Standard deviation of the errors.", 0),
-    "max_abs_error_mm?": number("Largest error, without its sign.", 0),
-}
 _ENDS: dict[str, Schema] = {
     "bar": name("The bar."),
     "from": name("The mark at which the length begins."),
     "to": name("At which it ends."),
 }
-_PROCEDURE_BAR = record(
-    "A bar and its certificate.",
-    {
-        "id": name("Its id."),
-        "serial?": serial("Its serial number."),
-        "certificate?": record(
-            "",
-            {
-                "number": text("Its number."),
-                "laboratory?": text("Who issued it."),
-                "date?": text("When."),
-                "valid_until?": text("Until when it is valid."),
-            },
-        ),
-        "expansion_per_kelvin": number("Coefficient of linear expansion.", -1, 1),
-        "reference_temperature_c": number("The temperature that the lengths refer to.", -300, 1000),
-        "assumed?": unread("Which of these were assumed."),
-        "lengths": items(
-            "The certified lengths, as in session.json.",
-            record(
-                "",
-                {
-                    "from": name("The mark at which it begins."),
-                    "to": name("At which it ends."),
-                    "length_mm": number("The length.", 0, _MOST_MM),
-                    "expanded_uncertainty_mm?": number("Its expanded uncertainty.", 0, _MOST_MM),
-                    "coverage_factor?": number("The factor k.", 0, _MOST_MM),
-                    "nominal_mm?": unread("What it is called by."),
-                },
-            ),
-        ),
-    },
-)
-_VERDICTS = ("pass", "fail", "cannot tell")
-_ACCEPTANCE = record(
-    "The limit E = A + L/K and the decision.",
-    {
-        "rule": prose("The decision rule in words."),
-        "limit": record(
-            "The limit.",
-            {
-                "words": text("In words."),
-                "constant_mm": number("A.", 0, _MOST_MM),
-                "divisor?": number("K; absent: A alone.", 1e-9),
-            },
-        ),
-        "verdict?": choice("The decision; absent where nothing was measured.", _VERDICTS),
-        "doubts?": items("What keeps a pass from being one.", text("")),
-        "lengths": items(
-            "Each certified length.",
-            record(
-                "",
-                {
-                    **_ENDS,
-                    "worst_pose": name("The pose with the largest error."),
-                    "worst_error_mm": number("That error.", -_MOST_MM, _MOST_MM),
-                    "limit_mm": number("The limit of this length.", 0, _MOST_MM),
-                    "expanded_uncertainty_mm": number("Expanded uncertainty of an error.", 0, _MOST_MM),
-                    "verdict": choice("The decision.", _VERDICTS),
-                },
-            ),
-        ),
-    },
-)
-_PHRASE = record(
-    "The same for other languages; may be missing.",
-    {
-        "phrase": prose("The sentence's code."),
-        "values": {"description": "Its values by name.", "type": "object"},
-    },
-)
-_BUDGET = record(
-    "The uncertainty budget of a length's error.",
-    {
-        **_ENDS,
-        "combined_mm": number("Combined standard uncertainty.", 0, _MOST_MM),
-        "effective_degrees_of_freedom?": number("Absent: infinite.", 0),
-        "coverage_factor": number("The factor k.", 0, 100),
-        "expanded_uncertainty_mm": number("Expanded uncertainty.", 0, _MOST_MM),
-        "remedy?": prose("What would make it smaller; empty where nothing would."),
-        "remedy_phrase?": _PHRASE,
-        "contributions": items(
-            "The contributions.",
-            record(
-                "",
-                {
-                    "name": text("What it is."),
-                    "evaluation": choice("Type of evaluation (GUM).", ("A", "B")),
-                    "distribution": text("Its distribution."),
-                    "standard_uncertainty_mm": number("Standard uncertainty.", 0, _MOST_MM),
-                    "degrees_of_freedom?": number("Absent: infinite.", 0),
-                    "share": number("Share of the combined variance.", 0, 1.0001),
-                    "contained_in_repeatability_mm?": number("The part that the repeatability holds.", 0, _MOST_MM),
-                },
-            ),
-        ),
-    },
-)
-_PROCEDURE = record(
-    "The procedure, its limit and budgets.",
-    {
-        "title": text("Its title."),
-        "departures": items("Departures from the guideline.", prose("")),
-        "departure_phrases?": items("The departures for other languages, in their order.", _PHRASE),
-        "volume_mm?": record(
-            "The measuring volume.", {"sides": numbers("Its sides.", 3), "diagonal": number("", 0, _MOST_MM)}
-        ),
-        "bars": items("The bars.", _PROCEDURE_BAR),
-        "poses": items(
-            "The poses.",
-            record(
-                "",
-                {
-                    "id": name("Its id."),
-                    "bar": name("The bar."),
-                    "temperature_c?": number("The bar's temperature.", -300, 1000),
-                    "from?": unread("The mark at one end of the longest length."),
-                    "to?": unread("At the other."),
-                    "ends_mm?": unread("Where both are in the world."),
-                },
-            ),
-        ),
-        "acceptance?": _ACCEPTANCE,
-        "budgets": items("A budget for each length.", _BUDGET),
-        "cameras_moved?": items("Cameras that moved since the calibration.", name("")),
-    },
-)
-VERIFICATION = Format(
-    "verification",
-    "verification.json",
-    "What the check bars say about a rig; the single lengths are in bars.csv beside it.",
-    {
-        "lengths": items(
-            "Each certified length over its poses.",
-            record(
-                "",
-                {
-                    **_ENDS,
-                    "n": integer("How often it was measured.", 0),
-                    **_STATISTICS,
-                    "expanded_uncertainty_mm?": number("Expanded uncertainty of an error.", 0),
-                    "coverage_factor?": number("The factor k.", 0),
-                    "standard_uncertainties_mm?": record(
-                        "Standard uncertainties by source.", {f"{part}?": number("", 0) for part in BUDGET_PARTS}
-                    ),
-                },
-            ),
-        ),
-        "overall": record(
-            "All lengths together.",
-            {"n": integer("How many.", 0), **_STATISTICS, "rms_error_mm?": unread("Root mean square error.")},
-        ),
-        "decision": record(
-            "Whether the errors agree with their uncertainty.",
-            {
-                "rule": prose("The rule in words."),
-                "rule_phrase?": _PHRASE,
-                "verdict": prose("`consistent`, `inconsistent` ..."),
-                "coverage_factor?": number("The factor k.", 0),
-                "exceeding?": items(
-                    "Lengths that break the rule.",
-                    record("", {"pose": name("The pose."), "from": name("The mark."), "to": name("The mark.")}),
-                ),
-                "cameras?": items("Cameras that contradict the calibration.", name("")),
-            },
-        ),
-        "cameras?": items(
-            "The cameras.",
-            record(
-                "",
-                {
-                    "id": name("Its id."),
-                    "views": integer("Views of marks.", 0),
-                    "used": integer("Those used.", 0),
-                    "rms_px?": number("Root mean square of their residuals.", 0),
-                    "state": choice("Its state.", ("verified", "not seen", "rejected")),
-                },
-            ),
-        ),
-        "findings?": _FINDINGS,
-        "procedure?": _PROCEDURE,
-        "software?": SOFTWARE,
-    },
-    more="verification.md",
-)
-FINDINGS = Format(
-    "findings",
-    "findings.json",
-    "The values of the findings in the rig.json and verification.json beside it, for other languages; may be missing.",
-    {
-        "findings": items(
-            "A finding's words are made of its code, kind and values.",
-            record(
-                "",
-                {
-                    "code": prose("As in rig.json."),
-                    "kind": prose("Which of the code's sentences."),
-                    "values": {"description": "Values by name.", "type": "object"},
-                    "where": items("As in rig.json.", prose("")),
-                    "repairs": items(
-                        "Repairs that may help.",
-                        record(
-                            "",
-                            {
-                                "kind": choice("The repair.", ("leave-out", "split", "swap")),
-                                "target": prose("Of what."),
-                            },
-                        ),
-                    ),
-                },
-            ),
-        ),
-    },
-)
-CHECK = Format(
+CHECK = written(
     "check",
     "check.json",
     "The quick check of a rig, as `spherecal check --json` prints it.",
@@ -450,69 +95,6 @@ CHECK = Format(
     },
     is_read=False,
 )
-BALL = Format(
-    "ball",
-    "ball.json",
-    "The shape of one ball as a calibration found it, for later ones.",
-    {
-        "name?": text("What the ball is called."),
-        "calibrated?": date("When."),
-        "targets?": record(
-            "Its targets.", {"family": name("Their family."), "size_mm": positive("Side of a sticker.")}
-        ),
-        "scale": record(
-            "Where its scale comes from.",
-            {
-                "source": choice("The source.", ("target_spacing", "bar", "board", "ball")),
-                "relative_uncertainty": number("Relative standard uncertainty.", 0, 1),
-            },
-        ),
-        "input_sha256?": text("`input_sha256` of the calibration."),
-        "software?": SOFTWARE,
-        "dots": items(
-            "The dots in the ball's own frame.",
-            record(
-                "",
-                {
-                    "target": integer("The target."),
-                    "point": name("The dot."),
-                    "xyz_mm": numbers("Its place.", 3),
-                    "covariance_mm2": numbers("xx, xy, xz, yy, yz, zz.", 6),
-                },
-            ),
-            least=12,
-        ),
-    },
-    ("No dot is there twice.", "The dots do not lie on one line.", "A covariance is positive definite."),
-)
-_FRAME_FIELDS: dict[str, Schema] = {
-    "rotation": matrix("x_user = R x_world + t.", 3, 3),
-    "translation_mm": numbers("The same.", 3),
-    "definition": record(
-        "How it was defined; `origin`, `x` and `xy` all or none.",
-        {
-            "origin?": text("The place of the origin."),
-            "x?": text("A place on the x axis."),
-            "xy?": text("A place in the xy plane."),
-            "offset_mm?": numbers("Shift of the origin.", 3),
-            "turns?": items("Turns by 90 degrees.", choice("", TURNS)),
-        },
-    ),
-    "reference_camera?": name("That of the calibration."),
-    "input_sha256?": text("That of the calibration."),
-    "distance_mm?": number("From the origin to the place on the x axis.", 0),
-    "angle_deg?": number("Between the two places, seen from the origin.", 0, 180),
-    "origin_sigma_mm?": items("Standard uncertainties of the origin.", number("", 0), length=3),
-    "axes_sigma_deg?": items("Standard uncertainties of the axes.", number("", 0), length=3),
-}
-FRAME = Format(
-    "frame",
-    "frame.json",
-    "The user's frame.",
-    {**_FRAME_FIELDS, "software?": SOFTWARE},
-    ("The rotation is orthogonal within 1e-5.",),
-    more="exports.md#the-users-frame",
-)
 _TABLE = record(
     "",
     {
@@ -521,7 +103,7 @@ _TABLE = record(
         "rows": items("Cells as printed.", items("", prose(""))),
     },
 )
-REPORT = Format(
+REPORT = written(
     "report",
     "report.json",
     "What the report says, as data.",
@@ -555,7 +137,7 @@ REPORT = Format(
     },
     is_read=False,
 )
-EXPORT = Format(
+EXPORT = written(
     "export",
     "export.json",
     "What an exported folder holds; by it the folder is known as one that may be replaced.",
@@ -581,7 +163,9 @@ EXPORT = Format(
                 },
             ),
         ),
-        "frame?": record("The user's frame in which poses are given, as in frame.json.", _FRAME_FIELDS),
+        "frame?": frame_record(
+            "The user's frame in which poses are given, as in frame.json.", dict, *FRAME_FIELDS
+        ).schema,
         "software": SOFTWARE,
     },
     is_read=False,

@@ -2,12 +2,10 @@
 
 from file_formats.vocabulary import (
     SOFTWARE,
-    Format,
     Schema,
     boolean,
     celsius,
     choice,
-    date,
     digest,
     distortion,
     entries,
@@ -27,54 +25,14 @@ from file_formats.vocabulary import (
     text,
     time,
     unread,
+    written,
 )
+from spherecal.files.bar_registry import FIGURES, SERIAL
+from spherecal.files.target_set_file import TARGETS, given
 from spherecal.geometry.camera import LENS_MODELS
 from spherecal.targets.board_pattern import BOARD_KINDS
 
-MARKS = entries(
-    "The bar's marks by name.",
-    record("A mark.", {"target": integer("Its target."), "point": name("The point of the target, mostly `centre`.")}),
-)
-LENGTHS = items(
-    "The certified lengths.",
-    record(
-        "A certified length.",
-        {
-            "from": name("The mark at which it begins."),
-            "to": name("The mark at which it ends."),
-            "length_mm": positive("The length at the reference temperature."),
-            "expanded_uncertainty_mm?": number("Its expanded uncertainty, at most 5 % of the length.", 0),
-            "coverage_factor?": number("The factor k of that uncertainty; 2 where absent.", 1, 14),
-            "nominal_mm?": positive("What the length is called by, within 1 % of it."),
-        },
-    ),
-    least=1,
-)
-CERTIFICATE = one_of(
-    "The calibration certificate; a text alone is its number.",
-    text(""),
-    record(
-        "",
-        {
-            "number": text("Its number."),
-            "laboratory?": text("Who issued it."),
-            "date?": date("When."),
-            "valid_until?": date("Until when it is valid."),
-        },
-    ),
-)
-EXPANSION = number("Coefficient of linear expansion per kelvin; 1.15e-5 (steel) where absent.", -1e-4, 1e-3)
-REFERENCE_C = number("The temperature that the lengths refer to, in degrees Celsius; 20 where absent.", -50, 100)
-
-BAR_SERIAL = one_of("Its serial number.", name(""), integer("", 0))
-
 _IMAGES = entries("Image files by camera id, below the session's folder.", path("An image."), identifier(""))
-
-
-def _given(*fields: str, **others: Schema) -> Schema:
-    """That these fields are there and not null, and what others must be."""
-    given: Schema = {field: {"not": {"type": "null"}} for field in fields}
-    return {"required": list(fields), "properties": given | others}
 
 
 _CAMERA = record(
@@ -108,20 +66,19 @@ _CAMERA = record(
             },
         ),
     },
-) | {"anyOf": [_given("prior"), _given("pixel_pitch_um", "focal_length_mm")]}
-_BAR_OWN = {"marks": MARKS, "lengths": LENGTHS}
-_BAR = record(
+) | {"anyOf": [given("prior"), given("pixel_pitch_um", "focal_length_mm")]}
+_FIGURES: dict[str, Schema] = {one.key: one.kind.schema for one in FIGURES}
+_BAR: Schema = record(
     "A reference bar: with `marks` and `lengths`, or with the `serial` of a bar of bars.json.",
     {
         "id": identifier("Its id."),
         "role": choice("Whether it gives the scale or checks it.", ("scale", "check")),
-        "serial?": BAR_SERIAL,
-        **{f"{key}?": value for key, value in _BAR_OWN.items()},
-        "certificate?": CERTIFICATE,
-        "expansion_per_kelvin?": EXPANSION,
-        "reference_temperature_c?": REFERENCE_C,
+        "serial?": SERIAL.schema,
+        "marks?": _FIGURES["marks"],
+        "lengths?": _FIGURES["lengths"],
     },
-) | {"anyOf": [_given("marks", "lengths"), _given("serial")]}
+) | {"anyOf": [given("marks", "lengths"), given("serial")]}
+_BAR["properties"] |= {key: _FIGURES[key] for key in _FIGURES if key not in _BAR["properties"]}
 _SCALE = one_of(
     "Where the scale comes from.",
     record("", {"kind": choice("A bar with role `scale`.", ("bar",)), "bar": name("The bar's id.")}),
@@ -161,12 +118,12 @@ _BOARD = record(
     },
 ) | {
     "anyOf": [
-        _given("points"),
-        _given(
+        given("points"),
+        given(
             "rows", "columns", "pitch_mm", kind={"enum": [*sorted(set(BOARD_KINDS) - {"charuco", "aprilgrid"}), None]}
         ),
-        _given("rows", "columns", "pitch_mm", "marker_mm", kind={"enum": ["aprilgrid"]}),
-        _given("rows", "columns", "pitch_mm", "marker_mm", "dictionary"),
+        given("rows", "columns", "pitch_mm", "marker_mm", kind={"enum": ["aprilgrid"]}),
+        given("rows", "columns", "pitch_mm", "marker_mm", "dictionary"),
     ]
 }
 _PLACEMENT: dict[str, Schema] = {"id": identifier("Its id.")}
@@ -176,7 +133,7 @@ def _sets(about: str, fields: dict[str, Schema]) -> Schema:
     return items(about, record("", {**_PLACEMENT, **fields, "images?": _IMAGES}))
 
 
-SESSION = Format(
+SESSION = written(
     "session",
     "session.json",
     "What was recorded: cameras, placements of the ball, bars, and the files that hold the images.",
@@ -201,43 +158,7 @@ SESSION = Format(
     ),
     more="#sessionjson",
 )
-TARGETS = Format(
-    "targets",
-    "targets.json",
-    "The stickers: the places of the dots of every target.",
-    {
-        "family": name("`dots8`: the eight-dot targets of this program; `aruco`: ArUco or AprilTag markers."),
-        "dictionary?": text("OpenCV's name of the markers' dictionary, such as `DICT_4X4_250`; needed for `aruco`."),
-        "polarity?": choice(
-            "The dots or markers and what they are printed on; only of `aruco` may it be absent: `dark-on-light`.",
-            ("light-on-dark", "dark-on-light"),
-        ),
-        "size_mm": positive("Side of a sticker, or of a marker's black square."),
-        "dot_diameter_mm?": number("Diameter of a dot, smaller than `size_mm`; of `aruco` 0 or absent.", 0),
-        "targets?": items(
-            "The targets; only of `aruco` may they be absent: all markers of the dictionary.",
-            record(
-                "",
-                {
-                    "id": integer("The number that the target carries."),
-                    "dots": entries(
-                        "Places of the dots by name: mm from the sticker's centre, x right, y down as printed.",
-                        numbers("", 2),
-                    )
-                    | {"minProperties": 1},
-                },
-            ),
-            least=1,
-        ),
-    },
-    ("Ids differ.", "No dot lies off the sticker.", "Dots of a marker are its corners 0 to 3."),
-    more="#markers",
-    forms=(
-        _given("polarity", "targets", "dot_diameter_mm", dot_diameter_mm=positive("")),
-        _given("dictionary", family={"const": "aruco"}, dot_diameter_mm={"enum": [0, None]}),
-    ),
-)
-CAPTURE = Format(
+CAPTURE = written(
     "capture",
     "capture.json",
     "When and how a session was captured, beside its session.json.",
@@ -284,7 +205,7 @@ CAPTURE = Format(
         ),
     },
 )
-BUNDLE = Format(
+BUNDLE = written(
     "bundle",
     "bundle.json",
     "Beside a session whose images were left out for a support bundle: what the original was.",
@@ -299,7 +220,7 @@ BUNDLE = Format(
         "software?": SOFTWARE,
     },
 )
-TRUTH = Format(
+TRUTH = written(
     "truth",
     "truth.json",
     "The exact values behind a simulated session, in the frame of the simulated rig.",
@@ -356,7 +277,7 @@ TRUTH = Format(
     },
     is_read=False,
 )
-WRITTEN = Format(
+WRITTEN = written(
     "written",
     "written.json",
     "Files of a folder that this program wrote beside those of its kind; such a folder may be replaced as a whole.",

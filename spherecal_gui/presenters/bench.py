@@ -23,7 +23,7 @@ from spherecal.files.ball_registry import (
     longest_spacing,
     print_error,
 )
-from spherecal.files.bar_registry import RegisteredBar, read_lengths, read_marks, read_registered_bar
+from spherecal.files.bar_registry import MARKS, RegisteredBar, read_lengths, read_registered_bar
 from spherecal.files.bench_file import Bench, BenchBar
 from spherecal.files.json_file import JsonValue, printable
 from spherecal.targets.family import FAMILY, make_target_set
@@ -267,7 +267,7 @@ def _length_entry(draft: LengthDraft, number: int, marks: dict[str, Any], proble
     if not any(key.startswith(place) for key in problems):
         try:
             own = {name: marks[name] for name in (entry["from"], entry["to"])}
-            read_lengths(JsonValue([entry], Path()), read_marks(JsonValue(own, Path())))
+            read_lengths(JsonValue([entry], Path()), MARKS.read(JsonValue(own, Path())))
         except InputError as error:
             problems.update(_by_field(error, _LENGTH_FIELDS, f"{place}."))
     return entry

@@ -1,21 +1,29 @@
 """The camera profile `cameras.json`: what the user says about cameras and drivers, kept by serial number."""
 
 import json
-from dataclasses import dataclass, field, replace
+from collections.abc import Sequence
+from dataclasses import astuple, dataclass, replace
+from dataclasses import field as default
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
-from spherecal.cameras.protocol import CameraSettings, Region
+from spherecal.cameras.protocol import CameraSettings, Region, TriggerMode
 from spherecal.files.atomic import write_file_whole
-from spherecal.files.json_file import JsonValue, read_json, unique
-
-FORMAT = "spherecal/cameras"
-VERSION = 1
-_TRIGGERS = ("software", "hardware", "free", "scheduled")
-_OPTIONAL = (
-    "exposure_us", "gain_db", "pixel_format", "region", "trigger", "trigger_source", "frame_rate_hz", "packet_size",
-    "packet_delay", "frame_delay",
-)  # fmt: skip
+from spherecal.files.codec import (
+    Format,
+    choice,
+    field,
+    integer,
+    items,
+    name,
+    number,
+    optional,
+    positive,
+    record,
+    serial,
+    text,
+)
+from spherecal.files.json_file import JsonValue, unique
 
 
 @dataclass(frozen=True)
@@ -24,7 +32,7 @@ class CameraDescription:
 
     serial: str
     name: str | None = None
-    settings: CameraSettings = field(default_factory=CameraSettings)
+    settings: CameraSettings = default(default_factory=CameraSettings)
     focal_length_mm: float | None = None
     pixel_pitch_um: float | None = None
 
@@ -33,7 +41,7 @@ class CameraDescription:
 class CameraProfile:
     """All that is kept: cameras by serial, and the user's own driver files or folders."""
 
-    cameras: dict[str, CameraDescription] = field(default_factory=dict)
+    cameras: dict[str, CameraDescription] = default(default_factory=dict)
     producers: tuple[str, ...] = ()
 
     def entry(self, serial: str) -> CameraDescription:
@@ -64,75 +72,75 @@ def read_profile(path: Path) -> CameraProfile:
     """The profile in a file, an empty one where there is no such file; InputError where it cannot be read."""
     if not path.exists():
         return CameraProfile()
-    f = read_json(path, FORMAT, VERSION).fields((), ("cameras", "producers"))
-    values = f["cameras"].items() if "cameras" in f else []
-    entries = [_read_entry(value) for value in values]
-    unique(values, [entry.serial for entry in entries], "serial")
-    named = [(value, entry.name) for value, entry in zip(values, entries, strict=True) if entry.name]
-    unique([value for value, _ in named], [name for _, name in named], "name")
-    producers = tuple(value.text() for value in f["producers"].items()) if "producers" in f else ()
-    return CameraProfile({entry.serial: entry for entry in entries}, producers)
+    return CAMERAS.read(path)
 
 
-def _read_entry(value: JsonValue) -> CameraDescription:
-    f = value.fields(("serial",), ("name", "settings", "focal_length_mm", "pixel_pitch_um"))
-    return CameraDescription(
-        serial=f["serial"].serial(),
-        name=f["name"].name() if "name" in f else None,
-        settings=read_settings(f["settings"]) if "settings" in f else CameraSettings(),
-        focal_length_mm=f["focal_length_mm"].positive("mm") if "focal_length_mm" in f else None,
-        pixel_pitch_um=f["pixel_pitch_um"].positive("um") if "pixel_pitch_um" in f else None,
-    )
+def _region(sides: Sequence[int]) -> Region:
+    return Region(*sides)
 
 
-def read_settings(value: JsonValue) -> CameraSettings:
-    """A camera's settings; what is absent has its default."""
-    f = value.fields((), _OPTIONAL)
-    given: dict[str, Any] = {}
-    for key in ("exposure_us", "frame_rate_hz"):
-        if key in f:
-            given[key] = f[key].positive()
-    if "gain_db" in f:
-        given["gain_db"] = f["gain_db"].number(-20, 60, "dB")
-    for key in ("pixel_format", "trigger_source"):
-        if key in f:
-            given[key] = f[key].text()
-    for key in ("packet_size", "packet_delay", "frame_delay"):
-        if key in f:
-            given[key] = f[key].integer(0, 10**9)
-    if "trigger" in f:
-        given["trigger"] = f["trigger"].choice(*_TRIGGERS)
-    if "region" in f:
-        x, y, width, height = (int(side.integer(0, 65536)) for side in f["region"].items(4))
-        given["region"] = Region(x, y, width, height)
-    return CameraSettings(**given)
+_SETTINGS = record(
+    "What is set when it is opened.",
+    CameraSettings,
+    optional("exposure_us", positive("Exposure time."), omit=None),
+    optional("gain_db", number("Gain.", -20, 60, "dB"), omit=None),
+    optional("pixel_format", text("GenICam's name of the pixel format."), omit=None),
+    optional(
+        "region",
+        items("`[x, y, width, height]` in px.", integer("", 0, 65536), length=4).mapped(_region, astuple),
+        omit=None,
+    ),
+    optional("trigger", choice("Trigger.", get_args(TriggerMode)), omit=None),
+    optional("trigger_source", text("GenICam's name of the line."), omit=None),
+    optional("frame_rate_hz", positive("Frame rate."), omit=None),
+    optional("packet_size", integer("Bytes of a packet.", 0, 10**9), omit=None),
+    optional("packet_delay", integer("Between packets, in the camera's ticks.", 0, 10**9), omit=None),
+    optional("frame_delay", integer("Before a frame is sent, in the camera's ticks.", 0, 10**9), omit=None),
+)
+_CAMERA = record(
+    "",
+    CameraDescription,
+    field("serial", serial("Its serial number.")),
+    optional("name", name("The name that people know it by."), omit=None),
+    optional("focal_length_mm", positive("Focal length of its lens.", "mm"), omit=None),
+    optional("pixel_pitch_um", positive("Pixel pitch of its sensor.", "um"), omit=None),
+    optional("settings", _SETTINGS),
+)
+
+
+def _check_names(cameras: Sequence[CameraDescription], value: JsonValue) -> None:
+    named = [(one, camera.name) for one, camera in zip(value.items(), cameras, strict=True) if camera.name]
+    unique([one for one, _ in named], [called for _, called in named], "name")
+
+
+_CAMERAS = items("The cameras.", _CAMERA, differ="serial").checked(_check_names)
+CAMERAS = Format(
+    "spherecal/cameras",
+    "cameras.json",
+    "Settings of cameras by serial number, in the user's settings.",
+    record(
+        "",
+        CameraProfile,
+        optional("producers", items("Driver files (.cti) and folders of the user's own.", text("")), omit=()),
+        optional(
+            "cameras",
+            _CAMERAS.mapped(
+                lambda cameras: {one.serial: one for one in cameras},
+                lambda by_serial: [camera for _, camera in sorted(by_serial.items())],
+            ),
+        ),
+    ),
+    ("Serial numbers and names differ.",),
+    more="cameras.md",
+)
 
 
 def write_profile(path: Path, profile: CameraProfile) -> None:
     """Write the profile whole; OutputError if that fails."""
-    document: dict[str, Any] = {"format": FORMAT, "version": VERSION}
-    if profile.producers:
-        document["producers"] = list(profile.producers)
-    document["cameras"] = [_entry_json(entry) for _, entry in sorted(profile.cameras.items())]
     path.parent.mkdir(parents=True, exist_ok=True)
-    write_file_whole(path, (json.dumps(document, indent=1) + "\n").encode())
-
-
-def _entry_json(entry: CameraDescription) -> dict[str, Any]:
-    known = {
-        "serial": entry.serial,
-        "name": entry.name,
-        "focal_length_mm": entry.focal_length_mm,
-        "pixel_pitch_um": entry.pixel_pitch_um,
-        "settings": settings_json(entry.settings),
-    }
-    return {key: value for key, value in known.items() if value is not None}
+    write_file_whole(path, (json.dumps(CAMERAS.document(profile), indent=1) + "\n").encode())
 
 
 def settings_json(settings: CameraSettings) -> dict[str, Any]:
     """All settings, as they stand in the profile; what is None is left out."""
-    values = {key: getattr(settings, key) for key in _OPTIONAL}
-    if settings.region is not None:
-        r = settings.region
-        values["region"] = [r.x, r.y, r.width, r.height]
-    return {key: value for key, value in values.items() if value is not None}
+    return _SETTINGS.entry(settings)

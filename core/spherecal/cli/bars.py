@@ -208,7 +208,7 @@ def _entry(options: argparse.Namespace) -> dict[str, Any]:
 
 def _of_session(folder: Path, wanted: str | None) -> dict[str, Any]:
     from spherecal.base.errors import InputError
-    from spherecal.files.bar_registry import certificate_entry, length_entry
+    from spherecal.files.bar_registry import CERTIFICATE, LENGTHS
     from spherecal.files.read_session import read_session
 
     found = read_session(folder).bars
@@ -218,11 +218,11 @@ def _of_session(folder: Path, wanted: str | None) -> dict[str, Any]:
         raise InputError(Phrase("error-session-no-bar" if wanted else "error-session-bars", values))
     entry: dict[str, Any] = {
         "marks": {name: {"target": mark.target, "point": mark.point} for name, mark in bar.marks.items()},
-        "lengths": [length_entry(length) for length in bar.lengths],
+        "lengths": LENGTHS.entry(bar.lengths),
         "expansion_per_kelvin": bar.expansion_per_kelvin,
         "reference_temperature_c": bar.reference_temperature_c,
     }
-    return entry if bar.certificate is None else {**entry, "certificate": certificate_entry(bar.certificate)}
+    return entry if bar.certificate is None else {**entry, "certificate": CERTIFICATE.entry(bar.certificate)}
 
 
 def _mark(text: str) -> tuple[str, dict[str, Any]]:

@@ -40,8 +40,9 @@ from spherecal.data.findings import Finding, counted
 from spherecal.data.rig import Calibration
 from spherecal.data.verdict import WORDS, named
 from spherecal.files.atomic import RESULT, SESSION
+from spherecal.files.findings_file import FINDING
 from spherecal.files.read_session import read_session
-from spherecal.files.rig_file import affected_entries, finding_entry, read_rig
+from spherecal.files.rig_file import affected_entries, read_rig
 from spherecal.targets.target_set import TargetSet
 from spherecal.verify.verification import Verification
 
@@ -423,7 +424,7 @@ def calibration_summary(calibration: Calibration) -> dict[str, object]:
         },
         "scale": {"source": rig.scale.source, "relative_uncertainty": rig.scale.relative_uncertainty},
         "seconds": {stage: round(seconds, 4) for stage, seconds in calibration.seconds.items()},
-        "findings": [finding_entry(finding) for finding in rig.quality.findings],
+        "findings": [FINDING.entry(finding) for finding in rig.quality.findings],
     }
 
 
@@ -436,7 +437,7 @@ def _verification_summary(verification: Verification) -> dict[str, object]:
         "max_abs_error_mm": verification.overall.max_abs_error_mm,
         "acceptance": _accepted(verification),
         "cameras": {c.id: c.state for c in verification.cameras},
-        "findings": [finding_entry(finding) for finding in verification.findings],
+        "findings": [FINDING.entry(finding) for finding in verification.findings],
     }
 
 

@@ -300,7 +300,7 @@ def _mm(value: float | None, digits: int = 3, sign: str = "") -> str:
 
 
 def _compared(c: "Comparison") -> dict[str, Any]:
-    from spherecal.files.rig_file import finite
+    from spherecal.files.json_file import finite
 
     return {
         "scale_ppm": finite(c.scale_ppm),

@@ -19,7 +19,7 @@ from spherecal.geometry.transform import fit_similarity
 from spherecal.geometry.user_frame import FrameDefinition, UserFrame, user_frame
 from spherecal.predict.volume_map import LengthMap
 from spherecal.report.csv_table import CsvTable, read_csv
-from spherecal.verify.write_verification import FORMAT, VERSION
+from spherecal.verify.verification_file import VERIFICATION
 
 _AXES = ("x_mm", "y_mm", "z_mm")
 _MOST_NAMED = 12
@@ -110,7 +110,7 @@ def _marks(path: Path) -> dict[str, Place]:
     """The ends of the longest length of every bar pose that was verified; none where nothing was."""
     if not path.is_file():
         return {}
-    f = read_json(path, FORMAT, VERSION).fields((), ("procedure",))
+    f = read_json(path, VERIFICATION.name, VERIFICATION.version).fields((), ("procedure",))
     poses = f["procedure"].fields((), ("poses",)).get("poses") if "procedure" in f else None
     found = {}
     for pose in poses.items() if poses is not None else ():

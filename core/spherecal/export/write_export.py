@@ -37,8 +37,7 @@ from spherecal.export.scene import SCENES, SceneFormat
 from spherecal.export.scene import largest_difference_px as scene_difference_px
 from spherecal.files.atomic import Marker, write_file_whole, write_folder_whole
 from spherecal.files.frame_file import frame_entry
-from spherecal.files.json_file import json_bytes
-from spherecal.files.rig_file import software_entry
+from spherecal.files.json_file import json_bytes, software_entry
 from spherecal.geometry.camera import is_fisheye, project, undistort
 from spherecal.geometry.user_frame import UserFrame
 

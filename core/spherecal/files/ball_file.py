@@ -1,9 +1,9 @@
 """ball.json, a ball profile: the shape of one ball as a calibration found it, to be used in later ones."""
 
 import datetime
-import json
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -11,11 +11,25 @@ from spherecal.base.arrays import ByValue, FloatArray
 from spherecal.base.errors import InputError
 from spherecal.base.messages.values import Phrase
 from spherecal.data.rig import BallShape, RigScale
-from spherecal.files.json_file import JsonValue, read_json, unique
-from spherecal.files.rig_file import software_entry
+from spherecal.files.codec import (
+    Format,
+    choice,
+    date,
+    field,
+    group,
+    integer,
+    items,
+    name,
+    number,
+    numbers,
+    optional,
+    positive,
+    record,
+    software,
+    text,
+)
+from spherecal.files.json_file import JsonValue, unique
 
-FORMAT = "spherecal/ball"
-VERSION = 1
 BALL_FILE = "ball.json"
 # A shape of fewer dots cannot be laid over a placement's (rigid.LEAST_SHARED).
 LEAST_DOTS = 12
@@ -35,77 +49,105 @@ class BallProfile(ByValue):
     input_sha256: str = ""
 
 
+@dataclass(frozen=True)
+class _Dot:
+    """A dot of the ball with its place and covariance."""
+
+    target: int
+    point: str
+    xyz_mm: FloatArray
+    covariance_mm2: FloatArray
+
+
+def _symmetric(upper: tuple[float, ...]) -> FloatArray:
+    found = np.zeros((3, 3))
+    found[np.triu_indices(3)] = upper
+    return found + np.triu(found, 1).T
+
+
+def _check_covariance(found: FloatArray, value: JsonValue) -> None:
+    with np.errstate(over="ignore", invalid="ignore"):
+        least = float(np.linalg.eigvalsh(found)[0]) if np.isfinite(found).all() else -1.0
+    if not least >= _LEAST_SD_MM**2:
+        raise value.error(Phrase("problem-dot-covariance", {"least": _LEAST_SD_MM}))
+
+
+def _check_dots(dots: tuple[_Dot, ...], value: JsonValue) -> None:
+    targets = [one.fields(["target"])["target"] for one in value.items()]
+    unique(targets, [f"target {dot.target} point {dot.point}" for dot in dots], "dot")
+    places = np.array([dot.xyz_mm for dot in dots])
+    if np.linalg.matrix_rank(places - places.mean(axis=0), tol=1e-3) < 2:
+        raise value.error(Phrase("problem-no-ball"))
+
+
+def _dots(shape: BallShape) -> list[_Dot]:
+    columns = (shape.target, shape.point, shape.places_mm, shape.covariance_mm2)
+    return [_Dot(*row) for row in zip(*columns, strict=True)]
+
+
+def _profile(shape: tuple[_Dot, ...], scale: RigScale, **about: Any) -> BallProfile:
+    places, covariance = (np.array([getattr(dot, key) for dot in shape]) for key in ("xyz_mm", "covariance_mm2"))
+    target = np.array([dot.target for dot in shape], dtype=np.int64)
+    return BallProfile(BallShape(target, tuple(dot.point for dot in shape), places, covariance, scale), **about)
+
+
+_DOT = record(
+    "",
+    _Dot,
+    field("target", integer("The target.")),
+    field("point", name("The dot.")),
+    field("xyz_mm", numbers("Its place.", 3).mapped(np.array)),
+    field(
+        "covariance_mm2",
+        numbers("xx, xy, xz, yy, yz, zz.", 6)
+        .mapped(_symmetric, lambda found: found[np.triu_indices(3)])
+        .checked(_check_covariance),
+    ),
+)
+_DOTS = items("The dots in the ball's own frame.", _DOT, least=LEAST_DOTS).checked(_check_dots)
+BALL = Format(
+    "spherecal/ball",
+    BALL_FILE,
+    "The shape of one ball as a calibration found it, for later ones.",
+    record(
+        "",
+        _profile,
+        optional("name", text("What the ball is called.")),
+        optional("calibrated", date("When.")),
+        group(
+            "targets",
+            "Its targets.",
+            field("family", name("Their family.")),
+            field("size_mm", positive("Side of a sticker.", "mm"), "target_size_mm"),
+            is_needed=False,
+        ),
+        field(
+            "scale",
+            record(
+                "Where its scale comes from.",
+                RigScale,
+                field("source", choice("The source.", ("target_spacing", "bar", "board", "ball"))),
+                field("relative_uncertainty", number("Relative standard uncertainty.", 0, 1)),
+            ),
+            "shape.scale",
+        ),
+        optional("input_sha256", text("`input_sha256` of the calibration.")),
+        software(),
+        field("dots", replace(_DOTS, entry=lambda shape: [_DOT.entry(dot) for dot in _dots(shape)]), "shape"),
+    ),
+    ("No dot is there twice.", "The dots do not lie on one line.", "A covariance is positive definite."),
+    lines="dots",
+)
+
+
 def ball_bytes(profile: BallProfile) -> bytes:
     """The contents of ball.json, one dot a line; the same profile gives the same bytes and is read back unchanged."""
-    shape = profile.shape
-    head = {
-        "format": FORMAT,
-        "version": VERSION,
-        "name": profile.name,
-        "calibrated": None if profile.calibrated is None else profile.calibrated.isoformat(),
-        "targets": None if profile.family is None else {"family": profile.family, "size_mm": profile.target_size_mm},
-        "scale": {"source": shape.scale.source, "relative_uncertainty": shape.scale.relative_uncertainty},
-        "input_sha256": profile.input_sha256,
-        "software": software_entry(None),
-    }
-    upper = np.triu_indices(3)
-    lines = [
-        json.dumps({"target": int(t), "point": name, "xyz_mm": xyz.tolist(), "covariance_mm2": c[upper].tolist()})
-        for t, name, xyz, c in zip(shape.target, shape.point, shape.places_mm, shape.covariance_mm2, strict=True)
-    ]
-    text = json.dumps(head, indent=1, ensure_ascii=False)[:-2]
-    return (text + ',\n "dots": [\n  ' + ",\n  ".join(lines) + "\n ]\n}\n").encode()
+    return BALL.bytes(profile)
 
 
 def read_ball(path: Path) -> BallProfile:
     """The profile in a file (or in a result folder); InputError where it is not one."""
-    if path.is_dir():
-        path = path / BALL_FILE
-    f = read_json(path, FORMAT, VERSION).fields(
-        ("scale", "dots"), ("name", "calibrated", "targets", "input_sha256", "software")
-    )
-    scale = f["scale"].fields(("source", "relative_uncertainty"))
-    source = scale["source"].choice("target_spacing", "bar", "board", "ball")
-    relative = scale["relative_uncertainty"].number(0, 1)
-    dots = [dot.fields(("target", "point", "xyz_mm", "covariance_mm2")) for dot in f["dots"].items(least=LEAST_DOTS)]
-    target = [dot["target"].integer() for dot in dots]
-    point = tuple(dot["point"].name() for dot in dots)
-    names = [f"target {t} point {name}" for t, name in zip(target, point, strict=True)]
-    unique([dot["target"] for dot in dots], names, "dot")
-    places = np.array([dot["xyz_mm"].numbers(3) for dot in dots])
-    covariance = np.array([_covariance(dot["covariance_mm2"]) for dot in dots])
-    if np.linalg.matrix_rank(places - places.mean(axis=0), tol=1e-3) < 2:
-        raise f["dots"].error(Phrase("problem-no-ball"))
-    family, size = None, None
-    if "targets" in f:
-        of = f["targets"].fields(("family", "size_mm"))
-        family, size = of["family"].name(), of["size_mm"].positive("mm")
-    return BallProfile(
-        BallShape(np.array(target, dtype=np.int64), point, places, covariance, RigScale(source, relative)),
-        f["name"].text() if "name" in f else "",
-        _date(f["calibrated"]) if "calibrated" in f else None,
-        family,
-        size,
-        f["input_sha256"].text() if "input_sha256" in f else "",
-    )
-
-
-def _covariance(value: JsonValue) -> FloatArray:
-    matrix = np.zeros((3, 3))
-    matrix[np.triu_indices(3)] = value.numbers(6)
-    matrix = matrix + np.triu(matrix, 1).T
-    with np.errstate(over="ignore", invalid="ignore"):
-        least = float(np.linalg.eigvalsh(matrix)[0]) if np.isfinite(matrix).all() else -1.0
-    if not least >= _LEAST_SD_MM**2:
-        raise value.error(Phrase("problem-dot-covariance", {"least": _LEAST_SD_MM}))
-    return matrix
-
-
-def _date(value: JsonValue) -> datetime.date:
-    try:
-        return datetime.date.fromisoformat(value.text())
-    except ValueError:
-        raise value.error(Phrase("problem-date")) from None
+    return BALL.read(path / BALL_FILE if path.is_dir() else path)
 
 
 def check_targets(profile: BallProfile, family: str | None, size_mm: float | None, where: Path) -> None:

@@ -1,25 +1,21 @@
 """The owner's balls by name: size, targets, how large these were printed; one JSON file per user, beside the bars."""
 
-import json
 import os
 from collections.abc import Mapping
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from spherecal.base.arrays import ByValue
 from spherecal.base.messages.values import Phrase
 from spherecal.files.atomic import make_parent, write_file_whole
-from spherecal.files.json_file import JsonValue, json_bytes, read_json, unique
+from spherecal.files.codec import Format, field, items, name, only, optional, positive, record
 from spherecal.files.lock import locked
-from spherecal.files.target_set_file import target_set_bytes, target_set_of
+from spherecal.files.target_set_file import TARGETS
 from spherecal.targets.target_set import TargetSet
 
-FORMAT = "spherecal/balls"
-VERSION = 1
 # Printers err by 0.5 % at most (finding target-distance); a caliper on two dots of 3 mm reads to 0.1 mm of 28 mm.
 USUAL_PRINT = 0.005
 # More is another size of sticker, another pair of dots, or inches; sheets are refused from there as well.
@@ -69,6 +65,31 @@ def print_error(target_set: TargetSet, spacing: PrintedSpacing) -> float | None:
     return None
 
 
+_SPACING = record(
+    "What was measured on a printed sticker.",
+    PrintedSpacing,
+    field("from", name("A dot."), "from_point"),
+    field("to", name("Another dot."), "to_point"),
+    field("distance_mm", positive("Their distance on the print.", "mm")),
+)
+_BALL = record(
+    "",
+    RegisteredBall,
+    field("name", name("The name that its owner knows it by.")),
+    field("nominal_diameter_mm", positive("Its diameter, about.", "mm")),
+    field("targets", TARGETS.kind.described("Its targets, as in targets.json."), "target_set"),
+    optional("spacing", _SPACING, omit=None),
+)
+BALLS = Format(
+    "spherecal/balls",
+    "balls.json",
+    "The owner's balls, in the user's settings; `SPHERECAL_BALLS` names another file.",
+    only("balls", items("The balls.", _BALL, differ="name")),
+    ("Names and ids differ.", *TARGETS.rules),
+    more="guide/bench.md",
+)
+
+
 def balls_path() -> Path:
     """The file: `SPHERECAL_BALLS`, else balls.json in the user's settings."""
     from platformdirs import user_config_path
@@ -82,23 +103,7 @@ def read_balls(path: Path | None = None) -> dict[str, RegisteredBall]:
     path = path or balls_path()
     if not path.exists():
         return {}
-    values = read_json(path, FORMAT, VERSION).fields(("balls",))["balls"].items()
-    balls = [_read_ball(value) for value in values]
-    unique(values, [ball.name for ball in balls], "name")
-    return {ball.name: ball for ball in balls}
-
-
-def _read_ball(value: JsonValue) -> RegisteredBall:
-    f = value.fields(("name", "nominal_diameter_mm", "targets"), ("spacing",))
-    spacing = f["spacing"].fields(("from", "to", "distance_mm")) if "spacing" in f else None
-    return RegisteredBall(
-        f["name"].name(),
-        f["nominal_diameter_mm"].positive("mm"),
-        target_set_of(f["targets"]),
-        None
-        if spacing is None
-        else PrintedSpacing(spacing["from"].name(), spacing["to"].name(), spacing["distance_mm"].positive("mm")),
-    )
+    return {ball.name: ball for ball in BALLS.read(path)}
 
 
 def changing_balls(path: Path | None = None) -> AbstractContextManager[None]:
@@ -111,19 +116,5 @@ def changing_balls(path: Path | None = None) -> AbstractContextManager[None]:
 def write_balls(balls: Mapping[str, RegisteredBall], path: Path | None = None) -> None:
     """Write the file whole; OutputError where that fails."""
     path = path or balls_path()
-    document = {"format": FORMAT, "version": VERSION, "balls": [_entry(ball) for ball in balls.values()]}
     make_parent(path, Phrase("error-set-balls"))
-    write_file_whole(path, json_bytes(document))
-
-
-def _entry(ball: RegisteredBall) -> dict[str, Any]:
-    targets = json.loads(target_set_bytes(ball.target_set))
-    entry: dict[str, Any] = {
-        "name": ball.name,
-        "nominal_diameter_mm": ball.nominal_diameter_mm,
-        "targets": {key: value for key, value in targets.items() if key not in ("format", "version")},
-    }
-    if ball.spacing is not None:
-        one = ball.spacing
-        entry["spacing"] = {"from": one.from_point, "to": one.to_point, "distance_mm": one.distance_mm}
-    return entry
+    write_file_whole(path, BALLS.bytes(balls.values()))

@@ -11,7 +11,7 @@ from spherecal.base.messages.values import Phrase
 from spherecal.data.session import Bar
 from spherecal.files.atomic import make_parent, write_file_whole
 from spherecal.files.ball_registry import RegisteredBall
-from spherecal.files.bar_registry import certificate_entry, length_entry, temperature_entry
+from spherecal.files.bar_registry import figures_entry
 from spherecal.files.json_file import json_bytes
 from spherecal.files.target_set_file import write_target_set
 
@@ -76,14 +76,5 @@ def write_bench(bench: Bench, folder: Path) -> Path:
 
 def whole_bar(bar: Bar) -> dict[str, Any]:
     """A bar as session.json has it with all of its figures, so that a session keeps those it was recorded with."""
-    entry: dict[str, Any] = {
-        "id": bar.id,
-        "role": bar.role,
-        "serial": bar.serial,
-        "marks": {name: {"target": mark.target, "point": mark.point} for name, mark in bar.marks.items()},
-        "lengths": [length_entry(length) for length in bar.lengths],
-        **temperature_entry(bar),
-    }
-    if bar.certificate is not None:
-        entry["certificate"] = certificate_entry(bar.certificate)
-    return {key: value for key, value in entry.items() if value is not None}
+    entry = {"id": bar.id, "role": bar.role, "serial": bar.serial}
+    return {key: value for key, value in entry.items() if value is not None} | figures_entry(bar)

@@ -4,18 +4,59 @@ Those two have findings in English words. What a report or the window needs to s
 offer repairs, is here. A finding takes its values back where they make the very words that the file has.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 from spherecal.base.messages.values import as_json, from_json
-from spherecal.data.findings import AdvisedRepair, Finding
-from spherecal.files.json_file import JsonValue, read_json
+from spherecal.data.findings import AdvisedRepair, Finding, as_written
+from spherecal.files.codec import Format, choice, field, free, items, only, prose, record
 
 FINDINGS_FILE = "findings.json"
-FORMAT = "spherecal/findings"
-VERSION = 1
+
+
+def _finding(values: Mapping[str, Any], **others: Any) -> Finding | None:
+    try:
+        finding = Finding(**others, severity="info", values={name: from_json(value) for name, value in values.items()})
+        hash(finding)  # its words, which another version's values may not make
+    except (KeyError, TypeError, ValueError, RecursionError):
+        return None
+    return finding
+
+
+FINDING = record(
+    "A finding.",
+    as_written,
+    field("severity", choice("How grave it is.", ("info", "warning", "error"))),
+    field("code", prose("What it is, for programs.")),
+    field("message", prose("What was found, in English.")),
+    field("hint", prose("What to do.")),
+    field("where", items("Ids of the cameras, placements and targets that it is about.", prose(""))),
+)
+"""A finding as rig.json, verification.json and check.json have it."""
+_REPAIR = record(
+    "",
+    AdvisedRepair,
+    field("kind", choice("The repair.", ("leave-out", "split", "swap"))),
+    field("target", prose("Of what.")),
+)
+_VALUES = replace(free("Values by name."), entry=lambda values: {name: as_json(values[name]) for name in values})
+_FINDING = record(
+    "",
+    _finding,
+    field("code", prose("As in rig.json.")),
+    field("kind", prose("Which of the code's sentences.")),
+    field("values", _VALUES),
+    field("where", items("As in rig.json.", prose(""))),
+    field("repairs", items("Repairs that may help.", _REPAIR)),
+)
+FINDINGS = Format(
+    "spherecal/findings",
+    FINDINGS_FILE,
+    "The values of the findings in the rig.json and verification.json beside it, for other languages; may be missing.",
+    only("findings", items("A finding's words are made of its code, kind and values.", _FINDING)),
+)
 
 
 def findings_document(findings: Sequence[Finding]) -> dict[str, Any] | None:
@@ -23,17 +64,7 @@ def findings_document(findings: Sequence[Finding]) -> dict[str, Any] | None:
     known = [finding for finding in findings if finding.written is None]
     if not known:
         return None
-    return {"format": FORMAT, "version": VERSION, "findings": [_entry(one) for one in dict.fromkeys(known)]}
-
-
-def _entry(finding: Finding) -> dict[str, Any]:
-    return {
-        "code": finding.code,
-        "kind": finding.kind,
-        "values": {name: as_json(value) for name, value in finding.values.items()},
-        "where": list(finding.where),
-        "repairs": [{"kind": repair.kind, "target": repair.target} for repair in finding.repairs],
-    }
+    return FINDINGS.document(list(dict.fromkeys(known)))
 
 
 def read_findings(folder: Path) -> tuple[Finding, ...]:
@@ -44,27 +75,7 @@ def read_findings(folder: Path) -> tuple[Finding, ...]:
     path = folder / FINDINGS_FILE
     if not path.exists():
         return ()
-    entries = read_json(path, FORMAT, VERSION).fields(("findings",))["findings"].items()
-    return tuple(finding for entry in entries if (finding := _read(entry)) is not None)
-
-
-def _read(entry: JsonValue) -> Finding | None:
-    f = entry.fields(("code", "kind", "values", "where", "repairs"))
-    named = f["values"].as_object()
-    where = tuple(item.prose() for item in f["where"].items())
-    repairs = tuple(_read_repair(item) for item in f["repairs"].items())
-    try:
-        values = {name: from_json(value) for name, value in named.items()}
-        finding = Finding(f["code"].prose(), "info", values, where, repairs, f["kind"].prose())
-        hash(finding)  # its words, which another version's values may not make
-    except (KeyError, TypeError, ValueError, RecursionError):
-        return None
-    return finding
-
-
-def _read_repair(value: JsonValue) -> AdvisedRepair:
-    f = value.fields(("kind", "target"))
-    return AdvisedRepair(f["kind"].choice("leave-out", "split", "swap"), f["target"].prose())
+    return tuple(finding for finding in FINDINGS.read(path) if finding is not None)
 
 
 def with_values(findings: Sequence[Finding], folder: Path) -> tuple[Finding, ...]:

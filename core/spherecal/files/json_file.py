@@ -7,10 +7,14 @@ import math
 import re
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, replace
-from datetime import datetime
+from datetime import date, datetime
 from pathlib import Path
 from typing import Any, TypeVar
 
+import numpy as np
+from numpy.typing import ArrayLike
+
+from spherecal import __version__
 from spherecal.base.errors import InputError, Words, advice
 from spherecal.base.filesystem import id_problem, read_below, read_file
 from spherecal.base.messages.values import Phrase
@@ -42,6 +46,21 @@ Text = TypeVar("Text", bound=str)
 def json_bytes(document: Mapping[str, Any]) -> bytes:
     """A JSON document as this program prints it: UTF-8, indented by one, never NaN."""
     return (json.dumps(document, indent=1, ensure_ascii=False, allow_nan=False) + "\n").encode()
+
+
+def finite(value: ArrayLike | None) -> Any:
+    """Numbers for JSON: Python floats in (nested) lists, `None` for what is absent or not finite."""
+    if value is None:
+        return None
+    array = np.asarray(value, dtype=float)
+    if array.ndim:
+        return [finite(item) for item in array]
+    return float(array) if np.isfinite(array) else None
+
+
+def software_entry(details: Mapping[str, Any] | None) -> dict[str, Any]:
+    """Who wrote a file: name and version of this program, and the details given (timestamps go here alone)."""
+    return {"name": "SphereCal", "version": __version__, **(details or {})}
 
 
 def printable(text: str, most: int = 60) -> str:
@@ -119,7 +138,7 @@ class JsonValue:
                 raise self.error(Phrase("problem-lacks", {"key": key}))
         absent = [key for key in optional if key not in given]
         known = {*required, *optional}
-        unknown = () if self.later else (key for key in given if key not in known)
+        unknown = () if self.later or not absent else (key for key in given if key not in known)
         for key in itertools.islice(unknown, _MOST_UNKNOWN):
             if len(key) <= _LONGEST_NAME and (meant := difflib.get_close_matches(key, absent, 1, _MISSPELT)):
                 raise self.error(Phrase("problem-unknown-field", {"field": printable(key), "meant": meant[0]}))
@@ -170,6 +189,10 @@ class JsonValue:
 
     def numbers(self, length: int) -> list[float]:
         """A list of `length` finite numbers."""
+        found = self.value
+        is_list = isinstance(found, list) and len(found) == length
+        if is_list and all(type(one) in (float, int) and -_MOST <= one <= _MOST for one in found):
+            return [float(one) for one in found]
         return [item.number() for item in self.items(length)]
 
     def matrix(self, rows: int, columns: int) -> list[list[float]]:
@@ -233,6 +256,13 @@ class JsonValue:
         if time.tzinfo is None:
             raise self.error(Phrase("problem-time-zone"))
         return time
+
+    def date(self) -> date:
+        """A day."""
+        try:
+            return date.fromisoformat(self.text())
+        except ValueError:
+            raise self.error(Phrase("problem-date")) from None
 
     def celsius(self) -> float:
         """A temperature in degrees Celsius."""

@@ -2,21 +2,21 @@
 
 from spherecal.base.messages.values import Phrase
 from spherecal.data.session import Bar
-from spherecal.files.bar_registry import (
-    assumed_of,
-    bar_entry,
-    find_bar,
-    read_certificate,
-    read_expansion,
-    read_lengths,
-    read_marks,
-    read_reference_temperature,
-    read_serial,
-)
+from spherecal.files.bar_registry import FIGURES, SERIAL, bar_entry, find_bar, read_lengths, with_assumed
+from spherecal.files.codec import choice, field, identifier, optional, record
 from spherecal.files.json_file import JsonValue, json_bytes, unique
 
-_OWN = ("marks", "lengths")
-_TEMPERATURE = ("expansion_per_kelvin", "reference_temperature_c")
+_FIGURES = [one.key for one in FIGURES]
+_OWN = _FIGURES[:2]
+_WHOLE = record(
+    "",
+    with_assumed(Bar),
+    field("id", identifier("Its id.")),
+    field("role", choice("Whether it gives the scale or checks it.", ("scale", "check"))),
+    optional("serial", SERIAL),
+    *FIGURES,
+    check=lambda bar, f: read_lengths(f["lengths"], bar.marks),
+)
 
 
 def read_bars(bars: JsonValue) -> tuple[tuple[Bar, ...], dict[str, bytes]]:
@@ -32,31 +32,18 @@ def read_bars(bars: JsonValue) -> tuple[tuple[Bar, ...], dict[str, bytes]]:
 
 
 def _read_bar(bar: JsonValue, registered: dict[str, bytes]) -> Bar:
-    named = isinstance(bar.value, dict) and bar.value.get("serial") is not None
-    required, optional = ("id", "role"), ("serial", "certificate", *_TEMPERATURE)
-    f = bar.fields((*required, *(() if named else _OWN)), (*optional, *(_OWN if named else ())))
-    serial = read_serial(f["serial"]) if named else None
-    if serial is not None and not all(key in f for key in _OWN):
-        return _from_registry(f, serial, registered)
-    marks = read_marks(f["marks"])
-    return Bar(
-        id=f["id"].id(),
-        role=f["role"].choice("scale", "check"),
-        marks=marks,
-        lengths=read_lengths(f["lengths"], marks),
-        expansion_per_kelvin=read_expansion(f.get("expansion_per_kelvin")),
-        reference_temperature_c=read_reference_temperature(f.get("reference_temperature_c")),
-        serial=serial,
-        certificate=read_certificate(f["certificate"]) if "certificate" in f else None,
-        assumed=assumed_of(f),
-    )
+    if isinstance(bar.value, dict) and bar.value.get("serial") is not None:
+        f = bar.fields(("id", "role"), ("serial", *_FIGURES))
+        if not all(key in f for key in _OWN):
+            return _from_registry(f, SERIAL.read(f["serial"]), registered)
+    return _WHOLE.read(bar)
 
 
 def _from_registry(f: dict[str, JsonValue], serial: str, registered: dict[str, bytes]) -> Bar:
     """The registry's bar; a bar gives all of its figures itself or none, so that none can contradict another."""
-    for key in (*_OWN, *_TEMPERATURE, "certificate"):
+    for key in _FIGURES:
         if key in f:
-            raise f[key].error(Phrase("problem-beside-serial", {"serial": serial, "fields": [*_OWN, *_TEMPERATURE]}))
+            raise f[key].error(Phrase("problem-beside-serial", {"serial": serial, "fields": _FIGURES[:-1]}))
     own = find_bar(serial)
     registered[serial] = json_bytes(bar_entry(own))
     return Bar(

@@ -5,16 +5,14 @@ import io
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
 import numpy as np
-from numpy.typing import ArrayLike
 
-from spherecal import __version__
 from spherecal.base.arrays import FloatArray
 from spherecal.base.errors import InputError
 from spherecal.base.messages.values import Phrase
-from spherecal.data.findings import Finding, Severity, as_written
+from spherecal.data.findings import Finding
 from spherecal.data.rig import (
     Affected,
     CameraCovariance,
@@ -25,10 +23,42 @@ from spherecal.data.rig import (
     Rig,
     RigCamera,
     RigScale,
+    Verdict,
     unknown_quality,
 )
-from spherecal.files.findings_file import with_values
-from spherecal.files.json_file import MOST_CAMERAS, JsonValue, json_bytes, read_bytes, read_json, unique
+from spherecal.files.codec import (
+    Format,
+    Kind,
+    Schema,
+    boolean,
+    choice,
+    digest,
+    field,
+    identifier,
+    integer,
+    items,
+    matrix,
+    name,
+    number,
+    numbers,
+    optional,
+    positive,
+    prose,
+    record,
+    serial,
+    text,
+    time,
+)
+from spherecal.files.codec import software as software_field
+from spherecal.files.findings_file import FINDING, with_values
+from spherecal.files.json_file import (
+    MOST_CAMERAS,
+    JsonValue,
+    finite,
+    read_bytes,
+    read_json,
+    software_entry,
+)
 from spherecal.geometry.camera import (
     INTRINSIC_NAMES,
     camera_matrix,
@@ -39,14 +69,9 @@ from spherecal.geometry.camera import (
 from spherecal.geometry.opencv import FISHEYE_LENGTH, distortion_problem
 from spherecal.predict.volume_map import LengthMap
 
-FORMAT = "spherecal/rig"
-VERSION = 1
 COVARIANCE_FILE = "covariance.npy"
 
 _EXPECTED = ("scale", "quality", "input_sha256")
-_OPTIONAL = (
-    *_EXPECTED, "reference_camera", "covariance", "length_uncertainty", "repairs", "form", "recorded_at"
-)  # fmt: skip
 INCOMPLETE = "rig-incomplete"
 _MISSING = {
     "scale": Phrase("lacks-scale"),
@@ -58,138 +83,14 @@ _MISSING = {
 _ROTATION_TOLERANCE = 1e-5
 
 
-def finite(value: ArrayLike | None) -> Any:
-    """Numbers for JSON: Python floats in (nested) lists, `None` for what is absent or not finite."""
-    if value is None:
-        return None
-    array = np.asarray(value, dtype=float)
-    if array.ndim:
-        return [finite(item) for item in array]
-    return float(array) if np.isfinite(array) else None
-
-
-def software_entry(details: Mapping[str, Any] | None) -> dict[str, Any]:
-    """Who wrote a file: name and version of this program, and the details given (timestamps go here alone)."""
-    return {"name": "SphereCal", "version": __version__, **(details or {})}
-
-
-def finding_entry(finding: Finding) -> dict[str, Any]:
-    """A finding as the files have it."""
-    return {
-        "severity": finding.severity,
-        "code": finding.code,
-        "message": finding.message,
-        "hint": finding.hint,
-        "where": list(finding.where),
-    }
-
-
 def rig_bytes(rig: Rig, software: Mapping[str, Any] | None = None) -> bytes:
     """The contents of rig.json; the same rig and software give the same bytes, and numbers are read back unchanged."""
-    quality = rig.quality
-    document = {
-        "format": FORMAT,
-        "version": VERSION,
-        "reference_camera": rig.reference_camera,
-        "cameras": [_camera_entry(camera) for camera in rig.cameras],
-        "scale": {
-            "source": rig.scale.source,
-            "relative_uncertainty": finite(rig.scale.relative_uncertainty),
-        },
-        "quality": {
-            "valid": bool(quality.valid),
-            "verdict": quality.verdict,
-            "affected": affected_entries(quality),
-            "rms_px": finite(quality.rms_px),
-            "mean_px": finite(quality.mean_px),
-            "sigma0": finite(quality.sigma0),
-            "findings": [finding_entry(finding) for finding in quality.findings],
-        },
-        "software": software_entry(software),
-        "input_sha256": rig.input_sha256,
-    }
-    if rig.covariance is not None:
-        document["covariance"] = {
-            "file": COVARIANCE_FILE,
-            "sha256": hashlib.sha256(covariance_bytes(rig.covariance)).hexdigest(),
-            "intrinsics": [INTRINSIC_NAMES[i] for i in rig.covariance.intrinsics],
-        }
-    if rig.length_map is not None:
-        document["length_uncertainty"] = _map_entry(rig.length_map)
-    if rig.form is not None:
-        document["form"] = _form_entry(rig.form)
-    if rig.recorded_at is not None:
-        document["recorded_at"] = rig.recorded_at.isoformat()
-    if rig.repairs:
-        document["repairs"] = [_repair_entry(repair) for repair in rig.repairs]
-    return json_bytes(document)
+    return RIG.bytes(rig, software=software_entry(software))
 
 
 def affected_entries(quality: Quality) -> list[dict[str, Any]]:
     """What care concerns, as the files have it."""
-    return [_affected_entry(one) for one in quality.affected]
-
-
-def _affected_entry(one: Affected) -> dict[str, Any]:
-    if one.camera is not None:
-        return {"camera": one.camera}
-    return {"scale": True} if one.scale else {"region_mm": finite(one.region_mm)}
-
-
-def _read_affected(value: JsonValue) -> Affected:
-    f = value.fields((), ("camera", "scale", "region_mm"))
-    if len(f) != 1:
-        raise value.error(Phrase("problem-affected"))
-    if "camera" in f:
-        return Affected(camera=f["camera"].name())
-    if "scale" in f:
-        return Affected(scale=f["scale"].boolean())
-    low, high = f["region_mm"].matrix(2, 3)
-    return Affected(region_mm=((low[0], low[1], low[2]), (high[0], high[1], high[2])))
-
-
-def _form_entry(form: Form) -> dict[str, Any]:
-    entry: dict[str, Any] = {"name": form.name, "reason": form.reason}
-    if form.shape_sd_mm is not None:
-        entry |= {"shape_sd_mm": finite(form.shape_sd_mm), "shape_sd": "stated" if form.stated else "estimated"}
-    return entry
-
-
-def _read_form(value: JsonValue) -> Form:
-    f = value.fields(("name", "reason"), ("shape_sd_mm", "shape_sd"))
-    sd = f["shape_sd_mm"].number(0) if "shape_sd_mm" in f else None
-    stated = "shape_sd" in f and f["shape_sd"].choice("stated", "estimated") == "stated"
-    return Form(f["name"].choice("free", "soft", "rigid"), f["reason"].prose(), sd, stated)
-
-
-def _repair_entry(repair: Repair) -> dict[str, Any]:
-    entry: dict[str, Any] = {"option": repair.option, "value": repair.value}
-    if repair.automatic:
-        entry["automatic"] = True
-    if repair.earlier_pose is not None:
-        entry["earlier_pose"] = _camera_entry(repair.earlier_pose)
-    return entry
-
-
-def _read_repair(value: JsonValue) -> Repair:
-    f = value.fields(("option", "value"), ("earlier_pose", "automatic"))
-    earlier = _read_camera(f["earlier_pose"]) if "earlier_pose" in f else None
-    automatic = "automatic" in f and f["automatic"].boolean()
-    return Repair(f["option"].prose(), f["value"].prose(), earlier, automatic)
-
-
-def _map_entry(found: LengthMap) -> dict[str, Any]:
-    """The map of a length's expanded uncertainty: a row for each place, a column for each direction, 4 digits."""
-    return {
-        "length_mm": found.length_mm,
-        "coverage_factor": found.coverage_factor,
-        "sigma_px": finite(found.sigma_px),
-        "places_mm": finite(np.round(found.places_mm, 3)),
-        "directions": finite(np.round(found.directions, 6)),
-        "expanded_uncertainty_mm": [
-            [None if not np.isfinite(u) else float(f"{u:.4g}") for u in row] for row in found.expanded_mm
-        ],
-    }
+    return _AFFECTED.entry(quality.affected)
 
 
 def _read_map(value: JsonValue) -> LengthMap:
@@ -209,28 +110,6 @@ def covariance_bytes(covariance: CameraCovariance) -> bytes:
     return file.getvalue()
 
 
-def _camera_entry(camera: RigCamera) -> dict[str, Any]:
-    sigma = camera.sigma
-    return {
-        "id": camera.id,
-        "serial": camera.serial,
-        "image_size": [int(side) for side in camera.image_size],
-        "matrix": finite(camera_matrix(camera.intrinsics)),
-        "distortion": distortion_entry(camera.intrinsics),
-        "rotation": finite(camera.rotation),
-        "translation_mm": finite(camera.translation_mm),
-        "rms_px": finite(camera.rms_px),
-        "observations": int(camera.observations),
-        "sigma": sigma
-        and {
-            "rotation_deg": finite(sigma.rotation_deg),
-            "centre_mm": finite(sigma.centre_mm),
-            "matrix": finite(sigma.intrinsics[:4]),
-            "distortion": finite(sigma.intrinsics[4:8] if is_fisheye(camera.intrinsics) else sigma.intrinsics[4:]),
-        },
-    }
-
-
 def distortion_entry(intrinsics: FloatArray) -> dict[str, Any]:
     """The distortion of a lens (16,): `opencv` with 12 coefficients, or `opencv-fisheye` with 4."""
     if is_fisheye(intrinsics):
@@ -244,38 +123,29 @@ def read_rig(path: Path) -> Rig:
     The cameras' covariance lies beside it; a rig.json that was copied alone has none. What it does not state is taken
     as unknown, and the finding `rig-incomplete` says so.
     """
-    f = read_json(path, FORMAT, VERSION).fields(("cameras",), _OPTIONAL)
-    values = f["cameras"].items(most=MOST_CAMERAS)
-    cameras = tuple(_read_camera(value) for value in values)
-    unique(values, [camera.id for camera in cameras], "id")
-    reference = f["reference_camera"].name() if "reference_camera" in f else None
-    if reference is not None and all(camera.id != reference for camera in cameras):
-        raise f["reference_camera"].error(Phrase("problem-reference-camera", {"camera": reference}))
-    covariance = _read_covariance(path.parent, f["covariance"], len(cameras)) if "covariance" in f else None
-    quality = _read_quality(f["quality"]) if "quality" in f else unknown_quality(cameras)
-    quality = replace(quality, findings=with_values(quality.findings, path.parent))
-    quality = _with_missing(quality, [key for key in _EXPECTED if key not in f], _without_sigma(values))
-    lengths = _read_map(f["length_uncertainty"]) if "length_uncertainty" in f else None
-    repairs = tuple(_read_repair(repair) for repair in f["repairs"].items()) if "repairs" in f else ()
-    form = _read_form(f["form"]) if "form" in f else None
-    return Rig(
-        reference,
-        cameras,
-        _read_scale(f["scale"]) if "scale" in f else RigScale("given", None),
-        quality,
-        f["input_sha256"].digest() if "input_sha256" in f else "",
-        covariance,
-        lengths,
-        repairs,
-        form=form,
-        recorded_at=f["recorded_at"].time() if "recorded_at" in f else None,
+    document = read_json(path, RIG.name, RIG.version)
+    stated = RIG.kind.read(document)
+    cameras = stated["cameras"]
+    kept = stated.get("covariance")
+    covariance = (
+        None if kept is None else _read_covariance(path.parent, kept["sha256"], kept["intrinsics"], len(cameras))
     )
-
-
-def _read_scale(value: JsonValue) -> RigScale:
-    scale = value.fields(("source",), ("relative_uncertainty",))
-    source = scale["source"].choice("target_spacing", "bar", "board", "ball", "given", "none")
-    return RigScale(source, scale["relative_uncertainty"].number(0) if "relative_uncertainty" in scale else None)
+    quality = stated.get("quality") or unknown_quality(cameras)
+    quality = replace(quality, findings=with_values(quality.findings, path.parent))
+    without_sigma = _without_sigma(document.fields(["cameras"])["cameras"].items())
+    quality = _with_missing(quality, [key for key in _EXPECTED if key not in stated], without_sigma)
+    return Rig(
+        stated.get("reference_camera"),
+        cameras,
+        stated.get("scale") or RigScale("given", None),
+        quality,
+        stated.get("input_sha256") or "",
+        covariance,
+        stated.get("length_map"),
+        stated.get("repairs") or (),
+        form=stated.get("form"),
+        recorded_at=stated.get("recorded_at"),
+    )
 
 
 def _without_sigma(cameras: Sequence[JsonValue]) -> list[str]:
@@ -297,11 +167,9 @@ def _with_missing(quality: Quality, missing: Sequence[str], without_sigma: Seque
     return replace(quality, findings=(*others, finding))
 
 
-def _read_covariance(folder: Path, entry: JsonValue, n_cameras: int) -> CameraCovariance | None:
-    f = entry.fields(("file", "sha256", "intrinsics"))
-    f["file"].choice(COVARIANCE_FILE)
-    intrinsics = np.array([INTRINSIC_NAMES.index(name.choice(*INTRINSIC_NAMES)) for name in f["intrinsics"].items()])
-    path, sha256 = folder / COVARIANCE_FILE, f["sha256"].text()
+def _read_covariance(folder: Path, sha256: str, intrinsics: Sequence[str], n_cameras: int) -> CameraCovariance | None:
+    indices = np.array([INTRINSIC_NAMES.index(one) for one in intrinsics])
+    path = folder / COVARIANCE_FILE
     if not path.exists():
         return None
     size = n_cameras * (6 + len(intrinsics))
@@ -315,37 +183,37 @@ def _read_covariance(folder: Path, entry: JsonValue, n_cameras: int) -> CameraCo
         raise InputError(Phrase("error-damaged-covariance", {"file": path, "why": str(error)})) from None
     if matrix.shape != (size, size) or not np.isfinite(matrix).all():
         raise InputError(Phrase("error-not-covariance", {"file": path, "cameras": n_cameras}))
-    return CameraCovariance(matrix, intrinsics.astype(np.int64))
+    return CameraCovariance(matrix, indices.astype(np.int64))
 
 
-def read_rotation(value: JsonValue) -> FloatArray:
-    """A rotation matrix (3, 3); InputError where it is none."""
-    rotation = np.array(value.matrix(3, 3))
-    off = np.abs(rotation @ rotation.T - np.eye(3)).max()
-    if not off <= _ROTATION_TOLERANCE or np.linalg.det(rotation) < 0:  # not a number is no rotation either
+def rotation(about: str) -> Kind[FloatArray]:
+    """A rotation matrix (3, 3)."""
+    return matrix(about, 3, 3).mapped(np.array).checked(_check_rotation)
+
+
+def _check_rotation(found: FloatArray, value: JsonValue) -> None:
+    off = np.abs(found @ found.T - np.eye(3)).max()
+    if not off <= _ROTATION_TOLERANCE or np.linalg.det(found) < 0:  # not a number is no rotation either
         raise value.error(Phrase("problem-rotation"))
-    return rotation
 
 
-def _read_camera(camera: JsonValue) -> RigCamera:
-    required = ("id", "image_size", "matrix", "distortion", "rotation", "translation_mm")
-    f = camera.fields(required, ("serial", "rms_px", "observations", "sigma"))
-    width, height = (side.integer(1) for side in f["image_size"].items(2))
-    matrix = np.array(f["matrix"].matrix(3, 3))
-    if not np.array_equal(matrix, camera_matrix(intrinsics_vector(matrix, []))) or min(matrix[0, 0], matrix[1, 1]) <= 0:
-        raise f["matrix"].error(Phrase("problem-camera-matrix"))
-    wide, coefficients = _read_lens(f["distortion"])
-    return RigCamera(
-        id=f["id"].id(),
-        serial=f["serial"].serial() if "serial" in f else None,
-        image_size=(width, height),
-        intrinsics=fisheye_vector(matrix, coefficients) if wide else intrinsics_vector(matrix, coefficients),
-        rotation=read_rotation(f["rotation"]),
-        translation_mm=np.array(f["translation_mm"].numbers(3)),
-        rms_px=f["rms_px"].number(0) if "rms_px" in f else None,
-        observations=f["observations"].integer(0) if "observations" in f else 0,
-        sigma=_read_sigma(f["sigma"], len(coefficients)) if "sigma" in f else None,
-    )
+def _check_matrix(found: FloatArray, value: JsonValue) -> None:
+    if not np.array_equal(found, camera_matrix(intrinsics_vector(found, []))) or min(found[0, 0], found[1, 1]) <= 0:
+        raise value.error(Phrase("problem-camera-matrix"))
+
+
+def _camera(matrix: FloatArray, distortion: tuple[bool, list[float]], **others: Any) -> RigCamera:
+    wide, coefficients = distortion
+    intrinsics = (fisheye_vector if wide else intrinsics_vector)(matrix, coefficients)
+    unknown = {"serial": None, "rms_px": None, "observations": 0, "sigma": None}
+    return RigCamera(intrinsics=intrinsics, **unknown | others)
+
+
+def _check_sigma(camera: RigCamera, f: Mapping[str, JsonValue]) -> None:
+    if camera.sigma is not None:
+        lens: Any = f["distortion"].value
+        given = f["sigma"].fields(["distortion"])["distortion"]
+        given.items(len(lens["coefficients"] if isinstance(lens, dict) else lens))
 
 
 def _read_lens(value: JsonValue) -> tuple[bool, list[float]]:
@@ -365,31 +233,221 @@ def read_distortion(value: JsonValue) -> list[float]:
     return numbers
 
 
-def _read_sigma(sigma: JsonValue, n_distortion: int) -> CameraSigma:
-    f = sigma.fields(("rotation_deg", "centre_mm", "matrix", "distortion"))
-    distortion = _sigmas(f["distortion"], n_distortion)
-    intrinsics = np.concatenate([_sigmas(f["matrix"], 4), distortion, np.zeros(12 - n_distortion)])
-    return CameraSigma(_sigmas(f["rotation_deg"], 3), _sigmas(f["centre_mm"], 3), intrinsics)
+def _sigma(rotation_deg: FloatArray, centre_mm: FloatArray, matrix: FloatArray, distortion: FloatArray) -> CameraSigma:
+    rest = np.zeros(max(0, 12 - len(distortion)))
+    return CameraSigma(rotation_deg, centre_mm, np.concatenate([matrix, distortion, rest]))
 
 
-def _sigmas(values: JsonValue, length: int) -> FloatArray:
+def _sigma_of_distortion(camera: RigCamera) -> FloatArray | None:
+    if camera.sigma is None:
+        return None
+    return camera.sigma.intrinsics[4:8] if is_fisheye(camera.intrinsics) else camera.sigma.intrinsics[4:]
+
+
+def _sigmas(values: JsonValue, length: int | None = None) -> FloatArray:
     """Standard uncertainties; null, as NaN is written, is NaN again."""
     return np.array([np.nan if item.value is None else item.number(0) for item in values.items(length)])
 
 
-def _read_quality(quality: JsonValue) -> Quality:
-    f = quality.fields(("valid", "findings"), ("verdict", "affected", "rms_px", "mean_px", "sigma0"))
-    rms_px, mean_px, sigma0 = (f[key].number(0) if key in f else None for key in ("rms_px", "mean_px", "sigma0"))
-    findings = tuple(_read_finding(finding) for finding in f["findings"].items())
-    affected = tuple(_read_affected(one) for one in f["affected"].items()) if "affected" in f else ()
-    found = Quality(f["valid"].boolean(), rms_px, mean_px, sigma0, findings, affected)
-    if "verdict" in f and f["verdict"].choice("valid", "use-with-care", "not-valid") != found.verdict:
-        raise f["verdict"].error(Phrase("problem-verdict", {"verdict": found.verdict}))
-    return found
+def _form(name: str, reason: str, shape_sd_mm: float | None = None, shape_sd: str = "") -> Form:
+    return Form(name, reason, shape_sd_mm, shape_sd == "stated")
 
 
-def _read_finding(finding: JsonValue) -> Finding:
-    f = finding.fields(("severity", "code", "message", "hint", "where"))
-    where = tuple(item.prose() for item in f["where"].items())
-    severity: Severity = f["severity"].choice("info", "warning", "error")
-    return as_written(severity, f["code"].prose(), f["message"].prose(), f["hint"].prose(), where)
+def _shape_sd(form: Form) -> str | None:
+    return None if form.shape_sd_mm is None else "stated" if form.stated else "estimated"
+
+
+def _check_affected(_: Affected, value: JsonValue) -> None:
+    if len(value.fields((), ("camera", "scale", "region_mm"))) != 1:
+        raise value.error(Phrase("problem-affected"))
+
+
+def _check_verdict(quality: Quality, f: Mapping[str, JsonValue]) -> None:
+    if "verdict" in f and f["verdict"].value != quality.verdict:
+        raise f["verdict"].error(Phrase("problem-verdict", {"verdict": quality.verdict}))
+
+
+def _check_reference(stated: Mapping[str, Any], f: Mapping[str, JsonValue]) -> None:
+    reference = stated.get("reference_camera")
+    if reference is not None and all(camera.id != reference for camera in stated["cameras"]):
+        raise f["reference_camera"].error(Phrase("problem-reference-camera", {"camera": reference}))
+
+
+def sigmas(about: str, length: int | None = None) -> Kind[FloatArray]:
+    """Standard uncertainties; null where unknown."""
+    schema = items(about, number("", 0), length=length).schema
+    schema["items"] = schema["items"] | {"type": ["number", "null"]}
+    return Kind(schema, lambda value: _sigmas(value, length), finite)
+
+
+def lens_matrix(about: str) -> Schema:
+    """A camera matrix [[fu, 0, u0], [0, fv, v0], [0, 0, 1]]."""
+    zero, one = {"type": "number", "const": 0}, {"type": "number", "const": 1}
+    above, any_ = positive("").schema, number("").schema
+    rows = ([above, zero, any_], [zero, above, any_], [zero, zero, one])
+    return {"description": about, **_tuple([_tuple(row) for row in rows])}
+
+
+def _tuple(each: Sequence[Schema]) -> Schema:
+    return {"type": "array", "prefixItems": list(each), "minItems": len(each), "maxItems": len(each)}
+
+
+def distortion(about: str) -> Schema:
+    """4, 5, 8 or 12 numbers in OpenCV's order."""
+    lengths = [{"minItems": n, "maxItems": n} for n in (4, 5, 8, 12)]
+    return ({"description": about} if about else {}) | items("", number("")).schema | {"anyOf": lengths}
+
+
+_TERMS = "k1 k2 p1 p2 k3 k4 k5 k6 s1 s2 s3 s4"
+
+
+def _lens(about: str, model: str, coefficients: Schema) -> Schema:
+    properties = {"model": choice(about, (model,)).schema, "coefficients": coefficients}
+    return {"type": "object", "properties": properties, "required": list(properties)}
+
+
+_MATRIX = Kind(
+    lens_matrix("`[[fu, 0, u0], [0, fv, v0], [0, 0, 1]]` in px."),
+    matrix("", 3, 3).mapped(np.array).checked(_check_matrix).read,
+    lambda intrinsics: finite(camera_matrix(intrinsics)),
+)
+_DISTORTION = Kind(
+    {
+        "description": "The distortion; a list alone is in OpenCV's order.",
+        "anyOf": [
+            distortion(""),
+            _lens(
+                "OpenCV's model.", "opencv", distortion("k1 k2 p1 p2 k3 k4 k5 k6 s1 s2 s3 s4; 4, 5, 8 or 12 of them.")
+            ),
+            _lens("The model of `cv2.fisheye`.", "opencv-fisheye", numbers("k1 k2 k3 k4.", FISHEYE_LENGTH).schema),
+        ],
+    },
+    _read_lens,
+    distortion_entry,
+)
+_SIGMA = record(
+    "Standard uncertainties.",
+    _sigma,
+    field("rotation_deg", sigmas("About the camera's axes.", 3), "sigma.rotation_deg"),
+    field("centre_mm", sigmas("Of the projection centre.", 3), "sigma.centre_mm"),
+    field("matrix", sigmas("Of fu, fv, u0, v0 in px.", 4), lambda camera: camera.sigma.intrinsics[:4], "matrix"),
+    field("distortion", sigmas("Of the coefficients; 0 where fixed."), _sigma_of_distortion, "distortion"),
+)
+_CAMERA = record(
+    "",
+    _camera,
+    field("id", identifier("Its id.")),
+    optional("serial", serial("Its serial number.")),
+    field("image_size", items("Width and height in px.", integer("", 1), length=2)),
+    field("matrix", _MATRIX, "intrinsics", "matrix"),
+    field("distortion", _DISTORTION, "intrinsics", "distortion"),
+    field("rotation", rotation("World to camera: x_cam = R x_world + t.")),
+    field("translation_mm", numbers("World to camera.", 3).mapped(np.array)),
+    optional("rms_px", number("Root mean square of its residuals.", 0)),
+    optional("observations", integer("Used image points.", 0)),
+    optional("sigma", _SIGMA, lambda camera: camera if camera.sigma is not None else None, "sigma"),
+    check=_check_sigma,
+)
+_AFFECTED = items(
+    "What care concerns: each has one of these fields.",
+    record(
+        "",
+        Affected,
+        optional("camera", name("A camera."), omit=None),
+        optional("scale", boolean("The scale."), omit=False),
+        optional("region_mm", matrix("Low and high corner of a part of the volume.", 2, 3), omit=None),
+    ).checked(_check_affected),
+)
+_QUALITY = record(
+    "Whether the rig can be trusted.",
+    Quality,
+    field("valid", boolean("False exactly when the command ends with 3.")),
+    optional("verdict", choice("The verdict.", get_args(Verdict)), lambda quality: quality.verdict),
+    optional("affected", _AFFECTED),
+    optional("rms_px", number("sqrt(mean(du^2 + dv^2)) of the used observations.", 0)),
+    optional("mean_px", number("Mean length of (du, dv).", 0)),
+    optional("sigma0", number("sqrt(v'Pv / redundancy).", 0)),
+    field("findings", items("What was found.", FINDING)),
+    check=_check_verdict,
+)
+_COVARIANCE = record(
+    "The covariance of all cameras together, in a file beside this one.",
+    dict,
+    field("file", choice("Its name.", (COVARIANCE_FILE,)), lambda _: COVARIANCE_FILE),
+    field("sha256", text("Its SHA-256."), lambda one: hashlib.sha256(covariance_bytes(one)).hexdigest(), "sha256"),
+    field(
+        "intrinsics",
+        items("Which intrinsics it holds after turn and shift.", choice("", INTRINSIC_NAMES)),
+        lambda one: [INTRINSIC_NAMES[i] for i in one.intrinsics],
+        "intrinsics",
+    ),
+)
+_MAP = record(
+    "A map of the expanded uncertainty of a length.",
+    dict,
+    field("length_mm", number("The length.", 0)),
+    field("coverage_factor", number("The factor k.", 0)),
+    field("sigma_px", number("Standard deviation of an image coordinate.", 0)),
+    field("places_mm", items("Places in the volume.", numbers("", 3)), lambda one: np.round(one.places_mm, 3)),
+    field("directions", items("Directions, unit vectors.", numbers("", 3)), lambda one: np.round(one.directions, 6)),
+    field(
+        "expanded_uncertainty_mm",
+        items("A row for each place, a value for each direction.", sigmas("")),
+        lambda one: [[float(f"{u:.4g}") for u in row] for row in one.expanded_mm],
+    ),
+)
+_FORM = record(
+    "How the ball was modelled.",
+    _form,
+    field("name", choice("The form.", ("free", "soft", "rigid"))),
+    field("reason", prose("Why.")),
+    optional("shape_sd_mm", number("Standard deviation of a dot's place on the ball.", 0), omit=None),
+    optional("shape_sd", choice("Where that comes from.", ("stated", "estimated")), _shape_sd, "shape_sd", omit=None),
+)
+_REPAIR = record(
+    "",
+    Repair,
+    field("option", prose("Option of the command line.")),
+    field("value", prose("Its value.")),
+    optional("automatic", boolean("Whether the program chose it."), omit=False),
+    optional(
+        "earlier_pose",
+        _CAMERA.described("The camera before it moved."),
+        omit=None,
+    ),
+)
+_SCALE = record(
+    "Where the scale comes from; without it lengths are taken as mm.",
+    RigScale,
+    field("source", choice("Its source.", ("target_spacing", "bar", "board", "ball", "given", "none"))),
+    optional("relative_uncertainty", number("Relative standard uncertainty.", 0)),
+)
+RIG = Format(
+    "spherecal/rig",
+    "rig.json",
+    "The calibrated cameras. The world is the reference camera's frame; lengths in mm. Of another program's rig only "
+    "`cameras` is needed.",
+    record(
+        "",
+        dict,
+        optional("reference_camera", name("Whose frame the world is.")),
+        field("cameras", items("The cameras.", _CAMERA, most=MOST_CAMERAS, differ="id")),
+        optional("scale", _SCALE),
+        optional("quality", _QUALITY),
+        software_field(),
+        optional("input_sha256", digest("SHA-256 over session.json and every file that it names.")),
+        optional("covariance", _COVARIANCE, omit=None),
+        optional("length_uncertainty", replace(_MAP, read=_read_map), "length_map", omit=None),
+        optional("form", _FORM, omit=None),
+        optional("recorded_at", time("When the last placement was taken."), omit=None),
+        optional("repairs", items("Repairs that went into it.", _REPAIR), omit=()),
+        check=_check_reference,
+    ),
+    (
+        "Ids differ; the reference camera is one of them.",
+        "A rotation is orthogonal within 1e-5.",
+        "`verdict` agrees with `valid` and `affected`.",
+        "A covariance.npy beside it is the one that it names.",
+    ),
+    more="#result-folder",
+)

@@ -1,12 +1,12 @@
 """Sentences in files: the English words for people and older readers, and beside them the phrase they are made of."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import Any
 
 from spherecal.base.messages.catalogue import phrase
 from spherecal.base.messages.values import Phrase, as_json, from_json
-from spherecal.files.json_file import JsonValue
+from spherecal.files.codec import Field, field, free, optional, prose, record
 
 
 @dataclass(frozen=True)
@@ -17,20 +17,33 @@ class Sentence:
     phrase: Phrase | None = None
 
 
-def sentence_entry(name: str, said: Phrase | None) -> dict[str, Any]:
-    """The fields of a sentence: `name` with its words, empty for none, and `name`_phrase."""
-    return {name: "" if said is None else phrase(said), f"{name}_phrase": None if said is None else as_json(said)}
+PHRASE = replace(
+    record(
+        "The same for other languages; may be missing.",
+        dict,
+        field("phrase", prose("The sentence's code.")),
+        field("values", free("Its values by name.")),
+    ),
+    entry=as_json,
+)
 
 
-def read_sentence(text: JsonValue, written: JsonValue | None) -> Sentence:
+def sentence_fields(
+    key: str, about: str, of: Callable[[Any], Phrase | None], is_needed: bool = True
+) -> tuple[Field, ...]:
+    """The fields of a sentence: `key` with its words, empty for none, and `key`_phrase."""
+
+    def words(one: object) -> str:
+        return "" if (said := of(one)) is None else phrase(said)
+
+    said = (field if is_needed else optional)(key, prose(about), words, key)
+    return said, optional(f"{key}_phrase", PHRASE, of, f"{key}_phrase")
+
+
+def sentence(words: str, written: Mapping[str, Any] | None) -> Sentence:
     """A sentence with the phrase beside it, where that makes the very words that the file has."""
-    words = text.prose()
-    if written is None:
-        return Sentence(words)
-    f = written.fields(("phrase", "values"))
-    code = {"phrase": f["phrase"].prose(), "values": f["values"].as_object()}
     try:
-        found = from_json(code)
+        found = None if written is None else from_json(dict(written))
         if isinstance(found, Phrase) and phrase(found) == words:
             return Sentence(words, found)
     except (KeyError, TypeError, ValueError, RecursionError):  # of another version
@@ -38,10 +51,7 @@ def read_sentence(text: JsonValue, written: JsonValue | None) -> Sentence:
     return Sentence(words)
 
 
-def read_sentences(texts: JsonValue, written: JsonValue | None) -> tuple[Sentence, ...]:
-    """A list of sentences with the list of their phrases beside it; without them where that is not as long."""
-    words = texts.items()
-    beside: Sequence[JsonValue | None] = [None] * len(words) if written is None else written.items()
-    if len(beside) != len(words):
-        beside = [None] * len(words)
-    return tuple(read_sentence(text, one) for text, one in zip(words, beside, strict=True))
+def sentences(words: Sequence[str], written: Sequence[Mapping[str, Any]] | None) -> tuple[Sentence, ...]:
+    """Sentences with the list of their phrases beside them; without them where that is not as long."""
+    beside = written if written is not None and len(written) == len(words) else [None] * len(words)
+    return tuple(sentence(*pair) for pair in zip(words, beside, strict=True))

@@ -7,11 +7,9 @@ import numpy as np
 from spherecal.base.errors import InputError
 from spherecal.base.messages.values import Phrase
 from spherecal.files.atomic import write_file_whole
-from spherecal.files.json_file import JsonValue, json_bytes, read_json, unique
+from spherecal.files.codec import Format, field, identifier, integer, items, name, number, optional, record
 from spherecal.measuring.task import CENTRE, Body, BodyPoint, PointName
 
-FORMAT = "spherecal/body"
-VERSION = 1
 LEAST_POINTS = 3
 _MOST_POINTS = 1000
 _MOST_MM = 1e6
@@ -20,13 +18,36 @@ _MOST_MM = 1e6
 _LEAST_WIDTH_MM = 1.0
 
 
+def _point(target: int, place_mm: tuple[float, float, float], point: str = CENTRE, sigma_mm: float = 0.0) -> BodyPoint:
+    return BodyPoint(PointName(target, point), place_mm, sigma_mm)
+
+
+_POINT = record(
+    "",
+    _point,
+    field("target", integer("The target.", 0, 2**31), "name.target"),
+    optional("point", name("The point of the target; `centre` where absent."), "name.point"),
+    field("xyz_mm", items("Its place.", number("", -_MOST_MM, _MOST_MM, "mm"), length=3), "place_mm"),
+    optional("sigma_mm", number("Standard deviation of that; 0 where absent.", 0, _MOST_MM, "mm")),
+)
+BODY = Format(
+    "spherecal/body",
+    "body.json",
+    "A rigid body by named points in a frame of its own.",
+    record(
+        "",
+        Body,
+        field("name", identifier("Its name.")),
+        field("points", items("Its points.", _POINT, LEAST_POINTS, _MOST_POINTS, differ="name", what="point")),
+    ),
+    ("No point is there twice.", "The points do not lie on one line."),
+    more="measuring.md#bodies",
+)
+
+
 def read_body(path: Path) -> Body:
     """The body in a file; InputError names the place that is not as docs/formats.md says."""
-    f = read_json(path, FORMAT, VERSION).fields(("name", "points"))
-    values = f["points"].items(least=LEAST_POINTS, most=_MOST_POINTS)
-    points = [_read_point(value) for value in values]
-    unique(values, [str(point.name) for point in points], "point")
-    body = Body(f["name"].id(), tuple(points))
+    body = BODY.read(path)
     check_body(body, str(path))
     return body
 
@@ -49,18 +70,7 @@ def line_width(places: np.ndarray) -> float:
     return float(np.hypot(spread[1], spread[2] if len(spread) > 2 else 0.0) / np.sqrt(len(places)))
 
 
-def _read_point(value: JsonValue) -> BodyPoint:
-    f = value.fields(("target", "xyz_mm"), ("point", "sigma_mm"))
-    x, y, z = (item.number(-_MOST_MM, _MOST_MM, "mm") for item in f["xyz_mm"].items(3))
-    name = PointName(f["target"].integer(0, 2**31), f["point"].name() if "point" in f else CENTRE)
-    return BodyPoint(name, (x, y, z), f["sigma_mm"].number(0, _MOST_MM, "mm") if "sigma_mm" in f else 0.0)
-
-
 def write_body(body: Body, path: Path) -> None:
     """Write body.json, whole or not at all; InputError for a body that could not be read again."""
     check_body(body, str(path))
-    points = [
-        {"target": p.name.target, "point": p.name.point, "xyz_mm": list(p.place_mm), "sigma_mm": p.sigma_mm}
-        for p in body.points
-    ]
-    write_file_whole(path, json_bytes({"format": FORMAT, "version": VERSION, "name": body.name, "points": points}))
+    write_file_whole(path, BODY.bytes(body))

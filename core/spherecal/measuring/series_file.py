@@ -13,8 +13,7 @@ from spherecal.base.errors import MissingPackage
 from spherecal.base.filesystem import create, new_file
 from spherecal.base.messages.values import Phrase
 from spherecal.files.atomic import Marker, write_folder_whole
-from spherecal.files.json_file import json_bytes
-from spherecal.files.rig_file import software_entry
+from spherecal.files.json_file import json_bytes, software_entry
 from spherecal.files.write_result import place_cell
 from spherecal.measuring.measurer import Measurer
 from spherecal.measuring.results import MeasuredSet

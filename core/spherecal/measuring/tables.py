@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from spherecal.files.rig_file import finite
+from spherecal.files.json_file import finite
 from spherecal.measuring.results import BodyPose, Health, MeasuredSet
 
 Row = tuple[object, ...]  # numbers, texts, None

@@ -1,21 +1,33 @@
 """Quick checks kept in a profile: checks/20261121T171530123456Z.json, one a check, never changed afterwards."""
 
 import re
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, get_args
 
 from spherecal.base.errors import InputError
 from spherecal.base.filesystem import write_below
 from spherecal.base.messages.values import Phrase
-from spherecal.files.json_file import JsonValue, json_bytes
-from spherecal.files.rig_file import finite, software_entry
-from spherecal.profile.entry import migrated
+from spherecal.files.codec import (
+    Field,
+    Format,
+    Kind,
+    celsius,
+    choice,
+    field,
+    items,
+    name,
+    number,
+    optional,
+    prose,
+    record,
+    software,
+    time,
+    unread,
+)
 
-FORMAT = "spherecal/profile-check"
-VERSION = 1
 FOLDER = "checks"
 _ID = re.compile(r"[0-9]{8}T[0-9]{12}Z")
 # Two a day for more than a year; older ones stay in the folder.
@@ -43,23 +55,89 @@ class KeptCheck:
     temperature_c: float | None
 
 
+def _kept(
+    checked_at: datetime, calibration: str, check: Mapping[str, Any], temperature_c: float | None = None
+) -> KeptCheck:
+    cameras = check["cameras"]
+    return KeptCheck(
+        at=checked_at,
+        calibration=calibration,
+        verdict=check["verdict"],
+        sentence=check["sentence"],
+        point_mm={c["id"]: c["point_mm"] for c in cameras if "point_mm" in c},
+        rms_px=_rms(cameras),
+        scale_ppm=_mean([ball["scale_ppm"] for ball in check["balls"]]),
+        bar_error_mm=_mean([length["error_mm"] for length in check["lengths"]]),
+        temperature_c=temperature_c,
+    )
+
+
+def _part(*read: Field, others: Sequence[str]) -> Kind[tuple[dict[str, Any], ...]]:
+    """Cameras, balls or lengths of check.json, of which only some fields are read."""
+    return items("As in check.json.", record("", dict, *read, *(unread(key, "As in check.json.") for key in others)))
+
+
+_CAMERAS = _part(
+    field("id", name("Its id.")),
+    optional("point_mm", number("Largest shift of a point.", 0)),
+    optional("rms_px", number("Root mean square of its residuals.", 0)),
+    optional("points", number("Points that it saw.", 0)),
+    others=("verdict", "calibrated_rms_px", "moved", "move_px", "shift_mm", "turn_deg", "probability", "reason"),
+)
+_BALLS = _part(
+    field("scale_ppm", number("Size of the ball.")),
+    others=("placement", "dots", "scale_sd_ppm", "shape_rms_mm", "changed"),
+)
+_LENGTHS = _part(
+    field("error_mm", number("Error of the length.")),
+    others=("bar", "from", "to", "pose", "length_mm", "reference_mm", "u_mm"),
+)
+_CHECK = record(
+    "What came out, as in check.json.",
+    dict,
+    field("verdict", choice("The verdict.", get_args(Verdict))),
+    field("sentence", prose("In words.")),
+    unread("tolerance_mm", "As in check.json."),
+    field("cameras", _CAMERAS),
+    field("balls", _BALLS),
+    field("lengths", _LENGTHS),
+)
+PROFILE_CHECK = Format(
+    "spherecal/profile-check",
+    "checks/*.json",
+    "A quick check kept in a profile.",
+    record(
+        "",
+        _kept,
+        field("checked_at", time("When.")),
+        field("calibration", name("Which calibration was checked.")),
+        optional("temperature_c", celsius("The rig's temperature in degrees Celsius.")),
+        field("check", replace(_CHECK, entry=dict)),
+        software(),
+    ),
+    more="profiles.md",
+)
+
+
+@dataclass(frozen=True)
+class _Written:
+    """A check as it is kept."""
+
+    checked_at: datetime
+    calibration: str
+    temperature_c: float | None
+    check: Mapping[str, Any]
+
+
 def keep_check(
     folder: Path, calibration: str, check: Mapping[str, Any], temperature_c: float | None, now: datetime | None = None
 ) -> Path:
     """Add a check (the document of check.json) to the profile in `folder`; OutputError where it cannot be written."""
     at = (now or datetime.now(UTC)).astimezone(UTC)
-    name = f"{FOLDER}/{at:%Y%m%dT%H%M%S%f}Z.json"
-    document = {
-        "format": FORMAT,
-        "version": VERSION,
-        "checked_at": at.isoformat(),
-        "calibration": calibration,
-        "temperature_c": finite(temperature_c),
-        "check": {key: check[key] for key in ("verdict", "sentence", "tolerance_mm", "cameras", "balls", "lengths")},
-        "software": software_entry(None),
-    }
-    write_below(folder, name, json_bytes(document))
-    return folder / name
+    file = f"{FOLDER}/{at:%Y%m%dT%H%M%S%f}Z.json"
+    parts = {key: check[key] for key in ("verdict", "sentence", "tolerance_mm", "cameras", "balls", "lengths")}
+    write_below(folder, file, PROFILE_CHECK.bytes(_Written(at, calibration, temperature_c, parts)))
+    return folder / file
 
 
 def read_checks(folder: Path, most: int = _MOST_READ) -> tuple[tuple[KeptCheck, ...], tuple[str, ...]]:
@@ -69,9 +147,9 @@ def read_checks(folder: Path, most: int = _MOST_READ) -> tuple[tuple[KeptCheck, 
     except OSError:
         return (), ()
     found, problems = [], []
-    for name in names[-most:] if most else ():
+    for file in names[-most:] if most else ():
         try:
-            found.append(_read(folder / FOLDER / name))
+            found.append(_read(folder / FOLDER / file))
         except InputError as error:
             problems.append(str(error))
     return tuple(found), tuple(problems)
@@ -86,30 +164,12 @@ def last_check(folder: Path, calibration: str | None) -> KeptCheck | None:
 def _read(path: Path) -> KeptCheck:
     if path.is_symlink():
         raise InputError(Phrase("error-not-profiles-file", {"file": path}))
-    f = migrated(path, FORMAT, VERSION, {}).fields(
-        ("checked_at", "calibration", "check"), ("temperature_c", "software")
-    )
-    check = f["check"].fields(("verdict", "sentence", "cameras", "balls", "lengths"), ("tolerance_mm",))
-    cameras = [one.fields(("id",), ("point_mm", "rms_px", "points")) for one in check["cameras"].items()]
-    scales = [ball.fields(("scale_ppm",)) for ball in check["balls"].items()]
-    errors = [length.fields(("error_mm",)) for length in check["lengths"].items()]
-    verdict: Verdict = check["verdict"].choice("ok", "watch", "recalibrate")
-    return KeptCheck(
-        at=f["checked_at"].time(),
-        calibration=f["calibration"].name(),
-        verdict=verdict,
-        sentence=check["sentence"].prose(),
-        point_mm={c["id"].name(): c["point_mm"].number(0) for c in cameras if "point_mm" in c},
-        rms_px=_rms(cameras),
-        scale_ppm=_mean([s["scale_ppm"].number() for s in scales]),
-        bar_error_mm=_mean([e["error_mm"].number() for e in errors]),
-        temperature_c=f["temperature_c"].celsius() if "temperature_c" in f else None,
-    )
+    return PROFILE_CHECK.read(path, below=path.parent)
 
 
-def _rms(cameras: list[dict[str, JsonValue]]) -> float | None:
+def _rms(cameras: Sequence[Mapping[str, Any]]) -> float | None:
     """Of all cameras' residuals together."""
-    known = [(c["rms_px"].number(0), c["points"].number(0)) for c in cameras if "rms_px" in c and "points" in c]
+    known = [(c["rms_px"], c["points"]) for c in cameras if "rms_px" in c and "points" in c]
     total = sum(points for _, points in known)
     return (sum(points * rms**2 for rms, points in known) / total) ** 0.5 if total else None
 

@@ -6,24 +6,36 @@ The PIN keeps a limit from being changed by mistake; whoever can write the file 
 import hashlib
 import hmac
 import os
-from collections.abc import Mapping
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, fields, replace
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from spherecal.base.errors import InputError
 from spherecal.base.messages.values import Phrase
 from spherecal.files.atomic import make_parent, write_file_whole
-from spherecal.files.json_file import JsonValue, json_bytes, read_json
+from spherecal.files.codec import (
+    Format,
+    Kind,
+    boolean,
+    choice,
+    field,
+    integer,
+    items,
+    number,
+    one_of,
+    optional,
+    record,
+    text,
+    time,
+)
+from spherecal.files.json_file import JsonValue
 from spherecal.files.lock import locked
 
 if TYPE_CHECKING:
     from spherecal.profile.validity import ValidityLimits
 
-FORMAT = "spherecal/limits"
-VERSION = 1
 # Least: below this many common dots two cameras are no neighbours (spherecal.initialise.view_graph). Most: three times
 # what the demo's and rig A's cameras see at best (420); no image would ever be enough.
 DOTS = (20, 1260)
@@ -33,10 +45,6 @@ HOURS = (0.1, 8760.0)
 KELVIN = (0.1, 50.0)
 LEAST_PIN, MOST_PIN = 4, 100
 _KEPT_CHANGES = 500
-_RANGES = {
-    "ageing_hours": (HOURS, "hours"), "stale_hours": (HOURS, "hours"),
-    "ageing_kelvin": (KELVIN, "kelvin"), "stale_kelvin": (KELVIN, "kelvin"),
-}  # fmt: skip
 PAIRS = (("ageing_hours", "stale_hours"), ("ageing_kelvin", "stale_kelvin"))
 # RFC 7914's setting for logins: n = 2^14, r = 8, p = 1 take 16 MB and 0.15 s (2 busy cores).
 # The file names it, so that a later program can choose another.
@@ -123,6 +131,91 @@ class KeptLimits:
     changes: tuple[LimitChange, ...] = ()
 
 
+def _check_formula(text: str, value: JsonValue) -> None:
+    from spherecal.verify.limit import parse_limit
+
+    try:
+        if text:
+            parse_limit(text)
+    except InputError:
+        raise value.error(Phrase("problem-limit")) from None
+
+
+def _check_pairs(limits: Limits, value: JsonValue) -> None:
+    for ageing, stale in PAIRS:
+        if getattr(limits, ageing) > getattr(limits, stale):
+            raise value.error(Phrase("problem-ageing", {"ageing": ageing, "stale": stale}))
+
+
+def _hex(about: str, count: int) -> Kind[bytes]:
+    def read(value: JsonValue) -> bytes:
+        try:
+            found = bytes.fromhex(value.text())
+        except ValueError:
+            found = b""
+        if len(found) != count:
+            raise value.error(Phrase("problem-pin", {"digits": 2 * count}))
+        return found
+
+    return Kind({"description": about, "type": "string", "pattern": f"^[0-9a-fA-F]{{{2 * count}}}$"}, read, bytes.hex)
+
+
+_LIMITS = record(
+    "The limits; what is absent is as delivered.",
+    Limits,
+    optional("needed_dots", integer("Dots that each camera needs at a placement.", *DOTS)),
+    optional(
+        "ageing_hours", number("Age from which a calibration is ageing, not above `stale_hours`.", *HOURS, "hours")
+    ),
+    optional("stale_hours", number("Age from which it is stale.", *HOURS, "hours")),
+    optional(
+        "ageing_kelvin",
+        number("Change of the rig's temperature from which it is ageing, not above `stale_kelvin`.", *KELVIN, "kelvin"),
+    ),
+    optional("stale_kelvin", number("Change from which it is stale.", *KELVIN, "kelvin")),
+    optional(
+        "verification_limit",
+        text("A + L/K of the length errors in new projects of the wizard; empty for none.").checked(_check_formula),
+    ),
+    optional("verification_limit_open", boolean("Whether a project may have another.")),
+    optional(
+        "unverified_use",
+        boolean("Whether a calibration that no bar has verified may be put to use, with a reason."),
+    ),
+).checked(_check_pairs)
+_PIN = record(
+    "The lock.",
+    Pin,
+    field("kind", choice("How it is hashed.", (_KIND,)), lambda _: _KIND),
+    field("salt", _hex("32 hexadecimal digits.", _SALT_BYTES)),
+    field("hash", _hex("64 hexadecimal digits.", _HASH_BYTES), "digest"),
+)
+_VALUE = one_of("", boolean(""), text(""), number(""))
+_CHANGE = record(
+    "",
+    LimitChange,
+    field("at", time("When.")),
+    field("by", text("Who.")),
+    field("what", choice("A limit's name, or the PIN.", (*NAMES, "pin-set", "pin-removed"))),
+    optional("before", _VALUE.described("Its value before."), omit=None),
+    optional("after", _VALUE.described("Its value afterwards."), omit=None),
+)
+LIMITS = Format(
+    "spherecal/limits",
+    "limits.json",
+    "What the responsible person has set, in the user's settings; `SPHERECAL_LIMITS` names another file.",
+    record(
+        "",
+        KeptLimits,
+        field("limits", _LIMITS),
+        optional("pin", _PIN, omit=None),
+        optional("changes", items("The last 500 changes, oldest first.", _CHANGE)),
+    ),
+    ("`verification_limit` is a limit such as `0.03+L/20000`.",),
+    more="#limitsjson",
+)
+
+
 def limits_path() -> Path:
     """The file: `SPHERECAL_LIMITS`, else limits.json in the user's settings, beside the bars."""
     from platformdirs import user_config_path
@@ -140,12 +233,7 @@ def read_limits(path: Path | None = None) -> KeptLimits:
         return KeptLimits()
     except OSError:  # the reader says what is wrong: the window has to start all the same
         pass
-    f = read_json(path, FORMAT, VERSION).fields(("limits",), ("pin", "changes"))
-    return KeptLimits(
-        _read_limits(f["limits"]),
-        _read_pin(f["pin"]) if "pin" in f else None,
-        tuple(_read_change(one) for one in f["changes"].items()) if "changes" in f else (),
-    )
+    return LIMITS.read(path)
 
 
 def limits_in_use(path: Path | None = None) -> tuple[Limits, str]:
@@ -154,62 +242,6 @@ def limits_in_use(path: Path | None = None) -> tuple[Limits, str]:
         return read_limits(path).limits, ""
     except InputError as error:
         return Limits(), f"{error} Until then the delivered limits are used."
-
-
-def _read_limits(value: JsonValue) -> Limits:
-    f = value.fields((), NAMES)
-    found: dict[str, Any] = {key: f[key].number(*limits, unit) for key, (limits, unit) in _RANGES.items() if key in f}
-    if "needed_dots" in f:
-        found["needed_dots"] = f["needed_dots"].integer(*DOTS)
-    if "verification_limit" in f:
-        found["verification_limit"] = _read_formula(f["verification_limit"])
-    found |= {key: f[key].boolean() for key in ("verification_limit_open", "unverified_use") if key in f}
-    limits = Limits(**found)
-    for ageing, stale in PAIRS:
-        if getattr(limits, ageing) > getattr(limits, stale):
-            raise value.error(Phrase("problem-ageing", {"ageing": ageing, "stale": stale}))
-    return limits
-
-
-def _read_formula(value: JsonValue) -> str:
-    from spherecal.verify.limit import parse_limit
-
-    text = value.text()
-    try:
-        if text:
-            parse_limit(text)
-    except InputError:
-        raise value.error(Phrase("problem-limit")) from None
-    return text
-
-
-def _read_pin(value: JsonValue) -> Pin:
-    f = value.fields(("kind", "salt", "hash"))
-    f["kind"].choice(_KIND)
-    return Pin(_read_bytes(f["salt"], _SALT_BYTES), _read_bytes(f["hash"], _HASH_BYTES))
-
-
-def _read_bytes(value: JsonValue, count: int) -> bytes:
-    try:
-        found = bytes.fromhex(value.text())
-    except ValueError:
-        found = b""
-    if len(found) != count:
-        raise value.error(Phrase("problem-pin", {"digits": 2 * count}))
-    return found
-
-
-def _read_change(value: JsonValue) -> LimitChange:
-    f = value.fields(("at", "by", "what"), ("before", "after"))
-    what = f["what"].choice(*NAMES, "pin-set", "pin-removed")
-    before, after = (_read_value(f[key]) if key in f else None for key in ("before", "after"))
-    return LimitChange(f["at"].time(), f["by"].text(), what, before, after)
-
-
-def _read_value(value: JsonValue) -> Value:
-    if isinstance(value.value, bool):
-        return value.boolean()
-    return value.text() if isinstance(value.value, str) else value.number()
 
 
 def changing_limits(path: Path) -> AbstractContextManager[None]:
@@ -221,19 +253,9 @@ def changing_limits(path: Path) -> AbstractContextManager[None]:
 def write_limits(kept: KeptLimits, path: Path | None = None) -> None:
     """Write the file whole; OutputError where that fails."""
     path = path or limits_path()
-    document: dict[str, Any] = {"format": FORMAT, "version": VERSION}
-    document["limits"] = {name: getattr(kept.limits, name) for name in NAMES}
-    if kept.pin is not None:
-        document["pin"] = {"kind": _KIND, "salt": kept.pin.salt.hex(), "hash": kept.pin.digest.hex()}
-    document["changes"] = [_change_entry(one) for one in kept.changes[-_KEPT_CHANGES:]]
+    kept = replace(kept, changes=kept.changes[-_KEPT_CHANGES:])
     make_parent(path, Phrase("error-set-limits"))
-    write_file_whole(path, json_bytes(document))
-
-
-def _change_entry(change: LimitChange) -> Mapping[str, Any]:
-    entry = {"at": change.at.isoformat(), "by": change.by, "what": change.what}
-    values = {"before": change.before, "after": change.after}
-    return entry | {key: value for key, value in values.items() if value is not None}
+    write_file_whole(path, LIMITS.bytes(kept))
 
 
 def with_limits(kept: KeptLimits, limits: Limits, by: str, now: datetime | None = None) -> KeptLimits:

@@ -19,7 +19,7 @@ from spherecal.files.capture_file import CapturedSet, last_taken, read_captured_
 from spherecal.files.json_file import read_bytes, read_json
 from spherecal.files.read_session import read_session
 from spherecal.files.rig_file import read_rig
-from spherecal.files.target_set_file import FORMAT as TARGETS_FORMAT
+from spherecal.files.target_set_file import TARGETS
 from spherecal.files.write_result import POINT_COLUMNS
 from spherecal.profile.entry import FILES, RIG_FILE, CameraEntry, Entry
 from spherecal.profile.store import Profile, add_entry
@@ -181,6 +181,6 @@ def _files(result: Path, session: Session | None) -> dict[str, bytes]:
     if session is not None and session.target_set is not None and "targets.json" not in files:
         named = read_json(session.folder / "session.json", "spherecal/session", 1).fields(("target_set",))
         path = session.folder / named["target_set"].text()
-        read_json(path, TARGETS_FORMAT, 1)
+        read_json(path, TARGETS.name, TARGETS.version)
         files["targets.json"] = read_bytes(path, _MOST_BYTES)
     return files

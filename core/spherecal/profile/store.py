@@ -8,12 +8,9 @@ import hashlib
 import os
 import re
 import secrets
-import time
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any
 
 from spherecal.base.errors import InputError, OutputError, reason
 from spherecal.base.filesystem import (
@@ -29,9 +26,9 @@ from spherecal.base.filesystem import (
 )
 from spherecal.base.messages.values import Phrase
 from spherecal.data.rig import Rig
-from spherecal.files.json_file import JsonValue, json_bytes, name_problem
+from spherecal.files.codec import Format, field, items, name, number, optional, record, software, text, time
+from spherecal.files.json_file import JsonValue, name_problem
 from spherecal.files.lock import LOCK, locked
-from spherecal.files.rig_file import software_entry
 from spherecal.profile.checks import FOLDER as CHECKS
 from spherecal.profile.checks import last_check
 from spherecal.profile.entry import (
@@ -40,22 +37,17 @@ from spherecal.profile.entry import (
     Entry,
     checked_rig,
     entry_bytes,
-    migrated,
     read_entry,
 )
 from spherecal.profile.validity import Validity, ValidityLimits, validity
 
-FORMAT = "spherecal/profile"
-VERSION = 1
 PROFILE_FILE = "profile.json"
 HISTORY = "history"
-MIGRATIONS: dict[int, Callable[[dict[str, Any]], dict[str, Any]]] = {}
 
 _MOST_BYTES = 64 << 20
 _LEFT_OVER_SECONDS = 3600.0
 _ID = re.compile(r"[0-9]{4,9}")
 _MOST_EVENTS = 10_000
-_LIMITS = ("ageing_hours", "stale_hours", "ageing_kelvin", "stale_kelvin")
 
 
 @dataclass(frozen=True)
@@ -126,6 +118,71 @@ class Profile:
         return self.folder / HISTORY / calibration
 
 
+def _profile(name: str, applied: tuple[Applied, ...], limits: ValidityLimits | None = None) -> Profile:
+    return Profile(Path(), name, limits or ValidityLimits(), applied, {})
+
+
+def _check_number(calibration: str, value: JsonValue) -> None:
+    if not _ID.fullmatch(calibration):
+        raise value.error(Phrase("problem-calibration-number"))
+
+
+_STATED = record(
+    "When a calibration is ageing or stale.",
+    dict,
+    optional("ageing_hours", number("Age from which it is ageing, not above `stale_hours`.", 0)),
+    optional("stale_hours", number("Age from which it is stale.", 0)),
+    optional("ageing_kelvin", number("Change of temperature from which it is ageing, not above `stale_kelvin`.", 0)),
+    optional("stale_kelvin", number("Change from which it is stale.", 0)),
+)
+
+
+def _read_limits(value: JsonValue) -> ValidityLimits:
+    stated = _STATED.read(value)
+    try:
+        return ValidityLimits(**stated)
+    except InputError as error:  # which knows nothing of files
+        what = Phrase("error-in-validity", {"file": value.file, "why": error.parts[0]})
+        raise InputError(what, error.parts[1]) from error
+
+
+_APPLIED = record(
+    "",
+    Applied,
+    field("calibration", text("Its number.").checked(_check_number, pattern="^[0-9]{4,9}$")),
+    field("at", time("When.")),
+    optional("note", text("Why.")),
+)
+_EVENTS = items(
+    "Which calibration was put to use, oldest first.",
+    _APPLIED,
+    most=_MOST_EVENTS,
+    excess=Phrase("problem-many-events", {"most": _MOST_EVENTS}),
+)
+PROFILE = Format(
+    "spherecal/profile",
+    PROFILE_FILE,
+    "A rig's profile: its name, limits, and which calibration was in use from when on.",
+    record(
+        "",
+        _profile,
+        field("name", name("Name of the rig.")),
+        optional("validity", replace(_STATED, read=_read_limits), "limits"),
+        field(
+            "applied",
+            items(
+                "Which calibration was put to use, oldest first.",
+                _APPLIED,
+                most=_MOST_EVENTS,
+                excess="problem-many-events",
+            ),
+        ),
+        software(),
+    ),
+    more="profiles.md",
+)
+
+
 def is_profile(folder: Path) -> bool:
     """Whether a folder is (or at least says that it is) a profile."""
     return is_plain_file_below(folder, PROFILE_FILE)
@@ -135,36 +192,9 @@ def open_profile(folder: Path) -> Profile:
     """The profile in a folder, checked; InputError where profile.json is not as it was written."""
     if not is_profile(folder):
         raise InputError(Phrase("error-no-profile", {"folder": folder}))
-    f = migrated(folder / PROFILE_FILE, FORMAT, VERSION, MIGRATIONS).fields(("name", "applied"), ("validity",))
-    events = f["applied"].items()
-    if len(events) > _MOST_EVENTS:
-        raise f["applied"].error(Phrase("problem-many-events", {"most": _MOST_EVENTS}))
+    kept = PROFILE.read(folder / PROFILE_FILE, below=folder)
     entries, problems = _read_history(folder)
-    return Profile(
-        folder=folder,
-        name=f["name"].name(),
-        limits=_read_limits(f["validity"]) if "validity" in f else ValidityLimits(),
-        applied=tuple(_read_event(event) for event in events),
-        entries=entries,
-        problems=problems,
-    )
-
-
-def _read_limits(validity: JsonValue) -> ValidityLimits:
-    values = {key: value.number(0) for key, value in validity.fields((), _LIMITS).items()}
-    try:
-        return ValidityLimits(**values)
-    except InputError as error:  # which knows nothing of files
-        what = Phrase("error-in-validity", {"file": validity.file, "why": error.parts[0]})
-        raise InputError(what, error.parts[1]) from error
-
-
-def _read_event(event: JsonValue) -> Applied:
-    f = event.fields(("calibration", "at"), ("note",))
-    calibration = f["calibration"].text()
-    if not _ID.fullmatch(calibration):
-        raise f["calibration"].error(Phrase("problem-calibration-number"))
-    return Applied(calibration, f["at"].time(), f["note"].text() if "note" in f else "")
+    return replace(kept, folder=folder, entries=entries, problems=problems)
 
 
 def _read_history(folder: Path) -> tuple[dict[str, Entry], tuple[str, ...]]:
@@ -226,17 +256,7 @@ def set_limits(folder: Path, **given: float) -> Profile:
 
 def write_profile(profile: Profile) -> None:
     """Replace profile.json whole: the one step by which a profile changes from one state to the next."""
-    limits = {key: getattr(profile.limits, key) for key in _LIMITS}
-    events = [{"calibration": e.calibration, "at": e.at.isoformat(), "note": e.note} for e in profile.applied]
-    document = {
-        "format": FORMAT,
-        "version": VERSION,
-        "name": profile.name,
-        "validity": limits,
-        "applied": events,
-        "software": software_entry(None),
-    }
-    write_below(profile.folder, PROFILE_FILE, json_bytes(document))
+    write_below(profile.folder, PROFILE_FILE, PROFILE.bytes(profile))
 
 
 def add_entry(profile: Profile, entry: Entry, files: dict[str, bytes]) -> str:
@@ -277,7 +297,7 @@ def _sweep(history: Path) -> None:
     for path in history.glob(f".*{PARTIAL}"):
         try:
             state = path.lstat()
-            if not is_link(state) and time.time() - state.st_mtime > _LEFT_OVER_SECONDS:
+            if not is_link(state) and datetime.now(UTC).timestamp() - state.st_mtime > _LEFT_OVER_SECONDS:
                 remove_own_folder(path)
         except OSError:
             continue

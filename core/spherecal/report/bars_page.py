@@ -13,7 +13,7 @@ from spherecal.report.sheet import PageBox, Sheet, shortened
 from spherecal.report.style import ACCENT, BAD, CAUTION, INK, MARKS, NONE, RULE, SMALL_PT, TINY_PT, TO, number
 from spherecal.report.tables import add_section
 from spherecal.report.verdict_page import add_finding, sorted_findings, verification_verdict
-from spherecal.report.verification_file import BUDGET_PARTS, BarReport, BarRow, LengthRow
+from spherecal.verify.verification_file import BUDGET_PARTS, BarReport, BarRow, LengthRow
 
 _IN_A_PLOT = 10  # lengths side by side
 _EXPANDED = 2.0  # where the decision states no coverage factor
@@ -93,10 +93,10 @@ def _draw_limit(axes: Axes, at: int, key: tuple[str, str, str], bars: BarReport)
     if row is None:
         return 0.0
     for sign in (-1, 1):
-        inner, outer = (sign * (row.limit_mm + band * row.expanded_mm) for band in (-1, 1))
+        inner, outer = (sign * (row.limit_mm + band * row.expanded_uncertainty_mm) for band in (-1, 1))
         axes.fill_between([at - 0.46, at + 0.46], [inner] * 2, [outer] * 2, color=CAUTION, alpha=0.16, linewidth=0)
         axes.plot([at - 0.46, at + 0.46], [sign * row.limit_mm] * 2, color=CAUTION, linewidth=1.2)
-    return row.limit_mm + row.expanded_mm
+    return row.limit_mm + row.expanded_uncertainty_mm
 
 
 def _draw_length(axes: Axes, at: int, rows: list[BarRow], length: LengthRow | None, k: float, bars: BarReport) -> float:

@@ -4,7 +4,8 @@ from dataclasses import dataclass
 from typing import Any
 
 from spherecal.data.findings import Finding
-from spherecal.files.rig_file import finding_entry, software_entry
+from spherecal.files.findings_file import FINDING
+from spherecal.files.json_file import software_entry
 from spherecal.report.language import finding_words, label
 from spherecal.report.result_folder import Result
 from spherecal.report.sections_bars import bar_sections
@@ -55,7 +56,7 @@ def make_content(result: Result) -> Content:
 
 def _entry(finding: Finding) -> dict[str, Any]:
     message, hint = finding_words(finding)
-    return {**finding_entry(finding), "message": message, "hint": hint}
+    return {**FINDING.entry(finding), "message": message, "hint": hint}
 
 
 def content_json(content: Content, result: Result) -> dict[str, Any]:

@@ -9,7 +9,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from datetime import UTC, date, datetime
 from pathlib import Path
-from typing import Literal
+from typing import Literal, get_args
 from xml.etree import ElementTree as Xml
 
 import numpy as np
@@ -18,15 +18,16 @@ from spherecal import __version__
 from spherecal.base.errors import InputError
 from spherecal.base.messages.values import Phrase
 from spherecal.data.rig import RigCamera
-from spherecal.files.json_file import JsonValue, read_json
+from spherecal.files.codec import Format, Kind, choice, field, optional, record, text
+from spherecal.files.codec import date as day
+from spherecal.files.json_file import JsonValue
 from spherecal.geometry.camera import INTRINSIC_NAMES, is_fisheye, lens_names
 from spherecal.report.content import make_content
-from spherecal.report.procedure_file import ArtefactRow
 from spherecal.report.result_folder import Result
+from spherecal.verify.verification_file import ArtefactRow
 
 DCC, SI, XSI = "https://ptb.de/dcc", "https://ptb.de/si", "http://www.w3.org/2001/XMLSchema-instance"
 SCHEMA = "3.2.1"
-FORMAT, VERSION = "spherecal/issuer", 1
 _COVERAGE, _NORMAL_BELOW = 0.9545, 2.001  # k of 2500 degrees of freedom; the normal distribution's is 2.000002
 _CONFORMITY = {"pass": "pass", "fail": "fail", "cannot tell": "noPass"}
 
@@ -51,54 +52,62 @@ class Issuer:
     customer: Contact
     person: str
     rig_serial: str
-    manufacturer: str
-    number: str
-    place: Place
-    begin: date | None
-    end: date | None
+    manufacturer: str = "not stated"
+    number: str = ""
+    place: Place = "laboratory"
+    begin: date | None = None
+    end: date | None = None
 
 
 def read_issuer(path: Path) -> Issuer:
     """The statements in a file; InputError names what is missing."""
-    f = read_json(path, FORMAT, VERSION).fields(
-        ("laboratory", "customer", "person", "rig_serial"), ("manufacturer", "number", "place", "begin", "end")
-    )
-    place: Place = "laboratory"
-    if "place" in f:
-        place = f["place"].choice("laboratory", "customer", "laboratoryBranch", "customerBranch", "other")
-    return Issuer(
-        _read_contact(f["laboratory"]),
-        _read_contact(f["customer"]),
-        _said(f["person"]),
-        _said(f["rig_serial"]),
-        _said(f["manufacturer"]) if "manufacturer" in f else "not stated",
-        _said(f["number"]) if "number" in f else "",
-        place,
-        _read_date(f["begin"]) if "begin" in f else None,
-        _read_date(f["end"]) if "end" in f else None,
-    )
+    return ISSUER.read(path)
 
 
-def _said(value: JsonValue) -> str:
-    text = " ".join(value.text().split())
-    if not text:
-        raise value.error(Phrase("problem-name-empty"))
-    return text
-
-
-def _read_contact(value: JsonValue) -> Contact:
-    f = value.fields(("name", "city", "country"), ("email",))
-    country = f["country"].text()
+def _check_country(country: str, value: JsonValue) -> None:
     if len(country) != 2 or not (country.isascii() and country.isalpha() and country.isupper()):
-        raise f["country"].error(Phrase("problem-country"))
-    return Contact(_said(f["name"]), _said(f["city"]), country, _said(f["email"]) if "email" in f else "")
+        raise value.error(Phrase("problem-country"))
 
 
-def _read_date(value: JsonValue) -> date:
-    try:
-        return date.fromisoformat(value.text())
-    except ValueError:
-        raise value.error(Phrase("problem-date")) from None
+def _check_not_empty(said: str, value: JsonValue) -> None:
+    if not said:
+        raise value.error(Phrase("problem-name-empty"))
+
+
+def _said(about: str) -> Kind[str]:
+    return text(about).mapped(lambda said: " ".join(said.split())).checked(_check_not_empty)
+
+
+def _stated_contact(about: str) -> Kind[Contact]:
+    return record(
+        about,
+        Contact,
+        field("name", _said("Its name.")),
+        field("city", _said("Where it is.")),
+        field("country", text("Two capital letters.").checked(_check_country, pattern="^[A-Z]{2}$")),
+        optional("email", _said("Its e-mail address.")),
+    )
+
+
+ISSUER = Format(
+    "spherecal/issuer",
+    "issuer.json",
+    "What `spherecal report --issuer` needs for a calibration certificate: laboratory, customer, person, dates.",
+    record(
+        "",
+        Issuer,
+        field("laboratory", _stated_contact("Who issues the certificate.")),
+        field("customer", _stated_contact("For whom.")),
+        field("person", _said("Who is responsible.")),
+        field("rig_serial", _said("Serial number of the rig.")),
+        optional("manufacturer", _said("Who made the rig.")),
+        optional("number", _said("Number of the certificate.")),
+        optional("place", choice("Where it was measured; `laboratory` where absent.", get_args(Place))),
+        optional("begin", day("First day of the measurement.")),
+        optional("end", day("Last day.")),
+    ),
+    ("No text is empty.",),
+)
 
 
 def dcc_bytes(result: Result, issuer: Issuer) -> bytes:
@@ -146,7 +155,7 @@ def _administrative(root: Xml.Element, result: Result, issuer: Issuer) -> None:
     _software(_add(data, "dccSoftware"), "SphereCal", __version__)
     core = _add(data, "coreData")
     begin, end = _dates(result, issuer)
-    for name, text in (
+    for key, said in (
         ("countryCodeISO3166_1", issuer.laboratory.country),
         ("usedLangCodeISO639_1", "en"),
         ("mandatoryLangCodeISO639_1", "en"),
@@ -155,7 +164,7 @@ def _administrative(root: Xml.Element, result: Result, issuer: Issuer) -> None:
         ("endPerformanceDate", end.isoformat()),
         ("performanceLocation", issuer.place),
     ):
-        _add(core, name, text)
+        _add(core, key, said)
     items = _add(data, "items")
     item = _add(items, "item")
     _name(item, f"Multi-camera measuring rig with {len(result.rig.cameras)} cameras")

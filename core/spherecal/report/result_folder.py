@@ -12,11 +12,12 @@ from spherecal.base.messages.values import Phrase
 from spherecal.data.rig import PlacedSphere, Rig
 from spherecal.files.atomic import read_unchanged
 from spherecal.files.json_file import read_json
-from spherecal.files.rig_file import FORMAT, VERSION, read_rig
+from spherecal.files.rig_file import RIG, read_rig
 from spherecal.files.write_result import POINT_COLUMNS, RESIDUAL_COLUMNS, SPHERE_COLUMNS
 from spherecal.geometry.camera import project
 from spherecal.report.csv_table import CsvTable, read_csv
-from spherecal.report.verification_file import BarReport, read_bar_report
+from spherecal.report.verification_file import read_bar_report
+from spherecal.verify.verification_file import BarReport
 
 
 @dataclass(frozen=True)
@@ -111,7 +112,7 @@ def _read_result(folder: Path) -> Result:
 
 
 def _read_software(path: Path) -> Software:
-    fields = read_json(path, FORMAT, VERSION).fields((), ("software",))
+    fields = read_json(path, RIG.name, RIG.version).fields((), ("software",))
     if "software" not in fields:
         return Software("unknown program", "", ())
     entries = fields["software"].entries()

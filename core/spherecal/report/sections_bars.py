@@ -1,11 +1,10 @@
 """The verification as sections: conformity, budgets, artefacts and certificates, temperatures, departures."""
 
 from spherecal.report.language import label, word, written
-from spherecal.report.procedure_file import AcceptanceReport, BudgetReport, ProcedureReport
 from spherecal.report.result_folder import Result
 from spherecal.report.style import NONE, TO, count, number, significant
 from spherecal.report.tables import Section, Table
-from spherecal.report.verification_file import BarReport
+from spherecal.verify.verification_file import AcceptanceReport, BarReport, BudgetReport, ProcedureReport
 
 _MANY = 10_000
 # The words for what verification.json names.
@@ -133,7 +132,7 @@ def _conformity(procedure: ProcedureReport) -> Section | None:
             name_of(*x.key),
             x.worst_pose,
             number(x.worst_error_mm, 4, sign=True),
-            number(x.expanded_mm, 4),
+            number(x.expanded_uncertainty_mm, 4),
             number(x.limit_mm, 4),
             word(_VERDICTS, x.verdict),
         )

@@ -8,7 +8,6 @@ from spherecal.data.findings import Finding
 from spherecal.data.rig import Affected
 from spherecal.report.document import Document
 from spherecal.report.language import finding_words, label
-from spherecal.report.procedure_file import AcceptanceReport
 from spherecal.report.result_folder import Result
 from spherecal.report.sections_bars import doubts_in_words, verdict_word
 from spherecal.report.sheet import PageBox, Sheet, leading, shortened, text_width, wrap
@@ -31,7 +30,7 @@ from spherecal.report.style import (
     some_of,
 )
 from spherecal.report.tables import calibrated_with, images_taken
-from spherecal.report.verification_file import BarReport
+from spherecal.verify.verification_file import AcceptanceReport, BarReport
 
 _WORDS = {"valid": "verdict-valid", "use-with-care": "verdict-use-with-care", "not-valid": "verdict-not-valid"}
 _SEVERITIES = {"error": "report-severity-error", "warning": "report-severity-warning", "info": "report-severity-info"}
@@ -159,7 +158,7 @@ def _against_limit(acceptance: AcceptanceReport, bars: BarReport) -> tuple[str, 
         return label("report-pass"), GOOD, kept
     if acceptance.verdict == "fail":
         failed = [x for x in acceptance.lengths if x.verdict == "fail"]
-        names = ", ".join(label("report-from-to", bar=x.bar, start=x.start, end=x.end) for x in failed[:4])
+        names = ", ".join(label("report-from-to", bar=x.bar, start=x.from_mark, end=x.to_mark) for x in failed[:4])
         return (
             label("report-fail"),
             BAD,

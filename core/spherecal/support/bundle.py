@@ -24,7 +24,7 @@ from spherecal.calibrate import calibrate
 from spherecal.data.session import Session
 from spherecal.detect.redetection import with_missed_targets
 from spherecal.detect.session_images import observed
-from spherecal.files.bar_registry import certificate_entry, length_entry, temperature_entry
+from spherecal.files.bar_registry import figures_entry
 from spherecal.files.bundle_file import BUNDLE_FILE, bundle_bytes
 from spherecal.files.capture_file import CAPTURE_FILE
 from spherecal.files.json_file import json_bytes, parse_json, read_bytes, read_json
@@ -167,11 +167,7 @@ def _fill_in_bars(document: dict[str, Any], session: Session) -> None:
     for entry, bar in zip(document.get("bars") or [], session.bars, strict=True):
         if "lengths" in entry:
             continue
-        entry["marks"] = {name: {"target": mark.target, "point": mark.point} for name, mark in bar.marks.items()}
-        entry["lengths"] = [length_entry(length) for length in bar.lengths]
-        entry.update(temperature_entry(bar))
-        if bar.certificate is not None:
-            entry["certificate"] = certificate_entry(bar.certificate)
+        entry.update(figures_entry(bar))
 
 
 def _images(folder: Path, context: Context) -> dict[str, int]:

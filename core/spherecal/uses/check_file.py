@@ -7,7 +7,8 @@ from typing import Any
 import numpy as np
 
 from spherecal.base.errors import OutputError
-from spherecal.files.rig_file import finding_entry, finite, software_entry
+from spherecal.files.findings_file import FINDING
+from spherecal.files.json_file import finite, software_entry
 from spherecal.profile.checks import keep_check
 from spherecal.profile.store import is_profile, open_profile
 from spherecal.uses.check import Check, CheckedCamera
@@ -50,7 +51,7 @@ def check_json(found: Check) -> dict[str, Any]:
             }
             for m in found.lengths
         ],
-        "findings": [finding_entry(finding) for finding in found.findings],
+        "findings": [FINDING.entry(finding) for finding in found.findings],
         "software": software_entry(None),
     }
 

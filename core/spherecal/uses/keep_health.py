@@ -5,7 +5,7 @@ from typing import Any
 
 from spherecal.base.errors import OutputError
 from spherecal.data.rig import Rig
-from spherecal.files.rig_file import finite
+from spherecal.files.json_file import finite
 from spherecal.measuring.health import SLOW_SETS
 from spherecal.measuring.results import Health
 from spherecal.profile.checks import keep_check

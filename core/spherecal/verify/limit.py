@@ -64,6 +64,11 @@ class LengthConformity:
     expanded_uncertainty_mm: float
     verdict: Conformity
 
+    @property
+    def key(self) -> tuple[str, str, str]:
+        """Bar and marks."""
+        return self.bar, self.from_mark, self.to_mark
+
 
 @dataclass(frozen=True)
 class Acceptance:

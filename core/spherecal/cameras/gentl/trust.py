@@ -15,6 +15,7 @@ import sys
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from datetime import UTC, datetime
+from functools import partial
 from pathlib import Path
 from typing import Literal
 
@@ -22,10 +23,7 @@ from spherecal.base.errors import InputError, OutputError
 from spherecal.base.messages.values import Phrase
 from spherecal.cameras.gentl.driver_copy import NotTheSame, hash_of, private_copy
 from spherecal.files.atomic import write_file_whole
-from spherecal.files.json_file import read_json
-
-FORMAT = "spherecal/drivers"
-VERSION = 1
+from spherecal.files.codec import Format, field, items, only, record, text, unread
 
 State = Literal["own", "known", "new", "changed", "unsafe", "unreadable"]
 
@@ -51,6 +49,25 @@ class Refusal:
     message: str
     hint: str
     allowable: bool = False
+
+
+_DRIVER = record(
+    "",
+    partial(Driver, state="known"),
+    field("file", text("Its real path.")),
+    field("sha256", text("SHA-256 of its contents.")),
+)
+DRIVERS = Format(
+    "spherecal/drivers",
+    "drivers.json",
+    "Camera drivers that were allowed, in the user's settings.",
+    only(
+        "drivers",
+        items("The driver files.", _DRIVER),
+        unread("written_at", "When.", lambda _: datetime.now(UTC).isoformat(timespec="seconds")),
+    ),
+    more="cameras.md",
+)
 
 
 class TrustStore:
@@ -93,13 +110,7 @@ class TrustStore:
         return True
 
     def _write(self) -> None:
-        entries = [{"file": file, "sha256": digest} for file, digest in sorted(self._allowed.items())]
-        document = {
-            "format": FORMAT,
-            "version": VERSION,
-            "drivers": entries,
-            "written_at": datetime.now(UTC).isoformat(timespec="seconds"),
-        }
+        document = DRIVERS.document([Driver(file, own, "known") for file, own in sorted(self._allowed.items())])
         try:
             self.path.parent.mkdir(parents=True, exist_ok=True)
             write_file_whole(self.path, (json.dumps(document, indent=1) + "\n").encode())
@@ -255,8 +266,6 @@ def _read(path: Path) -> dict[str, str]:
     if not path.exists():
         return {}
     try:
-        entries = read_json(path, FORMAT, VERSION).fields(("drivers",))["drivers"].items()
-        fields = [entry.fields(("file", "sha256")) for entry in entries]
-        return {f["file"].text(): f["sha256"].text() for f in fields}
+        return {one.file: one.sha256 for one in DRIVERS.read(path)}
     except InputError as error:
         raise InputError(error.parts[0], Phrase("error-delete-trust", {"file": path})) from error

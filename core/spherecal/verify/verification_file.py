@@ -1,0 +1,471 @@
+"""verification.json: what it holds, of a verification as it was computed and as it is read."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from operator import itemgetter
+from typing import Any, Literal, get_args
+
+from spherecal.base.messages.catalogue import phrase
+from spherecal.data.findings import Finding
+from spherecal.files.bar_registry import CERTIFICATE, LENGTH
+from spherecal.files.codec import (
+    Field,
+    Format,
+    Kind,
+    choice,
+    field,
+    group,
+    integer,
+    items,
+    name,
+    number,
+    numbers,
+    optional,
+    prose,
+    record,
+    serial,
+    software,
+    text,
+    unread,
+)
+from spherecal.files.findings_file import FINDING
+from spherecal.files.json_file import finite
+from spherecal.files.written_phrase import PHRASE, Sentence, sentence, sentence_fields, sentences
+from spherecal.verify.budget import Budget
+from spherecal.verify.limit import RULE, Conformity, LengthConformity
+from spherecal.verify.participation import CameraViews, State
+from spherecal.verify.verification import MeasuredLength, Verification
+
+BUDGET_PARTS = ("repeatability", "calibration", "scale", "certificate", "temperature")
+_MOST_MM = 1e9
+
+
+@dataclass(frozen=True)
+class AcceptanceReport:
+    """The limit E = A + L/K (`divisor` None: A alone), the decision, its rule, and what cast doubt on a pass."""
+
+    rule: str
+    words: str
+    constant_mm: float
+    divisor: float | None
+    lengths: tuple[LengthConformity, ...]
+    verdict: Conformity | Literal["no data"] = "no data"
+    doubts: tuple[str, ...] = ()
+
+    def at(self, length_mm: float) -> float:
+        """The limit of a length in mm."""
+        return self.constant_mm + (0.0 if self.divisor is None else length_mm / self.divisor)
+
+
+@dataclass(frozen=True)
+class ContributionRow:
+    """One contribution of a budget; `freedom` None: infinite."""
+
+    name: str
+    evaluation: str
+    distribution: str
+    standard_mm: float
+    freedom: float | None
+    share: float
+    contained_mm: float | None
+
+
+@dataclass(frozen=True)
+class BudgetReport:
+    """The budget of one length's error."""
+
+    bar: str
+    start: str
+    end: str
+    combined_mm: float
+    coverage_factor: float
+    expanded_mm: float
+    remedy: Sentence
+    contributions: tuple[ContributionRow, ...]
+    freedom: float | None = None
+
+
+@dataclass(frozen=True)
+class ArtefactRow:
+    """A bar: serial, certificate in words, expansion, lengths in words."""
+
+    id: str
+    serial: str
+    certificate: str
+    laboratory: str
+    issued: str
+    valid_until: str
+    expansion_per_kelvin: float
+    reference_temperature_c: float
+    lengths: tuple[tuple[str, str, float, float, float], ...]
+
+
+@dataclass(frozen=True)
+class PoseRow:
+    """A pose of a bar with its temperature."""
+
+    id: str
+    bar: str
+    temperature_c: float | None
+
+
+@dataclass(frozen=True)
+class ProcedureReport:
+    """All of it."""
+
+    title: str
+    departures: tuple[Sentence, ...]
+    bars: tuple[ArtefactRow, ...]
+    poses: tuple[PoseRow, ...]
+    budgets: tuple[BudgetReport, ...]
+    volume: tuple[tuple[float, ...], float] | None = None
+    acceptance: AcceptanceReport | None = None
+    cameras_moved: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class BarRow:
+    """One measured length of bars.csv; error = measured - reference, `u_mm` its standard uncertainty."""
+
+    bar: str
+    pose: str
+    start: str
+    end: str
+    length_mm: float
+    reference_mm: float
+    error_mm: float
+    u_mm: float | None
+    views: int
+
+    @property
+    def key(self) -> tuple[str, str, str]:
+        """The certified length that was measured."""
+        return self.bar, self.start, self.end
+
+
+@dataclass(frozen=True)
+class LengthRow:
+    """One certified length over its poses; `budget_mm` holds standard uncertainties by BUDGET_PARTS, if given."""
+
+    bar: str
+    start: str
+    end: str
+    n: int
+    mean_error_mm: float | None
+    sd_mm: float | None
+    max_abs_error_mm: float | None
+    expanded_mm: float | None
+    coverage_factor: float | None
+    budget_mm: tuple[float | None, ...] = (None,) * len(BUDGET_PARTS)
+
+    @property
+    def key(self) -> tuple[str, str, str]:
+        """The certified length."""
+        return self.bar, self.start, self.end
+
+
+@dataclass(frozen=True)
+class BarReport:
+    """A verification as read from its files; `exceeding` names the lengths (pose, from, to) that break the rule.
+
+    `contradicting` are cameras that are not where the calibration has them.
+    """
+
+    lengths: tuple[LengthRow, ...]
+    n: int
+    verdict: str
+    rule: Sentence
+    mean_error_mm: float | None = None
+    sd_mm: float | None = None
+    max_abs_error_mm: float | None = None
+    coverage_factor: float | None = None
+    exceeding: frozenset[tuple[str, str, str]] = frozenset()
+    findings: tuple[Finding, ...] = ()
+    procedure: ProcedureReport | None = None
+    contradicting: tuple[str, ...] = ()
+    cameras: tuple[CameraViews, ...] = ()
+    measured: tuple[BarRow, ...] = ()
+
+
+def _exceeding(pose: str, start: str, end: str) -> tuple[str, str, str]:
+    return pose, start, end
+
+
+def _parts(**parts: float) -> tuple[float | None, ...]:
+    return tuple(parts.get(f"{part}_mm") for part in BUDGET_PARTS)
+
+
+def _bar_report(
+    rule: str,
+    rule_phrase: Mapping[str, Any] | None = None,
+    exceeding: Sequence[tuple[str, str, str]] = (),
+    **others: Any,
+) -> BarReport:
+    return BarReport(rule=sentence(rule, rule_phrase), exceeding=frozenset(exceeding), **others)
+
+
+def _procedure(
+    departures: Sequence[str], departure_phrases: Sequence[Mapping[str, Any]] | None = None, **others: Any
+) -> ProcedureReport:
+    return ProcedureReport(departures=sentences(departures, departure_phrases), **others)
+
+
+def _volume(sides: tuple[float, ...], diagonal: float) -> tuple[tuple[float, ...], float]:
+    return sides, diagonal
+
+
+def _artefact(certificate: Mapping[str, str] | None = None, serial: str = "", **others: Any) -> ArtefactRow:
+    said = {key: (certificate or {}).get(key, "") for key in ("number", "laboratory", "date", "valid_until")}
+    about = {"certificate": said["number"], "laboratory": said["laboratory"], "issued": said["date"]}
+    return ArtefactRow(serial=serial, **about, valid_until=said["valid_until"], **others)
+
+
+def _certified(from_mark: str, to_mark: str, length_mm: float, **others: float) -> tuple[Any, ...]:
+    return from_mark, to_mark, length_mm, others.get("expanded_uncertainty_mm"), others.get("coverage_factor")
+
+
+def _budget(remedy: str = "", remedy_phrase: Mapping[str, Any] | None = None, **others: Any) -> BudgetReport:
+    return BudgetReport(remedy=sentence(remedy, remedy_phrase), **others)
+
+
+def _contributions(budget: Budget) -> list[ContributionRow]:
+    shares = dict(budget.shares())
+    return [
+        ContributionRow(
+            c.name, c.evaluation, c.distribution, c.standard_mm, c.freedom, shares.get(c.name, 0.0), c.contained_mm
+        )
+        for c in budget.contributions
+    ]
+
+
+def _poses(verification: Verification) -> list[MeasuredLength]:
+    """The longest length of each pose."""
+    poses: dict[str, MeasuredLength] = {}
+    for m in verification.measured:
+        if m.pose not in poses or m.reference_mm > poses[m.pose].reference_mm:
+            poses[m.pose] = m
+    return list(poses.values())
+
+
+def _rounded_ends(m: MeasuredLength) -> list[list[float]] | None:
+    return None if m.ends_mm is None else finite(m.ends_mm.round(3))
+
+
+def _moved(verification: Verification) -> list[str]:
+    return [] if verification.consistency is None else [camera.id for camera in verification.consistency.moved]
+
+
+def _ends(start: str = "from_mark", end: str = "to_mark") -> tuple[Field, ...]:
+    """The bar and marks of a length, and the attributes that take them."""
+    return (
+        field("bar", name("The bar.")),
+        field("from", name("The mark at which the length begins."), "from_mark", start),
+        field("to", name("At which it ends."), "to_mark", end),
+    )
+
+
+def _mm(about: str, least: float = 0) -> Kind[float]:
+    return number(about, least, _MOST_MM)
+
+
+_LENGTH = record(
+    "",
+    LengthRow,
+    *_ends("start", "end"),
+    field("n", integer("How often it was measured.", 0)),
+    optional("mean_error_mm", number("Mean error.")),
+    optional("sd_mm", number("Standard deviation of the errors.", 0)),
+    optional("max_abs_error_mm", number("Largest error, without its sign.", 0)),
+    optional(
+        "expanded_uncertainty_mm",
+        number("Expanded uncertainty of an error.", 0),
+        "expanded_uncertainty_mm",
+        "expanded_mm",
+    ),
+    optional("coverage_factor", number("The factor k.", 0)),
+    optional(
+        "standard_uncertainties_mm",
+        record(
+            "Standard uncertainties by source.",
+            _parts,
+            optional("repeatability", number("", 0), "repeatability_mm"),
+            *(optional(part, number("", 0), f"budget.{part}_mm") for part in BUDGET_PARTS[1:]),
+        ),
+        lambda length: length,
+        "budget_mm",
+    ),
+)
+_OVERALL = group(
+    "overall",
+    "All lengths together.",
+    field("n", integer("How many.", 0), "overall.n"),
+    optional("mean_error_mm", number("Mean error."), "overall.mean_error_mm"),
+    optional("sd_mm", number("Standard deviation of the errors.", 0), "overall.sd_mm"),
+    unread("rms_error_mm", "Root mean square error.", lambda of: finite(of.overall.rms_error_mm)),
+    optional("max_abs_error_mm", number("Largest error, without its sign.", 0), "overall.max_abs_error_mm"),
+)
+_BROKEN = record(
+    "",
+    _exceeding,
+    field("pose", name("The pose."), itemgetter(0), "pose"),
+    field("from", name("The mark."), itemgetter(1), "start"),
+    field("to", name("The mark."), itemgetter(2), "end"),
+)
+_DECISION = group(
+    "decision",
+    "Whether the errors agree with their uncertainty.",
+    *sentence_fields("rule", "The rule in words.", lambda of: of.decision.rule),
+    field("verdict", prose("`consistent`, `inconsistent` ..."), "decision.verdict"),
+    optional("coverage_factor", number("The factor k.", 0), "decision.coverage_factor"),
+    optional("exceeding", items("Lengths that break the rule.", _BROKEN), "decision.exceeding"),
+    optional(
+        "cameras",
+        items("Cameras that contradict the calibration.", name("")),
+        "decision.cameras",
+        "contradicting",
+    ),
+)
+_CAMERA = record(
+    "",
+    CameraViews,
+    field("id", name("Its id.")),
+    field("views", integer("Views of marks.", 0), "seen"),
+    field("used", integer("Those used.", 0)),
+    optional("rms_px", number("Root mean square of their residuals.", 0)),
+    field("state", choice("Its state.", get_args(State))),
+)
+_CERTIFICATE = record(
+    "",
+    dict,
+    field("number", text("Its number.")),
+    optional("laboratory", text("Who issued it.")),
+    optional("date", text("When.")),
+    optional("valid_until", text("Until when it is valid.")),
+)
+_CERTIFIED = record(
+    "",
+    _certified,
+    field("from", name("The mark at which it begins."), "from_mark"),
+    field("to", name("At which it ends."), "to_mark"),
+    field("length_mm", _mm("The length.")),
+    optional("expanded_uncertainty_mm", _mm("Its expanded uncertainty.")),
+    optional("coverage_factor", _mm("The factor k.")),
+    unread("nominal_mm", "What it is called by."),
+)
+_BAR = record(
+    "A bar and its certificate.",
+    _artefact,
+    field("id", name("Its id.")),
+    optional("serial", serial("Its serial number.")),
+    optional("certificate", replace(_CERTIFICATE, entry=CERTIFICATE.entry)),
+    field("expansion_per_kelvin", number("Coefficient of linear expansion.", -1, 1)),
+    field("reference_temperature_c", number("The temperature that the lengths refer to.", -300, 1000)),
+    unread("assumed", "Which of these were assumed."),
+    field("lengths", items("The certified lengths, as in session.json.", replace(_CERTIFIED, entry=LENGTH.entry))),
+)
+_POSE = record(
+    "",
+    PoseRow,
+    field("id", name("Its id."), "pose", "id"),
+    field("bar", name("The bar.")),
+    optional("temperature_c", number("The bar's temperature.", -300, 1000)),
+    unread("from", "The mark at one end of the longest length.", "from_mark"),
+    unread("to", "At the other.", "to_mark"),
+    unread(
+        "ends_mm", "Where both are in the world.", lambda m: None if m.ends_mm is None else finite(m.ends_mm.round(3))
+    ),
+)
+_CONFORMITY = record(
+    "",
+    LengthConformity,
+    *_ends(),
+    field("worst_pose", name("The pose with the largest error.")),
+    field("worst_error_mm", _mm("That error.", -_MOST_MM)),
+    field("limit_mm", _mm("The limit of this length.")),
+    field("expanded_uncertainty_mm", _mm("Expanded uncertainty of an error.")),
+    field("verdict", choice("The decision.", get_args(Conformity))),
+)
+_ACCEPTANCE = record(
+    "The limit E = A + L/K and the decision.",
+    AcceptanceReport,
+    field("rule", prose("The decision rule in words."), lambda _: RULE, "rule"),
+    group(
+        "limit",
+        "The limit.",
+        field("words", text("In words."), lambda of: of.limit.words(), "words"),
+        field("constant_mm", _mm("A."), "limit.constant_mm"),
+        optional("divisor", number("K; absent: A alone.", 1e-9), "limit.divisor"),
+    ),
+    optional("verdict", choice("The decision; absent where nothing was measured.", get_args(Conformity))),
+    optional("doubts", items("What keeps a pass from being one.", text(""))),
+    field("lengths", items("Each certified length.", _CONFORMITY)),
+)
+_CONTRIBUTION = record(
+    "",
+    ContributionRow,
+    field("name", text("What it is.")),
+    field("evaluation", choice("Type of evaluation (GUM).", ("A", "B"))),
+    field("distribution", text("Its distribution.")),
+    field("standard_uncertainty_mm", _mm("Standard uncertainty."), "standard_mm"),
+    optional("degrees_of_freedom", number("Absent: infinite.", 0), "freedom"),
+    field("share", number("Share of the combined variance.", 0, 1.0001)),
+    optional("contained_in_repeatability_mm", _mm("The part that the repeatability holds."), "contained_mm"),
+)
+_BUDGET = record(
+    "The uncertainty budget of a length's error.",
+    _budget,
+    *_ends("start", "end"),
+    field("combined_mm", _mm("Combined standard uncertainty.")),
+    optional("effective_degrees_of_freedom", number("Absent: infinite.", 0), "freedom"),
+    field("coverage_factor", number("The factor k.", 0, 100)),
+    field("expanded_uncertainty_mm", _mm("Expanded uncertainty."), "expanded_mm"),
+    *sentence_fields(
+        "remedy", "What would make it smaller; empty where nothing would.", lambda of: of.remedy(), is_needed=False
+    ),
+    field("contributions", items("The contributions.", _CONTRIBUTION), _contributions, "contributions"),
+)
+_VOLUME = record(
+    "The measuring volume.",
+    _volume,
+    field("sides", numbers("Its sides.", 3), itemgetter(0), "sides"),
+    field("diagonal", _mm(""), itemgetter(1), "diagonal"),
+)
+PROCEDURE = record(
+    "The procedure, its limit and budgets.",
+    _procedure,
+    field("title", text("Its title."), "procedure.title"),
+    field(
+        "departures",
+        replace(items("Departures from the guideline.", prose("")), entry=lambda said: [phrase(one) for one in said]),
+        "procedure.departures",
+    ),
+    optional(
+        "departure_phrases",
+        items("The departures for other languages, in their order.", PHRASE),
+        "procedure.departures",
+        "departure_phrases",
+    ),
+    optional("volume_mm", _VOLUME, "procedure.volume_mm", "volume"),
+    field("bars", items("The bars.", _BAR), "procedure.bars"),
+    field("poses", items("The poses.", _POSE), _poses, "poses"),
+    optional("acceptance", _ACCEPTANCE, "procedure.acceptance"),
+    field("budgets", items("A budget for each length.", _BUDGET), "procedure.budgets"),
+    optional("cameras_moved", items("Cameras that moved since the calibration.", name("")), _moved, "cameras_moved"),
+)
+VERIFICATION = Format(
+    "spherecal/verification",
+    "verification.json",
+    "What the check bars say about a rig; the single lengths are in bars.csv beside it.",
+    record(
+        "",
+        _bar_report,
+        field("lengths", items("Each certified length over its poses.", _LENGTH)),
+        _OVERALL,
+        _DECISION,
+        optional("cameras", items("The cameras.", _CAMERA)),
+        optional("findings", items("What was found.", FINDING)),
+        optional("procedure", PROCEDURE, lambda of: None if of.procedure is None else of, "procedure", omit=None),
+        software(),
+    ),
+    more="verification.md",
+)

@@ -300,7 +300,7 @@ def test_doctor_names_what_installs_a_missing_part_here(monkeypatch, capsys, fro
     """pip does not reach into the .deb: there the 3-D view is a package of its own."""
     monkeypatch.setitem(sys.modules, "pyvista", None)  # as where it is not installed
     monkeypatch.setattr(sys, "frozen", frozen, raising=False)
-    monkeypatch.setattr(doctor.platform, "system", lambda: system)
+    monkeypatch.setattr("platform.system", lambda: system)
     assert run("doctor") == DONE
     assert wanted in " ".join(capsys.readouterr().out.split())
 

@@ -14,9 +14,9 @@ pytestmark = pytest.mark.slow
 
 if not sys.platform.startswith("linux"):
     pytest.skip("real keys need X11", allow_module_level=True)
-for program in ("Xvfb", "xdotool"):
-    if shutil.which(program) is None:
-        pytest.skip(f"{program} is not installed (Debian: apt-get install xvfb xdotool)", allow_module_level=True)
+for name in ("Xvfb", "xdotool"):
+    if shutil.which(name) is None:
+        pytest.skip(f"{name} is not installed (Debian: apt-get install xvfb xdotool)", allow_module_level=True)
 pytest.importorskip("PySide6.QtWidgets", reason="Qt cannot be loaded here", exc_type=ImportError)
 
 MOST_CLICKS = 20

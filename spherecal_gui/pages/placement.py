@@ -289,7 +289,7 @@ class PlacementPage(LivePage):
     def _carry(self) -> None:
         """In training the ball goes to its ghost by itself where it is captured by itself: nobody carries it there."""
         to_go, guidance = self.controller.to_go, self.controller.guidance
-        if to_go is None or to_go.near or self.is_taken or not self.automatic.isChecked():
+        if to_go is None or guidance is None or to_go.near or self.is_taken or not self.automatic.isChecked():
             return
         if guidance is not self._carried and not guidance.coarse and self.controller.can_put_there:
             self._carried = guidance

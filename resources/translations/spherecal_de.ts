@@ -641,6 +641,10 @@
         <translation>Zustand</translation>
     </message>
     <message>
+        <source>Green: where each camera has seen dots, over all placements.</source>
+        <translation>Grün: wo jede Kamera Punkte gesehen hat, über alle Aufstellungen.</translation>
+    </message>
+    <message>
         <source>Stages</source>
         <translation>Schritte der Rechnung</translation>
     </message>

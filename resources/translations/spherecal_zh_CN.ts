@@ -641,6 +641,10 @@
         <translation>状态</translation>
     </message>
     <message>
+        <source>Green: where each camera has seen dots, over all placements.</source>
+        <translation>绿色：各相机在所有摆放中看到圆点的区域。</translation>
+    </message>
+    <message>
         <source>Stages</source>
         <translation>计算阶段</translation>
     </message>

@@ -2,6 +2,7 @@
 
 import os
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -10,7 +11,7 @@ os.environ.setdefault("QT_QPA_PLATFORM", "offscreen")
 
 pytest.importorskip("PySide6.QtWidgets", reason="Qt cannot be loaded here", exc_type=ImportError)
 
-from PySide6.QtWidgets import QPushButton
+from PySide6.QtWidgets import QFileDialog, QPushButton
 
 from spherecal.base.context import Context
 from spherecal.cli.main import main
@@ -276,6 +277,19 @@ def test_a_project_opens_again_with_its_frame(controller, folder, outcome):
     again.outcome = outcome
     again.result_changed.emit()
     assert again.frame is None and "frame.json" in again.frame_problem
+
+
+@pytest.mark.parametrize(("source", "wanted"), [("simulated:demo", "SIMULATED-rig-csv"), ("genicam", "rig-csv")])
+def test_what_is_exported_from_a_training_is_called_simulated(qtbot, controller, monkeypatch, source, wanted):
+    proposed = []
+    monkeypatch.setattr(QFileDialog, "getSaveFileName", lambda *words: proposed.append(words[-1]) or ("", ""))
+    controller.project = replace(controller.project, source=source)
+    page = SavePage(controller)
+    qtbot.addWidget(page)
+    page.enter(Step("save", "save"))
+    page.form.setCurrentText("csv")
+    page.export.click()
+    assert [Path(one).name for one in proposed] == [wanted]
 
 
 def test_the_page_says_in_which_frame_exports_are(qtbot, controller):

@@ -2549,7 +2549,7 @@ px</translation>
     </message>
     <message>
         <source>Goes on to the next placement by itself too, where nothing is wrong.</source>
-        <translation>Geht auch von selbst zur nächsten Aufstellung weiter, wenn nichts im Argen liegt.</translation>
+        <translation>Geht auch von selbst zur nächsten Aufstellung weiter, wenn alles in Ordnung ist.</translation>
     </message>
     <message>
         <source>Retake</source>

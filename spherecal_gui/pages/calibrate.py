@@ -100,13 +100,13 @@ class CalibratePage(Page):
         )
         self.inputs.setSelectionMode(Table.SelectionMode.NoSelection)
         inputs = QHBoxLayout()
-        inputs.addWidget(self.inputs, 1)
+        inputs.addWidget(self.inputs, 5)
         covered = QVBoxLayout()
         self.coverage = CoverageChart()
         covered.addWidget(self.coverage, 1)
         self.covered_key = label(self.tr("Green: where each camera has seen dots, over all placements."), "soft")
         covered.addWidget(self.covered_key)
-        inputs.addLayout(covered, 1)
+        inputs.addLayout(covered, 4)
         made.body.addLayout(inputs, 1)
         return made
 

@@ -928,6 +928,10 @@
         <translation>Der Aufbau ist wie kalibriert: {count} Kameras stimmen überein.</translation>
     </message>
     <message>
+        <source>Only {camera} moved ({px} px). Tighten its mount.</source>
+        <translation>Nur {camera} hat sich bewegt ({px} px). Halterung festziehen.</translation>
+    </message>
+    <message>
         <source>Moved: {cameras}.</source>
         <translation>Bewegt: {cameras}.</translation>
     </message>

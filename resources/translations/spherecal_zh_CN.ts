@@ -928,6 +928,10 @@
         <translation>系统与标定时一致：{count} 台相机相互吻合。</translation>
     </message>
     <message>
+        <source>Only {camera} moved ({px} px). Tighten its mount.</source>
+        <translation>只有 {camera} 移动了（{px} px）。请拧紧支架。</translation>
+    </message>
+    <message>
         <source>Moved: {cameras}.</source>
         <translation>已移动：{cameras}。</translation>
     </message>

@@ -31,6 +31,7 @@ from spherecal_gui.workflow import Step
 
 _HOLD_PX = 8
 _TALL_PX = 700  # of a page on a larger screen than 1280 x 800
+_CARRY_S = 5.0  # until it is moved again: where it was last seen may be older than where it lay
 _LOOK_S = 0.25  # between two looks at the ball; one takes 8 to 11 ms (6 cameras, 260 dots each)
 
 
@@ -45,7 +46,7 @@ class PlacementPage(LivePage):
         self._turned = False
         self._tiles: list[TileState] = []
         self._drawn: object = None
-        self._carried: object = None  # the advice by which the simulated ball was moved
+        self._carried_s = 0.0
         self._by_itself = False  # what is shown was captured by itself
         self._good_since: float | None = None
         controller.guidance_changed.connect(self._show_guidance)
@@ -291,8 +292,9 @@ class PlacementPage(LivePage):
         to_go, guidance = self.controller.to_go, self.controller.guidance
         if to_go is None or guidance is None or to_go.near or self.is_taken or not self.automatic.isChecked():
             return
-        if guidance is not self._carried and not guidance.coarse and self.controller.can_put_there:
-            self._carried = guidance
+        now = time.monotonic()
+        if now - self._carried_s > _CARRY_S and not guidance.coarse and self.controller.can_put_there:
+            self._carried_s = now
             self.controller.put_there()
 
     def _go_on_by_itself(self) -> None:

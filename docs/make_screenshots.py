@@ -94,8 +94,11 @@ class Photographer:
         return self.folder / f"{'-'.join(words)}.png"
 
     def _take_all(self, window: Any, wanted: Sequence[tuple[Any, tuple[int, int], Path]]) -> None:
-        for (_, dark, far), size, path in wanted:
-            self._dress(window, dark, far)
+        worn = None
+        for look, size, path in wanted:
+            if look != worn:  # half of the time, with a look for each picture
+                self._dress(window, *look[1:])
+                worn = look
             window.resize(*size)
             self.live(0.4)
             self._save(window, path.stem)

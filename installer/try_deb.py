@@ -197,7 +197,7 @@ def main() -> int:
     if shutil.which("Xvfb") and shutil.which("xdotool"):
         print("    whole walk in the window:")
         shutil.rmtree(root / "tmp" / "walk", ignore_errors=True)
-        print(f"ok  whole walk: {walk(['/usr/bin/spherecal-gui'], root / 'tmp' / 'walk', root):.0f} s")
+        print(f"ok  whole walk: {walk(['/usr/bin/spherecal-gui'], root / 'tmp' / 'walk', root).seconds:.0f} s")
     else:
         print("    whole walk in the window: not tried (no Xvfb, xdotool)")
     if options.scene_deb is not None:

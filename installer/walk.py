@@ -1,7 +1,8 @@
 """Walks through a whole calibration in the window of an installed SphereCal, by mouse clicks on a virtual screen.
 
-python3 installer/walk.py FOLDER [--root FOLDER] [-- PROGRAM ...]: trains on the simulated rig from the start page to
-the report, with everything in an empty FOLDER; `--root` runs the program in a chroot, FOLDER then is below that root.
+python3 installer/walk.py FOLDER [--root FOLDER] [--keys] [--by-itself] [-- PROGRAM ...]: trains on the simulated rig
+from the start page to the report, with everything in an empty FOLDER; `--root` runs the program in a chroot, FOLDER
+then is below that root; `--keys` never touches the mouse; `--by-itself` has the window capture by itself.
 Needs Xvfb and xdotool; with ImageMagick it leaves a picture of every step.
 """
 
@@ -18,6 +19,9 @@ from pathlib import Path
 
 PATIENCE_S = 600.0
 SIZE = "1280x800x24"
+SEEN_S = 1.1  # a page must have been in sight for a second before the space bar acts on it
+MOST_TABS = 80
+FOCUS = ("search", "--onlyvisible", "--limit", "1", "--name", "SphereCal", "windowfocus")  # there is no window manager
 # What the large button says while the step's work runs: pressing it then would end the work.
 NOT_TO_PRESS = ("Cancel", "Stop", "Stopping")
 
@@ -43,10 +47,24 @@ def virtual_screen(shown: Path | None = None) -> Iterator[str]:
 
 
 class Walk:
-    """The program in its window, and the mouse. `folder` is the program's home, as seen from here."""
+    """The program in its window, and the mouse or the keyboard. `folder` is the program's home, as seen from here.
 
-    def __init__(self, command: list[str], folder: Path, display: str, root: Path | None) -> None:
+    `pressed`: clicks, or keys, so far; `seconds`: what the whole walk took, once it has come to its end.
+    """
+
+    def __init__(
+        self,
+        command: list[str],
+        folder: Path,
+        display: str,
+        root: Path | None,
+        *,
+        keys: bool = False,
+        by_itself: bool = False,
+    ) -> None:
         self.folder, self.display, self.began = folder, display, time.monotonic()
+        self.keys, self.by_itself = keys, by_itself
+        self.pressed, self.seconds = 0, 0.0
         own = "/" / folder.relative_to(root) if root is not None else folder
         self.map = folder / "map.json"
         kernels = os.environ.get("SPHERECAL_KERNELS", "strict")  # what was not compiled is an error, not only slow
@@ -88,7 +106,7 @@ class Walk:
 
     def offer(self) -> str:
         """What the large button says; empty where it cannot be pressed, or would end what runs."""
-        *_, enabled, text = self.buttons().get("action") or (False, "")
+        enabled, text = (self.buttons().get("action") or (0, 0, False, ""))[2:4]
         return text if enabled and not text.startswith(NOT_TO_PRESS) else ""
 
     def wait(self, done: Callable[[], object], what: str) -> None:
@@ -104,11 +122,33 @@ class Walk:
             time.sleep(0.1)
 
     def click(self, name: str) -> None:
-        """Move the mouse to a button and press."""
-        x, y = self.buttons()[name][:2]
-        words = ["xdotool", "mousemove", str(x), str(y), "sleep", "0.1", "click", "1"]
-        subprocess.run(words, env=os.environ | {"DISPLAY": self.display}, check=True, timeout=PATIENCE_S)
+        """Press a button: by mouse, by the space bar where it is the page's own, else by Tab and Enter."""
+        if not self.keys:
+            x, y = self.buttons()[name][:2]
+            self.send("mousemove", str(x), str(y), "sleep", "0.1", "click", "1")
+        elif name in ("action", "next"):
+            time.sleep(SEEN_S)
+            self.send(*FOCUS, "key", "space")
+        else:
+            for _ in range(MOST_TABS):
+                if self.has_focus(name):
+                    break
+                self.send(*FOCUS, "key", "Tab")
+                self.settle()
+            else:
+                sys.exit(f"{name} is not reached by the Tab key: {self.buttons()}")
+            self.send(*FOCUS, "key", "Return")
         self.settle()
+
+    def send(self, *words: str) -> None:
+        """A click or a key to the screen."""
+        self.pressed += 1
+        command = ["xdotool", *words]
+        subprocess.run(command, env=os.environ | {"DISPLAY": self.display}, check=True, timeout=PATIENCE_S)
+
+    def has_focus(self, name: str) -> bool:
+        """Whether the next Enter presses this button."""
+        return bool((self.buttons().get(name) or [False])[-1])
 
     def settle(self) -> None:
         """Until the window has dealt with a click, however busy it is: it tells twice more where its buttons are."""
@@ -160,15 +200,33 @@ class Walk:
     def step(self) -> None:
         """Press the large button until what the step is for is there, then go on."""
         now = self.project()["step"]
-        while not self.is_done(now):
-            self.wait(lambda: self.offer() or self.is_done(now), f"anything to do in {now}")
-            if not self.is_done(now):
-                self.click("action")
+        if self.by_itself and now.startswith(("placement:", "verify")):
+            self.let_it_capture(now)
+        else:
+            while not self.is_done(now):
+                self.wait(lambda: self.offer() or self.is_done(now), f"anything to do in {now}")
+                if not self.is_done(now):
+                    self.click("action")
         self.settle()
         self.picture(now)
-        self.press("next")
+        if self.project()["step"] == now and not (self.by_itself and now in self.placements()[:-1]):
+            self.press("next")
         self.wait(lambda: self.project().get("step") != now, f"a step after {now}")
         self.say(now)
+
+    def let_it_capture(self, now: str) -> None:
+        """Have the window capture this step by itself; two poses of the bar are enough."""
+        if now == self.placements()[0]:
+            self.press("automatic")
+        if now == "verify":
+            self.press("automatic-bar")
+            self.wait(lambda: len(self.taken() & set(self.project()["check_poses"])) >= 2, "two poses of the bar")
+            self.press("measure-now")
+        self.wait(lambda: self.is_done(now), f"{now} by itself")
+
+    def placements(self) -> list[str]:
+        """The steps of the placements."""
+        return [f"placement:{name}" for name in self.project()["placements"]]
 
     def written(self) -> bool:
         """Whether the report is there, whole."""
@@ -193,7 +251,8 @@ class Walk:
         self.wait(lambda: self.written() and self.enabled("action"), "the report")
         self.picture("save")
         self.say("profile and report written")
-        self.press("home")
+        self.wait(lambda: self.offer() == "Finish", "the end")
+        self.click("action")
         self.wait(lambda: self.enabled("check"), "the start page offers to check the rig")
         self.picture("start")
         self.say("start page; the rig can be checked")
@@ -201,18 +260,21 @@ class Walk:
             sys.exit((self.folder / "out.txt").read_text()[-3000:])
 
 
-def walk(command: list[str], folder: Path, root: Path | None = None) -> float:
-    """The whole walk; seconds. SystemExit with the reason where it does not come to its end."""
+def walk(
+    command: list[str], folder: Path, root: Path | None = None, *, keys: bool = False, by_itself: bool = False
+) -> Walk:
+    """The whole walk, with `seconds` and `pressed`. SystemExit with the reason where it does not come to its end."""
     folder.mkdir(parents=True, exist_ok=True)
     folder.chmod(0o777)
     with virtual_screen() as display:
-        made = Walk(command, folder, display, root)
+        made = Walk(command, folder, display, root, keys=keys, by_itself=by_itself)
         try:
             made.go()
+            made.seconds = time.monotonic() - made.began
         finally:
             made.process.terminate()
             made.process.wait(PATIENCE_S)
-    return time.monotonic() - made.began
+    return made
 
 
 def main() -> int:
@@ -225,9 +287,12 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("folder", type=Path)
     parser.add_argument("--root", type=Path)
+    parser.add_argument("--keys", action="store_true", help="by the keyboard alone")
+    parser.add_argument("--by-itself", action="store_true", help="the window captures placements and poses by itself")
     options = parser.parse_args(arguments)
     root = options.root.resolve() if options.root is not None else None
-    print(f"ok  whole walk: {walk(program, options.folder.resolve(), root):.0f} s")
+    done = walk(program, options.folder.resolve(), root, keys=options.keys, by_itself=options.by_itself)
+    print(f"ok  whole walk: {done.seconds:.0f} s, {done.pressed} {'keys' if options.keys else 'clicks'}")
     return 0
 
 

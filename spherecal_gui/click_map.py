@@ -14,7 +14,7 @@ _EVERY_MS = 100
 
 
 class ClickMap(QObject):
-    """Writes the visible buttons' places several times a second: key -> [x, y, enabled, text]."""
+    """Writes the visible buttons' places several times a second: key -> [x, y, enabled, text, has the focus]."""
 
     def __init__(self, path: Path, parent: QObject | None = None) -> None:
         super().__init__(parent)
@@ -34,7 +34,7 @@ class ClickMap(QObject):
                     middle = one.mapToGlobal(one.rect().center())
                     key = str(one.property("key") or one.objectName())
                     text = one.text() if isinstance(one, (QPushButton, QCheckBox)) else ""
-                    found[key] = [middle.x(), middle.y(), one.isEnabled(), text]
+                    found[key] = [middle.x(), middle.y(), one.isEnabled(), text, one.hasFocus()]
         write_whole(self._path, json.dumps(found).encode())
 
 

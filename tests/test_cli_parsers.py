@@ -288,6 +288,23 @@ def test_pictures_are_png(session_folder: Path, tmp_path: Path, capsys) -> None:
 # --- exit codes ------------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.parametrize(
+    ("frozen", "system", "wanted"),
+    [
+        (False, "Linux", "not installed (3-D views; install spherecal[gui])"),
+        (True, "Linux", "not part of this package (3-D views; install the package spherecal-3d)"),
+        (True, "Windows", "not part of this package (3-D views)"),
+    ],
+)
+def test_doctor_names_what_installs_a_missing_part_here(monkeypatch, capsys, frozen, system, wanted) -> None:
+    """pip does not reach into the .deb: there the 3-D view is a package of its own."""
+    monkeypatch.setitem(sys.modules, "pyvista", None)  # as where it is not installed
+    monkeypatch.setattr(sys, "frozen", frozen, raising=False)
+    monkeypatch.setattr("platform.system", lambda: system)
+    assert run("doctor") == DONE
+    assert wanted in " ".join(capsys.readouterr().out.split())
+
+
 def test_doctor_ends_with_3_where_something_needed_is_missing(monkeypatch, capsys) -> None:
     assert run("doctor") == DONE
     monkeypatch.setattr(doctor, "_NEEDED", (*doctor._NEEDED, "a_package_that_is_nowhere"))

@@ -40,6 +40,7 @@ from spherecal_gui.presenters.start import number_in_use, picture_name, validity
 from spherecal_gui.project import Project, Run
 from spherecal_gui.project_folder import save_project
 from spherecal_gui.tasks.kept_check import read_kept_check
+from spherecal_gui.tasks.task import Task
 from spherecal_gui.widgets.tile import Wall
 from spherecal_gui.wizard.controller import Controller
 from spherecal_gui.wizard.window import WizardWindow
@@ -274,6 +275,16 @@ def test_a_cancelled_stage_is_not_ticked(page):
     assert page._stages.text().count("✓") == 1 and page._stages.text().count("✕") == 1
     page.course = page.controller.course = course("detect", "triples", "writing the result")
     page._draw()
+    assert page._stages.text().count("✓") == 3 and "✕" not in page._stages.text()
+
+
+def test_what_the_computation_said_last_counts(page):
+    """It ended between two ticks of the window: a valid calibration had a cross at its last stage."""
+    task = Task("calibrate", lambda context: context.on_progress(Progress("writing the result", 1.0)))
+    page.course = page.controller.course = course("detect", "triples")
+    page.course.task = task
+    task.run()
+    page._last_news()
     assert page._stages.text().count("✓") == 3 and "✕" not in page._stages.text()
 
 

@@ -1,7 +1,9 @@
 """Origin and axes in the wizard: the choice without widgets, the dialog, and what the project keeps of it."""
 
 import os
+import shutil
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -10,11 +12,11 @@ os.environ.setdefault("QT_QPA_PLATFORM", "offscreen")
 
 pytest.importorskip("PySide6.QtWidgets", reason="Qt cannot be loaded here", exc_type=ImportError)
 
-from PySide6.QtWidgets import QPushButton
+from PySide6.QtWidgets import QFileDialog, QPushButton
 
 from spherecal.base.context import Context
 from spherecal.cli.main import main
-from spherecal.files.frame_file import read_frame
+from spherecal.files.frame_file import read_frame, write_frame
 from spherecal.files.write_result import write_result
 from spherecal.geometry.user_frame import FrameDefinition
 from spherecal_gui import languages, theme
@@ -23,6 +25,7 @@ from spherecal_gui.pages.frame_dialog import FrameDialog
 from spherecal_gui.pages.save import SavePage
 from spherecal_gui.presenters.frame import FrameChoice, frame_words
 from spherecal_gui.project import Artefacts, Project
+from spherecal_gui.project_folder import profile_of
 from spherecal_gui.tasks.outcome import read_outcome
 from spherecal_gui.wizard.controller import Controller
 from spherecal_gui.workflow import Step
@@ -263,6 +266,31 @@ def test_another_calibration_makes_the_frame_anew_or_says_that_it_cannot(control
     assert controller.frame is not None and not controller.frame_problem
 
 
+def test_the_rigs_frame_is_the_default_of_later_calibrations(controller, folder, outcome):
+    """As it is, in the world that the reference camera keeps: the ball of today stands elsewhere."""
+    profile = profile_of(controller.project)
+    assert controller.set_frame(THREE)
+    kept = controller.frame
+    assert controller.save_profile(profile, True, "for the test")
+    settle(controller)
+    (folder / "frame.json").unlink()
+    moved = {n: replace(p, place_mm=p.place_mm + np.array([0, 0, 5.0])) for n, p in outcome.places.items()}
+    controller.outcome = replace(outcome, places=moved)
+    controller.result_changed.emit()
+    assert controller.frame is not None and np.array_equal(controller.frame.rotation, kept.rotation)
+    assert np.array_equal(controller.frame.translation_mm, kept.translation_mm)
+    assert controller.frame_command() == (), "it was not made of this calibration's places"
+    assert controller.set_frame(FrameDefinition())
+    assert controller.frame is not None and controller.frame.definition == FrameDefinition(), "and it can be given up"
+    other = next(one.id for one in outcome.result.rig.cameras if one.id != outcome.result.rig.reference_camera)
+    write_frame(replace(kept, reference_camera=other), profile / "frame.json")
+    (folder / "frame.json").unlink()
+    controller.outcome = outcome
+    controller.result_changed.emit()
+    assert controller.frame is None, "another camera's world"
+    shutil.rmtree(profile)  # the other tests' projects share it
+
+
 def test_a_project_opens_again_with_its_frame(controller, folder, outcome):
     controller.set_frame(THREE)
     again = Controller()
@@ -276,6 +304,19 @@ def test_a_project_opens_again_with_its_frame(controller, folder, outcome):
     again.outcome = outcome
     again.result_changed.emit()
     assert again.frame is None and "frame.json" in again.frame_problem
+
+
+@pytest.mark.parametrize(("source", "wanted"), [("simulated:demo", "SIMULATED-rig-csv"), ("genicam", "rig-csv")])
+def test_what_is_exported_from_a_training_is_called_simulated(qtbot, controller, monkeypatch, source, wanted):
+    proposed = []
+    monkeypatch.setattr(QFileDialog, "getSaveFileName", lambda *words: proposed.append(words[-1]) or ("", ""))
+    controller.project = replace(controller.project, source=source)
+    page = SavePage(controller)
+    qtbot.addWidget(page)
+    page.enter(Step("save", "save"))
+    page.form.setCurrentText("csv")
+    page.export.click()
+    assert [Path(one).name for one in proposed] == [wanted]
 
 
 def test_the_page_says_in_which_frame_exports_are(qtbot, controller):

@@ -153,6 +153,15 @@ def test_a_ball_that_was_not_moved_is_not_ready(demo):
     assert "Move the ball" in advice(Scene({"A": 300, "B": 300}, True), taken=False, taking=False, as_before=True).text
 
 
+def test_the_headline_says_what_the_ghost_says():
+    """Green and ready beside half a metre to go were two advices at once."""
+    scene = Scene({"C01": 100, "C02": 100}, True)
+    assert advice(scene, False, False, away=True).level == "none"
+    assert "ghost" in advice(scene, False, False, away=True).text
+    assert advice(scene, False, False).level == "good"
+    assert advice(scene, True, False, away=True).level == "good", "what is captured is captured"
+
+
 def test_thinned_dots_are_the_same_in_all_cameras(demo):
     _, _, dots, _ = demo
     few = thinned(dots["P1"], 80)
@@ -167,10 +176,10 @@ def test_thinned_dots_are_the_same_in_all_cameras(demo):
 def test_what_a_camera_needs_is_said():
     cells = np.ones((10, 10), int)
     cells[:, :3] = 0
-    assert need_text("C03", "spread", cells) == "left third of C03 has no dots"
-    assert need_text("C03", "more", cells) == "C03 needs more dots"
+    assert need_text("spread", cells) == "no dots on the left"
+    assert need_text("more", cells) == "needs more dots"
     cells[5, 1] = 1
-    assert need_text("C03", "spread", cells) == "left third of C03 has few dots"
+    assert need_text("spread", cells) == "few dots on the left"
 
 
 def test_lenses_are_those_of_the_rig(told):

@@ -355,6 +355,12 @@ def test_the_budget_names_the_largest_part_first_and_what_helps():
     assert (second[1], second[3]) == ("the scale", "10 %")
 
 
+def test_there_is_no_negative_zero():
+    found = bars()
+    found.lengths = (SimpleNamespace(**{**vars(found.lengths[0]), "mean_error_mm": -0.0002}),)
+    assert length_cells(found)[0][2] == "+0.000"
+
+
 def test_absent_numbers_are_dashes_never_zero():
     assert length_cells(bars()) == [("A A1-A2", "1", "-0.020", "-", "0.020", "0.030", "-", "-")]
     assert CameraRow("C01", None, 0, 0, None, None, None, placed=False).rms_px is None

@@ -411,7 +411,7 @@ def test_a_check_names_the_camera_that_was_knocked(walk, qtbot):
         qtbot.addWidget(page)
         page.enter(again.state.of("check").step)
         assert page.word.text() == "RECALIBRATE"
-        assert page.sentence.text() == "Moved: C03."
+        assert page.sentence.text() == "Only C03 moved (9 px). Tighten its mount."
         assert page.table.name_of(0) == "C03"
         page.repair.click()
         pump(lambda: again.runner.running is None)

@@ -121,7 +121,7 @@ def test_charts_draw_what_they_are_given(qtbot):
     c = theme.now()
     for chart, wanted in (
         (counters, {c.good, c.bad}),
-        (cells, {c.good, c.accent}),
+        (cells, {theme.mixed(c.window, c.good, 0.5), theme.mixed(c.window, c.accent, 0.5)}),
         (pairs, {c.bad}),
         (errors, {c.border}),
     ):

@@ -203,6 +203,18 @@ def test_text_can_be_extracted(demo_pdf, tmp_path):
         assert words in text
 
 
+@pytest.mark.skipif(shutil.which("pdftotext") is None, reason="needs pdftotext")
+def test_a_report_of_training_says_so_on_every_page_and_holds_the_operators_note(empty, tmp_path):
+    (tmp_path / "report.pdf").write_bytes(
+        report_bytes(empty, notice="SIMULATED: not real", note="Maria, after the bump")
+    )
+    command = ["pdftotext", "-layout", str(tmp_path / "report.pdf"), "-"]
+    text = subprocess.run(command, capture_output=True, timeout=60, check=True).stdout.decode()
+    pages = text.rstrip("\f").split("\f")
+    assert pages and all("SIMULATED: not real" in page for page in pages)
+    assert "Maria, after the bump" in text
+
+
 @pytest.mark.parametrize(("page", "size"), [("A4", (595.3, 841.9)), ("Letter", (612.0, 792.0))])
 def test_page_sizes(empty, page, size):
     box = re.search(rb"/MediaBox \[ ?0 0 ([\d.]+) ([\d.]+)", report_bytes(empty, page=page))

@@ -641,6 +641,10 @@
         <translation>Zustand</translation>
     </message>
     <message>
+        <source>Green: where each camera has seen dots, over all placements.</source>
+        <translation>Grün: wo jede Kamera Punkte gesehen hat, über alle Aufstellungen.</translation>
+    </message>
+    <message>
         <source>Stages</source>
         <translation>Schritte der Rechnung</translation>
     </message>
@@ -922,6 +926,10 @@
     <message>
         <source>The rig is as it was calibrated: {count} cameras agree with one another.</source>
         <translation>Der Aufbau ist wie kalibriert: {count} Kameras stimmen überein.</translation>
+    </message>
+    <message>
+        <source>Only {camera} moved ({px} px). Tighten its mount.</source>
+        <translation>Nur {camera} hat sich bewegt ({px} px). Halterung festziehen.</translation>
     </message>
     <message>
         <source>Moved: {cameras}.</source>
@@ -2437,6 +2445,10 @@ px</translation>
         <translation>Die Kugel zur Ruhe kommen lassen</translation>
     </message>
     <message>
+        <source>Move the ball to its ghost</source>
+        <translation>Kugel auf ihren Geist stellen</translation>
+    </message>
+    <message>
         <source>Ready: press space</source>
         <translation>Bereit: Leertaste drücken</translation>
     </message>
@@ -2457,32 +2469,32 @@ px</translation>
         <translation>Brauchen mehr Punkte:</translation>
     </message>
     <message>
-        <source>{camera} needs more dots</source>
-        <translation>{camera} braucht mehr Punkte</translation>
+        <source>needs more dots</source>
+        <translation>braucht mehr Punkte</translation>
     </message>
     <message>
-        <source>left third</source>
-        <translation>Linkes Drittel</translation>
+        <source>on the left</source>
+        <translation>links</translation>
     </message>
     <message>
-        <source>right third</source>
-        <translation>Rechtes Drittel</translation>
+        <source>on the right</source>
+        <translation>rechts</translation>
     </message>
     <message>
-        <source>upper third</source>
-        <translation>Oberes Drittel</translation>
+        <source>at the top</source>
+        <translation>oben</translation>
     </message>
     <message>
-        <source>lower third</source>
-        <translation>Unteres Drittel</translation>
+        <source>at the bottom</source>
+        <translation>unten</translation>
     </message>
     <message>
-        <source>{part} of {camera} has no dots</source>
-        <translation>{part} von {camera} hat keine Punkte</translation>
+        <source>no dots {part}</source>
+        <translation>{part} keine Punkte</translation>
     </message>
     <message>
-        <source>{part} of {camera} has few dots</source>
-        <translation>{part} von {camera} hat wenige Punkte</translation>
+        <source>few dots {part}</source>
+        <translation>{part} wenige Punkte</translation>
     </message>
     <message>
         <source>All cameras are linked.</source>
@@ -2538,6 +2550,10 @@ px</translation>
     <message>
         <source>Capture by itself when still</source>
         <translation>Bei Ruhe selbst aufnehmen</translation>
+    </message>
+    <message>
+        <source>Goes on to the next placement by itself too, where nothing is wrong.</source>
+        <translation>Geht auch von selbst zur nächsten Aufstellung weiter, wenn alles in Ordnung ist.</translation>
     </message>
     <message>
         <source>Retake</source>

@@ -641,6 +641,10 @@
         <translation>状态</translation>
     </message>
     <message>
+        <source>Green: where each camera has seen dots, over all placements.</source>
+        <translation>绿色：各相机在所有摆放中看到圆点的区域。</translation>
+    </message>
+    <message>
         <source>Stages</source>
         <translation>计算阶段</translation>
     </message>
@@ -922,6 +926,10 @@
     <message>
         <source>The rig is as it was calibrated: {count} cameras agree with one another.</source>
         <translation>系统与标定时一致：{count} 台相机相互吻合。</translation>
+    </message>
+    <message>
+        <source>Only {camera} moved ({px} px). Tighten its mount.</source>
+        <translation>只有 {camera} 移动了（{px} px）。请拧紧支架。</translation>
     </message>
     <message>
         <source>Moved: {cameras}.</source>
@@ -2437,6 +2445,10 @@ px</translation>
         <translation>让球静止下来</translation>
     </message>
     <message>
+        <source>Move the ball to its ghost</source>
+        <translation>将球移到虚影处</translation>
+    </message>
+    <message>
         <source>Ready: press space</source>
         <translation>就绪：请按空格键</translation>
     </message>
@@ -2457,32 +2469,32 @@ px</translation>
         <translation>需要更多点：</translation>
     </message>
     <message>
-        <source>{camera} needs more dots</source>
-        <translation>{camera} 需要更多的点</translation>
+        <source>needs more dots</source>
+        <translation>需要更多点</translation>
     </message>
     <message>
-        <source>left third</source>
-        <translation>左侧三分之一</translation>
+        <source>on the left</source>
+        <translation>左侧</translation>
     </message>
     <message>
-        <source>right third</source>
-        <translation>右侧三分之一</translation>
+        <source>on the right</source>
+        <translation>右侧</translation>
     </message>
     <message>
-        <source>upper third</source>
-        <translation>上方三分之一</translation>
+        <source>at the top</source>
+        <translation>上方</translation>
     </message>
     <message>
-        <source>lower third</source>
-        <translation>下方三分之一</translation>
+        <source>at the bottom</source>
+        <translation>下方</translation>
     </message>
     <message>
-        <source>{part} of {camera} has no dots</source>
-        <translation>{camera} 图像的{part}没有点</translation>
+        <source>no dots {part}</source>
+        <translation>{part}没有点</translation>
     </message>
     <message>
-        <source>{part} of {camera} has few dots</source>
-        <translation>{camera} 图像的{part}点很少</translation>
+        <source>few dots {part}</source>
+        <translation>{part}点很少</translation>
     </message>
     <message>
         <source>All cameras are linked.</source>
@@ -2538,6 +2550,10 @@ px</translation>
     <message>
         <source>Capture by itself when still</source>
         <translation>静止时自动拍摄</translation>
+    </message>
+    <message>
+        <source>Goes on to the next placement by itself too, where nothing is wrong.</source>
+        <translation>若一切正常，也会自动进入下一次摆放。</translation>
     </message>
     <message>
         <source>Retake</source>

@@ -4,17 +4,19 @@ import time
 from html import escape
 
 from PySide6.QtCore import Qt
+from PySide6.QtGui import QResizeEvent
 from PySide6.QtWidgets import QHBoxLayout, QLabel, QPlainTextEdit, QProgressBar, QVBoxLayout, QWidget
 
 from spherecal_gui import languages, theme
 from spherecal_gui.pages.base import Page, PageAction
+from spherecal_gui.presenters import coverage as cov
 from spherecal_gui.presenters.calibrate import CourseOfWork, input_rows, time_text
 from spherecal_gui.presenters.stages import stage_name
 from spherecal_gui.project import usable
 from spherecal_gui.standing import Level
 from spherecal_gui.texts import reason_text
 from spherecal_gui.widgets.basic import Card, button, enable, label
-from spherecal_gui.widgets.charts import ConvergenceChart
+from spherecal_gui.widgets.charts import ConvergenceChart, CoverageChart
 from spherecal_gui.widgets.icons import give_icon
 from spherecal_gui.widgets.table import Table
 from spherecal_gui.wizard.controller import Controller
@@ -47,12 +49,7 @@ class CalibratePage(Page):
         line.addWidget(self.left, 1)
         line.addWidget(self.stop_here)
         column.addLayout(line)
-        self._inputs = Card(self.tr("What goes into it"))
-        self.inputs = Table(
-            [self.tr("Captured"), self.tr("cameras"), self.tr("dots"), self.tr("state")], sortable=False
-        )
-        self.inputs.setSelectionMode(Table.SelectionMode.NoSelection)
-        self._inputs.body.addWidget(self.inputs, 1)
+        self._inputs = self._input_card()
         self._inputs.hide()
         column.addWidget(self._inputs, 1)
         self._work = QWidget()
@@ -94,6 +91,24 @@ class CalibratePage(Page):
         column.addWidget(self._work, 1)
         if self.course.stages:  # a window made anew, in another language say
             self._draw()
+
+    def _input_card(self) -> Card:
+        """What there is to compute from: a table, and what the images cover."""
+        made = Card(self.tr("What goes into it"))
+        self.inputs = Table(
+            [self.tr("Captured"), self.tr("cameras"), self.tr("dots"), self.tr("state")], sortable=False
+        )
+        self.inputs.setSelectionMode(Table.SelectionMode.NoSelection)
+        inputs = QHBoxLayout()
+        inputs.addWidget(self.inputs, 5)
+        covered = QVBoxLayout()
+        self.coverage = CoverageChart()
+        covered.addWidget(self.coverage, 1)
+        self.covered_key = label(self.tr("Green: where each camera has seen dots, over all placements."), "soft")
+        covered.addWidget(self.covered_key)
+        inputs.addLayout(covered, 4)
+        made.body.addLayout(inputs, 1)
+        return made
 
     @property
     def is_running(self) -> bool:
@@ -138,6 +153,26 @@ class CalibratePage(Page):
                 ]
             )
         self.inputs.fill(rows)
+        self._show_coverage()
+
+    def _show_coverage(self) -> None:
+        """What the images of all placements cover, camera by camera."""
+        connection, dots = self.controller.connection, self.controller.dots
+        cameras = list(connection.names.values()) if connection is not None else []
+        sets = [dots[name] for name in self.project.placements if name in dots]
+        for part in (self.coverage, self.covered_key):
+            part.setVisible(bool(cameras and sets))
+        if not cameras or not sets:
+            return
+        before = [cov.cells([one[name] for one in sets if name in one]) for name in cameras]
+        needs = (cov.board_needs if self.project.by_board else cov.needs)(sets, cameras)
+        self.coverage.show_cells(cameras, before, [0 * one for one in before], [one.level for one in needs])
+
+    def resizeEvent(self, event: QResizeEvent) -> None:
+        """Names stand above the frames where there is room."""
+        super().resizeEvent(event)
+        if self._inputs.isVisible():
+            self._show_coverage()
 
     @property
     def _is_running_on(self) -> bool:
@@ -245,7 +280,9 @@ class CalibratePage(Page):
             self._draw()
 
     def _last_news(self) -> None:
-        """The computation has ended: the stages are what they are."""
+        """The computation has ended: what it said after the last tick counts too, else a valid one ends in a cross."""
+        if self.course.task is not None:
+            self._take(self.course.task)
         self._draw()
 
     @property

@@ -182,7 +182,9 @@ class ConnectPage(Page):
             self._grid.setRowStretch(2 * number, 1)
             self._grid.addWidget(name, 2 * number, 0)
             self._grid.addWidget(about, 2 * number, 2)
-            if below:
+            if below and line.level == "good":
+                word.deleteLater()  # the mark and the sum above say it, and a screen has room for all cameras
+            elif below:
                 self._grid.addWidget(word, 2 * number + 1, 2, 1, 2)
             else:
                 self._grid.addWidget(word, 2 * number, _WORDS)

@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 from PySide6.QtCore import Qt
+from PySide6.QtGui import QResizeEvent
 from PySide6.QtWidgets import QHBoxLayout, QLabel, QProgressBar, QTabWidget, QVBoxLayout, QWidget
 
 from spherecal_gui import theme
@@ -25,10 +26,12 @@ from spherecal_gui.widgets.scene import SceneView, make_scene_view
 from spherecal_gui.widgets.tile import Wall
 from spherecal_gui.widgets.top_view import TopView
 from spherecal_gui.wizard.controller import Controller
+from spherecal_gui.wizard.keys import SEEN_S
 from spherecal_gui.workflow import Step
 
 _HOLD_PX = 8
 _TALL_PX = 700  # of a page on a larger screen than 1280 x 800
+_CARRY_S = 5.0  # until it is moved again: where it was last seen may be older than where it lay
 _LOOK_S = 0.25  # between two looks at the ball; one takes 8 to 11 ms (6 cameras, 260 dots each)
 
 
@@ -43,6 +46,9 @@ class PlacementPage(LivePage):
         self._turned = False
         self._tiles: list[TileState] = []
         self._drawn: object = None
+        self._carried_s = 0.0
+        self._by_itself = False  # what is shown was captured by itself
+        self._good_since: float | None = None
         controller.guidance_changed.connect(self._show_guidance)
         column = QVBoxLayout(self)
         head = QHBoxLayout()
@@ -74,6 +80,7 @@ class PlacementPage(LivePage):
         row = QHBoxLayout()
         self.automatic = option(self.tr("Capture by itself when still"))
         self.automatic.setObjectName("automatic")
+        self.automatic.setToolTip(self.tr("Goes on to the next placement by itself too, where nothing is wrong."))
         self.again = button(self.tr("Retake"), "retake")
         self.again.clicked.connect(self._take)
         self.delete = button(self.tr("Delete"), "delete-set")
@@ -111,7 +118,8 @@ class PlacementPage(LivePage):
             line.setToolTip(self.tr("A click on a camera shows its picture."))
             line.asked.connect(self._show_camera)
             column.addWidget(line)
-        column.addWidget(label(self.tr("Green: covered so far. Blue: what this placement adds."), "soft"))
+        self.coverage_key = label(self.tr("Green: covered so far. Blue: what this placement adds."), "soft")
+        column.addWidget(self.coverage_key)
         self.tabs.addTab(covered, self.tr("Coverage"))
         pairs = QWidget()
         column = QVBoxLayout(pairs)
@@ -131,6 +139,7 @@ class PlacementPage(LivePage):
         self.put_there = button(self.tr("Put it there"), "put-there")
         self.put_there.setToolTip(self.tr("Training: moves the simulated ball to where it should go."))
         self.put_there.clicked.connect(self.controller.put_there)
+        self.put_there.hide()  # until it is known where to
         column.addWidget(self.guide_text)
         column.addWidget(self.to_go)
         column.addWidget(self.top_view, 1)
@@ -178,12 +187,23 @@ class PlacementPage(LivePage):
     def enter(self, step: Step) -> None:
         """Another placement: draw everything anew."""
         self._drawn, self._trigger, self._turned = None, AutoTrigger(), False
+        self._by_itself, self._good_since = False, None
         self.step = step
         if not self.is_taken and self.tabs.indexOf(self.guidance) >= 0:
             self.tabs.setCurrentWidget(self.guidance)
         if self.controller.staged_poses:
             self.controller.show_pose(self.set_id)
         super().enter(step)
+
+    def resizeEvent(self, event: QResizeEvent) -> None:
+        """Keys only where the drawings leave room for them."""
+        super().resizeEvent(event)
+        self._drawn = None
+        self._show_keys()
+
+    def _show_keys(self) -> None:
+        self.guide_key.setVisible(self.height() > _TALL_PX and not theme.is_far())
+        self.coverage_key.setVisible(self.height() > _TALL_PX or not theme.is_far())
 
     def refresh(self) -> None:
         """Something was taken, deleted or has ended."""
@@ -217,6 +237,7 @@ class PlacementPage(LivePage):
     def dress(self) -> None:
         """Draw in the new colours."""
         self._drawn = None
+        self._show_keys()
         if self.space is not None:
             self.space.dress()
         self.refresh()
@@ -249,7 +270,7 @@ class PlacementPage(LivePage):
         self._look_at_ball()
         self._show_planning()
         scene = self.scene()
-        told = advice(scene, self.is_taken, self.is_taking, self._stands_as_before(scene))
+        told = advice(scene, self.is_taken, self.is_taking, self._stands_as_before(scene), self._is_away)
         self.say(told.text, told.level)
         self._show_counter(scene)
         self._draw(scene)
@@ -261,7 +282,32 @@ class PlacementPage(LivePage):
         taken = waiting and self._trigger.feed(scene, time.monotonic())
         self._show_hold(waiting)
         if taken:
+            self._by_itself = True
             self._take()
+        self._carry()
+        self._go_on_by_itself()
+
+    def _carry(self) -> None:
+        """In training the ball goes to its ghost by itself where it is captured by itself: nobody carries it there."""
+        to_go, guidance = self.controller.to_go, self.controller.guidance
+        if to_go is None or guidance is None or to_go.near or self.is_taken or not self.automatic.isChecked():
+            return
+        now = time.monotonic()
+        if now - self._carried_s > _CARRY_S and not guidance.coarse and self.controller.can_put_there:
+            self._carried_s = now
+            self.controller.put_there()
+
+    def _go_on_by_itself(self) -> None:
+        """On to the next placement, once what was captured by itself has been in sight for a while and is good."""
+        state, standing = self.controller.state, self.standing()
+        after = state.after(state.current) if state is not None else None
+        good = self.is_taken and standing.default == "next" and standing.level == "good"
+        if not (self._by_itself and good and self.automatic.isChecked()) or after is None:
+            self._good_since = None
+        elif self._good_since is None:
+            self._good_since = time.monotonic()
+        elif after.step.kind == "placement" and time.monotonic() - self._good_since > SEEN_S:
+            self.controller.go(after.step.id)
 
     def _show_hold(self, waiting: bool) -> None:
         """How long it must still lie: until it is taken by itself, then until all images are there."""
@@ -355,7 +401,7 @@ class PlacementPage(LivePage):
             if name not in tiles:
                 continue
             need = needs.get(name)
-            told = need_text(name, need.need, old + new) if need is not None and need.need != "enough" else ""
+            told = need_text(need.need, old + new) if need is not None and need.need != "enough" else ""
             tiles[name].show_coverage(old, new, told)
 
     def _look_at_ball(self) -> None:
@@ -389,6 +435,12 @@ class PlacementPage(LivePage):
         self.to_go.setVisible(bool(text))
         near = to_go is not None and to_go.near
         self.put_there.setVisible(wanted and self.controller.can_put_there and to_go is not None and not near)
+
+    @property
+    def _is_away(self) -> bool:
+        """Whether the ball is known not to be where it should go."""
+        to_go = self.controller.to_go
+        return to_go is not None and not to_go.near and not self._is_enough()
 
     def _is_enough(self) -> bool:
         """Whether one more placement would not be worth it."""
@@ -440,7 +492,6 @@ class PlacementPage(LivePage):
             self.tabs.setCurrentIndex(0)
         self.top_view.show_guidance(None if self._is_enough() else shown)
         self._show_in_space()
-        self.guide_key.setVisible(self.height() > _TALL_PX and not theme.is_far())  # the picture needs the room
         self.in_space.setVisible(not theme.is_far() or self.in_space.isChecked())
         if shown is None:
             self._show_planning()

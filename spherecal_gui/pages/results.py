@@ -54,8 +54,8 @@ class ResultsPage(Page):
         split = QSplitter(Qt.Orientation.Horizontal)
         split.addWidget(self._left())
         split.addWidget(self._right())
-        split.setStretchFactor(0, 5)
-        split.setStretchFactor(1, 6)
+        split.setStretchFactor(0, 2)  # on a larger screen the scene grows; lines of text need no more room
+        split.setStretchFactor(1, 1)
         split.setSizes([620, 600])
         column.addWidget(split, 1)
 

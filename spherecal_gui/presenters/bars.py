@@ -84,7 +84,10 @@ def length_cells(bars: Any) -> list[tuple[str, ...]]:
     """The table: one row for each certified length."""
 
     def cell(value: float | None, digits: int = 3, sign: bool = False) -> str:
-        return "-" if value is None else f"{value:+.{digits}f}" if sign else f"{value:.{digits}f}"
+        if value is None:
+            return "-"
+        value = round(value, digits) + 0.0  # no negative zero
+        return f"{value:+.{digits}f}" if sign else f"{value:.{digits}f}"
 
     acceptance = _acceptance(bars)
     decided = {row.key: row for row in acceptance.lengths} if acceptance is not None else {}

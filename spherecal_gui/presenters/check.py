@@ -56,9 +56,12 @@ def _sentence(found: Any) -> str:
         text = translate("Check", "The rig is as it was calibrated: {count} cameras agree with one another.")
         return text.format(count=len(found.cameras))
     parts = []
-    moved = [one.test.id for one in found.cameras if one.test.moved]
+    moved = {one.test.id: one.test.move_px for one in found.cameras if one.test.moved}
     noisy = [one.test.id for one in found.cameras if one.verdict != "ok" and not one.test.moved]
-    if moved:
+    if len(moved) == 1:
+        text = translate("Check", "Only {camera} moved ({px} px). Tighten its mount.")
+        parts += [text.format(camera=name, px=f"{px:.{0 if px >= 2 else 1}f}") for name, px in moved.items()]
+    elif moved:
         parts.append(translate("Check", "Moved: {cameras}.").format(cameras=", ".join(moved)))
     if noisy:
         parts.append(translate("Check", "Less sharp than before: {cameras}.").format(cameras=", ".join(noisy)))

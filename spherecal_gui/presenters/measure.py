@@ -38,7 +38,7 @@ def value_rows(measured: Any) -> list[ValueRow]:
         unit = "°" if v.unit == "deg" else " mm"
         off, level = "", "none"
         if v.deviation is not None:
-            off = f"{v.deviation:+.{digits}f} ± {2 * v.u_deviation:.{digits}f}{unit}"
+            off = f"{round(v.deviation, digits) + 0.0:+.{digits}f} ± {2 * v.u_deviation:.{digits}f}{unit}"
             level = "good" if abs(v.deviation) <= 2 * v.u_deviation else "caution"
         rows.append(ValueRow(v.name, f"{v.value:.{digits}f}{unit}", f"{2 * v.u:.{digits}f}{unit}", off, level))
     return rows

@@ -49,8 +49,11 @@ class Advice:
     level: Level
 
 
-def advice(scene: Scene, taken: bool, taking: bool, as_before: bool = False) -> Advice:
-    """What to do now; one sentence at a time, the most urgent. `as_before`: the ball has not been moved yet."""
+def advice(scene: Scene, taken: bool, taking: bool, as_before: bool = False, away: bool = False) -> Advice:
+    """What to do now; one sentence at a time, the most urgent.
+
+    `as_before`: the ball has not been moved yet; `away`: it is not where it should go.
+    """
     if taking:
         return Advice(translate("Placement", "Hold still: images are being captured"), "caution")
     if taken:
@@ -71,6 +74,8 @@ def advice(scene: Scene, taken: bool, taking: bool, as_before: bool = False) -> 
         text, level = translate("Placement", "Checking that the ball is still"), "none"
     elif not scene.still:
         text, level = translate("Placement", "Let the ball come to rest"), "caution"
+    elif away:
+        text, level = translate("Placement", "Move the ball to its ghost"), "none"
     else:
         text, level = translate("Placement", "Ready: press space"), "good"
     return Advice(text, level)
@@ -151,21 +156,21 @@ def need_lists(found: Sequence[CameraNeed], more_to_come: bool = False) -> tuple
     return lines[0], lines[1]
 
 
-def need_text(camera: str, need: str, cells: IntArray) -> str:
-    """What a camera needs: more dots at all, or dots in a part of its image where there are none."""
+def need_text(need: str, cells: IntArray) -> str:
+    """What a camera needs, for its tile: more dots at all, or dots in a part of its image where there are few."""
     if need == "more":
-        return translate("Placement", "{camera} needs more dots").format(camera=camera)
+        return translate("Placement", "needs more dots")
     thirds = {
-        translate("Placement", "left third"): cells[:, :_THIRD],
-        translate("Placement", "right third"): cells[:, -_THIRD:],
-        translate("Placement", "upper third"): cells[:_THIRD],
-        translate("Placement", "lower third"): cells[-_THIRD:],
+        translate("Placement", "on the left"): cells[:, :_THIRD],
+        translate("Placement", "on the right"): cells[:, -_THIRD:],
+        translate("Placement", "at the top"): cells[:_THIRD],
+        translate("Placement", "at the bottom"): cells[-_THIRD:],
     }
     part = min(thirds, key=lambda name: float((thirds[name] > 0).mean()))
-    text = translate("Placement", "{part} of {camera} has no dots")
+    text = translate("Placement", "no dots {part}")
     if (thirds[part] > 0).any():
-        text = translate("Placement", "{part} of {camera} has few dots")
-    return text.format(part=part, camera=camera)
+        text = translate("Placement", "few dots {part}")
+    return text.format(part=part)
 
 
 def island_text(groups: Sequence[Sequence[int]], cameras: Sequence[str]) -> tuple[str, Level]:

@@ -401,7 +401,16 @@ def save_profile(result: Path, session: Path, profile: Path, put_to_use: bool, n
     number = save_result(kept, result, SaveOptions(session=session if own else None, note=note))
     if put_to_use:
         apply(open_profile(profile), number, note)
+        _keep_frame(session / "frame.json", profile / "frame.json")
     return number
+
+
+def _keep_frame(own: Path, kept: Path) -> None:
+    """The project's frame is the rig's from now on, the default of the exports of later calibrations."""
+    from spherecal.files.frame_file import read_frame, write_frame
+
+    if own.is_file():
+        write_frame(read_frame(own), kept)
 
 
 def export(result: Path, form: str, output: Path, context: Context, frame: "UserFrame | None" = None) -> Path:

@@ -1,4 +1,4 @@
-"""What should lie on the bench, drawn to one scale: the ball with its targets, below it the bars with their marks."""
+"""What should lie on the bench, drawn to one scale: the ball with its targets, below or beside it the bars."""
 
 import math
 from collections.abc import Sequence
@@ -35,25 +35,30 @@ class BenchView(QWidget):
         return QSize(240, 0)
 
     def paintEvent(self, _: QPaintEvent) -> None:
-        """Ball and bars, as large as there is room for both at one scale."""
+        """Ball and bars, as large as there is room for both at one scale: below each other, or beside each other."""
         shown, line = self._shown, 2.4 * self.fontMetrics().height()
-        widest = max((shown.diameter_mm or 0.0, *(max(marks) for _, marks in shown.bars)), default=0.0)
-        if widest <= 0:
+        ball, bar = shown.diameter_mm or 0.0, max((max(marks) for _, marks in shown.bars), default=0.0)
+        width, height = self.width() - 2 * _MARGIN_PX, self.height() - 2 * _MARGIN_PX
+        if max(ball, bar) <= 0:
             return
-        room = self.height() - 2 * _MARGIN_PX - line * len(shown.bars)
-        scale = min((self.width() - 2 * _MARGIN_PX) / widest, room / (shown.diameter_mm or widest))
-        if scale * widest < _LEAST_PX:
+        lines = line * len(shown.bars)
+        below = min(width / max(ball, bar), (height - lines) / (ball or bar))
+        beside = min((width - 2 * _MARGIN_PX) / (ball + bar), height / ball) if ball and height > lines else 0.0
+        scale = max(below, beside)
+        if scale * max(ball, bar) < _LEAST_PX:
             return
         painter = QPainter(self)
         painter.setRenderHint(QPainter.RenderHint.Antialiasing)
-        middle, top = self.width() / 2, _MARGIN_PX
-        if shown.diameter_mm:
-            radius = scale * shown.diameter_mm / 2
-            self._draw_ball(painter, QPointF(middle, top + radius), radius)
-            top += 2 * radius
+        middle = QPointF(self.width() / 2, _MARGIN_PX + scale * ball / 2)
+        at = QPointF(middle.x(), _MARGIN_PX + scale * ball)
+        if beside > below:
+            middle = QPointF(_MARGIN_PX + scale * ball / 2, self.height() / 2)
+            at = QPointF(self.width() - _MARGIN_PX - scale * bar / 2, (self.height() - lines) / 2)
+        if ball:
+            self._draw_ball(painter, middle, scale * ball / 2)
         for name, marks in shown.bars:
-            self._draw_bar(painter, name, marks, scale, QPointF(middle, top + line))
-            top += line
+            at += QPointF(0, line)
+            self._draw_bar(painter, name, marks, scale, at)
 
     def _draw_ball(self, painter: QPainter, centre: QPointF, radius: float) -> None:
         c = theme.now()

@@ -37,6 +37,10 @@ def _write_by_locale(axis: Any) -> None:
 _DIGIT_PX = 1.05  # width of a bold digit of 1 pt, as drawn on a screen of 96 dots an inch
 
 
+_ROW_LINES = 5.5  # the height in lines of text that a row of coverage needs for names and shares above and below
+_TINT = 0.5  # of its colour in a cell that is covered: numbers and frames are read before it
+
+
 def _rgb(colour: str) -> tuple[int, int, int]:
     made = QColor(colour)
     return made.red(), made.green(), made.blue()
@@ -125,7 +129,8 @@ class CoverageChart(Chart):
         self.dress()
         columns = max(1, int(np.ceil(np.sqrt(len(cameras)))))
         rows = int(np.ceil(len(cameras) / columns))
-        step_x, step_y = cov.CELLS + 1.6, cov.CELLS + 7.0
+        low = self.height() < rows * _ROW_LINES * self.fontMetrics().height()  # then the name stands in the frame
+        step_x, step_y = cov.CELLS + 1.6, cov.CELLS + (1.6 if low else 7.0)
         plot = self.plot_item
         plot.hideAxis("left")
         plot.hideAxis("bottom")
@@ -143,23 +148,25 @@ class CoverageChart(Chart):
             )
             self.addItem(frame)
             share = round(100 * float(((before[index] + live[index]) > 0).mean()))
-            name = _text(camera, c.text, 12, (0.5, 1.0), bold=True)
-            name.setPos(left + cov.CELLS / 2, top + 0.3)
+            name = _text(camera, c.text, 12, (0.5, 0.5 if low else 1.0), bold=True)
+            name.setPos(left + cov.CELLS / 2, top + (cov.CELLS / 2 if low else 0.3))
             self.addItem(name)
+            if low:
+                continue
             percent = _text(
                 f"{share} %", c.of("good" if share >= 100 * cov.LITTLE_COVERAGE else "caution"), 12, (0.5, 0.0), True
             )
             percent.setPos(left + cov.CELLS / 2, top + cov.CELLS - 0.3)
             self.addItem(percent)
-        self.setRange(QRectF(-0.8, -2.8, columns * step_x, rows * step_y), padding=0.01)
+        self.setRange(QRectF(-0.8, -0.8 if low else -2.8, columns * step_x, rows * step_y), padding=0.01)
 
     @staticmethod
     def _picture(before: IntArray, live: IntArray) -> np.ndarray:
         c = theme.now()
         picture = np.empty((*before.shape, 3), np.uint8)
         picture[:] = _rgb(c.window)
-        picture[live > 0] = _rgb(c.accent)
-        picture[before > 0] = _rgb(c.good)
+        for covered, colour in ((live, c.accent), (before, c.good)):
+            picture[covered > 0] = _rgb(theme.mixed(c.window, colour, _TINT))
         return picture
 
 

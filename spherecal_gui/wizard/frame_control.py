@@ -1,4 +1,7 @@
-"""The user's frame of the open project: frame.json in its folder, made again with every calibration."""
+"""The user's frame of the open project: frame.json in its folder, made again with every calibration.
+
+A project without one has that of its rig's profile, as it is, where its world is the same camera's.
+"""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -8,6 +11,7 @@ from PySide6.QtCore import QCoreApplication, QObject
 
 from spherecal.base.errors import InputError
 from spherecal.base.filesystem import remove_below
+from spherecal_gui.project_folder import profile_of
 from spherecal_gui.texts import error_text
 from spherecal_gui.wizard.compute_control import ComputeControl
 
@@ -42,7 +46,10 @@ class FrameControl(ComputeControl):
         if made_for == self._frame_of:
             return
         self._frame_of, self.frame, self.frame_definition, self.frame_problem = made_for, None, None, ""
-        if made_for is None or not (made_for[0] / FRAME).is_file():
+        if made_for is None:
+            return
+        if not (made_for[0] / FRAME).is_file():
+            self.frame = self._frame_of_profile()
             return
         from spherecal.export.frame import frame_of
         from spherecal.files.frame_file import read_frame, write_frame
@@ -64,16 +71,30 @@ class FrameControl(ComputeControl):
             self._try(lambda: write_frame(fresh, path))
         self.frame = fresh
 
+    def _frame_of_profile(self) -> "UserFrame | None":
+        """The frame kept with the rig; None where there is none, or where it is of another camera's world."""
+        from spherecal.files.frame_file import read_frame
+
+        path = profile_of(self.project) / FRAME if self.project is not None else None
+        if path is None or self.outcome is None or not path.is_file():
+            return None
+        try:
+            kept = read_frame(path)
+        except InputError as error:
+            self.note(error_text(error)[0])
+            return None
+        return kept if kept.reference_camera == self.result.rig.reference_camera else None
+
     def set_frame(self, definition: "FrameDefinition") -> bool:
-        """Give exports in this frame from now on; the reference camera's own needs no file."""
+        """Give exports in this frame from now on; the reference camera's own needs no file, unless the rig has one."""
         path = self.frame_file
-        if path is None or self.outcome is None or self.runner.running:
+        if path is None or self.project is None or self.outcome is None or self.runner.running:
             return False
         from spherecal.export.frame import frame_of
         from spherecal.files.frame_file import write_frame
         from spherecal.geometry.user_frame import FrameDefinition
 
-        if definition == FrameDefinition():
+        if definition == FrameDefinition() and not (profile_of(self.project) / FRAME).is_file():
             done = self._try(lambda: remove_below(path.parent, path.name))
         else:
             places, rig = self.outcome.places, self.result.rig
@@ -84,7 +105,7 @@ class FrameControl(ComputeControl):
 
     def frame_command(self) -> tuple[str, ...]:
         """The words of the command line that makes the same frame.json; none where there is no frame."""
-        if self.frame is None or self.project is None:
+        if self.frame is None or self.project is None or self.frame_definition is None:
             return ()
         definition = self.frame.definition
         words = ["spherecal", "frame", str(self.project.result_folder), "-o", str(self.frame_file)]

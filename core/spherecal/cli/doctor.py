@@ -25,15 +25,16 @@ class DoctorLine:
 _NEEDED = ("numpy", "scipy", "cv2", "rich", "threadpoolctl", "platformdirs")
 _TRIED = {"genicam": "genicam.gentl"}  # the package alone can be imported without what it needs
 _DISTRIBUTION = {"cv2": "opencv-python-headless", "PySide6": "PySide6-Essentials"}
-_OPTIONAL = {
-    "PySide6": "the window; install spherecal[gui]",
-    "pyqtgraph": "plots in the window; install spherecal[gui]",
-    "pyvista": "3-D views; install spherecal[gui]",
-    "genicam": "live cameras; install spherecal[cameras] (on Debian also: apt install "
-    f"libpython{sys.version_info.major}.{sys.version_info.minor})",
-    "harvesters": "live cameras; install spherecal[cameras]",
-    "pyceres": "benchmarks only",
+_OPTIONAL = {  # what it is for, what pip installs for it
+    "PySide6": ("the window", "spherecal[gui]"),
+    "pyqtgraph": ("plots in the window", "spherecal[gui]"),
+    "pyvista": ("3-D views", "spherecal[gui]"),
+    "genicam": ("live cameras", "spherecal[cameras]"),
+    "harvesters": ("live cameras", "spherecal[cameras]"),
+    "pyceres": ("benchmarks only", ""),
 }
+_SYSTEM_PYTHON = f"libpython{sys.version_info.major}.{sys.version_info.minor}"  # which genicam loads
+_PACKAGES = {"pyvista": "the package spherecal-3d"}  # beside the .deb, which pip does not touch
 _QT_LIBRARIES = ("GL", "EGL", "glib-2.0", "fontconfig", "dbus-1", "xkbcommon")
 
 
@@ -45,8 +46,8 @@ def examine() -> Iterator[DoctorLine]:
     for name in _NEEDED:
         yield _package(name, "missing", "needed: install spherecal again")
     yield _kernels()
-    for name, purpose in _OPTIONAL.items():
-        yield _package(name, "optional", purpose)
+    for name in _OPTIONAL:
+        yield _package(name, "optional", _advice(name))
     if platform.system() == "Linux":
         yield from _libraries()
         display = os.environ.get("WAYLAND_DISPLAY") or os.environ.get("DISPLAY")
@@ -54,11 +55,26 @@ def examine() -> Iterator[DoctorLine]:
     yield _producers()
 
 
+def _is_bundle() -> bool:
+    """Whether this is the program with its own Python, as the .deb and the set-up program for Windows install it."""
+    return bool(getattr(sys, "frozen", False))
+
+
+def _advice(name: str) -> str:
+    """What an optional package is for and how it is installed here."""
+    purpose, extra = _OPTIONAL[name]
+    if _is_bundle():
+        extra = _PACKAGES.get(name, "") if platform.system() == "Linux" else ""
+    elif name == "genicam":
+        extra += f" (on Debian also: apt install {_SYSTEM_PYTHON})"
+    return f"{purpose}; install {extra}" if extra else purpose
+
+
 def _package(name: str, absent: Literal["missing", "optional"], purpose: str) -> DoctorLine:
     try:
         importlib.import_module(_TRIED.get(name, name))
     except Exception as error:  # a broken library raises what it likes
-        gone = "not part of this package" if getattr(sys, "frozen", False) else "not installed"
+        gone = "not part of this package" if _is_bundle() else "not installed"
         reason = gone if isinstance(error, ModuleNotFoundError) else str(error).splitlines()[0]
         return DoctorLine(name, absent, f"{reason} ({purpose})")
     try:

@@ -372,7 +372,7 @@ def ensure_venv() -> None:
         VENV.rename(old)
     try:
         make_venv()
-        say(f"Installing the packages of {LOCK.name} (some 400 MB to download the first time)")
+        say(f"Installing the packages of {LOCK.name} (some 600 MB to download the first time)")
         lines = install_packages()
     except (SetupError, OSError, KeyboardInterrupt):
         if old.exists():

@@ -372,7 +372,7 @@ def ensure_venv() -> None:
         VENV.rename(old)
     try:
         make_venv()
-        say(f"Installing the packages of {LOCK.name} (some 400 MB to download the first time)")
+        say(f"Installing the packages of {LOCK.name} (some 600 MB to download the first time)")
         lines = install_packages()
     except (SetupError, OSError, KeyboardInterrupt):
         if old.exists():
@@ -565,10 +565,12 @@ def docs(arguments: list[str]) -> int:
         if code := run([PYTHON, ROOT / "docs" / "make_guide_pictures.py"], tool_env()):
             return code
     site = ROOT / "build" / "site"
-    # what it prints about its own future is nothing to us, and would count as a warning
-    env = tool_env() | {"NO_MKDOCS_2_WARNING": "1", "DISABLE_MKDOCS_2_WARNING": "true"}
-    command: list[str | Path] = [PYTHON, "-m", "mkdocs", "build", "--strict", "--quiet", "--site-dir", site]
-    return run([*command, *arguments], env) or run([PYTHON, ROOT / "docs" / "check_links.py", site])
+    shutil.rmtree(site, ignore_errors=True)
+    if code := run([BIN / "zensical", "build", "--strict", "--clean", *arguments], tool_env()):
+        return code
+    return run([PYTHON, ROOT / "docs" / "make_offline.py", site]) or run(
+        [PYTHON, ROOT / "docs" / "check_links.py", site]
+    )
 
 
 def build(arguments: list[str]) -> int:

@@ -147,7 +147,7 @@ def _keys(node: ast.expr) -> frozenset[str] | None:
     return None if None in keys else frozenset(str(key) for key in keys)
 
 
-_ERRORS = {"SpherecalError", "InputError", "OutputError", "CameraError", "MissingPackage"}
+_ERRORS = {"SpherecalError", "InputError", "OutputError", "CameraError", "CamerasNotInstalled", "MissingPackage"}
 
 
 def errors_in_words() -> dict[str, list[int]]:

@@ -6,6 +6,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from PySide6.QtCore import QCoreApplication, QEventLoop
+from PySide6.QtWidgets import QAbstractButton, QLabel, QTabBar, QWidget
 
 from spherecal_gui.wizard.controller import Controller
 from spherecal_gui.workflow import Status
@@ -21,6 +22,14 @@ def pump(done: Callable[[], object], seconds: float = PATIENCE_S) -> None:
         assert time.monotonic() < until, "waited in vain"
         QCoreApplication.processEvents(QEventLoop.ProcessEventsFlag.AllEvents, 20)
         time.sleep(0.002)
+
+
+def words_shown(window: QWidget) -> str:
+    """All that labels, buttons and tabs of a window say now, each on a line of its own, without shortcuts."""
+    seen = [one for one in window.findChildren(QWidget) if one.isVisible()]
+    said = [one.text() for one in seen if isinstance(one, QLabel | QAbstractButton)]
+    said += [one.tabText(i) for one in seen if isinstance(one, QTabBar) for i in range(one.count())]
+    return "\n".join(said).replace("&", "")
 
 
 def settle(controller: Controller) -> None:

@@ -212,3 +212,9 @@ def test_a_board_calibrates_as_well_as_opencv_does(text: str, tmp_path: Path) ->
     assert abs(baseline - BASELINE_MM) < 0.3 and abs(theirs.baseline_mm - BASELINE_MM) < 0.5
     for camera, true in zip(rig, made.cameras, strict=True):
         assert abs(camera.K[0, 0] / true.intrinsics[0] - 1) < 0.004
+
+
+def test_a_board_that_lacks_something_is_no_file(capsys: pytest.CaptureFixture[str]) -> None:
+    board = "charuco,rows=6,columns=9,pitch_mm=20,marker_mm=15"
+    assert main(["targets", "sheet", "--board", board, "-o", "board.pdf"]) == 2
+    assert capsys.readouterr().err.startswith('spherecal: --board: board lacks "dictionary".')

@@ -170,3 +170,11 @@ def test_a_folder_does_not_go_to_standard_output(
     said = capsys.readouterr()
     assert "A folder cannot be written to standard output" in said.err and not said.out
     assert not list(tmp_path.iterdir())
+
+
+def test_a_package_that_is_missing_is_told_by_the_exit_code(monkeypatch, capsys) -> None:
+    monkeypatch.setitem(__import__("sys").modules, "genicam", None)
+    monkeypatch.setitem(__import__("sys").modules, "genicam.gentl", None)
+    monkeypatch.setitem(__import__("sys").modules, "harvesters.core", None)
+    assert main(["cameras", "list", "--source", "genicam"]) == 3
+    assert "pip install 'spherecal[cameras]'" in capsys.readouterr().err

@@ -1,6 +1,7 @@
 """The whole walk on the simulated demo rig, as a technician takes it: by the one large button."""
 
 import os
+import re
 import sys
 import threading
 import time
@@ -9,6 +10,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from conftest import ROOT
 
 os.environ.setdefault("QT_QPA_PLATFORM", "offscreen")
 
@@ -25,7 +27,7 @@ from spherecal_gui.tasks.live import wait_for_sight
 from spherecal_gui.wizard.controller import Controller
 from spherecal_gui.wizard.window import WizardWindow
 from spherecal_gui.workflow import Status
-from tests.gui_walking import pump
+from tests.gui_walking import pump, words_shown
 from tests.gui_walking import settle as settled
 
 
@@ -49,6 +51,12 @@ class Walk:
         self.window = WizardWindow(projects)
         self.window.show()
         self.visited: list[str] = []
+        self.shown: dict[str, str] = {}
+
+    def look(self) -> None:
+        """Keep what the window says in this step."""
+        step = self.step().partition(":")[0]
+        self.shown[step] = self.shown.get(step, "") + "\n" + words_shown(self.window)
 
     @property
     def controller(self) -> Controller:
@@ -78,6 +86,7 @@ class Walk:
         window = self.window
         for _ in range(6):
             action = window.page.action() if window.page is not None else None
+            self.look()
             if action is None or action.done:
                 break
             if self.step() == "verify" and len(self.poses_taken()) == 3:
@@ -87,6 +96,7 @@ class Walk:
                 continue
             pump(window.footer.action.isEnabled)
             press(window)
+        self.look()
         window.go_next()
         QCoreApplication.processEvents()
 
@@ -122,6 +132,28 @@ def test_the_walk_reaches_the_end(walk):
     found = walk.statuses()
     assert found.pop("save") is found.pop("measure") is Status.READY
     assert set(found.values()) == {Status.DONE}
+
+
+# The steps of each section of the guide's walk, and those of its words that this walk gives no cause for.
+SECTIONS = {
+    "Connect": ("connect",), "Camera check": ("look",), "Placements": ("placement",), "Scale bar": ("scale",),
+    "Calibrate": ("calibrate", "results"), "Verify": ("verify",), "Save": ("save",),
+}  # fmt: skip
+SELDOM = {"Fixed again", "Cancel", "Stop here", "Measure the bar", "Write the report", "The rig's profile"}
+
+
+def test_each_step_shows_what_the_guide_says_of_it(walk):
+    """In the guide bold is what stands on the screen; here on that very page."""
+    walk.look()  # at Save
+    sections = re.split(r"^## (.+)$", (ROOT / "docs" / "guide" / "first.md").read_text(encoding="utf-8"), flags=re.M)
+    told = dict(zip(sections[1::2], sections[2::2], strict=True))
+    absent = {}
+    for title, steps in SECTIONS.items():
+        shown = "\n".join(walk.shown[step] for step in steps)
+        words = {re.sub(r"\s+", " ", word) for word in re.findall(r"\*\*(.+?)\*\*", told[title], re.S)}
+        assert words
+        absent[title] = {word for word in words - SELDOM if not re.search(rf"^{re.escape(word)}", shown, re.M)}
+    assert not any(absent.values()), absent
 
 
 def test_the_results_are_in_the_window(walk):

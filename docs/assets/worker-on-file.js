@@ -1,44 +1,33 @@
 // The search runs in a worker, which browsers refuse to pages opened from the disk: there an iframe does its work.
 if (location.protocol === "file:") {
-  window.Worker = class extends EventTarget {
+  window.Worker = class {
     constructor(url) {
-      super();
-      this.waiting = [];
-      this.ready = false;
       const frame = document.createElement("iframe");
       frame.hidden = true;
       document.body.append(frame);
+      this.frame = frame;
       const inside = frame.contentWindow;
-      inside.postMessage = (data) => {
-        const message = new MessageEvent("message", { data });
-        this.dispatchEvent(message);
-        if (this.onmessage) this.onmessage(message);
-      };
-      inside.importScripts = (...urls) =>
-        urls.reduce((before, one) => before.then(() => new Promise((done, failed) => {
-          const script = frame.contentDocument.createElement("script");
-          script.src = one;
-          script.onload = done;
-          script.onerror = failed;
-          frame.contentDocument.body.append(script);
-        })), Promise.resolve());
-      // the search's index, which the page loads as a script
-      Object.defineProperty(inside, "__index", { get: () => window.__index });
-      this.inside = inside;
-      inside.importScripts(String(url)).then(() => {
-        this.ready = true;
-        this.waiting.forEach((data) => this.send(data));
-        this.waiting = [];
+      inside.postMessage = (data) => this.deliver(this, data);
+      const script = frame.contentDocument.createElement("script");
+      script.src = url;
+      this.ready = new Promise((done, failed) => {
+        script.onload = () => done(inside);
+        script.onerror = failed;
       });
-    }
-    send(data) {
-      const message = new MessageEvent("message", { data });
-      this.inside.dispatchEvent(message);
-      if (this.inside.onmessage) this.inside.onmessage(message);
+      this.ready.catch(() => this.onerror && this.onerror(new Event("error", { cancelable: true })));
+      frame.contentDocument.body.append(script);
     }
     postMessage(data) {
-      if (this.ready) this.send(data); else this.waiting.push(data);
+      const copy = structuredClone(data);
+      this.ready.then((inside) => this.deliver(inside, copy), () => {});
     }
-    terminate() {}
+    deliver(receiver, message) {
+      // as between threads: a copy, which arrives when its sender is done
+      const data = structuredClone(message);
+      setTimeout(() => receiver.onmessage && receiver.onmessage({ data }));
+    }
+    terminate() {
+      this.frame.remove();
+    }
   };
 }

@@ -41,6 +41,12 @@ class CameraError(SpherecalError):
     """Something about cameras that the user has to know: which camera or file, the likely cause, what to do."""
 
 
+class CamerasNotInstalled(CameraError):
+    """The packages for live cameras are missing or cannot be loaded."""
+
+    exit_code = 3
+
+
 class CameraState(StrEnum):
     """What a camera is doing; the value is the word shown to people."""
 

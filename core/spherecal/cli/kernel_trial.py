@@ -10,11 +10,15 @@ from collections.abc import Callable, Iterator
 from contextlib import redirect_stderr, redirect_stdout
 from dataclasses import replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 from unittest.mock import patch
 
 import numpy as np
 
 from spherecal.targets.target_set import TargetSet
+
+if TYPE_CHECKING:
+    from spherecal.cameras.simulated.stage import Stage
 
 Step = Callable[[Path], None]
 
@@ -28,27 +32,51 @@ def run_all(folder: Path) -> None:
 
 
 def _drawn(folder: Path) -> None:
-    """Images as the simulated cameras draw and render them, of 8 and of 16 bits; their dots found."""
-    from spherecal.cameras.simulated.draw import digitise
-    from spherecal.cameras.simulated.stage import Stage, StageView
+    """Images as the simulated cameras draw them, of 8 and of 16 bits; their dots found."""
+    from spherecal.cameras.simulated.stage import Stage
 
     stage = Stage("demo")
     targets = stage.session.target_set
     assert targets is not None
-    for pose, rendered in ((stage.poses[0], False), (stage.poses[-1], False), (stage.poses[-1], True)):
+    for pose in (stage.poses[0], stage.poses[-1]):
         stage.show(pose)
-        picture = stage.picture(0, StageView(), rendered)
-        for bits in (8, 12):
-            _find_dots(digitise(picture, bits, 1.0, np.random.default_rng(bits)), targets)
+        for image in _digitised(stage):
+            _find_dots(image, targets)
     squares = np.random.default_rng(1).integers(0, 2, (60, 80), np.uint8)
     _find_dots(200 * np.kron(squares, np.ones((8, 8), np.uint8)), targets)  # texture all over the image
 
 
+def _traced(folder: Path) -> None:
+    """Images as the simulated cameras and the simulator render them."""
+    from spherecal.cameras.simulated.stage import Stage
+
+    stage = Stage("demo")
+    stage.show(stage.poses[-1])
+    _digitised(stage, rendered=True)
+    for _ in _rendered_images():
+        pass
+
+
+def _digitised(stage: "Stage", rendered: bool = False) -> list[np.ndarray]:
+    """What the first camera sees of the stage, of 8 and of 16 bits."""
+    from spherecal.cameras.simulated.draw import digitise
+    from spherecal.cameras.simulated.stage import StageView
+
+    picture = stage.picture(0, StageView(), rendered)
+    return [digitise(picture, bits, 1.0, np.random.default_rng(bits)) for bits in (8, 12)]
+
+
 def _rendered(folder: Path) -> None:
     """A rendered image of the ball with its dots' truth; the dots found, by a command too."""
+    from spherecal.cameras.simulated.stage import Stage
     from spherecal.files.target_set_file import write_target_set
     from spherecal_sim.render_session import write_png
 
+    stage = Stage("demo")
+    assert stage.session.target_set is not None
+    stage.show(stage.poses[-1])
+    for image in _digitised(stage, rendered=True):
+        _find_dots(image, stage.session.target_set)
     for number, (image, targets) in enumerate(_rendered_images()):
         _find_dots(image, targets)
         write_png(folder / f"{number}.png", image)
@@ -127,11 +155,12 @@ def _command(*words: str) -> None:
         raise RuntimeError(f"spherecal {' '.join(words)} failed in the trial of the kernels: {said.getvalue()}")
 
 
-# What may run at the same time as the other, in processes of their own; about as long, since images and adjustment
-# have few kernels in common.
+# What may run at the same time as the other, in processes of their own. The detector's kernels take as long as all
+# others together (42 and 41 processor seconds); what is rendered for it is then compiled already.
 PARTS: dict[str, tuple[Step, ...]] = {
-    "images": (_drawn, _rendered, _seldom),
-    "adjustment": (
+    "detection": (_drawn, _rendered, _seldom),
+    "rendering and adjustment": (
+        _traced,
         _simulated,
         _calibrated("--method", "auto"),
         _calibrated("--method", "soft"),

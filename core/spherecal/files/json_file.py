@@ -189,9 +189,12 @@ class JsonValue:
 
     def numbers(self, length: int) -> list[float]:
         """A list of `length` finite numbers."""
-        found = self.value
-        is_list = isinstance(found, list) and len(found) == length
-        if is_list and all(type(one) in (float, int) and -_MOST <= one <= _MOST for one in found):
+        found: list[Any] = self.value if isinstance(self.value, list) else []
+        if (
+            found
+            and len(found) == length
+            and all(type(one) in (float, int) and -_MOST <= one <= _MOST for one in found)
+        ):
             return [float(one) for one in found]
         return [item.number() for item in self.items(length)]
 

@@ -73,14 +73,14 @@ def board_entry(given: Mapping[str, Any] | str | Path) -> dict[str, Any]:
     `board_pattern` does.
     """
     if isinstance(given, Mapping):
-        where, entry = Path("board"), dict(given)
+        where, entry, place = Path("board"), dict(given), "board"
     elif str(given).lower().endswith(".json"):
-        where = Path(given)
+        where, place = Path(given), ""
         loaded = parse_json(read_bytes(where, _MOST_BYTES))
         entry = loaded.get("board", loaded) if isinstance(loaded, dict) else {}
     else:
-        where, entry = Path("--board"), _written(str(given))
-    board_pattern(JsonValue(entry, where))
+        where, entry, place = Path("--board"), _written(str(given)), "board"
+    board_pattern(JsonValue(entry, where, place))
     if isinstance(entry, dict):
         return json.loads(json.dumps(entry))  # plain values, whatever the mapping held
     raise InputError(Phrase("error-holds-no-board", {"file": where}))

@@ -18,7 +18,7 @@ from spherecal.cameras.gentl.messages import Probed
 from spherecal.cameras.gentl.trust import Admitted, Ask, TrustStore, admit
 from spherecal.cameras.gentl.wire import Inbox, WireError, pack
 from spherecal.cameras.makers import driver_folders
-from spherecal.cameras.protocol import CameraError, CameraInfo, Discovery, ProducerVerdict
+from spherecal.cameras.protocol import CameraInfo, CamerasNotInstalled, Discovery, ProducerVerdict
 
 ENVIRONMENT = "GENICAM_GENTL64_PATH"
 _PATIENCE_S = 20.0  # drivers of network cameras search for some seconds
@@ -53,7 +53,7 @@ def producer_files(own: Iterable[str] = ()) -> tuple[str, ...]:
 def discover(
     files: Sequence[str], context: Context | None = None, trust: TrustStore | None = None, ask: Ask | None = None
 ) -> Discovery:
-    """Try every producer file in a process of its own; CameraError where the packages for cameras are missing.
+    """Try every producer file in a process of its own; CamerasNotInstalled where the packages for cameras are missing.
 
     With `trust`, files that were not allowed are not loaded but get a verdict that says so; `ask` is asked about new
     ones (see trust.py).
@@ -135,7 +135,7 @@ def _other_maker(one: CameraInfo, other: CameraInfo) -> bool:
 
 
 def check_packages() -> None:
-    """Raise CameraError unless harvesters and genicam can be loaded."""
+    """Raise CamerasNotInstalled unless harvesters and genicam can be loaded."""
     try:
         import genicam.gentl  # noqa: F401
         import harvesters.core  # noqa: F401
@@ -144,7 +144,7 @@ def check_packages() -> None:
         if "libpython" in str(error):
             version = f"{sys.version_info.major}.{sys.version_info.minor}"
             hint = Phrase("error-install-libpython", {"version": version})
-        raise CameraError(Phrase("error-genicam-packages", {"why": str(error)}), hint) from error
+        raise CamerasNotInstalled(Phrase("error-genicam-packages", {"why": str(error)}), hint) from error
 
 
 class _Probe:

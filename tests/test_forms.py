@@ -260,3 +260,37 @@ def test_fewer_observations_do_not_turn_the_form() -> None:
     session, _ = simulated("demo", 1, targets=TARGETS)
     keep = np.random.default_rng(0).random(len(observed(session))) < 0.8
     assert form_of(calibrate(with_observations(session, keep=keep))).code == "form-rigid"
+
+
+def in_pairs(session: Session, seed: int) -> Session:
+    """The session with every dot of every placement seen by two cameras at most."""
+    o, rng = observed(session), np.random.default_rng(seed)
+    feature = find_features(o).of_observation
+    order = np.lexsort((rng.random(len(feature)), feature))
+    first = np.diff(feature[order], prepend=-1) != 0
+    begins = np.maximum.accumulate(np.where(first, np.arange(len(feature)), 0))
+    keep = np.zeros(len(feature), dtype=bool)
+    keep[order] = np.arange(len(feature)) - begins < 2
+    return with_observations(session, keep)
+
+
+@pytest.mark.parametrize("rig", ["demo", "rigA", "rigB"])
+def test_a_rig_of_which_no_three_cameras_see_the_same_dots(rig: str) -> None:
+    """As five cameras around a ball: the strongest pair starts, the turned ball links the others."""
+    session, truth = simulated(rig, 2)
+    done = calibrate(in_pairs(session, 2))
+    assert done.rig.quality.verdict == "valid"
+    assert len(done.rig.cameras) == len(session.cameras)
+    errors = errors_of(done, truth)
+    whole = errors_of(calibrate(session), truth)
+    assert rms(errors.centre_score) < 2
+    assert rms(errors.centre_mm) < 4 * rms(whole.centre_mm)
+
+
+def test_pairs_alone_do_not_link_cameras_without_a_turned_ball() -> None:
+    """One placement: the scales of the pairs against each other are open."""
+    session, _ = simulated("demo", 2)
+    one = with_observations(in_pairs(session, 2), observed(in_pairs(session, 2)).placement == 0)
+    done = calibrate(one)
+    assert done.rig.quality.verdict == "not-valid"
+    assert "cameras-unlinked" in codes(done)

@@ -7,8 +7,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from benchmarks.studies.judged import calibrated_and_judged
+from benchmarks.studies.mischief import KINDS
 from benchmarks.studies.mischief_motions import late_camera
-from benchmarks.studies.mischief_world import make_world
+from benchmarks.studies.mischief_world import RIGS, make_world
 from spherecal.base.errors import InputError
 from spherecal.calibrate import calibrate
 from spherecal.cli.main import main
@@ -269,3 +271,21 @@ def test_first_images_are_kept_where_another_camera_had_none(until: str, out: tu
     session = replace(session, observations=o.select(~unseen))
     way = Repairs(leave_out=tuple(f"C02@{name}" for name in out))
     assert may_be_exchanged(session, way, "C02") == perhaps
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("kind", "size", "named"), [("two cameras moved", 10, {"C08"}), ("beam sags", 2, {"C01", "C04"})]
+)
+def test_cameras_that_no_image_shows_since_a_move_are_as_uncertain_as_it_was_large(
+    kind: str, size: float, named: set[str]
+) -> None:
+    """Moved before a last image of 7 dots, two of them unknown, C08 was 337 U off; C01 to C04 on a sagging beam 66."""
+    mischief = next(one for one in KINDS if one.name == kind)
+    seed = [17009, RIGS.index("hall12"), list(KINDS).index(mischief), int(1e6 * size)]
+    case = mischief.make(make_world("hall12", 17009), size, np.random.default_rng(seed))
+    judged = calibrated_and_judged(case.session, case.reference, case.settings)
+    assert judged.verdict == "use-with-care"
+    assert named <= judged.affected
+    assert max(camera.over_u for camera in judged.cameras) < 3
+    assert not judged.lengths_wrong

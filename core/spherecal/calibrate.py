@@ -65,7 +65,7 @@ def _calibrate(settings: CalibrationSettings, session: Session, context: Context
     recording = Recording.of(session)
     local = local_network(recording, settings, context)  # two-view gate, triples, view graph, paths
     watch.lap("local reconstruction")
-    if not local.triples:
+    if local.is_empty:
         return build_failed_result(recording, local, settings.method, watch.seconds)
     start = start_values(recording, local, settings, context)  # poses chained along the paths, resection
     watch.lap("start values")

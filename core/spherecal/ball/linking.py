@@ -20,6 +20,10 @@ from spherecal.base.context import Context
 from spherecal.geometry.transform import IDENTITY, Similarity
 from spherecal.initialise.incremental import InitialPoses, resect_rest, settle
 
+# A camera of no group, which no two others share enough dots with, is resected too where it has so many: five cameras
+# around a ball (one every 72 degrees) have some 130 a placement in common with a neighbour, and 3 to 60 with two.
+LEAST_ALONE = 100
+
 
 def link_camera_groups(
     ball: BallNetwork, groups: list[InitialPoses], alignment: Alignment, context: Context
@@ -41,8 +45,10 @@ def link_camera_groups(
         For progress, and to stop.
     """
     network, n_ball = ball.network, ball.n_ball
-    known = np.any([group.placed for group in groups], axis=0)
-    rows = ball.candidates & known[network.camera] & (ball.features.placement[network.feature] < n_ball)
+    on_ball = ball.candidates & (ball.features.placement[network.feature] < n_ball)
+    count = np.bincount(network.camera[on_ball], minlength=len(network.group))
+    known = np.any([group.placed for group in groups], axis=0) | (count >= LEAST_ALONE)
+    rows = on_ball & known[network.camera]
     images = known_intrinsics(images_of(network, ball.features, np.flatnonzero(rows), n_ball))
     count = np.bincount(images.camera, minlength=len(images.group)).reshape(-1, n_ball)
     root, first = _first(images, groups, n_ball)

@@ -201,7 +201,7 @@ def _linked(
         return None
     rigid, state = share_shape(ball.network, ball.features, linked.state, together)
     solved = _rigid_from(rigid, InitialPoses(state, linked.placed), ball.candidates, run)
-    choice = _judged(solved.adjusted, groups, together, requested)
+    choice = _judged(solved.adjusted, groups, together, requested, rigid.feature)
     return (solved, choice) if choice.form == "rigid" else None
 
 

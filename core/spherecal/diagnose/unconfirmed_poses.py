@@ -36,7 +36,7 @@ TURN_RAD, SHIFT_OF_DISTANCE = 0.1, 0.05
 
 
 Pose = tuple[FloatArray, FloatArray]  # rotation (3,3) and translation (3,)
-Kind = Literal["one-image", "small-move", "last-image"]
+Kind = Literal["one-image", "small-move", "last-image", "not-seen-since"]
 
 
 @dataclass(frozen=True)
@@ -57,7 +57,8 @@ def unconfirmed_poses(e: Evidence) -> list[UnconfirmedPose]:
     """Cameras whose pose the recording does not confirm.
 
     A pose after a move rests on one image alone, or differs so little from the earlier one that the camera's images may
-    differ as much; or the camera's last image shows another one with too few points.
+    differ as much; the camera's last image shows another one with too few points; or the camera has no image since
+    others moved together.
     """
     counts, state = e.image_counts(e.used), e.solution.state
     found = []
@@ -67,12 +68,13 @@ def unconfirmed_poses(e: Evidence) -> list[UnconfirmedPose]:
             kind: Kind = "one-image" if len(images) == 1 else "small-move"
             earlier = (state.rotation[k], state.translation[k])
             found.append(_unconfirmed(e, c, kind, int(images[0]), [earlier]))
-    return found + _last_images(e, {pose.camera for pose in found})
+    return found + _last_images(e, {pose.camera for pose in found}) + _carried_along(e)
 
 
 def unconfirmed_findings(e: Evidence) -> list[Finding]:
     """A finding for each camera whose pose the recording does not confirm."""
-    return [_finding(e, pose) for pose in unconfirmed_poses(e)] + _not_seen_since(e)
+    poses = [pose for pose in unconfirmed_poses(e) if pose.kind != "not-seen-since"]  # these have one in common
+    return [_finding(e, pose) for pose in poses] + _not_seen_since(e)
 
 
 def _finding(e: Evidence, pose: UnconfirmedPose) -> Finding:
@@ -110,6 +112,10 @@ def _poses_from_few(e: Evidence, c: int, t: int) -> list[Pose]:
     o, state = e.observations, e.solution.state
     rows = np.flatnonzero((o.camera == c) & (o.placement == t) & e.candidates)
     points = state.points[e.features.of_observation[rows]]
+    known = np.isfinite(points[:, 0])
+    rows, points = rows[known], points[known]
+    if len(rows) < LEAST_IN_LAST:
+        return []
     image = _FewPoints(points, o.uv[rows], state.intrinsics[c], float(e.noise_px[c]))
     ways = [slice(0, 3), slice(3, POSE), *[slice(0, POSE)] * (len(rows) > LEAST_IN_LAST)]
     poses = (image.nearest_pose((state.rotation[c], state.translation[c]), free) for free in ways)
@@ -177,22 +183,51 @@ def _is_small_move(e: Evidence, now: int, before: int) -> bool:
 
 
 def _not_seen_since(e: Evidence) -> list[Finding]:
-    """Cameras without an image since several others moved at once: one part of the frame may carry all of them.
+    """The finding on cameras without an image since several others moved at once."""
+    unseen, moved, first = _unseen(e)
+    if not unseen:
+        return []
+    values = {"moved": [e.camera_ids[k] for k in moved], "place": e.observations.placements[first]}
+    where = tuple(e.camera_ids[k] for k in unseen)
+    return [Finding("pose-unconfirmed", "warning", values, where, kind="not-seen-since")]
 
-    A beam of three cameras bent by 2 mm after the last image of one of them; that one was 83 U off.
+
+def _unseen(e: Evidence) -> tuple[list[int], list[int], int]:
+    """Cameras without an image since several others moved at once, those that moved, and before which placement.
+
+    One part of the frame may carry all of them: a beam of three cameras bent by 2 mm after the last image of one of
+    them; that one was 83 U off.
     """
     images = e.image_counts(e.used) > 0
     seen = np.flatnonzero(~e.is_earlier_pose & e.placed & images.any(axis=0))
     split = {camera.earlier_pose_of for camera in e.session.cameras}
-    since = {k: int(np.argmax(images[:, k])) for k in seen if e.camera_ids[k] in split}
+    since = {int(k): int(np.argmax(images[:, k])) for k in seen if e.camera_ids[k] in split}
     together = [t for t, count in Counter(since.values()).items() if count > 1]
     if not together:
-        return []
+        return [], [], 0
     first = min(together)
     last = len(images) - 1 - np.argmax(images[::-1], axis=0)
-    unseen = [e.camera_ids[k] for k in seen if last[k] < first]
+    return [int(k) for k in seen if last[k] < first], [k for k, t in since.items() if t == first], first
+
+
+def _carried_along(e: Evidence) -> list[UnconfirmedPose]:
+    """Cameras without an image since others moved together, with the poses to which these would have carried them."""
+    unseen, moved, first = _unseen(e)
+    state, earlier = e.solution.state, dict(_split_cameras(e))
     if not unseen:
         return []
-    moved = [e.camera_ids[k] for k, t in since.items() if t == first]
-    values = {"moved": moved, "place": e.observations.placements[first]}
-    return [Finding("pose-unconfirmed", "warning", values, tuple(unseen), kind="not-seen-since")]
+    found = []
+    for c in unseen:
+        others = []
+        for m in moved:
+            if m not in earlier:
+                continue
+            before = earlier[m]
+            # what moved the camera m in the world, in front of the former pose of c
+            turn = state.rotation[before].T @ state.rotation[m]
+            shift = state.rotation[m].T @ (state.translation[before] - state.translation[m])
+            rotation = state.rotation[c] @ turn
+            others.append((rotation, state.translation[c] - rotation @ shift))
+        if others:
+            found.append(_unconfirmed(e, c, "not-seen-since", first, others))
+    return found

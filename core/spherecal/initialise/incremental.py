@@ -58,6 +58,10 @@ def grow(
         For progress, and to stop.
     """
     rotation, translation = chain_poses(local.paths, local.triples, local.graph.scale, len(intrinsics))
+    if local.pair is not None:
+        first, second = local.pair.cameras
+        rotation[first], translation[first] = np.eye(3), 0.0
+        rotation[second], translation[second] = local.pair.rotation, local.pair.translation
     state = State(rotation, translation, intrinsics, np.full((network.n_features, 3), np.nan))
     grown = InitialPoses(state, np.isfinite(translation[:, 0]))
     if max((len(path.cameras) - 1 for path in local.paths.values()), default=0) > DIRECT_HOPS:

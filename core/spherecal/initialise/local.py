@@ -12,7 +12,7 @@ from spherecal.geometry.camera import undistort_views
 from spherecal.initialise.path import Path, PathSettings, Search, find_paths
 from spherecal.initialise.planar import is_flat, reconstruct_planar_triple
 from spherecal.initialise.triple import MIN_POINTS, Triple, reconstruct_triple
-from spherecal.initialise.two_view import GATE_PX, Gate, vote
+from spherecal.initialise.two_view import GATE_PX, Gate, Pair, relative_orientation, vote
 from spherecal.initialise.view_graph import (
     MIN_COMMON,
     CameraGraph,
@@ -35,6 +35,7 @@ class LocalNetwork:
     """What the local stage hands over: the two-view gate's verdicts (n,), triples, their graph and the paths.
 
     Only triples on a path have their points: those of a thousand triples take more memory than the observations.
+    `pair` is the pair of cameras with most common points where no three have enough.
     """
 
     keep: BoolArray
@@ -42,6 +43,12 @@ class LocalNetwork:
     triples: list[Triple]
     graph: CameraGraph
     paths: dict[int, Path]
+    pair: Pair | None = None
+
+    @property
+    def is_empty(self) -> bool:
+        """Whether there is nothing to start from."""
+        return not self.triples and self.pair is None
 
 
 def reconstruct_locally(
@@ -96,7 +103,26 @@ def reconstruct_locally(
     on_a_path = {number for path in found.values() for number in path.triples}
     none = np.zeros(0, dtype=np.int64), np.zeros((0, 3))
     triples = [t if i in on_a_path else replace(t, features=none[0], points=none[1]) for i, t in enumerate(triples)]
+    if not triples:
+        pair = _strongest_pair(gate, table, xy, intrinsics, seed)
+        if pair is not None:
+            graph = replace(graph, groups=np.isin(np.arange(n_cameras), pair.cameras).astype(int))
+        return LocalNetwork(keep, counts, triples, graph, found, pair)
     return LocalNetwork(keep, counts, triples, graph, found)
+
+
+def _strongest_pair(gate: Gate, table: IntArray, xy: FloatArray, intrinsics: FloatArray, seed: int) -> Pair | None:
+    """The two cameras with most points that they agree on; None without any, or where these do not show their pose.
+
+    Two cameras alone are no rig: nothing would test what they say.
+    """
+    if ((table >= 0).sum(axis=1) >= MIN_COMMON).sum() < 3 or not gate.consistent:
+        return None
+    (i, j), common = max(gate.consistent.items(), key=lambda one: len(one[1]))
+    if len(common) < MIN_COMMON:
+        return None
+    focal_px = float(intrinsics[[i, j], 0].mean())
+    return relative_orientation((i, j), xy[table[i, common]], xy[table[j, common]], focal_px, seed)
 
 
 def _is_flat(gate: Gate, table: IntArray, xy: FloatArray, intrinsics: FloatArray) -> bool:

@@ -18,6 +18,7 @@ GATE_PX = 12.0
 # Enough to estimate seven numbers many times over; more only costs time (0.3 ms per 100 points).
 MOST_POINTS_A_PAIR = 600
 MIN_POINTS_A_PAIR = 8
+MIN_IN_FRONT = 0.8  # of the points of a pair: of the four poses of an essential matrix one has all
 
 
 @dataclass(frozen=True)
@@ -121,3 +122,31 @@ def epipolar_distance(fundamental: FloatArray, a: FloatArray, b: FloatArray) -> 
     with np.errstate(divide="ignore", invalid="ignore"):
         distance = product / np.minimum(np.linalg.norm(in_b[:, :2], axis=1), np.linalg.norm(in_a[:, :2], axis=1))
     return np.where(np.isfinite(distance), distance, np.inf)
+
+
+@dataclass(frozen=True)
+class Pair:
+    """Two cameras (indices) and the pose of the second in the frame of the first, whose distance is the unit."""
+
+    cameras: tuple[int, int]
+    rotation: FloatArray
+    translation: FloatArray
+
+
+def relative_orientation(
+    cameras: tuple[int, int], a: FloatArray, b: FloatArray, focal_px: float, seed: int
+) -> Pair | None:
+    """The relative orientation of two calibrated cameras from matches (k,2) each, in normalised coordinates.
+
+    None where most points are not in front of both. The essential matrix is the one nearest to MAGSAC's F.
+    """
+    fundamental = robust_fundamental(focal_px * a, focal_px * b, GATE_PX, seed)
+    if fundamental is None:
+        return None
+    scale = np.array([focal_px, focal_px, 1.0])
+    u, _, vt = np.linalg.svd(scale[:, None] * fundamental * scale)
+    essential = u @ np.diag([1.0, 1.0, 0.0]) @ vt
+    front, rotation, translation, _ = cv2.recoverPose(essential, np.ascontiguousarray(a), np.ascontiguousarray(b))
+    if front < MIN_IN_FRONT * len(a):
+        return None
+    return Pair(cameras, np.asarray(rotation, dtype=float), np.asarray(translation, dtype=float).ravel())

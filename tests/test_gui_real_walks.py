@@ -19,6 +19,9 @@ for name in ("Xvfb", "xdotool"):
         pytest.skip(f"{name} is not installed (Debian: apt-get install xvfb xdotool)", allow_module_level=True)
 pytest.importorskip("PySide6.QtWidgets", reason="Qt cannot be loaded here", exc_type=ImportError)
 
+if not os.environ.get("SPHERECAL_REAL_WALKS"):
+    pytest.skip("five minutes of real keys and clicks: set SPHERECAL_REAL_WALKS=1", allow_module_level=True)
+
 MOST_CLICKS = 20
 
 

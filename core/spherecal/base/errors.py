@@ -74,8 +74,6 @@ class OutputError(SpherecalError):
 class MissingPackage(SpherecalError, ImportError):
     """A function needs a package that is not installed."""
 
-    exit_code = 3
-
     def __init__(self, message: Words, hint: Words = "") -> None:
         super().__init__(message, hint)
 

@@ -170,12 +170,7 @@ PROFILE = Format(
         optional("validity", replace(_STATED, read=_read_limits), "limits"),
         field(
             "applied",
-            items(
-                "Which calibration was put to use, oldest first.",
-                _APPLIED,
-                most=_MOST_EVENTS,
-                excess="problem-many-events",
-            ),
+            _EVENTS,
         ),
         software(),
     ),

@@ -18,6 +18,7 @@ from benchmarks.studies.mischief_case import (
     later_placement,
     make_case,
     seen_placement,
+    sees_ball,
     spoilt,
 )
 from benchmarks.studies.mischief_motions import (
@@ -182,9 +183,15 @@ def mirrored(world: World, size: float, rng: np.random.Generator) -> Case:
 
 
 def exchanged_halfway(world: World, size: float, rng: np.random.Generator) -> Case:
-    """Two cameras' images exchanged: from a placement on (size 1) or at one placement (size 0)."""
-    a, b = (int(c) for c in rng.permutation(len(world.cameras))[:2])
-    t = later_placement(world, rng)
+    """Two cameras' images exchanged: from a placement on (size 1) or at one placement (size 0).
+
+    One of the two sees the ball before: where neither does, the recording is that of a rig with these names.
+    """
+    while True:
+        a, b = (int(c) for c in rng.permutation(len(world.cameras))[:2])
+        t = later_placement(world, rng)
+        if any(sees_ball(world, c, k) for c in (a, b) for k in range(t)):
+            break
 
     def change(o: Observations) -> Observations:
         at = (o.placement >= t) if size else (o.placement == t)

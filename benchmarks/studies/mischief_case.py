@@ -103,8 +103,13 @@ def seen_placement(world: World, rng: np.random.Generator) -> tuple[int, int]:
     """A camera, and a placement from the second on at which it sees the ball: a later move would not show."""
     while True:
         c, t = any_camera(world, rng), later_placement(world, rng)
-        if len(world.image(c, t, world.points_mm(t), world.ball.normals @ world.turns[t].T)[0]):
+        if sees_ball(world, c, t):
             return c, t
+
+
+def sees_ball(world: World, camera: int, placement: int) -> bool:
+    normals = world.ball.normals @ world.turns[placement].T
+    return len(world.image(camera, placement, world.points_mm(placement), normals)[0]) > 0
 
 
 def later_placement(world: World, rng: np.random.Generator) -> int:

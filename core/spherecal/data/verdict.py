@@ -128,7 +128,8 @@ RULES: dict[str, Rule] = {
     "pose-unconfirmed": _care(
         "cameras",
         "Knocked for one image by 30 mm and back again, at the last that it had: 30 mm off, 323 times U. "
-        "Late by 0.05 mm at each placement, and split as moved: 5.1 times U.",
+        "Late by 0.05 mm at each placement, and split as moved: 5.1 times U. "
+        "Binned from its last image on, of 4 dots: all its lengths wrong.",
     ),
     "few-frames": _care("cameras", "Stated, as few-placements."),
     "linked-by-a-thread": _care("cameras", "Stated, but one wrong camera turns half of the rig unseen."),

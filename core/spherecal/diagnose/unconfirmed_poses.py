@@ -36,7 +36,7 @@ TURN_RAD, SHIFT_OF_DISTANCE = 0.1, 0.05
 
 
 Pose = tuple[FloatArray, FloatArray]  # rotation (3,3) and translation (3,)
-Kind = Literal["one-image", "small-move", "last-image", "not-seen-since"]
+Kind = Literal["one-image", "small-move", "last-image", "unlike-any-pose", "not-seen-since"]
 
 
 @dataclass(frozen=True)
@@ -57,8 +57,8 @@ def unconfirmed_poses(e: Evidence) -> list[UnconfirmedPose]:
     """Cameras whose pose the recording does not confirm.
 
     A pose after a move rests on one image alone, or differs so little from the earlier one that the camera's images may
-    differ as much; the camera's last image shows another one with too few points; or the camera has no image since
-    others moved together.
+    differ as much; the camera's last image shows another one with too few points, or none that a pose explains; or the
+    camera has no image since others moved together.
     """
     counts, state = e.image_counts(e.used), e.solution.state
     found = []
@@ -79,11 +79,11 @@ def unconfirmed_findings(e: Evidence) -> list[Finding]:
 
 def _finding(e: Evidence, pose: UnconfirmedPose) -> Finding:
     name, place = e.camera_ids[pose.camera], e.observations.placements[pose.image]
-    values = {
-        "one-image": {"place": place},
-        "small-move": {"place": place, "shift_mm": float(np.linalg.norm(pose.centre_shifts[0]))},
-        "last-image": {"place": place, "points": int(e.image_counts(e.candidates)[pose.image, pose.camera])},
-    }[pose.kind]
+    values: dict[str, object] = {"place": place}
+    if pose.kind == "small-move":
+        values["shift_mm"] = float(np.linalg.norm(pose.centre_shifts[0]))
+    elif pose.kind in ("last-image", "unlike-any-pose"):
+        values["points"] = int(e.image_counts(e.candidates)[pose.image, pose.camera])
     repairs = leave_out(f"{name}@{place}") if pose.kind == "one-image" else ()
     return Finding("pose-unconfirmed", "warning", values, (name,), repairs, pose.kind)
 
@@ -95,13 +95,23 @@ def _unconfirmed(e: Evidence, c: int, kind: Kind, image: int, others: Sequence[P
 
 
 def _last_images(e: Evidence, known: Collection[int]) -> list[UnconfirmedPose]:
-    """Cameras whose last images show other poses with few points, most of which were left out."""
+    """Cameras whose last images show other poses with few points, most of which were left out.
+
+    An image of which every point was left out counts without a pose that explains it: binned from then on, a camera
+    of which 4 dots were left had all its lengths wrong, and the rig was valid.
+    """
     out, points = e.image_counts(e.contradicting), e.image_counts(e.candidates)
     later = np.cumsum(points[::-1], axis=0)[::-1] - points
     few = (later == 0) & (points < LEAST_POINTS) & (out >= LEAST_IN_LAST) & (out >= MOST_LEFT_OUT * points)
     few[:, e.is_earlier_pose] = False
-    images = [(int(c), int(t)) for c, t in np.argwhere(few.T) if c not in known]
-    return [_unconfirmed(e, c, "last-image", t, poses) for c, t in images if (poses := _poses_from_few(e, c, t))]
+    found = []
+    for c, t in ((int(c), int(t)) for c, t in np.argwhere(few.T) if c not in known):
+        poses = _poses_from_few(e, c, t)
+        if poses:
+            found.append(_unconfirmed(e, c, "last-image", t, poses))
+        elif out[t, c] == points[t, c]:
+            found.append(UnconfirmedPose(c, "unlike-any-pose", t, np.empty((0, POSE)), np.empty((0, 3))))
+    return found
 
 
 def _poses_from_few(e: Evidence, c: int, t: int) -> list[Pose]:

@@ -298,8 +298,11 @@ def _window(home: Path) -> tuple[Any, Any]:
     from PySide6.QtWidgets import QApplication
 
     from spherecal_gui import app
+    from spherecal_gui.tasks.garbage import Collector
 
     application = QApplication.instance() or QApplication(["bench"])
+    if application.findChild(Collector) is None:
+        Collector(application).start()
     window = app.make_window(home / "projects")
     window.resize(1440, 900)
     window.show()

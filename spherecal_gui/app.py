@@ -18,6 +18,7 @@ from spherecal.base.resources import resource_path
 from spherecal_gui import click_map, languages
 from spherecal_gui.ending import Ending, end_children
 from spherecal_gui.tasks.compiling import Compiling
+from spherecal_gui.tasks.garbage import Collector
 from spherecal_gui.widgets.basic import plain
 from spherecal_gui.wizard.settings import WindowSettings
 from spherecal_gui.wizard.window import WizardWindow
@@ -91,6 +92,8 @@ def main(arguments: list[str] | None = None) -> int:
     application.setWindowIcon(QIcon(str(resource_path("icons", "spherecal.svg"))))
     hooks = Hooks()
     hooks.install()
+    collector = Collector(application)
+    collector.start()
     program = Program(options.projects, options.language)
     hooks.save_bundle = program.save_bundle
     program.window.bench = str(options.bench.resolve()) if options.bench is not None else ""
@@ -105,6 +108,7 @@ def main(arguments: list[str] | None = None) -> int:
     code = application.exec()
     program.compiling.stop()
     end_children()
+    collector.stop()
     return code
 
 

@@ -1,5 +1,6 @@
 """What all tests share: the real data, the order of the files, and the rule that no exception may get lost."""
 
+import gc
 import json
 import os
 import shutil
@@ -9,6 +10,7 @@ from collections import defaultdict
 from collections.abc import Callable, Iterator
 from contextlib import redirect_stdout
 from pathlib import Path
+from typing import Any
 
 import hypothesis
 import pytest
@@ -158,6 +160,29 @@ def pytest_runtest_teardown(item: pytest.Item, nextitem: pytest.Item | None) -> 
                 window.deleteLater()
     core = sys.modules["PySide6.QtCore"]
     core.QCoreApplication.sendPostedEvents(None, core.QEvent.Type.DeferredDelete)
+
+
+@pytest.fixture(scope="session")
+def qapp(qapp: Any) -> Iterator[Any]:
+    """Qt's application; garbage is collected as in the program, never in the thread of a worker."""
+    from spherecal_gui.tasks.garbage import Collector
+
+    collector = Collector(qapp)
+    collector.start()
+    yield qapp
+    collector.stop()
+
+
+@pytest.fixture(autouse=True)
+def collected(request: pytest.FixtureRequest) -> Iterator[None]:
+    """A test without a window runs no event loop: there Python collects by itself."""
+    by_itself = gc.isenabled()
+    if "qapp" not in request.fixturenames:
+        gc.enable()
+    yield
+    if not by_itself:
+        gc.disable()
+        gc.collect(1)
 
 
 @pytest.fixture

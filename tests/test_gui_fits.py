@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 os.environ.setdefault("QT_QPA_PLATFORM", "offscreen")
@@ -15,7 +16,9 @@ pytest.importorskip("PySide6.QtWidgets", reason="Qt cannot be loaded here", exc_
 from PySide6.QtWidgets import QPushButton, QWidget
 
 from spherecal_gui import languages, theme
+from spherecal_gui.pages.placement import PlacementPage
 from spherecal_gui.pages.verify import VerifyPage
+from spherecal_gui.presenters.guidance import Guidance, move_text
 from spherecal_gui.project_folder import TRAINING_PROFILE, load_project, save_project
 from spherecal_gui.widgets.basic import label
 from spherecal_gui.wizard.controller import Controller
@@ -71,6 +74,12 @@ def test_every_page_is_complete(qapp, qtbot, home: Path, connected: Controller, 
         connected.go("placement:P4")
         pump(lambda: connected.to_go is not None)
         wrong += [f"placement:P4, {one}" for one in faults(window)]
+        assert connected.guidance is not None
+        connected.guidance = longest_advice(connected.guidance)
+        connected.guidance_changed.emit()
+        wrong += [f"placement:P4, longest advice, {one}" for one in faults(window)]
+        shown = window.page
+        assert isinstance(shown, PlacementPage) and shown.guide_text.text() == move_text(connected.guidance)
         connected.undo()
         settle(connected)
         assert not wrong, "\n".join(wrong)
@@ -129,6 +138,15 @@ def test_the_check_and_the_start_page_are_complete(
             window.close()
         languages.use("en")
         theme.apply(qapp, dark=False)
+
+
+def longest_advice(shown: Guidance) -> Guidance:
+    """The same with a move and a turn that take most words in the language of now."""
+    moved = replace(shown, away_mm=1280.0, turn_deg=45.0, next_mm=0.5 * (shown.now_mm or 1))
+    tipped = {"tip": np.array([1.0, 0.0]), "tip_towards": shown.names[0]}
+    turns = ({"tip": None}, {"tip": None, "turn_deg": -45.0}, tipped)
+    ways = [replace(moved, up_mm=up, **turn) for up in (-160.0, 160.0) for turn in turns]
+    return max(ways, key=lambda one: len(move_text(one)))
 
 
 def faults(window: WizardWindow) -> list[str]:

@@ -2,6 +2,7 @@
 
 import os
 import re
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -108,7 +109,7 @@ def test_advice_names_the_most_urgent():
     enough = {"A": 200, "B": 200}
     assert advice(Scene({}, None), False, True).text.startswith("Hold still")
     assert "Put the ball" in advice(Scene({"A": 0, "B": 0}, None), False, False).text
-    assert "B sees too little" in advice(Scene({"A": 200, "B": 30}, True), False, False).text
+    assert "B sees too little" in advice(Scene({"A": 200, "B": 30}, False), False, False).text
     assert "B sends no images" in advice(Scene({"A": 200, "B": 0}, True, ("B",)), False, False).text
     assert "come to rest" in advice(Scene(enough, False), False, False).text
     assert advice(Scene(enough, True), False, False).level == "good"
@@ -119,6 +120,26 @@ def test_a_lost_camera_does_not_hold_up_the_others():
     assert Scene({"A": 200, "B": 0}, True, ("B",)).enough
     assert not Scene({"A": 200, "B": 0}, True).enough
     assert not Scene({}, None).enough
+
+
+def test_where_the_ball_lies_in_place_and_a_camera_stays_short_the_page_says_so_with_what_to_do():
+    short = Scene({"A": 200, "B": 88, "C": 91}, True)
+    assert advice(short, False, False).text == "Fewer than 100 dots: B (88), C (91). Capture anyway, or move the ball"
+    assert advice(short, False, False).level == "caution"
+    assert "Turn or move the ball" in advice(replace(short, still=None), False, False).text
+    assert "Turn or move the ball" in advice(short, False, False, away=True).text
+    assert "Turn or move the ball" in advice(short, False, False, as_before=True).text
+    assert not short.enough
+
+
+def test_what_a_camera_lacks_here_the_other_placements_may_make_up_for():
+    made_up = Scene({"A": 200, "B": 88}, True, made_up=True)
+    assert made_up.enough
+    told = advice(made_up, False, False)
+    assert told.level == "good"
+    assert "B sees little here, but enough elsewhere" in told.text
+    assert advice(replace(made_up, still=False), False, False).text == "Let the ball come to rest"
+    assert AutoTrigger(hold_s=0.0).feed(made_up, 0.0)
 
 
 def test_it_takes_by_itself_once_and_again_only_after_a_movement():

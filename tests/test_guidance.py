@@ -14,9 +14,10 @@ from spherecal.data.rig import Calibration
 from spherecal.data.session import Session
 from spherecal.files.rig_file import read_rig
 from spherecal.files.write_result import write_result
-from spherecal.guidance.next_placement import advise
+from spherecal.guidance.next_placement import ENOUGH_DOTS, advise
 from spherecal.methods.settings import CalibrationSettings
 from spherecal.predict.lengths import Cameras, predict_lengths
+from spherecal.profile.limits_file import Limits
 from spherecal.report.guidance_picture import save_guidance_picture, save_map_picture
 from spherecal.uses.cross_validate import cross_validate
 from spherecal.uses.recalibrate import Selection, recalibrate
@@ -52,7 +53,7 @@ def test_every_placement_is_predicted_to_help_and_does() -> None:
     stated = []
     for count in (2, 3, 4):
         so_far = first_placements(session, count)
-        guidance = advise(so_far, calibrate(so_far))
+        guidance = advise(so_far, calibrate(so_far), enough_dots=0)
         assert guidance is not None
         assert guidance.best is not None and guidance.now_mm is not None
         assert guidance.best.expanded_mm < guidance.now_mm
@@ -62,6 +63,23 @@ def test_every_placement_is_predicted_to_help_and_does() -> None:
         assert guidance.best.nearest in guidance.words()
         stated.append(guidance.now_mm)
     assert stated[0] > stated[1] > stated[2]
+
+
+def test_the_advice_is_a_place_where_every_camera_sees_enough_wherever_there_is_one() -> None:
+    """Of this rig's candidates after three placements the one that helps most leaves a camera with 39 dots."""
+    assert Limits().needed_dots == ENOUGH_DOTS
+    session, _ = simulated("demo", 1)
+    three, enough = first_placements(session, 3), 50
+    calibration = calibrate(three)
+    free, wanted = advise(three, calibration, enough_dots=0), advise(three, calibration, enough_dots=enough)
+    assert free is not None and wanted is not None and free.best is not None and wanted.best is not None
+    assert free.best.fewest_dots < enough, "else this says nothing"
+    assert wanted.best.fewest_dots >= enough
+    short = [c.fewest_dots < enough for c in wanted.candidates]
+    assert short == sorted(short) and any(short)
+    assert wanted.best.expanded_mm < 1.1 * free.best.expanded_mm, "and it costs little"
+    unheard_of = advise(three, calibration, enough_dots=10_000)
+    assert unheard_of is not None and unheard_of.best == free.best, "where there is none, the one that helps most"
 
 
 def test_turning_the_ball_beats_moving_it() -> None:

@@ -2449,8 +2449,16 @@ px</translation>
         <translation>Kugel auf ihren Geist stellen</translation>
     </message>
     <message>
+        <source>Ready: {names} sees little here, but enough elsewhere</source>
+        <translation>Bereit: {names} sieht hier wenig, sonst aber genug</translation>
+    </message>
+    <message>
         <source>Ready: press space</source>
         <translation>Bereit: Leertaste drücken</translation>
+    </message>
+    <message>
+        <source>Fewer than {needed} dots: {cameras}. Capture anyway, or move the ball</source>
+        <translation>Weniger als {needed} Punkte: {cameras}. Trotzdem aufnehmen oder Kugel versetzen</translation>
     </message>
     <message>
         <source>all cameras</source>
@@ -2666,6 +2674,10 @@ px</translation>
     <message>
         <source>Capture  (space)</source>
         <translation>Aufnehmen  (Leertaste)</translation>
+    </message>
+    <message>
+        <source>Capture anyway  (space)</source>
+        <translation>Trotzdem aufnehmen  (Leertaste)</translation>
     </message>
     <message>
         <source>Capture without {cameras}</source>

@@ -2449,8 +2449,16 @@ px</translation>
         <translation>将球移到虚影处</translation>
     </message>
     <message>
+        <source>Ready: {names} sees little here, but enough elsewhere</source>
+        <translation>就绪：{names} 此处看到的点少，但其他位置已足够</translation>
+    </message>
+    <message>
         <source>Ready: press space</source>
         <translation>就绪：请按空格键</translation>
+    </message>
+    <message>
+        <source>Fewer than {needed} dots: {cameras}. Capture anyway, or move the ball</source>
+        <translation>点数少于 {needed}：{cameras}。仍可采集，或移动球体</translation>
     </message>
     <message>
         <source>all cameras</source>
@@ -2666,6 +2674,10 @@ px</translation>
     <message>
         <source>Capture  (space)</source>
         <translation>拍摄（空格键）</translation>
+    </message>
+    <message>
+        <source>Capture anyway  (space)</source>
+        <translation>仍然采集（空格）</translation>
     </message>
     <message>
         <source>Capture without {cameras}</source>

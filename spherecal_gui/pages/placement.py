@@ -1,6 +1,7 @@
 """A placement: counters against need, image coverage, pairs; taken by space bar or by itself when still."""
 
 import time
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -14,7 +15,15 @@ from spherecal_gui.pages.live_page import LivePage
 from spherecal_gui.presenters import coverage as cov
 from spherecal_gui.presenters.guidance import advice_text, is_enough, next_text, now_text, to_go_text
 from spherecal_gui.presenters.look import TileState
-from spherecal_gui.presenters.placement import AutoTrigger, Scene, advice, island_text, need_lists, need_text
+from spherecal_gui.presenters.placement import (
+    AutoTrigger,
+    Scene,
+    advice,
+    is_stuck,
+    island_text,
+    need_lists,
+    need_text,
+)
 from spherecal_gui.project import FEW_PLACEMENTS
 from spherecal_gui.standing import Part, worst
 from spherecal_gui.tasks.ghost import drawn
@@ -46,6 +55,8 @@ class PlacementPage(LivePage):
         self._turned = False
         self._tiles: list[TileState] = []
         self._drawn: object = None
+        self._lacking = True  # a camera needs more dots, over all placements and what it sees now
+        self._stuck = False  # it lies where it should, and a camera sees too little
         self._carried_s = 0.0
         self._by_itself = False  # what is shown was captured by itself
         self._good_since: float | None = None
@@ -187,7 +198,7 @@ class PlacementPage(LivePage):
     def enter(self, step: Step) -> None:
         """Another placement: draw everything anew."""
         self._drawn, self._trigger, self._turned = None, AutoTrigger(), False
-        self._by_itself, self._good_since = False, None
+        self._by_itself, self._good_since, self._stuck = False, None, False
         self.step = step
         if not self.is_taken and self.tabs.indexOf(self.guidance) >= 0:
             self.tabs.setCurrentWidget(self.guidance)
@@ -270,15 +281,20 @@ class PlacementPage(LivePage):
         self._look_at_ball()
         self._show_planning()
         scene = self.scene()
-        told = advice(scene, self.is_taken, self.is_taking, self._stands_as_before(scene), self._is_away)
+        self._draw(scene)
+        to_go = self.controller.to_go
+        in_place = self.is_taken or (to_go is not None and to_go.near)
+        scene = replace(scene, made_up=bool(scene.short) and in_place and not self._lacking)
+        self.some_are_enough = scene.made_up
+        as_before, away = self._stands_as_before(scene), self._is_away
+        told = advice(scene, self.is_taken, self.is_taking, as_before, away)
+        self._stuck = is_stuck(scene, as_before, away)
         self.say(told.text, told.level)
         self._show_counter(scene)
-        self._draw(scene)
         waiting = self.automatic.isChecked() and not self.is_taken and not self.is_taking
-        waiting = waiting and self.standing().level != "bad" and not self._stands_as_before(scene)
-        to_go = self.controller.to_go
+        waiting = waiting and self.standing().level != "bad" and not as_before and not self._stuck
         waiting = waiting and (to_go is None or to_go.near)  # where it should go is known: there, and nowhere else
-        self.turned.setVisible(self._stands_as_before(scene))
+        self.turned.setVisible(as_before)
         taken = waiting and self._trigger.feed(scene, time.monotonic())
         self._show_hold(waiting)
         if taken:
@@ -331,10 +347,10 @@ class PlacementPage(LivePage):
         mine = self.controller.dots.get(self.set_id) if self.is_taken else None
         if mine is not None:
             seen = {name: len(mine[name]) if name in mine else 0 for name in scene.counts}
-            scene = Scene(seen, True, board=scene.board)
+            scene = replace(scene, counts=seen, still=True, lost=())
         self.ready.setText(f"{len(scene.ready)} / {len(scene.counts)}")
         self.ready.setToolTip(self.tr("Cameras that see enough"))
-        whole = bool(scene.counts) and len(scene.ready) == len(scene.counts)
+        whole = bool(scene.counts) and (len(scene.ready) == len(scene.counts) or scene.made_up)
         standing = self.standing().level
         set_level(self.ready, standing if standing in ("bad", "caution") else "good" if whole else "caution")
 
@@ -379,6 +395,7 @@ class PlacementPage(LivePage):
         sets = self._sets()
         everything = [*sets, live]
         found = (cov.board_needs if scene.board else cov.needs)(everything, cameras)
+        self._lacking = any(one.need == "more" for one in found)
         before = [cov.cells([one[name] for one in sets if name in one]) for name in cameras]
         now = [cov.cells([live[name]]) if name in live else np.zeros((cov.CELLS, cov.CELLS), int) for name in cameras]
         self.coverage.show_cells(cameras, before, now, [one.level for one in found])
@@ -531,6 +548,8 @@ class PlacementPage(LivePage):
         running = self.controller.runner.running
         lost = self.controller.lost_cameras()
         text = self.tr("Captured") if self.is_taken else self.tr("Capture  (space)")
+        if self._stuck and not self.is_taken:
+            text = self.tr("Capture anyway  (space)")
         if lost and not self.is_taken:
             text = self.tr("Capture without {cameras}").format(cameras=", ".join(lost))
         if self.is_taking:

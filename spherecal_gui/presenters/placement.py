@@ -13,19 +13,22 @@ translate = QCoreApplication.translate
 # Somebody who lets go of the ball needs this long to step out of the picture.
 HOLD_S = 1.5
 _THIRD = 3  # of the ten cells across an image
+_NAMED = 4  # cameras in one sentence
 
 
 @dataclass(frozen=True)
 class Scene:
     """What the cameras see now: dots by camera name, whether the scene is still (None: not known), lost cameras.
 
-    `board`: they look at a board, which need not be in every camera's sight.
+    `board`: they look at a board, which need not be in every camera's sight. `made_up`: what a camera lacks here, the
+    other placements have more than enough of.
     """
 
     counts: Mapping[str, int]
     still: bool | None
     lost: tuple[str, ...] = ()
     board: bool = False
+    made_up: bool = False
 
     @property
     def ready(self) -> tuple[str, ...]:
@@ -35,10 +38,20 @@ class Scene:
 
     @property
     def enough(self) -> bool:
-        """Whether every camera that works sees enough; of a board, whether any does."""
+        """Whether every camera that works sees enough, or has it elsewhere; of a board, whether any does."""
         if self.board:
             return bool(self.ready)
+        if self.made_up:
+            return True
         return bool(self.counts) and len(self.ready) + len(self.lost) >= len(self.counts)
+
+    @property
+    def short(self) -> dict[str, int]:
+        """The cameras that work and see less than enough, with their dots."""
+        if self.board:
+            return {}
+        least = needed_dots()
+        return {name: count for name, count in self.counts.items() if count < least and name not in self.lost}
 
 
 @dataclass(frozen=True)
@@ -60,14 +73,16 @@ def advice(scene: Scene, taken: bool, taking: bool, as_before: bool = False, awa
         return Advice(translate("Placement", "Captured. Press space to go on"), "good")
     if scene.board and not scene.lost:
         return _board_advice(scene, as_before)
-    poor = [name for name, count in scene.counts.items() if count < needed_dots() and name not in scene.lost]
+    poor = list(scene.short)
     if scene.lost:
         text, level = translate("Placement", "{names} sends no images").format(names=", ".join(scene.lost)), "bad"
     elif not any(scene.counts.values()):
         text, level = translate("Placement", "Put the ball where the cameras see it"), "bad"
-    elif poor:
+    elif is_stuck(scene, as_before, away):
+        text, level = short_text(scene.short), "caution"
+    elif poor and not scene.made_up:
         text = translate("Placement", "Turn or move the ball: {names} sees too little")
-        text, level = text.format(names=", ".join(poor[:4])), "caution"
+        text, level = text.format(names=", ".join(poor[:_NAMED])), "caution"
     elif as_before:
         text, level = translate("Placement", "Move the ball, or confirm that it was turned"), "caution"
     elif scene.still is None:
@@ -77,8 +92,29 @@ def advice(scene: Scene, taken: bool, taking: bool, as_before: bool = False, awa
     elif away:
         text, level = translate("Placement", "Move the ball to its ghost"), "none"
     else:
-        text, level = translate("Placement", "Ready: press space"), "good"
+        text, level = _ready_text(poor), "good"
     return Advice(text, level)
+
+
+def _ready_text(poor: Sequence[str]) -> str:
+    """That it can be captured; `poor`: cameras that see little here, which others make up for."""
+    if not poor:
+        return translate("Placement", "Ready: press space")
+    text = translate("Placement", "Ready: {names} sees little here, but enough elsewhere")
+    return text.format(names=", ".join(poor[:_NAMED]))
+
+
+def is_stuck(scene: Scene, as_before: bool = False, away: bool = False) -> bool:
+    """Whether the ball lies still where it should, and a camera that works nevertheless sees too little of it."""
+    waiting = as_before or away or scene.lost or not any(scene.counts.values())
+    return bool(scene.still and scene.short and not scene.made_up and not waiting)
+
+
+def short_text(short: Mapping[str, int]) -> str:
+    """Which cameras see how many dots, and what to do; the worst first."""
+    worst = sorted(short.items(), key=lambda one: one[1])[:_NAMED]
+    told = translate("Placement", "Fewer than {needed} dots: {cameras}. Capture anyway, or move the ball")
+    return told.format(needed=needed_dots(), cameras=", ".join(f"{name} ({count})" for name, count in worst))
 
 
 def _board_advice(scene: Scene, as_before: bool) -> Advice:

@@ -10,6 +10,7 @@ import numpy as np
 
 from spherecal.base.context import Context
 from spherecal.base.filesystem import create
+from spherecal_gui import limits
 from spherecal_gui.presenters.coverage import SetDots
 from spherecal_gui.presenters.guidance import guidance_of
 from spherecal_gui.presenters.rig_scenes import next_scene
@@ -26,11 +27,17 @@ def plan_coarse(document: dict[str, Any], target_set: Any, dots: Mapping[str, Se
     from spherecal_gui.tasks.ghost import thinned
 
     few = {name: thinned(one, _COARSE_DOTS) for name, one in dots.items()}
+    share = _dots_in(few) / max(_dots_in(dots), 1)
     session = session_of_dots(document, target_set, few)
     # held: a quarter of the time, and 10 px of an outline for some seconds (benchmarks/studies/ghost.py)
     quick = CalibrationSettings(method="free", repair_by_itself=False, intrinsics="fixed")
     calibration = calibrate(session, quick, context)
-    return _told(session, calibration, first_guess(session, calibration), coarse=True)
+    found = first_guess(session, calibration, round(share * limits.now().needed_dots))
+    return _told(session, calibration, found, coarse=True)
+
+
+def _dots_in(sets: Mapping[str, SetDots]) -> int:
+    return sum(len(dots) for one in sets.values() for dots in one.values())
 
 
 def plan_next(document: dict[str, Any], target_set: Any, dots: Mapping[str, SetDots], context: Context) -> Any:
@@ -43,7 +50,7 @@ def plan_next(document: dict[str, Any], target_set: Any, dots: Mapping[str, SetD
 
     session = session_of_dots(document, target_set, dots)
     calibration = calibrate(session, None, context)
-    return _told(session, calibration, advise(session, calibration, context))
+    return _told(session, calibration, advise(session, calibration, context, limits.now().needed_dots))
 
 
 def _told(session: Any, calibration: Any, found: Any, coarse: bool = False) -> Any:

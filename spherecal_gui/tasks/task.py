@@ -1,6 +1,5 @@
 """One piece of work in a thread of its own, with progress and cancelling."""
 
-import gc
 import threading
 import time
 from collections.abc import Callable
@@ -10,38 +9,11 @@ from PySide6.QtCore import QObject, QThread, Signal, Slot
 
 from spherecal.base.context import Context, Progress
 from spherecal.base.errors import Cancelled
+from spherecal_gui.tasks import garbage
 
 Work = Callable[[Context], Any]
 
-_NEVER = 1_000_000
 _ABANDONED: list[QThread] = []  # kept alive until the program ends
-
-
-class _NewGarbageOnly:
-    """While any work runs Python's garbage collector looks at what is new, not at everything.
-
-    With all libraries loaded that holds all threads for 130 to 230 ms, and the window with them. It makes up for it
-    once the last work has ended.
-    """
-
-    def __init__(self) -> None:
-        self._lock, self._running, self._usual = threading.Lock(), 0, gc.get_threshold()
-
-    def __enter__(self) -> None:
-        with self._lock:
-            if not self._running:
-                self._usual = gc.get_threshold()
-                gc.set_threshold(*self._usual[:2], _NEVER)
-            self._running += 1
-
-    def __exit__(self, *_: object) -> None:
-        with self._lock:
-            self._running -= 1
-            if not self._running:
-                gc.set_threshold(*self._usual)
-
-
-_NEW_GARBAGE_ONLY = _NewGarbageOnly()
 
 
 class Task(QThread):
@@ -66,7 +38,7 @@ class Task(QThread):
     def run(self) -> None:
         """Do the work (called by QThread)."""
         try:
-            with _NEW_GARBAGE_ONLY:
+            with garbage.working():
                 result = self._work(Context(self._note, self._stop.is_set, self._enough.is_set))
         except Cancelled:
             self.cancelled.emit()

@@ -110,6 +110,7 @@ def _as_json(guidance) -> dict:
                 "expanded_mm": c.expanded_mm,
                 "cameras": c.cameras,
                 "nearest": c.nearest,
+                "fewest_dots": c.fewest_dots,
             }
             for c in guidance.candidates
         ],

@@ -37,6 +37,11 @@ LEAST_CAMERAS, INSIDE = 3, 0.5
 # On the unknown side of the ball dots are as dense as on the known one; a dot nearer than this part of the radius to a
 # known one would be the same sticker.
 GHOST = 0.15
+# Dots that a camera should see at a placement, where nobody has set another limit (profile.limits_file).
+ENOUGH_DOTS = 100
+# Of the dots that were predicted a camera then saw 0.92 and more (demo rig, drawn images, three seeds): targets at the
+# edge of the image are found whole or not at all.
+FOUND = 0.85
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -44,7 +49,8 @@ class Candidate(ByValue):
     """One way to put the ball: its centre (3,) in the rig's frame, mm, and its turn against the last placement.
 
     `axis` (3,) is a unit vector in the rig's frame, None where it is not turned. `expanded_mm` is what a length of 500
-    mm would be measured to (k = 2, median over the volume), `nearest` the camera that the ball would be closest to.
+    mm would be measured to (k = 2, median over the volume), `nearest` the camera that the ball would be closest to,
+    `fewest_dots` what the camera that sees least of it is sure to find.
     """
 
     centre_mm: FloatArray
@@ -53,12 +59,14 @@ class Candidate(ByValue):
     expanded_mm: float
     cameras: int
     nearest: str
+    fewest_dots: int
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Guidance(ByValue):
     """What stopping now would give (k = 2, 500 mm, median over the volume), and the candidates, best first.
 
+    A candidate at which a camera would not see enough dots comes after all at which every camera does.
     `placements_mm` (t,3): where the ball has been; `volume` what the cameras see.
     """
 
@@ -90,10 +98,13 @@ class Guidance(ByValue):
 
 
 @on_one_blas_thread
-def advise(session: Session, calibration: Calibration, context: Context | None = None) -> Guidance | None:
+def advise(
+    session: Session, calibration: Calibration, context: Context | None = None, enough_dots: int = ENOUGH_DOTS
+) -> Guidance | None:
     """Where to put the ball next, from a calibration with the placements recorded so far; None without a ball.
 
-    Prediction to first order, with the ball as known so far. Lengths in the rig's frame, mm.
+    Prediction to first order, with the ball as known so far. Lengths in the rig's frame, mm. `enough_dots`: what every
+    camera should see at a placement.
     """
     context = context or Context()
     known = what_is_known(session, calibration)
@@ -113,34 +124,24 @@ def advise(session: Session, calibration: Calibration, context: Context | None =
             candidate = _try(ghosts, known, place, axis, tests)
             if candidate is not None:
                 found.append(candidate)
-    found.sort(key=lambda c: c.expanded_mm)
+    found.sort(key=lambda c: (c.fewest_dots < enough_dots, c.expanded_mm))
     return Guidance(now, tuple(found), known.placement_ids, known.centres, volume)
 
 
 @on_one_blas_thread
-def first_guess(session: Session, calibration: Calibration) -> Guidance | None:
+def first_guess(session: Session, calibration: Calibration, enough_dots: int = ENOUGH_DOTS) -> Guidance | None:
     """A place that enough cameras see, as far as can be from those so far, turned about the volume's thin axis.
 
-    By geometry alone, for an answer at once; nothing is predicted (`expanded_mm` NaN). None without a ball.
+    By geometry alone, for an answer at once; no length is predicted (`expanded_mm` NaN). None without a ball.
     """
     known = what_is_known(session, calibration)
     if known is None:
         return None
     volume = _volume(known)
     places = _candidate_places(known, volume)
-    centres = -np.einsum("cji,cj->ci", known.state.rotation, known.state.translation)
-    seen = _cameras_at(known, places).sum(axis=1) if len(places) else np.empty(0, np.int64)
-    found = [
-        Candidate(
-            place,
-            TURN_DEG,
-            volume.axes[2],
-            float("nan"),
-            int(seen[i]),
-            known.camera_ids[int(np.argmin(np.linalg.norm(centres - place, axis=1)))],
-        )
-        for i, place in enumerate(places)
-    ]
+    ghosts, axis = _with_far_side(known), volume.axes[2]
+    found = [_shown_at(ghosts, known, place, axis) for place in places]
+    found.sort(key=lambda c: c.fewest_dots < enough_dots)
     return Guidance(None, tuple(found), known.placement_ids, known.centres, volume)
 
 
@@ -232,32 +233,40 @@ class _Shown:
     translation: FloatArray
 
 
-def _try(
-    ball: _Ball, known: KnownNetwork, place: FloatArray, axis: FloatArray | None, tests: FloatArray
-) -> Candidate | None:
+def _pose_at(known: KnownNetwork, place: FloatArray, axis: FloatArray | None) -> tuple[FloatArray, FloatArray]:
+    """The ball's turn (3,3) and shift (3,) where its centre is at a place, turned on from the last placement."""
     turn = known.turns[-1] if axis is None else exp_rotation(np.deg2rad(TURN_DEG) * axis) @ known.turns[-1]
-    shift = place - turn @ known.body.centre
-    shown = _predicted(ball, known, turn, shift)
-    if shown is None:
-        return None
-    state = replace(known.state, points=np.vstack([known.state.points, ball.dots[len(known.body.dots) :]]))
-    expanded = _expanded(known, state, shown, tests)
-    if expanded is None:
-        return None
+    return turn, place - turn @ known.body.centre
+
+
+def _shown_at(ball: _Ball, known: KnownNetwork, place: FloatArray, axis: FloatArray | None) -> Candidate:
+    """A place and turn with the dots that the cameras would see; no length is predicted."""
+    dots = _in_view(ball, known, *_pose_at(known, place, axis)).sum(axis=1)
     centres = -np.einsum("cji,cj->ci", known.state.rotation, known.state.translation)
-    nearest = int(np.argmin(np.linalg.norm(centres - place, axis=1)))
     return Candidate(
         place,
         0.0 if axis is None else TURN_DEG,
         axis,
-        expanded,
-        len(np.unique(shown.camera)),
-        known.camera_ids[nearest],
+        float("nan"),
+        int((dots > 0).sum()),
+        known.camera_ids[int(np.argmin(np.linalg.norm(centres - place, axis=1)))],
+        int(FOUND * dots.min()),
     )
 
 
-def _predicted(ball: _Ball, known: KnownNetwork, turn: FloatArray, shift: FloatArray) -> _Shown | None:
-    """What the cameras would see of the ball in a pose."""
+def _try(
+    ball: _Ball, known: KnownNetwork, place: FloatArray, axis: FloatArray | None, tests: FloatArray
+) -> Candidate | None:
+    shown = _predicted(ball, known, *_pose_at(known, place, axis))
+    if shown is None:
+        return None
+    state = replace(known.state, points=np.vstack([known.state.points, ball.dots[len(known.body.dots) :]]))
+    expanded = _expanded(known, state, shown, tests)
+    return None if expanded is None else replace(_shown_at(ball, known, place, axis), expanded_mm=expanded)
+
+
+def _in_view(ball: _Ball, known: KnownNetwork, turn: FloatArray, shift: FloatArray) -> FloatArray:
+    """Which dots of the ball in a pose the cameras would see, (c,k)."""
     dots, normals = ball.dots @ turn.T + shift, ball.normals @ turn.T
     x = np.einsum("cij,pj->cpi", known.state.rotation, dots) + known.state.translation[:, None]
     c, p = x.shape[:2]
@@ -267,7 +276,14 @@ def _predicted(ball: _Ball, known: KnownNetwork, turn: FloatArray, shift: FloatA
     sight = -np.einsum("cji,cpj->cpi", known.state.rotation, x)
     facing = np.einsum("cpi,pi->cp", sight, normals) / np.linalg.norm(sight, axis=2)
     inside = ((uv > 4) & (uv < known.size[:, None] - 5)).all(axis=2) & (x[:, :, 2] > 0)
-    camera, dot = np.nonzero(inside & (facing > np.cos(np.deg2rad(VIEW_LIMIT_DEG))))
+    return inside & (facing > np.cos(np.deg2rad(VIEW_LIMIT_DEG)))
+
+
+def _predicted(ball: _Ball, known: KnownNetwork, turn: FloatArray, shift: FloatArray) -> _Shown | None:
+    """What the cameras would see of the ball in a pose."""
+    in_view = _in_view(ball, known, turn, shift)
+    camera, dot = np.nonzero(in_view)
+    p = in_view.shape[1]
     new = dot >= len(known.body.dots)
     often = np.bincount(dot, minlength=p) >= 2  # a dot of the far side is known only where two cameras meet
     keep = ~new | often[dot]

@@ -33,9 +33,6 @@ SAME_COST = 1e-6
 SMALL, SMALL_ROUNDS = 20_000, 4  # below so many observations a run takes a tenth of a second: so many times the rounds
 
 
-SECONDS = ("solve_s", "solve_cpu_s", "build_s")
-
-
 @dataclass(frozen=True)
 class Run:
     """One adjustment: final cost, iterations, wall and CPU seconds of solving, wall seconds of building."""

@@ -30,13 +30,14 @@ def measure(rig: str, method: Method, rounds: int) -> dict[str, object]:
     """Medians over `rounds` calibrations after one that does not count."""
     session, truth = simulate_session(rig, SEED, SimulationOptions(bar_poses=0))
     walls, cpus, stages = [], [], []
-    for turn in range(rounds + 1):
+    settings = CalibrationSettings(method=method)
+    result = calibrate(session, settings)
+    for _ in range(rounds):
         begin, cpu = time.perf_counter(), time.process_time()
-        result = calibrate(session, CalibrationSettings(method=method))
-        if turn:
-            walls.append(time.perf_counter() - begin)
-            cpus.append(time.process_time() - cpu)
-            stages.append(result.seconds)
+        result = calibrate(session, settings)
+        walls.append(time.perf_counter() - begin)
+        cpus.append(time.process_time() - cpu)
+        stages.append(result.seconds)
     ids = [c.id for c in truth.cameras]
     placed = np.isin(ids, [c.id for c in result.rig.cameras])
     estimate = _state(result.rig.cameras)

@@ -16,6 +16,7 @@ import time
 from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from camera_rig import rig
@@ -55,7 +56,7 @@ def cpu_s(pid: int) -> float:
     return float("nan")
 
 
-def through_service(cameras: int, sets: int, seconds: float, rate_hz: float) -> dict[str, object]:
+def through_service(cameras: int, sets: int, seconds: float, rate_hz: float) -> dict[str, Any]:
     """Sets, then a live stream, through the camera process."""
     with rig(list(simulated_cameras(cameras))) as made:
         source = made.source
@@ -104,8 +105,9 @@ class _Viewer:
     def _run(self) -> None:
         while not self._stop.wait(0.1):
             tiles = [self._source.preview(serial) for serial in self._source.statuses()]
-            whole = self._source.latest(tiles[0].camera) if tiles[0] is not None else None
-            assert whole is None or whole.image.size > tiles[0].image.size
+            tile = tiles[0]
+            whole = self._source.latest(tile.camera) if tile is not None else None
+            assert tile is None or whole is None or whole.image.size > tile.image.size
 
     def end(self) -> None:
         self._stop.set()
@@ -116,7 +118,7 @@ def _delivered(source) -> int:
     return sum(s.counters.delivered for s in source.statuses().values())
 
 
-def in_process(cameras: int, seconds: float, rate_hz: float) -> dict[str, object]:
+def in_process(cameras: int, seconds: float, rate_hz: float) -> dict[str, Any]:
     """The plain way: Harvesters in this process, one fetching thread a camera, default time-outs."""
     from harvesters.core import Harvester
 

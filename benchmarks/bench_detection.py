@@ -19,6 +19,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
+from unittest.mock import patch
 
 import cv2
 import numpy as np
@@ -44,6 +45,7 @@ from spherecal.targets import detection
 from spherecal.targets.detect_images import detect_images
 from spherecal.targets.detection import Detector
 from spherecal.targets.images import read_image
+from spherecal.targets.refinement import refine
 from spherecal_sim.dot_truth import DotTruth
 from spherecal_sim.optics import expose
 from spherecal_sim.render_session import CLUTTERED, RENDERED, render_session
@@ -95,7 +97,6 @@ def make_pictures() -> Pictures:
 def refining_timed() -> Iterator[list[float]]:
     """Within, every refinement adds its CPU seconds to the list."""
     seconds: list[float] = []
-    refine = detection.refine
 
     def timed(*arguments: Any, **named: Any) -> Any:
         begin = time.process_time()
@@ -104,11 +105,8 @@ def refining_timed() -> Iterator[list[float]]:
         finally:
             seconds.append(time.process_time() - begin)
 
-    detection.refine = timed
-    try:
+    with patch.object(detection, "refine", timed):
         yield seconds
-    finally:
-        detection.refine = refine
 
 
 def run_ours(detector: Detector, pictures: Pictures, rows: dict[str, Row]) -> None:

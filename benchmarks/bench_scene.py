@@ -119,8 +119,8 @@ def painted(application: Any, seconds: float) -> dict[str, float]:
     class Counted(PaintedScene):
         painted = 0
 
-        def paintEvent(self, event: Any) -> None:
-            super().paintEvent(event)
+        def paintEvent(self, _: Any) -> None:
+            super().paintEvent(_)
             self.painted += 1
 
     view = _shown(Counted())

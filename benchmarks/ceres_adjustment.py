@@ -7,6 +7,7 @@ without, as ours does.
 
 import time
 from dataclasses import dataclass
+from typing import Any, cast
 
 import numpy as np
 import pyceres  # before the problem is asked for: it brings the Python type of Ceres' problems
@@ -34,10 +35,16 @@ class CeresRun:
     solve_cpu_s: float
     build_s: float
     report: str
+
+
+@dataclass(frozen=True)
+class CeresCameras(CeresRun):
+    """A solution with its cameras; points are left out."""
+
     state: State
 
 
-def solve(problem: Problem, state: State, linear_solver: str) -> CeresRun:
+def solve(problem: Problem, state: State, linear_solver: str) -> CeresCameras:
     """Minimise with `SPARSE_SCHUR` or `DENSE_SCHUR` on one thread."""
     begin = time.perf_counter()
     network = _reconstruction(problem, state)
@@ -50,9 +57,9 @@ def solve(problem: Problem, state: State, linear_solver: str) -> CeresRun:
     for camera in network.cameras.values():
         posed.set_manifold(camera.params, held)
     built, cpu = time.perf_counter(), time.process_time()
-    summary = adjuster.solve().ceres_summary
+    summary = cast(Any, adjuster.solve()).ceres_summary  # what its Ceres adds to the base class
     solved, cpu = time.perf_counter(), time.process_time() - cpu
-    return CeresRun(
+    return CeresCameras(
         cost=summary.final_cost,
         first_cost=summary.initial_cost,
         iterations=summary.num_successful_steps + summary.num_unsuccessful_steps - 1,  # the start counts as a step

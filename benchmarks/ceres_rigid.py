@@ -5,6 +5,7 @@ ours up to the datum: sensor_from_rig, rig_from_world (the ball is the world), p
 """
 
 import time
+from typing import Any, cast
 
 import numpy as np
 import pyceres  # before the problem is asked for: it brings the Python type of Ceres' problems
@@ -32,7 +33,7 @@ def solve(problem: Problem, state: State, linear_solver: str) -> CeresRun:
     for camera in network.cameras.values():
         posed.set_manifold(camera.params, held)
     built, cpu = time.perf_counter(), time.process_time()
-    summary = adjuster.solve().ceres_summary
+    summary = cast(Any, adjuster.solve()).ceres_summary  # what its Ceres adds to the base class
     solved, cpu = time.perf_counter(), time.process_time() - cpu
     return CeresRun(
         cost=summary.final_cost,

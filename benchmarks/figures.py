@@ -7,6 +7,7 @@ import platform
 from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
+from typing import Any
 
 BASELINE = Path(__file__).resolve().parent / "baseline.json"
 _PACKAGES = ("spherecal", "numpy", "scipy", "numba", "pycolmap", "pyceres")
@@ -41,7 +42,7 @@ def machine() -> str:
     return f"{platform.system()} {platform.machine()}, {os.cpu_count()} cores, Python {platform.python_version()}"
 
 
-def _rounded(value):
+def _rounded(value: Any) -> Any:
     """Floats to six figures, so that the file stays readable."""
     if isinstance(value, dict):
         return {key: _rounded(item) for key, item in value.items()}

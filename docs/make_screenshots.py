@@ -40,12 +40,13 @@ class Photographer:
         from spherecal_gui import app
         from spherecal_gui.wizard.controller import Controller
 
-        self.application = QApplication.instance() or QApplication(["spherecal"])
+        application = QApplication.instance()
+        self.application = application if isinstance(application, QApplication) else QApplication(["spherecal"])
         self.folder, self.languages, self.sizes, self.looks, self.number = folder, languages, sizes, looks, 0
         self.only = tuple(os.environ.get("SPHERECAL_PICTURES", "").split())
         Controller.live_hz = 1.0  # leave the cores to the walk
         folder.mkdir(parents=True, exist_ok=True)
-        self.window = app.make_window(projects)
+        self.window: Any = app.make_window(projects)  # each page has widgets of its own
         self.window.showNormal()  # not maximised, as it is at the first start
         self.window.header.dark.setChecked(False)
         self.window.resize(*SIZE)
@@ -111,7 +112,9 @@ class Photographer:
 
         window.header.dark.setChecked(dark)
         window.header.far.setChecked(far)
-        theme.apply(QApplication.instance(), dark, far)  # a window of another language may have changed it
+        application = QApplication.instance()
+        assert isinstance(application, QApplication)
+        theme.apply(application, dark, far)  # a window of another language may have changed it
         window.redraw()
 
     def take_dialog(self, dialog: Any, name: str) -> None:

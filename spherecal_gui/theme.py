@@ -90,7 +90,6 @@ _now = LIGHT
 _factor = 1.0
 # A capital letter of 26 pt is 6.6 mm high on a usual screen: 7.5 minutes of arc from three metres, what a driver's
 # sight test asks for with a margin of 1.5. Numbers that matter are drawn at least so large with large text.
-FAR_PT = DISPLAY
 FAR_FACTOR = 1.35
 
 

@@ -212,6 +212,7 @@ def _covariance_difference(simulated: Simulated, form: Form, dense: DenseNetwork
         # certified at the truth, and with the thermometer that the bound has
         difference = np.einsum("mk,mki->mi", rows.coefficient, simulated.places_mm[rows.points])
         length = np.linalg.norm(difference, axis=1)
+        assert dense.length_covariance is not None
         rows = replace(rows, length=length, covariance=dense.length_covariance / sigma**2)
         network = replace(network, lengths=rows)
     problem, _ = network.problem(simulated.usable_in(form), network.free, simulated.placed, weighted=True)

@@ -134,7 +134,10 @@ def opencv(made: StereoSet) -> Figures:
         objects,
         first,
         second,
-        *lenses,
+        lenses[0],
+        lenses[1],
+        lenses[2],
+        lenses[3],
         size,
         flags=cv2.CALIB_USE_INTRINSIC_GUESS,
         criteria=(cv2.TERM_CRITERIA_COUNT + cv2.TERM_CRITERIA_EPS, 200, 1e-9),
@@ -145,7 +148,9 @@ def opencv(made: StereoSet) -> Figures:
 
 
 def _found(made: StereoSet, camera: int, name: str) -> FoundBoard | None:
-    return find_board(cv2.imread(str(made.folder / f"cam{camera}" / name), cv2.IMREAD_GRAYSCALE), made.pattern)
+    image = cv2.imread(str(made.folder / f"cam{camera}" / name), cv2.IMREAD_GRAYSCALE)
+    assert image is not None
+    return find_board(image.astype(np.uint8, copy=False), made.pattern)
 
 
 def compare(text: str, seed: int, views: int = VIEWS, size: tuple[int, int] = (1280, 960)) -> tuple[Figures, Figures]:

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy import sparse
-from scipy.linalg import lapack
+from scipy.linalg import get_lapack_funcs
 
 from benchmarks.studies.simulated import CERTIFICATE_SD_MM, THERMOMETER_SD_K, Bars, Form, Simulated
 from spherecal.adjust.datum import Places
@@ -234,7 +234,7 @@ def _motions(simulated: Simulated, state: State, unknowns: _Unknowns) -> tuple[F
         """Velocities (n,3,7) of points (n,3)."""
         turns = np.stack([np.cross(axis, x - middle) for axis in np.eye(3)], axis=2)
         shifts = np.broadcast_to(np.eye(3), (len(x), 3, 3))
-        return np.concatenate([shifts, turns, (x - middle)[:, :, None]], axis=2)
+        return np.concatenate([shifts, turns, (x - middle)[:, :, None]], axis=2, dtype=np.float64)
 
     out = np.zeros((unknowns.count, 7))
     first_pose = unknowns.n_cameras * unknowns.width
@@ -268,9 +268,10 @@ def _inner_inverse(normal: FloatArray, motions: FloatArray, conditions: FloatArr
     assert blind.max() < 1e-9, "these motions are seen after all"
     bordered = conditions * scale[:, None]
     matrix = normal * scale[:, None] * scale + bordered @ bordered.T
-    factor, failed = lapack.dpotrf(matrix, lower=1, overwrite_a=1)
+    potrf, potri = get_lapack_funcs(("potrf", "potri"), (matrix,))
+    factor, failed = potrf(matrix, lower=1, overwrite_a=1)
     assert not failed
-    inverse, failed = lapack.dpotri(factor, lower=1, overwrite_c=1)
+    inverse, failed = potri(factor, lower=1, overwrite_c=1)
     assert not failed
     inverse = np.tril(inverse) + np.tril(inverse, -1).T
     inverse *= scale[:, None]

@@ -71,7 +71,7 @@ class Pupil:
 
 def serve_pupil(path: str, decimate: str) -> None:
     """Detect once for every line of input; prints CPU seconds, then id and corners of every tag."""
-    from pupil_apriltags import Detector as PupilDetector  # only where it is installed
+    from pupil_apriltags import Detector as PupilDetector  # pyright: ignore[reportMissingImports]
 
     image = np.load(path)
     detector = PupilDetector(families="tag36h11", nthreads=1, quad_decimate=float(decimate))

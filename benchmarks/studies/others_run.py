@@ -11,6 +11,7 @@ import time
 from contextlib import suppress
 from pathlib import Path
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 
@@ -52,7 +53,7 @@ def peak_mb() -> float:
 def aniposelib(p):
     """aniposelib: CameraGroup.bundle_adjust; its cameras have one focal length and k1 to estimate."""
     import cv2
-    from aniposelib.cameras import Camera, CameraGroup
+    from aniposelib.cameras import Camera, CameraGroup  # pyright: ignore[reportMissingImports]
 
     cameras = []
     for c in range(len(p.rotation)):
@@ -84,10 +85,10 @@ def aniposelib(p):
 
 def caliscope(p):
     """caliscope: CaptureVolume.optimize with intrinsics refined, as its own workflow does."""
-    import pandas as pd
-    from caliscope.cameras.camera_array import CameraArray, CameraData
-    from caliscope.core.capture_volume import CaptureVolume
-    from caliscope.core.point_data import ImagePoints, WorldPoints
+    import pandas as pd  # pyright: ignore[reportMissingImports]
+    from caliscope.cameras.camera_array import CameraArray, CameraData  # pyright: ignore[reportMissingImports]
+    from caliscope.core.capture_volume import CaptureVolume  # pyright: ignore[reportMissingImports]
+    from caliscope.core.point_data import ImagePoints, WorldPoints  # pyright: ignore[reportMissingImports]
 
     cameras = {}
     for c in range(len(p.rotation)):
@@ -202,7 +203,8 @@ def opencv_multiview(p):
         # its own start of the lenses fails on tilts as steep as these: each camera alone gives a better one
         matrices, distortions = _each_alone(p, views)
         flags = np.full((n, 1), cv2.CALIB_USE_INTRINSIC_GUESS, np.int32)
-        done = cv2.calibrateMultiview(
+        multiview: Any = cv2.calibrateMultiview  # OpenCV's stubs demand what it takes as None
+        done = multiview(
             [everything] * frames,
             images,
             sizes,

@@ -284,8 +284,10 @@ class Bars:
     def errors_of_rig(self, calibration: Calibration, noise: FloatArray | None) -> FloatArray:
         """Measured minus true lengths (n,) with a calibrated rig that has all cameras."""
         cameras = calibration.rig.cameras
-        stacks = ([getattr(c, name) for c in cameras] for name in ("intrinsics", "rotation", "translation_mm"))
-        return self.measure(*map(np.array, stacks), noise) - self.lengths_mm
+        intrinsics, rotation, translation = (
+            np.array([getattr(c, name) for c in cameras]) for name in ("intrinsics", "rotation", "translation_mm")
+        )
+        return self.measure(intrinsics, rotation, translation, noise) - self.lengths_mm
 
 
 def make_bars(truth: Truth, seed: int) -> Bars:

@@ -76,14 +76,6 @@ class Problem:
         """First observation of each point and the end, (p + 1,)."""
         return np.searchsorted(self.point, np.arange(self.n_points + 1))
 
-    @property
-    def elimination_order(self) -> IntArray:
-        """Observed points, those that the same cameras (and placements) see side by side, (o,).
-
-        They fill the same blocks of the reduced system, so an engine can eliminate them together.
-        """
-        return self.elimination_runs[0]
-
     @cached_property
     def elimination_runs(self) -> tuple[IntArray, BoolArray]:
         """The elimination order (o,) and where in it (o,) points begin that other cameras or placements see."""

@@ -158,7 +158,7 @@ def _motion_and_noise(moves: FloatArray, places: FloatArray) -> tuple[float, flo
     middle = places - places.mean(axis=0)
     design = np.column_stack([np.ones(n), middle / max(float(np.abs(middle).max()), 1.0)])
     basis, _ = np.linalg.qr(design)
-    common = np.einsum("np,mp,kmc->knc", basis, basis, moves)
+    common = basis @ (basis.T @ moves)
     own = moves - common
     # wrong or jumping dots (a reflection) must not pass for noise: median-based standard deviation
     noise = 1.4826 * float(np.median(np.abs(own))) * np.sqrt(k / (k - 1) * n / max(n - 3, 1))

@@ -89,7 +89,6 @@ class SetMatcher(Generic[Item]):
         self._started_s = started_s
         self._found: dict[str, Sighting[Item]] = {}
         self._pulses: list[_Pulse[Item]] = []
-        self._hardware = {serial for serial, mode in self._modes.items() if mode == "hardware"}
 
     def offer(self, image: Sighting[Item]) -> bool:
         """Whether the set can use this image; it is then kept."""

@@ -30,8 +30,6 @@ from spherecal.base.errors import SpherecalError
 if TYPE_CHECKING:  # the camera process needs no sessions
     from spherecal.data.session import Session
 
-PROTOCOL_VERSION = 1
-
 GreyPixels = NDArray[np.uint8] | NDArray[np.uint16]
 SourceKind = Literal["genicam", "replay", "simulated"]
 TriggerMode = Literal["software", "hardware", "free", "scheduled"]

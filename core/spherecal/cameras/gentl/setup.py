@@ -371,8 +371,3 @@ def _text(value: object) -> str:
     if value is None:
         return ""
     return f"{value:g}" if isinstance(value, float) else str(value)
-
-
-def lacks(report: SetupReport) -> tuple[str, ...]:
-    """The features, of those that matter, that a camera does not have."""
-    return tuple(feature for feature in report.missing if feature in _EXPECTED)

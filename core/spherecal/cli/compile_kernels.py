@@ -121,7 +121,6 @@ def _side_by_side(trial: str, table: str) -> Iterator[Callable[[Callable[[int, i
     count = sum(len(steps) for steps in parts.values())
     context = multiprocessing.get_context("spawn")
     running: dict[Any, tuple[str, BaseProcess]] = {}
-    previous = signal.signal(signal.SIGTERM, lambda *_: sys.exit(128 + signal.SIGTERM))  # children end with us
 
     def finish(tell: Callable[[int, int], None]) -> None:
         done = 0
@@ -155,11 +154,12 @@ def _side_by_side(trial: str, table: str) -> Iterator[Callable[[Callable[[int, i
         for _, process in running.values():
             process.terminate()
             process.join()
-        signal.signal(signal.SIGTERM, previous)
 
 
 def _run_part(trial: str, table: str, name: str, pipe: Connection) -> None:
     """One part, in a process of its own: sends None after every step, or what went wrong."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C reaches the parent too, which ends us
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(128 + signal.SIGTERM))  # the folder is removed
     with tempfile.TemporaryDirectory() as folder:
         try:
             for step in getattr(importlib.import_module(trial), table)[name]:

@@ -50,10 +50,11 @@ ENGINE = (
 )  # fmt: skip
 # What running the program (spherecal[cameras,gui,report]) and installing it takes besides: all that the demo waits for.
 RUN = (
-    "attrs", "certifi", "charset-normalizer", "colorama", "contourpy", "cycler", "cyclopts", "docstring-parser", "editables",
-    "fonttools", "genicam", "harvesters", "hatchling", "idna", "kiwisolver", "matplotlib", "packaging", "pathspec", "pluggy",
-    "pooch", "pyparsing", "pyqtgraph", "pyside6-essentials", "python-dateutil", "pyvista", "pyvista-validation", "requests",
-    "rich-rst", "scooby", "shiboken6", "tomlkit", "trove-classifiers", "typing-extensions", "tzdata", "urllib3", "vtk",
+    "attrs", "certifi", "charset-normalizer", "colorama", "contourpy", "cycler", "cyclopts", "docstring-parser",
+    "editables", "fonttools", "genicam", "harvesters", "hatchling", "idna", "kiwisolver", "matplotlib", "packaging",
+    "pathspec", "pluggy", "pooch", "pyparsing", "pyqtgraph", "pyside6-essentials", "python-dateutil", "pyvista",
+    "pyvista-validation", "requests", "rich-rst", "scooby", "shiboken6", "tomlkit", "trove-classifiers",
+    "typing-extensions", "tzdata", "urllib3", "vtk",
 )  # fmt: skip
 BIN = VENV / ("Scripts" if os.name == "nt" else "bin")
 PYTHON = BIN / ("python.exe" if os.name == "nt" else "python")

@@ -44,13 +44,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return BAD_INPUT
     except Exception as error:
         if interrupts.came():  # packages turn Ctrl-C while they load into errors of their own
-            error = Cancelled()
+            shown: SpherecalError = Cancelled()
         elif isinstance(error, ModuleNotFoundError) and error.name == "matplotlib":
-            error = MissingPackage(Phrase("error-needs-package", {"what": Phrase("documents"), "package": error.name}))
+            shown = MissingPackage(Phrase("error-needs-package", {"what": Phrase("documents"), "package": error.name}))
         else:
             raise
-        _complain(error)
-        return error.exit_code
+        _complain(shown)
+        return shown.exit_code
 
 
 def entry() -> int:

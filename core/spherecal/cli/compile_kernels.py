@@ -142,28 +142,44 @@ def _side_by_side(trial: str, table: str) -> Iterator[Callable[[Callable[[int, i
                 done += 1
                 tell(done, count)
 
-    try:
-        for name in parts:
-            ours, theirs = context.Pipe(duplex=False)
-            process = context.Process(target=_run_part, args=(trial, table, name, theirs), daemon=True)
-            process.start()
-            theirs.close()
-            running[ours] = name, process
-        yield finish
-    finally:
-        for _, process in running.values():
-            process.terminate()
-            process.join()
-
-
-def _run_part(trial: str, table: str, name: str, pipe: Connection) -> None:
-    """One part, in a process of its own: sends None after every step, or what went wrong."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C reaches the parent too, which ends us
-    signal.signal(signal.SIGTERM, lambda *_: sys.exit(128 + signal.SIGTERM))  # the folder is removed
     with tempfile.TemporaryDirectory() as folder:
         try:
-            for step in getattr(importlib.import_module(trial), table)[name]:
-                step(Path(folder))
-                pipe.send(None)
-        except Exception as error:
-            pipe.send(f"{type(error).__name__}: {error}")
+            for name in parts:
+                ours, theirs = context.Pipe(duplex=False)
+                arguments = (trial, table, name, Path(folder), theirs)
+                process = context.Process(target=_run_part, args=arguments, daemon=True)
+                with _ctrl_c_blocked():
+                    process.start()
+                theirs.close()
+                running[ours] = name, process
+            yield finish
+        finally:
+            for _, process in running.values():
+                process.terminate()
+                process.join()
+
+
+@contextmanager
+def _ctrl_c_blocked() -> Iterator[None]:
+    """Ctrl-C comes afterwards; a process started meanwhile never gets it: its parent ends it."""
+    if not hasattr(signal, "pthread_sigmask"):  # Windows
+        yield
+        return
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGINT])
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+def _run_part(trial: str, table: str, name: str, folder: Path, pipe: Connection) -> None:
+    """One part, in a process and a folder of its own: sends None after every step, or what went wrong."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C reaches the parent too, which ends us
+    own = folder / name
+    try:
+        own.mkdir()
+        for step in getattr(importlib.import_module(trial), table)[name]:
+            step(own)
+            pipe.send(None)
+    except Exception as error:
+        pipe.send(f"{type(error).__name__}: {error}")

@@ -39,6 +39,7 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parent
 VENV = ROOT / ".venv"
 STAMP = VENV / "spherecal-setup.txt"
+RUN_STAMP = VENV / "spherecal-setup-run.txt"  # the same where only ENGINE and RUN were installed, for the demo
 INSTALLED_LOCK = VENV / "spherecal-requirements.lock"  # what the environment was last made from
 KERNELS = VENV / "spherecal-kernels.txt"  # which kernels were compiled last, and where from
 LOCK = ROOT / "requirements.lock"
@@ -46,6 +47,14 @@ LOCK = ROOT / "requirements.lock"
 ENGINE = (
     "llvmlite", "markdown-it-py", "mdurl", "numba", "numpy", "opencv-python-headless", "pillow", "platformdirs",
     "pygments", "pyyaml", "rich", "scipy", "threadpoolctl",
+)  # fmt: skip
+# What running the program (spherecal[cameras,gui,report]) and installing it takes besides: all that the demo waits for.
+RUN = (
+    "attrs", "certifi", "charset-normalizer", "colorama", "contourpy", "cycler", "cyclopts", "docstring-parser",
+    "editables", "fonttools", "genicam", "harvesters", "hatchling", "idna", "kiwisolver", "matplotlib", "packaging",
+    "pathspec", "pluggy", "pooch", "pyparsing", "pyqtgraph", "pyside6-essentials", "python-dateutil", "pyvista",
+    "pyvista-validation", "requests", "rich-rst", "scooby", "shiboken6", "tomlkit", "trove-classifiers",
+    "typing-extensions", "tzdata", "urllib3", "vtk",
 )  # fmt: skip
 BIN = VENV / ("Scripts" if os.name == "nt" else "bin")
 PYTHON = BIN / ("python.exe" if os.name == "nt" else "python")
@@ -249,16 +258,20 @@ def wanted_stamp() -> str:
     return f"{hashlib.sha256(made_from).hexdigest()}\n{sys.version}\n{sys.base_prefix}\n{VENV}\n"
 
 
-def is_ready() -> bool:
-    """Whether .venv is complete and made from the present lock file by this Python."""
-    return PYTHON.exists() and STAMP.exists() and STAMP.read_text(encoding="utf-8") == wanted_stamp()
+def stamps() -> list[str]:
+    """What .venv was made from: of everything, of the packages that run the program, or of both in turn."""
+    there = [path for path in (STAMP, RUN_STAMP) if PYTHON.exists() and path.exists()]
+    return [path.read_text(encoding="utf-8") for path in there]
+
+
+def is_ready(whole: bool = True) -> bool:
+    """Whether .venv is made from the present lock file by this Python: complete, or able to run the program."""
+    return wanted_stamp() in stamps() and (not whole or STAMP.exists())
 
 
 def can_be_updated() -> bool:
     """Whether .venv was finished once, by this very Python and in this place: only packages can differ."""
-    if not PYTHON.exists() or not STAMP.exists():
-        return False
-    return STAMP.read_text(encoding="utf-8").partition("\n")[2] == wanted_stamp().partition("\n")[2]
+    return wanted_stamp().partition("\n")[2] in [stamp.partition("\n")[2] for stamp in stamps()]
 
 
 def make_venv() -> None:
@@ -326,34 +339,46 @@ def lock_of(names: Sequence[str]) -> str:
     return "\n".join(entry for entry in entries if re.split(r"[=\[ ;]", entry, maxsplit=1)[0] in names) + "\n"
 
 
-def install_packages() -> list[str]:
-    """Bring .venv to the lock file, whatever is in it, the kernels compiled beside it; what pip printed."""
-    with tempfile.TemporaryDirectory() as folder:
-        first = Path(folder) / "engine.txt"
-        first.write_text(lock_of(ENGINE), encoding="utf-8")
-        lines = pip_install(["--require-hashes", "-r", first])
+def install_packages(whole: bool = True) -> list[str]:
+    """Bring .venv to the lock file, whatever is in it, the kernels compiled beside it; what pip printed.
+
+    Not `whole`: only what running the program takes. The program compiles what it needs then.
+    """
+    if not whole:
+        lines = install_some((*ENGINE, *RUN)) + install_the_program()
+        RUN_STAMP.write_text(wanted_stamp(), encoding="utf-8")
+        return lines
+    lines = install_some(ENGINE)
     with kernels_compiled("the installation"):
-        return lines + install_the_rest()
+        lines += pip_install(["--require-hashes", "-r", LOCK]) + install_the_program()
+        STAMP.write_text(wanted_stamp(), encoding="utf-8")
+        return lines
 
 
-def install_the_rest() -> list[str]:
-    """What is not installed yet of the lock file, and SphereCal itself; what pip printed."""
-    lines = pip_install(["--require-hashes", "-r", LOCK])
+def install_some(names: Sequence[str]) -> list[str]:
+    """Packages of the lock file; what pip printed. Python compiles the modules that are imported, pip would all."""
+    with tempfile.TemporaryDirectory() as folder:
+        part = Path(folder) / "some.txt"
+        part.write_text(lock_of(names), encoding="utf-8")
+        return pip_install(["--no-compile", "--require-hashes", "-r", part])
+
+
+def install_the_program() -> list[str]:
+    """SphereCal itself, and nothing that an earlier lock file brought; what pip printed."""
     # what was installed by hand stays; only what an earlier lock file brought and this one does not name goes
     gone = sorted(locked_names(INSTALLED_LOCK) - locked_names(LOCK))
     if gone:
         run_job([PYTHON, "-m", "pip", "uninstall", "--disable-pip-version-check", "-y", *gone])
-    pip_install(["--no-deps", "--no-build-isolation", "-e", ROOT])
+    lines = pip_install(["--no-deps", "--no-build-isolation", "-e", ROOT])
     shutil.copyfile(LOCK, INSTALLED_LOCK)
-    STAMP.write_text(wanted_stamp(), encoding="utf-8")
     return lines
 
 
-def updated_in_place() -> bool:
+def updated_in_place(whole: bool) -> bool:
     """Install what changed since .venv was made, under whoever is using it; False where that did not work."""
     say(f"Installing what changed in {LOCK.name} and pyproject.toml")
     try:
-        start, lines = time.monotonic(), install_packages()
+        start, lines = time.monotonic(), install_packages(whole)
     except SetupError as error:
         say(f"{VENV.name} could not be brought up to date as it is; it is made anew.\n{error}")
         return False
@@ -362,18 +387,22 @@ def updated_in_place() -> bool:
     return True
 
 
-def ensure_venv() -> None:
-    """Make .venv as the lock file says, if it is not so already: by its changes where possible, else anew."""
-    if is_ready() or (can_be_updated() and updated_in_place()):
+def ensure_venv(whole: bool = True) -> None:
+    """Make .venv as the lock file says, if it is not so already: by its changes where possible, else anew.
+
+    Not `whole`: at least what running the program takes.
+    """
+    whole = whole or STAMP.exists()
+    if is_ready(whole) or (can_be_updated() and updated_in_place(whole)):
         return
     start, old = time.monotonic(), VENV.with_name(VENV.name + ".old")
-    if STAMP.exists():  # one that worked: kept until the new one does
+    if stamps():  # one that worked: kept until the new one does
         shutil.rmtree(old, ignore_errors=True)
         VENV.rename(old)
     try:
         make_venv()
-        say(f"Installing the packages of {LOCK.name} (some 600 MB to download the first time)")
-        lines = install_packages()
+        say(f"Installing packages of {LOCK.name} (some {600 if whole else 400} MB to download the first time)")
+        lines = install_packages(whole)
     except (SetupError, OSError, KeyboardInterrupt):
         if old.exists():
             shutil.rmtree(VENV, ignore_errors=True)
@@ -384,10 +413,10 @@ def ensure_venv() -> None:
     say(f"The environment is ready: {seconds:.0f} s, {megabytes:.0f} MB downloaded")
 
 
-def ensure_setup() -> None:
-    """Everything that the commands below need."""
+def ensure_setup(whole: bool = True) -> None:
+    """Everything that the commands below need; not `whole`: that the program runs."""
     ensure_system_libraries()
-    ensure_venv()
+    ensure_venv(whole)
 
 
 # --- commands --------------------------------------------------------------------------------------------------------
@@ -651,7 +680,7 @@ def main() -> int:
     options = parser.parse_args()
     try:
         if options.command != "lock":
-            ensure_setup()
+            ensure_setup(whole=options.command != "demo")
         return COMMANDS[options.command](options.arguments)
     except SetupError as error:
         print(f"dev.py: {error}", file=sys.stderr)

@@ -510,3 +510,27 @@ def test_cases_with_a_slash_in_their_name_belong_to_their_function() -> None:
 
     assert _function("tests/test_x.py::test_y[guide/first.md]") == "test_x.py::test_y"
     assert _function("tests/test_x.py::test_y") == "test_x.py::test_y"
+
+
+def test_the_demo_installs_what_the_program_and_its_installation_need():
+    """All of spherecal[cameras,gui,report] and of the build backend, from the lock file; nothing else."""
+    from importlib.metadata import PackageNotFoundError, requires
+
+    from packaging.requirements import Requirement
+
+    needed: dict[str, set[str]] = {}
+    todo = [Requirement(text) for text in ("spherecal[cameras,gui,report]", "hatchling", "editables")]
+    while todo:
+        one = todo.pop()
+        name, extras = one.name.lower().replace("_", "-").replace(".", "-"), one.extras | {""}
+        if extras <= needed.get(name, set()):
+            continue
+        try:
+            texts = requires(name) or []
+        except PackageNotFoundError:  # not for this Python or platform
+            continue
+        needed[name] = needed.get(name, set()) | extras
+        wants = [Requirement(text) for text in texts]
+        todo += [w for w in wants if w.marker is None or any(w.marker.evaluate({"extra": e}) for e in extras)]
+    assert needed.keys() - {"spherecal"} <= {*dev.ENGINE, *dev.RUN}
+    assert {*dev.ENGINE, *dev.RUN} <= dev.locked_names(dev.LOCK)

@@ -240,7 +240,7 @@ class DaskCluster:
             from distributed import Client
         except ImportError:
             raise InputError(
-                "A cluster needs the package dask, which is not installed.", "pip install 'spherecal[cluster]'"
+                "A cluster needs the package dask, which is not installed.", "pip install 'spherecal[distributed]'"
             ) from None
         try:
             return Client(self.address, timeout=10)

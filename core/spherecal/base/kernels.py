@@ -170,7 +170,7 @@ def state() -> Literal["ahead", "compiled", "to compile"]:
     """Whether the first calibration finds its kernels: compiled ahead, in numba's cache, or not at all."""
     if AHEAD is not None:
         return "ahead"
-    return "compiled" if _stamp(wanted()).exists() else "to compile"
+    return "compiled" if is_marked(wanted()) else "to compile"
 
 
 def wanted() -> str:
@@ -182,6 +182,11 @@ def wanted() -> str:
             if b"njit" in path.read_bytes():
                 known.append(f"{path} {path.stat().st_mtime_ns} {path.stat().st_size}")
     return hashlib.sha256("\n".join(known).encode()).hexdigest()
+
+
+def is_marked(made_from: str) -> bool:
+    """Whether `mark_compiled` was called with this."""
+    return _stamp(made_from).exists()
 
 
 def mark_compiled(made_from: str) -> None:

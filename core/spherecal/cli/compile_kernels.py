@@ -3,20 +3,25 @@
 import argparse
 import importlib
 import json
+import logging
 import multiprocessing
 import os
 import signal
 import sys
 import tempfile
-from collections.abc import Callable
-from contextlib import suppress
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 from multiprocessing.connection import Connection, wait
 from multiprocessing.process import BaseProcess
 from pathlib import Path
 from typing import Any
 
-from spherecal.base.errors import SpherecalError
+from spherecal.base.context import Context
+from spherecal.base.errors import Cancelled, SpherecalError
 from spherecal.base.messages.values import Phrase
+
+log = logging.getLogger("spherecal")
+_TRIAL = "spherecal.cli.kernel_trial"
 
 
 def add_parsers(add: Callable[[str, str], argparse.ArgumentParser]) -> None:
@@ -65,7 +70,7 @@ def run_when_idle() -> None:
             os.sched_setscheduler(0, os.SCHED_IDLE, os.sched_param(0))
 
 
-def compile_all(tell: Callable[[int, int], None], trial: str = "spherecal.cli.kernel_trial") -> None:
+def compile_all(tell: Callable[[int, int], None], trial: str = _TRIAL) -> None:
     """Run the trial of the kernels, its parts side by side; `tell(done, all)` after every step.
 
     `trial` is the module with the PARTS.
@@ -73,19 +78,53 @@ def compile_all(tell: Callable[[int, int], None], trial: str = "spherecal.cli.ke
     """
     from spherecal.base.kernels import mark_compiled, wanted
 
-    parts = importlib.import_module(trial).PARTS
-    made_from, count, done = wanted(), sum(len(steps) for steps in parts.values()), 0
+    made_from = wanted()
+    with _side_by_side(trial, "PARTS") as finish:
+        finish(tell)
+    mark_compiled(made_from)
+
+
+@contextmanager
+def demo_kernels(context: Context) -> Iterator[None]:
+    """Compile what the demo needs beside what the body does, where that has not been done yet."""
+    from spherecal.base.kernels import is_marked, mark_compiled, state, wanted
+
+    made_from = f"demo{wanted()}"
+    if state() != "to compile" or is_marked(made_from):
+        yield
+        return
+
+    def tell(done: int, count: int) -> None:
+        context.check()
+        context.report("compiling kernels", done / count)
+
+    with _side_by_side(_TRIAL, "DEMO") as finish:
+        yield
+        try:
+            finish(tell)
+        except Cancelled:
+            raise
+        except SpherecalError as error:  # whoever needs one compiles it
+            log.warning("%s", error)
+        else:
+            mark_compiled(made_from)
+
+
+@contextmanager
+def _side_by_side(trial: str, table: str) -> Iterator[Callable[[Callable[[int, int], None]], None]]:
+    """Run the parts of a table of the trial, each in a process that ends with the body at the latest.
+
+    Yields the function that waits for them; it calls `tell(done, all)` after every step, and raises SpherecalError
+    where a part fails.
+    """
+    parts = getattr(importlib.import_module(trial), table)
+    count = sum(len(steps) for steps in parts.values())
     context = multiprocessing.get_context("spawn")
     running: dict[Any, tuple[str, BaseProcess]] = {}
-    previous = signal.signal(signal.SIGTERM, lambda *_: sys.exit(128 + signal.SIGTERM))  # children end with us
-    try:
-        tell(0, count)
-        for name in parts:
-            ours, theirs = context.Pipe(duplex=False)
-            process = context.Process(target=_run_part, args=(trial, name, theirs), daemon=True)
-            process.start()
-            theirs.close()
-            running[ours] = name, process
+
+    def finish(tell: Callable[[int, int], None]) -> None:
+        done = 0
+        tell(done, count)
         while running:
             for ended in wait(list(running), timeout=0.2):
                 ours: Any = ended
@@ -102,20 +141,45 @@ def compile_all(tell: Callable[[int, int], None], trial: str = "spherecal.cli.ke
                     raise SpherecalError(Phrase("error-kernels-why", {"part": name, "why": said}))
                 done += 1
                 tell(done, count)
-    finally:
-        for _, process in running.values():
-            process.terminate()
-            process.join()
-        signal.signal(signal.SIGTERM, previous)
-    mark_compiled(made_from)
 
-
-def _run_part(trial: str, name: str, pipe: Connection) -> None:
-    """One part, in a process of its own: sends None after every step, or what went wrong."""
     with tempfile.TemporaryDirectory() as folder:
         try:
-            for step in importlib.import_module(trial).PARTS[name]:
-                step(Path(folder))
-                pipe.send(None)
-        except Exception as error:
-            pipe.send(f"{type(error).__name__}: {error}")
+            for name in parts:
+                ours, theirs = context.Pipe(duplex=False)
+                arguments = (trial, table, name, Path(folder), theirs)
+                process = context.Process(target=_run_part, args=arguments, daemon=True)
+                with _ctrl_c_blocked():
+                    process.start()
+                theirs.close()
+                running[ours] = name, process
+            yield finish
+        finally:
+            for _, process in running.values():
+                process.terminate()
+                process.join()
+
+
+@contextmanager
+def _ctrl_c_blocked() -> Iterator[None]:
+    """Ctrl-C comes afterwards; a process started meanwhile never gets it: its parent ends it."""
+    if not hasattr(signal, "pthread_sigmask"):  # Windows
+        yield
+        return
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGINT])
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+def _run_part(trial: str, table: str, name: str, folder: Path, pipe: Connection) -> None:
+    """One part, in a process and a folder of its own: sends None after every step, or what went wrong."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C reaches the parent too, which ends us
+    own = folder / name
+    try:
+        own.mkdir()
+        for step in getattr(importlib.import_module(trial), table)[name]:
+            step(own)
+            pipe.send(None)
+    except Exception as error:
+        pipe.send(f"{type(error).__name__}: {error}")

@@ -21,6 +21,7 @@ from spherecal.report.verification_file import read_bar_report
 def demo(options: argparse.Namespace) -> int:
     """`spherecal demo`: five lines on what was found; with --verbose everything that the commands say."""
     from spherecal.cli.commands import out
+    from spherecal.cli.compile_kernels import demo_kernels
     from spherecal.cli.main import DONE, main
     from spherecal.cli.progress import shown_progress
     from spherecal_sim.render_session import demo_session
@@ -30,7 +31,7 @@ def demo(options: argparse.Namespace) -> int:
         raise InputError(Phrase("error-folder-to-output"))
     result = folder / "result"
     out.print("A simulated rig: six cameras, a ball at four places, two bars. The first run renders the images.")
-    with shown_progress() as context:
+    with shown_progress() as context, demo_kernels(context):
         session = demo_session(context)
     quiet = out.quiet
     for arguments in (

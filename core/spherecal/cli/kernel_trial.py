@@ -170,3 +170,8 @@ PARTS: dict[str, tuple[Step, ...]] = {
         _verified,
     ),
 }
+# What `spherecal demo` calls after its images are rendered; it compiles the renderer's kernels itself.
+DEMO: dict[str, tuple[Step, ...]] = {
+    "detection": (_drawn,),
+    "adjustment": (_simulated, _calibrated("--method", "auto"), _verified),
+}

@@ -2458,7 +2458,7 @@ px</translation>
     </message>
     <message>
         <source>Fewer than {needed} dots: {cameras}. Capture anyway, or move the ball</source>
-        <translation>点数少于 {needed}：{cameras}。仍可采集，或移动球体</translation>
+        <translation>圆点少于 {needed} 个：{cameras}。仍可拍摄，或移动球</translation>
     </message>
     <message>
         <source>all cameras</source>
@@ -2677,7 +2677,7 @@ px</translation>
     </message>
     <message>
         <source>Capture anyway  (space)</source>
-        <translation>仍然采集（空格）</translation>
+        <translation>仍然拍摄（空格键）</translation>
     </message>
     <message>
         <source>Capture without {cameras}</source>

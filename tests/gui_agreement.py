@@ -1,4 +1,7 @@
-"""What a window says at one moment: headline, rail, chip, tiles, counter, banner, default button; do they agree?"""
+"""What a window says at one moment: headline, rail, chip, tiles, counter, banner, default button; do they agree?
+
+Where there is no button to press and no work runs, the headline or the line beside the buttons has to say what to do.
+"""
 
 import time
 
@@ -37,6 +40,9 @@ def disagreements(window: WizardWindow) -> list[str]:
         found.append("a green headline over something that is not")
     if isinstance(page, PlacementPage) and page.ready.property("level") == "good" and headline in ("bad", "caution"):
         found.append("a green counter beside a headline that is not")
+    told = page.headline.text() or window.footer.why.text()
+    if not default and window.controller.runner.running is None and not told:
+        found.append("no button to press, and nothing says what to do")
     return [f"{state.current}: {one} ({page.headline.text()!r}, {parts}, {window.banner.text!r})" for one in found]
 
 

@@ -248,4 +248,8 @@ def test_the_check_of_agreement_finds_a_contradiction(qtbot, home):
     assert window.page.standing().level == "bad"
     window.page.headline.setProperty("level", "good")
     assert any("rail" in one for one in disagreements(window))
+    assert window.footer.default == "" and not any("what to do" in one for one in disagreements(window))
+    window.page.headline.clear()
+    window.footer.why.clear()
+    assert any("what to do" in one for one in disagreements(window))
     window.close()

@@ -16,9 +16,11 @@ pytest.importorskip("PySide6.QtWidgets", reason="Qt cannot be loaded here", exc_
 from PySide6.QtWidgets import QPushButton, QWidget
 
 from spherecal_gui import languages, theme
+from spherecal_gui.pages import placement
 from spherecal_gui.pages.placement import PlacementPage
 from spherecal_gui.pages.verify import VerifyPage
 from spherecal_gui.presenters.guidance import Guidance, move_text
+from spherecal_gui.presenters.placement import Advice, short_text
 from spherecal_gui.project_folder import TRAINING_PROFILE, load_project, save_project
 from spherecal_gui.widgets.basic import label
 from spherecal_gui.wizard.controller import Controller
@@ -28,6 +30,7 @@ from tests.gui_walking import pump, settle
 
 SIZE = (1280, 800)
 STEPS = ("connect", "look", "placement:P1", "scale", "calibrate", "results", "verify", "save", "measure")
+FEW_DOTS = {"C01": 88, "C02": 90, "C03": 94, "C04": 97}
 
 
 @pytest.fixture(scope="module")
@@ -68,6 +71,13 @@ def test_every_page_is_complete(qapp, qtbot, home: Path, connected: Controller, 
         wrong += [f"placement:P4, longest advice, {one}" for one in faults(window)]
         shown = window.page
         assert isinstance(shown, PlacementPage) and shown.guide_text.text() == move_text(connected.guidance)
+        with (
+            pytest.MonkeyPatch.context() as patch
+        ):  # four cameras that see too little, though the ball lies as it should
+            patch.setattr(placement, "advice", lambda *_: Advice(short_text(FEW_DOTS), "caution"))
+            patch.setattr(placement, "is_stuck", lambda *_: True)
+            wrong += [f"placement:P4, few dots, {one}" for one in faults(window)]
+            assert shown.advice.text() == short_text(FEW_DOTS)
         connected.undo()
         settle(connected)
         for large in (False, True):  # once for all steps: each change of size styles every widget again

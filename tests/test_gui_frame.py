@@ -28,6 +28,7 @@ from spherecal_gui.project import Artefacts, Project
 from spherecal_gui.project_folder import profile_of
 from spherecal_gui.tasks.outcome import read_outcome
 from spherecal_gui.wizard.controller import Controller
+from spherecal_gui.wizard.window import WizardWindow
 from spherecal_gui.workflow import Step
 from spherecal_sim.session_folder import write_session
 from tests.gui_walking import settle
@@ -58,8 +59,7 @@ def choice(outcome):
     return FrameChoice(outcome.result, outcome.places)
 
 
-@pytest.fixture
-def controller(qapp, folder, outcome):
+def opened(folder: Path, outcome) -> Controller:
     """A controller with the project open and its result read."""
     made = Controller()
     project = Project(folder, "simulated:demo", cameras=("S1",), looked=("S1",))
@@ -69,6 +69,13 @@ def controller(qapp, folder, outcome):
     made.project = changes.with_calibration(project, "valid")
     made.outcome = outcome
     made.result_changed.emit()
+    return made
+
+
+@pytest.fixture
+def controller(qapp, folder, outcome):
+    """A controller with the project open and its result read."""
+    made = opened(folder, outcome)
     yield made
     (folder / "frame.json").unlink(missing_ok=True)
 
@@ -349,3 +356,33 @@ def test_without_a_result_there_is_nothing_to_choose(qtbot, controller):
     page.enter(Step("save", "save"))
     assert not page.axes.isEnabled() and page.axes.toolTip() == "There is no calibration yet."
     assert not controller.set_frame(THREE)
+
+
+def test_a_world_of_another_camera_is_warned_of(qtbot, folder, outcome, tmp_path):
+    """The camera whose frame is the world of the calibration in use sees nothing this time."""
+    project = tmp_path / "frames" / "project"
+    shutil.copytree(folder, project)
+    controller = opened(project, outcome)
+    controller.project = replace(controller.project, step="calibrate")
+    assert controller.save_profile(profile_of(controller.project), True, "for the test")
+    settle(controller)
+    before = controller.result.rig.reference_camera
+    window = WizardWindow(project.parent, controller=controller)
+    qtbot.addWidget(window)
+    window.show()
+
+    assert controller.calibrate()
+    settle(controller)
+    assert controller.result.rig.reference_camera == before
+    assert not window.banner.isVisible(), window.banner.text
+
+    table = project / "observations.csv"
+    lines = table.read_text(encoding="utf-8").splitlines(keepends=True)
+    table.write_text("".join(one for one in lines if one.split(",")[1] != before), encoding="utf-8")
+    assert controller.calibrate()
+    settle(controller)
+    now = controller.result.rig.reference_camera
+    assert now != before
+    assert window.banner.isVisible()
+    assert f"it was that of {before}, now it is that of {now}" in window.banner.text
+    window.close()

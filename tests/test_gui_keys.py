@@ -1,10 +1,13 @@
 """The keyboard: the space bar is the page's, on every page but the start page, and only once the page was seen."""
 
 import os
+import shutil
 import signal
 import subprocess
 import sys
 import time
+from collections.abc import Iterator
+from dataclasses import replace
 
 import pytest
 
@@ -12,11 +15,13 @@ os.environ.setdefault("QT_QPA_PLATFORM", "offscreen")
 
 pytest.importorskip("PySide6.QtWidgets", reason="Qt cannot be loaded here", exc_type=ImportError)
 
-from PySide6.QtCore import QCoreApplication, Qt
+from PySide6.QtCore import QCoreApplication, QPoint, Qt
 from PySide6.QtTest import QTest
+from PySide6.QtWidgets import QApplication, QTabWidget, QWidget
 
 from spherecal_gui.project import Project
-from spherecal_gui.project_folder import save_project
+from spherecal_gui.project_folder import load_project, save_project
+from spherecal_gui.wizard.controller import Controller
 from spherecal_gui.wizard.keys import SEEN_S, Guard
 from spherecal_gui.wizard.window import WizardWindow
 from tests.conftest import ROOT
@@ -30,9 +35,13 @@ def test_a_page_that_was_not_seen_for_a_second_is_not_acted_on():
     now[0] += SEEN_S / 2
     assert not guard.allows()
     now[0] += SEEN_S
-    assert guard.allows() and guard.allows(), "twice on one page is a person who presses twice"
+    assert guard.allows() and guard.allows(), "a press that did nothing keeps nobody waiting"
     guard.enter("connect")
     assert guard.allows(), "it is the same page"
+    guard.acted()
+    assert not guard.allows(), "two presses within a second are one"
+    now[0] += SEEN_S
+    assert guard.allows()
     guard.enter("look")
     assert not guard.allows(), "a second press so soon was meant for the page before"
     now[0] += SEEN_S
@@ -72,8 +81,6 @@ def test_space_on_an_option_or_in_the_header_is_the_pages(window, monkeypatch):
     pressed = []
     monkeypatch.setattr(window, "advance", lambda: pressed.append(1))
     window.guard = Guard(lambda: 1e9)
-    window.guard.enter("connect")
-    window.guard._entered_s = 0.0
     space(window, window.header.home)
     assert window.controller.project is not None and pressed == [1]
     space(window, window)
@@ -104,6 +111,76 @@ def test_an_opening_that_failed_leaves_no_project_behind(window, home):
     settle(window.controller)
     window.show_start()
     assert (kept / "wizard.json").is_file(), "what was there before stays"
+
+
+@pytest.fixture
+def finished(qtbot, home, walked, monkeypatch) -> Iterator[WizardWindow]:
+    """A window on a project of which everything but the last step is done: space goes on."""
+    monkeypatch.setattr(Controller, "live_hz", 1.0)
+    folder = home / "projects" / walked.name
+    shutil.copytree(walked, folder)
+    save_project(replace(load_project(folder), saved=None, step="placement:P1"))
+    made = WizardWindow(home / "projects")
+    qtbot.addWidget(made)
+    made.showNormal()
+    made.resize(1280, 800)
+    made.open_project(str(folder))
+    for _ in range(2):
+        settle(made.controller)
+    made.activateWindow()
+    qtbot.waitActive(made)
+    qtbot.waitUntil(made.isActiveWindow)
+    yield made
+    made.close()
+
+
+def click(window: WizardWindow, at: QWidget, where: QPoint | None = None) -> None:
+    """As the system sends it: to the window, which gives the focus where a click does."""
+    QCoreApplication.processEvents()
+    spot = at.mapTo(window, where or at.rect().center())
+    QTest.mouseClick(window.windowHandle(), Qt.MouseButton.LeftButton, pos=spot)
+    QCoreApplication.processEvents()
+
+
+def click_tab(window: WizardWindow, tabs: QTabWidget, index: int) -> None:
+    click(window, tabs.tabBar(), tabs.tabBar().tabRect(index).center())
+    assert tabs.currentIndex() == index
+
+
+def press_after_a_click(window: WizardWindow) -> str:
+    """The step to which space leads, once the page was seen for a second; the large button had the focus."""
+    assert window.focusWidget() is window.footer.next and window.footer.default == "next"
+    window.guard.acted()
+    now = window.guard._clock()
+    window.guard._clock = lambda: now + 2 * SEEN_S
+    QTest.keyClick(window.windowHandle(), Qt.Key.Key_Space)
+    QTest.keyClick(window.windowHandle(), Qt.Key.Key_Space)
+    QCoreApplication.processEvents()
+    window.guard._clock = time.monotonic
+    return window.controller.state.current
+
+
+def test_after_a_click_on_an_option_the_large_button_has_the_focus(finished):
+    """And the second of two quick presses does nothing on the page to which the first led."""
+    window = finished
+    automatic = window.page.automatic
+    click(window, automatic, QPoint(10, automatic.height() // 2))
+    assert automatic.isChecked()
+    click(window, automatic, QPoint(10, automatic.height() // 2))
+    assert not automatic.isChecked()
+    assert press_after_a_click(window) == "placement:P2"
+    click_tab(window, window.page.tabs, 1)
+    assert press_after_a_click(window) == "placement:P3"
+    window.controller.go("results")
+    click_tab(window, window.page.tabs, 1)
+    assert press_after_a_click(window) == "verify"
+    click(window, window.header.help)
+    shown = QApplication.activeWindow()
+    assert shown is not window and shown is not None
+    shown.close()
+    window.activateWindow()  # as a window manager does
+    QCoreApplication.processEvents()
+    assert press_after_a_click(window) == "save"
 
 
 @pytest.mark.skipif(os.name == "nt", reason="Windows has no SIGTERM")

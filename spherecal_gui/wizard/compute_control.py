@@ -56,10 +56,10 @@ class ComputeControl(BarControl):
             self._update(changes.with_calibration(self.project, verdict))
         self._take_over_plan()
         self.result_changed.emit()
-        self._warn_of_frame()
         kind = {"valid": "good", "use with care": "info"}.get(verdict, "bad")
         text = translate("Calibrate", "The calibration is finished: {verdict}.").format(verdict=verdict_word(verdict))
         self.tell(kind, text)
+        self._warn_of_frame()  # the last word, which the window keeps on the screen
 
     def _kept_reference(self) -> str | None:
         """The camera whose frame was the world so far; it stays so, that coordinates of two days can be compared."""

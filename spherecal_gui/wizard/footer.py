@@ -19,6 +19,7 @@ class Footer(QFrame):
     def __init__(self, parent: QWidget | None = None) -> None:
         super().__init__(parent)
         self.setObjectName("footer")
+        self._running = False
         row = QHBoxLayout(self)
         row.setContentsMargins(theme.PAD, theme.SMALL, theme.PAD, theme.SMALL)
         self.back = once(button(self.tr("Back"), "back"))
@@ -51,8 +52,7 @@ class Footer(QFrame):
 
     def show_action(self, action: PageAction | None, state: WorkflowState, running: bool, standing: Standing) -> None:
         """Show what can be done, what comes next, and why not; the page's standing says which is the one to press."""
-        window = self.window()
-        had_focus = QApplication.focusWidget() in (self.action, self.next, self.back, window, None)
+        had_focus = QApplication.focusWidget() in (self.action, self.next, self.back, self.window(), None)
         self.action.setVisible(action is not None and not (action.done and not action.enabled))
         if action is not None:
             self.action.setText(action.text)
@@ -72,10 +72,15 @@ class Footer(QFrame):
         goal = goal if goal not in (None, state.current) and not running else None
         self.show_me.setVisible(goal is not None)
         self.show_me.setProperty("goal", goal or "")
+        self._running = running
         if had_focus:
-            best = {"next": self.next, "action": self.action}.get(standing.default)
-            usable = best is not None and best.isEnabled() and best.isVisible() and not running
-            (best if best is not None and usable else window).setFocus()  # else the space bar would press "Cancel"
+            self.take_focus()
+
+    def take_focus(self) -> None:
+        """Give the focus to the button to press; while work runs to the window, else space would press "Cancel"."""
+        best = {"next": self.next, "action": self.action}.get(self.default)
+        usable = best is not None and best.isVisible() and not self._running
+        (best if best is not None and usable else self.window()).setFocus()
 
     @staticmethod
     def _set_kind(one: QPushButton, kind: str) -> None:

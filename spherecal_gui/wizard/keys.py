@@ -22,21 +22,25 @@ _FIELDS = (QLineEdit, QAbstractSpinBox, QPlainTextEdit, QTextEdit)
 
 
 class Guard:
-    """Whether the space bar may act: never on a page that was not seen for a second, so never twice in one on two."""
+    """Whether the space bar may act: on a page that was seen for a second as it is, so never twice within one."""
 
     def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
         self._clock = clock
         self._page: str | None = None
-        self._entered_s = -SEEN_S
+        self._seen_from_s = -SEEN_S
 
     def enter(self, page: str | None) -> None:
         """A page comes into sight."""
         if page != self._page:
-            self._page, self._entered_s = page, self._clock()
+            self._page, self._seen_from_s = page, self._clock()
+
+    def acted(self) -> None:
+        """A press has acted: what the page says now has to be seen first."""
+        self._seen_from_s = self._clock()
 
     def allows(self) -> bool:
         """Whether a press acts now."""
-        return self._clock() - self._entered_s >= SEEN_S
+        return self._clock() - self._seen_from_s >= SEEN_S
 
 
 class Keys(QObject):

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from PySide6.QtCore import Qt, QTimer
-from PySide6.QtGui import QCloseEvent, QGuiApplication, QKeyEvent, QKeySequence, QShortcut, QShowEvent
+from PySide6.QtGui import QCloseEvent, QFocusEvent, QGuiApplication, QKeyEvent, QKeySequence, QShortcut, QShowEvent
 from PySide6.QtWidgets import QDialog, QWidget
 
 from spherecal.base.errors import SpherecalError
@@ -358,20 +358,22 @@ class WizardWindow(WindowFrame):
             self.banner.hide()
             self.controller.go(before.step.id)
 
-    def advance(self) -> None:
-        """The page's work, or on when it is done, as its standing has it; it never cancels."""
+    def advance(self) -> bool:
+        """The page's work, or on when it is done, as its standing has it; it never cancels. Whether it did either."""
         if self.page is None or self.controller.runner.running is not None:
-            return
+            return False
         default = self.page.standing().default
         if default == "action":
             self.page.act()
         elif default == "next":
             self.go_next()
+        return default != ""
 
     def press(self) -> None:
-        """The space bar, a foot switch, a presenter's remote: advance, unless the page has only just come up."""
+        """The space bar, a foot switch, a presenter's remote: advance, unless the page is new or has just acted."""
         if self.guard.allows():
-            self.advance()
+            if self.advance():
+                self.guard.acted()
         elif self.page is not None:
             self.page.show_standing()
 
@@ -379,6 +381,11 @@ class WizardWindow(WindowFrame):
         """From now on there is a window whose keys can be heard."""
         super().showEvent(event)
         self.keys.listen()
+
+    def focusInEvent(self, event: QFocusEvent) -> None:
+        """After a click on what keeps no focus, such as an option, or a dialog: the large button has it again."""
+        super().focusInEvent(event)
+        self.footer.take_focus()
 
     def keyPressEvent(self, event: QKeyEvent) -> None:
         """The space bar where no widget has the focus."""

@@ -41,7 +41,7 @@ def broken_links(site: Path) -> list[str]:
         found += [f"{where}: loads {url} from elsewhere" for url in page.loads if urlparse(url).netloc]
         for url in page.links + page.loads:
             parts = urlparse(url)
-            if parts.scheme or parts.netloc or file.name == "404.html":  # a 404 page's links begin at the server's root
+            if parts.scheme or parts.netloc:
                 continue
             path, place = urldefrag(url)
             goal = (file.parent / unquote(urlparse(path).path)).resolve() if path else file

@@ -1,5 +1,7 @@
 """Sessions from arrays, targets in arrays, and each command as one function."""
 
+import subprocess
+import sys
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -300,6 +302,14 @@ def test_a_result_becomes_a_report_and_a_profile(simulated, calibrated, tmp_path
     assert profile.active_id == saved
     second = spherecal.save_to_profile(tmp_path / "result", tmp_path / "cell 4")
     assert spherecal.apply_calibration(tmp_path / "cell 4", second, note="again").active_id == second
+
+
+def test_a_report_without_matplotlib_is_a_missing_package(tmp_path: Path) -> None:
+    """In a process of its own: what has imported matplotlib before keeps it."""
+    code = "import sys; sys.modules['matplotlib'] = None\nimport spherecal\n"
+    code += "try: spherecal.write_report('result', 'report.pdf')\nexcept spherecal.MissingPackage as e: print(e)"
+    done = subprocess.run([sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True, check=True)
+    assert done.stdout == "A report or a chart needs matplotlib. Install it: pip install matplotlib\n"
 
 
 def test_bars_and_balls_are_kept(simulated, calibrated, tmp_path: Path) -> None:

@@ -2,6 +2,7 @@
 
 import csv
 import json
+import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -65,6 +66,19 @@ def test_demo_says_in_five_lines_what_it_found(said: tuple[Path, list[str]]) -> 
     assert found[2].startswith("Ball: radius 2")
     assert found[3].startswith("CONSISTENT: 6 lengths of a bar, largest error 0.00")
     assert str(folder) in found[4] and "--verbose" in found[4]
+
+
+def test_demo_without_matplotlib_leaves_out_the_report_and_says_so(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for name in [name for name in sys.modules if name.split(".")[0] == "matplotlib"]:
+        monkeypatch.delitem(sys.modules, name)
+    monkeypatch.setitem(sys.modules, "matplotlib", None)  # as Python itself marks a package that cannot be imported
+    assert main(["demo", "-o", str(tmp_path)]) == 0
+    found = capsys.readouterr().out.splitlines()[1:]
+    assert [line.split()[0] for line in found] == ["VALID:", "Cameras:", "Ball:", "CONSISTENT:", "The", "Result"]
+    assert found[4].endswith("needs matplotlib: pip install matplotlib")
+    assert (tmp_path / "result" / "verification.json").is_file() and not (tmp_path / "report.pdf").exists()
 
 
 def test_demo_calibrates_verifies_and_reports(folder: Path) -> None:

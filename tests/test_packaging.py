@@ -43,9 +43,10 @@ def test_the_wheel_holds_the_program_and_its_files(built: Path) -> None:
     resources = {
         "spherecal/_resources/" + str(path.relative_to(ROOT / "resources").as_posix())
         for path in (ROOT / "resources").rglob("*")
-        if path.is_file()
+        if path.is_file() and path.suffix != ".ts"
     }
     assert resources <= names
+    assert not [n for n in names if n.endswith((".ts", ".map"))]
     assert {"spherecal/py.typed", "spherecal/__init__.pyi", "spherecal_gui/app.py"} <= names
     assert {
         f"spherecal/cameras/producer/{n}"
@@ -95,12 +96,12 @@ def test_the_engine_alone_in_a_fresh_environment(built: Path, tmp_path: Path) ->
     program.chmod(0o755)
     environment = {k: v for k, v in os.environ.items() if k not in ("PYTHONPATH", "VIRTUAL_ENV")}
 
-    def run(*arguments: object) -> str:
+    def run(*arguments: object, code: int = 0) -> str:
         done = subprocess.run(
             [program, *map(str, arguments)], env=environment, cwd=tmp_path, capture_output=True, text=True, check=False
         )
-        assert done.returncode == 0, done.stderr
-        return done.stdout
+        assert done.returncode == code, done.stderr
+        return done.stderr if code else done.stdout
 
     assert run("--version").strip() == f"spherecal {spherecal.__version__}"
     assert "install spherecal[gui]" in run("doctor")
@@ -108,7 +109,7 @@ def test_the_engine_alone_in_a_fresh_environment(built: Path, tmp_path: Path) ->
     run("targets", "export", "-o", "targets.json")
     assert run("calibrate", "s", "-o", "r").startswith("VALID")
     assert run("verify", "s", "--rig", "r/rig.json", "-o", "r").startswith("CONSISTENT")
-    run("report", "r", "-o", "r.pdf")
+    assert "needs matplotlib" in run("report", "r", "-o", "r.pdf", code=2)
 
 
 def link_distribution(name: str, site: Path) -> None:
@@ -123,6 +124,27 @@ def link_distribution(name: str, site: Path) -> None:
         source = Path(str(one.locate_file(top)))
         if source.exists() and not (site / top).exists():
             (site / top).symlink_to(source)
+
+
+def test_the_manual_has_what_a_user_reads_and_no_more(tmp_path: Path) -> None:
+    """Made as `dev.py docs` makes it: the pages of its contents, the pictures in them, every link followed."""
+    zensical = Path(sys.executable).parent / "zensical"
+    if not zensical.is_file():
+        pytest.skip("no zensical here (group docs)")
+    shutil.copytree(ROOT / "docs", tmp_path / "docs")
+    shutil.copy(ROOT / "mkdocs.yml", tmp_path)
+    site = tmp_path / "build" / "site"
+    scripts = ([ROOT / "docs" / name, site] for name in ("make_offline.py", "check_links.py"))
+    for command in ([zensical, "build", "--strict"], *([sys.executable, *script] for script in scripts)):
+        done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
+        assert done.returncode == 0, done.stdout + done.stderr
+    files = {path.relative_to(site).as_posix() for path in site.rglob("*") if path.is_file()}
+    contents = re.findall(r": (\S+)\.md$", (ROOT / "mkdocs.yml").read_text(encoding="utf-8"), re.MULTILINE)
+    assert {name for name in files if name.endswith(".html")} == {f"{page}.html" for page in contents}
+    assert not {page.split("/")[0] for page in contents} & {"developers", "design", "decisions", "command-line"}
+    text = "".join((site / name).read_text(encoding="utf-8") for name in files if name.endswith(".html"))
+    assert not [name for name in files if name.endswith(".png") and "pictures" in name and Path(name).name not in text]
+    assert not [name for name in files if name.endswith((".map", ".pdf", ".xml", ".gz", "search.json"))]
 
 
 # --- licences --------------------------------------------------------------------------------------------------------

@@ -1,6 +1,8 @@
 """Errors, typed by what the user can do about them."""
 
 import errno
+from collections.abc import Iterator
+from contextlib import contextmanager
 
 from spherecal.base.messages.catalogue import hint_of, phrase
 from spherecal.base.messages.values import Phrase
@@ -76,6 +78,17 @@ class MissingPackage(SpherecalError, ImportError):
 
     def __init__(self, message: Words, hint: Words = "") -> None:
         super().__init__(message, hint)
+
+
+@contextmanager
+def needing(package: str, what: Words) -> Iterator[None]:
+    """A part of the program that imports an optional package: MissingPackage says that `what` needs it."""
+    try:
+        yield
+    except ModuleNotFoundError as error:
+        if (error.name or "").partition(".")[0] != package:
+            raise
+        raise MissingPackage(Phrase("error-needs-package", {"what": what, "package": package})) from None
 
 
 class PartialResultAccepted(SpherecalError):

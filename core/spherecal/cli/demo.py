@@ -2,6 +2,7 @@
 
 import argparse
 import csv
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +20,10 @@ from spherecal.report.verification_file import read_bar_report
 
 
 def demo(options: argparse.Namespace) -> int:
-    """`spherecal demo`: five lines on what was found; with --verbose everything that the commands say."""
+    """`spherecal demo`: five lines on what was found; with --verbose everything that the commands say.
+
+    Without matplotlib there is no report, and a sixth line says so.
+    """
     from spherecal.cli.commands import out
     from spherecal.cli.compile_kernels import demo_kernels
     from spherecal.cli.main import DONE, main
@@ -34,11 +38,14 @@ def demo(options: argparse.Namespace) -> int:
     with shown_progress() as context, demo_kernels(context):
         session = demo_session(context)
     quiet = out.quiet
-    for arguments in (
+    steps = [
         ["calibrate", session, "-o", result],
         ["verify", session, "--rig", result / "rig.json", "-o", result],
-        ["report", result, "-o", folder / "report.pdf", "--session", session],
-    ):
+    ]
+    report = folder / "report.pdf" if find_spec("matplotlib") else None
+    if report is not None:
+        steps.append(["report", result, "-o", report, "--session", session])
+    for arguments in steps:
         line = [str(a) for a in arguments]
         if options.verbose:
             out.print(f"\n[bold]$ spherecal {escape(' '.join(line))}[/]")
@@ -49,15 +56,15 @@ def demo(options: argparse.Namespace) -> int:
             out.quiet = quiet
         if code != DONE:
             return code
-    told, lines = _found(result, folder)
+    told, lines = _found(result, folder, report)
     answer(options, told)
     for line in lines:
         out.print(line, markup=False)
     return DONE
 
 
-def _found(result: Path, folder: Path) -> tuple[dict[str, Any], list[str]]:
-    """What the demo found: for programs, and in five lines."""
+def _found(result: Path, folder: Path, report: Path | None) -> tuple[dict[str, Any], list[str]]:
+    """What the demo found: for programs, and in five lines; in one more why there is no report."""
     rig, bars = read_rig(result / "rig.json"), read_bar_report(result)
     quality = rig.quality
     sigmas = [np.linalg.norm(camera.sigma.centre_mm) for camera in rig.cameras if camera.sigma is not None]
@@ -72,6 +79,7 @@ def _found(result: Path, folder: Path) -> tuple[dict[str, Any], list[str]]:
         "ball": {"radius_mm": radius, "radial_sd_mm": out_of_round},
         "bars": bars and {"verdict": bars.verdict, "n": bars.n, "max_abs_error_mm": bars.max_abs_error_mm},
         "folder": folder,
+        "report": report,
     }
     lines = [f"{WORDS[quality.verdict]}: {counted(len(rig.cameras), 'camera')} placed, rms {quality.rms_px:.4f} px."]
     if sigmas:
@@ -80,4 +88,7 @@ def _found(result: Path, folder: Path) -> tuple[dict[str, Any], list[str]]:
     if bars is not None and bars.max_abs_error_mm is not None:
         largest = f"largest error {bars.max_abs_error_mm:.4f} mm"
         lines.append(f"{bars.verdict.upper()}: {counted(bars.n, 'length')} of a bar, {largest}.")
-    return told, [*lines, f"Report and result in {folder}. Details: spherecal demo --verbose."]
+    if report is None:
+        lines.append("The report was left out, since it needs matplotlib: pip install matplotlib")
+    made = "Result" if report is None else "Report and result"
+    return told, [*lines, f"{made} in {folder}. Details: spherecal demo --verbose."]

@@ -12,7 +12,7 @@ from pathlib import Path
 
 from spherecal import __version__
 from spherecal.base import interrupts
-from spherecal.base.errors import Cancelled, MissingPackage, OutputError, SpherecalError, reason
+from spherecal.base.errors import Cancelled, OutputError, SpherecalError, needing, reason
 from spherecal.base.messages.catalogue import language
 from spherecal.base.messages.values import Phrase
 from spherecal.cli.options import make_parser
@@ -42,15 +42,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
         logging.getLogger("spherecal").error("%s", error)
         _complain(_in_words(error))
         return BAD_INPUT
-    except Exception as error:
-        if interrupts.came():  # packages turn Ctrl-C while they load into errors of their own
-            shown: SpherecalError = Cancelled()
-        elif isinstance(error, ModuleNotFoundError) and error.name == "matplotlib":
-            shown = MissingPackage(Phrase("error-needs-package", {"what": Phrase("documents"), "package": error.name}))
-        else:
+    except Exception:
+        if not interrupts.came():  # packages turn Ctrl-C while they load into errors of their own
             raise
-        _complain(shown)
-        return shown.exit_code
+        return _cancelled()
 
 
 def entry() -> int:
@@ -127,7 +122,8 @@ def _run(arguments: Sequence[str] | None) -> int:
             return cameras.run(options)
         from spherecal.cli import commands
 
-        return getattr(commands, options.command.replace("-", "_"))(options)
+        with needing("matplotlib", Phrase("documents")):
+            return getattr(commands, options.command.replace("-", "_"))(options)
 
 
 def _help(parser: argparse.ArgumentParser, words: Sequence[str]) -> int:

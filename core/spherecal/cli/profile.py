@@ -139,7 +139,7 @@ def _list(options: argparse.Namespace) -> None:
     folders = [options.folder, *sorted(path for path in options.folder.iterdir() if path.is_dir())]
     found = [folder for folder in folders if is_profile(folder)]
     if not found:
-        _say(f"There are no profiles in {options.folder}.")
+        _say(f"There are no profiles in {options.folder.resolve()}.")
     told: list[dict[str, Any]] = []
     for folder in found:
         try:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 
 from spherecal.base.arrays import BoolArray, ByValue, FloatArray, IntArray
-from spherecal.base.errors import InputError, MissingPackage
+from spherecal.base.errors import InputError, needing
 from spherecal.base.messages.values import Phrase
 from spherecal.data.findings import Finding, counted
 from spherecal.data.observations import Features, Observations
@@ -205,12 +205,8 @@ class Rig(ByValue):
 
     def to_dataframe(self) -> "pandas.DataFrame":
         """The cameras as a table of pandas, a row for each, indexed by id; MissingPackage where pandas is not there."""
-        try:
+        with needing("pandas", "Rig.to_dataframe"):
             import pandas  # pyright: ignore[reportMissingImports]
-        except ImportError:
-            raise MissingPackage(
-                Phrase("error-needs-package", {"what": "Rig.to_dataframe", "package": "pandas"})
-            ) from None
         return pandas.DataFrame(self._table()).set_index("camera")
 
     def _table(self) -> dict[str, list[Any]]:

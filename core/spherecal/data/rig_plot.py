@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from spherecal.base.errors import InputError, MissingPackage
+from spherecal.base.errors import InputError, needing
 from spherecal.base.messages.values import Phrase
 from spherecal.data.rig_camera import RigCamera
 
@@ -24,10 +24,8 @@ def plot_cameras(cameras: Sequence[RigCamera], reference: str | None, ax: Any = 
     """
     if not cameras:
         raise InputError(Phrase("error-nothing-to-draw"))
-    try:
+    with needing("matplotlib", "Rig.plot"):
         import matplotlib.pyplot as plt
-    except ImportError:
-        raise MissingPackage(Phrase("error-needs-package", {"what": "Rig.plot", "package": "matplotlib"})) from None
     axes = plt.figure().add_subplot(projection="3d") if ax is None else ax
     if not hasattr(axes, "plot3D"):
         raise InputError(Phrase("error-axes-in-space"))

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spherecal.base.context import Context
-from spherecal.base.errors import InputError, OutputError
+from spherecal.base.errors import InputError, OutputError, needing
 from spherecal.base.messages.values import Phrase
 from spherecal.calibrate import calibrate
 from spherecal.data.rig import Calibration, Rig
@@ -351,8 +351,12 @@ def write_report(
     issuer: AnyPath | None = None,
     language: str = "en",
 ) -> None:
-    """Write the report of a result folder: PDF, HTML, JSON or a calibration certificate (.xml), by the ending."""
-    from spherecal.report.write_report import write_report as write
+    """Write the report of a result folder: PDF, HTML, JSON or a calibration certificate (.xml), by the ending.
+
+    MissingPackage without matplotlib (the extra `report`).
+    """
+    with needing("matplotlib", Phrase("documents")):
+        from spherecal.report.write_report import write_report as write
 
     write(Path(result), Path(output), _path(session), page, _path(issuer), language)
 

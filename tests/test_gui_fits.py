@@ -71,9 +71,7 @@ def test_every_page_is_complete(qapp, qtbot, home: Path, connected: Controller, 
         wrong += [f"placement:P4, longest advice, {one}" for one in faults(window)]
         shown = window.page
         assert isinstance(shown, PlacementPage) and shown.guide_text.text() == move_text(connected.guidance)
-        with (
-            pytest.MonkeyPatch.context() as patch
-        ):  # four cameras that see too little, though the ball lies as it should
+        with pytest.MonkeyPatch.context() as patch:  # four cameras see too little, though the ball lies as it should
             patch.setattr(placement, "advice", lambda *_: Advice(short_text(FEW_DOTS), "caution"))
             patch.setattr(placement, "is_stuck", lambda *_: True)
             wrong += [f"placement:P4, few dots, {one}" for one in faults(window)]

@@ -363,6 +363,7 @@ def test_a_world_of_another_camera_is_warned_of(qtbot, folder, outcome, tmp_path
     project = tmp_path / "frames" / "project"
     shutil.copytree(folder, project)
     controller = opened(project, outcome)
+    assert controller.project is not None and controller.result is not None
     controller.project = replace(controller.project, step="calibrate")
     assert controller.save_profile(profile_of(controller.project), True, "for the test")
     settle(controller)

@@ -25,11 +25,13 @@ def exchanged_cameras(e: Evidence) -> list[Finding]:
     own = np.linalg.norm(estimated - prior, axis=1)
     found = []
     for a, b in combinations(known, 2):
-        rest = np.setdiff1d(known, (a, b))
-        usual = float(np.quantile(own[rest], MOST)) if len(rest) else 0.0
         as_is = np.hypot(own[a], own[b])
         swapped = np.hypot(np.linalg.norm(estimated[a] - prior[b]), np.linalg.norm(estimated[b] - prior[a]))
-        if as_is < max(BETTER * swapped, OUTSTANDING * np.sqrt(2) * usual, LEAST_PX):
+        if as_is < max(BETTER * swapped, LEAST_PX):
+            continue
+        rest = np.setdiff1d(known, (a, b))
+        usual = float(np.quantile(own[rest], MOST)) if len(rest) else 0.0
+        if as_is < OUTSTANDING * np.sqrt(2) * usual:
             continue
         first, second = e.camera_ids[a], e.camera_ids[b]
         values = {"times": as_is / max(swapped, 1e-9), "swapped_px": swapped, "as_is_px": as_is, "usual_px": usual}

@@ -5,6 +5,7 @@ not quite still shifts every image of a camera a little, and the more, the less 
 """
 
 from collections.abc import Sequence
+from functools import cache
 
 import numpy as np
 from scipy.stats import chi2
@@ -53,7 +54,12 @@ def usual_inflation(scatters: Sequence[Scatter]) -> float:
 
 def _at_least(scatter: Scatter) -> float:
     statistic, dof = scatter
-    return statistic / float(chi2.isf(SURE, dof)) if dof > 0 else 0.0
+    return statistic / _sure_chi_square(dof) if dof > 0 else 0.0
+
+
+@cache  # every camera asks for that of every other
+def _sure_chi_square(dof: int) -> float:
+    return float(chi2.isf(SURE, dof))
 
 
 def raised(limit: float, scatter: float) -> float:

@@ -77,7 +77,7 @@ def test_the_sdist_builds_a_wheel_with_the_same_files(built: Path, tmp_path: Pat
 @pytest.mark.slow
 @pytest.mark.skipif(sys.platform == "win32", reason="takes POSIX paths")
 def test_the_engine_alone_in_a_fresh_environment(built: Path, tmp_path: Path) -> None:
-    """The wheel with nothing but the engine's and the report's requirements: no Qt, no pyvista, no camera drivers.
+    """The wheel with nothing but the engine's requirements: no Qt, no pyvista, no camera drivers, no matplotlib.
 
     The packages are those installed here (a .pth leads to copies by link), since a test may not need a network; which
     ones is what the wheel itself says.
@@ -87,7 +87,7 @@ def test_the_engine_alone_in_a_fresh_environment(built: Path, tmp_path: Path) ->
     site = next((home / "lib").glob("python*")) / "site-packages"
     with zipfile.ZipFile(next(built.glob("*.whl"))) as wheel:
         wheel.extractall(site)
-    for name in set(closure(("report",))) - {"spherecal"}:
+    for name in set(closure(())) - {"spherecal"}:
         link_distribution(name, site)
     program = home / BIN / "spherecal"
     program.write_text(

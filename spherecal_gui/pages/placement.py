@@ -289,6 +289,7 @@ class PlacementPage(LivePage):
         as_before, away = self._stands_as_before(scene), self._is_away
         told = advice(scene, self.is_taken, self.is_taking, as_before, away)
         self._stuck = is_stuck(scene, as_before, away)
+        self.guide_text.setVisible(not self._stuck)  # the ball is there: one advice at a time
         self.say(told.text, told.level)
         self._show_counter(scene)
         waiting = self.automatic.isChecked() and not self.is_taken and not self.is_taking

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from spherecal.ball import linking
 from spherecal.base.arrays import FloatArray
 from spherecal.base.errors import InputError
 from spherecal.calibrate import calibrate
@@ -285,6 +286,19 @@ def test_a_rig_of_which_no_three_cameras_see_the_same_dots(rig: str) -> None:
     whole = errors_of(calibrate(session), truth)
     assert rms(errors.centre_score) < 2
     assert rms(errors.centre_mm) < 4 * rms(whole.centre_mm)
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_cameras_are_linked_by_some_of_many_placements(seed: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    """More images than are linked at a time: the placements with most dots link the cameras, the others follow."""
+    session, truth = simulated("demo", seed, placements=6)
+    session = in_pairs(session, 2)
+    monkeypatch.setattr(linking, "MOST_IMAGES", 3 * len(session.cameras))
+    calibration = calibrate(session)
+    assert len(calibration.rig.cameras) == len(session.cameras)
+    assert "cameras-unlinked" not in codes(calibration)
+    assert {sphere.placement for sphere in calibration.spheres} == {f"P{i}" for i in range(1, 7)}
+    assert max(rms(errors_of(calibration, truth).centre_score), rms(errors_of(calibration, truth).focal_score)) < 2.0
 
 
 def test_pairs_alone_do_not_link_cameras_without_a_turned_ball() -> None:

@@ -191,4 +191,5 @@ def free_network(
         Intrinsics to estimate (c,16), and which cameras share them (c,).
     """
     noise, locked = np.ones(len(group)), np.zeros(len(group), dtype=bool)
-    return Network(feature, camera, uv, np.ones_like(uv), n_features, free, group, noise, locked)
+    sigma = np.broadcast_to(1.0, uv.shape)  # one number: 16 MB less of a million observations
+    return Network(feature, camera, uv, sigma, n_features, free, group, noise, locked)

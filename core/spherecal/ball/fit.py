@@ -102,8 +102,8 @@ def solve_from(
         state, used, ambiguous = found.state, found.used & ~found.ambiguous[network.camera], found.ambiguous
         placed = placed & ~ambiguous
         network = replace(network, noise=rough_noise(network, state, used))
-    adjusted = refine(network, state, used, placed, run.context)
-    return replace(finished_solution(network, adjusted, placed, run, rigid), ambiguous=ambiguous)
+    fit = finished_solution(network, refine(network, state, used, placed, run.context), placed, run, rigid)
+    return replace(fit, ambiguous=ambiguous)
 
 
 def with_lengths(solved: BallFit, rows: LengthRows, factor: float, run: Run) -> BallFit:

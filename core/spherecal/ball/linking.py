@@ -24,6 +24,9 @@ from spherecal.initialise.incremental import InitialPoses, resect_rest, settle
 # around a ball, one every 72 degrees, had some 1,000 each in three placements, 320 to 496 in common with a neighbour,
 # and no three of them 20.
 LEAST_ALONE = 100
+# Images that are linked together: the placements with most dots take part, and the others follow once the cameras are
+# placed. The normal matrix of so many takes 100 MB; all 1,224 of 34 cameras at 36 placements took 4.4 GB.
+MOST_IMAGES = 600
 
 
 def link_camera_groups(
@@ -45,18 +48,29 @@ def link_camera_groups(
     context
         For progress, and to stop.
     """
-    network, n_ball = ball.network, ball.n_ball
-    on_ball = ball.candidates & (ball.features.placement[network.feature] < n_ball)
+    network, placement = ball.network, ball.features.placement[ball.network.feature]
+    on_ball = ball.candidates & (placement < ball.n_ball)
     count = np.bincount(network.camera[on_ball], minlength=len(network.group))
     known = np.any([group.placed for group in groups], axis=0) | (count >= LEAST_ALONE)
+    if not (known & ~groups[0].placed).any():
+        return groups[0], alignment
     rows = on_ball & known[network.camera]
-    images = known_intrinsics(images_of(network, ball.features, np.flatnonzero(rows), n_ball))
+    taken = _most_seen(np.bincount(placement[rows], minlength=ball.n_ball), len(known))
+    n_ball = len(taken)
+    rows &= np.isin(placement, taken)
+    renumbered = replace(ball.features, placement=np.searchsorted(taken, ball.features.placement))
+    images = known_intrinsics(images_of(network, renumbered, np.flatnonzero(rows), n_ball))
     count = np.bincount(images.camera, minlength=len(images.group)).reshape(-1, n_ball)
     root, first = _first(images, groups, n_ball)
     every = np.ones(len(images.uv), dtype=bool)
     first = InitialPoses(settle(images, first.state, first.placed, every, context), first.placed)
     grown = resect_rest(images, first, every, context, lambda now: _whole_groups(now, groups, n_ball))
-    return _rig(groups[0], grown, count, alignment, root)
+    return _rig(groups[0], grown, count, alignment, root, taken)
+
+
+def _most_seen(count: IntArray, n_cameras: int) -> IntArray:
+    """The placements, in order, that take part, of the numbers of dots seen at each (t,)."""
+    return np.sort(np.argsort(-count, kind="stable")[: max(MOST_IMAGES // n_cameras, 2)])
 
 
 def _first(images: Network, groups: list[InitialPoses], n_ball: int) -> tuple[int, InitialPoses]:
@@ -121,9 +135,12 @@ def _pose(state: State, camera: int, size: float = 1.0) -> Similarity:
 
 
 def _rig(
-    start: InitialPoses, grown: InitialPoses, count: IntArray, alignment: Alignment, root: int
+    start: InitialPoses, grown: InitialPoses, count: IntArray, alignment: Alignment, root: int, taken: IntArray
 ) -> tuple[InitialPoses, Alignment]:
-    """Cameras and placements from the images' poses, each from the image with most dots (count (c,t)) that tells it."""
+    """Cameras and placements from the images' poses, each from the image with most dots (count (c,t)) that tells it.
+
+    `taken` (t,): which placements these are.
+    """
     n_ball = count.shape[1]
     placed = grown.placed.reshape(-1, n_ball) & (count > 0)
     image = {(c, t): _pose(grown.state, c * n_ball + t) for c, t in np.argwhere(placed).tolist()}
@@ -136,7 +153,7 @@ def _rig(
         rotation[c], translation[c], placed[c] = pose.rotation, pose.translation, True
     turn, shift, roots = alignment.turn.copy(), alignment.shift.copy(), np.arange(len(alignment.root))
     for t, pose in placements.items():
-        turn[t], shift[t], roots[t] = pose.rotation, pose.translation, root
+        turn[taken[t]], shift[taken[t]], roots[taken[t]] = pose.rotation, pose.translation, taken[root]
     state = replace(
         start.state, rotation=rotation, translation=translation, intrinsics=grown.state.intrinsics[::n_ball]
     )

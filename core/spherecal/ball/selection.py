@@ -147,7 +147,9 @@ def choose_ball_model(
         choice = replace(choice, form="free")
     if choice.form == "free":
         return free, choice
-    solved = _rigid_solution(_without_priors(rigid), first, free.placed, run)
+    start, used = first.state, first.used
+    del first  # its observations take 64 MB of a million
+    solved = _rigid_solution(_without_priors(rigid), start, used, free.placed, run)
     return _with_more_placements(solved, choice, ball, run)
 
 
@@ -235,12 +237,11 @@ def _with_more_placements(
     return solved, choice
 
 
-def _rigid_solution(rigid: RigidNetwork, first: Adjustment, placed: BoolArray, run: Run) -> BallFit:
+def _rigid_solution(rigid: RigidNetwork, start: State, used: BoolArray, placed: BoolArray, run: Run) -> BallFit:
     def solution(described: Network) -> BallFit:
-        adjusted = refine(described, first.state, first.used, placed, run.context)
-        return finished_solution(described, adjusted, placed, run, rigid)
+        return finished_solution(described, refine(described, start, used, placed, run.context), placed, run, rigid)
 
-    return solve_or_hold(rigid.network, first.used, placed, solution, run)
+    return solve_or_hold(rigid.network, used, placed, solution, run)
 
 
 def _soft_solution(
@@ -259,7 +260,7 @@ def _soft_solution(
         start = adjusted_with(rigid, first, used, placed, play)
     if choice.limit is not None and not choice.asked and play * noise > MOST_PLAY * _radius(start):
         return None
-    solved = _rigid_solution(_without_priors(rigid).softened(play), start, placed, run)
+    solved = _rigid_solution(_without_priors(rigid).softened(play), start.state, start.used, placed, run)
     sd_mm = play * noise * unit_mm
     source = Phrase("play-stated" if requested.shape_sd_mm is not None else "play-estimated")
     reason = Phrase("form-play", {"reason": choice.reason, "sd_mm": sd_mm, "source": source})

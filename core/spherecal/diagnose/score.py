@@ -30,8 +30,8 @@ LEAST_SHARE = 5e-4
 # only the points are eliminated again. The statistics then are too small, never too large, and the less so the more
 # placements there are.
 MOST_NONZERO = 30_000_000
-# Derivatives of rows by their points that are multiplied at a time, rows times columns: 24 MB.
-_MOST_PRODUCTS = 1_000_000
+# Derivatives of rows by their points that are multiplied at a time, rows times columns: 6 MB.
+_MOST_PRODUCTS = 250_000
 # A matrix with more of its numbers than this is multiplied as a full array. In the rigid form dots are seen from nearly
 # everywhere.
 FULL = 0.25

@@ -10,7 +10,7 @@ from scipy.stats import chi2
 from spherecal.adjust.layout import POSE
 from spherecal.base.arrays import BoolArray, FloatArray, IntArray
 from spherecal.base.context import Context
-from spherecal.diagnose.score import Probe, settle, settle_all
+from spherecal.diagnose.score import Probe, settle, settle_all, spread
 from spherecal.diagnose.yardstick import Scatter, inflation, most_moved, raised, usual_inflation
 
 # chi-square (6 degrees of freedom) that noise exceeds in 4 of 100,000 tests; with it 0.05 mm and 50 urad are seen on
@@ -110,17 +110,10 @@ class MoveTests:
 def prepare(probe: Probe, placement: IntArray, context: Context | None = None) -> MoveTests | None:
     """Tests of all images of a network; placement (n,): of each of its rows. None where no camera has two images."""
     problem = probe.problem
-    n_placements = int(placement.max(initial=0)) + 1
-    key = problem.camera * n_placements + placement
-    images, image, count = np.unique(key, return_inverse=True, return_counts=True)
-    enough = count >= LEAST_POINTS
-    number = np.where(enough, np.cumsum(enough) - 1, -1)
-    images = images[enough]
-    camera, at = images // n_placements, images % n_placements
+    of_row, camera, at, count = _images(problem.camera, placement)
     sets = [s for c in np.unique(camera) for s in alike(np.flatnonzero(camera == c))]
     if not sets:
         return None
-    of_row = number[image.reshape(-1)]
     blocks: dict[int, Block] = {}
     for c in np.unique(camera):
         if context is not None:
@@ -128,15 +121,22 @@ def prepare(probe: Probe, placement: IntArray, context: Context | None = None) -
         own = np.flatnonzero(camera == c)
         rows = np.flatnonzero((problem.camera == c) & (of_row >= 0))
         blocks[int(c)] = _block(probe, rows, of_row[rows] - own[0], len(own))
-    return MoveTests(of_row, camera, at, count[enough], tuple(sets), blocks, move_limit(len(sets)))
+    return MoveTests(of_row, camera, at, count, tuple(sets), blocks, move_limit(len(sets)))
+
+
+def _images(camera: IntArray, placement: IntArray) -> tuple[IntArray, IntArray, IntArray, IntArray]:
+    """The image of each row (n,), -1 where it has too few points, and cameras, placements and points (m,) of images."""
+    n_placements = int(placement.max(initial=0)) + 1
+    images, image, count = np.unique(camera * n_placements + placement, return_inverse=True, return_counts=True)
+    enough = count >= LEAST_POINTS
+    number = np.where(enough, np.cumsum(enough) - 1, -1)
+    return number[image.reshape(-1)], images[enough] // n_placements, images[enough] % n_placements, count[enough]
 
 
 def _block(probe: Probe, rows: IntArray, image: IntArray, count: int) -> Block:
     """The block of a camera with `count` images, from its rows (k,) and the image of each."""
-    by_pose = probe.by_pose(rows)
-    values = np.zeros((len(rows), 2, count, POSE))
-    values[np.arange(len(rows)), :, image] = by_pose
-    return probe.block(rows, values.reshape(len(rows), 2, -1))
+    shape = (2 * len(rows), POSE * count)
+    return probe.block(rows, spread(probe.by_pose(rows), np.arange(len(rows)), POSE * image, shape))
 
 
 def move_limit(tests: int) -> float:

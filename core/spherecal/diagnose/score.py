@@ -21,7 +21,7 @@ from spherecal.adjust.linear import Linear, Linearisation
 from spherecal.adjust.point_factors import PointFactors, shift_matrix
 from spherecal.adjust.problem import Problem
 from spherecal.adjust.state import State
-from spherecal.base.arrays import FloatArray, IntArray, blocks, blocks_of_groups
+from spherecal.base.arrays import FloatArray, IntArray, blocks
 
 # A change of which less than this share is left once the estimated unknowns have taken theirs is one of them. Fields of
 # lenses have shares below 2e-4 or above 2e-3; what a minimiser leaves of the gradient would show in the former.
@@ -30,8 +30,6 @@ LEAST_SHARE = 5e-4
 # only the points are eliminated again. The statistics then are too small, never too large, and the less so the more
 # placements there are.
 MOST_NONZERO = 30_000_000
-# Derivatives of rows by their points that are multiplied at a time, rows times columns: 6 MB.
-_MOST_PRODUCTS = 250_000
 # A matrix with more of its numbers than this is multiplied as a full array. In the rigid form dots are seen from nearly
 # everywhere.
 FULL = 0.25
@@ -95,7 +93,7 @@ class Probe:
             pulled += self._by_point(linear, some).T @ columns[both]
             if self.shift is not None:
                 force += self._direct(linear, some).T @ columns[both]
-        following = _spread(self.cofactors_of_points, np.arange(p), 3 * np.arange(p), (3 * p, 3 * p)) @ pulled
+        following = spread(self.cofactors_of_points, np.arange(p), 3 * np.arange(p), (3 * p, 3 * p)) @ pulled
         step = None if self.shift is None else self.inverse @ (force + self.shift.T @ pulled)
         moved = None if self.shift is None else self.shift @ step
         left = np.empty_like(columns)
@@ -111,7 +109,7 @@ class Probe:
     def _by_point(self, linear: Linearisation, rows: slice) -> Sparse:
         """Derivatives (2k, 3p) of some rows by the points."""
         count = len(linear.residual)
-        return _spread(
+        return spread(
             linear.by_point, np.arange(count), 3 * self.problem.point[rows], (2 * count, 3 * self.problem.n_points)
         )
 
@@ -119,17 +117,17 @@ class Probe:
         """Derivatives (2k, e) of some rows by the expanded columns."""
         problem, count, width = self.problem, len(linear.residual), linear.width
         shape = (2 * count, problem.layout.expanded)
-        direct = _spread(linear.by_camera, np.arange(count), width * problem.camera[rows], shape)
+        direct = spread(linear.by_camera, np.arange(count), width * problem.camera[rows], shape)
         if problem.n_placements:
             first = width * problem.n_cameras + POSE * problem.placement[rows]
-            direct += _spread(linear.by_placement, np.arange(count), first, shape)
+            direct += spread(linear.by_placement, np.arange(count), first, shape)
         return sparse.csr_array(direct)
 
     def forces(self, rows: IntArray, residuals: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Scores of residuals (2m,k) of rows (m,): by the columns, the points following, (k,e); by points (k,3p)."""
         assert self.shift is not None
         linear, count = self.linear.at(rows), 3 * self.problem.n_points
-        pulled = _spread(linear.by_point, np.arange(len(rows)), 3 * self.problem.point[rows], (2 * len(rows), count))
+        pulled = spread(linear.by_point, np.arange(len(rows)), 3 * self.problem.point[rows], (2 * len(rows), count))
         by_points = pulled.T @ residuals
         following = (3 * np.unique(self.problem.point[rows])[:, None] + np.arange(3)).ravel()
         force = self._direct(linear, rows).T @ residuals + self.shift[following].T @ by_points[following]
@@ -142,33 +140,25 @@ class Probe:
         squares, residual = self.squares - change.statistic * self.variance, self.residual + self.past_unknowns(step)
         return replace(self, residual=residual, squares=squares, redundancy=self.redundancy - change.dof)
 
-    def block(self, rows: IntArray, values: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """g (m,), A (m,m) and own products (m,m) for derivatives (k,2,m) of some rows: many columns, few observations.
+    def block(self, rows: IntArray, values: FloatArray | Sparse) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """g (m,), A (m,m) and own products (m,m) for derivatives of some rows: many columns, few observations.
 
-        The points of the rows must be eliminated ones, as all but those of known lengths are.
+        `values`: (k,2,m), or (2k,m) sparse. The points of the rows must be eliminated ones, as all but those of known
+        lengths are.
         """
-        flat = values.reshape(-1, values.shape[2])
+        flat = values if sparse.issparse(values) else values.reshape(-1, values.shape[2])
         both = (2 * rows[:, None] + np.arange(2)).ravel()
-        own = flat.T @ flat
-        a = own.copy()
-        order = np.argsort(self.problem.point[rows], kind="stable")
-        point = self.problem.point[rows][order]
-        start = np.flatnonzero(np.diff(point, prepend=-1))
+        own = _full(flat.T @ flat)
+        point, local = np.unique(self.problem.point[rows], return_inverse=True)
         linear = self.linear.at(rows)
-        columns = flat.shape[1]
-        by_point, edges = np.empty((len(start), columns, 3)), np.append(start, len(order))
-        for first, last in blocks_of_groups(edges, 1 + _MOST_PRODUCTS // (columns + 1)):
-            begin, end = edges[first], edges[last]
-            some = order[begin:end]
-            each = np.einsum("kam,kab->kmb", values[some], linear.by_point[some])
-            by_point[first:last] = np.add.reduceat(each, start[first:last] - begin, axis=0)
-        weighted = by_point @ self.cofactors_of_points[point[start]]
+        pulled = spread(linear.by_point, np.arange(len(rows)), 3 * local, (len(both), 3 * len(point)))
+        by_point = _full(pulled.T @ flat)
+        weighted = self.cofactors_of_points[point] @ by_point.reshape(len(point), 3, -1)
+        a = own - by_point.T @ weighted.reshape(by_point.shape)
         if self.shift is not None:
-            following = (3 * point[start][:, None] + np.arange(3)).ravel()
-            force = self._direct(linear, rows).T @ flat
-            force += _fast(self.shift[following]).T @ by_point.transpose(0, 2, 1).reshape(-1, columns)
+            following = (3 * point[:, None] + np.arange(3)).ravel()
+            force = _full(self._direct(linear, rows).T @ flat) + _fast(self.shift[following]).T @ by_point
             a -= force.T @ self.inverse @ force
-        a -= weighted.transpose(1, 0, 2).reshape(columns, -1) @ by_point.transpose(1, 0, 2).reshape(columns, -1).T
         return flat.T @ self.residual[both], a, own
 
 
@@ -182,12 +172,17 @@ def make_probe(problem: Problem, state: State, cofactors: Covariance, cost: floa
     )
 
 
+def _full(matrix: Sparse) -> FloatArray:
+    """A sparse matrix, or an array, as an array."""
+    return matrix.toarray() if sparse.issparse(matrix) else matrix
+
+
 def _fast(matrix: Sparse) -> Sparse | FloatArray:
     """The matrix, as a full array where it is nearly that."""
     return matrix.toarray() if matrix.nnz > FULL * np.prod(matrix.shape) else matrix
 
 
-def _spread(blocks: FloatArray, row: IntArray, column: IntArray, shape: tuple[int, int]) -> Sparse:
+def spread(blocks: FloatArray, row: IntArray, column: IntArray, shape: tuple[int, int]) -> Sparse:
     """A sparse matrix of blocks (n,a,b) at block row `row` (n,) (counted in blocks) and column `column` (n,)."""
     _, a, b = blocks.shape
     rows, columns = row.astype(np.int32), column.astype(np.int32)  # half the memory of the indices

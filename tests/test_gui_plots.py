@@ -11,7 +11,7 @@ pytest.importorskip("PySide6.QtWidgets", reason="Qt cannot be loaded here", exc_
 
 from PySide6.QtCore import QLocale, QPoint, QPointF, Qt
 from PySide6.QtGui import QTextLayout
-from PySide6.QtWidgets import QLabel
+from PySide6.QtWidgets import QLabel, QWidget
 from pytestqt.qtbot import QtBot
 
 from spherecal_gui import languages
@@ -20,6 +20,7 @@ from spherecal_gui.presenters.results import CameraResiduals
 from spherecal_gui.widgets.basic import label
 from spherecal_gui.widgets.charts import ConvergenceChart, ErrorChart
 from spherecal_gui.widgets.residual_view import ResidualView
+from spherecal_gui.widgets.scene_panel import SceneSplit
 from spherecal_gui.widgets.table import Table
 
 
@@ -162,3 +163,16 @@ def test_labels_of_the_convergence_do_not_cover_each_other(qtbot: QtBot, low: fl
     shown = labelled if high - low > 1.0 else [10**value for value in labelled]
     assert shown == pytest.approx(told)
     assert others and not set(others) & set(labelled) and all(low <= value <= high for value in labelled + others)
+
+
+def test_a_larger_screen_is_the_scenes(qtbot: QtBot) -> None:
+    split = SceneSplit(QWidget(), QWidget(), (620, 600))
+    qtbot.addWidget(split)
+    split.resize(1220 + split.handleWidth(), 700)
+    split.show()
+    assert split.sizes() == [620, 600]
+    split.resize(2420 + split.handleWidth(), 1300)
+    assert split.sizes() == [1420, 1000]
+    split.moveSplitter(900, 1)
+    split.resize(1820 + split.handleWidth(), 1000)
+    assert split.sizes()[0] < 900, "where somebody put the handle, in proportion"

@@ -2,6 +2,7 @@
 
 import os
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -15,8 +16,10 @@ from PySide6.QtGui import QTextLayout
 from PySide6.QtWidgets import QLabel, QWidget
 from pytestqt.qtbot import QtBot
 
+from spherecal.verify.limit import LengthConformity, parse_limit
 from spherecal_gui import languages
 from spherecal_gui.presenters.bars import Errors
+from spherecal_gui.presenters.bars import errors_of as verification_errors
 from spherecal_gui.presenters.results import CameraResiduals
 from spherecal_gui.widgets.basic import label
 from spherecal_gui.widgets.charts import ConvergenceChart, ErrorChart
@@ -180,3 +183,14 @@ def test_a_larger_screen_is_the_scenes(qtbot: QtBot) -> None:
     split.moveSplitter(900, 1)
     split.resize(1820 + split.handleWidth(), 1000)
     assert split.sizes()[0] < 900, "where somebody put the handle, in proportion"
+
+
+def test_the_errors_of_a_verification_with_a_limit_have_its_guard_band() -> None:
+    """The page read another name of the field and ended with an error."""
+    row = LengthConformity("A", "A1", "A2", "L1", 0.004, 0.03, 0.008, "pass")
+    acceptance = SimpleNamespace(lengths=(row,), at=parse_limit("0.03+L/20000").at)
+    bar = SimpleNamespace(pose="L1", start="A1", end="A2", error_mm=0.004, u_mm=0.003, reference_mm=500.0, key=row.key)
+    shown = verification_errors(
+        SimpleNamespace(measured=(bar,), coverage_factor=2.0, procedure=SimpleNamespace(acceptance=acceptance))
+    )
+    assert shown.guard is not None and shown.guard.tolist() == [0.008]

@@ -169,10 +169,13 @@ class Photographer:
                 page.tick()
 
     def _save(self, window: Any, name: str) -> None:
+        from PySide6.QtCore import QEvent
+
         path = self.folder / f"{name}.png"
         until = time.monotonic() + _SCENE_S
         while time.monotonic() < until and not all(one.settled for one in _scenes(window)):
             self.live(0.05)
+        self.application.sendPostedEvents(None, QEvent.Type.LayoutRequest)  # else a button has its former width
         window.grab().save(str(path))
         print(path, flush=True)
 

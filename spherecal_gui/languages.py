@@ -14,6 +14,13 @@ _LOCALES = {
 }
 _WITH_COMMA = ("de",)
 _DECIMAL = re.compile(r"(?<![\w.,:/+-])([+-]?\d+)\.(\d+)(?![\w:/+]|\.\d)")
+_IN_A_ROW = re.compile(r"(,\d+), (?=[+-]?\d+,\d)")
+_UNITS = (
+    "mm/s mm µm m ppm px pixels Pixeln Pixel 像素 % °C ° K degrees Grad 度 "
+    "ms s min h 毫秒 秒 分钟 小时 Hz fps dB MP kB MB GB Mbit/s"
+)
+_BEFORE_UNIT = re.compile(rf"(?<=\d) (?=(?:{'|'.join(_UNITS.split())})(?![A-Za-zÄÖÜäöüß-]))|(?<=±) (?=\d)")
+_RATE = re.compile(r"\b(mm|Mbit)/s\b")
 _installed: list[QTranslator] = []
 _spoken = ["en"]
 
@@ -39,9 +46,20 @@ def _locale() -> QLocale:
 def by_locale(text: str) -> str:
     """A text for the screen, its decimal numbers as the language writes them; files keep the point.
 
-    Versions, addresses and names such as `P1.5` or `0.03+L/20000` are no decimal numbers and stay.
+    Versions, addresses and names such as `P1.5` or `0.03+L/20000` are no decimal numbers and stay. Numbers in a row are
+    parted by semicolons where they have a comma of their own.
     """
-    return _DECIMAL.sub(r"\1,\2", text) if now() in _WITH_COMMA else text
+    if now() not in _WITH_COMMA:
+        return text
+    return _IN_A_ROW.sub(r"\1; ", _DECIMAL.sub(r"\1,\2", text))
+
+
+def unbroken(text: str) -> str:
+    """A text for a label of several lines: no line ends between a number and its unit, or within the unit.
+
+    By no-break spaces, as all three languages have them there, and word joiners: for the screen only.
+    """
+    return _RATE.sub("\\1/\u2060s", _BEFORE_UNIT.sub("\u00a0", text))
 
 
 def use(language: str) -> str:

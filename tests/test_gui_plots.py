@@ -1,6 +1,8 @@
 """Plots: names for many lengths, adjustments against their own start, dots that lead to their image, numbers."""
 
 import os
+from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -10,14 +12,19 @@ os.environ.setdefault("QT_QPA_PLATFORM", "offscreen")
 pytest.importorskip("PySide6.QtWidgets", reason="Qt cannot be loaded here", exc_type=ImportError)
 
 from PySide6.QtCore import QLocale, QPoint, QPointF, Qt
+from PySide6.QtGui import QTextLayout
+from PySide6.QtWidgets import QLabel, QWidget
 from pytestqt.qtbot import QtBot
 
+from spherecal.verify.limit import LengthConformity, parse_limit
 from spherecal_gui import languages
 from spherecal_gui.presenters.bars import Errors
+from spherecal_gui.presenters.bars import errors_of as verification_errors
 from spherecal_gui.presenters.results import CameraResiduals
 from spherecal_gui.widgets.basic import label
 from spherecal_gui.widgets.charts import ConvergenceChart, ErrorChart
 from spherecal_gui.widgets.residual_view import ResidualView
+from spherecal_gui.widgets.scene_panel import SceneSplit
 from spherecal_gui.widgets.table import Table
 
 
@@ -91,6 +98,7 @@ def test_numbers_are_written_as_the_language_writes_them(german, qtbot: QtBot) -
         "500 mm auf 0.014 mm (k = 2.1).": "500 mm auf 0,014 mm (k = 2,1).", "+0.002": "+0,002", "± 0.5°": "± 0,5°",
         "Version 0.1.0": "Version 0.1.0", "192.168.1.20": "192.168.1.20", "P1.5": "P1.5",
         "0.03+L/20000": "0.03+L/20000", "rig.json": "rig.json", "2.5": "2,5", "-0.001 mm": "-0,001 mm",
+        "B: 120.029, -279.95, 0.5 mm": "B: 120,029; -279,95; 0,5 mm",
     }  # fmt: skip
     assert {text: languages.by_locale(text) for text in written} == written
     assert label("0.25 px").text() == "0,25 px"
@@ -105,3 +113,84 @@ def test_numbers_are_written_as_the_language_writes_them(german, qtbot: QtBot) -
 def test_in_english_numbers_keep_their_point(qapp) -> None:
     languages.use("en")
     assert languages.by_locale("0.5 mm") == "0.5 mm"
+
+
+def _lines(text: str, width: float) -> list[str]:
+    """The lines of a text as Qt breaks them."""
+    layout, found = QTextLayout(text), []
+    layout.beginLayout()
+    while (line := layout.createLine()).isValid():
+        line.setLineWidth(width)
+        found.append(text[line.textStart() : line.textStart() + line.textLength()].strip())
+    layout.endLayout()
+    return found
+
+
+@pytest.mark.parametrize(
+    ("text", "held"),
+    [
+        ("about 0.5 mm beside it", "0.5\u00a0mm"),
+        ("80 mm and 15 degrees to go", "15\u00a0degrees"),
+        ("bis auf ± 0,5 ° genau", "±\u00a00,5\u00a0°"),
+        ("at 50 mm/s or less", "50\u00a0mm/\u2060s"),
+        ("zu 4 % hell", "4\u00a0%"),
+        ("还需 30 秒。", "30\u00a0秒"),
+        ("还需 30 秒后再试", "30\u00a0秒"),
+    ],
+)
+def test_no_line_ends_between_a_number_and_its_unit(qapp, text: str, held: str) -> None:
+    shown = languages.unbroken(text)
+    assert any(held.replace("\u00a0", " ").replace("\u2060", "") not in line for line in _lines(text, 1.0))
+    assert any(held in line for line in _lines(shown, 1.0)), "even where there is no room at all"
+
+
+@pytest.mark.parametrize(
+    "text", ["placement 3 minus 2", "C03 made 5 images", "4 m-bars", "12 shots", "0.03 mm+L/20000"]
+)
+def test_other_words_are_not_tied_to_numbers(text: str) -> None:
+    assert languages.unbroken(text).replace("0.03\u00a0mm", "0.03 mm") == text
+
+
+def test_only_the_screen_has_no_break_spaces(qapp) -> None:
+    made = label("0.25 px at 50 mm/s")
+    assert made.text() == "0.25 px at 50 mm/s" and QLabel.text(made) == "0.25\u00a0px at 50\u00a0mm/\u2060s"
+    made.clear()
+    assert made.text() == "" and QLabel.text(made) == ""
+    assert languages.by_locale("0.25 px") == "0.25 px", "cells of tables are copied"
+    window = Path(languages.__file__).parent
+    callers = {path.name for path in window.rglob("*.py") if "unbroken(" in path.read_text(encoding="utf-8")}
+    assert callers == {"languages.py", "basic.py", "need_label.py"}, "nothing that is written, copied or compared"
+
+
+@pytest.mark.parametrize(("low", "high", "told"), [(-3.1, 0.1, [-3, -2, -1, 0]), (-0.8, 0.1, [0.2, 0.5, 1])])
+def test_labels_of_the_convergence_do_not_cover_each_other(qtbot: QtBot, low: float, high: float, told: list) -> None:
+    chart = ConvergenceChart()
+    qtbot.addWidget(chart)
+    (_, labelled), (_, others) = chart.getAxis("left").tickValues(low, high, 400.0)
+    shown = labelled if high - low > 1.0 else [10**value for value in labelled]
+    assert shown == pytest.approx(told)
+    assert others and not set(others) & set(labelled) and all(low <= value <= high for value in labelled + others)
+
+
+def test_a_larger_screen_is_the_scenes(qtbot: QtBot) -> None:
+    split = SceneSplit(QWidget(), QWidget(), (620, 600))
+    qtbot.addWidget(split)
+    split.resize(1220 + split.handleWidth(), 700)
+    split.show()
+    assert split.sizes() == [620, 600]
+    split.resize(2420 + split.handleWidth(), 1300)
+    assert split.sizes() == [1420, 1000]
+    split.moveSplitter(900, 1)
+    split.resize(1820 + split.handleWidth(), 1000)
+    assert split.sizes()[0] < 900, "where somebody put the handle, in proportion"
+
+
+def test_the_errors_of_a_verification_with_a_limit_have_its_guard_band() -> None:
+    """The page read another name of the field and ended with an error."""
+    row = LengthConformity("A", "A1", "A2", "L1", 0.004, 0.03, 0.008, "pass")
+    acceptance = SimpleNamespace(lengths=(row,), at=parse_limit("0.03+L/20000").at)
+    bar = SimpleNamespace(pose="L1", start="A1", end="A2", error_mm=0.004, u_mm=0.003, reference_mm=500.0, key=row.key)
+    shown = verification_errors(
+        SimpleNamespace(measured=(bar,), coverage_factor=2.0, procedure=SimpleNamespace(acceptance=acceptance))
+    )
+    assert shown.guard is not None and shown.guard.tolist() == [0.008]

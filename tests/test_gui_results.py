@@ -13,7 +13,7 @@ os.environ.setdefault("QT_QPA_PLATFORM", "offscreen")
 
 pytest.importorskip("PySide6.QtWidgets", reason="Qt cannot be loaded here", exc_type=ImportError)
 
-from PySide6.QtWidgets import QPushButton
+from PySide6.QtWidgets import QLabel, QPushButton
 
 from spherecal.base.context import Context
 from spherecal.base.messages.values import Phrase
@@ -22,6 +22,7 @@ from spherecal.data.findings import AdvisedRepair, Finding
 from spherecal.files.write_result import write_result
 from spherecal.report.result_folder import read_result
 from spherecal_gui import project as changes
+from spherecal_gui import theme
 from spherecal_gui.presenters.results import (
     Action,
     Advice,
@@ -262,3 +263,21 @@ def test_the_table_and_the_finding_count_the_same_dots_as_left_out(tmp_path):
     told = next(one for one in calibration.rig.quality.findings if one.code == "outliers-removed")
     assert sum(row.left_out for row in rows) == int(told.message.split()[0]) > 50
     assert max(rows, key=lambda row: row.left_out).camera == told.where[0]
+
+
+def test_the_marks_of_findings_take_the_colours_of_the_look(qtbot, qapp):
+    """They kept the light look's grey on the dark ground."""
+    found, marks = FindingsList(), []
+    qtbot.addWidget(found)
+    try:
+        for dark in (False, True):
+            theme.apply(qapp, dark=dark)
+            found.show_advice([Advice("none", "Some dots were left out", "", "", where="C01")])
+            mark = next(one for one in reversed(found.findChildren(QLabel)) if not one.pixmap().isNull())
+            image = mark.pixmap().toImage()
+            inked = {image.pixelColor(x, y).name() for x in range(image.width()) for y in range(image.height())
+                     if image.pixelColor(x, y).alpha() == 255}  # fmt: skip
+            marks.append((inked, theme.now().soft))
+    finally:
+        theme.apply(qapp, dark=False)
+    assert all(soft in inked for inked, soft in marks), marks

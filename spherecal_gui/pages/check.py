@@ -2,8 +2,7 @@
 
 from typing import Any
 
-from PySide6.QtCore import Qt
-from PySide6.QtWidgets import QHBoxLayout, QLabel, QSplitter, QVBoxLayout, QWidget
+from PySide6.QtWidgets import QHBoxLayout, QLabel, QVBoxLayout, QWidget
 
 from spherecal.base.errors import SpherecalError
 from spherecal.profile.store import open_profile
@@ -15,7 +14,7 @@ from spherecal_gui.project import usable
 from spherecal_gui.standing import Level
 from spherecal_gui.texts import reason_text, verdict_word
 from spherecal_gui.widgets.basic import Card, button, enable, label, set_level
-from spherecal_gui.widgets.scene_panel import ScenePanel
+from spherecal_gui.widgets.scene_panel import ScenePanel, SceneSplit
 from spherecal_gui.widgets.table import Cell, Table
 from spherecal_gui.wizard.controller import Controller
 from spherecal_gui.workflow import Status
@@ -55,11 +54,7 @@ class CheckPage(Page):
         self.panel = ScenePanel()
         self.panel.said.connect(self.controller.tell)
         self._drawn: tuple[Any, Any] = (None, None)  # the profile's folder, and what was found
-        self.split = QSplitter(Qt.Orientation.Horizontal)
-        self.split.addWidget(self.panel)
-        self.split.addWidget(self.table)
-        self.split.setSizes([540, 560])
-        column.addWidget(self.split, 1)
+        column.addWidget(SceneSplit(self.panel, self.table, (540, 560)), 1)
         self.notes = Card()
         self.told = label("", "soft")
         self.notes.body.addWidget(self.told)

@@ -1,8 +1,8 @@
 """Results: verdict first, then the rig, the cameras worst first, residuals, and what the findings advise."""
 
-from PySide6.QtCore import QBuffer, QByteArray, QIODevice, Qt
+from PySide6.QtCore import QBuffer, QByteArray, QIODevice
 from PySide6.QtGui import QImage, QPixmap
-from PySide6.QtWidgets import QComboBox, QHBoxLayout, QLabel, QSplitter, QTabWidget, QVBoxLayout, QWidget
+from PySide6.QtWidgets import QComboBox, QHBoxLayout, QLabel, QTabWidget, QVBoxLayout, QWidget
 
 from spherecal_gui import theme
 from spherecal_gui.pages.base import Page, PageAction
@@ -23,7 +23,7 @@ from spherecal_gui.widgets.basic import button, enable, label, set_level
 from spherecal_gui.widgets.charts import HistogramChart
 from spherecal_gui.widgets.findings import FindingsList
 from spherecal_gui.widgets.residual_view import ResidualView
-from spherecal_gui.widgets.scene_panel import ScenePanel
+from spherecal_gui.widgets.scene_panel import ScenePanel, SceneSplit
 from spherecal_gui.widgets.table import Cell, Table
 from spherecal_gui.wizard.controller import Controller
 from spherecal_gui.workflow import Status
@@ -51,13 +51,7 @@ class ResultsPage(Page):
         column.addLayout(head)
         self.since = label("", "soft")
         column.addWidget(self.since)
-        split = QSplitter(Qt.Orientation.Horizontal)
-        split.addWidget(self._left())
-        split.addWidget(self._right())
-        split.setStretchFactor(0, 2)  # on a larger screen the scene grows; lines of text need no more room
-        split.setStretchFactor(1, 1)
-        split.setSizes([620, 600])
-        column.addWidget(split, 1)
+        column.addWidget(SceneSplit(self._left(), self._right(), (620, 600)), 1)
 
     def _left(self) -> QWidget:
         self.panel = ScenePanel()

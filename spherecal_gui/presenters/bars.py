@@ -71,7 +71,7 @@ def errors_of(bars: Any) -> Errors:
         exceeding = tuple((bar.pose, bar.start, bar.end) in bars.exceeding for bar in bars.measured)
         return Errors(names, errors, allowed, exceeding)
     permitted = np.array([acceptance.at(bar.reference_mm) for bar in bars.measured])
-    expanded = {row.key: row.expanded_mm for row in acceptance.lengths}
+    expanded = {row.key: row.expanded_uncertainty_mm for row in acceptance.lengths}
     guard = np.array([expanded.get(bar.key, 0.0) for bar in bars.measured])
     return Errors(names, errors, allowed, tuple((np.abs(errors) - guard > permitted).tolist()), permitted, guard)
 

@@ -39,14 +39,24 @@ def plain(text: str) -> str:
 
 
 class Words(QLabel):
-    """A label whose numbers are written as the language writes them."""
+    """A label whose numbers are written as the language writes them, on one line with their units."""
 
     def __init__(self, text: str = "") -> None:
-        super().__init__(languages.by_locale(text))
+        super().__init__()
+        self.setText(text)
 
     def setText(self, text: str) -> None:
         """Show a text."""
-        super().setText(languages.by_locale(text))
+        self._said = languages.by_locale(text)
+        super().setText(languages.unbroken(self._said))
+
+    def text(self) -> str:
+        """What it says, with plain spaces."""
+        return self._said
+
+    def clear(self) -> None:
+        """Say nothing."""
+        self.setText("")
 
 
 def label(text: str = "", name: str = "", wrap: bool = True) -> QLabel:

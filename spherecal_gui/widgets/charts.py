@@ -1,5 +1,6 @@
 """The charts, drawn by pyqtgraph in the window's colours."""
 
+import math
 from collections.abc import Sequence
 from typing import Any
 
@@ -38,6 +39,8 @@ _DIGIT_PX = 1.05  # width of a bold digit of 1 pt, as drawn on a screen of 96 do
 
 
 _ROW_LINES = 5.5  # the height in lines of text that a row of coverage needs for names and shares above and below
+_CAPTION_LINES = 2.8  # the name above and the share below, with their margins
+_GAP_CELLS = 1.6  # between two grids
 _TINT = 0.5  # of its colour in a cell that is covered: numbers and frames are read before it
 
 
@@ -130,7 +133,9 @@ class CoverageChart(Chart):
         columns = max(1, int(np.ceil(np.sqrt(len(cameras)))))
         rows = int(np.ceil(len(cameras) / columns))
         low = self.height() < rows * _ROW_LINES * self.fontMetrics().height()  # then the name stands in the frame
-        step_x, step_y = cov.CELLS + 1.6, cov.CELLS + (1.6 if low else 7.0)
+        step_x = cov.CELLS + _GAP_CELLS
+        gap = _GAP_CELLS if low else self._caption_cells(columns * step_x, rows)
+        step_y = cov.CELLS + gap
         plot = self.plot_item
         plot.hideAxis("left")
         plot.hideAxis("bottom")
@@ -149,16 +154,22 @@ class CoverageChart(Chart):
             self.addItem(frame)
             share = round(100 * float(((before[index] + live[index]) > 0).mean()))
             name = _text(camera, c.text, 12, (0.5, 0.5 if low else 1.0), bold=True)
-            name.setPos(left + cov.CELLS / 2, top + (cov.CELLS / 2 if low else 0.3))
+            name.setPos(left + cov.CELLS / 2, top + (cov.CELLS / 2 if low else 0.0))
             self.addItem(name)
             if low:
                 continue
             percent = _text(
                 f"{share} %", c.of("good" if share >= 100 * cov.LITTLE_COVERAGE else "caution"), 12, (0.5, 0.0), True
             )
-            percent.setPos(left + cov.CELLS / 2, top + cov.CELLS - 0.3)
+            percent.setPos(left + cov.CELLS / 2, top + cov.CELLS)
             self.addItem(percent)
-        self.setRange(QRectF(-0.8, -0.8 if low else -2.8, columns * step_x, rows * step_y), padding=0.01)
+        self.setRange(QRectF(-_GAP_CELLS / 2, -gap / 2, columns * step_x, rows * step_y), padding=0.01)
+
+    def _caption_cells(self, across: float, rows: int) -> float:
+        """The height in cells of the name above and the share below a grid, as large as the cells will be drawn."""
+        captions = _CAPTION_LINES * QFontMetricsF(_font(12, bold=True)).height()
+        cell = min(self.width() / across, (self.height() / rows - captions) / cov.CELLS)
+        return captions / max(cell, 1.0)
 
     @staticmethod
     def _picture(before: IntArray, live: IntArray) -> np.ndarray:
@@ -227,7 +238,8 @@ class ConvergenceChart(Chart):
         self.addItem(self._earlier)
         self.addItem(self._latest)
         self.getAxis("left").setLogMode(True)
-        self.getAxis("left").setStyle(maxTextLevel=0)  # the decades; between them labels covered each other
+        self.getAxis("left").setStyle(maxTextLevel=0)
+        self.getAxis("left").tickValues = lambda low, high, _: _decades(low, high)
         self._worn: tuple[theme.Colours, float] | None = None
         self._empty = False
         self.show_runs(())
@@ -259,6 +271,17 @@ class ConvergenceChart(Chart):
         self._earlier.setPen(pg.mkPen(colours.idle, width=2))
         self._latest.setPen(pg.mkPen(colours.accent, width=3))
         self.names(self.tr("iteration"), self.tr("cost, as a share of the first"))
+
+
+def _decades(low: float, high: float) -> list[tuple[float | None, list[float]]]:
+    """Ticks with labels, then those without, of a logarithmic axis; nine labels in a decade covered each other."""
+    exponents = range(math.floor(low), math.ceil(high) + 1)
+    ticks = {digit: [e + math.log10(digit) for e in exponents] for digit in range(1, 10)}
+    told = (1,) if high - low > 1.0 else (1, 2, 5)
+    parts = [
+        [t for d in ticks if (d in told) is shown for t in ticks[d] if low <= t <= high] for shown in (True, False)
+    ]
+    return [(1.0, sorted(parts[0])), (None, sorted(parts[1]))]
 
 
 def _fall(run: Sequence[float]) -> FloatArray:

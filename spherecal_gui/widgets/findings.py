@@ -24,12 +24,14 @@ class FindingsList(QScrollArea):
         self.setWidget(self._inner)
         self.shown: list[Advice] = []
         self.repairs: tuple[tuple[str, str], ...] = ()
+        self._worn: tuple[theme.Colours, float] | None = None
 
     def show_advice(self, advice: list[Advice], repairs: tuple[tuple[str, str], ...] = ()) -> None:
         """Show these findings, and the repairs that were asked for."""
-        if (advice, repairs) == (self.shown, self.repairs) and self._column.count():
+        look = theme.now(), theme.pt(1.0)  # marks are pictures in the colours and the size of the look
+        if (advice, repairs, look) == (self.shown, self.repairs, self._worn) and self._column.count():
             return
-        self.shown, self.repairs = advice, repairs
+        self.shown, self.repairs, self._worn = advice, repairs, look
         clear(self._column)
         for option, value in repairs:
             self._column.addWidget(self._repair(option, value))

@@ -5,7 +5,7 @@ from html import escape
 from PySide6.QtCore import Qt, Signal
 from PySide6.QtWidgets import QLabel, QWidget
 
-from spherecal_gui import theme
+from spherecal_gui import languages, theme
 from spherecal_gui.presenters.placement import NeedLine
 from spherecal_gui.widgets.basic import set_level
 
@@ -38,5 +38,5 @@ class NeedLabel(QLabel):
         colour = theme.now().of(shown) if shown != "none" else theme.now().text
         links = [("", need.all_words)] if need.everyone else [(name, name) for name in need.cameras]
         told = ", ".join(f'<a style="color: {colour}" href="{escape(a)}">{escape(b)}</a>' for a, b in links)
-        self.setText(f"{escape(need.told)} {told}")
+        self.setText(f"{escape(languages.unbroken(languages.by_locale(need.told)))} {told}")
         self.setAccessibleName(need.text)

@@ -18,6 +18,12 @@ _MARKS = {
     Status.RUNNING: "dots",
 }  # fmt: skip
 _LEVELS = {Status.DONE: "good", Status.CARE: "caution", Status.STALE: "caution", Status.FAILED: "bad"}
+_MARK_LEFT_PX = 13
+
+
+def _mark_px(box: QRectF) -> float:
+    """As large as the row allows; never so large that a name is cut short for it."""
+    return min(box.height() - 14, theme.pt(25))
 
 
 class RailItem(QAbstractButton):
@@ -72,7 +78,7 @@ class RailItem(QAbstractButton):
             painter.drawRoundedRect(box.adjusted(1, 1, -1, -1), 8, 8)
         self._draw_mark(painter, box)
         blocked = state.status is Status.BLOCKED
-        left = box.left() + box.height() + 8
+        left = box.left() + _MARK_LEFT_PX + _mark_px(box) + theme.SMALL
         room = QRectF(left, box.top() + 4, box.right() - left - 4, box.height() - 8)
         painter.setFont(theme.font(12, bold=self._current))
         painter.setPen(QColor(c.idle if blocked else c.text))
@@ -92,8 +98,8 @@ class RailItem(QAbstractButton):
 
     def _draw_mark(self, painter: QPainter, box: QRectF) -> None:
         c, status = theme.now(), self._state.status if self._state else Status.BLOCKED
-        size = box.height() - 14
-        circle = QRectF(box.left() + 13, box.center().y() - size / 2, size, size)
+        size = _mark_px(box)
+        circle = QRectF(box.left() + _MARK_LEFT_PX, box.center().y() - size / 2, size, size)
         filled = status in _LEVELS
         tint = QColor(c.of(_LEVELS.get(status, "none")))
         if status in (Status.READY, Status.RUNNING):

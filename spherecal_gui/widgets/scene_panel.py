@@ -2,9 +2,9 @@
 
 from pathlib import Path
 
-from PySide6.QtCore import Signal
-from PySide6.QtGui import QAction
-from PySide6.QtWidgets import QFileDialog, QHBoxLayout, QMenu, QVBoxLayout, QWidget
+from PySide6.QtCore import Qt, Signal
+from PySide6.QtGui import QAction, QResizeEvent
+from PySide6.QtWidgets import QFileDialog, QHBoxLayout, QMenu, QSplitter, QVBoxLayout, QWidget
 
 from spherecal.base.errors import SpherecalError
 from spherecal.base.filesystem import write_whole
@@ -18,6 +18,30 @@ from spherecal_scene.model import SceneData
 from spherecal_scene.shapes import SHOWN_AT_FIRST
 
 _MODEL = ".glb"
+_SHARE = 2 / 3  # of what a larger screen adds: the scene grows, lines of text need little more room
+
+
+class SceneSplit(QSplitter):
+    """A scene and what is said about it side by side, `least_px` wide in the smallest window."""
+
+    def __init__(self, scene: QWidget, beside: QWidget, least_px: tuple[int, int]) -> None:
+        super().__init__(Qt.Orientation.Horizontal)
+        self._least_px, self._moved = least_px, False
+        self.addWidget(scene)
+        self.addWidget(beside)
+        self.setSizes(list(least_px))
+        self.splitterMoved.connect(self._keep)
+
+    def _keep(self) -> None:
+        self._moved = True
+
+    def resizeEvent(self, event: QResizeEvent) -> None:
+        """Share out the room until somebody has moved the handle; after setSizes Qt ignores stretch factors."""
+        super().resizeEvent(event)
+        more = self.width() - self.handleWidth() - sum(self._least_px)
+        if more > 0 and not self._moved:
+            scene = self._least_px[0] + round(_SHARE * more)
+            self.setSizes([scene, self.width() - self.handleWidth() - scene])
 
 
 class ScenePanel(QWidget):

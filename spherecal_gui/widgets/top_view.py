@@ -25,7 +25,7 @@ class TopView(QWidget):
     def __init__(self, parent: QWidget | None = None) -> None:
         super().__init__(parent)
         self._shown: Guidance | None = None
-        self.setMinimumSize(200, 60)
+        self.setMinimumSize(200, 40)
 
     def show_guidance(self, guidance: Guidance | None) -> None:
         """Show it, or nothing."""

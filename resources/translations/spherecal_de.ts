@@ -2613,7 +2613,7 @@ px</translation>
     </message>
     <message>
         <source>Dots that two cameras have in common, over all placements and this image.</source>
-        <translation>Punkte, die zwei Kameras gemeinsam sehen, über alle Aufstellungen und dieses Bild.</translation>
+        <translation>Gemeinsame Punkte zweier Kameras, alle Aufstellungen und dieses Bild.</translation>
     </message>
     <message>
         <source>Pairs</source>

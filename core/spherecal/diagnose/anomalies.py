@@ -18,6 +18,7 @@ from spherecal.ball.image_poses import solve_images
 from spherecal.ball.rigid import Alignment, BallNetwork
 from spherecal.base.arrays import FloatArray, IntArray
 from spherecal.base.context import Context
+from spherecal.base.memory import release_freed
 from spherecal.data.observations import Features
 from spherecal.diagnose.evidence import STAGE, Evidence
 from spherecal.diagnose.group_motion import GroupMotion, find_group_motion, unstable_camera
@@ -98,6 +99,8 @@ def find_anomalies(e: Evidence, contradicting: bool = False) -> Anomalies:
     if tests is not None:
         moves, suspicious, shifts = find_moves(probe, tests), differ(probe, tests), least_visible(probe, tests)
         scatter = scatters(probe, tests)
+    del tests  # 75 MB of 100 cameras at 36 placements
+    release_freed()
     fields = _fields(e, main, moves, sizes)
     if e.solved.rigid is not None and (suspicious or contradicting or e.choice.beyond):
         context = e.context.part_of(STAGE, 0.3)

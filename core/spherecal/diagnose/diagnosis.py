@@ -50,6 +50,7 @@ def _faults(e: Evidence) -> list[Finding]:
         # the rest of the network may be bent by them: what it shows is judged once they are where they belong
         return [*found, *wrong_focal_lengths(e, fixed)]
     anomalies = find_anomalies(e, bool(wrong))
+    release_freed()
     # what looks like a move may be a focal length that is held wrong, if that explains more
     anomalies = replace(anomalies, moves=tuple(m for m in anomalies.moves if m.statistic > fixed.statistic[m.camera]))
     motion = anomalies.group_motion

@@ -53,8 +53,12 @@ def test_buttons_say_what_they_do():
         ("--leave-out", "C1@P1"),
     ]  # fmt: skip
     assert [repair_text(*one) for one in repairs] == [
-        "Exchange C05 / C06 at P3", "Exchange A / B", "Split C05 from P3 on", "Leave out P2", "Leave out C1 at P1",
-    ]  # fmt: skip
+        "Exchange C05 / C06 at P3",
+        "Exchange A / B",
+        "Split C05 from P3 on",
+        "Leave out P2",
+        "Leave out C1 at P1",
+    ]
 
 
 def moved_camera() -> Finding:

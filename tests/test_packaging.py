@@ -335,8 +335,10 @@ def test_pyvista_and_vtk_are_taken_out_of_a_bundle(tmp_path: Path) -> None:
     take_apart(bundle, scene)
     assert [path.name for path in (bundle / "_internal").iterdir()] == ["numpy"]
     assert sorted(path.name for path in (scene / "_internal").iterdir()) == [
-        "pyvista", "vtk-9.5.dist-info", "vtkmodules"
-    ]  # fmt: skip
+        "pyvista",
+        "vtk-9.5.dist-info",
+        "vtkmodules",
+    ]
     with pytest.raises(FileNotFoundError):
         take_apart(bundle, scene)
 

@@ -77,8 +77,11 @@ def table(path: Path) -> list[dict[str, str]]:
 
 def assert_same_rig(a: Rig, b: Rig) -> None:
     assert (a.reference_camera, a.scale, a.quality, a.input_sha256) == (
-        b.reference_camera, b.scale, b.quality, b.input_sha256,
-    )  # fmt: skip
+        b.reference_camera,
+        b.scale,
+        b.quality,
+        b.input_sha256,
+    )
     for one, other in zip(a.cameras, b.cameras, strict=True):
         for name, value in vars(one).items():
             again = getattr(other, name)
@@ -133,8 +136,12 @@ def test_result_folder(tmp_path: Path) -> None:
     calibration = example_calibration()
     write_result(calibration, tmp_path / "out")
     assert sorted(path.name for path in tmp_path.glob("out/*")) == [
-        "observations.csv", "points.csv", "residuals.csv", "rig.json", "spheres.csv",
-    ]  # fmt: skip
+        "observations.csv",
+        "points.csv",
+        "residuals.csv",
+        "rig.json",
+        "spheres.csv",
+    ]
     points = table(tmp_path / "out" / "points.csv")
     assert len(points) == len(calibration.features) - 1  # the point without a place is left out
     assert points[0]["sigma_x_mm"] == ""

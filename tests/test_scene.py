@@ -202,8 +202,12 @@ def test_what_is_said_of_a_camera_a_dot_and_a_place_of_the_map(data: SceneData) 
     assert said["camera"] == ["C03"]
     first = items_of(data, frozenset({"dots"}))
     assert first[0].lines() == [
-        "C01", "Serial number SN-1", "Sensor 2448 × 2048 px", "Residuals 0.031 px rms", "Place ± 0.012 mm",
-    ]  # fmt: skip
+        "C01",
+        "Serial number SN-1",
+        "Sensor 2448 × 2048 px",
+        "Residuals 0.031 px rms",
+        "Place ± 0.012 mm",
+    ]
     dot = next(one for one in reversed(first) if one.kind == "dot")
     assert dot.lines() == ["P1, target 299, dot A", "Residual 0.040 px rms"]
     place = items_of(data, frozenset({"map"}))[-1]

@@ -172,10 +172,14 @@ class MeasurePage(Page):
         self._show_points(point_names(measured))
         rows = value_rows(measured)
         cells: list[list[tuple[str, Cell, str]]] = [
-            [(one.name, one.name, ""), (one.value, one.value, ""), (one.uncertainty, one.uncertainty, ""),
-             (one.deviation, one.deviation, one.level)]
+            [
+                (one.name, one.name, ""),
+                (one.value, one.value, ""),
+                (one.uncertainty, one.uncertainty, ""),
+                (one.deviation, one.deviation, one.level),
+            ]
             for one in rows
-        ]  # fmt: skip
+        ]
         self.table.fill(cells)
         self.large.setText("" if not rows else rows[0].deviation or rows[0].value)
         set_level(self.large, rows[0].level if rows else "none")

@@ -78,9 +78,13 @@ class _Maker:
         self._json["images"] = [{"bufferView": self._view(file.getvalue(), None), "mimeType": "image/png"}]
         self._json["textures"] = [{"source": 0}]
         self._json["materials"].append(
-            {"name": "images", "doubleSided": True, "pbrMetallicRoughness": {"baseColorTexture": {"index": 0}},
-             "extensions": {"KHR_materials_unlit": {}}}
-        )  # fmt: skip
+            {
+                "name": "images",
+                "doubleSided": True,
+                "pbrMetallicRoughness": {"baseColorTexture": {"index": 0}},
+                "extensions": {"KHR_materials_unlit": {}},
+            }
+        )
         first = 4 * np.arange(len(picture.corners))[:, None]
         faces = np.concatenate([first + np.array(corners) for corners in ((0, 1, 2), (0, 2, 3))])
         attributes = {

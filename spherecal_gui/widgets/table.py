@@ -88,8 +88,10 @@ class Table(QTableWidget):
         """Leave out as many columns as it takes for the others to be in sight."""
         for column in self._spare:
             self.setColumnHidden(column, False)
-        wide = {column: max(self.sizeHintForColumn(column), self.horizontalHeader().sectionSizeHint(column))
-                for column in range(self.columnCount())}  # fmt: skip
+        wide = {
+            column: max(self.sizeHintForColumn(column), self.horizontalHeader().sectionSizeHint(column))
+            for column in range(self.columnCount())
+        }
         for column in self._spare:
             if sum(wide.values()) <= self.viewport().width():
                 return

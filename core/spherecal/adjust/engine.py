@@ -129,9 +129,7 @@ def reduce(problem: Problem, linear: Linear, damping: float, known: PointEquatio
     square = np.zeros((len(lenses[0]), linear.width, linear.width))
     for part in parts(problem, linear, order, in_run % RUN == 0):
         rows = (part.points, part.begin, part.end, part.camera, part.placement, problem.n_cameras, kept_block)
-        derivatives = (
-            part.linear.residual, part.linear.by_camera, part.linear.by_point, part.linear.by_placement
-        )  # fmt: skip
+        derivatives = (part.linear.residual, part.linear.by_camera, part.linear.by_point, part.linear.by_placement)
         system = (matrix, gradient, diagonal, square, inverse, point_gradient)
         if not isinstance(problem.ball, Deformable):
             eliminate_points(*rows, *derivatives, *lenses, damping, *system)
@@ -184,9 +182,17 @@ def back_substitute(problem: Problem, linear: Linear, reduced: Reduced, step: Fl
     for part in parts(problem, linear, np.arange(problem.n_points)):
         rows = (part.points, part.begin, part.end, part.camera, part.placement, problem.n_cameras, is_kept)
         rest = (
-            part.linear.residual, part.linear.by_camera, part.linear.by_point, part.linear.by_placement,
-            layout.block_offset, reduced.point_inverse, reduced.point_gradient, step, point_step, squares,
-        )  # fmt: skip
+            part.linear.residual,
+            part.linear.by_camera,
+            part.linear.by_point,
+            part.linear.by_placement,
+            layout.block_offset,
+            reduced.point_inverse,
+            reduced.point_gradient,
+            step,
+            point_step,
+            squares,
+        )
         if not isinstance(problem.ball, Deformable):
             squares = substitute_points(*rows, *rest)
         else:

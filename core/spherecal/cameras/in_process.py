@@ -147,10 +147,12 @@ class InProcessSource(ABC):
         features = tuple(
             FeatureReport(name, name, str(value), str(value))
             for name, value in (
-                ("exposure", settings.exposure_us), ("gain", settings.gain_db), ("pixel format", settings.pixel_format),
+                ("exposure", settings.exposure_us),
+                ("gain", settings.gain_db),
+                ("pixel format", settings.pixel_format),
                 ("trigger mode", settings.trigger),
             )
-        )  # fmt: skip
+        )
         size = info.image_size
         if settings.region is not None:
             size = (settings.region.width, settings.region.height)

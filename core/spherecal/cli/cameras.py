@@ -204,10 +204,19 @@ def _keep(options: argparse.Namespace, profile: CameraProfile, serials: list[str
         entry = profile.entry(serial)
         changes: dict[str, Any] = {
             key: value
-            for key in ("exposure_us", "gain_db", "pixel_format", "trigger", "trigger_source", "frame_rate_hz",
-                        "packet_size", "packet_delay", "frame_delay")
+            for key in (
+                "exposure_us",
+                "gain_db",
+                "pixel_format",
+                "trigger",
+                "trigger_source",
+                "frame_rate_hz",
+                "packet_size",
+                "packet_delay",
+                "frame_delay",
+            )
             if (value := getattr(options, key)) is not None
-        }  # fmt: skip
+        }
         if options.region is not None:
             changes["region"] = Region(*options.region)
         if options.full:

@@ -50,9 +50,22 @@ def make_parser() -> Parser:
     for add_one in (_add_demo, _add_simulate, _add_targets, _add_detect, _add_calibrate, _add_verify, _add_report):
         add_one(add)
     modules = (
-        ball, bars, check, measure, bundle, batch, export, frame, limits, profile, network_commands, session, study,
-        about, compile_kernels,
-    )  # fmt: skip
+        ball,
+        bars,
+        check,
+        measure,
+        bundle,
+        batch,
+        export,
+        frame,
+        limits,
+        profile,
+        network_commands,
+        session,
+        study,
+        about,
+        compile_kernels,
+    )
     for module in modules:
         module.add_parsers(add)
 

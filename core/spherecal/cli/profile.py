@@ -78,9 +78,14 @@ def profile(options: argparse.Namespace) -> int:
     from spherecal.cli.main import DONE
 
     {
-        "save": _save, "list": _list, "show": _show, "apply": _apply, "restore": _restore, "compare": _compare,
+        "save": _save,
+        "list": _list,
+        "show": _show,
+        "apply": _apply,
+        "restore": _restore,
+        "compare": _compare,
         "trend": _trend,
-    }[options.action](options)  # fmt: skip
+    }[options.action](options)
     return DONE
 
 

@@ -40,9 +40,15 @@ def _group_motion(e: Evidence, found: GroupMotion) -> Finding:
     """The finding on cameras that moved together, on a ball that moved between exposures, or on another rig."""
     at = tuple(e.observations.placements[t] for t in found.placements)
     size = _degrees(e, found.shift * e.solution.factor, found.turn_rad)
-    sure = Phrase("shows-group", {
-        "px": found.image_change_px, "chi_square": found.statistic, "dof": found.dof, "noise": found.variance_factor,
-    })  # fmt: skip
+    sure = Phrase(
+        "shows-group",
+        {
+            "px": found.image_change_px,
+            "chi_square": found.statistic,
+            "dof": found.dof,
+            "noise": found.variance_factor,
+        },
+    )
     if found.kind == "placement":
         values = {"size": size, "evidence": sure}
         return Finding(
@@ -99,9 +105,15 @@ def _moved(e: Evidence, move: Move) -> Finding:
     size = _size(e, move.camera, shift, turn)
     if turn < _TINY_RAD:
         size = Phrase("move-microradians", {"shift": _shift(e, shift), "microradians": 1e6 * turn})
-    sure = Phrase("shows-move", {
-        "px": move.image_change_px, "chi_square": move.statistic, "dof": move.dof, "limit": LEAST_STATISTIC,
-    })  # fmt: skip
+    sure = Phrase(
+        "shows-move",
+        {
+            "px": move.image_change_px,
+            "chi_square": move.statistic,
+            "dof": move.dof,
+            "limit": LEAST_STATISTIC,
+        },
+    )
     return _finding(e, move.camera, set(move.placements), size, sure, move.rivals)
 
 

@@ -4,6 +4,7 @@ import json
 from collections.abc import Callable
 from dataclasses import replace
 from datetime import UTC, datetime, timedelta
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -66,6 +67,12 @@ def as_recorded_and_repaired(session: Session) -> tuple[Calibration, Calibration
         patch.setattr("spherecal.calibrate.edited_where_certain", noted)
         done = calibrate(session)
     return runs[0], done
+
+
+@cache
+def calibrated(rig: str, seed: int, bar_poses: int = 6) -> Calibration:
+    """A faultless recording's calibration; several tests begin with it, and none changes it."""
+    return calibrate(recording(rig, seed, bar_poses=bar_poses)[0])
 
 
 def codes(done: Calibration, least: str = "info") -> set[str]:
@@ -322,7 +329,7 @@ def test_skew_asks_for_care() -> None:
     session, truth = recording("rigA", 2)
     done = calibrate(skewed(session, truth, 2.0))
     assert done.rig.quality.verdict == "use-with-care"
-    clean = calibrate(session)
+    clean = calibrated("rigA", 2)
     assert done.rig.length_map is not None and clean.rig.length_map is not None
     assert done.rig.length_map.typical_mm > 2 * clean.rig.length_map.typical_mm  # type: ignore[operator]
 
@@ -387,7 +394,7 @@ def test_images_whose_poses_scatter_widen_their_cameras() -> None:
     assert [f.tolist() for f in both] == [[1.5, 1, 4], [1.5, 1, 6]]
     assert affected([scattering], ["C01", "C02", "C03"]) == ()
     session, truth = recording("rigA", 2)
-    clean, rolled = calibrate(session), calibrate(moved_between_exposures(session, truth, 0.02))
+    clean, rolled = calibrated("rigA", 2), calibrate(moved_between_exposures(session, truth, 0.02))
     assert "poses-scatter" not in codes(clean) and "poses-scatter" in codes(rolled)
     assert rolled.rig.length_map.typical_mm > 1.3 * clean.rig.length_map.typical_mm  # type: ignore[union-attr, operator]
 
@@ -525,7 +532,7 @@ def turned_away(done: Calibration, name: str) -> Calibration:
 def test_a_wrong_camera_never_passes_whatever_the_others_say() -> None:
     """Case A2: all views of the wrong camera are discarded, and the lengths of the others are right."""
     session, _ = recording("rigA", 4, bar_poses=10)
-    done = turned_away(calibrate(session), "C03")
+    done = turned_away(calibrated("rigA", 4, 10), "C03")
     for settings in (VerifySettings(), VerifySettings(parse_limit("0.5"))):
         found = verify(session, done.rig, None, settings)
         assert found.decision.verdict == "inconsistent" and found.decision.cameras == ("C03",) and found.failed
@@ -539,7 +546,7 @@ def test_a_wrong_camera_never_passes_whatever_the_others_say() -> None:
 
 def test_a_camera_that_saw_no_mark_is_no_pass() -> None:
     session, _ = recording("rigA", 4, bar_poses=10)
-    rig = calibrate(session).rig
+    rig = calibrated("rigA", 4, 10).rig
     limit = VerifySettings(parse_limit("0.5"))
     whole = verify(session, rig, None, limit).procedure
     assert whole is not None and whole.acceptance is not None and whole.acceptance.verdict == "pass"

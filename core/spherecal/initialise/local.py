@@ -129,8 +129,12 @@ def _is_flat(gate: Gate, table: IntArray, xy: FloatArray, intrinsics: FloatArray
     """Whether most pairs of cameras see points of one plane, whose triples no factorisation reconstructs."""
     pairs = [(pair, common) for pair, common in gate.consistent.items() if len(common) >= MIN_COMMON]
     some = [pairs[i] for i in np.unique(np.linspace(0, len(pairs) - 1, FLAT_PAIRS).astype(int))] if pairs else []
-    flat = [is_flat(xy[table[i, common]], xy[table[j, common]], float(intrinsics[j, 0])) for (i, j), common in some]
-    return bool(flat) and float(np.mean(flat)) >= FLAT_SHARE
+    not_flat = 0
+    for (i, j), common in some:
+        not_flat += not is_flat(xy[table[i, common]], xy[table[j, common]], float(intrinsics[j, 0]))
+        if (len(some) - not_flat) / len(some) < FLAT_SHARE:  # whatever the others are
+            return False
+    return bool(some)
 
 
 def lasting_reference(local: LocalNetwork, session: Session) -> LocalNetwork:

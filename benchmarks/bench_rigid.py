@@ -54,11 +54,11 @@ def make_rigid(rig: str) -> tuple[Problem, State]:
     n_ball = len(session.placements)
     alignment = align(features, free.points, n_ball + len(session.bar_poses), n_ball)
     rigid, state = share_shape(start.network, features, free, alignment)
-    located = rigid.network.locate(state, start.used)
-    good = located.in_front & (located.max_angle_rad >= MIN_ANGLE_RAD)
+    triangulated = rigid.network.triangulated(state, start.used)
+    good = triangulated.in_front & (triangulated.max_angle_rad >= MIN_ANGLE_RAD)
     used = start.used & good[rigid.network.feature]
     used &= (rigid.network.views(used) >= 2)[rigid.network.feature]
-    state = replace(state, points=np.where(good[:, None], located.points, 0.0), intrinsics=start.state.intrinsics)
+    state = replace(state, points=np.where(good[:, None], triangulated.points, 0.0), intrinsics=start.state.intrinsics)
     return rigid.network.problem(used, rigid.network.free, start.placed, weighted=True)[0], state
 
 

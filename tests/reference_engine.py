@@ -159,8 +159,10 @@ def _through_play(problem: Problem, linear: Linearisation) -> tuple[FloatArray, 
     """Derivatives by the points (n,2,3) times P = I - Q V of their places, and Q (places,3,3)."""
     if not len(problem.ball.place):
         return linear.by_point, np.zeros((0, 3, 3))
-    normal = _sum_by(problem.ball.place, linear.by_point.transpose(0, 2, 1) @ linear.by_point, len(problem.ball.play))
-    variance = (problem.ball.play**2)[:, None, None]
+    normal = _sum_by(
+        problem.ball.place, linear.by_point.transpose(0, 2, 1) @ linear.by_point, len(problem.ball.shape_sd)
+    )
+    variance = (problem.ball.shape_sd**2)[:, None, None]
     p = np.linalg.inv(np.eye(3) + variance * normal)
     return linear.by_point @ p[problem.ball.place], variance * p
 

@@ -19,7 +19,7 @@ from spherecal.adjust.problem import Problem
 from spherecal.adjust.weights import left_over_by_points
 from spherecal.base import arrays
 from spherecal.base.arrays import blocks, blocks_of_groups
-from spherecal.diagnose.score import Probe, make_probe
+from spherecal.diagnose.score import ScoreTest, make_score_test
 from spherecal.geometry.camera import undistort, undistort_views
 from spherecal.geometry.triangulation import Triangulation, ray_angles, triangulate
 from spherecal.predict.lengths import Cameras, predict_lengths
@@ -139,12 +139,16 @@ def test_points_and_residuals_are_the_same_bits(net: Small, small_blocks) -> Non
     network = network.only(rng.permutation(len(network.uv)))  # recordings are not sorted by points
     used = rng.random(len(network.uv)) < 0.8
     state = perturbed(net.problem, net.truth, 0.1)
-    located, angles, size = network.locate(state, used), network.angles(state, used), residual_size(network, state)
+    triangulated, angles, size = (
+        network.triangulated(state, used),
+        network.angles(state, used),
+        residual_size(network, state),
+    )
     rays = undistort(network.uv, state.intrinsics[network.camera])
     small_blocks()
-    found = network.locate(state, used)
+    found = network.triangulated(state, used)
     for field in fields(Triangulation):
-        np.testing.assert_array_equal(getattr(found, field.name), getattr(located, field.name), err_msg=field.name)
+        np.testing.assert_array_equal(getattr(found, field.name), getattr(triangulated, field.name), err_msg=field.name)
     np.testing.assert_array_equal(network.angles(state, used), angles)
     np.testing.assert_array_equal(residual_size(network, state), size)
     for some, whole in zip(undistort_views(network.uv, network.camera, state.intrinsics), rays, strict=True):
@@ -165,11 +169,11 @@ def _solved(net: Small) -> tuple[Problem, Minimum, Places | None]:
     return problem, minimise(problem, state, Settings(tolerance=1e-14, max_iterations=200)), places
 
 
-def _probed(problem: Problem, minimum: Minimum, places: Places | None) -> tuple[Covariance, Probe]:
+def _probed(problem: Problem, minimum: Minimum, places: Places | None) -> tuple[Covariance, ScoreTest]:
     cofactors = covariance(problem, minimum.state, places)
     assert cofactors is not None
     redundancy = problem.rows - problem.unknowns + datum_defect(problem)
-    return cofactors, make_probe(problem, minimum.state, cofactors, minimum.cost, redundancy)
+    return cofactors, make_score_test(problem, minimum.state, cofactors, minimum.cost, redundancy)
 
 
 def _assert_alike(found: Covariance, expected: Covariance) -> None:

@@ -22,7 +22,7 @@ from spherecal.profile.store import open_profile
 from spherecal.uses.check import check
 from spherecal.uses.check_ball import read_known_ball
 from spherecal.uses.check_file import check_json
-from spherecal.uses.repose import mend
+from spherecal.uses.repose import repose
 from spherecal.verify.bars import views_of
 from spherecal.verify.consistency import examine_cameras
 from spherecal.verify.limit import parse_limit
@@ -283,7 +283,7 @@ def test_a_moved_reference_camera_is_mended(rig: Rig) -> None:
     assert rig.reference_camera is not None
     session = only(recorded(CameraMove(rig.reference_camera, 4, 0.3, math.radians(0.02))), "P5")
     assert check(session, rig).to_repair == (rig.reference_camera,)
-    mended = mend(session, rig, (rig.reference_camera,)).rig
+    mended = repose(session, rig, (rig.reference_camera,)).rig
     reference = mended.camera(rig.reference_camera)
     assert reference is not None and np.abs(reference.translation_mm).max() < 1e-9
     assert check(session, mended).verdict == "ok"

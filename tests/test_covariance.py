@@ -14,7 +14,7 @@ from spherecal.adjust.levenberg import Minimum, Settings
 from spherecal.adjust.problem import Problem
 from spherecal.adjust.state import State
 from spherecal.base.arrays import FloatArray
-from spherecal.diagnose.score import make_probe
+from spherecal.diagnose.score import make_score_test
 from spherecal.geometry.rotation import cross_matrix, exp_rotation, log_rotation
 from spherecal.geometry.transform import fit_similarity
 from tests.networks import Small, dense_equations, one_thread, small_network
@@ -323,7 +323,7 @@ def test_point_noise_is_the_part_of_the_images(case: tuple[Whole, Covariance]) -
 
 def test_changes_by_residuals_of_some_rows_are_those_of_the_bordered_system(case: tuple[Whole, Covariance]) -> None:
     whole, found = case
-    probe = make_probe(whole.problem, whole.state, found, 1.0, 100)
+    probe = make_score_test(whole.problem, whole.state, found, 1.0, 100)
     rows = np.flatnonzero(whole.problem.camera == 1)[::2]
     both = (2 * rows[:, None] + np.arange(2)).ravel()
     residuals = np.random.default_rng(1).normal(size=(len(both), 3))
@@ -487,7 +487,7 @@ def assert_stated_is_found(problem: Problem, truth: State, places: Places | None
     for trial in trials:
         assert trial.minimum.converged
         state = trial.minimum.state
-        at = places_of(state, places) + (state.bend if len(state.bend) else 0.0)
+        at = places_of(state, places) + (state.shape_residual if len(state.shape_residual) else 0.0)
         datum = fit_similarity(at, trial.places)
         rotation = state.rotation @ datum.rotation.T
         # x_camera scales with the datum: scale x_camera = R' x' + t' in the truth's frame

@@ -15,7 +15,7 @@ from spherecal.adjust.state import State
 from spherecal.diagnose.geometry import articulations, bridges
 from spherecal.diagnose.lens import field_values, misfits
 from spherecal.diagnose.moves import alike, confirmed, differ, find_moves, pose_values, prepare
-from spherecal.diagnose.score import Change, Probe, conditional, make_probe, settle
+from spherecal.diagnose.score import Change, ScoreTest, change_of, conditional, make_score_test
 from spherecal.diagnose.yardstick import SURE, inflation, raised
 from spherecal.geometry.camera import project
 from spherecal.geometry.rotation import exp_rotation
@@ -35,14 +35,14 @@ CASES: dict[str, dict[str, object]] = {
 }
 
 
-def solved(seed: int = 0, **options: object) -> tuple[Probe, Problem, State]:
+def solved(seed: int = 0, **options: object) -> tuple[ScoreTest, Problem, State]:
     """A small network at its minimum, ready for tests."""
     problem, state, places = with_world(small_network(seed=seed, **options))  # type: ignore[arg-type]
     minimum = minimise(problem, state, Settings(tolerance=1e-14, max_iterations=200))
     cofactors = covariance(problem, minimum.state, places)
     assert cofactors is not None
     redundancy = problem.rows - problem.unknowns + datum_defect(problem)
-    return make_probe(problem, minimum.state, cofactors, minimum.cost, redundancy), problem, minimum.state
+    return make_score_test(problem, minimum.state, cofactors, minimum.cost, redundancy), problem, minimum.state
 
 
 @pytest.mark.parametrize("name", CASES)
@@ -78,7 +78,7 @@ def test_scores_are_those_of_the_dense_equations(name: str) -> None:
         float(((dense.residual - m @ x) ** 2).sum())
         for m, x in ((with_seventh, left), (np.concatenate([with_seventh, b / scale], axis=1), full))
     ]
-    change = settle(*conditional(g, a, own, np.array([6])), 1.0)
+    change = change_of(*conditional(g, a, own, np.array([6])), 1.0)
     assert change.statistic == pytest.approx(sizes[0] - sizes[1], rel=1e-3, abs=1e-4)
 
 
@@ -86,9 +86,9 @@ def test_a_change_taken_into_the_model_leaves_nothing_of_it() -> None:
     probe, problem, _ = solved(noise_px=0.05)
     rows = np.flatnonzero(problem.camera == 0)
     values = pose_values(probe, rows, np.arange(len(rows)) % 2 == 0)
-    change = settle(*probe.block(rows, values), probe.variance)
+    change = change_of(*probe.block(rows, values), probe.variance)
     after = probe.after(rows, values, change)
-    assert settle(*after.block(rows, values), 1.0).statistic < 1e-6 * change.statistic
+    assert change_of(*after.block(rows, values), 1.0).statistic < 1e-6 * change.statistic
     assert (after.residual**2).sum() == pytest.approx(after.squares, rel=1e-6)
     assert after.redundancy == probe.redundancy - change.dof
 
@@ -100,13 +100,13 @@ def test_statistics_of_noise_are_chi_square() -> None:
         probe, problem, _ = solved(seed=seed, rigid=True, n_points=30)
         assert problem.placement is not None
         rows = np.flatnonzero(problem.camera == seed % 5)
-        change = settle(*probe.block(rows, pose_values(probe, rows, problem.placement[rows] == 1)), 0.05**2)
+        change = change_of(*probe.block(rows, pose_values(probe, rows, problem.placement[rows] == 1)), 0.05**2)
         assert change.dof == 6
         statistics.append(change.statistic)
     assert stats.kstest(statistics, stats.chi2(6).cdf).pvalue > 0.01
 
 
-def moved_network(camera: int, placements: tuple[int, ...], step: np.ndarray) -> tuple[Probe, Problem]:
+def moved_network(camera: int, placements: tuple[int, ...], step: np.ndarray) -> tuple[ScoreTest, Problem]:
     """A small rigid network of which one camera stood elsewhere at some placements."""
     net = small_network(rigid=True, n_points=60, noise_px=0.02, seed=3)
     problem, truth = net.problem, net.truth
@@ -125,7 +125,7 @@ def moved_network(camera: int, placements: tuple[int, ...], step: np.ndarray) ->
     cofactors = covariance(problem, minimum.state, places)
     assert cofactors is not None
     redundancy = problem.rows - problem.unknowns + datum_defect(problem)
-    return make_probe(problem, minimum.state, cofactors, minimum.cost, redundancy), problem
+    return make_score_test(problem, minimum.state, cofactors, minimum.cost, redundancy), problem
 
 
 def test_a_moved_camera_is_found_with_its_size() -> None:
@@ -236,7 +236,7 @@ def test_images_that_all_differ_are_no_move() -> None:
     images = [(c, t) for c in range(problem.n_cameras) for t in range(problem.n_placements)]
     scattered = {image: np.roll(step, 3 * rng.integers(2)) * rng.choice([-1, 1], 6) for image in images}
 
-    def shifted(steps: dict[tuple[int, int], np.ndarray]) -> Probe:
+    def shifted(steps: dict[tuple[int, int], np.ndarray]) -> ScoreTest:
         out = probe
         for (c, t), value in steps.items():
             rows = np.flatnonzero(problem.camera == c)

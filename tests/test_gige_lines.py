@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from spherecal.cameras.gige.gvcp import NetworkCamera
-from spherecal.cameras.gige.lines import CameraLoad, NetworkLine, judge, load_of, network_lines, stagger, wire_bytes
+from spherecal.cameras.gige.lines import CameraLoad, NetworkLine, assess, load_of, network_lines, stagger, wire_bytes
 from spherecal.cameras.protocol import FeatureReport
 
 GIGABIT = NetworkLine("eth1", "10.0.0.1", "255.255.255.0", 9000, 1000.0, 0, 33_554_432)
@@ -26,11 +26,11 @@ def changed(line: NetworkLine, **fields: object) -> NetworkLine:
 
 
 def codes(line: NetworkLine, cameras: list[NetworkCamera], loads: dict[str, CameraLoad]) -> dict[str, tuple[str, ...]]:
-    return {finding.code: finding.where for finding in judge(line, cameras, loads).findings}
+    return {finding.code: finding.where for finding in assess(line, cameras, loads).findings}
 
 
 def test_a_sound_line_has_no_findings_and_says_what_is_wanted() -> None:
-    found = judge(GIGABIT, CAMERAS, LOADS)
+    found = assess(GIGABIT, CAMERAS, LOADS)
     assert found.findings == ()
     # 5 MB in packets of 8956 bytes of pixels, 559 and two more, each with 74 bytes around it
     assert wire_bytes(LOAD) == 5_000_000 + (559 + 2) * 74
@@ -72,7 +72,7 @@ def test_what_is_wrong_is_found_and_nothing_else(
 
 def test_every_finding_comes_with_its_command_or_what_to_change() -> None:
     line = changed(GIGABIT, reverse_path_filter=1, receive_buffer_bytes=212_992, mtu=1500)
-    found = {f.code: f.hint for f in judge(line, [*CAMERAS, camera("03", "10.0.1.254")], LOADS).findings}
+    found = {f.code: f.hint for f in assess(line, [*CAMERAS, camera("03", "10.0.1.254")], LOADS).findings}
     assert "sudo ip address add 10.0.1.1/24 dev eth1" in found["other-subnet"]
     assert "sysctl net.ipv4.conf.all.rp_filter=2" in found["reverse-path-filter"]
     assert "sudo sysctl net.core.rmem_max=33554432" in found["receive-buffer"]

@@ -233,9 +233,11 @@ def test_a_shared_shape_predicts_the_same_images() -> None:
     assert len(rigid.network.ball.free_placement) == 3  # the world and two that moved
     assert rigid.network.ball.free_placement.tolist() == [False, True, True]
     assert (rigid.network.ball.placement[rig.features.placement[rig.network.feature] >= 3] == 0).all()
-    located = replace(start, points=rigid.network.locate(start, np.ones(len(rig.network.uv), dtype=bool)).points)
-    np.testing.assert_allclose(residuals(rigid.network, located), 0.0, atol=1e-6)
-    again = rigid.as_features(located)
+    triangulated = replace(
+        start, points=rigid.network.triangulated(start, np.ones(len(rig.network.uv), dtype=bool)).points
+    )
+    np.testing.assert_allclose(residuals(rigid.network, triangulated), 0.0, atol=1e-6)
+    again = rigid.as_features(triangulated)
     assert len(again.placement_rotation) == 0
     np.testing.assert_allclose(again.points, rig.truth.points, atol=1e-5)
     np.testing.assert_allclose(residuals(rig.network, again), 0.0, atol=1e-6)
@@ -244,7 +246,7 @@ def test_a_shared_shape_predicts_the_same_images() -> None:
 def test_a_rigid_network_may_be_seen_from_any_camera() -> None:
     rig = small_rig(bars=1)
     rigid, start = share_shape(rig.network, rig.features, rig.truth, align(rig.features, rig.truth.points, 4, 3))
-    state = replace(start, points=rigid.network.locate(start, np.ones(len(rig.network.uv), dtype=bool)).points)
+    state = replace(start, points=rigid.network.triangulated(start, np.ones(len(rig.network.uv), dtype=bool)).points)
     for camera in range(5):
         moved = state.seen_from(camera)
         np.testing.assert_allclose(moved.rotation[camera], np.eye(3), atol=1e-12)
@@ -272,7 +274,7 @@ def test_without_noise_the_truth_is_found_from_afar() -> None:
         placement_translation=start.placement_translation + np.array([[0, 0, 0], [3, -3, 2], [-2, 1, 4]]),
     )
     everything_used = np.ones(len(rig.network.uv), dtype=bool)
-    spoilt = replace(spoilt, points=rigid.network.locate(spoilt, everything_used).points)
+    spoilt = replace(spoilt, points=rigid.network.triangulated(spoilt, everything_used).points)
     adjusted = refine(replace(rigid.network), spoilt, everything_used, np.ones(5, dtype=bool), Context())
     assert adjusted.used.all()
     np.testing.assert_allclose(adjusted.state.intrinsics[:, :9], rig.truth.intrinsics[:, :9], atol=1e-2)

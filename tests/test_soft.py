@@ -50,10 +50,10 @@ def soft_network(name: str, noise_px: float = 0.05, n_points: int = 24) -> tuple
     net = small_network(rigid=True, noise_px=noise_px, n_points=n_points, **CASES[name])  # type: ignore[arg-type]
     problem, state, places = with_world(net)
     assert places is not None and problem.placement is not None
-    play = np.where(np.isin(places.point, problem.kept_points), 0.0, PLAY_MM)
+    shape_sd = np.where(np.isin(places.point, problem.kept_points), 0.0, PLAY_MM)
     place = problem.placement * problem.n_points + problem.point
     order = np.lexsort((problem.camera, place, problem.point))
-    ball = Deformable(problem.placement, problem.ball.free_placement, place, play)
+    ball = Deformable(problem.placement, problem.ball.free_placement, place, shape_sd)
     return replace(problem, ball=ball).select(order), state, places
 
 
@@ -69,15 +69,15 @@ def with_ties(problem: Problem, state: State) -> tuple[FloatArray, FloatArray, n
     jacobian = dense.jacobian.copy()
     first_pose = dense.reduced - POSE * problem.n_placements - 3 * len(problem.kept_points)
     jacobian[:, first_pose : first_pose + POSE] = 0.0  # the world's own pose is none
-    count, before = len(problem.ball.play), jacobian.shape[1]
+    count, before = len(problem.ball.shape_sd), jacobian.shape[1]
     wide = np.zeros((len(jacobian) + 3 * count, before + 3 * count))
     wide[: len(jacobian), :before] = jacobian
     for k, place in enumerate(problem.ball.place):
-        if problem.ball.play[place] > 0:
+        if problem.ball.shape_sd[place] > 0:
             own = before + 3 * place
             wide[2 * k : 2 * k + 2, own : own + 3] = linear.by_placement[k, :, 3:]
-    tied = np.repeat(problem.ball.play > 0, 3)
-    sd = np.repeat(problem.ball.play, 3)[tied]
+    tied = np.repeat(problem.ball.shape_sd > 0, 3)
+    sd = np.repeat(problem.ball.shape_sd, 3)[tied]
     wide[len(jacobian) + np.flatnonzero(tied), before + np.flatnonzero(tied)] = 1 / sd
     right = np.concatenate([dense.residual, np.zeros(3 * count)])
     return wide, right, np.array([before, dense.reduced])
@@ -195,7 +195,7 @@ def test_normal_equations_are_those_of_the_whole_system(name: str) -> None:
 def bent(problem: Problem, state: State, play_mm: float, seed: int) -> Problem:
     """The problem observed again with dots off the shape and image noise of one sigma."""
     rng = np.random.default_rng(seed)
-    off = play_mm * rng.normal(size=(len(problem.ball.play), 3)) * (problem.ball.play > 0)[:, None]
+    off = play_mm * rng.normal(size=(len(problem.ball.shape_sd), 3)) * (problem.ball.shape_sd > 0)[:, None]
     x = np.einsum("nij,nj->ni", state.placement_rotation[problem.placement], state.points[problem.point])
     x += state.placement_translation[problem.placement] + off[problem.ball.place]
     as_points = state.free(x)
@@ -212,10 +212,12 @@ def test_minimum_is_that_of_all_unknowns_and_keeps_the_size() -> None:
     problem = bent(problem, state, PLAY_MM, 1)
     found = minimise(problem, state, Settings())
     assert found.converged
-    assert found.state.bend is not None and problem.ball.play is not None and problem.ball.place is not None
+    assert (
+        found.state.shape_residual is not None and problem.ball.shape_sd is not None and problem.ball.place is not None
+    )
     jacobian, residual, (before, _) = with_ties(problem, found.state)
-    bend = found.state.bend
-    at = np.concatenate([np.zeros(before), bend.ravel()])
+    shape_residual = found.state.shape_residual
+    at = np.concatenate([np.zeros(before), shape_residual.ravel()])
     gradient = jacobian.T @ (residual + jacobian @ at)
     unit = np.linalg.norm(jacobian, axis=0)
     assert np.abs(gradient[unit > 0] / unit[unit > 0]).max() < 1e-3 * np.sqrt(2 * found.cost)
@@ -231,13 +233,13 @@ def test_play_is_found_again_and_the_cost_is_as_expected() -> None:
     assert 2 * found.cost / redundancy == pytest.approx(1.0, abs=4 * np.sqrt(2 / redundancy))
     rigid = minimise(replace(bent(problem, state, PLAY_MM, 2), ball=as_rigid(problem.ball)), state, Settings())
     assert rigid.cost > 1.5 * found.cost
-    assert len(places.point) == len(found.state.bend)  # type: ignore[arg-type]
+    assert len(places.point) == len(found.state.shape_residual)  # type: ignore[arg-type]
 
 
 def test_no_play_is_the_rigid_form() -> None:
     problem, state, places = soft_network("plain")
     assert isinstance(problem.ball, Deformable)
-    stiff = replace(problem, ball=replace(problem.ball, play=np.zeros(len(places.point))))
+    stiff = replace(problem, ball=replace(problem.ball, shape_sd=np.zeros(len(places.point))))
     plain = replace(problem, ball=as_rigid(problem.ball))
     one, other = minimise(stiff, state, Settings()), minimise(plain, state, Settings())
     assert one.cost == pytest.approx(other.cost, rel=1e-9)
@@ -312,10 +314,10 @@ def test_places_that_a_camera_shows_twice_count_twice() -> None:
 def test_stated_uncertainties_are_those_of_repeated_trials() -> None:
     """200 times new noise and new play of every dot, both as large as stated."""
     problem, truth, places = soft_network("plain", noise_px=0.0)
-    still, play = places_of(truth, places), problem.ball.play[:, None] * TRIAL_PX
+    still, shape_sd = places_of(truth, places), problem.ball.shape_sd[:, None] * TRIAL_PX
     rng, trials = np.random.default_rng(0), []
     for _ in range(TRIALS):
-        at = still + play * rng.normal(size=still.shape)
+        at = still + shape_sd * rng.normal(size=still.shape)
         x = np.einsum("nij,nj->ni", truth.rotation[problem.camera], at[problem.ball.place])
         uv = project(x + truth.translation[problem.camera], truth.intrinsics[problem.camera])
         noisy = replace(problem, uv=uv + rng.normal(0, TRIAL_PX, uv.shape))

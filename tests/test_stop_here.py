@@ -27,7 +27,7 @@ class AskedAt:
         self.asked |= progress.stage == self.stage and self.message in progress.message
 
     def context(self) -> Context:
-        return Context(self.note, is_enough=lambda: self.asked)
+        return Context(self.note, accepts_partial=lambda: self.asked)
 
 
 def codes(calibration: Calibration) -> list[str]:
@@ -69,7 +69,7 @@ def test_cancelling_goes_before() -> None:
 
 
 def test_only_who_holds_a_result_is_stopped() -> None:
-    context = Context(is_enough=lambda: True)
+    context = Context(accepts_partial=lambda: True)
     context.check()
     with pytest.raises(PartialResultAccepted):
         context.accepting_partial().check()

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from spherecal.cameras.gentl.discovery import discover
-from spherecal.cameras.gentl.messages import Wanted
+from spherecal.cameras.gentl.messages import RequestedCamera
 from spherecal.cameras.gentl.service import CameraService
 from spherecal.cameras.gentl.trust import TrustStore, admit_again
 from spherecal.cameras.producer.build import build_producer
@@ -90,7 +90,7 @@ def kill_and_swap(tries: int, folder: Path) -> Races:
         service = CameraService(gate=lambda file: admit_again(store, file))
         try:
             camera = discover([str(path)], None, store, lambda driver: False).cameras[0]
-            wanted = [Wanted(camera.serial, str(path), "", "", CameraSettings())]
+            wanted = [RequestedCamera(camera.serial, str(path), "", "", CameraSettings())]
             at_work += service.open(wanted)[0].image_size is not None
             first = service.pid
             _put(path, evil, in_place=True)

@@ -280,7 +280,7 @@ def _judged(case: Case, program: str, found: Found, start: Start | None) -> Row:
 def _factor_by_dots(case: Case, start: Start, cameras: State) -> float:
     """Millimetres per unit: the chord between dots A and E over their median distance."""
     o, network = Recording.of(case.ball).observations, start.network
-    located = network.locate(replace(cameras, points=np.zeros((network.n_features, 3))), start.used).points
+    triangulated = network.triangulated(replace(cameras, points=np.zeros((network.n_features, 3))), start.used).points
     of = {name: o.points.index(name) for name in ("A", "E")}
     place: dict[tuple[int, int], dict[str, int]] = {}
     names = {index: name for name, index in of.items()}
@@ -289,7 +289,7 @@ def _factor_by_dots(case: Case, start: Start, cameras: State) -> float:
         if name is not None and o.placement[row] < len(case.ball.placements):
             place.setdefault((int(o.placement[row]), int(o.target[row])), {})[name] = int(feature)
     both = np.array([(p["A"], p["E"]) for p in place.values() if len(p) == 2])
-    apart = np.linalg.norm(located[both[:, 1]] - located[both[:, 0]], axis=1)
+    apart = np.linalg.norm(triangulated[both[:, 1]] - triangulated[both[:, 0]], axis=1)
     assert case.ball.scale is not None and case.ball.sphere_diameter_mm is not None
     printed, radius = _printed_mm(case.ball), case.ball.sphere_diameter_mm / 2
     return float(2 * radius * np.sin(printed / (2 * radius)) / np.nanmedian(apart))

@@ -56,7 +56,7 @@ def report(runs: int | None, rigs: Sequence[str] = RIGS, options: SimulationOpti
             for form in ("free", "soft", "rigid")
             if any(m.form == form for m in found["auto"])
         )
-        play = float(np.mean([m.shape_sd_mm or 0.0 for m in found["soft"]]))
+        shape_sd = float(np.mean([m.shape_sd_mm or 0.0 for m in found["soft"]]))
         rmse = {form: rmse_um(found[form]) for form in found}
         better = min(("free", "rigid"), key=lambda form: rmse[form])
         against = rmse["auto"] / rmse[better]
@@ -73,7 +73,7 @@ def report(runs: int | None, rigs: Sequence[str] = RIGS, options: SimulationOpti
                 against,
                 error,
                 ratio,
-                f"{play:.3f}",
+                f"{shape_sd:.3f}",
                 chosen,
             )
         )

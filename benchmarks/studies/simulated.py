@@ -112,7 +112,7 @@ class Simulated:
             return self.usable
         network, everything = self.rigid[0].network, np.ones(len(self.usable), dtype=bool)
         seen_twice = (network.views(everything) >= 2)[network.feature]
-        wide = network.locate(self.true_rigid, seen_twice).max_angle_rad >= MIN_ANGLE_RAD
+        wide = network.triangulated(self.true_rigid, seen_twice).max_angle_rad >= MIN_ANGLE_RAD
         return seen_twice & wide[network.feature]
 
 

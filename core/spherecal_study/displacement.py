@@ -126,5 +126,5 @@ def _true_state(network: Network, truth: Truth) -> State:
         np.array([c.intrinsics for c in truth.cameras]),
         np.zeros((network.n_features, 3)),
     )
-    located = network.locate(state, np.ones(len(network.uv), dtype=bool))
-    return replace(state, points=np.nan_to_num(located.points))
+    triangulated = network.triangulated(state, np.ones(len(network.uv), dtype=bool))
+    return replace(state, points=np.nan_to_num(triangulated.points))

@@ -166,8 +166,8 @@ def path_figures(session: Session, search: Search, numbers: PathNumbers | None =
         known,
         np.zeros((network.n_features, 3)),
     )
-    located = network.locate(chained, local.keep & placed[network.camera])
-    size = np.linalg.norm(located.residual, axis=1)
+    triangulated = network.triangulated(chained, local.keep & placed[network.camera])
+    size = np.linalg.norm(triangulated.residual, axis=1)
     size = size[np.isfinite(size)]
     graph = local.graph
     of_count, changed = _part_of_count(local, search, numbers)

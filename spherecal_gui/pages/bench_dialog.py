@@ -121,7 +121,7 @@ class BenchDialog(QDialog):
     def show_draft(self) -> None:
         """The draft as it is, and what is wrong with it."""
         desk = self.desk
-        _, problems = desk.judge()
+        _, problems = desk.checked()
         for tab in (self.ball, self.bars, self.rig):
             tab.show_draft(problems)
         self._watch()  # rows of lengths are made as they are needed

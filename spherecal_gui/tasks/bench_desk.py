@@ -193,7 +193,7 @@ class BenchDesk:
 
     # --- saving ------------------------------------------------------------------------------------------------------
 
-    def judge(self) -> tuple[Bench | None, Problems]:
+    def checked(self) -> tuple[Bench | None, Problems]:
         """The bench, where it is whole, and what is wrong."""
         bench, _, problems = read_bench(self.draft)
         return bench, problems

@@ -351,13 +351,13 @@ def repair(folder: Path, profile: Path, cameras: tuple[str, ...], result: Path, 
     from spherecal.profile.source import points_file, read_source
     from spherecal.uses.check import check as run
     from spherecal.uses.check_ball import read_known_ball
-    from spherecal.uses.repose import mend
+    from spherecal.uses.repose import repose
 
     check_folders(result.parent)
     check_folder(result, RESULT)
     context.report("reading the session", 0.0)
     session = read_session(folder)
-    done = mend(session, read_source(profile).rig, cameras, context)
+    done = repose(session, read_source(profile).rig, cameras, context)
     write_result(done, result, {"method": "selected", "only": list(cameras), "estimate": "pose"})
     after = run(session, done.rig, read_known_ball(points_file(profile)), None, context)
     verdict = _word(done.rig.quality.verdict)

@@ -20,7 +20,7 @@ log = logging.getLogger("spherecal.gui")
 
 
 @dataclass(frozen=True, eq=False)
-class Wanted:
+class RequestedPicture:
     """One picture that a view wants: `view` and `version` name the scene, which is sent only where it is another."""
 
     view: int
@@ -40,7 +40,7 @@ class SceneProcess(QObject):
 
     def __init__(self) -> None:
         super().__init__()
-        self._wish: Wanted | None = None
+        self._wish: RequestedPicture | None = None
         self._news = threading.Condition()
         self._closing = False
         self.pid: int | None = None
@@ -48,7 +48,7 @@ class SceneProcess(QObject):
         self._thread = threading.Thread(target=self._run, name="scene", daemon=True)
         self._thread.start()
 
-    def want(self, wish: Wanted) -> None:
+    def want(self, wish: RequestedPicture) -> None:
         """Render this next; a wish that has not begun is left out."""
         with self._news:
             self._wish = wish
@@ -111,7 +111,7 @@ class SceneProcess(QObject):
                 self.rendered.emit(wish.view, wish.number, image)
             del image
 
-    def _next(self) -> Wanted | None:
+    def _next(self) -> RequestedPicture | None:
         with self._news:
             self._news.wait_for(lambda: self._wish is not None or self._closing)
             wish, self._wish = self._wish, None

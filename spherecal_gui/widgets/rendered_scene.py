@@ -9,7 +9,7 @@ from PySide6.QtGui import QHideEvent, QImage, QPainter, QShowEvent
 from PySide6.QtWidgets import QWidget
 
 from spherecal_gui.tasks import scene_process
-from spherecal_gui.tasks.scene_process import SceneProcess, Wanted
+from spherecal_gui.tasks.scene_process import RequestedPicture, SceneProcess
 from spherecal_gui.widgets.painted_scene import PaintedScene
 from spherecal_scene.eye import Eye
 from spherecal_scene.model import SceneData
@@ -101,7 +101,9 @@ class RenderedScene(PaintedScene):
         ratio = self.devicePixelRatioF()
         eye = self._view_eye(ratio)
         self._asked[self._number] = self.eye
-        self._process.want(Wanted(self._id, self._version, self.data, self.style_of_now(), eye, fine, self._number))
+        self._process.want(
+            RequestedPicture(self._id, self._version, self.data, self.style_of_now(), eye, fine, self._number)
+        )
         return True
 
     def _view_eye(self, ratio: float) -> Eye:

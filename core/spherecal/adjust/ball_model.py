@@ -37,7 +37,7 @@ class Free:
         return _NO_INDICES
 
     @property
-    def play(self) -> FloatArray:
+    def shape_sd(self) -> FloatArray:
         """There is no play, (0,)."""
         return _NO_NUMBERS
 
@@ -71,7 +71,7 @@ class Rigid:
         return _NO_INDICES
 
     @property
-    def play(self) -> FloatArray:
+    def shape_sd(self) -> FloatArray:
         """There is no play, (0,)."""
         return _NO_NUMBERS
 
@@ -94,7 +94,7 @@ class Deformable:
         As of Rigid.
     place
         The feature (dot at a placement) that each observation shows, (n,).
-    play
+    shape_sd
         Standard deviation of e per coordinate of each feature (f,), in the network's unit and for a standard deviation
         of unit weight of 1. 0 is a rigid place.
     """
@@ -102,7 +102,7 @@ class Deformable:
     placement: IntArray
     free_placement: BoolArray
     place: IntArray
-    play: FloatArray
+    shape_sd: FloatArray
 
     def select(self, rows: BoolArray | IntArray | slice) -> "Deformable":
         """The model of some of the observations."""
@@ -110,7 +110,7 @@ class Deformable:
 
     def scaled(self, factor: float) -> "Deformable":
         """The model with all lengths multiplied by `factor`."""
-        return replace(self, play=self.play * factor)
+        return replace(self, shape_sd=self.shape_sd * factor)
 
 
 @dataclass(frozen=True)
@@ -162,7 +162,7 @@ class Stored:
         return _NO_INDICES
 
     @property
-    def play(self) -> FloatArray:
+    def shape_sd(self) -> FloatArray:
         """There is no play, (0,)."""
         return _NO_NUMBERS
 

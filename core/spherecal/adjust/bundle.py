@@ -78,20 +78,20 @@ def usable_features(network: Network, state: State, candidates: BoolArray) -> tu
     candidates
         Observations to locate points from, (n,).
     """
-    located = network.locate(state, candidates)
-    good = located.in_front & (located.max_angle_rad >= MIN_ANGLE_RAD)
-    size = np.linalg.norm(located.residual, axis=1)
+    triangulated = network.triangulated(state, candidates)
+    good = triangulated.in_front & (triangulated.max_angle_rad >= MIN_ANGLE_RAD)
+    size = np.linalg.norm(triangulated.residual, axis=1)
     size = np.where(np.isfinite(size), size, np.inf)
     feature, camera = network.feature[candidates], network.camera[candidates]
     counted = good[feature]
     if not counted.any():
-        return located.points, good
+        return triangulated.points, good
     limit = np.full(len(network.group), max(WILD_FACTOR * float(np.median(size[counted])), WILD_LEAST_PX))
     for c in np.unique(camera[counted]):  # a camera that starts askew is off in all its points, and must keep them
         limit[c] = max(limit[c], WILD_IN_CAMERA * float(np.median(size[counted & (camera == c)])))
     wild = np.zeros(network.n_features, dtype=bool)
     wild[feature[size > limit[camera]]] = True
-    return located.points, good & ~wild
+    return triangulated.points, good & ~wild
 
 
 @dataclass(frozen=True)
@@ -173,14 +173,14 @@ def robust_start(
     context
         For progress, and to stop.
     """
-    state = located(network, state, candidates) if points is None else replace(state, points=points)
+    state = triangulated(network, state, candidates) if points is None else replace(state, points=points)
     for names in ((), START_INTRINSICS, None):
         state = robust_adjustment(network, state, candidates, placed, RobustStep(names), context)
-        state = located(network, state, candidates)
+        state = triangulated(network, state, candidates)
     return state, candidates & np.isfinite(state.points[network.feature, 0])
 
 
-def located(network: Network, state: State, candidates: BoolArray) -> State:
+def triangulated(network: Network, state: State, candidates: BoolArray) -> State:
     """The state with the points that may enter an adjustment (`usable_features`), NaN for the others.
 
     Parameters
@@ -236,9 +236,9 @@ def refine(network: Network, state: State, used: BoolArray, placed: BoolArray, c
     rounds = 0
     while True:
         rounds += 1
-        state = _locate_missing(network, state, used)
-        state = _locate_missing(network, state, placed[network.camera])
-        state = _relocate_contradicted(network, state, placed, used)
+        state = _triangulate_missing(network, state, used)
+        state = _triangulate_missing(network, state, placed[network.camera])
+        state = _triangulate_contradicted(network, state, placed, used)
         gated = _gate(network, state, placed, used)
         problem, rows = network.problem(gated, network.free, placed, weighted=True)
         known = np.where(np.isfinite(state.points), state.points, 0.0)
@@ -257,7 +257,7 @@ def _first_damping(problem: Problem) -> float:
     return LARGE_DAMPING if problem.layout.expanded >= LARGE_COLUMNS else Settings().first_damping
 
 
-def _locate_missing(network: Network, state: State, candidates: BoolArray) -> State:
+def _triangulate_missing(network: Network, state: State, candidates: BoolArray) -> State:
     """The state with points for features that had none, where candidates (n,) as the cameras now are agree on them."""
     missing = np.isnan(state.points[:, 0])
     rows = candidates & missing[network.feature]
@@ -268,7 +268,7 @@ def _locate_missing(network: Network, state: State, candidates: BoolArray) -> St
     return replace(state, points=np.where((missing & good)[:, None], points, state.points))
 
 
-def _relocate_contradicted(network: Network, state: State, placed: BoolArray, used: BoolArray) -> State:
+def _triangulate_contradicted(network: Network, state: State, placed: BoolArray, used: BoolArray) -> State:
     """The state with points whose views contradict each other located by those that agree.
 
     Least squares smears a wrong view over its point's others: of a track of three all would fail the gate.

@@ -57,9 +57,9 @@ class Covariance:
         """Cofactors of all cameras' parameters with each other, (c*w, c*w)."""
         parts = self._parts
         n = parts.n_camera_columns
-        held, carried, middle = parts.held[:n], parts.carried[:n], parts.middle
-        mixed = carried @ held.T
-        return parts.inverse[:n, :n] - mixed - mixed.T + held @ middle @ held.T
+        gauge_weights, gauge_cross, gauge_inner = parts.gauge_weights[:n], parts.gauge_cross[:n], parts.gauge_inner
+        mixed = gauge_cross @ gauge_weights.T
+        return parts.inverse[:n, :n] - mixed - mixed.T + gauge_weights @ gauge_inner @ gauge_weights.T
 
     def with_size(self) -> "Covariance":
         """The same with the uncertainty of the size left in, where length rows give it: cameras only."""
@@ -83,8 +83,8 @@ class Covariance:
         parts = self._parts
         by_column, by_noise = parts.transformed(gradient)
         moved = parts.inverse @ by_column
-        datum = parts.pull @ moved + np.einsum("pig,pij,pj->g", parts.datum_points, parts.point_inverse, by_noise)
-        return (moved - parts.held @ datum)[: parts.n_camera_columns]
+        datum = parts.gauge_rows @ moved + np.einsum("pig,pij,pj->g", parts.datum_points, parts.point_inverse, by_noise)
+        return (moved - parts.gauge_weights @ datum)[: parts.n_camera_columns]
 
     def by_scores(self, functional: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Linear functions (m, c*w) of all cameras' parameters by scores: of columns (e,m), of points (3p,g) @ (g,m).
@@ -92,9 +92,11 @@ class Covariance:
         The score of a column must hold what the points add to it as they follow.
         """
         parts = self._parts
-        taken = functional @ parts.held[: parts.n_camera_columns]  # how much of the functions the datum takes back
-        by_column = parts.inverse[:, : parts.n_camera_columns] @ functional.T - parts.carried @ taken.T
-        return by_column, parts.own_pull, -taken.T
+        taken = (
+            functional @ parts.gauge_weights[: parts.n_camera_columns]
+        )  # how much of the functions the datum takes back
+        by_column = parts.inverse[:, : parts.n_camera_columns] @ functional.T - parts.gauge_cross @ taken.T
+        return by_column, parts.own_gauge_rows, -taken.T
 
 
 def covariance(problem: Problem, state: State, places: Places | None = None) -> Covariance | None:
@@ -175,4 +177,4 @@ def _stretch(parts: CovarianceFactors) -> float | None:
     if not parts.problem.has_lengths or not parts.moments.size:
         return None
     last = parts.moments[-1]
-    return float(last @ parts.middle @ last) / parts.spread**2
+    return float(last @ parts.gauge_inner @ last) / parts.spread**2

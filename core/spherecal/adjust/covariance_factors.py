@@ -55,7 +55,7 @@ class CovarianceFactors(ABC):
         See Inverted.
     places
         Of which point each feature is on a ball that keeps its shape; None in the free form.
-    turn, arm
+    rotation, lever_arm
         How placements carry the features' points, (f,3,3) and (f,3), see `carried_dots`.
     point_inverse
         Cofactors of the sources of noise beside the columns, (p,3,3): the points' V^-1, and on a deformable ball Q.
@@ -71,8 +71,8 @@ class CovarianceFactors(ABC):
 
     problem: Problem
     places: Places | None
-    turn: FloatArray
-    arm: FloatArray
+    rotation: FloatArray
+    lever_arm: FloatArray
     inverse: FloatArray
     linear: Linear
     point_inverse: FloatArray
@@ -95,7 +95,7 @@ class CovarianceFactors(ABC):
 
     @cached_property
     @abstractmethod
-    def pull(self) -> FloatArray:
+    def gauge_rows(self) -> FloatArray:
         """The datum's conditions by columns, points eliminated, (g,e)."""
 
     @abstractmethod
@@ -112,28 +112,28 @@ class CovarianceFactors(ABC):
         return self.problem.n_cameras * self.linear.width
 
     @cached_property
-    def own_pull(self) -> FloatArray:
+    def own_gauge_rows(self) -> FloatArray:
         """The datum's conditions by scores of the points, (3p,g)."""
         pulled = self.point_inverse @ self.datum_points
         return pulled.reshape(3 * len(pulled), pulled.shape[2])
 
     @cached_property
-    def held(self) -> FloatArray:
+    def gauge_weights(self) -> FloatArray:
         """G M of the columns, (e,g)."""
         return self.gauge_columns @ self.moments
 
     @cached_property
-    def carried(self) -> FloatArray:
-        """C A' (e,g) with A the pull."""
-        return self.inverse @ self.pull.T
+    def gauge_cross(self) -> FloatArray:
+        """C A' (e,g) with A the rows."""
+        return self.inverse @ self.gauge_rows.T
 
     @cached_property
-    def middle(self) -> FloatArray:
+    def gauge_inner(self) -> FloatArray:
         """A C A' + sum B' V^-1 B (g,g)."""
         noise = np.einsum("pig,pij,pjh->gh", self.datum_points, self.point_inverse, self.datum_points)
-        return self.pull @ self.carried + noise
+        return self.gauge_rows @ self.gauge_cross + noise
 
-    def take_back(self, cofactors: FloatArray, carried: FloatArray, held: FloatArray) -> None:
+    def take_back(self, cofactors: FloatArray, gauge_cross: FloatArray, gauge_weights: FloatArray) -> None:
         """Bring cofactors (f,3,3) of places to the datum, in place.
 
         Parameters
@@ -146,8 +146,10 @@ class CovarianceFactors(ABC):
             G M of the places, (f,3,g).
         """
         if self.moments.size:
-            cross = carried @ held.transpose(0, 2, 1)
-            cofactors += held @ self.middle @ held.transpose(0, 2, 1) - cross - cross.transpose(0, 2, 1)
+            cross = gauge_cross @ gauge_weights.transpose(0, 2, 1)
+            cofactors += (
+                gauge_weights @ self.gauge_inner @ gauge_weights.transpose(0, 2, 1) - cross - cross.transpose(0, 2, 1)
+            )
 
 
 def moments_of(places: FloatArray) -> FloatArray:

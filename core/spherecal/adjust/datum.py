@@ -28,9 +28,9 @@ def carried_dots(state: State, places: Places | None) -> tuple[FloatArray, Float
     """Rotation (f,3,3) that carries each feature's point, and the point turned by it (f,3); empty in the free form."""
     if places is None:
         return np.zeros((0, 3, 3)), np.zeros((0, 3))
-    turn = state.placement_rotation[places.placement]
-    arm = np.einsum("fij,fj->fi", turn, state.points[places.point])
-    return turn, np.where(np.isfinite(arm), arm, 0.0)  # unknown points take no part
+    rotation = state.placement_rotation[places.placement]
+    lever_arm = np.einsum("fij,fj->fi", rotation, state.points[places.point])
+    return rotation, np.where(np.isfinite(lever_arm), lever_arm, 0.0)  # unknown points take no part
 
 
 @dataclass(frozen=True)
@@ -63,8 +63,8 @@ def datum_motions(problem: Problem, state: State, places: Places | None = None) 
     seen = np.diff(problem.point_start) > 0
     at, takes_part = state.points, seen
     if places is not None:
-        _, arm = carried_dots(state, places)
-        at, takes_part = arm + state.placement_translation[places.placement], seen[places.point]
+        _, lever_arm = carried_dots(state, places)
+        at, takes_part = lever_arm + state.placement_translation[places.placement], seen[places.point]
     centroid = at[takes_part].mean(axis=0)
     if len(locked):
         centroid = -state.rotation[locked[0]].T @ state.translation[locked[0]]
@@ -117,14 +117,14 @@ def moved_cameras(problem: Problem, state: State, centroid: FloatArray, spread: 
 
 def _moved_placements(state: State, centroid: FloatArray, spread: float) -> FloatArray:
     """How placements move when the ball's points move as the world does, (t*6,7); nothing where R = I, T = 0."""
-    turn, shift = state.placement_rotation, state.placement_translation
-    out = np.zeros((len(turn), POSE, 7))
-    carried = np.einsum("tij,j->ti", turn, centroid)
-    out[:, 3:, :3] = np.eye(3) - turn
-    out[:, :3, 3:6] = (np.eye(3) - turn) / spread
+    rotation, translation = state.placement_rotation, state.placement_translation
+    out = np.zeros((len(rotation), POSE, 7))
+    carried = np.einsum("tij,j->ti", rotation, centroid)
+    out[:, 3:, :3] = np.eye(3) - rotation
+    out[:, :3, 3:6] = (np.eye(3) - rotation) / spread
     # w x (T - c) + R (w x c), linear in w
-    out[:, 3:, 3:6] = -(cross_matrix(shift - centroid) + turn @ cross_matrix(centroid)) / spread
-    out[:, 3:, 6] = (shift - centroid + carried) / spread
+    out[:, 3:, 3:6] = -(cross_matrix(translation - centroid) + rotation @ cross_matrix(centroid)) / spread
+    out[:, 3:, 6] = (translation - centroid + carried) / spread
     return out.reshape(-1, 7)
 
 
@@ -133,11 +133,11 @@ def _moved_anchored(state: State, centroid: FloatArray, spread: float) -> FloatA
 
     In a stretch the shape grows in its frame.
     """
-    shift = state.placement_translation
-    out = np.zeros((len(shift), POSE, 7))
+    translation = state.placement_translation
+    out = np.zeros((len(translation), POSE, 7))
     out[:, 3:, :3] = np.eye(3)
     out[:, :3, 3:6] = np.eye(3) / spread
-    out[:, 3:, 3:6] = -cross_matrix(shift - centroid) / spread
-    out[:, 3:, 6] = (shift - centroid) / spread
+    out[:, 3:, 3:6] = -cross_matrix(translation - centroid) / spread
+    out[:, 3:, 6] = (translation - centroid) / spread
     out[0] = 0.0
     return out.reshape(-1, 7)

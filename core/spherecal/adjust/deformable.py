@@ -22,7 +22,7 @@ LEAST_DAMPING = 1e-7
 
 
 @dataclass(frozen=True)
-class Play:
+class ShapeNoise:
     """What the play takes of the observations at a linearisation, in the ball's frame.
 
     Group g are the observations of one dot at one placement: rows from `start[g]` (g + 1,) on; `of` (n,) is the group
@@ -52,19 +52,19 @@ class Play:
         b = self.pulled(residual)
         return float(np.einsum("gi,gij,gj->", b, self.q, b))
 
-    def bend(self, state: State) -> FloatArray:
+    def shape_residual(self, state: State) -> FloatArray:
         """How far each place (f,3) is off the shape in the world; 0 where nothing is observed."""
-        out = np.zeros((len(self.problem.ball.play), 3))
+        out = np.zeros((len(self.problem.ball.shape_sd), 3))
         off = np.einsum("gij,gj->gi", self.q, self.pulled(self.linear.residual))
         out[self.place] = -np.einsum("gij,gj->gi", state.placement_rotation[self.placement], off)
         return out
 
 
-def play_of(problem: Problem, linear: Linear) -> Play:
+def shape_noise_of(problem: Problem, linear: Linear) -> ShapeNoise:
     """The play of a deformable ball's places at a linearisation; no groups for any other ball."""
     if not isinstance(problem.ball, Deformable):
         none, matrices = np.zeros(0, dtype=np.int64), np.zeros((0, 3, 3))
-        return Play(problem, linear, none, none, none, none, none, matrices, matrices, matrices)
+        return ShapeNoise(problem, linear, none, none, none, none, none, matrices, matrices, matrices)
     of_row = problem.ball.place
     is_first = (np.diff(of_row, prepend=-1) != 0) | (np.diff(problem.point, prepend=-1) != 0)
     first = np.flatnonzero(is_first)
@@ -72,8 +72,8 @@ def play_of(problem: Problem, linear: Linear) -> Play:
     by_point = linear.at(slice(None)).by_point
     normal = _summed(np.einsum("nki,nkj->nij", by_point, by_point), start)
     place = of_row[first]
-    q, p = play_matrices(normal, problem.ball.play[place])
-    return Play(
+    q, p = shape_noise_matrices(normal, problem.ball.shape_sd[place])
+    return ShapeNoise(
         problem,
         linear,
         start,
@@ -92,9 +92,9 @@ def _summed(values: FloatArray, start: IntArray) -> FloatArray:
     return np.add.reduceat(values, start[:-1], axis=0) if len(values) else values[:0]
 
 
-def play_matrices(normal: FloatArray, play: FloatArray) -> tuple[FloatArray, FloatArray]:
+def shape_noise_matrices(normal: FloatArray, shape_sd: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Q = tau^2 (I + tau^2 V)^-1 and I - Q V = (I + tau^2 V)^-1 of V (g,3,3) and tau (g,)."""
-    variance = (play**2)[:, None, None]
+    variance = (shape_sd**2)[:, None, None]
     p = np.linalg.inv(np.eye(3) + variance * normal)
     p = 0.5 * (p + p.transpose(0, 2, 1))
     return variance * p, p
@@ -103,10 +103,10 @@ def play_matrices(normal: FloatArray, play: FloatArray) -> tuple[FloatArray, Flo
 def left_over(problem: Problem, state: State) -> tuple[FloatArray, FloatArray]:
     """Residuals (n,2) that the play leaves, and how much of each observation's two rows its own point takes (n,)."""
     linear = engine.linearise(problem, state, None)
-    play = play_of(problem, linear)
-    off = np.einsum("gij,gj->gi", play.q, play.pulled(linear.residual))
+    shape = shape_noise_of(problem, linear)
+    off = np.einsum("gij,gj->gi", shape.q, shape.pulled(linear.residual))
     normal = np.zeros((problem.n_points, 3, 3))
-    np.add.at(normal, play.dot, play.p @ play.normal)
-    noise = play.q + play.p @ np.linalg.pinv(normal, hermitian=True)[play.dot] @ play.p.transpose(0, 2, 1)
-    taken = np.einsum("nki,nij,nkj->n", linear.by_point, noise[play.of], linear.by_point)
-    return linear.residual - np.einsum("nki,ni->nk", linear.by_point, off[play.of]), taken
+    np.add.at(normal, shape.dot, shape.p @ shape.normal)
+    noise = shape.q + shape.p @ np.linalg.pinv(normal, hermitian=True)[shape.dot] @ shape.p.transpose(0, 2, 1)
+    taken = np.einsum("nki,nij,nkj->n", linear.by_point, noise[shape.of], linear.by_point)
+    return linear.residual - np.einsum("nki,ni->nk", linear.by_point, off[shape.of]), taken

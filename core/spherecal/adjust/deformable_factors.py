@@ -12,7 +12,7 @@ from scipy import sparse
 
 from spherecal.adjust.covariance_factors import CovarianceFactors, Inverted, moments_of
 from spherecal.adjust.datum import Places, carried_dots
-from spherecal.adjust.deformable import play_matrices, play_of
+from spherecal.adjust.deformable import shape_noise_matrices, shape_noise_of
 from spherecal.adjust.layout import POSE
 from spherecal.adjust.linear import Linearisation
 from spherecal.adjust.problem import Problem
@@ -48,16 +48,16 @@ class DeformableFactors(CovarianceFactors):
         """A number (f,) for each feature, its own where it has some play: then it tells more than its dot alone."""
         assert self.places is not None
         count = len(self.places.point)
-        return np.where(self.problem.ball.play > 0, self.problem.n_points + np.arange(count), self.places.point)
+        return np.where(self.problem.ball.shape_sd > 0, self.problem.n_points + np.arange(count), self.places.point)
 
     def transformed(self, gradient: FloatArray) -> tuple[FloatArray, FloatArray]:
         """A gradient by places (f,3) in the datum, by columns (e,) and by the noise sources (p + f,3)."""
         left = np.einsum("fi,fig->g", gradient, self.gauge_places) @ self.moments
         by_noise = _by_noise(self.by_dots, gradient) - self.datum_points @ left
-        return gradient.ravel() @ self.by_columns - left @ self.pull, by_noise
+        return gradient.ravel() @ self.by_columns - left @ self.gauge_rows, by_noise
 
     @cached_property
-    def pull(self) -> FloatArray:
+    def gauge_rows(self) -> FloatArray:
         """The datum's conditions by columns, (g,e)."""
         flat = self.gauge_places.reshape(3 * len(self.gauge_places), self.gauge_places.shape[2])
         return np.asarray(self.by_columns.T @ flat).T
@@ -66,15 +66,15 @@ class DeformableFactors(CovarianceFactors):
         """Cofactors (f,3,3) of the features' places in the datum; NaN where one takes no part."""
         out = self.own_noise
         p, count, g = self.problem.n_points, len(out), self.moments.shape[0]
-        carried = np.asarray(self.by_columns @ self.carried).reshape(count, 3, g)
+        gauge_cross = np.asarray(self.by_columns @ self.gauge_cross).reshape(count, 3, g)
         dots = (self.point_inverse[:p] @ self.datum_points[:p]).reshape(3 * p, g)
-        carried += np.asarray(self.by_dots @ dots).reshape(count, 3, g)
-        carried += self.point_inverse[p:] @ self.datum_points[p:]
+        gauge_cross += np.asarray(self.by_dots @ dots).reshape(count, 3, g)
+        gauge_cross += self.point_inverse[p:] @ self.datum_points[p:]
         for first in range(0, count, _CHUNK):
             rows = self.by_columns[3 * first : 3 * (first + _CHUNK)].toarray()
             product = (rows @ self.inverse).reshape(-1, 3, rows.shape[1])
             out[first : first + _CHUNK] += product @ rows.reshape(product.shape).transpose(0, 2, 1)
-        self.take_back(out, carried, self.gauge_places @ self.moments)
+        self.take_back(out, gauge_cross, self.gauge_places @ self.moments)
         assert self.places is not None
         out[(np.diff(self.problem.point_start) == 0)[self.places.point]] = np.nan
         return out
@@ -92,20 +92,20 @@ def deformable_factors(inverted: Inverted, state: State, places: Places) -> Defo
     """
     problem, motions, dot_inverse = inverted.problem, inverted.motions, inverted.point_inverse
     linear = inverted.linear.at(slice(None))
-    play = play_of(problem, linear)
+    shape = shape_noise_of(problem, linear)
     count, p, columns = len(places.point), problem.n_points, problem.layout.expanded
-    turn, arm = carried_dots(state, places)
-    normal, own = np.zeros((count, 3, 3)), turn[play.place]
-    normal[play.place] = own @ play.normal @ own.transpose(0, 2, 1)
-    q, through = play_matrices(normal, problem.ball.play)
+    rotation, lever_arm = carried_dots(state, places)
+    normal, own = np.zeros((count, 3, 3)), rotation[shape.place]
+    normal[shape.place] = own @ shape.normal @ own.transpose(0, 2, 1)
+    q, through = shape_noise_matrices(normal, problem.ball.shape_sd)
     start = int(problem.layout.block_offset[problem.n_cameras])
-    pose = np.concatenate([-cross_matrix(arm), np.broadcast_to(np.eye(3), (count, 3, 3))], axis=2)
+    pose = np.concatenate([-cross_matrix(lever_arm), np.broadcast_to(np.eye(3), (count, 3, 3))], axis=2)
     of_pose = start + POSE * places.placement
     by_pose = _blocks(np.arange(count), of_pose, pose, (3 * count, columns))
     met = _images_by_columns(problem, linear, count) + _blocks(
         np.arange(count), of_pose, normal @ pose, (3 * count, columns)
     )
-    through = through @ turn
+    through = through @ rotation
     through_dots = _blocks(np.arange(count), 3 * places.point, through, (3 * count, 3 * p))
     dots = -(_diagonal(dot_inverse) @ (through_dots.T @ met))
     kept = problem.kept_points
@@ -120,8 +120,8 @@ def deformable_factors(inverted: Inverted, state: State, places: Places) -> Defo
     return DeformableFactors(
         problem,
         places,
-        turn,
-        arm,
+        rotation,
+        lever_arm,
         inverted.inverse,
         linear,
         noise,

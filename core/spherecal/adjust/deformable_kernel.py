@@ -77,7 +77,7 @@ def eliminate_places(
     n_cameras,
     kept_block,
     of_row,
-    play,
+    shape_sd,
     residual,
     by_camera,
     by_point,
@@ -93,7 +93,7 @@ def eliminate_places(
     inverse,
     point_gradient,
 ):
-    """As `eliminate_points`; row k shows place `of_row[k]`, whose tau is `play` (places,) of that."""
+    """As `eliminate_points`; row k shows place `of_row[k]`, whose tau is `shape_sd` (places,) of that."""
     n_all = len(offset)
     place, place_in_own = np.full(n_all, -1), np.full(n_all, -1)
     blocks, own_blocks = np.empty(n_all, dtype=np.int64), np.empty(n_all, dtype=np.int64)
@@ -137,7 +137,7 @@ def eliminate_places(
                 gradient,
                 square,
             )
-            _weigh_play(v_place, play[of_row[first]] ** 2, q, p)
+            _weigh_play(v_place, shape_sd[of_row[first]] ** 2, q, p)
             weigh(own_weighted, own, 0, q, own_size)
             subtract_point(matrix, own_weighted, own, own_size, own_blocks, n_own, offset, width)
             subtract_gradient(gradient, own_weighted, 0, own_size, g_place, own_blocks, n_own, offset, width)
@@ -213,7 +213,7 @@ def _add_change(by_point, k, d0, d1, out):
 
 
 @njit(**INNER)
-def _play_of_place(begin, end, by_point, variance, q, p):
+def _noise_of_place(begin, end, by_point, variance, q, p):
     """Q and P of the place that has the rows begin to end."""
     v = np.zeros((3, 3))
     for k in range(begin, end):
@@ -224,13 +224,13 @@ def _play_of_place(begin, end, by_point, variance, q, p):
 
 
 @njit(**INNER)
-def _add_changes_through_play(begin, end, of_row, play, by_point, residual, change, q, p, out):
+def _add_changes_through_play(begin, end, of_row, shape_sd, by_point, residual, change, q, p, out):
     """out (3,) += what the play of a point's places leaves of J' times the change of their residuals."""
     first = begin
     met = np.empty(3)
     while first < end:
         last = _end_of_place(first, end, of_row)
-        _play_of_place(first, last, by_point, play[of_row[first]] ** 2, q, p)
+        _noise_of_place(first, last, by_point, shape_sd[of_row[first]] ** 2, q, p)
         met[:] = 0.0
         for k in range(first, last):
             at = k - begin
@@ -241,13 +241,13 @@ def _add_changes_through_play(begin, end, of_row, play, by_point, residual, chan
 
 
 @njit(**INNER)
-def _squares_of_play(begin, end, of_row, play, by_point, change, step, q, p):
+def _squares_of_play(begin, end, of_row, shape_sd, by_point, change, step, q, p):
     """What the play of a point's places takes off the squares of residuals (in `change`) after the point's step."""
     taken, first = 0.0, begin
     met = np.empty(3)
     while first < end:
         last = _end_of_place(first, end, of_row)
-        _play_of_place(first, last, by_point, play[of_row[first]] ** 2, q, p)
+        _noise_of_place(first, last, by_point, shape_sd[of_row[first]] ** 2, q, p)
         met[:] = 0.0
         for k in range(first, last):
             d0, d1 = change[k - begin, 0], change[k - begin, 1]
@@ -271,7 +271,7 @@ def substitute_places(
     n_cameras,
     is_kept,
     of_row,
-    play,
+    shape_sd,
     residual,
     by_camera,
     by_point,
@@ -293,9 +293,9 @@ def substitute_places(
             change[k - begin] = _change_of_row(
                 k, camera, placement, n_cameras, by_camera, by_placement, offset, step, residual[k, 0], residual[k, 1]
             )
-        _add_changes_through_play(begin, end, of_row, play, by_point, residual, change, q, p, g)
+        _add_changes_through_play(begin, end, of_row, shape_sd, by_point, residual, change, q, p, g)
         if not is_kept[point]:
             _step_point(point_step[point], inverse[point], g[0], g[1], g[2])
         squares = _add_squares_after(begin, end, by_point, point_step[point], change, squares)
-        squares -= _squares_of_play(begin, end, of_row, play, by_point, change, point_step[point], q, p)
+        squares -= _squares_of_play(begin, end, of_row, shape_sd, by_point, change, point_step[point], q, p)
     return squares

@@ -134,7 +134,7 @@ def reduce(problem: Problem, linear: Linear, damping: float, known: PointEquatio
         if not isinstance(problem.ball, Deformable):
             eliminate_points(*rows, *derivatives, *lenses, damping, *system)
         else:
-            eliminate_places(*rows, part.place, problem.ball.play, *derivatives, *lenses, damping, *system)
+            eliminate_places(*rows, part.place, problem.ball.shape_sd, *derivatives, *lenses, damping, *system)
     add_squares(matrix, diagonal, square, *lenses)
     return reduced
 
@@ -196,7 +196,7 @@ def back_substitute(problem: Problem, linear: Linear, reduced: Reduced, step: Fl
         if not isinstance(problem.ball, Deformable):
             squares = substitute_points(*rows, *rest)
         else:
-            squares = substitute_places(*rows, part.place, problem.ball.play, *rest)
+            squares = substitute_places(*rows, part.place, problem.ball.shape_sd, *rest)
     point_step[kept] = 0.0
     return point_step, 0.5 * squares
 

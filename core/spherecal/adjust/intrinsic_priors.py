@@ -41,7 +41,7 @@ def prior_sigmas(intrinsics: FloatArray) -> FloatArray:
     return sigma
 
 
-def hold(network: Network, known: FloatArray, held: BoolArray, noise: float) -> Network:
+def with_intrinsic_priors(network: Network, known: FloatArray, held: BoolArray, noise: float) -> Network:
     """The network with a prior on the intrinsics (c,16) of the held cameras' groups, and on rational denominators.
 
     `noise` is the standard deviation of unit weight: priors are to weigh against image points as both really scatter.

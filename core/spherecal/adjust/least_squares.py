@@ -6,7 +6,7 @@ import numpy as np
 
 from spherecal.adjust import engine
 from spherecal.adjust.ball_model import Deformable, Stored
-from spherecal.adjust.deformable import LEAST_DAMPING, Play, play_of
+from spherecal.adjust.deformable import LEAST_DAMPING, ShapeNoise, shape_noise_of
 from spherecal.adjust.levenberg import Damping, Minimum, OnStep, Settings, levenberg_marquardt, solve_damped
 from spherecal.adjust.linear import Linear, PointEquations, Reduced
 from spherecal.adjust.problem import Problem, length_residuals, moved, prior_residuals
@@ -30,7 +30,7 @@ class _Linearised:
     """The observations' equations at a state, and the play of a deformable ball's places."""
 
     linear: Linear
-    play: Play
+    shape_noise: ShapeNoise
 
 
 @dataclass(frozen=True)
@@ -50,14 +50,14 @@ class _Bundle:
 
     def linearise(self, state: State) -> _Linearised:
         linear = engine.linear_model(self.problem, state, _robust_weight(self.problem, state, self.cauchy))
-        return _Linearised(linear, play_of(self.problem, linear))
+        return _Linearised(linear, shape_noise_of(self.problem, linear))
 
     def cost(self, state: State, linear: _Linearised) -> float:
         residual = engine.residuals(self.problem, state)
         squared = (residual**2).sum(axis=1)
         if self.cauchy is not None:
             squared = self.cauchy**2 * np.log1p(squared / self.cauchy**2)
-        total = 0.5 * float(squared.sum() - linear.play.taken(residual) + _other_squares(self.problem, state))
+        total = 0.5 * float(squared.sum() - linear.shape_noise.taken(residual) + _other_squares(self.problem, state))
         return total if np.isfinite(total) else np.inf
 
     def accepted(self, state: State, cost: float) -> tuple[_Linearised | None, float]:
@@ -76,7 +76,7 @@ class _Bundle:
             problem, linear.linear, normal.reduced, problem.layout.expand_vector(step)
         )
         residual = linear.linear.residual
-        before = 0.5 * float((residual**2).sum() - linear.play.taken(residual))
+        before = 0.5 * float((residual**2).sum() - linear.shape_noise.taken(residual))
         new = moved(problem, state, step, point_step)
         if (new.intrinsics[:, :2] <= 0).any():  # no lens: as good as singular
             return None
@@ -85,7 +85,7 @@ class _Bundle:
 
 
 def minimise(problem: Problem, state: State, settings: Settings, on_step: OnStep | None = None) -> Minimum:
-    """The state of least cost (2) near `state`; the play of a deformable ball's dots is in its `bend`.
+    """The state of least cost (2) near `state`; the play of a deformable ball's dots is in its `shape_residual`.
 
     BLAS is held to one thread: beside compiled kernels more threads made small factorisations 3-10 times slower.
 
@@ -103,8 +103,10 @@ def minimise(problem: Problem, state: State, settings: Settings, on_step: OnStep
         found = levenberg_marquardt(model, state, settings, on_step)
         if not isinstance(problem.ball, Deformable) or not len(problem.uv):
             return found
-        bend = play_of(problem, engine.linear_model(problem, found.state, None)).bend(found.state)
-        return replace(found, state=replace(found.state, bend=bend))
+        shape_residual = shape_noise_of(problem, engine.linear_model(problem, found.state, None)).shape_residual(
+            found.state
+        )
+        return replace(found, state=replace(found.state, shape_residual=shape_residual))
 
 
 def total_cost(problem: Problem, state: State, cauchy: float | None) -> float:

@@ -103,7 +103,7 @@ class Network:
         seen = (self.views(used) >= 2)[self.lengths.points] | (self.lengths.coefficient == 0)
         return self.lengths.select(seen.all(axis=1))
 
-    def locate(self, state: State, rows: BoolArray) -> Triangulation:
+    def triangulated(self, state: State, rows: BoolArray) -> Triangulation:
         """All features triangulated from some observations with the cameras (and placements) of `state`."""
         take = np.flatnonzero(rows)
         weight = 1.0 / self._sigma(take) ** 2
@@ -111,7 +111,7 @@ class Network:
         return triangulate(self.feature[take], view, self.uv[take], weight, self.n_features, cameras)
 
     def angles(self, state: State, rows: BoolArray) -> FloatArray:
-        """The largest angle (m,) rad between two rays of each feature, of some observations, as `locate` tells it."""
+        """The largest angle (m,) rad between two rays of each feature, as `triangulated` takes them."""
         take = np.flatnonzero(rows)
         view, cameras = self._views_of_the_ball(state, take)
         return ray_angles(self.feature[take], view, self.uv[take], self.n_features, cameras)
@@ -157,7 +157,11 @@ class Network:
             return points
         turned = np.einsum("nij,nj->ni", state.placement_rotation[self.ball.placement], points)
         carried = turned + state.placement_translation[self.ball.placement]
-        return carried + state.bend[self.ball.place] if len(state.bend) and len(self.ball.place) else carried
+        return (
+            carried + state.shape_residual[self.ball.place]
+            if len(state.shape_residual) and len(self.ball.place)
+            else carried
+        )
 
     def camera_points(self, state: State) -> FloatArray:
         """The observed point of every observation in its camera's frame, (n,3); NaN where it is not known."""

@@ -69,7 +69,7 @@ class PointFactors(CovarianceFactors):
         """The features' own image noise (f,3,3), without the cameras' share."""
         if self.places is None:
             return self.point_inverse
-        return self.turn @ self.point_inverse[self.places.point] @ self.turn.transpose(0, 2, 1)
+        return self.rotation @ self.point_inverse[self.places.point] @ self.rotation.transpose(0, 2, 1)
 
     @property
     def point_of_feature(self) -> IntArray:
@@ -87,11 +87,11 @@ class PointFactors(CovarianceFactors):
             for position, p in enumerate(kept):
                 own = slice(after + 3 * position, after + 3 * position + 3)
                 out[p] = self.inverse[own, own]
-            carried = _carried_points(self) + self.point_inverse @ self.datum_points
+            gauge_cross = _carried_points(self) + self.point_inverse @ self.datum_points
         else:
-            out, carried = _carried_places(self)
+            out, gauge_cross = _carried_places(self)
             observed = observed[self.places.point]
-        self.take_back(out, carried, self.gauge_places @ self.moments)
+        self.take_back(out, gauge_cross, self.gauge_places @ self.moments)
         out[~observed] = np.nan
         return out
 
@@ -101,9 +101,9 @@ class PointFactors(CovarianceFactors):
         if self.places is None:
             return gradient, columns
         points = np.zeros((self.problem.n_points, 3))
-        np.add.at(points, self.places.point, np.einsum("fji,fj->fi", self.turn, gradient))
+        np.add.at(points, self.places.point, np.einsum("fji,fj->fi", self.rotation, gradient))
         poses = np.zeros((self.problem.n_placements, POSE))
-        np.add.at(poses, self.places.placement, np.concatenate([np.cross(self.arm, gradient), gradient], axis=1))
+        np.add.at(poses, self.places.placement, np.concatenate([np.cross(self.lever_arm, gradient), gradient], axis=1))
         start = self.n_camera_columns
         columns[start : start + poses.size] = poses.ravel()
         return points, columns
@@ -130,11 +130,11 @@ class PointFactors(CovarianceFactors):
         """A gradient by places (f,3) in the datum, by columns (e,) and by the points' own noise (p,3)."""
         left = np.einsum("fi,fig->g", gradient, self.gauge_places) @ self.moments  # how much the datum takes back
         points, columns = self.to_unknowns(gradient)
-        by_column = columns + self.point_columns_times(points[None])[0] - left @ self.pull
+        by_column = columns + self.point_columns_times(points[None])[0] - left @ self.gauge_rows
         return by_column, points - self.datum_points @ left
 
     @cached_property
-    def pull(self) -> FloatArray:
+    def gauge_rows(self) -> FloatArray:
         """The datum's conditions by columns, points eliminated, (g,e)."""
         return self.point_columns_times(self.datum_points.transpose(2, 0, 1)) + self.datum_columns.T
 
@@ -151,12 +151,12 @@ def point_factors(inverted: Inverted, state: State, places: Places | None) -> Po
     """
     problem, motions = inverted.problem, inverted.motions
     g, expanded = motions.columns.shape[1], problem.layout.expanded
-    turn, arm = carried_dots(state, places)
+    rotation, lever_arm = carried_dots(state, places)
     parts = PointFactors(
         problem,
         places,
-        turn,
-        arm,
+        rotation,
+        lever_arm,
         inverted.inverse,
         inverted.linear,
         inverted.point_inverse,
@@ -180,12 +180,12 @@ def point_factors(inverted: Inverted, state: State, places: Places | None) -> Po
 def _carried_points(parts: PointFactors) -> FloatArray:
     """K C A' (p,3,g)."""
     problem = parts.problem
-    out = np.zeros((problem.n_points, 3, parts.carried.shape[1]))
-    by_camera = parts.carried[: parts.n_camera_columns].reshape(problem.n_cameras, parts.linear.width, out.shape[2])
+    out = np.zeros((problem.n_points, 3, parts.gauge_cross.shape[1]))
+    by_camera = parts.gauge_cross[: parts.n_camera_columns].reshape(problem.n_cameras, parts.linear.width, out.shape[2])
     for own in blocks(len(problem.uv)):
         np.add.at(out, problem.point[own], parts.shifts_of(own)[0] @ by_camera[problem.camera[own]])
     kept = problem.kept_points
-    out[kept] = parts.carried[problem.layout.expanded - 3 * len(kept) :].reshape(len(kept), *out.shape[1:])
+    out[kept] = parts.gauge_cross[problem.layout.expanded - 3 * len(kept) :].reshape(len(kept), *out.shape[1:])
     return out
 
 
@@ -195,13 +195,13 @@ def _carried_places(parts: PointFactors) -> tuple[FloatArray, FloatArray]:
     assert places is not None
     shifts = shift_matrix(parts)
     pose = parts.n_camera_columns + POSE * places.placement[:, None] + np.arange(POSE)  # (f,6)
-    by_pose = np.concatenate([-cross_matrix(parts.arm), np.broadcast_to(np.eye(3), (len(pose), 3, 3))], axis=2)
+    by_pose = np.concatenate([-cross_matrix(parts.lever_arm), np.broadcast_to(np.eye(3), (len(pose), 3, 3))], axis=2)
     out = by_pose @ parts.inverse[pose[:, :, None], pose[:, None, :]] @ by_pose.transpose(0, 2, 1)
-    carried = by_pose @ parts.carried[pose]
-    by_point = parts.point_inverse @ parts.datum_points + np.asarray(shifts @ parts.carried).reshape(
-        problem.n_points, 3, parts.carried.shape[1]
+    gauge_cross = by_pose @ parts.gauge_cross[pose]
+    by_point = parts.point_inverse @ parts.datum_points + np.asarray(shifts @ parts.gauge_cross).reshape(
+        problem.n_points, 3, parts.gauge_cross.shape[1]
     )
-    carried += parts.turn @ by_point[places.point]
+    gauge_cross += parts.rotation @ by_point[places.point]
     order = np.argsort(places.point, kind="stable")
     for first in range(0, problem.n_points, _CHUNK):
         rows = shifts[3 * first : 3 * (first + _CHUNK)].toarray()
@@ -209,10 +209,10 @@ def _carried_places(parts: PointFactors) -> tuple[FloatArray, FloatArray]:
         own = moved @ rows.reshape(moved.shape).transpose(0, 2, 1) + parts.point_inverse[first : first + _CHUNK]
         begin, end = np.searchsorted(places.point[order], [first, first + _CHUNK])
         some = order[begin:end]
-        local, turn = places.point[some] - first, parts.turn[some]
-        mixed = turn @ moved[local[:, None], :, pose[some]].transpose(0, 2, 1) @ by_pose[some].transpose(0, 2, 1)
-        out[some] += turn @ own[local] @ turn.transpose(0, 2, 1) + mixed + mixed.transpose(0, 2, 1)
-    return out, carried
+        local, rotation = places.point[some] - first, parts.rotation[some]
+        mixed = rotation @ moved[local[:, None], :, pose[some]].transpose(0, 2, 1) @ by_pose[some].transpose(0, 2, 1)
+        out[some] += rotation @ own[local] @ rotation.transpose(0, 2, 1) + mixed + mixed.transpose(0, 2, 1)
+    return out, gauge_cross
 
 
 def shift_matrix(parts: PointFactors) -> sparse.csr_array:

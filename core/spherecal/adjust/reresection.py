@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from spherecal.adjust.bundle import RobustStep, located, residual_size, robust_adjustment, usable_features
+from spherecal.adjust.bundle import RobustStep, residual_size, robust_adjustment, triangulated, usable_features
 from spherecal.adjust.network import Network
 from spherecal.adjust.state import State
 from spherecal.base.arrays import BoolArray, FloatArray, IntArray
@@ -80,9 +80,9 @@ def with_right_poses(
             rotation[camera], translation[camera] = pose.rotation, pose.translation
         state = replace(state, rotation=rotation, translation=translation)
         mine = candidates & placed[network.camera]
-        state = located(network, state, mine)
+        state = triangulated(network, state, mine)
         state = robust_adjustment(network, state, mine, placed, RobustStep(None, ITERATIONS), context)
-        state = located(network, state, mine)
+        state = triangulated(network, state, mine)
         used = mine & np.isfinite(state.points[network.feature, 0])
     return Resections(state, used, _ambiguous(network, state, used, candidates, placed))
 
@@ -124,9 +124,9 @@ def _better_poses(
     """Poses of doubtful cameras that fit the others' points better than the ones they have."""
     noise_px = _noise_px(network, state, used & ~doubtful[network.camera])
     better = {}
-    located = _of_the_others(network, state, used, doubtful)
+    triangulated = _of_the_others(network, state, used, doubtful)
     for camera in np.flatnonzero(doubtful).tolist():
-        view = _View.of(network, located, camera, candidates, noise_px)
+        view = _View.of(network, triangulated, camera, candidates, noise_px)
         if view is None:
             continue
         now = pose_cost(state.rotation[camera], state.translation[camera], view.points, view.xy, view.scale)
@@ -143,9 +143,9 @@ def _ambiguous(network: Network, state: State, used: BoolArray, candidates: Bool
     if not doubtful.any() or doubtful.sum() > placed.sum() / 2:
         return out
     noise_px = _noise_px(network, state, used & ~doubtful[network.camera])
-    located = _of_the_others(network, state, used, doubtful)
+    triangulated = _of_the_others(network, state, used, doubtful)
     for camera in np.flatnonzero(doubtful).tolist():
-        view = _View.of(network, located, camera, candidates, noise_px)
+        view = _View.of(network, triangulated, camera, candidates, noise_px)
         if view is None:
             continue
         poses = resected_poses(view.points, view.xy, view.scale)
@@ -177,17 +177,19 @@ class _View:
     scale_px: float
 
     @staticmethod
-    def of(network: Network, located: State, camera: int, candidates: BoolArray, noise_px: float) -> "_View | None":
+    def of(
+        network: Network, triangulated: State, camera: int, candidates: BoolArray, noise_px: float
+    ) -> "_View | None":
         rows: IntArray = np.flatnonzero(
-            candidates & (network.camera == camera) & np.isfinite(located.points[network.feature, 0])
+            candidates & (network.camera == camera) & np.isfinite(triangulated.points[network.feature, 0])
         )
-        xy, usable = undistort(network.uv[rows], located.intrinsics[camera])
+        xy, usable = undistort(network.uv[rows], triangulated.intrinsics[camera])
         rows, xy = rows[usable], xy[usable]
         if len(rows) < MIN_AGREEING:
             return None
         scale_px = max(SCALE_SIGMAS * noise_px, LEAST_SCALE_PX)
-        points = network.only(rows).world_points(located)
-        return _View(points, xy, scale_px / float(located.intrinsics[camera, 0]), scale_px)
+        points = network.only(rows).world_points(triangulated)
+        return _View(points, xy, scale_px / float(triangulated.intrinsics[camera, 0]), scale_px)
 
 
 def _of_the_others(network: Network, state: State, used: BoolArray, doubtful: BoolArray) -> State:

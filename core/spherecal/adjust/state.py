@@ -34,7 +34,7 @@ class State:
     points: FloatArray
     placement_rotation: FloatArray = field(default_factory=lambda: np.zeros((0, 3, 3)))
     placement_translation: FloatArray = field(default_factory=lambda: np.zeros((0, 3)))
-    bend: FloatArray = field(default_factory=lambda: np.zeros((0, 3)))
+    shape_residual: FloatArray = field(default_factory=lambda: np.zeros((0, 3)))
     anchored: BoolArray = field(default_factory=lambda: np.zeros(0, dtype=bool))
 
     @property
@@ -54,7 +54,7 @@ class State:
             translation=self.translation * factor,
             points=self.points * factor,
             placement_translation=self.placement_translation * factor,
-            bend=self.bend * factor,
+            shape_residual=self.shape_residual * factor,
         )
 
     def free(self, points: FloatArray) -> "State":
@@ -73,7 +73,7 @@ class State:
             rotation=rotation,
             translation=self.translation - rotation @ t,
             points=self.points @ r.T + t,
-            bend=self.bend @ r.T,
+            shape_residual=self.shape_residual @ r.T,
         )
         if self.is_anchored:  # the placements move instead of the shape; the first one is the world itself
             turn, shift = r @ self.placement_rotation, self.placement_translation @ r.T + t

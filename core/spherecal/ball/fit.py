@@ -7,7 +7,7 @@ import numpy as np
 
 from spherecal.adjust.bundle import Adjustment, refine, robust_start
 from spherecal.adjust.covariance import Covariance, covariance
-from spherecal.adjust.intrinsic_priors import LEAST_NOISE, hold, poorly_determined, poorly_observed
+from spherecal.adjust.intrinsic_priors import LEAST_NOISE, poorly_determined, poorly_observed, with_intrinsic_priors
 from spherecal.adjust.network import Network
 from spherecal.adjust.reresection import with_right_poses
 from spherecal.adjust.rows import LengthRows
@@ -74,7 +74,7 @@ def solve_free(
     def solution(described: Network) -> BallFit:
         return solve_from(described, start, points, candidates, run)
 
-    return solve_or_hold(network, candidates & start.placed[network.camera], start.placed, solution, run)
+    return solve_with_priors(network, candidates & start.placed[network.camera], start.placed, solution, run)
 
 
 def solve_from(
@@ -159,7 +159,7 @@ def finished_solution(
     return BallFit(network, adjusted, cofactors, np.zeros(len(placed), dtype=bool), placed, rigid)
 
 
-def solve_or_hold(
+def solve_with_priors(
     network: Network,
     candidates: BoolArray,
     placed: BoolArray,
@@ -181,16 +181,16 @@ def solve_or_hold(
     """
     known = run.known
     held = poorly_observed(network, candidates) & placed
-    solved = solution(hold(network, known, held, 1.0))
+    solved = solution(with_intrinsic_priors(network, known, held, 1.0))
     if held.any():  # again with the noise that only the adjustment tells
-        solved = solution(hold(network, known, held, np.sqrt(solved.adjusted.variance)))
+        solved = solution(with_intrinsic_priors(network, known, held, np.sqrt(solved.adjusted.variance)))
     while solved.cofactors is not None:
         weak = poorly_determined(
             solved.adjusted.problem, solved.adjusted.state, solved.cofactors, solved.adjusted.variance
         )
         if not (weak & ~held).any():
             break
-        again = solution(hold(network, known, held | weak, np.sqrt(solved.adjusted.variance)))
+        again = solution(with_intrinsic_priors(network, known, held | weak, np.sqrt(solved.adjusted.variance)))
         if again.adjusted.variance > MOST_WORSE_BY_HOLDING * solved.adjusted.variance:
             break
         solved, held = again, held | weak

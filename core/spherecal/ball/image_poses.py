@@ -13,11 +13,11 @@ from scipy.linalg import LinAlgError, cho_factor, cho_solve
 from spherecal.adjust import engine
 from spherecal.adjust.bundle import (
     RobustStep,
-    located,
     refine,
     residual_size,
     robust_adjustment,
     robust_start,
+    triangulated,
 )
 from spherecal.adjust.layout import POSE, symmetric
 from spherecal.adjust.least_squares import normal_equations
@@ -148,9 +148,9 @@ def solve_images(
 def _settled(images: Network, start: State, enough: BoolArray, context: Context) -> tuple[State, BoolArray]:
     """The images near their minimum, and the observations (n,) that fit: poses alone, and lenses where these bent."""
     candidates = enough[images.camera]
-    state = located(images, start, candidates)
+    state = triangulated(images, start, candidates)
     state = robust_adjustment(images, state, candidates, enough, RobustStep((), stage="moved cameras"), context)
-    state = located(images, state, candidates)
+    state = triangulated(images, state, candidates)
     used = candidates & np.isfinite(state.points[images.feature, 0])
     if _fits(images, state, candidates, enough):
         return state, used

@@ -18,7 +18,7 @@ from spherecal.ball.rigid import Alignment, BallNetwork
 from spherecal.base.arrays import IntArray
 from spherecal.base.context import Context
 from spherecal.geometry.transform import IDENTITY, Similarity
-from spherecal.initialise.incremental import InitialPoses, resect_rest, settle
+from spherecal.initialise.incremental import InitialPoses, adjust_placed, resect_rest
 
 # A camera of no group, which no two others share enough dots with, is resected too where it has so many. Five cameras
 # around a ball, one every 72 degrees, had some 1,000 each in three placements, 320 to 496 in common with a neighbour,
@@ -63,7 +63,7 @@ def link_camera_groups(
     count = np.bincount(images.camera, minlength=len(images.group)).reshape(-1, n_ball)
     root, first = _first(images, groups, n_ball)
     every = np.ones(len(images.uv), dtype=bool)
-    first = InitialPoses(settle(images, first.state, first.placed, every, context), first.placed)
+    first = InitialPoses(adjust_placed(images, first.state, first.placed, every, context), first.placed)
     grown = resect_rest(images, first, every, context, lambda now: _whole_groups(now, groups, n_ball))
     return _rig(groups[0], grown, count, alignment, root, taken)
 

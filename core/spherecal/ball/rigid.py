@@ -66,14 +66,14 @@ class RigidNetwork:
         turn = state.placement_rotation[self.places.placement]
         points = np.einsum("fij,fj->fi", turn, state.points[self.places.point])
         points += state.placement_translation[self.places.placement]
-        if len(state.bend):
-            points += state.bend
+        if len(state.shape_residual):
+            points += state.shape_residual
         return state.free(points)
 
-    def softened(self, play: float) -> "RigidNetwork":
+    def softened(self, shape_sd: float) -> "RigidNetwork":
         """The same ball with some play (see Deformable) of the dots that may be seen at two placements."""
         seen = np.bincount(self.places.point, minlength=self.network.n_features)
-        own = np.where(seen[self.places.point] > 1, play, 0.0)  # a bar's marks have none
+        own = np.where(seen[self.places.point] > 1, shape_sd, 0.0)  # a bar's marks have none
         ball = self.network.ball
         deformable = Deformable(ball.placement, ball.free_placement, self.feature, own)
         return replace(self, network=replace(self.network, ball=deformable))

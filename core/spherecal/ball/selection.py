@@ -16,7 +16,7 @@ from spherecal.adjust.network import Network
 from spherecal.adjust.rows import NO_PRIORS
 from spherecal.adjust.state import State
 from spherecal.ball.agreement import Agreement, agreement
-from spherecal.ball.fit import BallFit, finished_solution, solve_from, solve_or_hold
+from spherecal.ball.fit import BallFit, finished_solution, solve_from, solve_with_priors
 from spherecal.ball.linking import link_camera_groups
 from spherecal.ball.rigid import LEAST_SHARED, Alignment, BallNetwork, RigidNetwork, share_shape
 from spherecal.ball.run import Run
@@ -26,7 +26,7 @@ from spherecal.base.messages.values import Phrase
 from spherecal.initialise.incremental import InitialPoses
 
 FormName = Literal["free", "soft", "rigid"]
-Wanted = Literal["auto", "soft", "rigid"]
+RequestedForm = Literal["auto", "soft", "rigid"]
 
 # A ball that changed its shape by 0.05 mm rms between placements (turned) or 0.017 mm (only moved) makes the rigid form
 # as bad as the free one; the variance of unit weight is then 1.45 and 1.12 times the free form's.
@@ -35,7 +35,7 @@ MOST_WORSE_TURNED, MOST_WORSE_MOVED = 1.15, 1.05
 # 1.7e-4 of its radius). Turned, the soft form gave 26, 45, 71 um where free points gave 53, 51, 53 (rig A), and 14, 25,
 # 41 where they gave 53, 70, 57 (rig B); the limit lies where it is no worse on either. Only moved: 21, 35, 62 against
 # 39, 43, 48 (rig A; ratios 1.2, 2.3, 6), 48, 76, 102 against 45, 46, 48 (rig B; 2.4, 9, 32): studies/shape.md.
-MOST_PLAY, MOST_WORSE_SOFT, MOST_WORSE_SOFT_MOVED = 1.2e-4, 30.0, 1.5
+MOST_SHAPE_SD, MOST_WORSE_SOFT, MOST_WORSE_SOFT_MOVED = 1.2e-4, 30.0, 1.5
 # Up to this ratio lenses that the model does not follow explain it, where cameras do not agree on how dots moved: 1.08
 # to 1.59 in realistic recordings, in which the rigid form's lengths were 2 to 24 times better than the free one's.
 MOST_WORSE_BY_LENSES = 2.0
@@ -96,7 +96,7 @@ class RequestedModel:
     (t,), relative to their mean, that the rigid form should have, by the free form's variance; None: what they are off.
     """
 
-    name: Wanted
+    name: RequestedForm
     shape_sd_mm: float | None
     mm_per_unit: Callable[[BallFit], float]
     sizes: Callable[[RigidNetwork, Adjustment, float | None], FloatArray | None]
@@ -194,7 +194,7 @@ def _of_several_sizes(
 
 
 def _linked(
-    groups: list[BallFit], ball: BallNetwork, alignment: Alignment, requested: Wanted, run: Run
+    groups: list[BallFit], ball: BallNetwork, alignment: Alignment, requested: RequestedForm, run: Run
 ) -> tuple[BallFit, ModelChoice] | None:
     """The rigid form of more cameras than the first group has; None where the ball's shape links no more."""
     every = [InitialPoses(one.adjusted.state, one.placed) for one in groups]
@@ -214,7 +214,7 @@ def _rigid_from(rigid: RigidNetwork, start: InitialPoses, candidates: BoolArray,
     def solution(described: Network) -> BallFit:
         return solve_from(described, start, None, everything, run, rigid)
 
-    return solve_or_hold(rigid.network, everything, start.placed, solution, run)
+    return solve_with_priors(rigid.network, everything, start.placed, solution, run)
 
 
 def _with_more_placements(
@@ -241,7 +241,7 @@ def _rigid_solution(rigid: RigidNetwork, start: State, used: BoolArray, placed: 
     def solution(described: Network) -> BallFit:
         return finished_solution(described, refine(described, start, used, placed, run.context), placed, run, rigid)
 
-    return solve_or_hold(rigid.network, used, placed, solution, run)
+    return solve_with_priors(rigid.network, used, placed, solution, run)
 
 
 def _soft_solution(
@@ -254,14 +254,14 @@ def _soft_solution(
     noise = max(float(np.sqrt(free.adjusted.variance)), LEAST_NOISE)
     used, placed, unit_mm = free.adjusted.used, free.placed, requested.mm_per_unit(free)
     if requested.shape_sd_mm is None:
-        play, start = estimate_shape_variance(rigid, first, used, placed, noise**2, run.context)
+        shape_sd, start = estimate_shape_variance(rigid, first, used, placed, noise**2, run.context)
     else:
-        play = requested.shape_sd_mm / unit_mm / noise
-        start = adjusted_with(rigid, first, used, placed, play)
-    if choice.limit is not None and not choice.asked and play * noise > MOST_PLAY * _radius(start):
+        shape_sd = requested.shape_sd_mm / unit_mm / noise
+        start = adjusted_with(rigid, first, used, placed, shape_sd)
+    if choice.limit is not None and not choice.asked and shape_sd * noise > MOST_SHAPE_SD * _radius(start):
         return None
-    solved = _rigid_solution(_without_priors(rigid).softened(play), start.state, start.used, placed, run)
-    sd_mm = play * noise * unit_mm
+    solved = _rigid_solution(_without_priors(rigid).softened(shape_sd), start.state, start.used, placed, run)
+    sd_mm = shape_sd * noise * unit_mm
     source = Phrase("play-stated" if requested.shape_sd_mm is not None else "play-estimated")
     reason = Phrase("form-play", {"reason": choice.reason, "sd_mm": sd_mm, "source": source})
     choice = replace(choice, reason=reason, shape_sd_mm=sd_mm, stated=requested.shape_sd_mm is not None)
@@ -275,7 +275,11 @@ def _radius(rigid: Adjustment) -> float:
 
 
 def _judged(
-    rigid: Adjustment, free: list[BallFit], alignment: Alignment, requested: Wanted, feature: IntArray | None = None
+    rigid: Adjustment,
+    free: list[BallFit],
+    alignment: Alignment,
+    requested: RequestedForm,
+    feature: IntArray | None = None,
 ) -> ModelChoice:
     """Against the free form, of several groups of cameras taken together; feature (n,) of the observations."""
     redundancy = sum(group.adjusted.redundancy for group in free)

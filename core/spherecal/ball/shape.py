@@ -46,13 +46,13 @@ def shape_cofactors(covariance: Covariance, points: FloatArray, dots: IntArray) 
     shifts = shift_matrix(parts)  # of all dots: nearly full, so that taking these dots' rows of it would copy 100 MB
     spread_out = np.zeros((len(parts.point_inverse), 3, 7))
     spread_out[dots] = motions
-    pull = np.asarray(shifts.T @ spread_out.reshape(-1, 7)).T
+    gauge_rows = np.asarray(shifts.T @ spread_out.reshape(-1, 7)).T
     noise = own @ motions
-    carried = np.asarray(shifts @ (parts.inverse @ pull.T)).reshape(-1, 3, 7)[dots] + noise
-    middle = pull @ parts.inverse @ pull.T + np.einsum("pig,pih->gh", motions, noise)
-    held = motions @ np.linalg.inv(flat.T @ flat)
-    cross = carried @ held.transpose(0, 2, 1)
-    out = own + held @ middle @ held.transpose(0, 2, 1) - cross - cross.transpose(0, 2, 1)
+    gauge_cross = np.asarray(shifts @ (parts.inverse @ gauge_rows.T)).reshape(-1, 3, 7)[dots] + noise
+    gauge_inner = gauge_rows @ parts.inverse @ gauge_rows.T + np.einsum("pig,pih->gh", motions, noise)
+    gauge_weights = motions @ np.linalg.inv(flat.T @ flat)
+    cross = gauge_cross @ gauge_weights.transpose(0, 2, 1)
+    out = own + gauge_weights @ gauge_inner @ gauge_weights.transpose(0, 2, 1) - cross - cross.transpose(0, 2, 1)
     for first in range(0, len(dots), _CHUNK):
         own_rows = (3 * dots[first : first + _CHUNK, None] + np.arange(3)).ravel()
         some = shifts[own_rows].toarray()

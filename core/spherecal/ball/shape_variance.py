@@ -10,7 +10,7 @@ import numpy as np
 from spherecal.adjust import engine
 from spherecal.adjust.ball_model import Deformable
 from spherecal.adjust.bundle import Adjustment, datum_defect
-from spherecal.adjust.deformable import play_of
+from spherecal.adjust.deformable import shape_noise_of
 from spherecal.adjust.least_squares import minimise
 from spherecal.adjust.levenberg import Settings
 from spherecal.adjust.problem import Problem
@@ -30,7 +30,7 @@ TRIAL_SETTINGS = {"tolerance": 1e-6, "max_iterations": 6}
 class _Trial:
     """Logarithms of a play and of the variance that it leaves, over the one to be reached."""
 
-    play: float
+    shape_sd: float
     excess: float
 
 
@@ -56,22 +56,22 @@ def estimate_shape_variance(
     state, used, problem, rows = _start(rigid, first, used, placed)
     settings = Settings(**TRIAL_SETTINGS)  # type: ignore[arg-type]
     redundancy = max(problem.rows - problem.unknowns + datum_defect(problem), 1)
-    play, trials = 0.0, list[_Trial]()
+    shape_sd, trials = 0.0, list[_Trial]()
     while True:
         context.report("soft ball", len(trials) / MOST_TRIALS)
-        done = minimise(_with_play(problem, play), state, settings)
+        done = minimise(_with_play(problem, shape_sd), state, settings)
         state, ratio = done.state, 2 * done.cost / redundancy / variance
-        if abs(ratio - 1) < TOLERANCE or (play == 0.0 and ratio <= 1) or len(trials) == MOST_TRIALS:
-            return play, Adjustment(state, _with_play(problem, play), rows, used, done, redundancy)
-        if play == 0.0:
-            play = _first_guess(problem, state, ratio)
+        if abs(ratio - 1) < TOLERANCE or (shape_sd == 0.0 and ratio <= 1) or len(trials) == MOST_TRIALS:
+            return shape_sd, Adjustment(state, _with_play(problem, shape_sd), rows, used, done, redundancy)
+        if shape_sd == 0.0:
+            shape_sd = _first_guess(problem, state, ratio)
             continue
-        trials.append(_Trial(float(np.log(play)), float(np.log(ratio))))
-        play = float(np.exp(_next(trials)))
+        trials.append(_Trial(float(np.log(shape_sd)), float(np.log(ratio))))
+        shape_sd = float(np.exp(_next(trials)))
 
 
 def adjusted_with(
-    rigid: RigidNetwork, first: Adjustment, used: BoolArray, placed: BoolArray, play: float
+    rigid: RigidNetwork, first: Adjustment, used: BoolArray, placed: BoolArray, shape_sd: float
 ) -> Adjustment:
     """The network adjusted with a known play.
 
@@ -79,11 +79,11 @@ def adjusted_with(
     ----------
     rigid, first, used, placed
         As of `estimate_shape_variance`.
-    play
+    shape_sd
         In the network's unit, for a standard deviation of unit weight of 1.
     """
     state, used, problem, rows = _start(rigid, first, used, placed)
-    problem = _with_play(problem, play)
+    problem = _with_play(problem, shape_sd)
     done = minimise(problem, state, Settings())
     redundancy = problem.rows - problem.unknowns + datum_defect(problem)
     return Adjustment(done.state, problem, rows, used, done, redundancy)
@@ -101,28 +101,28 @@ def _start(
     return state, used, problem, rows
 
 
-def _with_play(problem: Problem, play: float) -> Problem:
+def _with_play(problem: Problem, shape_sd: float) -> Problem:
     """The problem of `_start` with another play."""
     assert isinstance(problem.ball, Deformable)
-    return replace(problem, ball=replace(problem.ball, play=play * problem.ball.play))
+    return replace(problem, ball=replace(problem.ball, shape_sd=shape_sd * problem.ball.shape_sd))
 
 
 def _next(trials: list[_Trial]) -> float:
     """Where the secant through the last two trials meets zero, within what all trials leave (logarithm of the play)."""
     last = trials[-1]
-    low = max((t.play for t in trials if t.excess > 0), default=-np.inf)
-    high = min((t.play for t in trials if t.excess <= 0), default=np.inf)
+    low = max((t.shape_sd for t in trials if t.excess > 0), default=-np.inf)
+    high = min((t.shape_sd for t in trials if t.excess <= 0), default=np.inf)
     slope = -0.5  # between none, where the images' noise prevails, and -2, where the play does
     if len(trials) > 1 and trials[-2].excess != last.excess:
-        slope = min((trials[-2].excess - last.excess) / (trials[-2].play - last.play), -0.05)
-    step = last.play - float(np.clip(last.excess / slope, -1.5, 1.5))
+        slope = min((trials[-2].excess - last.excess) / (trials[-2].shape_sd - last.shape_sd), -0.05)
+    step = last.shape_sd - float(np.clip(last.excess / slope, -1.5, 1.5))
     if low < step < high:
         return step
-    return 0.5 * (low + high) if np.isfinite(low + high) else last.play + np.sign(last.excess)
+    return 0.5 * (low + high) if np.isfinite(low + high) else last.shape_sd + np.sign(last.excess)
 
 
 def _first_guess(problem: Problem, state: State, ratio: float) -> float:
     """The play that alone would make the images of a typical dot as much noisier."""
-    tied = play_of(problem, engine.linearise(problem, state, None))
+    tied = shape_noise_of(problem, engine.linearise(problem, state, None))
     per_row = np.einsum("gii->g", tied.normal) / (2.0 * np.diff(tied.start))
     return float(np.sqrt((ratio - 1) / np.median(per_row)))

@@ -12,7 +12,7 @@ from spherecal.adjust.bundle import Adjustment, refine
 from spherecal.adjust.intrinsic_priors import LEAST_NOISE
 from spherecal.adjust.network import Network
 from spherecal.adjust.rows import NO_PRIORS
-from spherecal.ball.fit import BallFit, finished_solution, solve_or_hold
+from spherecal.ball.fit import BallFit, finished_solution, solve_with_priors
 from spherecal.ball.rigid import LEAST_SHARED, BallNetwork
 from spherecal.ball.run import Run
 from spherecal.ball.shape import Anchored, KnownDots, anchored
@@ -80,7 +80,7 @@ def solve_on_ball(free: BallFit, ball: BallNetwork, dots: KnownDots, run: Run) -
         adjusted = refine(described, first.state, first.used, placed, run.context)
         return finished_solution(described, adjusted, placed, run, whole)
 
-    solved = solve_or_hold(whole.network, first.used, placed, solution, run)
+    solved = solve_with_priors(whole.network, first.used, placed, solution, run)
     return StoredShapeFit(replace(solved, free=free), misfit, placements, common)
 
 

@@ -46,12 +46,12 @@ def _never() -> bool:
 class Context:
     """Carries progress events to whoever asked for the work and their wish to stop back to it.
 
-    `is_enough`: the user wants what there is so far. Work that can end with it goes on under `accepting_partial()`.
+    `accepts_partial`: the user wants what there is so far. Work that can end with it runs under `accepting_partial()`.
     """
 
     on_progress: Callable[[Progress], None] = _ignore
     is_cancelled: Callable[[], bool] = _never
-    is_enough: Callable[[], bool] = _never
+    accepts_partial: Callable[[], bool] = _never
     has_partial_result: bool = False
 
     def accepting_partial(self) -> "Context":
@@ -66,7 +66,7 @@ class Context:
         """Raise Cancelled or PartialResultAccepted if the user asked to stop; called at least every 0.2 s of work."""
         if self.is_cancelled():
             raise Cancelled
-        if self.has_partial_result and self.is_enough():
+        if self.has_partial_result and self.accepts_partial():
             raise PartialResultAccepted
 
     def report(self, stage: str, fraction: float, detail: str | Phrase = "") -> None:

@@ -178,13 +178,13 @@ def _repair(options: argparse.Namespace, session: "Session", rig: "Rig", found: 
     from spherecal.cli.commands import out
     from spherecal.cli.progress import shown_progress
     from spherecal.files.write_result import write_result
-    from spherecal.uses.repose import mend
+    from spherecal.uses.repose import repose
 
     if not found.to_repair:
         out.print("No camera has moved: there is nothing to repair.")
         return
     with shown_progress() as context:
-        done = mend(session, rig, found.to_repair, context)
+        done = repose(session, rig, found.to_repair, context)
         write_result(done, options.repair, {"method": "selected", "only": list(found.to_repair), "estimate": "pose"})
     out.print(
         f"Cameras {', '.join(found.to_repair)} recalibrated; the repaired rig is in {options.repair}.", markup=False

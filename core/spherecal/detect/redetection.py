@@ -18,8 +18,8 @@ from spherecal.targets.code_table import CodeTable, code_table
 from spherecal.targets.detect_images import STAGE
 from spherecal.targets.family import DOTS
 from spherecal.targets.images import read_image
-from spherecal.targets.look_again import LEAST_DOTS, Expected, Found, look_again
 from spherecal.targets.masks import masked
+from spherecal.targets.predicted_search import LEAST_DOTS, Expected, Found, detect_predicted
 
 # Beyond this angle between a sticker's normal and the line of sight its dots are a pixel wide and merge.
 MOST_VIEW_DEG = 76.0
@@ -123,7 +123,7 @@ def _inside(uv: FloatArray, camera: RigCamera) -> BoolArray:
 
 def _search(job: _Job, table: CodeTable) -> Found:
     focal, _, u0, v0 = job.rig_camera.intrinsics[:4]
-    return look_again(read_image(job.path), job.expected, table, (focal, u0, v0))
+    return detect_predicted(read_image(job.path), job.expected, table, (focal, u0, v0))
 
 
 def _extended(observations: Observations, jobs: list[_Job], found: list[Found]) -> Observations:

@@ -36,7 +36,7 @@ from spherecal.diagnose.moves import (
     scatters,
 )
 from spherecal.diagnose.pose_graph import EXPLAINED, explain
-from spherecal.diagnose.score import Probe, make_probe, settle
+from spherecal.diagnose.score import ScoreTest, change_of, make_score_test
 
 # What the tried fields do not follow of a lens looks like moves that change the image by up to 0.8 times the misfit.
 MORE_THAN_LENS = 3.0
@@ -78,7 +78,7 @@ class DetectedMotions:
 class _Probed:
     """A form of the network and the placement of each of its rows (n,)."""
 
-    probe: Probe
+    probe: ScoreTest
     placement: IntArray
 
 
@@ -90,7 +90,7 @@ def find_anomalies(e: Evidence, contradicting: bool = False) -> Anomalies:
     adjusted, cofactors = e.adjusted, e.solved.cofactors
     if cofactors is None or adjusted.redundancy <= 0 or not adjusted.variance > 0:
         return Anomalies()
-    probe = make_probe(adjusted.problem, adjusted.state, cofactors, adjusted.minimum.cost, adjusted.redundancy)
+    probe = make_score_test(adjusted.problem, adjusted.state, cofactors, adjusted.minimum.cost, adjusted.redundancy)
     main = _Probed(probe, e.observations.placement[adjusted.rows])
     e.context.report(STAGE, 0.1)
     sizes = np.array([camera.image_size for camera in e.session.cameras], dtype=float)
@@ -180,7 +180,7 @@ def _fields(e: Evidence, probed: _Probed, moves: list[Move], sizes: FloatArray) 
     for move in moves if credible(moves, probe.problem.n_cameras) else []:
         rows, moved = rows_of(probe, probed.placement, move)
         values = pose_values(probe, rows, moved)
-        probe = probe.after(rows, values, settle(*probe.block(rows, values), probe.variance))
+        probe = probe.after(rows, values, change_of(*probe.block(rows, values), probe.variance))
         known[move.camera] = np.concatenate([known.get(move.camera, values[:, :, :0]), values], axis=2)
     return misfits(probe, sizes, e.noise_px, known, e.context.part_of(STAGE, 0.2))
 
@@ -196,7 +196,7 @@ def _free_form(e: Evidence) -> _Probed | None:
     network = _free_network(e)
     state = e.solved.by_features.state
     used = e.used & (network.views(e.used) >= 2)[network.feature]
-    used &= (network.locate(state, used).max_angle_rad >= MIN_ANGLE_RAD)[network.feature]
+    used &= (network.triangulated(state, used).max_angle_rad >= MIN_ANGLE_RAD)[network.feature]
     if not used.any():
         return None
     problem, rows = network.problem(used, network.free, e.solved.placed, weighted=True)
@@ -208,5 +208,5 @@ def _free_form(e: Evidence) -> _Probed | None:
     cofactors = covariance(problem, minimum.state)
     if cofactors is None:
         return None
-    probe = make_probe(problem, minimum.state, cofactors, minimum.cost, redundancy)
+    probe = make_score_test(problem, minimum.state, cofactors, minimum.cost, redundancy)
     return _Probed(probe, e.observations.placement[rows])

@@ -20,7 +20,7 @@ from spherecal.base.arrays import BoolArray, FloatArray, IntArray
 from spherecal.data.findings import Finding
 from spherecal.diagnose.evidence import Evidence
 from spherecal.diagnose.influence import MOST_OBSERVATIONS
-from spherecal.diagnose.score import LEAST_SHARE, Change, Probe, make_probe, settle
+from spherecal.diagnose.score import LEAST_SHARE, Change, ScoreTest, change_of, make_score_test
 
 # In one of a million faultless recordings noise looks like a change.
 FALSE_ALARM = 1e-6
@@ -66,7 +66,7 @@ class SizeChange:
 class _Test:
     """The test of sizes of its own for each placement: the network, derivatives (2n,t) by them, what came out."""
 
-    probe: Probe
+    probe: ScoreTest
     columns: FloatArray
     normal: FloatArray
     change: Change
@@ -97,7 +97,7 @@ class _Test:
         """The test of sizes that are sums of directions (t,m)."""
         columns = self.columns @ directions
         g, normal = columns.T @ self.probe.residual, directions.T @ self.normal @ directions
-        return settle(g, normal, columns.T @ columns, self.probe.variance)
+        return change_of(g, normal, columns.T @ columns, self.probe.variance)
 
     @property
     def sizes(self) -> FloatArray:
@@ -185,17 +185,17 @@ def _tested(
     """The test on a rigid form; placement (n,) of its rows, their points (n,3) in the world; None if there is none."""
     if cofactors is None or not _can_be_tested(adjusted, count):
         return None
-    probe = make_probe(adjusted.problem, adjusted.state, cofactors, adjusted.minimum.cost, adjusted.redundancy)
+    probe = make_score_test(adjusted.problem, adjusted.state, cofactors, adjusted.minimum.cost, adjusted.redundancy)
     if probe.shift is None:
         return None
     columns = _by_size(probe, adjusted, placement, np.where(np.isfinite(points), points, 0.0), count)
     left = columns.T @ probe.past_unknowns(columns)
     normal = (left + left.T) / 2
-    change = settle(columns.T @ probe.residual, normal, columns.T @ columns, probe.variance)
+    change = change_of(columns.T @ probe.residual, normal, columns.T @ columns, probe.variance)
     return _Test(probe, columns, normal, change, np.bincount(placement, minlength=count)[:count] > 0)
 
 
-def _by_size(probe: Probe, adjusted: Adjustment, placement: IntArray, place: FloatArray, count: int) -> FloatArray:
+def _by_size(probe: ScoreTest, adjusted: Adjustment, placement: IntArray, place: FloatArray, count: int) -> FloatArray:
     """Derivatives (2n,t) of all rows by the ball's relative size at each placement."""
     columns = np.zeros((len(placement), 2, count))
     by_shift = probe.by_pose()[:, :, 3:POSE]

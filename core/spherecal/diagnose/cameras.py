@@ -12,7 +12,7 @@ from spherecal.data.findings import Finding, leave_out
 from spherecal.diagnose.anomalies import Anomalies
 from spherecal.diagnose.evidence import Evidence
 from spherecal.diagnose.lens_models import WORTH, best_lenses
-from spherecal.diagnose.score import make_probe, settle
+from spherecal.diagnose.score import change_of, make_score_test
 from spherecal.geometry.camera import undistort
 from spherecal.geometry.resection import resect
 
@@ -124,14 +124,14 @@ def fixed_focal_lengths(e: Evidence) -> FixedFocal:
     fixed = np.flatnonzero(e.placed & ~problem.free_intrinsics[:, 0])
     if not len(fixed) or e.solved.cofactors is None or a.redundancy <= 0 or not a.variance > 0:
         return out
-    probe = make_probe(problem, a.state, e.solved.cofactors, a.minimum.cost, a.redundancy)
+    probe = make_score_test(problem, a.state, e.solved.cofactors, a.minimum.cost, a.redundancy)
     for c in fixed:
         rows = np.flatnonzero(problem.camera == c)
         if not len(rows):
             continue
         predicted = problem.uv[rows] + probe.linear.residual[rows] / problem.weight[rows]
         values = ((predicted - a.state.intrinsics[c, 2:4]) * problem.weight[rows])[:, :, None]
-        found = settle(*probe.block(rows, values), probe.variance)
+        found = change_of(*probe.block(rows, values), probe.variance)
         out.change[c], out.statistic[c] = float(found.value[0]), found.statistic
     return out
 

@@ -13,16 +13,16 @@ from spherecal.diagnose.cameras import (
     scattering_poses,
     wrong_focal_lengths,
 )
-from spherecal.diagnose.epipolar import exchanged_images
+from spherecal.diagnose.epipolar import swapped_images
 from spherecal.diagnose.evidence import STAGE, Evidence
-from spherecal.diagnose.geometry import threads, weak_places
+from spherecal.diagnose.geometry import weak_links, weak_places
 from spherecal.diagnose.images import WrongImage, wrong_images
 from spherecal.diagnose.influence import dependent_parts
 from spherecal.diagnose.motion_findings import mixed_up_images, motion_findings, moved_cameras, unexplained_images
 from spherecal.diagnose.rejected_edges import edge_findings
 from spherecal.diagnose.scale import scale_conflict, stretched_print
 from spherecal.diagnose.shape import changed_shape, contradicting_placements
-from spherecal.diagnose.swapped_cameras import exchanged_cameras
+from spherecal.diagnose.swapped_cameras import swapped_cameras
 from spherecal.diagnose.targets import wrong_targets
 
 # A focal length that is fixed 0.3 % wrong explains with one unknown 0.87 of what a moving ball does with 18.
@@ -35,16 +35,16 @@ def diagnose(e: Evidence) -> list[Finding]:
     release_freed()
     found = [*_faults(e), *dependent_parts(e)]
     e.context.report(STAGE, 1.0)
-    return [*found, *weak_places(e), *threads(e), *scale_conflict(e), *stretched_print(e)]
+    return [*found, *weak_places(e), *weak_links(e), *scale_conflict(e), *stretched_print(e)]
 
 
 def _faults(e: Evidence) -> list[Finding]:
     wrong = wrong_images(e)
     if _in_trouble(e, wrong):
-        exchanged = exchanged_images(e)
-        named = {(image.camera, image.placement) for image in exchanged}
-        wrong = exchanged + [image for image in wrong if (image.camera, image.placement) not in named]
-    found = [*mixed_up_images(e, wrong), *exchanged_cameras(e)]
+        swapped = swapped_images(e)
+        named = {(image.camera, image.placement) for image in swapped}
+        wrong = swapped + [image for image in wrong if (image.camera, image.placement) not in named]
+    found = [*mixed_up_images(e, wrong), *swapped_cameras(e)]
     fixed = fixed_focal_lengths(e)
     if any(image.kind in ("other-camera", "other-placement") for image in wrong):
         # the rest of the network may be bent by them: what it shows is judged once they are where they belong

@@ -34,7 +34,7 @@ class _Matches:
         return np.isfinite(self.flat[camera, :, 0])
 
 
-def exchanged_images(e: Evidence) -> list[WrongImage]:
+def swapped_images(e: Evidence) -> list[WrongImage]:
     """Images that are each other's by the epipolar lines of the other cameras, by camera and placement."""
     matches = _matches(e)
     n, placements = len(e.camera_ids), np.unique(matches.placement)

@@ -78,7 +78,7 @@ class Evidence:
         if not out.any():
             return out
         judged = candidates & (network.views(out) > 0)[network.feature]
-        return out & (network.locate(self.adjusted.state, judged).max_angle_rad >= MIN_ANGLE_RAD)[network.feature]
+        return out & (network.triangulated(self.adjusted.state, judged).max_angle_rad >= MIN_ANGLE_RAD)[network.feature]
 
     @cached_property
     def noise_px(self) -> FloatArray:

@@ -57,7 +57,7 @@ def _stacked(places: FloatArray, sights: FloatArray) -> bool:
     return bool(length > 0.5 and size[0] > STACKED * size[1] and abs(axes[0] @ sight) > ALONG_SIGHT * length)
 
 
-def threads(e: Evidence) -> list[Finding]:
+def weak_links(e: Evidence) -> list[Finding]:
     """The finding where one camera or one pair of cameras alone holds two parts of the rig together."""
     cameras = np.flatnonzero(e.placed)
     if len(cameras) < 4:

@@ -16,7 +16,7 @@ from spherecal.adjust.layout import POSE
 from spherecal.base.arrays import FloatArray, IntArray
 from spherecal.data.findings import Finding
 from spherecal.diagnose.evidence import Evidence
-from spherecal.diagnose.score import Probe, make_probe
+from spherecal.diagnose.score import ScoreTest, make_score_test
 from spherecal.predict.lengths import Cameras, length_gradients
 from spherecal.predict.volume_map import LENGTH_MM, measured_volume
 
@@ -64,7 +64,7 @@ def influence(e: Evidence) -> Influence | None:
         return None
     if e.choice.form == "soft":  # its dots have their own play, stated by its size
         return None
-    probe = make_probe(a.problem, a.state, cofactors, a.minimum.cost, a.redundancy)
+    probe = make_score_test(a.problem, a.state, cofactors, a.minimum.cost, a.redundancy)
     if probe.shift is None:
         return None
     image, groupings = _groupings(e, probe)
@@ -91,7 +91,7 @@ def influence(e: Evidence) -> Influence | None:
     return Influence(lengths, IN_COMMON * poses if poses > LEAST_TIMES else poses)
 
 
-def _groupings(e: Evidence, probe: Probe) -> tuple[IntArray, tuple[IntArray, IntArray, IntArray]]:
+def _groupings(e: Evidence, probe: ScoreTest) -> tuple[IntArray, tuple[IntArray, IntArray, IntArray]]:
     """The image of each row (n,), and for all images (i,) their placement, their camera and themselves."""
     placement = e.observations.placement[e.adjusted.rows]
     pairs, image = np.unique(np.stack([placement, probe.problem.camera], axis=1), axis=0, return_inverse=True)
@@ -99,7 +99,7 @@ def _groupings(e: Evidence, probe: Probe) -> tuple[IntArray, tuple[IntArray, Int
     return image.reshape(-1), (by_placement, by_camera, np.arange(len(pairs)))
 
 
-def _lengths(e: Evidence, probe: Probe) -> FloatArray:
+def _lengths(e: Evidence, probe: ScoreTest) -> FloatArray:
     """Derivatives (m, c*w) of lengths in the volume by all cameras' parameters, in network units."""
     state, placed, width = e.adjusted.state, np.flatnonzero(e.placed), probe.linear.width
     size = np.array([e.session.cameras[c].image_size for c in placed], dtype=float)
@@ -121,14 +121,14 @@ def _lengths(e: Evidence, probe: Probe) -> FloatArray:
     return gradient.reshape(len(of_placed), len(e.placed) * width)
 
 
-def _poses(e: Evidence, probe: Probe) -> FloatArray:
+def _poses(e: Evidence, probe: ScoreTest) -> FloatArray:
     """The poses of the placed cameras as functions (6k, c*w) of all cameras' parameters."""
     own = (probe.linear.width * np.flatnonzero(e.placed)[:, None] + np.arange(POSE)).ravel()
     return np.eye(len(e.placed) * probe.linear.width)[own]
 
 
 def _changes(
-    probe: Probe, by_scores: tuple[FloatArray, ...], image: IntArray, residuals: FloatArray
+    probe: ScoreTest, by_scores: tuple[FloatArray, ...], image: IntArray, residuals: FloatArray
 ) -> Iterator[FloatArray]:
     """What each image, with each of the residuals (2n, k), does to the functions: (k, m)."""
     by_column, pulled, by_datum = by_scores

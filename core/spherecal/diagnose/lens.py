@@ -8,7 +8,7 @@ from scipy.stats import chi2
 
 from spherecal.base.arrays import FloatArray, IntArray
 from spherecal.base.context import Context
-from spherecal.diagnose.score import Probe, conditional, settle
+from spherecal.diagnose.score import ScoreTest, change_of, conditional
 
 # Smooth fields of u and v that are tried: polynomials over the image up to this degree together. A field of one period
 # over the image is met to a tenth of its size.
@@ -30,7 +30,7 @@ class Misfit:
     rms_px: float
 
 
-def field_values(probe: Probe, rows: IntArray, size: FloatArray) -> FloatArray:
+def field_values(probe: ScoreTest, rows: IntArray, size: FloatArray) -> FloatArray:
     """Derivatives (k,2,2*TERMS) of some rows, all of one camera, by its fields; size (2,) px of its image."""
     at = (2 * probe.problem.uv[rows] + 1) / size - 1
     powers = np.add.outer(np.arange(DEGREE + 1), np.arange(DEGREE + 1)).ravel()
@@ -43,7 +43,11 @@ def field_values(probe: Probe, rows: IntArray, size: FloatArray) -> FloatArray:
 
 
 def misfits(
-    probe: Probe, sizes: FloatArray, noise_px: FloatArray, moved: dict[int, FloatArray], context: Context | None = None
+    probe: ScoreTest,
+    sizes: FloatArray,
+    noise_px: FloatArray,
+    moved: dict[int, FloatArray],
+    context: Context | None = None,
 ) -> list[Misfit]:
     """Cameras whose residuals have structure; sizes (c,2) px, noise_px (c,).
 
@@ -59,7 +63,7 @@ def misfits(
         values = field_values(probe, rows, sizes[camera])
         before = moved.get(int(camera), np.zeros((len(rows), 2, 0)))
         g, a, own = probe.block(rows, np.concatenate([before, values], axis=2))
-        change = settle(*conditional(g, a, own, np.arange(before.shape[2])), probe.variance)
+        change = change_of(*conditional(g, a, own, np.arange(before.shape[2])), probe.variance)
         if change.dof and change.statistic > chi2.isf(FALSE_ALARM / len(tested), change.dof):
             visible = np.sqrt((change.statistic - change.dof) / (2 * len(rows)))
             found.append(Misfit(int(camera), change.statistic, change.dof, float(visible * noise_px[camera])))

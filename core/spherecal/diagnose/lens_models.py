@@ -6,7 +6,7 @@ import numpy as np
 
 from spherecal.adjust.ball_model import Free, Rigid
 from spherecal.adjust.bundle import residual_size
-from spherecal.adjust.intrinsic_priors import hold
+from spherecal.adjust.intrinsic_priors import with_intrinsic_priors
 from spherecal.adjust.least_squares import minimise
 from spherecal.adjust.levenberg import Settings
 from spherecal.adjust.network import Network
@@ -118,7 +118,7 @@ def _trial(solved: BallFit, network: Network, start: State, model: LensModel | N
     """The network with other lenses, from a start; None where that has no end."""
     adjusted = solved.adjusted
     noise = float(np.sqrt(adjusted.variance))
-    network = hold(replace(network, priors=NO_PRIORS), start.intrinsics, solved.held, noise)
+    network = with_intrinsic_priors(replace(network, priors=NO_PRIORS), start.intrinsics, solved.held, noise)
     problem, _ = network.problem(adjusted.used, network.free, solved.placed, weighted=True)
     found = minimise(problem, start, Settings(max_iterations=_ITERATIONS))
     rows, before, after = 2 * len(adjusted.rows), 2 * adjusted.minimum.cost, 2 * found.cost

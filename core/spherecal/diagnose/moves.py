@@ -10,7 +10,7 @@ from scipy.stats import chi2
 from spherecal.adjust.layout import POSE
 from spherecal.base.arrays import BoolArray, FloatArray, IntArray
 from spherecal.base.context import Context
-from spherecal.diagnose.score import Probe, settle, settle_all, spread
+from spherecal.diagnose.score import ScoreTest, change_of, changes_of, spread
 from spherecal.diagnose.yardstick import Scatter, inflation, most_moved, raised, usual_inflation
 
 # chi-square (6 degrees of freedom) that noise exceeds in 4 of 100,000 tests; with it 0.05 mm and 50 urad are seen on
@@ -74,7 +74,7 @@ class MoveTests:
         """The images (k,) of each camera."""
         return {int(c): np.flatnonzero(self.camera == c) for c in np.unique(self.camera)}
 
-    def corrected(self, probe: Probe, given: Sequence[tuple[int, ...]]) -> dict[int, Block]:
+    def corrected(self, probe: ScoreTest, given: Sequence[tuple[int, ...]]) -> dict[int, Block]:
         """The blocks with changes of pose of some sets of images taken out first."""
         if not given:
             return self.blocks
@@ -107,7 +107,7 @@ class MoveTests:
         return out
 
 
-def prepare(probe: Probe, placement: IntArray, context: Context | None = None) -> MoveTests | None:
+def prepare(probe: ScoreTest, placement: IntArray, context: Context | None = None) -> MoveTests | None:
     """Tests of all images of a network; placement (n,): of each of its rows. None where no camera has two images."""
     problem = probe.problem
     of_row, camera, at, count = _images(problem.camera, placement)
@@ -133,7 +133,7 @@ def _images(camera: IntArray, placement: IntArray) -> tuple[IntArray, IntArray, 
     return number[image.reshape(-1)], images[enough] // n_placements, images[enough] % n_placements, count[enough]
 
 
-def _block(probe: Probe, rows: IntArray, image: IntArray, count: int) -> Block:
+def _block(probe: ScoreTest, rows: IntArray, image: IntArray, count: int) -> Block:
     """The block of a camera with `count` images, from its rows (k,) and the image of each."""
     shape = (2 * len(rows), POSE * count)
     return probe.block(rows, spread(probe.by_pose(rows), np.arange(len(rows)), POSE * image, shape))
@@ -156,7 +156,7 @@ def alike(images: IntArray) -> list[tuple[int, ...]]:
     return alone + later
 
 
-def find_moves(probe: Probe, tests: MoveTests) -> list[Move]:
+def find_moves(probe: ScoreTest, tests: MoveTests) -> list[Move]:
     """Cameras that moved, the clearest first, each tested with those before it already corrected.
 
     A move counts where it exceeds what noise does and what differs between the other images (`yardstick`). It stops one
@@ -176,13 +176,13 @@ def find_moves(probe: Probe, tests: MoveTests) -> list[Move]:
     return [move for move in moves if move.image_change_px >= LEAST_CHANGE_PX]
 
 
-def differ(probe: Probe, tests: MoveTests) -> bool:
+def differ(probe: ScoreTest, tests: MoveTests) -> bool:
     """Whether some images differ more than noise lets them, whatever may be the cause."""
     return bool(_all_sets(tests, tests.blocks, probe.variance)[0].max() > tests.limit)
 
 
 def _clearest(
-    probe: Probe, tests: MoveTests, given: list[tuple[int, ...]], squares: float, redundancy: int
+    probe: ScoreTest, tests: MoveTests, given: list[tuple[int, ...]], squares: float, redundancy: int
 ) -> tuple[Move, tuple[int, ...]] | None:
     """The clearest further move and its images; None where there is none."""
     variance = squares / max(redundancy, 1)
@@ -209,11 +209,11 @@ def _clearest(
 
 def _scatter(block: Block, variance: float) -> Scatter:
     """How much the poses of a camera's images differ."""
-    change = settle(*block, variance)
+    change = change_of(*block, variance)
     return change.statistic, change.dof
 
 
-def scatters(probe: Probe, tests: MoveTests) -> FloatArray:
+def scatters(probe: ScoreTest, tests: MoveTests) -> FloatArray:
     """How many times (c,) more the poses of images differ than noise lets them: of a camera, or of most cameras."""
     own = {c: _scatter(block, probe.variance) for c, block in tests.blocks.items()}
     out = np.full(probe.problem.n_cameras, usual_inflation(list(own.values())))
@@ -222,7 +222,7 @@ def scatters(probe: Probe, tests: MoveTests) -> FloatArray:
     return np.sqrt(np.maximum(out, 1.0))
 
 
-def least_visible(probe: Probe, tests: MoveTests) -> FloatArray:
+def least_visible(probe: ScoreTest, tests: MoveTests) -> FloatArray:
     """The shifts (c,2), in network units, below which a move of a camera would not be seen; NaN where none is tested.
 
     First as its images differ, then as they would with noise alone: in the rms over all directions, and the median over
@@ -250,7 +250,7 @@ def _rivals(tests: MoveTests, statistic: FloatArray, camera: int) -> tuple[int, 
 
 
 def _move(
-    probe: Probe, tests: MoveTests, images: tuple[int, ...], statistic: float, dof: int, step: FloatArray
+    probe: ScoreTest, tests: MoveTests, images: tuple[int, ...], statistic: float, dof: int, step: FloatArray
 ) -> Move:
     camera = int(tests.camera[images[0]])
     own = _summed(tests.blocks[camera][2], _columns(tests, camera, images))  # no two images have a row in common
@@ -259,18 +259,18 @@ def _move(
     return Move(camera, tuple(int(tests.placement[i]) for i in images), statistic, dof, step, shift)
 
 
-def rows_of(probe: Probe, placement: IntArray, move: Move) -> tuple[IntArray, BoolArray]:
+def rows_of(probe: ScoreTest, placement: IntArray, move: Move) -> tuple[IntArray, BoolArray]:
     """A moved camera's rows in a probe (k,), and whether each is one of those that moved (k,) bool."""
     rows = np.flatnonzero(probe.problem.camera == move.camera)
     return rows, np.isin(placement[rows], move.placements)
 
 
-def pose_values(probe: Probe, rows: IntArray, moved: BoolArray) -> FloatArray:
+def pose_values(probe: ScoreTest, rows: IntArray, moved: BoolArray) -> FloatArray:
     """Derivatives (k,2,6) of a camera's rows by a change of pose of its moved images."""
     return probe.by_pose(rows) * moved[:, None, None]
 
 
-def confirmed(probe: Probe, placement: IntArray, moves: list[Move]) -> list[Move]:
+def confirmed(probe: ScoreTest, placement: IntArray, moves: list[Move]) -> list[Move]:
     """The moves that another form of the network bears out; placement (n,) of the probe's rows.
 
     A move that would hardly show there (two cameras that alone see their points share it) is believed as long as no
@@ -281,13 +281,13 @@ def confirmed(probe: Probe, placement: IntArray, moves: list[Move]) -> list[Move
     return [move for move, expected, found in tried if found >= CONFIRMED or (expected < CONFIRMED and not refuted)]
 
 
-def _seen_there(probe: Probe, placement: IntArray, move: Move) -> tuple[float, float]:
+def _seen_there(probe: ScoreTest, placement: IntArray, move: Move) -> tuple[float, float]:
     """Chi-square that a move of this size should have in another form of the network, and what it has."""
     rows, moved = rows_of(probe, placement, move)
     if moved.sum() < LEAST_POINTS:
         return 0.0, 0.0
     block = probe.block(rows, pose_values(probe, rows, moved))
-    change = settle(*block, probe.variance)
+    change = change_of(*block, probe.variance)
     return float(move.step @ block[1] @ move.step) / probe.variance, change.statistic
 
 
@@ -305,7 +305,7 @@ def _all_sets(tests: MoveTests, blocks: dict[int, Block], variance: float) -> tu
         g.append(whole[0][columns].sum(axis=0))
         a.append(_summed(whole[1], columns))
         own.append(_summed(whole[2], columns))
-    return settle_all(np.array(g), np.array(a), np.array(own), variance)
+    return changes_of(np.array(g), np.array(a), np.array(own), variance)
 
 
 def _columns(tests: MoveTests, camera: int, images: tuple[int, ...]) -> IntArray:

@@ -53,7 +53,7 @@ class Change:
 
 
 @dataclass(frozen=True)
-class Probe:
+class ScoreTest:
     """A solved network made ready for tests.
 
     Its derivatives by the expanded columns, the points following, are those of the rows themselves plus those by their
@@ -133,7 +133,7 @@ class Probe:
         force = self._direct(linear, rows).T @ residuals + self.shift[following].T @ by_points[following]
         return force.T, by_points.T
 
-    def after(self, rows: IntArray, values: FloatArray, change: Change) -> "Probe":
+    def after(self, rows: IntArray, values: FloatArray, change: Change) -> "ScoreTest":
         """The network with a change of some rows, derivatives (k,2,m), taken into its model."""
         step = np.zeros_like(self.residual)
         step[(2 * rows[:, None] + np.arange(2)).ravel()] = values.reshape(-1, values.shape[2]) @ change.value
@@ -162,12 +162,12 @@ class Probe:
         return flat.T @ self.residual[both], a, own
 
 
-def make_probe(problem: Problem, state: State, cofactors: Covariance, cost: float, redundancy: int) -> Probe:
+def make_score_test(problem: Problem, state: State, cofactors: Covariance, cost: float, redundancy: int) -> ScoreTest:
     """A network at its minimum (of this `cost`, v'Pv / 2) made ready for tests."""
     linear, parts = engine.linear_model(problem, state, None), cofactors._parts
     assert isinstance(parts, PointFactors)
     shift = shift_matrix(parts) if 5 * linear.width * len(problem.uv) <= MOST_NONZERO else None
-    return Probe(
+    return ScoreTest(
         problem, linear, linear.residual.ravel(), parts.inverse, shift, parts.point_inverse, 2 * cost, redundancy
     )
 
@@ -203,13 +203,13 @@ def conditional(
     return g[rest] - taken @ g[given], a[np.ix_(rest, rest)] - taken @ a[np.ix_(given, rest)], own[np.ix_(rest, rest)]
 
 
-def settle(g: FloatArray, a: FloatArray, own: FloatArray, variance: float) -> Change:
+def change_of(g: FloatArray, a: FloatArray, own: FloatArray, variance: float) -> Change:
     """The test of one change from g (m,), A (m,m) and the columns' own products (m,m)."""
-    statistic, dof, value = settle_all(g[None], a[None], own[None], variance)
+    statistic, dof, value = changes_of(g[None], a[None], own[None], variance)
     return Change(float(statistic[0]), int(dof[0]), value[0])
 
 
-def settle_all(
+def changes_of(
     g: FloatArray, a: FloatArray, own: FloatArray, variance: float
 ) -> tuple[FloatArray, IntArray, FloatArray]:
     """Statistics (k,), degrees of freedom (k,) and changes (k,m) of many tests at once: g (k,m), A and own (k,m,m)."""

@@ -12,7 +12,7 @@ from spherecal.base.messages.values import Phrase
 from spherecal.data.findings import Finding, leave_out
 from spherecal.diagnose.evidence import Evidence
 from spherecal.diagnose.images import LEAST_POINTS, MOST_LEFT_OUT
-from spherecal.diagnose.score import Probe, make_probe, settle
+from spherecal.diagnose.score import ScoreTest, change_of, make_score_test
 from spherecal.geometry.camera import estimated_mask, project_with_derivatives, undistort
 
 # On clean rigs A, B, halls and domes a camera keeps 96 to 100 % of its observations, with 5 % wrong matches 88 %.
@@ -148,7 +148,7 @@ def _given_intrinsics(e: Evidence, reported: Sequence[Finding]) -> list[Finding]
     fixed = e.placed & ~problem.free_intrinsics[:, 0]
     if locked(e) or not fixed.any() or e.solved.cofactors is None or a.redundancy <= 0 or not a.variance > 0:
         return []
-    probe = make_probe(problem, a.state, e.solved.cofactors, a.minimum.cost, a.redundancy)
+    probe = make_score_test(problem, a.state, e.solved.cofactors, a.minimum.cost, a.redundancy)
     tests = [(Phrase("all-focal-lengths"), np.flatnonzero(fixed[problem.camera]))]
     for c in np.flatnonzero(fixed):
         tests.append((Phrase("camera", {"camera": e.camera_ids[c]}), np.flatnonzero(problem.camera == c)))
@@ -157,7 +157,7 @@ def _given_intrinsics(e: Evidence, reported: Sequence[Finding]) -> list[Finding]
         if len(rows) < LEAST_POINTS:
             continue
         values = _by_intrinsics(probe, a.state, rows, common_focal=number == 0)
-        change = settle(*probe.block(rows, values), probe.variance)
+        change = change_of(*probe.block(rows, values), probe.variance)
         limit = float(chi2.isf(FALSE_ALARM / len(tests), change.dof)) if change.dof else np.inf
         if change.statistic > limit and (best is None or change.statistic / limit > best[0]):
             best = change.statistic / limit, name, change.statistic, change.dof
@@ -173,7 +173,7 @@ def locked(e: Evidence) -> bool:
     return not e.adjusted.problem.free_pose[e.placed].all()
 
 
-def _by_intrinsics(probe: Probe, state: State, rows: IntArray, common_focal: bool) -> FloatArray:
+def _by_intrinsics(probe: ScoreTest, state: State, rows: IntArray, common_focal: bool) -> FloatArray:
     """Derivatives (k,2,m) of some rows by Brown's intrinsics, or by one factor of all focal lengths."""
     problem = probe.problem
     intrinsics = state.intrinsics[problem.camera[rows]]

@@ -15,7 +15,7 @@ OUTSTANDING, LEAST_PX = 3.0, 5.0
 MOST = 0.75
 
 
-def exchanged_cameras(e: Evidence) -> list[Finding]:
+def swapped_cameras(e: Evidence) -> list[Finding]:
     """Pairs of cameras whose estimated focal lengths and principal points are each other's priors."""
     prior = np.array([camera.prior[:4] for camera in e.session.cameras])
     estimated = e.solution.state.intrinsics[:, :4]

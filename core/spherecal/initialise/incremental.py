@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from spherecal.adjust.bundle import START_INTRINSICS, RobustStep, located, robust_adjustment
+from spherecal.adjust.bundle import START_INTRINSICS, RobustStep, robust_adjustment, triangulated
 from spherecal.adjust.network import Network
 from spherecal.adjust.state import State
 from spherecal.base.arrays import BoolArray, FloatArray, IntArray
@@ -67,7 +67,7 @@ def grow(
     if max((len(path.cameras) - 1 for path in local.paths.values()), default=0) > DIRECT_HOPS:
         grown = _grow_in_rings(local, network, grown.state, candidates, context)
     if grown.placed.sum() >= 2 and not grown.placed.all():
-        state = settle(network, grown.state, grown.placed, candidates, context)
+        state = adjust_placed(network, grown.state, grown.placed, candidates, context)
         grown = resect_rest(network, InitialPoses(state, grown.placed), candidates, context)
     return grown
 
@@ -82,7 +82,7 @@ def _grow_in_rings(
         if ring > DIRECT_HOPS:
             state = _place_ring([c for c in sorted(hops) if hops[c] == ring], local, network, state, candidates)
         placed = np.array([hops.get(c, last + 1) <= ring for c in range(len(network.group))])
-        state = settle(network, state, placed, candidates, context)
+        state = adjust_placed(network, state, placed, candidates, context)
     return InitialPoses(state, np.isfinite(state.translation[:, 0]))
 
 
@@ -119,7 +119,7 @@ def _scale_to_adjusted(triple: Triple, parent: int, state: State) -> float | Non
     return ratio if ratio > 0 else None
 
 
-def settle(network: Network, state: State, placed: BoolArray, candidates: BoolArray, context: Context) -> State:
+def adjust_placed(network: Network, state: State, placed: BoolArray, candidates: BoolArray, context: Context) -> State:
     """A short robust adjustment of the placed cameras over their best observations; points NaN where unknown.
 
     Parameters
@@ -133,11 +133,11 @@ def settle(network: Network, state: State, placed: BoolArray, candidates: BoolAr
     """
     some = _best_observations(network, candidates & placed[network.camera])
     step = RobustStep(START_INTRINSICS, RING_ITERATIONS, "growing the network")
-    state = robust_adjustment(network, located(network, state, some), some, placed, step, context)
+    state = robust_adjustment(network, triangulated(network, state, some), some, placed, step, context)
     # from here on only features matter by which cameras to come are placed
     waiting = np.zeros(network.n_features, dtype=bool)
     waiting[network.feature[candidates & ~placed[network.camera]]] = True
-    return located(network, state, candidates & placed[network.camera] & waiting[network.feature])
+    return triangulated(network, state, candidates & placed[network.camera] & waiting[network.feature])
 
 
 def _best_observations(network: Network, candidates: BoolArray) -> BoolArray:
@@ -195,7 +195,7 @@ def resect_rest(
         tried.clear()
         more = placed | np.isin(np.arange(len(placed)), found)
         grown = follow(InitialPoses(replace(state, rotation=rotation, translation=translation), more))
-        state, placed = settle(network, grown.state, grown.placed, candidates, context), grown.placed
+        state, placed = adjust_placed(network, grown.state, grown.placed, candidates, context), grown.placed
 
 
 def resect_camera(network: Network, state: State, camera: int, rows: IntArray) -> tuple[FloatArray, FloatArray] | None:

@@ -14,7 +14,7 @@ from spherecal.data.rig_camera import posed
 from spherecal.measuring.health import RigHealth
 from spherecal.measuring.lateness import Timing, at_one_moment
 from spherecal.measuring.motion import Velocities
-from spherecal.measuring.places import Layouts, LocatedPoints, locate
+from spherecal.measuring.places import Layouts, LocatedPoints, triangulate_places
 from spherecal.measuring.pose import measure_body
 from spherecal.measuring.rejection import reject_views
 from spherecal.measuring.results import (
@@ -71,7 +71,7 @@ class Measurer:
         checked, errors, velocity = self._checked(plain, key, observed, expected)
         if o.points != self._layouts.points:
             self._layouts = Layouts(self.task.target_set, o.points)
-        places = locate(key // _POINTS, key % _POINTS, self._layouts, self.task.wanted, errors)
+        places = triangulate_places(key // _POINTS, key % _POINTS, self._layouts, self.task.wanted, errors)
         if self._last_s is not None or observed.time_s is None:  # what moves is not known to in the first set
             self._learn_noise(checked)
         still = self._still_points(feature, len(key), velocity, observed.time_s)

@@ -99,7 +99,7 @@ class Layouts:
         return np.isfinite(self.flat[np.searchsorted(self.ids, targets), :, 0]).sum(axis=1)
 
 
-def locate(
+def triangulate_places(
     target: IntArray,
     point: IntArray,
     layouts: Layouts,

@@ -9,7 +9,7 @@ from spherecal.adjust.network import Network
 from spherecal.ball.fit import BallFit, solve_free
 from spherecal.ball.rigid import BallNetwork, RigidNetwork
 from spherecal.ball.run import Run
-from spherecal.ball.selection import ModelChoice, RequestedModel, Wanted, choose_ball_model
+from spherecal.ball.selection import ModelChoice, RequestedForm, RequestedModel, choose_ball_model
 from spherecal.base.arrays import BoolArray, FloatArray
 from spherecal.base.errors import InputError, PartialResultAccepted
 from spherecal.base.messages.values import Phrase
@@ -79,7 +79,7 @@ def select_ball_model(
 
     InputError where the rigid or soft form is asked for and no two placements share enough dots.
     """
-    wanted: Wanted = settings.method if settings.method in ("rigid", "soft") else "auto"
+    wanted: RequestedForm = settings.method if settings.method in ("rigid", "soft") else "auto"
 
     def mm_per_unit(solved: BallFit) -> float:
         return metric_solution(recording, solved).factor
@@ -92,7 +92,7 @@ def select_ball_model(
             return None
         return sizes_to_fit(rigid, adjusted, recording.observations.placement, recording.n_ball, free_variance)
 
-    def chosen(wanted: Wanted) -> tuple[BallFit, ModelChoice]:
+    def chosen(wanted: RequestedForm) -> tuple[BallFit, ModelChoice]:
         requested = RequestedModel(wanted, settings.shape_sd_mm, mm_per_unit, sizes)
         return choose_ball_model(free, ball, others, requested, run)
 

@@ -373,9 +373,9 @@ def _sigma0(observations: Observations, residual: FloatArray, adjusted: Adjustme
 
 def _ties(adjusted: Adjustment) -> float:
     """The sum of squares of the dots' play over its standard deviation; 0 but for the soft form."""
-    play, bend = adjusted.problem.ball.play, adjusted.state.bend
-    tied = play > 0
-    return float(((bend[tied] / play[tied, None]) ** 2).sum())
+    shape_sd, shape_residual = adjusted.problem.ball.shape_sd, adjusted.state.shape_residual
+    tied = shape_sd > 0
+    return float(((shape_residual[tied] / shape_sd[tied, None]) ** 2).sum())
 
 
 def _camera(

@@ -82,7 +82,7 @@ def in_millimetres(recording: Recording, solved: BallFit, run: Run) -> tuple[Bal
     return again, Solution(state, again.cofactors, 1.0, RigScale("bar", known), 0.0, spheres, cameras)
 
 
-def on_ball(recording: Recording, solved: BallFit, ball: RigScale) -> tuple[Solution, float | None]:
+def by_stored_ball(recording: Recording, solved: BallFit, ball: RigScale) -> tuple[Solution, float | None]:
     """A network based on a stored ball, in the best of its and the session's millimetres.
 
     A bar is better than printed targets; of two alike the surer one is taken. Beside it how much longer lengths are by

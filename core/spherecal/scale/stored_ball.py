@@ -14,7 +14,7 @@ from spherecal.data.recording import Recording
 from spherecal.data.rig import BallShape
 from spherecal.data.session import Session
 from spherecal.files.ball_file import BallProfile, check_targets
-from spherecal.scale.metric import MetricFit, Solution, on_ball
+from spherecal.scale.metric import MetricFit, Solution, by_stored_ball
 
 # Scales that differ by more standard uncertainties than this contradict each other; a print beside a bar may be off by
 # its own error, which its uncertainty does not tell (0.1 to 0.5 % are common).
@@ -47,7 +47,7 @@ def on_known_ball(
     called = _profile_phrase(profile)
     if found.solved is None:
         return Finding("ball-profile-refused", "warning", {"profile": called, "reason": found.reason})
-    solution, longer = on_ball(recording, found.solved, profile.shape.scale)
+    solution, longer = by_stored_ball(recording, found.solved, profile.shape.scale)
     reason = Phrase("form-profile", {"profile": called, "fit": found.reason})
     said = _scale_conflict(profile, solution, longer, session)
     return MetricFit(found.solved, ModelChoice("rigid", reason), solution, tuple(said))

@@ -14,7 +14,7 @@ from spherecal.targets import sticker_view as sv
 from spherecal.targets.sticker_view import fit_view, place_of
 
 
-class Book(NamedTuple):
+class CodeLookup(NamedTuple):
     """Arrays of the code table, as code_table.py names them, and the camera: focal length, centre u, v in px."""
 
     template: FloatArray
@@ -138,7 +138,7 @@ def read_code(uv, near, five, view, places, reach_mm, code, blobs):
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def fits_layout(uv, moments, area, five, code_blobs, hits, target, book, exactness, row, view):
+def fits_layout(uv, moments, area, five, code_blobs, hits, target, lookup, exactness, row, view):
     """Whether all dots fit the target's own layout; writes the group's row, each code dot as the one nearest to it."""
     row[0] = target
     row[6], row[7], row[8] = MISSING, MISSING, MISSING
@@ -148,7 +148,7 @@ def fits_layout(uv, moments, area, five, code_blobs, hits, target, book, exactne
         x, y = place_of(view, uv[code_blobs[h], 0], uv[code_blobs[h], 1])
         nearest, dot = np.inf, 0
         for k in range(5, 8):
-            distance = (x - book.layouts[target, k, 0]) ** 2 + (y - book.layouts[target, k, 1]) ** 2
+            distance = (x - lookup.layouts[target, k, 0]) ** 2 + (y - lookup.layouts[target, k, 1]) ** 2
             if distance < nearest:
                 nearest, dot = distance, k
         if row[1 + dot] != MISSING:
@@ -159,6 +159,6 @@ def fits_layout(uv, moments, area, five, code_blobs, hits, target, book, exactne
     for k in range(8):
         if row[1 + k] != MISSING:
             blobs[count] = row[1 + k]
-            places[count, 0], places[count, 1] = book.layouts[target, k, 0], book.layouts[target, k, 1]
+            places[count, 0], places[count, 1] = lookup.layouts[target, k, 0], lookup.layouts[target, k, 1]
             count += 1
-    return fits_view(uv, moments, area, blobs[:count], places[:count], True, book.camera, exactness, view)
+    return fits_view(uv, moments, area, blobs[:count], places[:count], True, lookup.camera, exactness, view)

@@ -17,7 +17,7 @@ from spherecal.targets.code_reading import (
     CODE_MM,
     MOST_NEIGHBOURS,
     REACH_MM,
-    Book,
+    CodeLookup,
     fits_layout,
     fits_view,
     may_be_template,
@@ -73,13 +73,13 @@ def find_groups(blobs: Blobs, table: CodeTable, camera: FloatArray) -> DecodedTa
     Each blob serves one target and each target is found once at most: where two groups claim the same blob the one
     that fits better stays, and where two groups read the same id neither does. Targets with all dots come first.
     """
-    book = Book(table.template, table.places, table.by_triple, table.by_pair, table.layouts, camera)
+    lookup = CodeLookup(table.template, table.places, table.by_triple, table.by_pair, table.layouts, camera)
     start, order = sort_into_cells(blobs.uv)
     scales = dot_scales(blobs.moments)
-    rows, views = _search(blobs.uv, blobs.moments, scales, blobs.looks, start, order, book)
+    rows, views = _search(blobs.uv, blobs.moments, scales, blobs.looks, start, order, lookup)
     keep = _without_conflicts(rows, views[:, sv.RMS])
     rows, views = rows[keep], views[keep]
-    more = find_partial_groups(blobs, scales, start, order, rows, book)
+    more = find_partial_groups(blobs, scales, start, order, rows, lookup)
     rows, views = np.concatenate([rows, more[0]]), np.concatenate([views, more[1]])
     return DecodedTargets(rows[:, 0], rows[:, 1:], views)
 
@@ -104,7 +104,7 @@ def _without_conflicts(rows: IntArray, rms: FloatArray) -> IntArray:
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def _search(uv, moments, scales, looks, start, order, book):
+def _search(uv, moments, scales, looks, start, order, lookup):
     """Rows (target, eight blobs) of all complete groups, with their views."""
     rows = np.empty((len(uv), 9), np.int64)
     views = np.empty((len(uv), VIEW_SIZE))
@@ -113,14 +113,14 @@ def _search(uv, moments, scales, looks, start, order, book):
     for d in range(len(uv)):
         count = neighbours(uv, looks, start, order, d, scales[d] * REACH_MM, _LIKENESS, near)
         if 7 <= count < MOST_NEIGHBOURS and _best_reading(
-            uv, moments, looks.area, near[:count], d, scales[d], book, rows[found], views[found]
+            uv, moments, looks.area, near[:count], d, scales[d], lookup, rows[found], views[found]
         ):
             found += 1
     return rows[:found], views[:found]
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def _best_reading(uv, moments, area, near, d, scale, book, row, view):
+def _best_reading(uv, moments, area, near, d, scale, lookup, row, view):
     """The best-fitting complete target with blob d as its D, written to `row` and `view`; False if there is none."""
     best = np.inf
     trial_row, trial_view = np.empty(9, np.int64), np.empty(VIEW_SIZE)
@@ -158,7 +158,10 @@ def _best_reading(uv, moments, area, near, d, scale, book, row, view):
                     ):
                         continue
                     five[0], five[1], five[2], five[4] = a, b, c, e
-                    if _reads(uv, moments, area, near, five, book, trial_row, trial_view) and trial_view[sv.RMS] < best:
+                    if (
+                        _reads(uv, moments, area, near, five, lookup, trial_row, trial_view)
+                        and trial_view[sv.RMS] < best
+                    ):
                         best = trial_view[sv.RMS]
                         row[:] = trial_row
                         view[:] = trial_view
@@ -166,13 +169,13 @@ def _best_reading(uv, moments, area, near, d, scale, book, row, view):
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def _reads(uv, moments, area, near, five, book, row, view):
+def _reads(uv, moments, area, near, five, lookup, row, view):
     """Whether the five template dots, with exactly three more blobs on their sticker, are a target."""
-    if not fits_view(uv, moments, area, five, book.template, True, book.camera, _EXACTNESS, view):
+    if not fits_view(uv, moments, area, five, lookup.template, True, lookup.camera, _EXACTNESS, view):
         return False
     code, blobs = np.empty(3, np.int64), np.empty(3, np.int64)
-    if read_code(uv, near, five, view, book.places, _EXACTNESS[CODE_MM], code, blobs) != 3:
+    if read_code(uv, near, five, view, lookup.places, _EXACTNESS[CODE_MM], code, blobs) != 3:
         return False
     code.sort()
-    target = book.by_triple[code[0], code[1], code[2]]
-    return target >= 0 and fits_layout(uv, moments, area, five, blobs, 3, target, book, _EXACTNESS, row, view)
+    target = lookup.by_triple[code[0], code[1], code[2]]
+    return target >= 0 and fits_layout(uv, moments, area, five, blobs, 3, target, lookup, _EXACTNESS, row, view)

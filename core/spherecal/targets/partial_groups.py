@@ -16,7 +16,7 @@ from spherecal.targets.code_reading import (
     MISSING,
     MOST_NEIGHBOURS,
     REACH_MM,
-    Book,
+    CodeLookup,
     fits_layout,
     fits_view,
     is_on_sheet,
@@ -67,14 +67,14 @@ _ON_LINE = (
 
 
 def find_partial_groups(
-    blobs: Blobs, scales: FloatArray, start: IntArray, order: IntArray, rows: IntArray, book: Book
+    blobs: Blobs, scales: FloatArray, start: IntArray, order: IntArray, rows: IntArray, lookup: CodeLookup
 ) -> tuple[IntArray, FloatArray]:
     """Rows and views of targets with one dot missing; `rows` are those of the complete ones."""
     free = np.ones(len(blobs), dtype=bool)
     free[rows[:, 1:].ravel()] = False
-    seen = np.zeros(len(book.layouts), dtype=bool)
+    seen = np.zeros(len(lookup.layouts), dtype=bool)
     seen[rows[:, 0]] = True
-    found, views = _search(blobs.uv, blobs.moments, scales, blobs.looks, start, order, free, seen, book)
+    found, views = _search(blobs.uv, blobs.moments, scales, blobs.looks, start, order, free, seen, lookup)
     keep = _unrefuted(found, views[:, sv.RMS])
     return found[keep], views[keep]
 
@@ -97,7 +97,7 @@ def _unrefuted(rows: IntArray, rms: FloatArray) -> IntArray:
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def _search(uv, moments, scales, looks, start, order, free, seen, book):
+def _search(uv, moments, scales, looks, start, order, free, seen, lookup):
     most, area = 4 * len(uv) + 8, looks.area
     rows, views = np.empty((most, 9), np.int64), np.empty((most, VIEW_SIZE))
     near = np.empty(MOST_NEIGHBOURS, np.int64)
@@ -116,16 +116,18 @@ def _search(uv, moments, scales, looks, start, order, free, seen, book):
             count = _agreeing(looks, pivot, far[:count], far)
         within = _within(uv, free, pivot, metric, REACH_MM, far[:count], near)
         if _FEWEST <= within <= _MOST_NEAR:
-            found = _read_along_line(uv, moments, area, near[:within], pivot, scale, seen, book, rows, views, found)
+            found = _read_along_line(uv, moments, area, near[:within], pivot, scale, seen, lookup, rows, views, found)
             for missing in (_A, _E):
                 found = _read_across_line(
-                    uv, moments, area, near[:within], pivot, scale, missing, seen, book, rows, views, found
+                    uv, moments, area, near[:within], pivot, scale, missing, seen, lookup, rows, views, found
                 )
         if _FEWEST <= count <= _MOST_FAR:
-            found = _read_across_line(uv, moments, area, far[:count], pivot, scale, _D, seen, book, rows, views, found)
+            found = _read_across_line(
+                uv, moments, area, far[:count], pivot, scale, _D, seen, lookup, rows, views, found
+            )
     alone = np.empty(found, np.bool_)
     for row in range(found):
-        alone[row] = _is_alone(uv, looks, scales, start, order, free, book, rows[row], views[row])
+        alone[row] = _is_alone(uv, looks, scales, start, order, free, lookup, rows[row], views[row])
     return rows[:found][alone], views[:found][alone]
 
 
@@ -155,9 +157,9 @@ def _agreeing(looks, pivot, blobs, near):
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def _is_alone(uv, looks, scales, start, order, free, book, row, view):
+def _is_alone(uv, looks, scales, start, order, free, lookup, row, view):
     """Whether no other blob that might be a dot of it lies on the sticker, but where the missing dot should be."""
-    near, gap = np.empty(MOST_NEIGHBOURS, np.int64), book.layouts[row[0], np.argmin(row[1:])]
+    near, gap = np.empty(MOST_NEIGHBOURS, np.int64), lookup.layouts[row[0], np.argmin(row[1:])]
     for dot in row[1:]:
         if dot == MISSING:
             continue
@@ -172,7 +174,7 @@ def _is_alone(uv, looks, scales, start, order, free, book, row, view):
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def _read_along_line(uv, moments, area, near, d, scale, seen, book, rows, views, found):
+def _read_along_line(uv, moments, area, near, d, scale, seen, lookup, rows, views, found):
     """Readings with blob d as D between A and E: B, C or a code dot missing; returns the number of rows."""
     five, metric = np.empty(5, np.int64), np.empty(3)
     five[_D] = d
@@ -202,16 +204,16 @@ def _read_along_line(uv, moments, area, near, d, scale, seen, book, rows, views,
                 ):
                     continue
                 five[_B], five[_C] = (b, MISSING) if left else (MISSING, b)
-                found = _try(uv, moments, area, near, five, seen, book, rows, views, found)
+                found = _try(uv, moments, area, near, five, seen, lookup, rows, views, found)
                 for c in near:
                     if left and c not in (a, b, e) and _is_middle(uv, b, c, mu, mv, slack):
                         five[_C] = c
-                        found = _try(uv, moments, area, near, five, seen, book, rows, views, found)
+                        found = _try(uv, moments, area, near, five, seen, lookup, rows, views, found)
     return found
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def _read_across_line(uv, moments, area, near, pivot, scale, missing, seen, book, rows, views, found):
+def _read_across_line(uv, moments, area, near, pivot, scale, missing, seen, lookup, rows, views, found):
     """Readings with A, D or E missing, by the middle of B and C on the line of the other two; the pivot is D, or A."""
     five, metric = np.empty(5, np.int64), np.empty(3)
     metric_of(moments, pivot, metric)
@@ -246,7 +248,7 @@ def _read_across_line(uv, moments, area, near, pivot, scale, missing, seen, book
                     ):
                         continue
                     five[_B], five[_C] = b, c
-                    found = _try(uv, moments, area, near, five, seen, book, rows, views, found)
+                    found = _try(uv, moments, area, near, five, seen, lookup, rows, views, found)
     return found
 
 
@@ -276,7 +278,7 @@ def _is_left(uv, a, e, b):
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def _try(uv, moments, area, near, five, seen, book, rows, views, found):
+def _try(uv, moments, area, near, five, seen, lookup, rows, views, found):
     """Add the reading with these five template dots, one of which may be missing, if it holds; returns the rows."""
     if found == len(rows):
         return found
@@ -284,20 +286,20 @@ def _try(uv, moments, area, near, five, seen, book, rows, views, found):
     for k in range(5):
         if five[k] != MISSING:
             blobs[known] = five[k]
-            at[known, 0], at[known, 1] = book.template[k, 0], book.template[k, 1]
+            at[known, 0], at[known, 1] = lookup.template[k, 0], lookup.template[k, 1]
             known += 1
     view, code, code_blobs = views[found], np.empty(3, np.int64), np.empty(3, np.int64)
     whole = known == 5
     exactness = _EXACTNESS if whole else _LOOSE_EXACTNESS
-    if not fits_view(uv, moments, area, blobs[:known], at[:known], whole, book.camera, exactness, view):
+    if not fits_view(uv, moments, area, blobs[:known], at[:known], whole, lookup.camera, exactness, view):
         return found
-    hits = read_code(uv, near, five, view, book.places, exactness[CODE_MM], code, code_blobs)
+    hits = read_code(uv, near, five, view, lookup.places, exactness[CODE_MM], code, code_blobs)
     if hits != 7 - known:
         return found
     code[:hits].sort()
-    target = book.by_pair[code[0], code[1]] if whole else book.by_triple[code[0], code[1], code[2]]
+    target = lookup.by_pair[code[0], code[1]] if whole else lookup.by_triple[code[0], code[1], code[2]]
     if target < 0 or seen[target]:
         return found
-    if fits_layout(uv, moments, area, five, code_blobs, hits, target, book, _EXACTNESS, rows[found], view):
+    if fits_layout(uv, moments, area, five, code_blobs, hits, target, lookup, _EXACTNESS, rows[found], view):
         return found + 1
     return found

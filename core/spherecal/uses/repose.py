@@ -21,7 +21,7 @@ from spherecal.verify.outlying_views import triangulate_checked
 from spherecal.verify.pose_plan import volume_box
 
 
-def mend(session: Session, rig: Rig, cameras: tuple[str, ...], context: Context | None = None) -> Calibration:
+def repose(session: Session, rig: Rig, cameras: tuple[str, ...], context: Context | None = None) -> Calibration:
     """The rig with the poses of some cameras calibrated again from the session's placements.
 
     The others stay exactly as they were (they are turned as one where the reference camera itself has moved). The

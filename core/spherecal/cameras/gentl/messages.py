@@ -19,7 +19,7 @@ WIRE_VERSION = 3
 
 
 @dataclass(frozen=True)
-class Wanted:
+class RequestedCamera:
     """A camera to keep open: the producer file that reaches it, what to load for it, its hash, and its settings."""
 
     serial: str
@@ -34,7 +34,7 @@ class Open:
     """Keep exactly these cameras open from now on; answered by one `Answer` when each was tried once."""
 
     request: int
-    cameras: tuple[Wanted, ...]
+    cameras: tuple[RequestedCamera, ...]
 
 
 @dataclass(frozen=True)

@@ -17,7 +17,6 @@ from spherecal.base.messages.values import Phrase
 from spherecal.cameras.gentl import child, words
 from spherecal.cameras.gentl.discovery import end_word
 from spherecal.cameras.gentl.frames import FrameStore
-from spherecal.cameras.gentl.ledger import Ledger
 from spherecal.cameras.gentl.messages import (
     REPORTS,
     WIRE_VERSION,
@@ -35,14 +34,15 @@ from spherecal.cameras.gentl.messages import (
     Opened,
     Quit,
     Report,
+    RequestedCamera,
     Slow,
     StateIs,
     Trigger,
     Triggered,
-    Wanted,
     Working,
 )
 from spherecal.cameras.gentl.rings import TouchMark, remove_orphans, shared_memory_name
+from spherecal.cameras.gentl.status_log import StatusLog
 from spherecal.cameras.gentl.trust import Admitted, Refusal, TrustStore, admit_again
 from spherecal.cameras.gentl.waiting import Waiter
 from spherecal.cameras.gentl.wire import Inbox, WireError, pack
@@ -86,20 +86,20 @@ class CameraService:
 
     def __init__(self, log_file: Path | None = None, gate: Gate | None = None) -> None:
         self._gate = gate or _admit_unasked
-        self._order: tuple[Wanted, ...] = ()  # the cameras as the process numbers them
+        self._order: tuple[RequestedCamera, ...] = ()  # the cameras as the process numbers them
         self._log_file = None if log_file is None else str(log_file)
         self._lock = threading.RLock()
         self._changed = threading.Condition(self._lock)
         self._requests = itertools.count(1)
         self._answers: dict[int, Answer] = {}
-        self._wanted: dict[str, Wanted] = {}
+        self._wanted: dict[str, RequestedCamera] = {}
         self._left_out: dict[str, float] = {}  # until when
         self._free: set[str] = set()  # cameras without a trigger
         self._crashes: Tally[str] = Tally()  # since the last image
         self._acquiring = False
         self._live_hz: float | None = None
         self.frames = FrameStore()
-        self.ledger = Ledger()
+        self.status_log = StatusLog()
         self._listener: Callable[[FrameMeta], None] | None = None
         self._triggered: dict[int, Triggered] = {}
         self._refused_version = False
@@ -119,13 +119,13 @@ class CameraService:
         process = self._process
         return process.pid if process is not None else None
 
-    def open(self, cameras: Iterable[Wanted]) -> tuple[SetupReport, ...]:
+    def open(self, cameras: Iterable[RequestedCamera]) -> tuple[SetupReport, ...]:
         """Keep exactly these cameras open."""
         with self._lock:
             self._wanted = {camera.serial: camera for camera in cameras}
             self._left_out.clear()
             self._crashes.clear()
-            self.ledger.keep_only(self._wanted)
+            self.status_log.keep_only(self._wanted)
             self.frames.keep_only(self._wanted)
             self._start()
         return self._ask(lambda request: Open(request, self._admitted())).reports
@@ -333,7 +333,7 @@ class CameraService:
         culprit = order[number].serial if 0 <= number < len(order) else None
         doing = child.ACTIONS[action] if 0 < action < len(child.ACTIONS) else "serving it"
         during = f" while {doing} (camera {culprit})" if culprit else ""
-        self.ledger.event(
+        self.status_log.event(
             EventKind.SERVICE_LOST,
             f"The camera process ended ({reason}){during}.",
             "It is started again by itself; images already taken are safe.",
@@ -341,13 +341,15 @@ class CameraService:
         )
         for serial in self._wanted:
             if serial not in self._left_out:
-                self.ledger.set_state(serial, CameraState.LOST, "The camera process is being started again.", "Wait.")
+                self.status_log.set_state(
+                    serial, CameraState.LOST, "The camera process is being started again.", "Wait."
+                )
         self._back_since = time.perf_counter()
         if culprit is not None and reason not in _OUTSIDE:
             self._crashes[culprit] += 1
             if self._crashes[culprit] >= _CRASHES:
                 self._left_out[culprit] = time.perf_counter() + _LEFT_OUT_S
-                self.ledger.set_state(culprit, *words.left_out(self._crashes[culprit]))
+                self.status_log.set_state(culprit, *words.left_out(self._crashes[culprit]))
         if self._crashes.total() > _CRASHES:
             self._changed.wait(_PAUSE_S)
 
@@ -363,20 +365,20 @@ class CameraService:
             if back:
                 self._tell(Open(0, self._admitted()))
 
-    def _admitted(self) -> tuple[Wanted, ...]:
+    def _admitted(self) -> tuple[RequestedCamera, ...]:
         """The cameras that are not left out, with what to load for them now; their drivers are looked at each time."""
-        admitted: list[Wanted] = []
+        admitted: list[RequestedCamera] = []
         looked: dict[str, Admitted | Refusal] = {}
         for camera in self._allowed():
             found = looked.setdefault(camera.producer, looked.get(camera.producer) or self._gate(camera.producer))
             if isinstance(found, Refusal):
-                self.ledger.set_state(camera.serial, CameraState.ERROR, found.message, found.hint)
+                self.status_log.set_state(camera.serial, CameraState.ERROR, found.message, found.hint)
             else:
                 admitted.append(replace(camera, load=found.load, sha256=found.sha256))
         self._order = tuple(admitted)
         return self._order
 
-    def _allowed(self) -> tuple[Wanted, ...]:
+    def _allowed(self) -> tuple[RequestedCamera, ...]:
         return tuple(camera for serial, camera in self._wanted.items() if serial not in self._left_out)
 
     # --- reports -----------------------------------------------------------------------------------------------------
@@ -396,11 +398,11 @@ class CameraService:
         with self._lock:
             match report:
                 case Alive():
-                    self.ledger.count(report)
+                    self.status_log.count(report)
                 case Opened():
                     self._opened(report)
                 case StateIs():
-                    self.ledger.set_state(report.serial, report.state, report.cause, report.remedy)
+                    self.status_log.set_state(report.serial, report.state, report.cause, report.remedy)
                 case Answer():
                     if report.request:
                         self._answers[report.request] = report
@@ -414,7 +416,7 @@ class CameraService:
 
     def _take_word(self, report: Report) -> None:
         if isinstance(report, Slow):
-            self.ledger.event(EventKind.NOTICE, *words.slow(report.serial, report.seconds), report.serial)
+            self.status_log.event(EventKind.NOTICE, *words.slow(report.serial, report.seconds), report.serial)
         elif isinstance(report, Hello) and report.version != WIRE_VERSION:
             self._refused_version = True
             self._closing = True
@@ -429,18 +431,18 @@ class CameraService:
                 raise CameraError(Phrase("error-image-bytes", {"camera": serial, "bytes": report.image_bytes}))
             self._tell(self.frames.ring_for(serial, report.image_bytes))
         except CameraError as error:
-            self.ledger.set_state(serial, CameraState.ERROR, error.message, error.hint)
+            self.status_log.set_state(serial, CameraState.ERROR, error.message, error.hint)
             return
         if report.again:
-            self.ledger.add(serial, reopened=1)
+            self.status_log.add(serial, reopened=1)
 
     def _say_back(self) -> None:
         if self._back_since is None:
             return
         seconds = time.perf_counter() - self._back_since
         self._back_since = None
-        usable = sum(1 for status in self.ledger.statuses().values() if status.state.usable)
-        self.ledger.event(
+        usable = sum(1 for status in self.status_log.statuses().values() if status.state.usable)
+        self.status_log.event(
             EventKind.SERVICE_BACK,
             f"The camera process is back after {seconds:.1f} s with {usable} of {len(self._wanted)} cameras.",
         )

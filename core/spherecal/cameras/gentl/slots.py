@@ -5,7 +5,7 @@ import time
 from spherecal.cameras.gentl import words
 from spherecal.cameras.gentl.device import Device
 from spherecal.cameras.gentl.features import error_id, plain
-from spherecal.cameras.gentl.messages import StateIs, UseRing, Wanted
+from spherecal.cameras.gentl.messages import RequestedCamera, StateIs, UseRing
 from spherecal.cameras.gentl.rings import Ring
 from spherecal.cameras.protocol import CameraState
 
@@ -19,7 +19,7 @@ _INCOMPLETE_S = 5.0  # how long incomplete images are remembered
 class Slot:
     """A camera that is to be kept open: its device, if it is there, and what was last said about it."""
 
-    def __init__(self, number: int, wanted: Wanted) -> None:
+    def __init__(self, number: int, wanted: RequestedCamera) -> None:
         self.number = number
         self.serial, self.producer, self.settings = wanted.serial, wanted.producer, wanted.settings
         self.load, self.sha256 = wanted.load, wanted.sha256

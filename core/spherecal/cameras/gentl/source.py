@@ -10,7 +10,7 @@ from typing import Self
 from spherecal.base.context import Context
 from spherecal.base.messages.values import Phrase
 from spherecal.cameras.gentl.discovery import discover, producer_files
-from spherecal.cameras.gentl.messages import FrameMeta, Wanted
+from spherecal.cameras.gentl.messages import FrameMeta, RequestedCamera
 from spherecal.cameras.gentl.service import CameraService, default_log_file
 from spherecal.cameras.gentl.trust import Ask, TrustStore, admit_again
 from spherecal.cameras.matching import TRIGGERED, SetMatcher, Sighting
@@ -88,7 +88,7 @@ class GenicamSource:
             self._service = CameraService(self._log_file, lambda file: admit_again(self._trust, file))
         cameras = [(serial, discovery.camera(serial)) for serial in wanted]
         return self._service.open(
-            Wanted(serial, info.producer, "", "", settings.get(serial, CameraSettings()))
+            RequestedCamera(serial, info.producer, "", "", settings.get(serial, CameraSettings()))
             for serial, info in cameras
             if info
         )
@@ -146,11 +146,11 @@ class GenicamSource:
 
     def statuses(self) -> dict[str, CameraStatus]:
         """The state of every open camera."""
-        return self._service.ledger.statuses() if self._service is not None else {}
+        return self._service.status_log.statuses() if self._service is not None else {}
 
     def take_events(self) -> Sequence[CameraEvent]:
         """The events since the last call."""
-        return self._service.ledger.take_events() if self._service is not None else ()
+        return self._service.status_log.take_events() if self._service is not None else ()
 
     # --- sets --------------------------------------------------------------------------------------------------------
 
@@ -245,7 +245,7 @@ class _Attempt:
                 return
 
     def _hopeless(self, missing: Sequence[str]) -> bool:
-        statuses, refused = self._service.ledger.statuses(), self._service.refusals(self.number)
+        statuses, refused = self._service.status_log.statuses(), self._service.refusals(self.number)
         return all(serial in refused or not _expected(statuses.get(serial)) for serial in missing)
 
     def _offer(self, meta: FrameMeta) -> None:
@@ -256,7 +256,7 @@ class _Attempt:
                 return
             frame = self._service.frames.read(meta)
             if frame is None:
-                self._service.ledger.add(meta.serial, overwritten=1)
+                self._service.status_log.add(meta.serial, overwritten=1)
                 return
             kept = self._matcher.kept()
             self._frames = {k: v for k, v in self._frames.items() if k in kept} | {key: frame}
@@ -287,7 +287,7 @@ class _Attempt:
         return FrameSet(self.number, frames, missing, late, attempts, seconds, spread, common)
 
     def _why_missing(self, serial: str) -> MissingFrame:
-        status = self._service.ledger.statuses().get(serial)
+        status = self._service.status_log.statuses().get(serial)
         refusal = self._service.refusals(self.number).get(serial)
         if status is not None and status.cause:
             return MissingFrame(serial, status.cause, status.remedy)
@@ -311,7 +311,7 @@ def _recover(service: CameraService, missing: Sequence[str], patience_s: float, 
     drained = time.perf_counter() + _DRAIN_S
     while time.perf_counter() < deadline:
         context.check()
-        statuses = service.ledger.statuses()
+        statuses = service.status_log.statuses()
         back = all(_expected(statuses.get(serial)) for serial in missing)
         if back and (time.perf_counter() >= drained or all(_has_stamps(service, serial) for serial in missing)):
             return

@@ -91,7 +91,7 @@ def load_of(features: Sequence[FeatureReport], rate_hz: float) -> CameraLoad | N
 
 def examine_lines(loads: Mapping[str, CameraLoad]) -> tuple[LineExamination, ...]:
     """Every line on which a camera answers; `loads` by serial number. Empty where the system is not Linux."""
-    return tuple(judge(line, cameras, loads) for line in network_lines() if (cameras := _answering(line.interface)))
+    return tuple(assess(line, cameras, loads) for line in network_lines() if (cameras := _answering(line.interface)))
 
 
 def _answering(interface: str) -> tuple[NetworkCamera, ...]:
@@ -155,7 +155,7 @@ def _number(file: Path) -> int | None:
         return None
 
 
-def judge(line: NetworkLine, cameras: Sequence[NetworkCamera], loads: Mapping[str, CameraLoad]) -> LineExamination:
+def assess(line: NetworkLine, cameras: Sequence[NetworkCamera], loads: Mapping[str, CameraLoad]) -> LineExamination:
     """One line with the cameras that answered on it."""
     sending = {camera.serial: loads[camera.serial] for camera in cameras if camera.serial in loads}
     wanted = sum(wire_bytes(load) * load.rate_hz for load in sending.values())

@@ -15,7 +15,7 @@ _EVENTS_KEPT = 1000
 log = logging.getLogger("spherecal.cameras")
 
 
-class Ledger:
+class StatusLog:
     """States and events; thread-safe, and never waits."""
 
     def __init__(self) -> None:

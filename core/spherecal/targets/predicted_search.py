@@ -42,7 +42,7 @@ class Found:
     sigma_uv: FloatArray
 
 
-def look_again(image: GreyImage, expected: Expected, table: CodeTable, camera: Sequence[float]) -> Found:
+def detect_predicted(image: GreyImage, expected: Expected, table: CodeTable, camera: Sequence[float]) -> Found:
     """The expected targets that the image really shows; camera: focal length and centre in px."""
     image = np.require(image, requirements=["C", "W"])  # as in detection.py: one type of image
     ids = np.concatenate([expected.known, expected.targets])

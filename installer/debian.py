@@ -41,7 +41,7 @@ def make_deb(bundle: Path, output: Path, level: int = 15) -> Path:
             (tree / "usr/bin" / name).symlink_to(f"/{HOME}/{name}")
         put_producer(tree / HOME / "cti")
         put_shared_files(tree, bundle)
-        told = {
+        fields = {
             "Depends": ", ".join(DEPENDS),
             "Recommends": ", ".join(RECOMMENDS),
             "Suggests": "spherecal-3d",
@@ -50,7 +50,7 @@ def make_deb(bundle: Path, output: Path, level: int = 15) -> Path:
             " a ball with coded targets, with uncertainties, and verifies the rig with\n"
             " reference bars. Nothing is sent anywhere; the program needs no network.",
         }
-        return pack(tree, "spherecal", told, output, level)
+        return pack(tree, "spherecal", fields, output, level)
 
 
 def make_scene_deb(scene: Path, output: Path, level: int = 15) -> Path:
@@ -64,13 +64,13 @@ def make_scene_deb(scene: Path, output: Path, level: int = 15) -> Path:
             f"{path.relative_to(scene)}\n\n{path.read_text(encoding='utf-8')}" for path in licences if path.is_file()
         )
         (documents / "copyright").write_text("\n\n".join(texts), encoding="utf-8")
-        told = {
+        fields = {
             "Depends": f"spherecal (= {spherecal.__version__})",
             "Description": "rendered 3-D view for SphereCal\n"
             " pyvista and VTK: the rig in the window and in reports is rendered with light,\n"
             " images and surfaces. Without this package SphereCal paints it with lines.",
         }
-        return pack(tree, "spherecal-3d", told, output, level)
+        return pack(tree, "spherecal-3d", fields, output, level)
 
 
 def made(folder: Path) -> Path:
@@ -87,12 +87,12 @@ def put_home(tree: Path, bundle: Path) -> Path:
     return tree
 
 
-def pack(tree: Path, name: str, told: Mapping[str, str], output: Path, level: int) -> Path:
-    """The package of a tree, with `told` in its control file."""
+def pack(tree: Path, name: str, fields: Mapping[str, str], output: Path, level: int) -> Path:
+    """The package of a tree, with `fields` in its control file."""
     architecture = subprocess.run(
         ["dpkg", "--print-architecture"], capture_output=True, text=True, check=True
     ).stdout.strip()
-    put_control(tree, name, architecture, told)
+    put_control(tree, name, architecture, fields)
     package = output / f"{name}_{spherecal.__version__}_{architecture}.deb"
     command = ["dpkg-deb", "--root-owner-group", "-Zzstd", f"-z{level}", "--build", str(tree), str(package)]
     subprocess.run(command, check=True)
@@ -135,7 +135,7 @@ def copy(source: Path, goal: Path) -> None:
     goal.chmod(0o755 if os.access(source, os.X_OK) else 0o644)
 
 
-def put_control(tree: Path, name: str, architecture: str, told: Mapping[str, str]) -> None:
+def put_control(tree: Path, name: str, architecture: str, fields: Mapping[str, str]) -> None:
     """DEBIAN/control and md5sums; no script runs at installation."""
     files = [path for path in sorted(tree.rglob("*")) if path.is_file() and not path.is_symlink()]
     kilobytes = sum(path.stat().st_size for path in files) // 1024
@@ -147,7 +147,7 @@ def put_control(tree: Path, name: str, architecture: str, told: Mapping[str, str
         "Priority": "optional",
         "Maintainer": "SphereCal authors <spherecal@localhost>",
         "Installed-Size": str(kilobytes),
-        **told,
+        **fields,
     }
     control = tree / "DEBIAN"
     control.mkdir()

@@ -116,9 +116,9 @@ def time_to_window(root: Path) -> bool:
             took = sorted(one for one in starts if one is not None)
             good &= len(took) == len(starts)
             if took:
-                told = ", ".join(f"{seconds:.2f}" for seconds, _ in took)
+                listed = ", ".join(f"{seconds:.2f}" for seconds, _ in took)
                 mark = "ok " if len(took) == len(starts) else "BAD"
-                print(f"{mark} window painted, {kind}: {told} s; {took[0][1]:.2f} s of a processor", flush=True)
+                print(f"{mark} window painted, {kind}: {listed} s; {took[0][1]:.2f} s of a processor", flush=True)
             elif starts:
                 print(f"BAD window, {kind}: never painted", flush=True)
     return good

@@ -39,8 +39,8 @@ def virtual_screen(shown: Path | None = None) -> Iterator[str]:
     )
     os.close(write)
     try:
-        with os.fdopen(read) as told:
-            yield f":{told.readline().strip()}"
+        with os.fdopen(read) as answers:
+            yield f":{answers.readline().strip()}"
     finally:
         server.terminate()
         server.wait(10)
@@ -153,11 +153,11 @@ class Walk:
     def settle(self) -> None:
         """Until the window has dealt with a click, however busy it is: it tells twice more where its buttons are."""
         for _ in range(2):
-            told = self.told()
-            self.wait(lambda told=told: self.told() != told, "the window answers")
+            answers = self.answers()
+            self.wait(lambda answers=answers: self.answers() != answers, "the window answers")
 
-    def told(self) -> int:
-        """Another number whenever the program has told where its buttons are."""
+    def answers(self) -> int:
+        """Another number whenever the program has printed where its buttons are."""
         with contextlib.suppress(OSError):
             return self.map.stat().st_mtime_ns
         return 0

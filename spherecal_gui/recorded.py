@@ -66,10 +66,10 @@ class RecordedSession(SessionFolder):
         """Of the poses that were taken, bar and temperature stay as session.json has them."""
         try:
             poses = json.loads(read_below(self.folder, "session.json", _MOST_BYTES))["bar_poses"]
-            told = {one["id"]: PlannedSet(one["id"], one["bar"], one.get("temperature_c")) for one in poses}
+            message = {one["id"]: PlannedSet(one["id"], one["bar"], one.get("temperature_c")) for one in poses}
         except (InputError, ValueError, KeyError, TypeError, AttributeError, RecursionError):
             return
-        self.plan = replace(self.plan, sets=tuple(told.get(one.id, one) for one in self.plan.sets))
+        self.plan = replace(self.plan, sets=tuple(message.get(one.id, one) for one in self.plan.sets))
 
     def plan_instead(self, sets: tuple[PlannedSet, ...]) -> None:
         """Plan these sets; those that were taken stay as they are."""

@@ -74,8 +74,8 @@ def stand(
 ) -> Standing:
     """The standing of a page from its own headline, its step's status, and troubles from elsewhere.
 
-    Of parts that are equally bad the page's own is told, then the step's. `alarmed`: a red message is on the screen;
-    then nothing is green and nothing goes on by itself. `may_go_on`: the next step is open.
+    Of parts that are equally bad the page's own comes first, then the step's. `alarmed`: a red message is on the
+    screen; then nothing is green and nothing goes on by itself. `may_go_on`: the next step is open.
     """
     parts = (own, step, *troubles)
     level = worst(part.level for part in parts)

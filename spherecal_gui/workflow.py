@@ -291,8 +291,14 @@ def _verify(step: Step, project: Project, running: Running) -> Judged:
         return Status.BLOCKED, Reason("no check bar", (), "connect")
     if project.verified is None:
         reason = _not_looked(project, running)
-        return (Status.BLOCKED, reason) if reason else (Status.READY, None)
+        return (Status.BLOCKED, reason) if reason else _begin(project.calibrated)
     return _judge_verified(project.verified, _calibrate(step, project, running)[0], project)
+
+
+def _begin(calibrated: Run) -> Judged:
+    """A step that uses the calibration and has done nothing yet: no better than a calibration that is not valid."""
+    judged = _judge_verdict(calibrated)
+    return judged if judged[0] is Status.FAILED else (Status.READY, None)
 
 
 def _judge_verified(verified: Run, calibration: Status, project: Project) -> Judged:
@@ -308,12 +314,17 @@ def _judge_verified(verified: Run, calibration: Status, project: Project) -> Jud
     return Status.DONE, None
 
 
-def _measure(_: Step, project: Project, running: Running) -> Judged:
-    """Measuring is never done: it is there for a calibrated rig whose cameras are connected."""
+def _measure(step: Step, project: Project, running: Running) -> Judged:
+    """Measuring is never done, and never better than its calibration; the cameras must be connected."""
     if project.calibrated is None:
         return Status.BLOCKED, Reason("calibrate first", (), "calibrate")
     reason = _not_connected(project, running)
-    return (Status.BLOCKED, reason) if reason else (Status.READY, None)
+    if reason is not None:
+        return Status.BLOCKED, reason
+    if _calibrate(step, project, running)[0] is Status.STALE:
+        return Status.STALE, Reason("calibration stale", (), "calibrate")
+    judged = _judge_verdict(project.calibrated)
+    return (Status.READY, None) if judged[0] is Status.DONE else judged
 
 
 def _check(_: Step, project: Project, __: Running) -> Judged:
@@ -349,7 +360,7 @@ def _save(step: Step, project: Project, running: Running) -> Judged:
     if _calibrate(step, project, running)[0] is Status.STALE:
         return Status.STALE, Reason("calibration stale", (), "calibrate")
     if project.saved is None:
-        return Status.READY, None
+        return _begin(project.calibrated)
     changed = _changed(project.saved, saved_inputs(project))
     if changed:
         return Status.STALE, Reason("changed", changed, "save")

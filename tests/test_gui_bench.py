@@ -236,7 +236,7 @@ def test_a_table_comes_in_with_its_bad_lines_named(qtbot, dialog, tmp_path):
         "B-3,205,206,x,0.004\n"
     )
     made.bars.import_table(table)
-    assert "Line 4" in made.told.text() and "B-1" in made.told.text()
+    assert "Line 4" in made.message.text() and "B-1" in made.message.text()
     assert [one.serial for one in desk.draft.bars] == ["B-1", "B-2"]
     assert read_registry()["B-1"] == registered(), "nothing is on disk before it is saved"
     desk.undo()
@@ -246,7 +246,7 @@ def test_a_table_comes_in_with_its_bad_lines_named(qtbot, dialog, tmp_path):
     assert desk.export_table(tmp_path / "out.csv") == "" and "B-2" in (tmp_path / "out.csv").read_text()
     (tmp_path / "broken.csv").write_bytes(b"PK\x03\x04")
     made.bars.import_table(tmp_path / "broken.csv")
-    assert "save it as CSV" in made.told.text() and len(desk.draft.bars) == 2
+    assert "save it as CSV" in made.message.text() and len(desk.draft.bars) == 2
 
 
 def test_another_program_changes_the_library_meanwhile(tmp_path):
@@ -274,7 +274,7 @@ def test_a_broken_library_is_named_and_never_overwritten(qtbot, tmp_path, librar
     (library / "bars.json").write_text("{")
     made = BenchDialog(BenchDesk(tmp_path / "projects"))
     qtbot.addWidget(made)
-    assert "bars.json" in made.told.text()
+    assert "bars.json" in made.message.text()
     fill(qtbot, made)
     assert not made.save_bench() and (library / "bars.json").read_text() == "{"
 

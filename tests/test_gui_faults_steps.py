@@ -283,7 +283,7 @@ def test_a_bar_that_is_not_there_is_said_before_and_after_measuring(opened):
     controller.connection.source.show("P1")  # the ball still lies there
     controller.live.forget()
     pump(lambda: page.guide is not None and page.guide.lying is None)
-    assert "Lay bar" in page.told.text()
+    assert "Lay bar" in page.message.text()
     assert not page.action().enabled
     assert controller.take(pose, "verify")  # as it lies: nobody is forced
     settle(controller)

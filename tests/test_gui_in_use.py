@@ -97,7 +97,7 @@ def test_what_is_not_valid_is_never_put_to_use(profile, qtbot, monkeypatch):
     assert dialog.use.isEnabled()
     monkeypatch.setattr(QInputDialog, "getText", lambda *_: ("", True))
     dialog.use.click()
-    assert open_profile(profile).active_id == "0001" and "reason" in dialog.told.text()
+    assert open_profile(profile).active_id == "0001" and "reason" in dialog.message.text()
     monkeypatch.setattr(QInputDialog, "getText", lambda *_: ("the bar comes tomorrow", True))
     dialog.use.click()
     assert open_profile(profile).active_id == "0002"

@@ -225,7 +225,7 @@ def test_a_wrong_pin_does_not_stop_the_window(qtbot, locked, tmp_path, clock):
     key(dialog, "unlock-limits").click()
     dialog.pin.setText("0000")
     key(dialog, "give-pin").click()
-    assert "next try is in 1 s" in dialog.told.text() and not key(dialog, "give-pin").isEnabled()
+    assert "next try is in 1 s" in dialog.message.text() and not key(dialog, "give-pin").isEnabled()
     clock.now += 1.0
     qtbot.waitUntil(lambda: key(dialog, "give-pin").isEnabled(), timeout=5000)
     dialog.pin.setText("4711")

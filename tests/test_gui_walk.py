@@ -179,12 +179,12 @@ def test_the_check_bar_is_guided_over_seven_lines(walk):
     page = walk.window.page
     page.more.click()
     pump(lambda: page.guide is not None and page.guide.level == "good")
-    assert page.told.text() == "L2-2 · Ready: press space"
+    assert page.message.text() == "L2-2 · Ready: press space"
     source = walk.controller.connection.source
     source.stage.move((0.0, 0.0, 0.0), (0.0, 0.0, 30.0))
     walk.controller.live.forget()
     pump(lambda: page.guide is not None and not page.guide.accepted)
-    assert "bar A" in page.told.text(), "turned, moved, or laid anew if it left the images"
+    assert "bar A" in page.message.text(), "turned, moved, or laid anew if it left the images"
     assert not page.action().enabled and page.action().why == page.guide.text
     assert page.as_it_lies.isEnabled(), "nobody is forced"
     walk.controller.go("save")

@@ -146,6 +146,17 @@ def test_results_that_are_not_valid_are_a_problem():
     assert statuses(changes.with_calibration(taken_project(), "not valid"))["results"] is Status.FAILED
 
 
+def test_nothing_that_uses_a_calibration_looks_better_than_it():
+    """Verify, Save and Measure said "ready" behind a calibration that is not valid, and Measure behind any."""
+    wrong = statuses(changes.with_calibration(taken_project(), "not valid"))
+    assert {wrong[step] for step in ("verify", "save", "measure")} == {Status.FAILED}
+    doubtful = statuses(changes.with_calibration(taken_project(), "use with care"))
+    assert doubtful["measure"] is Status.CARE
+    assert {doubtful[step] for step in ("verify", "save")} == {Status.READY}
+    project = changes.with_set(changes.with_calibration(taken_project(), "valid"), "P2", "later")
+    assert statuses(project)["measure"] is Status.STALE
+
+
 def test_a_bar_that_contradicts_is_a_problem():
     project = changes.with_set(changes.with_calibration(taken_project(), "valid"), "A-01", "t9")
     project = changes.with_verification(project, "inconsistent")

@@ -40,10 +40,10 @@ def batch_page(rows: Sequence[dict[str, Any]], settings: Mapping[str, Any]) -> D
         Column("bars", 22.0, "left"),
     ]
     document.table(columns, [_row(row) for row in rows])
-    told = [row for row in rows if row["message"]]
-    if told:
+    record = [row for row in rows if row["message"]]
+    if record:
         document.begin_section("What was wrong", 25.0, new_page=False)
-        for row in told:
+        for row in record:
             document.paragraph(f"{row['session']}: {row['message']}", SMALL_PT, SOFT)
     return document
 

@@ -67,9 +67,9 @@ def run_session_study(name: str, options: SessionOptions, folder: Path, workers:
     context.report("drawing the page", 0.0)
     with report_style():
         page = _PAGES[name](listed, results, whole, session, options)
-        told = {**asdict(options), "session": options.session.resolve().name}
+        settings = {**asdict(options), "session": options.session.resolve().name}
         title = page.document.section
-        return write_page(f"{name}-session", title, page, told, [whole_trial, *listed], [whole, *results], folder)
+        return write_page(f"{name}-session", title, page, settings, [whole_trial, *listed], [whole, *results], folder)
 
 
 def _check(name: str, session: Session, path: Path) -> None:

@@ -2613,7 +2613,7 @@ px</translation>
     </message>
     <message>
         <source>Dots that two cameras have in common, over all placements and this image.</source>
-        <translation>Gemeinsame Punkte zweier Kameras, alle Aufstellungen und dieses Bild.</translation>
+        <translation>Punkte, die zwei Kameras gemeinsam haben, mit diesem Bild.</translation>
     </message>
     <message>
         <source>Pairs</source>
@@ -4468,8 +4468,8 @@ mm</translation>
         <translation>Zulässiger Längenfehler (mm)</translation>
     </message>
     <message>
-        <source>none, e.g. 0.03+L/20000</source>
-        <translation>keiner, z. B. 0.03+L/20000</translation>
+        <source>e.g. 0.03+L/20000</source>
+        <translation>z. B. 0.03+L/20000</translation>
     </message>
     <message>
         <source>Limit of the length errors: A + L/K in mm</source>

@@ -4468,8 +4468,8 @@ mm</translation>
         <translation>允许的长度误差（mm）</translation>
     </message>
     <message>
-        <source>none, e.g. 0.03+L/20000</source>
-        <translation>无，例如 0.03+L/20000</translation>
+        <source>e.g. 0.03+L/20000</source>
+        <translation>例如 0.03+L/20000</translation>
     </message>
     <message>
         <source>Limit of the length errors: A + L/K in mm</source>

@@ -19,8 +19,8 @@ class ScalePage(LivePage):
     def __init__(self, controller: Controller, parent: QWidget | None = None) -> None:
         super().__init__(controller, parent)
         self.column = QVBoxLayout(self)
-        self.told = label("", "huge")
-        self.column.addWidget(self.told)
+        self.message = label("", "huge")
+        self.column.addWidget(self.message)
         self.poses = QHBoxLayout()
         self.poses.setSpacing(18)
         self.column.addLayout(self.poses)
@@ -37,7 +37,7 @@ class ScalePage(LivePage):
     @property
     def headline(self) -> QLabel:
         """The label that says how the page stands."""
-        return self.told
+        return self.message
 
     def pose_ids(self) -> tuple[str, ...]:
         """The poses of this page."""

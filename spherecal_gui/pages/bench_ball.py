@@ -60,8 +60,8 @@ class BallTab(QWidget):
         line.addWidget(self.fields["measured"], 1)
         line.addStretch(2)
         column.addLayout(line)
-        told = self.tr("Without a bar that gives the scale, this distance does, good to a percent.")
-        column.addWidget(label(told, "soft"))
+        message = self.tr("Without a bar that gives the scale, this distance does, good to a percent.")
+        column.addWidget(label(message, "soft"))
         column.addStretch(1)
         for key, one in self.fields.items():
             one.edited.connect(lambda _, text, key=key: self._edited(key, text))
@@ -191,6 +191,6 @@ class RigTab(QWidget):
             one.show_text(getattr(self.desk.draft, key))
             one.show_problem(problems.get(key, ""))
         formula = limits.now().verification_limit
-        told = self.tr("Permitted length error: {limit} mm (L in mm).").format(limit=formula)
+        message = self.tr("Permitted length error: {limit} mm (L in mm).").format(limit=formula)
         none = self.tr("No permitted length error is set: lengths are judged by their own uncertainty.")
-        self.limit.setText(told if formula else none)
+        self.limit.setText(message if formula else none)

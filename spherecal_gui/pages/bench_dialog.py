@@ -34,9 +34,9 @@ class BenchDialog(QDialog):
         self.desk, self._holds = desk, holds
         self.setWindowTitle(self.tr("The bench: ball, bars, limits"))
         column = QVBoxLayout(self)
-        self.told = label("")
-        self.told.hide()
-        column.addWidget(self.told)
+        self.message = label("")
+        self.message.hide()
+        column.addWidget(self.message)
         self.tabs = QTabWidget()
         self.ball, self.bars, self.rig = BallTab(desk), BarsTab(desk), RigTab(desk)
         for tab, name in (
@@ -132,8 +132,8 @@ class BenchDialog(QDialog):
             self.tabs.setTabText(at, f"{self.tabs.tabText(at).removesuffix(' ✕')}{' ✕' if wrong else ''}")
         known = warnings(desk.draft)
         if problems:
-            told = self.tr("To be corrected before saving: {count}").format(count=len(problems))
-            self._summary(told, "bad")
+            message = self.tr("To be corrected before saving: {count}").format(count=len(problems))
+            self._summary(message, "bad")
         elif desk.draft.ball.empty:
             self._summary(self.tr("No ball is described: only the library of bars is saved."), "none")
         else:
@@ -150,10 +150,10 @@ class BenchDialog(QDialog):
     def _tell(self, text: str, level: str) -> None:
         lines = text.splitlines()
         more = self.tr("and {count} more").format(count=len(lines) - _MOST_TOLD)
-        self.told.setText("\n".join(lines if len(lines) <= _MOST_TOLD else [*lines[:_MOST_TOLD], more]))
-        self.told.setToolTip("" if len(lines) <= _MOST_TOLD else text)
-        set_level(self.told, level)
-        self.told.setVisible(bool(text))
+        self.message.setText("\n".join(lines if len(lines) <= _MOST_TOLD else [*lines[:_MOST_TOLD], more]))
+        self.message.setToolTip("" if len(lines) <= _MOST_TOLD else text)
+        set_level(self.message, level)
+        self.message.setVisible(bool(text))
 
     # --- the end -----------------------------------------------------------------------------------------------------
 

@@ -35,8 +35,8 @@ class BoardDialog(QDialog):
         self.setWindowTitle(self.tr("Calibrate with a board"))
         self._guard = WheelGuard(self)
         column = QVBoxLayout(self)
-        told = self.tr("No ball is needed. Show the board in a dozen places and tilts, to two cameras at a time.")
-        column.addWidget(label(told, "soft"))
+        message = self.tr("No ball is needed. Show the board in a dozen places and tilts, to two cameras at a time.")
+        column.addWidget(label(message, "soft"))
         self.kind = QComboBox()
         for kind, text in self._kinds().items():
             self.kind.addItem(text, kind)

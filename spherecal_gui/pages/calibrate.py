@@ -208,10 +208,10 @@ class CalibratePage(Page):
             self.say(*words.get(project.calibrated.verdict, (self.tr("Done: the calibration is not valid"), "bad")))
         elif state.status is Status.READY:
             taken = sum(name in project.taken for name in project.placements)
-            told = self.tr("Ready: {taken} of {planned} placements").format(
+            message = self.tr("Ready: {taken} of {planned} placements").format(
                 taken=taken, planned=len(project.placements)
             )
-            self.say(told, "good" if taken == len(project.placements) else "caution")
+            self.say(message, "good" if taken == len(project.placements) else "caution")
         elif state.status is Status.FAILED and state.reason is not None and state.reason.code == "error":
             self.say(self.tr("It failed; what was captured is kept"), "bad")
             self.left.setText(reason_text(state.reason))

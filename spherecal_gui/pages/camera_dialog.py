@@ -44,8 +44,8 @@ class CameraDialog(QDialog):
         self.blink.clicked.connect(self._blink)
         enable(self.blink, controller.can_blink(), self.tr("These cameras have no light."))
         side.addWidget(self.blink)
-        self.told = label("" if controller.can_blink() else self.tr("These cameras have no light."), "soft")
-        side.addWidget(self.told)
+        self.message = label("" if controller.can_blink() else self.tr("These cameras have no light."), "soft")
+        side.addWidget(self.message)
         side.addStretch(1)
         side.addLayout(self._form())
         side.addLayout(self._buttons())
@@ -136,14 +136,14 @@ class CameraDialog(QDialog):
         self.controller.set_camera(self.serial, name, 1e3 * self.exposure.value(), self.gain.value())
 
     def _blink(self) -> None:
-        self.told.setText(self.tr("Its light blinks for some seconds."))
-        set_level(self.told, "none")
+        self.message.setText(self.tr("Its light blinks for some seconds."))
+        set_level(self.message, "none")
         self.blink.setEnabled(False)
         self.controller.blink(self.serial, self._blinked)
 
     def _blinked(self, has_light: bool) -> None:
         try:
             self.blink.setEnabled(has_light)
-            self.told.setText("" if has_light else self.tr("This camera has no light that can be switched."))
+            self.message.setText("" if has_light else self.tr("This camera has no light that can be switched."))
         except RuntimeError:  # the dialog was closed meanwhile
             return

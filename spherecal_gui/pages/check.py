@@ -56,8 +56,8 @@ class CheckPage(Page):
         self._drawn: tuple[Any, Any] = (None, None)  # the profile's folder, and what was found
         column.addWidget(SceneSplit(self.panel, self.table, (540, 560)), 1)
         self.notes = Card()
-        self.told = label("", "soft")
-        self.notes.body.addWidget(self.told)
+        self.message = label("", "soft")
+        self.notes.body.addWidget(self.message)
         column.addWidget(self.notes)
 
     def _mending(self) -> QHBoxLayout:
@@ -171,7 +171,7 @@ class CheckPage(Page):
         ]
         self.table.fill(rows)
         self._draw(found)
-        self.told.setText("\n".join(check_notes(found)))
+        self.message.setText("\n".join(check_notes(found)))
 
     def _draw(self, found: Any) -> None:
         """The rig as it was calibrated, with the cameras that moved; without a check (None) as it is in use."""

@@ -86,8 +86,8 @@ class MakersDialog(QDialog):
         self.setAttribute(Qt.WidgetAttribute.WA_DeleteOnClose)
         self.setWindowTitle(self.tr("Makers and their drivers"))
         column = QVBoxLayout(self)
-        told = self.tr("Install the maker's package; its driver is then found by itself. Never copy the .cti file.")
-        column.addWidget(label(told))
+        message = self.tr("Install the maker's package; its driver is then found by itself. Never copy the .cti file.")
+        column.addWidget(label(message))
         self.table = Table(
             [self.tr("Maker"), self.tr("Package"), self.tr("Driver's file"), self.tr("Usual folder")], sortable=False
         )

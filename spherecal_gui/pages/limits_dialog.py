@@ -55,9 +55,9 @@ class LimitsDialog(QDialog):
         column.setSpacing(10)
         column.addLayout(self._head())
         column.addWidget(self._pin_row())
-        self.told = label("")
-        self.told.hide()
-        column.addWidget(self.told)
+        self.message = label("")
+        self.message.hide()
+        column.addWidget(self.message)
         column.addWidget(self._scrolled(), 1)
         column.addLayout(self._buttons())
         self._timer = QTimer(self)
@@ -304,9 +304,9 @@ class LimitsDialog(QDialog):
         enable(self.give, not waiting, self.desk.wait_text() if waiting else "")
 
     def _tell(self, text: str, level: str) -> None:
-        self.told.setText(text)
-        self.told.setVisible(bool(text))
-        set_level(self.told, level)
+        self.message.setText(text)
+        self.message.setVisible(bool(text))
+        set_level(self.message, level)
 
     def done(self, result: int) -> None:
         """Closed: locked again."""

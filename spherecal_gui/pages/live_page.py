@@ -27,10 +27,10 @@ class LivePage(Page):
         self.wall.set_cameras(dict(connection.names) if connection is not None else {})
         for serial, tile in self.wall.tiles.items():
             exposure = self.controller.settings_of(serial).exposure_us / 1e3
-            told = translate(
+            message = translate(
                 "Tile", "{name}, serial {serial}, exposure {ms:g} ms. Double click to enlarge, again to go back."
             ).format(name=tile.name, serial=serial, ms=exposure)
-            tile.setToolTip(plain(told))
+            tile.setToolTip(plain(message))
             tile.why_not_renamed = self.controller.why_not_renamed(serial)
         self.wall.follow_worst()
 

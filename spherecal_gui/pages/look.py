@@ -37,7 +37,7 @@ class LookPage(LivePage):
     def _mask_row(self) -> QHBoxLayout:
         """Reflections and strange targets are covered with the mouse."""
         row = QHBoxLayout()
-        self.told = label("", "soft")
+        self.message = label("", "soft")
         self.draw = button(self.tr("Mask reflections"), "draw-mask")
         self.draw.setCheckable(True)
         self.draw.setToolTip(self.tr("Draw a rectangle over a reflection: nothing in it counts as a target."))
@@ -54,7 +54,7 @@ class LookPage(LivePage):
         self.worst.setCheckable(True)
         self.worst.setChecked(True)
         self.worst.toggled.connect(self.wall.worst_first)
-        row.addWidget(self.told, 1)
+        row.addWidget(self.message, 1)
         for one in (self.fixed, self.worst, self.draw, self.undo, self.clear):
             row.addWidget(one)
         return row
@@ -78,7 +78,7 @@ class LookPage(LivePage):
         text = self.tr("Draw rectangles over what is no target, then press the button again.")
         if not self.draw.isChecked():
             text = self.tr("Masks: {count}").format(count=len(masks)) if masks else ""
-        self.told.setText(text)
+        self.message.setText(text)
         idle = self.controller.runner.running is None
         busy, none = self.tr("Work is running."), self.tr("There are no masks.")
         enable(self.draw, idle and self.controller.connection is not None, busy)

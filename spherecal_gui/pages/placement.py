@@ -163,8 +163,8 @@ class PlacementPage(LivePage):
         column.addWidget(self.in_space, 0, Qt.AlignmentFlag.AlignLeft)
         column.addWidget(self.now)
         column.addWidget(self.then)
-        told = self.tr("Expected error on 500 mm (95 %); the picture is seen from above.")
-        self.guide_key = label(told, "soft")
+        message = self.tr("Expected error on 500 mm (95 %); the picture is seen from above.")
+        self.guide_key = label(message, "soft")
         column.addWidget(self.guide_key)
         return self.tabs
 
@@ -287,10 +287,10 @@ class PlacementPage(LivePage):
         scene = replace(scene, made_up=bool(scene.short) and in_place and not self._lacking)
         self.some_are_enough = scene.made_up
         as_before, away = self._stands_as_before(scene), self._is_away
-        told = advice(scene, self.is_taken, self.is_taking, as_before, away)
+        message = advice(scene, self.is_taken, self.is_taking, as_before, away)
         self._stuck = is_stuck(scene, as_before, away)
         self.guide_text.setVisible(not self._stuck)  # the ball is there: one advice at a time
-        self.say(told.text, told.level)
+        self.say(message.text, message.level)
         self._show_counter(scene)
         waiting = self.automatic.isChecked() and not self.is_taken and not self.is_taking
         waiting = waiting and self.standing().level != "bad" and not as_before and not self._stuck
@@ -419,8 +419,8 @@ class PlacementPage(LivePage):
             if name not in tiles:
                 continue
             need = needs.get(name)
-            told = need_text(need.need, old + new) if need is not None and need.need != "enough" else ""
-            tiles[name].show_coverage(old, new, told)
+            message = need_text(need.need, old + new) if need is not None and need.need != "enough" else ""
+            tiles[name].show_coverage(old, new, message)
 
     def _look_at_ball(self) -> None:
         """Where the ball stands against its ghost, some times a second."""

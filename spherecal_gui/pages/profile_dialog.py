@@ -55,9 +55,9 @@ class ProfileDialog(QDialog):
         )
         self.table.itemSelectionChanged.connect(self._selected)
         column.addWidget(self.table, 1)
-        self.told, self.why_not = label(""), label("")
+        self.message, self.why_not = label(""), label("")
         set_level(self.why_not, "caution")
-        column.addWidget(self.told)
+        column.addWidget(self.message)
         column.addWidget(self.why_not)
         buttons = QHBoxLayout()
         self.compare = button(self.tr("Compare with the one in use"), "compare-profile")
@@ -126,8 +126,8 @@ class ProfileDialog(QDialog):
         try:
             act()
         except SpherecalError as error:
-            self.told.setText(" ".join(error_text(error)).strip())
-            set_level(self.told, "bad")
+            self.message.setText(" ".join(error_text(error)).strip())
+            set_level(self.message, "bad")
 
     def _compare(self) -> None:
         self._try(lambda: self._show_change(str(self.chosen)))
@@ -144,8 +144,8 @@ class ProfileDialog(QDialog):
         _, metric = compare(before, kept.rig(), volume)
         made = f"{kept.entry(number).calibrated_at.astimezone():%Y-%m-%d %H:%M}"
         text, level = compared_text(Compared(number, made, metric))
-        self.told.setText(text)
-        set_level(self.told, level)
+        self.message.setText(text)
+        set_level(self.message, level)
 
     def _use(self) -> None:
         self._try(lambda: self._apply(str(self.chosen)))
@@ -163,11 +163,11 @@ class ProfileDialog(QDialog):
         if asked:
             note, given = QInputDialog.getText(self, self.tr("Put this one to use"), asked)
             if not given or not note.strip():
-                self.told.setText(self.tr("It was not put to use: a reason is needed."))
-                set_level(self.told, "caution")
+                self.message.setText(self.tr("It was not put to use: a reason is needed."))
+                set_level(self.message, "caution")
                 return
         apply(kept, number, note)
-        self.told.setText(self.tr("Calibration {number} is in use now.").format(number=number))
-        set_level(self.told, "good")
+        self.message.setText(self.tr("Calibration {number} is in use now.").format(number=number))
+        set_level(self.message, "good")
         self._fill()
         self.applied.emit()

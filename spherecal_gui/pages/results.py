@@ -128,11 +128,11 @@ class ResultsPage(Page):
             self.say(self.tr("Reading the result") if self.controller.runner.running else "", "none")
             self.action_changed.emit()
             return
-        told = verdict(result)
+        message = verdict(result)
         state = self.state
         stale = state is not None and state.status is Status.STALE
-        self.say(*((self.tr("OUT OF DATE"), "caution") if stale else (told.word, told.level)))
-        self.sentence.setText(told.sentence)
+        self.say(*((self.tr("OUT OF DATE"), "caution") if stale else (message.word, message.level)))
+        self.sentence.setText(message.sentence)
         self.findings.show_advice(advice(result, self.project.placements), self.project.repairs_now)
         outcome = self.controller.outcome
         since, level = compared_text(outcome.compared if outcome is not None else None)

@@ -27,10 +27,10 @@ class StudiesDialog(QDialog):
         self.setWindowTitle(self.tr("Compare methods"))
         self.runner = Runner(self)
         column = QVBoxLayout(self)
-        told = self.tr(
+        message = self.tr(
             "Each study repeats an experiment of the paper on simulated rigs; it takes minutes. Stopped ones go on."
         )
-        column.addWidget(label(told, "soft"))
+        column.addWidget(label(message, "soft"))
         self._rows: dict[str, tuple[QWidget, QWidget]] = {}
         for name, study in STUDIES.items():
             row = QHBoxLayout()

@@ -43,7 +43,7 @@ class VerifyPage(ScalePage):
         self._looked_s = 0.0
         self._accepted_s: float | None = None
         self._again = False  # measured, and more poses are asked for
-        self._staged: str | None = None  # what a simulated rig was told to show
+        self._staged: str | None = None  # what a simulated rig was asked to show
         self._was_taking = False
         self._drawn: Outcome | None = None  # the outcome whose bars the scene shows
         controller.bar_seen.connect(self._bar_seen)
@@ -82,7 +82,7 @@ class VerifyPage(ScalePage):
         self.limit_label.setFixedWidth(_LIMIT_PX)
         self.limit = QLineEdit()
         self.limit.setObjectName("limit")
-        self.limit.setPlaceholderText(self.tr("none, e.g. 0.03+L/20000"))
+        self.limit.setPlaceholderText(self.tr("e.g. 0.03+L/20000"))
         self.limit.setMinimumWidth(150)
         self.limit.setMaximumWidth(220)
         self.limit.setAccessibleName(self.tr("Limit of the length errors: A + L/K in mm"))
@@ -135,7 +135,7 @@ class VerifyPage(ScalePage):
     @property
     def headline(self) -> QLabel:
         """The label that says how the page stands: where the bar goes, or what was measured."""
-        return self.outcome.word if self.shows_outcome else self.told
+        return self.outcome.word if self.shows_outcome else self.message
 
     @property
     def is_taking_pose(self) -> bool:
@@ -219,7 +219,7 @@ class VerifyPage(ScalePage):
         if self.isVisible() and not shown and not self.is_taking and self.current != self._staged:
             self._stage()  # the plan came after the page: the result was still being read
         self.outcome.setVisible(shown)
-        for part in (self.tabs, self.told, self.pose_box, self.enough):
+        for part in (self.tabs, self.message, self.pose_box, self.enough):
             part.setVisible(not shown)
         self.again.setVisible(not self.guided)  # else a click on the pose does it
         self.automatic.setVisible(not shown and self.guided)

@@ -153,11 +153,11 @@ def budget_cells(bars: Any) -> list[tuple[str, ...]]:
     """The budget of each length: its contributions, the largest first, and what would help most."""
     rows = []
     for budget in bars.procedure.budgets if bars.procedure is not None else ():
-        told = translate("Verify", "all together (k = {k:.1f}: U = {u:.3f} mm)")
+        message = translate("Verify", "all together (k = {k:.1f}: U = {u:.3f} mm)")
         name = f"{budget.bar} {budget.start}-{budget.end}"
         parts = sorted((one for one in budget.contributions if one.share > 0), key=lambda one: -one.share)
         remedy = remedy_text(parts[0].name) if parts else ""
-        whole = told.format(k=budget.coverage_factor, u=budget.expanded_mm)
+        whole = message.format(k=budget.coverage_factor, u=budget.expanded_mm)
         rows.append((name, whole, f"{budget.combined_mm:.4f}", "100 %", remedy))
         rows += [
             ("", contribution_name(one.name), f"{one.standard_mm:.4f}", f"{100 * one.share:.0f} %", "") for one in parts

@@ -141,8 +141,8 @@ def _number(
     if value is None:
         problems[key] = _no_number(text)
     elif (low is not None and value < low) or (high is not None and value > high):
-        told = translate("Bench", "Must be from {low} to {high}.")
-        problems[key] = told.format(low=shown(low), high=shown(high))
+        words = translate("Bench", "Must be from {low} to {high}.")
+        problems[key] = words.format(low=shown(low), high=shown(high))
         return None
     return value
 
@@ -325,8 +325,8 @@ def _targets_draft(targets: TargetSet) -> dict[str, Any]:
 def targets_words(targets: TargetSet) -> str:
     """How many targets, which numbers, how wide."""
     ids = sorted(targets.layouts)
-    told = translate("Bench", "{count} targets, nos. {first}-{last}, {width} mm")
-    return told.format(count=len(ids), first=ids[0], last=ids[-1], width=shown(targets.size_mm))
+    words = translate("Bench", "{count} targets, nos. {first}-{last}, {width} mm")
+    return words.format(count=len(ids), first=ids[0], last=ids[-1], width=shown(targets.size_mm))
 
 
 @lru_cache(maxsize=8)
@@ -390,8 +390,8 @@ def _spacing(draft: BallDraft, targets: TargetSet | None, problems: Problems) ->
     spacing = PrintedSpacing(pair[0], pair[1], measured)
     error = print_error(targets, spacing) if measured > 0 else None
     if error is None or abs(error) > WORST_PRINT:
-        told = translate("Bench", "{first} and {second} are {mm:.2f} mm apart as designed: measure these two, in mm.")
-        problems["ball.measured"] = told.format(first=pair[0], second=pair[1], mm=pair[2])
+        words = translate("Bench", "{first} and {second} are {mm:.2f} mm apart as designed: measure these two, in mm.")
+        problems["ball.measured"] = words.format(first=pair[0], second=pair[1], mm=pair[2])
         return None
     return spacing
 
@@ -404,10 +404,10 @@ def print_text(draft: BallDraft) -> tuple[str, Level]:
         return "", "none"
     spacing = _spacing(draft, targets, {})
     if spacing is None:
-        told = translate(
+        words = translate(
             "Bench", "Measure from dot {first} to dot {second} of a sticker with a caliper: {mm:.2f} mm as designed."
         )
-        return told.format(first=pair[0], second=pair[1], mm=pair[2]), "none"
+        return words.format(first=pair[0], second=pair[1], mm=pair[2]), "none"
     error = print_error(targets, spacing) or 0.0
     large, small = (
         translate("Bench", "Printed {percent:.2f} % too large."),
@@ -437,8 +437,8 @@ def read_bench(draft: BenchDraft) -> tuple[Bench | None, tuple[RegisteredBar | N
     problems |= {key: text for key, text in _together(draft, bars).items() if key not in problems}
     placements = draft.placements.strip()
     if not placements.isdecimal() or not FEW_PLACEMENTS <= int(placements) <= _MOST_PLACEMENTS:
-        told = translate("Bench", "From {low} to {high} placements of the ball.")
-        problems["placements"] = told.format(low=FEW_PLACEMENTS, high=_MOST_PLACEMENTS)
+        words = translate("Bench", "From {low} to {high} placements of the ball.")
+        problems["placements"] = words.format(low=FEW_PLACEMENTS, high=_MOST_PLACEMENTS)
     celsius = _number(draft.celsius, "celsius", problems, -20.0, 60.0) if draft.celsius.strip() else None
     if problems or ball is None:
         return None, tuple(bars), problems
@@ -472,18 +472,18 @@ def _together(draft: BenchDraft, bars: Iterable[RegisteredBar | None]) -> Proble
             problems[f"bar.{number}.serial"] = translate("Bench", "Another bar has this serial number.")
         if one.role == "scale":
             if scale is not None:
-                told = translate("Bench", "Only one bar gives the scale; {bar} does already.")
-                problems[f"bar.{number}.role"] = told.format(bar=scale)
+                words = translate("Bench", "Only one bar gives the scale; {bar} does already.")
+                problems[f"bar.{number}.role"] = words.format(bar=scale)
             scale = scale or serial
         if bar is None or one.role == "none":
             continue
         for mark in bar.marks.values():
             if targets is not None and mark.target not in targets.layouts:
-                told = translate("Bench", "Sticker {number} is none of the ball's target set ({targets}).")
-                problems[f"bar.{number}.role"] = told.format(number=mark.target, targets=targets_words(targets))
+                words = translate("Bench", "Sticker {number} is none of the ball's target set ({targets}).")
+                problems[f"bar.{number}.role"] = words.format(number=mark.target, targets=targets_words(targets))
             if stickers.setdefault(mark.target, serial) != serial:
-                told = translate("Bench", "Sticker {number} is on bar {bar} as well.")
-                problems[f"bar.{number}.role"] = told.format(number=mark.target, bar=stickers[mark.target])
+                words = translate("Bench", "Sticker {number} is on bar {bar} as well.")
+                problems[f"bar.{number}.role"] = words.format(number=mark.target, bar=stickers[mark.target])
     return problems
 
 

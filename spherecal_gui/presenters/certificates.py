@@ -64,10 +64,10 @@ def reminder(bars: Iterable[Any], today: date) -> Reminder:
         "expires-soon": translate("Certificates", "Have it calibrated soon: {bars}."),
     }
     levels: dict[str, Level] = {"expired": "bad", "not-yet": "caution", "expires-soon": "caution"}
-    told: list[tuple[Level, str]] = [
+    notes: list[tuple[Level, str]] = [
         (levels[word], texts[word].format(bars=", ".join(own))) for word, own in names.items() if own
     ]
-    return Reminder(" ".join(text for _, text in told), worst(level for level, _ in told)) if told else Reminder()
+    return Reminder(" ".join(text for _, text in notes), worst(level for level, _ in notes)) if notes else Reminder()
 
 
 def bench_reminder(bench: Path, today: date) -> Reminder:

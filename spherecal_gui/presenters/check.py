@@ -42,11 +42,11 @@ def check_verdict(found: Any) -> VerdictText:
 
 def repaired_verdict(after: Any, in_use: bool) -> VerdictText:
     """The verdict once the cameras that moved are recalibrated: by the check after it, in use or not yet."""
-    told = check_verdict(after)
+    message = check_verdict(after)
     if in_use:
-        return told
+        return message
     word, unused = translate("Check", "REPAIRED"), translate("Check", "Not in use yet.")
-    return VerdictText(word, "caution", unused if after.verdict == "ok" else f"{unused} {told.sentence}")
+    return VerdictText(word, "caution", unused if after.verdict == "ok" else f"{unused} {message.sentence}")
 
 
 def _sentence(found: Any) -> str:

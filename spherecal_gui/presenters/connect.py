@@ -196,8 +196,8 @@ def bench_rows(connection: Any, confirmed: Artefacts | None) -> list[BenchRow]:
             BenchRow(translate("Connect", "Board"), artefacts.target_set, level),
             BenchRow(translate("Connect", "Scale from the board's pitch"), artefacts.scale, level),
         ]
-    told = reminder(connection.plan.bars, date.today()) if connection is not None else Reminder()
-    certificates = [BenchRow(translate("Connect", "Certificates"), told.text, told.level)] if told.text else []
+    message = reminder(connection.plan.bars, date.today()) if connection is not None else Reminder()
+    certificates = [BenchRow(translate("Connect", "Certificates"), message.text, message.level)] if message.text else []
     return [
         BenchRow(translate("Connect", "Targets on the ball"), _targets_words(connection, artefacts), level),
         BenchRow(translate("Connect", "Ball, about"), artefacts.ball or "-", level),

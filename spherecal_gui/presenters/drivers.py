@@ -58,14 +58,14 @@ def _no_driver(windows: bool) -> DriverNote:
 def _not_allowed(one: Any) -> DriverNote:
     title = translate("Drivers", "The driver {name} is not allowed, so it was not loaded.")
     title = title.format(name=Path(one.file).name)
-    told = translate("Drivers", "A driver is a program. Load it only if you or its maker have installed it.")
-    return DriverNote(title, (one.file, told), one.file)
+    message = translate("Drivers", "A driver is a program. Load it only if you or its maker have installed it.")
+    return DriverNote(title, (one.file, message), one.file)
 
 
 def _not_loaded(one: Any) -> DriverNote:
     title = translate("Drivers", "The driver {name} does not work.").format(name=Path(one.file).name)
-    told = translate("Drivers", "Install it again with its maker's installer; never copy the file alone.")
-    return DriverNote(title, (one.file, told), details=one.said)
+    message = translate("Drivers", "Install it again with its maker's installer; never copy the file alone.")
+    return DriverNote(title, (one.file, message), details=one.said)
 
 
 def _no_cameras(files: Sequence[str], windows: bool) -> DriverNote:

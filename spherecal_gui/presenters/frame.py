@@ -78,11 +78,11 @@ class FrameChoice:
     @property
     def options(self) -> list[tuple[str, str]]:
         """The places to choose from, single dots left out unless they are chosen: name and text."""
-        told = self.definition.places
+        message = self.definition.places
         return [
             (name, place_text(name, place.kind))
             for name, place in self.places.items()
-            if place.kind != "point" or name.endswith("/centre") or name in told
+            if place.kind != "point" or name.endswith("/centre") or name in message
         ]
 
     @property
@@ -175,10 +175,10 @@ class FrameChoice:
             return words, "none"
         d = self.definition
         x, y, z = self.frame.apply(self.places[str(d.origin)].place_mm[None])[0].round(3) + 0.0
-        told = translate(
+        message = translate(
             "Frame", "{origin} lies at {x} / {y} / {z} mm; {to} is {distance} mm from it, {xy} {angle}° off."
         )
-        words += " " + told.format(
+        words += " " + message.format(
             origin=d.origin,
             x=f"{x:.1f}",
             y=f"{y:.1f}",

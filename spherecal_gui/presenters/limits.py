@@ -153,10 +153,10 @@ def load_limits(path: Path | None = None) -> str:
 
 
 def _damage_text(problem: str) -> str:
-    told = translate(
+    message = translate(
         "Limits", "{problem} Until then the delivered limits are used. Restore the file, or delete it to start again."
     )
-    return told.format(problem=problem)
+    return message.format(problem=problem)
 
 
 class Gate:
@@ -224,12 +224,12 @@ class LimitsDesk:
 
     def honest_text(self) -> str:
         """What the lock is good for, and what to do about a forgotten PIN."""
-        told = translate(
+        message = translate(
             "Limits",
             "The PIN guards against mistakes, not against somebody who can write {path}. "
             "If it was forgotten: spherecal limits reset-pin",
         )
-        return told.format(path=self.path)
+        return message.format(path=self.path)
 
     # --- the lock ----------------------------------------------------------------------------------------------------
 

@@ -132,12 +132,12 @@ def _all_well(sight: Any) -> str:
 def bump_text(cameras: dict[str, float]) -> tuple[str, str]:
     """What is said when cameras were moved, by name in px: what happened, and what to do."""
     names = ", ".join(f"{name} ({px:.0f} px)" for name, px in cameras.items())
-    told = translate("Look", "Only these moved: {names}.").format(names=names)
+    message = translate("Look", "Only these moved: {names}.").format(names=names)
     if len(cameras) == 1:
         ((name, px),) = cameras.items()
-        told = translate("Look", "Only {name} moved ({px:.0f} px).").format(name=name, px=px)
+        message = translate("Look", "Only {name} moved ({px:.0f} px).").format(name=name, px=px)
     return (
-        told,
+        message,
         translate(
             "Look",
             "Tighten its mount, then press “Fixed again” at Camera check. Retake what was captured before: it no "
@@ -163,13 +163,13 @@ def summary(states: list[TileState], have_images: bool = False) -> tuple[str, Le
     waiting = [state.name for state in states if state.level == "none"]
     alone = {state.name: state.summed for state in states if [state.name] in (bad, unsure)}
     if bad:
-        told = translate("Look", "Look after {names}.").format(names=", ".join(bad))
-        return alone.get(bad[0]) or told, "bad"
+        message = translate("Look", "Look after {names}.").format(names=", ".join(bad))
+        return alone.get(bad[0]) or message, "bad"
     if waiting and have_images:
         return translate("Look", "Looking for targets"), "none"
     if waiting:
         return translate("Look", "Waiting for images of {names}.").format(names=", ".join(waiting)), "none"
     if unsure:
-        told = translate("Look", "Could be better: {names}.").format(names=", ".join(unsure))
-        return alone.get(unsure[0]) or told, "caution"
+        message = translate("Look", "Could be better: {names}.").format(names=", ".join(unsure))
+        return alone.get(unsure[0]) or message, "caution"
     return translate("Look", "All {count} cameras are sharp and well lit.").format(count=len(states)), "good"

@@ -113,8 +113,8 @@ def is_stuck(scene: Scene, as_before: bool = False, away: bool = False) -> bool:
 def short_text(short: Mapping[str, int]) -> str:
     """Which cameras see how many dots, and what to do; the worst first."""
     worst = sorted(short.items(), key=lambda one: one[1])[:_NAMED]
-    told = translate("Placement", "Fewer than {needed} dots: {cameras}. Capture anyway, or move the ball")
-    return told.format(needed=needed_dots(), cameras=", ".join(f"{name} ({count})" for name, count in worst))
+    message = translate("Placement", "Fewer than {needed} dots: {cameras}. Capture anyway, or move the ball")
+    return message.format(needed=needed_dots(), cameras=", ".join(f"{name} ({count})" for name, count in worst))
 
 
 def _board_advice(scene: Scene, as_before: bool) -> Advice:
@@ -162,7 +162,7 @@ class AutoTrigger:
 class NeedLine:
     """What some cameras need: the text before their names, the names, whether these are all cameras."""
 
-    told: str
+    message: str
     cameras: tuple[str, ...]
     everyone: bool
 
@@ -174,7 +174,7 @@ class NeedLine:
     @property
     def text(self) -> str:
         """In plain words."""
-        return f"{self.told} {self.all_words if self.everyone else ', '.join(self.cameras)}"
+        return f"{self.message} {self.all_words if self.everyone else ', '.join(self.cameras)}"
 
 
 def need_lists(found: Sequence[CameraNeed], more_to_come: bool = False) -> tuple[NeedLine | None, NeedLine | None]:
@@ -186,9 +186,9 @@ def need_lists(found: Sequence[CameraNeed], more_to_come: bool = False) -> tuple
     if more_to_come:
         elsewhere = translate("Placement", "At the next placements, fill other parts of the image:")
     lines = []
-    for need, told in (("more", translate("Placement", "Need more dots:")), ("spread", elsewhere)):
+    for need, message in (("more", translate("Placement", "Need more dots:")), ("spread", elsewhere)):
         names = tuple(one.camera for one in found if one.need == need)
-        lines.append(NeedLine(told, names, len(names) == len(found)) if names else None)
+        lines.append(NeedLine(message, names, len(names) == len(found)) if names else None)
     return lines[0], lines[1]
 
 

@@ -87,7 +87,7 @@ def verdict(result: Any) -> VerdictText:
     everything = len(result.camera_ids)
     if not cameras:
         return VerdictText(translate("Results", "FAILED"), "bad", translate("Results", "No camera could be placed."))
-    told = translate("Results", "{placed} of {all} cameras placed; the images agree to {rms:.3f} px.").format(
+    sentence = translate("Results", "{placed} of {all} cameras placed; the images agree to {rms:.3f} px.").format(
         placed=len(cameras), all=everything, rms=quality.rms_px or float("nan")
     )
     lengths = result.rig.length_map
@@ -96,13 +96,13 @@ def verdict(result: Any) -> VerdictText:
         if lengths.coverage_factor == 2.0:
             text = translate("Results", "Expected error on {length:.0f} mm (95 %): {mm:.3f} mm.")
         text = text.format(length=lengths.length_mm, mm=lengths.typical_mm, k=lengths.coverage_factor)
-        told = f"{told} {text}"
+        sentence = f"{sentence} {text}"
     if not quality.valid:
-        return VerdictText(translate("Results", "NOT VALID"), "bad", told)
+        return VerdictText(translate("Results", "NOT VALID"), "bad", sentence)
     if quality.affected:
         care = translate("Results", "With care: {what}.").format(what=care_text(quality.affected))
-        return VerdictText(translate("Results", "USE WITH CARE"), "caution", f"{care} {told}")
-    return VerdictText(translate("Results", "VALID"), "good", told)
+        return VerdictText(translate("Results", "USE WITH CARE"), "caution", f"{care} {sentence}")
+    return VerdictText(translate("Results", "VALID"), "good", sentence)
 
 
 _MOST_NAMED = 6
@@ -120,31 +120,31 @@ def care_text(affected: Any) -> str:
 def bar_verdict(bars: Any) -> VerdictText:
     """The verdict of a verification: against a limit PASS, FAIL or CANNOT TELL, without one CONSISTENT or not."""
     errors = np.array([bar.error_mm for bar in bars.measured])
-    told = ""
+    sentence = ""
     if len(errors):
-        told = translate("Verify", "{count} lengths, mean error {mean:+.3f} mm, largest {most:.3f} mm.").format(
+        sentence = translate("Verify", "{count} lengths, mean error {mean:+.3f} mm, largest {most:.3f} mm.").format(
             count=len(errors), mean=round(float(errors.mean()), 3) + 0.0, most=float(np.abs(errors).max())
         )
     acceptance = bars.procedure.acceptance if bars.procedure is not None else None
     unseen = [c.id for c in bars.cameras if c.state == "not seen"]
     if unseen and bars.measured:
         text = translate("Verify", "Not verified, since they saw no mark: {cameras}.")
-        told = f"{told} {text.format(cameras=', '.join(unseen))}"
+        sentence = f"{sentence} {text.format(cameras=', '.join(unseen))}"
     if bars.contradicting:
         text = translate("Verify", "Not where the calibration has them: {cameras}.")
-        told = f"{text.format(cameras=', '.join(bars.contradicting))} {told}"
+        sentence = f"{text.format(cameras=', '.join(bars.contradicting))} {sentence}"
     if acceptance is not None and acceptance.verdict == "fail":
-        return VerdictText(translate("Verify", "FAIL"), "bad", told)
+        return VerdictText(translate("Verify", "FAIL"), "bad", sentence)
     unsure = acceptance is not None and acceptance.verdict == "cannot tell" and not bars.contradicting
     if (bars.verdict == "inconsistent" and not unsure) or any(f.severity == "error" for f in bars.findings):
-        return VerdictText(translate("Verify", "INCONSISTENT"), "bad", told)
+        return VerdictText(translate("Verify", "INCONSISTENT"), "bad", sentence)
     if acceptance is not None and acceptance.verdict == "cannot tell":
-        return VerdictText(translate("Verify", "UNDECIDED"), "caution", told)
+        return VerdictText(translate("Verify", "UNDECIDED"), "caution", sentence)
     if acceptance is not None and acceptance.verdict == "pass":
-        return VerdictText(translate("Verify", "PASS"), "good", told)
+        return VerdictText(translate("Verify", "PASS"), "good", sentence)
     if bars.verdict == "consistent":
-        return VerdictText(translate("Verify", "CONSISTENT"), "caution" if unseen else "good", told)
-    return VerdictText(translate("Verify", "NO DATA"), "caution", told)
+        return VerdictText(translate("Verify", "CONSISTENT"), "caution" if unseen else "good", sentence)
+    return VerdictText(translate("Verify", "NO DATA"), "caution", sentence)
 
 
 def camera_rows(result: Any, compared: Any = None) -> list[CameraRow]:
@@ -286,11 +286,11 @@ def advice(result: Any, placements: tuple[str, ...]) -> list[Advice]:
                 for name in finding.where
                 if name in cameras
             ][:1]
-        found.append(_told(finding, levels[finding.severity], tuple(actions)))
+        found.append(_advice_of(finding, levels[finding.severity], tuple(actions)))
     return found
 
 
-def _told(finding: Finding, level: Level, actions: tuple[Action, ...]) -> Advice:
+def _advice_of(finding: Finding, level: Level, actions: tuple[Action, ...]) -> Advice:
     """A finding in the reader's language; options of the command line are not named where there are buttons."""
     has_buttons = any(action.kind.startswith("--") for action in actions)
     title = finding.words("title", languages.now())

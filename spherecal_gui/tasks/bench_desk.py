@@ -56,8 +56,8 @@ class Imported:
         """In words, the first lines with their problems."""
         parts = [translate("Bench", "Bars taken over: {count}.").format(count=len(self.entered))]
         if self.other:
-            told = translate("Bench", "With other figures than the library's, which can be undone: {bars}.")
-            parts.append(told.format(bars=", ".join(self.other)))
+            message = translate("Bench", "With other figures than the library's, which can be undone: {bars}.")
+            parts.append(message.format(bars=", ".join(self.other)))
         if self.lines:
             parts.append(translate("Bench", "Lines that could not be used: {count}.").format(count=len(self.lines)))
         return " ".join(parts) + "".join(f"\n{line}" for line in self.lines)

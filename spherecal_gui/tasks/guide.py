@@ -33,7 +33,7 @@ def plan_coarse(document: dict[str, Any], target_set: Any, dots: Mapping[str, Se
     quick = CalibrationSettings(method="free", repair_by_itself=False, intrinsics="fixed")
     calibration = calibrate(session, quick, context)
     found = first_guess(session, calibration, round(share * limits.now().needed_dots))
-    return _told(session, calibration, found, coarse=True)
+    return _shown(session, calibration, found, coarse=True)
 
 
 def _dots_in(sets: Mapping[str, SetDots]) -> int:
@@ -50,10 +50,10 @@ def plan_next(document: dict[str, Any], target_set: Any, dots: Mapping[str, SetD
 
     session = session_of_dots(document, target_set, dots)
     calibration = calibrate(session, None, context)
-    return _told(session, calibration, advise(session, calibration, context, limits.now().needed_dots))
+    return _shown(session, calibration, advise(session, calibration, context, limits.now().needed_dots))
 
 
-def _told(session: Any, calibration: Any, found: Any, coarse: bool = False) -> Any:
+def _shown(session: Any, calibration: Any, found: Any, coarse: bool = False) -> Any:
     """The engine's answer as the window shows it, with the ghost of the ball at the proposed place."""
     from spherecal_gui.tasks.ghost import Ghost, Lenses, body_of, turn_of
 

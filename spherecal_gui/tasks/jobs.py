@@ -374,11 +374,11 @@ def report(project: Project, output: Path, language: str, notice: str, context: 
 
     context.report("drawing the report", 0.0)
     result = project.result_folder
-    told: Any = {"language": language, "notice": notice, "note": project.note, "render": scene_picture}
+    message: Any = {"language": language, "notice": notice, "note": project.note, "render": scene_picture}
     try:
-        write_report(result, output, project.folder, **told)
+        write_report(result, output, project.folder, **message)
     except InputError:  # retaken since: the numbers still hold, the pictures would not
-        write_report(result, output, **told)
+        write_report(result, output, **message)
     return output
 
 

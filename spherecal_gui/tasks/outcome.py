@@ -42,7 +42,7 @@ class Outcome:
 
 
 def read_outcome(folder: Path, session: Path, profile: Path, bars: Sequence[Any], context: Context) -> Outcome:
-    """The result in a folder with all that can be told about it; InputError where it cannot be read.
+    """The result in a folder with all that can be said about it; InputError where it cannot be read.
 
     `bars` (session.model) are those on the bench.
     """
@@ -79,7 +79,7 @@ def _places(folder: Path, session: Path) -> Mapping[str, Any]:
 
     try:
         wanted = read_frame(session / "frame.json").definition.places if (session / "frame.json").is_file() else ()
-    except SpherecalError:  # told where the frame is used
+    except SpherecalError:  # reported where the frame is used
         wanted = ()
     return result_places(folder, wanted)
 

@@ -88,7 +88,7 @@ class BarView(QWidget):
         painter.setFont(theme.font(11, bold=True))
         metrics = painter.fontMetrics()
         places = [_inside(at(place), room) for place in shown.cameras[side]]
-        order = sorted(range(len(places)), key=lambda i: shown.names[i] in shown.near)  # those that are told on top
+        order = sorted(range(len(places)), key=lambda i: shown.names[i] in shown.near)  # those in the sentence on top
         for i in order:
             painter.setPen(Qt.PenStyle.NoPen)
             painter.setBrush(QColor(c.accent if shown.names[i] in shown.near else c.soft))

@@ -131,7 +131,7 @@ class CoverageChart(Chart):
         self.clear()
         self.dress()
         columns = max(1, int(np.ceil(np.sqrt(len(cameras)))))
-        rows = int(np.ceil(len(cameras) / columns))
+        rows = max(1, int(np.ceil(len(cameras) / columns)))
         low = self.height() < rows * _ROW_LINES * self.fontMetrics().height()  # then the name stands in the frame
         step_x = cov.CELLS + _GAP_CELLS
         gap = _GAP_CELLS if low else self._caption_cells(columns * step_x, rows)
@@ -277,9 +277,9 @@ def _decades(low: float, high: float) -> list[tuple[float | None, list[float]]]:
     """Ticks with labels, then those without, of a logarithmic axis; nine labels in a decade covered each other."""
     exponents = range(math.floor(low), math.ceil(high) + 1)
     ticks = {digit: [e + math.log10(digit) for e in exponents] for digit in range(1, 10)}
-    told = (1,) if high - low > 1.0 else (1, 2, 5)
+    message = (1,) if high - low > 1.0 else (1, 2, 5)
     parts = [
-        [t for d in ticks if (d in told) is shown for t in ticks[d] if low <= t <= high] for shown in (True, False)
+        [t for d in ticks if (d in message) is shown for t in ticks[d] if low <= t <= high] for shown in (True, False)
     ]
     return [(1.0, sorted(parts[0])), (None, sorted(parts[1]))]
 
@@ -358,7 +358,7 @@ class ErrorChart(Chart):
         self._label()
 
     def _draw_limit(self, where: FloatArray, shown: Errors) -> None:
-        """The limit on both sides and, inside it, the guard band in which nothing can be told."""
+        """The limit on both sides and, inside it, the guard band in which nothing can be decided."""
         if shown.permitted is None or shown.guard is None:
             return
         c, inner = theme.now(), np.maximum(shown.permitted - shown.guard, 0.0)

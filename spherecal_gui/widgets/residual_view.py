@@ -109,9 +109,9 @@ class ResidualView(QWidget):
         painter.drawRect(field)
         painter.setPen(QColor(c.soft))
         painter.setFont(theme.font(10))
-        told = self.tr("{name}: arrows {gain:.0f} times, 95 % shorter than {usual:.3f} px, {out} left out").format(
+        text = self.tr("{name}: arrows {gain:.0f} times, 95 % shorter than {usual:.3f} px, {out} left out").format(
             name=shown.camera, gain=gain / scale, usual=usual, out=int((~shown.used).sum())
         )
         at = QRectF(0, field.bottom(), self.width(), foot)
-        told = painter.fontMetrics().elidedText(languages.by_locale(told), Qt.TextElideMode.ElideRight, self.width())
-        painter.drawText(at, Qt.AlignmentFlag.AlignCenter, told)
+        text = painter.fontMetrics().elidedText(languages.by_locale(text), Qt.TextElideMode.ElideRight, self.width())
+        painter.drawText(at, Qt.AlignmentFlag.AlignCenter, text)

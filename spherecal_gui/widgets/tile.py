@@ -31,9 +31,9 @@ def shown_image(image: np.ndarray, bits: int, width: int) -> QImage:
     return QImage(small.data, columns, height, columns, QImage.Format.Format_Grayscale8).copy()
 
 
-def _fitting(told: str, metrics: QFontMetrics, width: float) -> str:
+def _fitting(message: str, metrics: QFontMetrics, width: float) -> str:
     """As many of the figures of a line as have room: a number that is cut short would be another one."""
-    shown = languages.by_locale(told)
+    shown = languages.by_locale(message)
     while " · " in shown and metrics.horizontalAdvance(shown) > width:
         shown = shown.rpartition(" · ")[0]
     return metrics.elidedText(shown, Qt.TextElideMode.ElideRight, int(width))

@@ -93,19 +93,19 @@ class TopView(QWidget):
     def _draw_cameras(self, painter: QPainter, shown: Guidance, at: At) -> None:
         c = theme.now()
         painter.setFont(theme.font(11, bold=True))
-        metrics, told = painter.fontMetrics(), (shown.towards, shown.tip_towards)
+        metrics, message = painter.fontMetrics(), (shown.towards, shown.tip_towards)
         places = [at(camera) for camera in shown.cameras.reshape(-1, 2)]
         self._draw_views(painter, shown, places)
         painter.setPen(Qt.PenStyle.NoPen)
-        for i in sorted(range(len(places)), key=lambda i: shown.names[i] in told):  # those that are told on top
-            painter.setBrush(QColor(c.accent if shown.names[i] in told else c.soft))
+        for i in sorted(range(len(places)), key=lambda i: shown.names[i] in message):  # those in the sentence on top
+            painter.setBrush(QColor(c.accent if shown.names[i] in message else c.soft))
             painter.drawRect(
                 QRectF(places[i].x() - _CAMERA_PX / 2, places[i].y() - _CAMERA_PX / 2, _CAMERA_PX, _CAMERA_PX)
             )
         painter.setBrush(Qt.BrushStyle.NoBrush)
         painter.setPen(QColor(c.text))
         sizes = [QSizeF(metrics.horizontalAdvance(name) + 2, metrics.height()) for name in shown.names]
-        boxes = place_tags(shown.names, places, sizes, QRectF(self.rect()), _CAMERA_PX, told)
+        boxes = place_tags(shown.names, places, sizes, QRectF(self.rect()), _CAMERA_PX, message)
         for name, box in boxes.items():
             painter.drawText(box, Qt.AlignmentFlag.AlignCenter, name)
 

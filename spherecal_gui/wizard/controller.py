@@ -21,11 +21,11 @@ translate = QCoreApplication.translate
 class Controller(FrameControl):
     """The open project and all that can be done with it; here: what is written."""
 
-    def _save(self, work: Callable[[Context], Any], told: str) -> bool:
+    def _save(self, work: Callable[[Context], Any], message: str) -> bool:
         def done(what: Any) -> None:
             if self.project is not None:
                 self._update(changes.with_saved(self.project))
-            self.tell("good", told.format(what=what))
+            self.tell("good", message.format(what=what))
 
         if self.project is None:
             return False
@@ -37,10 +37,10 @@ class Controller(FrameControl):
         project = self.project
         if project is None:
             return False
-        told = translate("Save", "The report is in {what}.")
+        message = translate("Save", "The report is in {what}.")
         language = languages.now()
         notice = translate("Save", "SIMULATED: no calibration of a real rig") if project.simulated else ""
-        return self._save(lambda context: jobs.report(project, output, language, notice, context), told)
+        return self._save(lambda context: jobs.report(project, output, language, notice, context), message)
 
     def set_note(self, note: str) -> None:
         """What the operator has written on the calibration; it goes into the profile and the report."""
@@ -51,17 +51,17 @@ class Controller(FrameControl):
         """Leave the calibration in use as it is; this one stays in its folder."""
         if self.project is None or self.runner.running is not None:
             return
-        told = translate("Save", "The calibration in use was left as it is. This one stays in {folder}.")
-        told = told.format(folder=self.project.folder)
+        message = translate("Save", "The calibration in use was left as it is. This one stays in {folder}.")
+        message = message.format(folder=self.project.folder)
         self.close_project()
-        self.tell("info", told)
+        self.tell("info", message)
 
     def save_profile(self, profile: Path, put_to_use: bool, note: str = "") -> bool:
         """The calibration into a rig profile's history, and to use; with a note by whom and why."""
         project = self.project
         if project is None:
             return False
-        told = translate("Save", "Saved in the rig's profile as calibration {what}.")
+        message = translate("Save", "Saved in the rig's profile as calibration {what}.")
         picture = self.draw_rig() if self.draw_rig is not None else b""
 
         def work(context: Context) -> str:
@@ -70,16 +70,16 @@ class Controller(FrameControl):
                 write_below(profile, picture_name(number), picture)
             return number
 
-        return self._save(work, told)
+        return self._save(work, message)
 
     def export(self, form: str, output: Path) -> bool:
         """The rig in another program's format, in the project's frame."""
         project = self.project
         if project is None:
             return False
-        told = translate("Save", "Written to {what}.")
+        message = translate("Save", "Written to {what}.")
         frame = self.frame
-        return self._save(lambda context: jobs.export(project.result_folder, form, output, context, frame), told)
+        return self._save(lambda context: jobs.export(project.result_folder, form, output, context, frame), message)
 
     def commands(self) -> tuple[str, ...]:
         """The command lines that give the same bytes."""

@@ -94,7 +94,7 @@ class ProjectControl(QObject):
         self.changed.emit()
 
     def _try(self, act: Callable[[], Any]) -> bool:
-        """Do something that the disk may refuse; whether it was done. What is in the way is told."""
+        """Do something that the disk may refuse; whether it was done. The window says what is in the way."""
         try:
             act()
         except (SpherecalError, OSError) as error:

@@ -180,6 +180,8 @@ class SetControl(TuneControl):
 
     def _ask(self, dots: Mapping[str, SetDots], coarse: bool) -> None:
         """Have the engine work it out: first coarsely, then well."""
+        if self._recorded is None:  # a project that a full disk closed between the coarse answer and the good one
+            return
         document, target_set = self._recorded.document(), self.connection.plan.target_set
         work = plan_coarse if coarse else plan_next
 

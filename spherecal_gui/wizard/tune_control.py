@@ -43,7 +43,7 @@ class TuneControl(CameraControl):
         return self.project is not None and self.project.source.startswith("genicam")
 
     def settings_of(self, serial: str) -> Any:
-        """A camera's settings (cameras.protocol) as it was told them."""
+        """A camera's settings (cameras.protocol) as they were set."""
         from spherecal.cameras.profile import default_profile_path, read_profile
         from spherecal.cameras.protocol import CameraSettings
 
@@ -107,7 +107,7 @@ class TuneControl(CameraControl):
         return "" if self._real else translate("Connect", "Simulated cameras are all exposed at the same moment.")
 
     def name_camera(self, serial: str, name: str) -> None:
-        """Give a camera another name; why it cannot have it is told."""
+        """Give a camera another name; the window says why it cannot have it."""
         connection = self.connection
         if connection is None:
             return

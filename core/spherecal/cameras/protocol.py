@@ -138,7 +138,7 @@ class Region:
 
 @dataclass(frozen=True)
 class CameraSettings:
-    """All that a camera is told after each opening; nothing is left to what it remembers.
+    """All settings that a camera is given after each opening; nothing is left to what it remembers.
 
     `pixel_format` is a GenICam name (Mono8, Mono10, Mono12, Mono12p, BayerRG8, ...); where the camera lacks it the
     nearest one is taken and reported. `region` None is the whole sensor. `trigger_source` is the input of a hardware
@@ -163,7 +163,7 @@ class CameraSettings:
 class FeatureReport:
     """One feature after setting up: the camera's own name for it (None: it has none), wanted and actual value.
 
-    `problem` is empty where the camera does as it was told, or where a missing feature is of no consequence.
+    `problem` is empty where the camera took its setting, or where a missing feature is of no consequence.
     """
 
     feature: str

@@ -96,7 +96,7 @@ def _say(options: argparse.Namespace, profile: "BallProfile", path: Path) -> Non
     name = profile.name or "The ball"
     size_ppm = 1e6 * (shape.scale.relative_uncertainty or 0.0)
     day = "" if profile.calibrated is None else f", calibrated on {profile.calibrated.isoformat()}"
-    told = {
+    record = {
         "file": path,
         "name": profile.name,
         "calibrated": profile.calibrated,
@@ -107,7 +107,7 @@ def _say(options: argparse.Namespace, profile: "BallProfile", path: Path) -> Non
         "radius_mm": sphere and sphere.radius,
         "radial_sd_mm": sphere and sphere.radial_sd,
     }
-    answer(options, told)
+    answer(options, record)
     out.print(
         f"{name}: {counted(len(sd), 'dot')} of {counted(len(np.unique(shape.target)), 'target')}{day}; "
         f"standard uncertainty of a dot {np.median(sd):.4f} mm per coordinate (median), of the size "

@@ -299,7 +299,7 @@ def _import(options: argparse.Namespace) -> int:
         if entered:
             write_registry({**known, **{bar.serial: bar for bar in entered}}, path)
     kept = () if options.replace else found.other
-    told = {
+    record = {
         "registry": path,
         **{
             name: [bar.serial for bar in of]
@@ -308,7 +308,7 @@ def _import(options: argparse.Namespace) -> int:
         "problems": [{"serial": one.serial, "message": phrase(one.message)} for one in table.problems],
         "ignored_columns": table.ignored,
     }
-    answer(options, told)
+    answer(options, record)
     for bar in entered:
         _say(f"{bar.serial}: entered, {counted(len(bar.lengths), 'length')}, {_state(bar)[1]}")
     for bar in found.same:

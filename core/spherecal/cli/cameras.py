@@ -190,8 +190,8 @@ def set_up(options: argparse.Namespace, profile: CameraProfile) -> int:
         profile = _keep(options, profile, serials)
         reports = source.open(serials, profile.settings())
         unreachable = {s: status for s, status in source.statuses().items() if not status.state.usable}
-    told = {"profile": options.profile, "cameras": serials, "set_up": reports, "not_reached": unreachable}
-    answer(options, told)
+    record = {"profile": options.profile, "cameras": serials, "set_up": reports, "not_reached": unreachable}
+    answer(options, record)
     for report in reports:
         _show_setup(report, profile.entry(report.serial).name or report.serial)
     for serial, status in unreachable.items():

@@ -46,7 +46,7 @@ def capture(options: argparse.Namespace, profile: CameraProfile) -> int:
         names = {camera.serial: camera.id for camera in cameras}
         detector = Detector(plan.target_set) if plan.target_set is not None and options.average > 1 else None
         request = CaptureRequest(tuple(names), options.timeout, options.retries)
-        poor, told = 0, []
+        poor, record = 0, []
         for planned in session.to_take:
             if isinstance(source, Staged):
                 source.show(planned.id)
@@ -54,16 +54,16 @@ def capture(options: argparse.Namespace, profile: CameraProfile) -> int:
             averaged = take_averaged(source, options.average, detector, request, context)
             session.add(planned, averaged.taken, averaged.stillness)
             poor += _show_set(planned.id, averaged, names)
-            told.append(_told(planned.id, averaged, names))
+            record.append(_record_of(planned.id, averaged, names))
     total = len(plan.sets)
-    answer(options, {"session": options.output, "cameras": list(names.values()), "sets": told})
+    answer(options, {"session": options.output, "cameras": list(names.values()), "sets": record})
     console().print(f"{counted(total, 'set')} of {counted(len(cameras), 'camera')} in {escape(str(options.output))}.")
     if poor:
         console().print(f"{poor} of them {'is' if poor == 1 else 'are'} incomplete or not still; see above.")
     return NOT_VALID if poor else DONE
 
 
-def _told(set_id: str, averaged: AveragedSet, names: dict[str, str]) -> dict[str, object]:
+def _record_of(set_id: str, averaged: AveragedSet, names: dict[str, str]) -> dict[str, object]:
     taken = averaged.taken
     return {
         "id": set_id,

@@ -148,14 +148,14 @@ def simulate(options: argparse.Namespace) -> int:
             write_session(session, truth, options.output)
         else:
             truth = render_session(options.preset, options.seed, options.output, context)
-    told = {
+    record = {
         "session": options.output,
         "preset": options.preset,
         "cameras": [camera.id for camera in truth.cameras],
         "placements": truth.placements,
         "bar_poses": [pose.id for pose in truth.bar_poses],
     }
-    answer(options, told)
+    answer(options, record)
     out.print(
         f"Simulated {options.preset}: {counted(len(truth.cameras), 'camera')}, "
         f"{counted(len(truth.placements), 'placement')}, {counted(len(truth.bar_poses), 'bar pose')}, in "
@@ -186,11 +186,11 @@ def detect(options: argparse.Namespace) -> int:
         f"{counted(targets_found, 'target')} in {counted(len(found), 'image')}, {counted(len(lines) - 1, 'dot')} in "
         f"{escape(str(options.csv))}."
     )
-    told = [
+    record = [
         {"image": image, "targets": len(dots.target_ids), "dots": len(dots.target)}
         for image, dots in zip(options.images, found, strict=True)
     ]
-    answer(options, {"output": options.csv, "images": told})
+    answer(options, {"output": options.csv, "images": record})
     if not targets_found:
         cause = why_nothing_in(paths, target_set)
         seen, remedy = phrase(cause.seen), phrase(cause.remedy)

@@ -33,7 +33,7 @@ def script(parser: argparse.ArgumentParser, shell: str) -> str:
     if shell == "fish":
         return _fish(parser)
     made = _BASH.format(shell=shell, tables="\n".join(_tables(parser)))
-    # zsh splits neither unquoted words nor counts from 0 unless told to
+    # zsh splits neither unquoted words nor counts from 0 unless an option asks for it
     return made if shell == "bash" else _ZSH + made.replace("_spherecal() {", "_spherecal() {\n  emulate -L ksh", 1)
 
 

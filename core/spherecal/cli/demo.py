@@ -56,8 +56,8 @@ def demo(options: argparse.Namespace) -> int:
             out.quiet = quiet
         if code != DONE:
             return code
-    told, lines = _found(result, folder, report)
-    answer(options, told)
+    record, lines = _found(result, folder, report)
+    answer(options, record)
     for line in lines:
         out.print(line, markup=False)
     return DONE
@@ -71,7 +71,7 @@ def _found(result: Path, folder: Path, report: Path | None) -> tuple[dict[str, A
     with (result / "spheres.csv").open(encoding="utf-8") as file:
         spheres = list(csv.DictReader(file))
     radius, out_of_round = (np.mean([float(one[key]) for one in spheres]) for key in ("radius_mm", "radial_sd_mm"))
-    told = {
+    record = {
         "verdict": quality.verdict,
         "cameras": len(rig.cameras),
         "rms_px": quality.rms_px,
@@ -91,4 +91,4 @@ def _found(result: Path, folder: Path, report: Path | None) -> tuple[dict[str, A
     if report is None:
         lines.append("The report was left out, since it needs matplotlib: pip install matplotlib")
     made = "Result" if report is None else "Report and result"
-    return told, [*lines, f"{made} in {folder}. Details: spherecal demo --verbose."]
+    return record, [*lines, f"{made} in {folder}. Details: spherecal demo --verbose."]

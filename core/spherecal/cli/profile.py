@@ -145,18 +145,18 @@ def _list(options: argparse.Namespace) -> None:
     found = [folder for folder in folders if is_profile(folder)]
     if not found:
         _say(f"There are no profiles in {options.folder.resolve()}.")
-    told: list[dict[str, Any]] = []
+    record: list[dict[str, Any]] = []
     for folder in found:
         try:
             profile = open_profile(folder)
             state = profile.validity(options.temperature)
-            told.append({"folder": str(folder), **_summary(profile, state)})
+            record.append({"folder": str(folder), **_summary(profile, state)})
             line = f"{profile.name}: {_chip(state)}; {folder}"
         except InputError as error:  # one broken profile must not hide the others
-            told.append({"folder": str(folder), "error": str(error)})
+            record.append({"folder": str(folder), "error": str(error)})
             line = f"{folder.name}: cannot be read. {error}"
         _say(line)
-    answer(options, told)
+    answer(options, record)
 
 
 def _chip(state: "Validity") -> str:

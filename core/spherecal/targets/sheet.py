@@ -199,8 +199,8 @@ def draw_rulers(drawing: Drawing) -> None:
         drawing.line(left + step, foot - length, left + step, foot)
         drawing.line(right, head + step, right + length, head + step)
     drawing.text(left + 12.0, foot - 2.2, "horizontal check ruler: 100 mm between the two long marks")
-    told = "vertical check ruler: 100 mm between the two long marks"
-    drawing.text(right + 4.3, head + RULER_MM - 12.0, told, turn_deg=90)
+    caption = "vertical check ruler: 100 mm between the two long marks"
+    drawing.text(right + 4.3, head + RULER_MM - 12.0, caption, turn_deg=90)
 
 
 def _draw_foot(drawing: Drawing, target_set: TargetSet, ids: list[int]) -> None:

@@ -29,7 +29,8 @@ _LOOK_S = 0.05
 def producer_files(own: Iterable[str] = ()) -> tuple[str, ...]:
     """All producer files (.cti): the user's own list (files or folders), the environment's folders, makers' folders.
 
-    Each once, by its real path; what the user names is kept even where it does not exist, to be told so.
+    Each once, by its real path; what the user names is kept even where it does not exist,
+    so that its absence is reported.
     """
     named = [entry for entry in own if entry]
     folders = [folder for folder in os.environ.get(ENVIRONMENT, "").split(os.pathsep) if folder]

@@ -181,7 +181,7 @@ class CameraService:
         self._listener = listener
 
     def trigger_modes(self) -> dict[str, TriggerMode]:
-        """How every wanted camera is triggered: one without a trigger runs free, whatever it was told."""
+        """How every wanted camera is triggered: one without a trigger runs free, whatever its settings say."""
         with self._lock:
             return {s: "free" if s in self._free else w.settings.trigger for s, w in self._wanted.items()}
 

@@ -76,13 +76,13 @@ class LineExamination:
 
 def load_of(features: Sequence[FeatureReport], rate_hz: float) -> CameraLoad | None:
     """What a camera that describes itself so is to send at this rate; None where it does not say enough."""
-    told = {feature.feature: feature.got for feature in features}
+    reported = {feature.feature: feature.got for feature in features}
     try:
-        pixels = int(told["width"]) * int(told["height"])
-        packet, ticks = (int(float(told.get(name) or 0)) for name in ("packet size", "time stamp rate"))
+        pixels = int(reported["width"]) * int(reported["height"])
+        packet, ticks = (int(float(reported.get(name) or 0)) for name in ("packet size", "time stamp rate"))
     except (KeyError, ValueError):
         return None
-    pixel_format = told.get("pixel format", "")
+    pixel_format = reported.get("pixel format", "")
     deep = any(bits in pixel_format for bits in ("10", "12", "14", "16"))
     packed = pixel_format.endswith(("p", "Packed"))
     bytes_each = 1.0 if not deep else 1.5 if packed else 2.0

@@ -273,7 +273,7 @@ class ProducerControl:
         return {name: v.decode() if isinstance(v, bytes) else v for name, v in values.items()}
 
     def open_by(self, serial: str) -> int | None:
-        """The process that has the camera open, as far as it told: one that was killed stays named."""
+        """The process that has the camera open, as far as it reported: one that was killed stays named."""
         return int(self._record(serial)["open_by_pid"]) or None
 
     def _record(self, serial: str) -> Any:

@@ -326,7 +326,9 @@ def bars(verdict: str = "consistent", exceeding: frozenset = frozenset()):
 def judged_by(limit_mm: float, decision: str) -> SimpleNamespace:
     """The same with somebody's limit."""
     found = bars()
-    conformity = SimpleNamespace(key=("A", "A1", "A2"), limit_mm=limit_mm, expanded_uncertainty_mm=0.03, verdict=decision)
+    conformity = SimpleNamespace(
+        key=("A", "A1", "A2"), limit_mm=limit_mm, expanded_uncertainty_mm=0.03, verdict=decision
+    )
     found.measured[0].reference_mm = 500.0
     acceptance = SimpleNamespace(lengths=(conformity,), verdict=decision, words="E", at=lambda _: limit_mm)
     contributions = (

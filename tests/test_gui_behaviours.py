@@ -421,3 +421,22 @@ def test_why_a_repair_cannot_be_used_is_in_sight(qtbot, tmp_path):
     qtbot.addWidget(page)
     page.enter(Step("check", "check"))
     assert not page.use.isEnabled() and not page.why_not.isHidden() and "not valid" in page.why_not.text()
+
+
+def test_a_check_that_failed_says_so_in_two_words_and_the_cause_once(qtbot, tmp_path):
+    """The cause, with a path, was the huge headline as well as the sentence beside it."""
+    controller = Controller()
+    controller.project = Project(
+        tmp_path / "c",
+        "simulated:demo",
+        purpose="check",
+        placements=("P1",),
+        taken={"P1": "x"},
+        step="check",
+        failures={"check": "/rigs/a: there is no such file."},
+    )
+    page = CheckPage(controller)
+    qtbot.addWidget(page)
+    page.enter(Step("check", "check"))
+    assert page.standing().level == "bad" and page.standing().text == "Not done"
+    assert page.sentence.text() == "/rigs/a: there is no such file."

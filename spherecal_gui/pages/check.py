@@ -151,7 +151,8 @@ class CheckPage(Page):
             self.sentence.setText(self.tr("Check again to see the numbers."))
             return
         text = reason_text(state.reason) if state is not None else ""
-        self.say(*((self.tr("Ready"), "good") if not text else (self.tr("Not done"), "caution")))
+        failed = state is not None and state.status is Status.FAILED
+        self.say(*((self.tr("Ready"), "good") if not text else (self.tr("Not done"), "bad" if failed else "caution")))
         self.sentence.setText(text)
 
     def _fill(self) -> None:

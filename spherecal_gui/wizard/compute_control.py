@@ -228,4 +228,5 @@ class ComputeControl(BarControl):
             self._update(changes.with_verification(self.project, verdict))
         self.result_changed.emit()
         text = translate("Verify", "The verification is finished: {verdict}.").format(verdict=verdict_word(verdict))
-        self.tell("good" if verdict in changes.VERIFIED else "bad", text)
+        open_ones = ("undecided", "no data")  # no alarm: the page and the rail are amber
+        self.tell("good" if verdict in changes.VERIFIED else "info" if verdict in open_ones else "bad", text)

@@ -33,12 +33,12 @@ class Free:
 
     @property
     def place(self) -> IntArray:
-        """The observations share no play, (0,)."""
+        """The observations share no shape noise, (0,)."""
         return _NO_INDICES
 
     @property
     def shape_sd(self) -> FloatArray:
-        """There is no play, (0,)."""
+        """There is no shape noise, (0,)."""
         return _NO_NUMBERS
 
     def select(self, rows: BoolArray | IntArray | slice) -> "Free":
@@ -67,12 +67,12 @@ class Rigid:
 
     @property
     def place(self) -> IntArray:
-        """The observations share no play, (0,)."""
+        """The observations share no shape noise, (0,)."""
         return _NO_INDICES
 
     @property
     def shape_sd(self) -> FloatArray:
-        """There is no play, (0,)."""
+        """There is no shape noise, (0,)."""
         return _NO_NUMBERS
 
     def select(self, rows: BoolArray | IntArray | slice) -> "Rigid":
@@ -86,7 +86,7 @@ class Rigid:
 
 @dataclass(frozen=True)
 class Deformable:
-    """The ball keeps its shape but for some play of its dots: X = R_t S + T_t + e (see `deformable`).
+    """The ball keeps its shape but for some shape noise of its dots: X = R_t S + T_t + e (see `deformable`).
 
     Attributes
     ----------
@@ -158,12 +158,12 @@ class Stored:
 
     @property
     def place(self) -> IntArray:
-        """The observations share no play, (0,)."""
+        """The observations share no shape noise, (0,)."""
         return _NO_INDICES
 
     @property
     def shape_sd(self) -> FloatArray:
-        """There is no play, (0,)."""
+        """There is no shape noise, (0,)."""
         return _NO_NUMBERS
 
     def select(self, rows: BoolArray | IntArray | slice) -> "Stored":
@@ -180,5 +180,5 @@ BallModel: TypeAlias = Free | Rigid | Deformable | Stored
 
 
 def as_rigid(ball: BallModel) -> BallModel:
-    """The same placements of a ball that neither has play nor is known before; a free network stays free."""
+    """The same placements of a ball that neither has shape noise nor is known before; a free network stays free."""
     return ball if isinstance(ball, Free) else Rigid(ball.placement, ball.free_placement)

@@ -1,7 +1,7 @@
-"""The deformable ball: it keeps its shape but for some play, X = R_t S + T_t + e with e ~ N(0, tau^2) per coordinate.
+"""The deformable ball: it keeps its shape but for shape noise, X = R_t S + T_t + e with e ~ N(0, tau^2) per coordinate.
 
 Between the free form (tau infinite) and the rigid one (tau 0). It is solved as the rigid form whose observations of one
-dot at one placement have the dot's play in common as an error (generalised least squares; A. C. Aitken, 1936), see
+dot at one placement have the dot's shape noise in common as an error (generalised least squares; A. C. Aitken, 1936):
 `schur_kernel`. So no step depends on where the points are off the shape, and ties do not shrink the network, whose size
 nothing else holds.
 """
@@ -23,7 +23,7 @@ LEAST_DAMPING = 1e-7
 
 @dataclass(frozen=True)
 class ShapeNoise:
-    """What the play takes of the observations at a linearisation, in the ball's frame.
+    """What the shape noise takes of the observations at a linearisation, in the ball's frame.
 
     Group g are the observations of one dot at one placement: rows from `start[g]` (g + 1,) on; `of` (n,) is the group
     of each row, `place` (g,) its number among the places, `dot` and `placement` (g,) what it is. `normal` (g,3,3) is V,
@@ -46,7 +46,7 @@ class ShapeNoise:
         return _summed(np.einsum("nki,nk->ni", self.linear.at(slice(None)).by_point, residual), self.start)
 
     def taken(self, residual: FloatArray) -> float:
-        """What the play takes off the squares of residuals (n,2): r'J Q J'r."""
+        """What the shape noise takes off the squares of residuals (n,2): r'J Q J'r."""
         if not len(self.start):
             return 0.0
         b = self.pulled(residual)
@@ -61,7 +61,7 @@ class ShapeNoise:
 
 
 def shape_noise_of(problem: Problem, linear: Linear) -> ShapeNoise:
-    """The play of a deformable ball's places at a linearisation; no groups for any other ball."""
+    """The shape noise of a deformable ball's places at a linearisation; no groups for any other ball."""
     if not isinstance(problem.ball, Deformable):
         none, matrices = np.zeros(0, dtype=np.int64), np.zeros((0, 3, 3))
         return ShapeNoise(problem, linear, none, none, none, none, none, matrices, matrices, matrices)
@@ -101,7 +101,7 @@ def shape_noise_matrices(normal: FloatArray, shape_sd: FloatArray) -> tuple[Floa
 
 
 def left_over(problem: Problem, state: State) -> tuple[FloatArray, FloatArray]:
-    """Residuals (n,2) that the play leaves, and how much of each observation's two rows its own point takes (n,)."""
+    """Residuals (n,2) that the shape noise leaves; how much of each observation's rows its own point takes (n,)."""
     linear = engine.linearise(problem, state, None)
     shape = shape_noise_of(problem, linear)
     off = np.einsum("gij,gj->gi", shape.q, shape.pulled(linear.residual))

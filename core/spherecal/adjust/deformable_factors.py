@@ -1,7 +1,7 @@
 """Covariance factors of a deformable ball.
 
 A feature's place is x = R S + T + e. Its error comes from three sources that do not depend on each other: columns of
-the reduced system, the dots' own noise V^-1 and the noise Q of the play that their images leave.
+the reduced system, the dots' own noise V^-1 and the noise Q of the shape noise that their images leave.
 """
 
 from dataclasses import dataclass
@@ -26,7 +26,7 @@ _CHUNK = 500
 
 @dataclass(frozen=True)
 class DeformableFactors(CovarianceFactors):
-    """Pieces of the covariance; the noise sources (p + f, 3) are the dots, then the features' plays.
+    """Pieces of the covariance; the noise sources (p + f, 3) are the dots, then the features' shape noise.
 
     `by_columns` (3f,e): places by columns, `by_dots` (3f,3p): places by the dots' own noise; `through` (f,3,3): its
     blocks.
@@ -45,7 +45,7 @@ class DeformableFactors(CovarianceFactors):
 
     @property
     def point_of_feature(self) -> IntArray:
-        """A number (f,) for each feature, its own where it has some play: then it tells more than its dot alone."""
+        """A number (f,) for each feature, its own where it has shape noise: it says more than its dot alone."""
         assert self.places is not None
         count = len(self.places.point)
         return np.where(self.problem.ball.shape_sd > 0, self.problem.n_points + np.arange(count), self.places.point)

@@ -47,7 +47,7 @@ def _weigh_play(v, variance, q, p):
 
 @njit(**INNER)
 def _add_through_play(p, v, g, v_place, g_place):
-    """V and g of a point get what the play of one of its places leaves of the place's."""
+    """V and g of a point get what the shape noise of one of its places leaves of the place's."""
     for i in range(3):
         for j in range(3):
             g[i] += p[i, j] * g_place[j]
@@ -225,7 +225,7 @@ def _noise_of_place(begin, end, by_point, variance, q, p):
 
 @njit(**INNER)
 def _add_changes_through_play(begin, end, of_row, shape_sd, by_point, residual, change, q, p, out):
-    """out (3,) += what the play of a point's places leaves of J' times the change of their residuals."""
+    """out (3,) += what the shape noise of a point's places leaves of J' times the change of their residuals."""
     first = begin
     met = np.empty(3)
     while first < end:
@@ -242,7 +242,7 @@ def _add_changes_through_play(begin, end, of_row, shape_sd, by_point, residual, 
 
 @njit(**INNER)
 def _squares_of_play(begin, end, of_row, shape_sd, by_point, change, step, q, p):
-    """What the play of a point's places takes off the squares of residuals (in `change`) after the point's step."""
+    """What the shape noise of a point's places takes off the squares (in `change`) after the point's step."""
     taken, first = 0.0, begin
     met = np.empty(3)
     while first < end:
@@ -283,7 +283,7 @@ def substitute_places(
     point_step,
     squares,
 ):
-    """As `substitute_points`, with what the play of the places takes off the squares."""
+    """As `substitute_points`, with what the shape noise of the places takes off the squares."""
     change = np.empty((_most_rows(begins, ends), 2))
     q, p, g = np.empty((3, 3)), np.empty((3, 3)), np.empty(3)
     for n in range(len(points)):

@@ -27,7 +27,7 @@ class NormalEquations:
 
 @dataclass(frozen=True)
 class _Linearised:
-    """The observations' equations at a state, and the play of a deformable ball's places."""
+    """The observations' equations at a state, and the shape noise of a deformable ball's places."""
 
     linear: Linear
     shape_noise: ShapeNoise
@@ -85,7 +85,7 @@ class _Bundle:
 
 
 def minimise(problem: Problem, state: State, settings: Settings, on_step: OnStep | None = None) -> Minimum:
-    """The state of least cost (2) near `state`; the play of a deformable ball's dots is in its `shape_residual`.
+    """The state of least cost (2) near `state`; the shape noise of a deformable ball's dots is in its `shape_residual`.
 
     BLAS is held to one thread: beside compiled kernels more threads made small factorisations 3-10 times slower.
 
@@ -149,7 +149,7 @@ def _shape_decrease(problem: Problem, state: State, new: State) -> float:
 
 
 def normal_equations(problem: Problem, state: State, linear: Linear, damping: float) -> NormalEquations:
-    """The reduced normal equations, points (and play) eliminated, with the rows of priors, lengths and a stored shape.
+    """The reduced normal equations, points (and shape noise) eliminated, with priors, lengths and a stored shape.
 
     Parameters
     ----------

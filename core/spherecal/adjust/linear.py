@@ -105,7 +105,7 @@ Linear: TypeAlias = Linearisation | LinearByBlocks
 
 
 def linear_model(problem: Problem, state: State, robust_weight: FloatArray | None, linearise: Linearise) -> Linear:
-    """The linearisation: held where that takes little memory or places have some play, else computed block by block.
+    """The linearisation: held where that takes little memory or places have shape noise, else computed by blocks.
 
     Parameters
     ----------

@@ -75,7 +75,7 @@ class Network:
         placed
             Cameras that have a pose (c,).
         weighted
-            Whether observations have their own weights, and lengths, play and a stored shape take part.
+            Whether observations have their own weights, and lengths, shape noise and a stored shape take part.
         """
         rows = np.flatnonzero(used)
         placed = placed & (np.bincount(self.camera[rows], minlength=len(placed)) > 0)

@@ -71,7 +71,7 @@ class RigidNetwork:
         return state.free(points)
 
     def softened(self, shape_sd: float) -> "RigidNetwork":
-        """The same ball with some play (see Deformable) of the dots that may be seen at two placements."""
+        """The same ball with some shape noise (see Deformable) of the dots that may be seen at two placements."""
         seen = np.bincount(self.places.point, minlength=self.network.n_features)
         own = np.where(seen[self.places.point] > 1, shape_sd, 0.0)  # a bar's marks have none
         ball = self.network.ball

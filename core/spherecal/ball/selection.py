@@ -1,7 +1,7 @@
 """The forms of the network, `free`, `soft` and `rigid`, and which of them the data carry.
 
 Free: every dot at every placement is a point of its own [Tao21]. Rigid: the ball is one object. Soft: it is, but its
-dots have some play from placement to placement.
+dots have some shape noise from placement to placement.
 """
 
 from collections.abc import Callable
@@ -31,7 +31,7 @@ RequestedForm = Literal["auto", "soft", "rigid"]
 # A ball that changed its shape by 0.05 mm rms between placements (turned) or 0.017 mm (only moved) makes the rigid form
 # as bad as the free one; the variance of unit weight is then 1.45 and 1.12 times the free form's.
 MOST_WORSE_TURNED, MOST_WORSE_MOVED = 1.15, 1.05
-# A ball that bends a little (a smooth change of 0.02, 0.05, 0.1 mm rms on 500 mm; the play found is 0.3e-4, 0.8e-4 and
+# A ball that bends a little (smoothly, by 0.02, 0.05, 0.1 mm rms on 500 mm; the shape noise found is 0.3e-4, 0.8e-4,
 # 1.7e-4 of its radius). Turned, the soft form gave 26, 45, 71 um where free points gave 53, 51, 53 (rig A), and 14, 25,
 # 41 where they gave 53, 70, 57 (rig B); the limit lies where it is no worse on either. Only moved: 21, 35, 62 against
 # 39, 43, 48 (rig A; ratios 1.2, 2.3, 6), 48, 76, 102 against 45, 46, 48 (rig B; 2.4, 9, 32): studies/shape.md.
@@ -247,9 +247,9 @@ def _rigid_solution(rigid: RigidNetwork, start: State, used: BoolArray, placed: 
 def _soft_solution(
     rigid: RigidNetwork, first: Adjustment, free: BallFit, choice: ModelChoice, requested: RequestedModel, run: Run
 ) -> tuple[BallFit, ModelChoice] | None:
-    """The soft form of the cameras that the free one places, and how much play it has.
+    """The soft form of the cameras that the free one places, and how much shape noise it has.
 
-    None where it was not asked for and the play is so large that it would do harm.
+    None where it was not asked for and the shape noise is so large that it would do harm.
     """
     noise = max(float(np.sqrt(free.adjusted.variance)), LEAST_NOISE)
     used, placed, unit_mm = free.adjusted.used, free.placed, requested.mm_per_unit(free)

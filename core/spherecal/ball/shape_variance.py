@@ -1,4 +1,4 @@
-"""How much play the ball's dots have, from the data: as much as explains what the rigid form leaves over.
+"""How much shape noise the ball's dots have, from the data: as much as explains what the rigid form leaves over.
 
 A variance component by its quadratic form: with it the soft form's variance of unit weight is the free form's.
 """
@@ -22,13 +22,13 @@ from spherecal.base.context import Context
 # The variance of unit weight of rig A scatters by 1.2 % from recording to recording.
 TOLERANCE = 0.003
 MOST_TRIALS = 8
-# While the play is sought the network itself hardly moves: 1e-6 of its cost is far below the tolerance.
+# While the shape noise is sought the network itself hardly moves: 1e-6 of its cost is far below the tolerance.
 TRIAL_SETTINGS = {"tolerance": 1e-6, "max_iterations": 6}
 
 
 @dataclass(frozen=True)
 class _Trial:
-    """Logarithms of a play and of the variance that it leaves, over the one to be reached."""
+    """Logarithms of a shape noise and of the variance that it leaves, over the one to be reached."""
 
     shape_sd: float
     excess: float
@@ -37,7 +37,7 @@ class _Trial:
 def estimate_shape_variance(
     rigid: RigidNetwork, first: Adjustment, used: BoolArray, placed: BoolArray, variance: float, context: Context
 ) -> tuple[float, Adjustment]:
-    """The play (network's unit, for a standard deviation of unit weight of 1) and the network adjusted with it.
+    """The shape noise (network's unit, for a standard deviation of unit weight of 1) and the network adjusted with it.
 
     `first` is the rigid form's adjustment, `used` (n,) and `variance` are the free form's. 0 where the rigid form's
     variance is no larger.
@@ -73,7 +73,7 @@ def estimate_shape_variance(
 def adjusted_with(
     rigid: RigidNetwork, first: Adjustment, used: BoolArray, placed: BoolArray, shape_sd: float
 ) -> Adjustment:
-    """The network adjusted with a known play.
+    """The network adjusted with a known shape noise.
 
     Parameters
     ----------
@@ -92,7 +92,7 @@ def adjusted_with(
 def _start(
     rigid: RigidNetwork, first: Adjustment, used: BoolArray, placed: BoolArray
 ) -> tuple[State, BoolArray, Problem, IntArray]:
-    """The rigid form's state, the observations of dots that it knows, and their problem with a play of 1."""
+    """The rigid form's state, the observations of dots that it knows, and their problem with a shape noise of 1."""
     network, state = rigid.softened(1.0).network, first.state
     used = used & np.isfinite(state.points[network.feature, 0])
     used &= (network.views(used) >= 2)[network.feature]
@@ -102,17 +102,17 @@ def _start(
 
 
 def _with_play(problem: Problem, shape_sd: float) -> Problem:
-    """The problem of `_start` with another play."""
+    """The problem of `_start` with another shape noise."""
     assert isinstance(problem.ball, Deformable)
     return replace(problem, ball=replace(problem.ball, shape_sd=shape_sd * problem.ball.shape_sd))
 
 
 def _next(trials: list[_Trial]) -> float:
-    """Where the secant through the last two trials meets zero, within what all trials leave (logarithm of the play)."""
+    """Where the secant through the last two trials meets zero, within what all trials leave (logarithm)."""
     last = trials[-1]
     low = max((t.shape_sd for t in trials if t.excess > 0), default=-np.inf)
     high = min((t.shape_sd for t in trials if t.excess <= 0), default=np.inf)
-    slope = -0.5  # between none, where the images' noise prevails, and -2, where the play does
+    slope = -0.5  # between none, where the images' noise prevails, and -2, where the shape noise does
     if len(trials) > 1 and trials[-2].excess != last.excess:
         slope = min((trials[-2].excess - last.excess) / (trials[-2].shape_sd - last.shape_sd), -0.05)
     step = last.shape_sd - float(np.clip(last.excess / slope, -1.5, 1.5))
@@ -122,7 +122,7 @@ def _next(trials: list[_Trial]) -> float:
 
 
 def _first_guess(problem: Problem, state: State, ratio: float) -> float:
-    """The play that alone would make the images of a typical dot as much noisier."""
+    """The shape noise that alone would make the images of a typical dot as much noisier."""
     tied = shape_noise_of(problem, engine.linearise(problem, state, None))
     per_row = np.einsum("gii->g", tied.normal) / (2.0 * np.diff(tied.start))
     return float(np.sqrt((ratio - 1) / np.median(per_row)))

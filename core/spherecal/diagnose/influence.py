@@ -62,7 +62,7 @@ def influence(e: Evidence) -> Influence | None:
     a, cofactors = e.adjusted, e.solved.cofactors
     if cofactors is None or a.redundancy <= 0 or not a.variance > 0 or len(a.rows) > MOST_OBSERVATIONS:
         return None
-    if e.choice.form == "soft":  # its dots have their own play, stated by its size
+    if e.choice.form == "soft":  # its dots have their own shape noise, stated by its size
         return None
     probe = make_score_test(a.problem, a.state, cofactors, a.minimum.cost, a.redundancy)
     if probe.shift is None:

@@ -363,7 +363,7 @@ def _residuals(observations: Observations, features: Features, placed: BoolArray
 def _sigma0(observations: Observations, residual: FloatArray, adjusted: Adjustment) -> float:
     """The standard deviation of unit weight with the observations' own sigmas as weights, or 1 px where there are none.
 
-    The adjustment's own has weights by camera besides. In the soft form the dots' play is observed as well, as zero.
+    The adjustment's own has weights by camera besides. In the soft form the dots' shape noise is observed too, as zero.
     """
     weighted = residual[adjusted.used]
     if observations.sigma is not None:
@@ -372,7 +372,7 @@ def _sigma0(observations: Observations, residual: FloatArray, adjusted: Adjustme
 
 
 def _ties(adjusted: Adjustment) -> float:
-    """The sum of squares of the dots' play over its standard deviation; 0 but for the soft form."""
+    """The sum of squares of the dots' shape noise over its standard deviation; 0 but for the soft form."""
     shape_sd, shape_residual = adjusted.problem.ball.shape_sd, adjusted.state.shape_residual
     tied = shape_sd > 0
     return float(((shape_residual[tied] / shape_sd[tied, None]) ** 2).sum())

@@ -3,12 +3,11 @@
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, ParamSpec
 
-from spherecal.files import codec, rig_file
+from spherecal.files import codec, rig_file, session_file
 from spherecal.files.codec import UNREAD, Format, Kind, Schema
 
 __all__ = ["Format", "Schema"]
 _P = ParamSpec("_P")
-_PATH = r"^(?!/)(?!\.$)(?!(.*/)?\.\.(/|$))[^\\\u0000-\u001f]+$"
 
 
 def _schema(make: Callable[_P, Kind[Any]]) -> Callable[_P, Schema]:
@@ -21,6 +20,7 @@ text, prose, name = _schema(codec.text), _schema(codec.prose), _schema(codec.nam
 identifier, serial, digest = _schema(codec.identifier), _schema(codec.serial), _schema(codec.digest)
 date, time = _schema(codec.date), _schema(codec.time)
 numbers, matrix, sigmas = _schema(codec.numbers), _schema(codec.matrix), _schema(rig_file.sigmas)
+path = _schema(session_file.named_file)
 lens_matrix, distortion = rig_file.lens_matrix, rig_file.distortion
 
 
@@ -66,12 +66,6 @@ def items(about: str, each: Schema, least: int = 0, most: int | None = None, len
 def one_of(about: str, *schemas: Schema) -> Schema:
     """What fits any of the schemas."""
     return codec.one_of(about, *map(_kind, schemas)).schema
-
-
-def path(about: str) -> Schema:
-    """A path below the folder, with "/" between its parts."""
-    schema = {"type": "string", "minLength": 1, "maxLength": 500, "pattern": _PATH}
-    return {"description": about, **schema} if about else schema
 
 
 SOFTWARE = codec.software().kind.schema

@@ -31,6 +31,7 @@ from spherecal.base.messages.values import Phrase
 from spherecal.cameras.averaging import Stillness
 from spherecal.cameras.plan import CapturePlan, PlannedSet
 from spherecal.cameras.protocol import CameraSource, Frame, FrameSet
+from spherecal.files.capture_file import CAMERAS as CAPTURED_CAMERAS
 from spherecal.files.capture_file import CAPTURE_FILE, FORMAT, VERSION
 from spherecal.files.json_file import JsonValue, read_json
 from spherecal.files.read_session import FORMAT as SESSION_FORMAT
@@ -88,8 +89,7 @@ class SessionFolder:
 
     def _take_up(self) -> None:
         f = read_json(self.folder / CAPTURE_FILE, FORMAT, VERSION, below=self.folder).fields(("sets", "cameras"))
-        cameras = [value.fields(("id", "serial")) for value in f["cameras"].items()]
-        before = {camera["serial"].serial() for camera in cameras if camera["id"].id()}
+        before = {camera["serial"] for camera in CAPTURED_CAMERAS.read(f["cameras"])}
         if before != set(self._by_serial):
             raise InputError(
                 Phrase("error-other-cameras", {"folder": str(self.folder), "names": sorted(before)}),

@@ -5,30 +5,61 @@ original one: calibrating it gives the same rig.json, its fingerprint of the inp
 """
 
 from collections.abc import Mapping
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 from spherecal.base.errors import InputError
 from spherecal.base.messages.values import Phrase
-from spherecal.files.json_file import JsonValue, json_bytes, read_json
+from spherecal.files.codec import Format, Kind, digest, field, record, software, text, unread
+from spherecal.files.json_file import JsonValue
 
-FORMAT = "spherecal/bundle"
-VERSION = 1
 BUNDLE_FILE = "bundle.json"
-_HEX = frozenset("0123456789abcdef")
+_MOST_FILES = 100_000
+
+
+@dataclass(frozen=True)
+class _Original:
+    """The original's fingerprint, and the SHA-256 of each file of the session by name."""
+
+    input_sha256: str
+    files_sha256: dict[str, str]
+
+
+def _check_whole(sha256: str, value: JsonValue) -> None:
+    if not sha256:
+        raise value.error(Phrase("problem-sha256"))
+
+
+def _read_files(value: JsonValue) -> dict[str, str]:
+    if not isinstance(value.value, dict) or len(value.value) > _MOST_FILES:
+        raise InputError(Phrase("error-bundle-files", {"file": value.file}))
+    return {str(name): replace(value, value=own).text() for name, own in value.value.items()}
+
+
+_FILES = {
+    "description": "SHA-256 of the session's files by name.",
+    "type": "object",
+    "additionalProperties": text("").schema,
+}
+BUNDLE = Format(
+    "spherecal/bundle",
+    BUNDLE_FILE,
+    "Beside a session whose images were left out for a support bundle: what the original was.",
+    record(
+        "",
+        _Original,
+        field("input_sha256", digest("`input_sha256` of the original session.").checked(_check_whole, minLength=64)),
+        field("files_sha256", Kind(_FILES, _read_files, dict)),
+        unread("images", "Whether the images are in it: `all`, `none` ...", lambda _: None),
+        software(),
+    ),
+)
 
 
 def bundle_bytes(original_sha256: str, files: Mapping[str, str], details: Mapping[str, Any]) -> bytes:
     """The contents of bundle.json: the original's fingerprint and the SHA-256 of each file of the session by name."""
-    return json_bytes(
-        {
-            "format": FORMAT,
-            "version": VERSION,
-            "input_sha256": original_sha256,
-            "files_sha256": dict(files),
-            **details,
-        }
-    )
+    return BUNDLE.bytes(_Original(original_sha256, dict(files)), **details)
 
 
 def original_sha256(folder: Path, files: Mapping[str, str]) -> str | None:
@@ -39,16 +70,7 @@ def original_sha256(folder: Path, files: Mapping[str, str]) -> str | None:
     path = folder / BUNDLE_FILE
     if not path.is_file():
         return None
-    f = read_json(path, FORMAT, VERSION).fields(("input_sha256", "files_sha256"))
-    listed = {name: value.text() for name, value in _listed(f["files_sha256"].value, path).items()}
-    sha = f["input_sha256"].text()
-    if len(sha) != 64 or not set(sha) <= _HEX:
-        raise f["input_sha256"].error(Phrase("problem-sha256"))
+    original = BUNDLE.read(path)
     there = {name: own for name, own in files.items() if own != "missing"}
-    return sha if all(listed.get(name) == own for name, own in there.items()) else None
-
-
-def _listed(value: object, path: Path) -> dict[str, JsonValue]:
-    if not isinstance(value, dict) or len(value) > 100_000:
-        raise InputError(Phrase("error-bundle-files", {"file": path}))
-    return {str(name): JsonValue(own, path, "files_sha256") for name, own in value.items()}
+    same = all(original.files_sha256.get(name) == own for name, own in there.items())
+    return original.input_sha256 if same else None

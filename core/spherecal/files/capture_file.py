@@ -1,11 +1,28 @@
 """capture.json beside a session: what the cameras noted while it was recorded."""
 
-from collections.abc import Collection
-from dataclasses import dataclass, field
+import dataclasses
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass, replace
 from datetime import datetime
 from pathlib import Path
+from typing import Any
 
-from spherecal.files.json_file import JsonValue, read_json
+from spherecal.files.codec import (
+    Format,
+    celsius,
+    entries,
+    field,
+    identifier,
+    integer,
+    items,
+    optional,
+    record,
+    serial,
+    time,
+    unread,
+)
+from spherecal.files.json_file import read_json
+from spherecal.files.session_file import named_file
 
 CAPTURE_FILE = "capture.json"
 FORMAT = "spherecal/capture"
@@ -32,7 +49,7 @@ class CapturedSet:
     id: str
     taken: datetime | None
     temperatures_c: dict[str, float]
-    frames: dict[str, CapturedFrame] = field(default_factory=dict)
+    frames: dict[str, CapturedFrame] = dataclasses.field(default_factory=dict)
 
 
 def read_captured_sets(session: Path) -> tuple[CapturedSet, ...]:
@@ -40,7 +57,7 @@ def read_captured_sets(session: Path) -> tuple[CapturedSet, ...]:
     path = session / CAPTURE_FILE
     if not path.is_file():
         return ()
-    return tuple(_read_set(one) for one in read_json(path, FORMAT, VERSION).fields(("sets",))["sets"].items())
+    return SETS.read(read_json(path, FORMAT, VERSION).fields(("sets",))["sets"])
 
 
 def last_taken(sets: Collection[CapturedSet]) -> datetime | None:
@@ -48,16 +65,61 @@ def last_taken(sets: Collection[CapturedSet]) -> datetime | None:
     return max((one.taken for one in sets if one.taken is not None), default=None)
 
 
-def _read_set(one: JsonValue) -> CapturedSet:
-    f = one.fields(("id",), ("cameras", "taken"))
-    warm, frames = {}, {}
-    for name, about in (f["cameras"].entries() if "cameras" in f else {}).items():
-        known = about.fields((), ("temperature_c", "frame_id", "time_stamp_ns", "exposed"))
-        if "temperature_c" in known:
-            warm[name] = known["temperature_c"].celsius()
-        frames[name] = CapturedFrame(
-            known["frame_id"].integer() if "frame_id" in known else None,
-            known["time_stamp_ns"].integer(-_STAMPS, _STAMPS) if "time_stamp_ns" in known else None,
-            known["exposed"].time() if "exposed" in known else None,
-        )
-    return CapturedSet(f["id"].id(), f["taken"].time() if "taken" in f else None, warm, frames)
+def _set(id: str, taken: datetime | None = None, cameras: Mapping[str, Any] | None = None, **_: Any) -> CapturedSet:
+    noted = {} if cameras is None else cameras
+    warm = {camera: one["temperature_c"] for camera, one in noted.items() if "temperature_c" in one}
+    frames = {
+        camera: CapturedFrame(one.get("frame_id"), one.get("time_stamp_ns"), one.get("exposed"))
+        for camera, one in noted.items()
+    }
+    return CapturedSet(id, taken, warm, frames)
+
+
+_FRAME = record(
+    "",
+    dict,
+    optional("frame_id", integer("Number of the frame.")),
+    optional("time_stamp_ns", integer("The camera's own clock.", -_STAMPS, _STAMPS)),
+    optional("exposed", time("When it was exposed.")),
+    optional("temperature_c", celsius("The camera's temperature in degrees Celsius.")),
+    unread("exposure_us", "Exposure time."),
+    unread("gain_db", "Gain."),
+    unread("pixel_format", "Pixel format."),
+    unread("bits", "Significant bits."),
+    unread("averaged", "How many frames were averaged."),
+    unread("dots", "Dots that were found."),
+    unread("motion_px", "How far they moved between frames."),
+    unread("noise_px", "Their noise between frames."),
+)
+CAMERAS = items(
+    "The cameras.", record("", dict, field("id", identifier("Its id.")), field("serial", serial("Its serial number.")))
+)
+_SET = record(
+    "",
+    _set,
+    field("id", identifier("The placement or bar pose.")),
+    replace(field("taken", time("When.")), is_needed=False),  # files of the first versions lack both
+    replace(field("images", entries("Image files by camera.", named_file(""))), is_needed=False),
+    unread("attempts", "How often it was tried."),
+    unread("seconds", "How long it took."),
+    unread("spread_s", "Between the first and the last exposure."),
+    unread("late", "Cameras whose images came too late."),
+    unread("missing", "Cameras without an image, with the cause."),
+    optional("cameras", entries("What each camera noted of its image.", _FRAME)),
+)
+SETS = items(
+    "The sets of images, in the order in which they were taken.",
+    replace(_SET, schema=_SET.schema | {"required": ["id", "taken", "images"]}),
+)
+CAPTURE = Format(
+    FORMAT,
+    CAPTURE_FILE,
+    "When and how a session was captured, beside its session.json.",
+    record(
+        "",
+        dict,
+        unread("source", "The source of the images: `kind`, `label`, `simulated`."),
+        field("cameras", CAMERAS),
+        field("sets", SETS),
+    ),
+)

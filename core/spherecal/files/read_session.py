@@ -2,30 +2,24 @@
 
 import hashlib
 import os
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from datetime import datetime
 from pathlib import Path, PurePosixPath, PureWindowsPath
+from typing import Any
 
-import numpy as np
-
-from spherecal.base.arrays import FloatArray
 from spherecal.base.errors import InputError
 from spherecal.base.filesystem import file_sha256
 from spherecal.base.messages.values import Phrase
-from spherecal.data.lens_model import prior_in_model
 from spherecal.data.observations import Observations
-from spherecal.data.session import BarPose, BoardPoint, CameraSpec, Placement, Scale, Session
+from spherecal.data.session import BarPose, BoardPoint, Placement, Scale, Session
 from spherecal.files.bundle_file import original_sha256
 from spherecal.files.capture_file import last_taken, read_captured_sets
-from spherecal.files.json_file import MOST_CAMERAS, JsonValue, read_json, unique
+from spherecal.files.json_file import JsonValue, read_json, unique
 from spherecal.files.observations_file import read_observations
 from spherecal.files.read_bars import read_bars
-from spherecal.files.rig_file import read_distortion
+from spherecal.files.session_file import BAR_POSES, CAMERAS, PLACEMENTS, SCALE, SPHERE
 from spherecal.files.target_set_file import read_target_set
-from spherecal.geometry.camera import LENS_MODELS, LensModel, fisheye_vector, intrinsics_vector
-from spherecal.geometry.opencv import FISHEYE_LENGTH
 from spherecal.targets.board_grid import board_grid
-from spherecal.targets.masks import Rectangle
 from spherecal.targets.target_set import TargetSet
 
 FORMAT = "spherecal/session"
@@ -35,7 +29,6 @@ OBSERVATIONS_FILE = "observations.csv"
 
 _OPTIONAL = ("placements", "bars", "bar_poses", "scale", "board", "sphere", "target_set")
 _MOST_BYTES = 1 << 30  # of one file; images of 150 MP with 16 bits have 300 MB
-_LARGEST_IMAGE_PX = 65536
 _LARGEST_BOARD = 1000  # rows or columns
 
 
@@ -48,7 +41,7 @@ def read_session(folder: Path) -> Session:
         raise InputError(Phrase("error-no-session-folder", {"folder": folder}))
     f = read_json(folder / SESSION_FILE, FORMAT, VERSION).fields(("cameras",), _OPTIONAL)
     files = _NamedFiles(folder)
-    cameras = _read_cameras(f["cameras"])
+    cameras = CAMERAS.read(f["cameras"])
     camera_ids = [camera.id for camera in cameras]
     observed = (folder / OBSERVATIONS_FILE).exists()
     places = _PlaceReader(files, camera_ids, observed)
@@ -64,8 +57,9 @@ def read_session(folder: Path) -> Session:
         ids = [place.id for place in (*placements, *bar_poses)]
         sizes = [camera.image_size for camera in cameras]
         observations = read_observations(files.add(OBSERVATIONS_FILE), ids, camera_ids, sizes)
-    scale = _read_scale(f["scale"], {bar.id: bar.role for bar in bars}) if "scale" in f else None
-    if scale is not None and scale.kind == "target_spacing":
+    scale = SCALE.read(f["scale"]) if "scale" in f else None
+    if scale is not None:
+        _check_bar(scale, f["scale"], {bar.id: bar.role for bar in bars})
         _check_spacing_points(f["scale"], target_set, observations)
     return Session(
         folder=folder if folder.parts else folder.absolute(),  # Path() is that of sessions in memory
@@ -75,7 +69,7 @@ def read_session(folder: Path) -> Session:
         bar_poses=bar_poses,
         scale=scale,
         board=_read_board(f["board"]) if "board" in f else None,
-        sphere_diameter_mm=_read_diameter(f["sphere"]) if "sphere" in f else None,
+        sphere_diameter_mm=SPHERE.read(f["sphere"]) if "sphere" in f else None,
         target_set=target_set,
         observations=observations,
         input_sha256=files.sha256(),
@@ -136,85 +130,6 @@ def _file_sha256(path: Path) -> str:
         return "missing"
 
 
-def _read_cameras(cameras: JsonValue) -> tuple[CameraSpec, ...]:
-    values = cameras.items(least=1, most=MOST_CAMERAS)
-    specs = tuple(_read_camera(value) for value in values)
-    unique(values, [spec.id for spec in specs], "id")
-    first_of_group: dict[str, CameraSpec] = {}
-    for value, spec in zip(values, specs, strict=True):
-        other = first_of_group.setdefault(spec.intrinsics_group, spec)
-        if other.image_size != spec.image_size:
-            raise value.error(Phrase("problem-group-size", {"group": spec.intrinsics_group, "camera": other.id}))
-        if other.lens_model != spec.lens_model:
-            raise value.error(Phrase("problem-group-lens", {"group": spec.intrinsics_group, "camera": other.id}))
-    return specs
-
-
-def _read_camera(camera: JsonValue) -> CameraSpec:
-    optional = (
-        "prior",
-        "serial",
-        "model",
-        "pixel_pitch_um",
-        "focal_length_mm",
-        "intrinsics_group",
-        "ignore",
-        "lens_model",
-    )
-    f = camera.fields(("id", "image_size"), optional)
-    width, height = (side.integer(1, _LARGEST_IMAGE_PX) for side in f["image_size"].items(2))
-    pitch = f["pixel_pitch_um"].positive("um") if "pixel_pitch_um" in f else None
-    focal = f["focal_length_mm"].positive("mm") if "focal_length_mm" in f else None
-    model: LensModel = f["lens_model"].choice(*LENS_MODELS) if "lens_model" in f else "brown"
-    assumed: tuple[str, ...] = ()
-    if "prior" in f:
-        prior, assumed = _read_prior(f["prior"], model)
-        if model == "fisheye":  # one in OpenCV's other model is replaced by the nearest
-            prior = prior_in_model(f["id"].name(), prior, (width, height), model)
-    elif pitch is not None and focal is not None:
-        f_px = focal / pitch * 1000
-        matrix = np.array([[f_px, 0, (width - 1) / 2], [0, f_px, (height - 1) / 2], [0, 0, 1]])
-        prior = fisheye_vector(matrix, []) if model == "fisheye" else intrinsics_vector(matrix, [])
-    else:
-        raise camera.error(Phrase("problem-needs-prior"))
-    return CameraSpec(
-        id=f["id"].id(),
-        image_size=(width, height),
-        prior=prior,
-        prior_given="prior" in f,
-        intrinsics_group=f["intrinsics_group"].name() if "intrinsics_group" in f else f["id"].id(),
-        serial=f["serial"].serial() if "serial" in f else None,
-        model=f["model"].text() if "model" in f else None,
-        pixel_pitch_um=pitch,
-        focal_length_mm=focal,
-        ignore=tuple(_read_rectangle(value) for value in f["ignore"].items()) if "ignore" in f else (),
-        lens_model=model,
-        assumed=assumed,
-    )
-
-
-def _read_rectangle(value: JsonValue) -> Rectangle:
-    left, top, width, height = value.numbers(4)
-    if width <= 0 or height <= 0:
-        raise value.error(Phrase("problem-rectangle"))
-    return left, top, width, height
-
-
-def _read_prior(prior: JsonValue, model: LensModel) -> tuple[FloatArray, tuple[str, ...]]:
-    """The prior, and what it does not state or only assumes."""
-    f = prior.fields(("matrix",), ("distortion", "assumed"))
-    assumed = tuple(value.choice("focal_length") for value in f["assumed"].items()) if "assumed" in f else ()
-    matrix = np.array(f["matrix"].matrix(3, 3))
-    form = np.array([[0, 1, 0], [1, 0, 0], [1, 1, 0]], dtype=bool)  # what must be zero in [fu 0 u0; 0 fv v0; 0 0 1]
-    if matrix[form].any() or matrix[2, 2] != 1 or matrix[0, 0] <= 0 or matrix[1, 1] <= 0:
-        raise f["matrix"].error(Phrase("problem-camera-matrix"))
-    if "distortion" not in f:
-        return (fisheye_vector if model == "fisheye" else intrinsics_vector)(matrix, []), ("distortion", *assumed)
-    distortion = read_distortion(f["distortion"])
-    wide = model == "fisheye" and len(distortion) == FISHEYE_LENGTH
-    return (fisheye_vector if wide else intrinsics_vector)(matrix, distortion), assumed
-
-
 class _PlaceReader:
     """Reads placements and bar poses, and the images that they name."""
 
@@ -224,26 +139,23 @@ class _PlaceReader:
         self._observed = observed
 
     def placements(self, placements: JsonValue) -> tuple[Placement, ...]:
-        fields = [value.fields(("id",), ("images",)) for value in placements.items()]
-        return tuple(Placement(f["id"].id(), self._images(f)) for f in fields)
+        found = zip(PLACEMENTS.read(placements), placements.items(), strict=True)
+        return tuple(Placement(f["id"], self._images(f, value)) for f, value in found)
 
     def bar_poses(self, poses: JsonValue, bar_ids: Sequence[str]) -> tuple[BarPose, ...]:
-        return tuple(self._bar_pose(pose, bar_ids) for pose in poses.items())
+        found = zip(BAR_POSES.read(poses), poses.items(), strict=True)
+        return tuple(self._bar_pose(f, value, bar_ids) for f, value in found)
 
-    def _bar_pose(self, pose: JsonValue, bar_ids: Sequence[str]) -> BarPose:
-        f = pose.fields(("id", "bar"), ("temperature_c", "images"))
-        if f["bar"].name() not in bar_ids:
-            raise f["bar"].error(Phrase("problem-unknown-bar", {"bar": f["bar"].name()}))
-        temperature = f["temperature_c"].celsius() if "temperature_c" in f else None
-        return BarPose(f["id"].id(), f["bar"].name(), temperature, self._images(f))
+    def _bar_pose(self, f: Mapping[str, Any], value: JsonValue, bar_ids: Sequence[str]) -> BarPose:
+        if f["bar"] not in bar_ids:
+            raise value.at("bar", f["bar"]).error(Phrase("problem-unknown-bar", {"bar": f["bar"]}))
+        return BarPose(f["id"], f["bar"], f.get("temperature_c"), self._images(f, value))
 
-    def _images(self, f: dict[str, JsonValue]) -> dict[str, Path]:
+    def _images(self, f: Mapping[str, Any], place: JsonValue) -> dict[str, Path]:
         """The image files by camera; they may only be absent where there are observations."""
-        if "images" not in f and self._observed:
-            return {}
-        images = f["images"].entries() if "images" in f else {}
+        images: dict[str, JsonValue] = f.get("images", {})
         if not images and not self._observed:
-            raise f["id"].error(Phrase("problem-no-images"))
+            raise place.at("id", f["id"]).error(Phrase("problem-no-images"))
         for camera, image in images.items():
             if camera not in self._camera_ids:
                 raise image.error(Phrase("problem-unknown-camera", {"camera": camera}))
@@ -256,25 +168,10 @@ def _check_ids_differ(f: dict[str, JsonValue], placements: Sequence[Placement], 
     unique(values, [place.id for place in (*placements, *bar_poses)], "id")
 
 
-def _read_scale(scale: JsonValue, roles: dict[str, str]) -> Scale:
-    kind = scale.fields(("kind",))["kind"]
-    if kind.choice("target_spacing", "bar") == "bar":
-        bar = scale.fields(("bar",))["bar"]
-        if bar.name() not in roles:
-            raise bar.error(Phrase("problem-unknown-bar", {"bar": bar.name()}))
-        if roles[bar.name()] != "scale":
-            raise bar.error(Phrase("problem-check-bar", {"bar": bar.name()}))
-        return Scale("bar", bar=bar.name())
-    f = scale.fields(("from", "to", "distance_mm", "surface"))
-    if f["from"].name() == f["to"].name():
-        raise f["to"].error(Phrase("problem-same-point", {"point": f["to"].name()}))
-    return Scale(
-        "target_spacing",
-        f["from"].name(),
-        f["to"].name(),
-        f["distance_mm"].positive("mm"),
-        f["surface"].choice("sphere", "flat"),
-    )
+def _check_bar(scale: Scale, value: JsonValue, roles: Mapping[str, str]) -> None:
+    if scale.bar is not None and roles.get(scale.bar) != "scale":
+        problem = "problem-check-bar" if scale.bar in roles else "problem-unknown-bar"
+        raise value.at("bar", scale.bar).error(Phrase(problem, {"bar": scale.bar}))
 
 
 def _check_spacing_points(scale: JsonValue, target_set: TargetSet | None, observations: Observations | None) -> None:
@@ -285,10 +182,6 @@ def _check_spacing_points(scale: JsonValue, target_set: TargetSet | None, observ
     for end in f.values():
         if known and end.name() not in known:
             raise end.error(Phrase("problem-unknown-point", {"point": end.name()}))
-
-
-def _read_diameter(sphere: JsonValue) -> float:
-    return sphere.fields(("nominal_diameter_mm",))["nominal_diameter_mm"].positive("mm")
 
 
 def _read_board(board: JsonValue) -> tuple[BoardPoint, ...]:

@@ -306,7 +306,7 @@ def _lens(about: str, model: str, coefficients: Schema) -> Schema:
     return {"type": "object", "properties": properties, "required": list(properties)}
 
 
-_MATRIX = Kind(
+LENS_MATRIX = Kind(
     lens_matrix("`[[fu, 0, u0], [0, fv, v0], [0, 0, 1]]` in px."),
     matrix("", 3, 3).mapped(np.array).checked(_check_matrix).read,
     lambda intrinsics: finite(camera_matrix(intrinsics)),
@@ -339,7 +339,7 @@ _CAMERA = record(
     field("id", identifier("Its id.")),
     optional("serial", serial("Its serial number.")),
     field("image_size", items("Width and height in px.", integer("", 1), length=2)),
-    field("matrix", _MATRIX, "intrinsics", "matrix"),
+    field("matrix", LENS_MATRIX, "intrinsics", "matrix"),
     field("distortion", _DISTORTION, "intrinsics", "distortion"),
     field("rotation", rotation("World to camera: x_cam = R x_world + t.")),
     field("translation_mm", numbers("World to camera.", 3).mapped(np.array)),

@@ -14,6 +14,7 @@ import importlib.util
 import json
 import logging
 import os
+import pickle
 import sys
 from collections.abc import Callable
 from functools import cached_property, update_wrapper
@@ -140,7 +141,7 @@ class Kernel:
 
     @cached_property
     def _by_numba(self) -> Any:
-        return importlib.import_module("numba").njit(**self._options)(self.py_func)
+        return _by_numba(self.py_func, self._options)
 
     @cached_property
     def _numba_type_(self) -> Any:
@@ -148,16 +149,38 @@ class Kernel:
         return importlib.import_module("numba.core.types").Dispatcher(self._by_numba)
 
 
+def _by_numba(function: Callable[..., Any], options: dict[str, Any]) -> Any:
+    """The function compiled by numba, from its cache where that can be read.
+
+    An index in the cache names classes of the version that wrote it. Where one of them has another name since, numba
+    raises AttributeError before it looks whether the index is out of date; such an index counts as empty.
+    """
+    dispatcher = importlib.import_module("numba").njit(**options)(function)
+    cache_file = getattr(getattr(dispatcher, "_cache", None), "_cache_file", None)
+    if cache_file is not None:
+        load = cache_file._load_index
+
+        def load_index() -> dict[Any, str]:
+            try:
+                return load()
+            except (AttributeError, ImportError, pickle.UnpicklingError, EOFError) as error:
+                _log.info("Numba's cache of %s cannot be read (%s); it is compiled again.", function.__name__, error)
+                return {}
+
+        cache_file._load_index = load_index
+    return dispatcher
+
+
 AHEAD = _ahead()
 
 
 def njit(*functions: Callable[..., Any], **options: Any) -> Any:
     """As numba's: a decorator, with or without options."""
-    if AHEAD is None:
-        return importlib.import_module("numba").njit(*functions, **options)
-    forms = AHEAD.forms
+    forms = None if AHEAD is None else AHEAD.forms
 
-    def decorate(function: Callable[..., Any]) -> Kernel:
+    def decorate(function: Callable[..., Any]) -> Any:
+        if forms is None:
+            return _by_numba(function, options)
         return Kernel(function, forms.get((function.__module__, function.__name__), {}), options)
 
     return decorate(functions[0]) if functions else decorate

@@ -1,6 +1,5 @@
 """IEEE 1588 and scheduled action commands, with simulated GigE cameras on a simulated wire."""
 
-import os
 import time
 from collections.abc import Iterator
 
@@ -43,9 +42,6 @@ def _whole(source: GenicamSource, seconds: float = 20.0) -> FrameSet:
 def test_scheduled_cameras_are_exposed_together(rig: GigeRig, source: GenicamSource) -> None:
     _open(source, rig, "scheduled")
     taken = _whole(source)
-    if not taken.complete and os.getloadavg()[0] > (os.cpu_count() or 1):
-        # Beside four busy processes on two cores no scheduled image came in 60 s, alone always; why is not known yet.
-        pytest.skip(f"this machine is busy (load {os.getloadavg()[0]:.1f}): scheduled images do not come then")
     assert (taken.complete, taken.common_clock) == (True, True), taken.missing
     # the simulated clocks are up to 0.4 us from the true time
     assert taken.spread_s is not None and taken.spread_s < 0.9e-6

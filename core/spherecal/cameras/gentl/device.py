@@ -19,6 +19,7 @@ from spherecal.cameras.protocol import CameraSettings, Counters, FeatureReport, 
 BUFFERS = 4
 # Long enough for whatever waits to be handed over, short enough for the others.
 _FETCH_S = 0.05
+_LATCHED_S = 0.1  # the simulated GigE cameras take 1 ms, more on a busy machine; others answer at once
 _RATE_WINDOW_S = 2.0
 # A driver that does not count what waits may say that nothing does: looked for all the same, which costs 1 ms.
 _POLL_S = 0.5
@@ -347,6 +348,8 @@ class Device:
         except FeatureError:
             return
         after = time.perf_counter()
+        if self.features.is_done_late(command, _LATCHED_S):  # before that the value is of the latch before
+            after = time.perf_counter()
         ticks = self.features.read(value)
         if isinstance(ticks, int) and ticks > 0:
             rate = self.features.number("time stamp rate") if value == "GevTimestampValue" else None

@@ -1,7 +1,9 @@
 """The features of a GenICam camera by the names that makers and ages give them; a missing one is normal."""
 
 import re
+import time
 from collections.abc import Iterable
+from contextlib import suppress
 from typing import Any
 
 # Ours -> theirs, the standard's present name first. Older Allied Vision and Basler cameras say ...Abs or ...Raw.
@@ -171,6 +173,17 @@ class NodeFeatures:
             node.execute()
         except Exception as error:
             raise FeatureError(plain(error)) from error
+
+    def is_done_late(self, name: str, most_s: float) -> bool:
+        """Wait until a command that was run is done, at most so long; whether it was done, but not at once."""
+        node, until, late = self.node(name), time.monotonic() + most_s, False
+        with suppress(Exception):  # a command that cannot be read back counts as done at once
+            while node is not None and not node.is_done():
+                if time.monotonic() > until:
+                    return False
+                late = True
+                time.sleep(0.0005)
+        return late
 
 
 def _fit(node: Any, value: Any) -> Any:

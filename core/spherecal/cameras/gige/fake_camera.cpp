@@ -14,6 +14,7 @@
 #include <netinet/in.h>
 #include <poll.h>
 #include <sys/mman.h>
+#include <linux/filter.h>
 #include <sys/socket.h>
 #include <unistd.h>
 
@@ -74,7 +75,7 @@ std::string integer(const char* name, uint32_t at, int bytes, const char* access
 std::string command(const char* name, uint32_t at) {
     const std::string reg = std::string(name) + "Reg";
     return std::string("<Command Name=\"") + name + "\"><pValue>" + reg +
-           "</pValue><CommandValue>1</CommandValue></Command>\n" + integer(reg.c_str(), at, 4, "WO");
+           "</pValue><CommandValue>1</CommandValue></Command>\n" + integer(reg.c_str(), at, 4, "RW");
 }
 
 std::string clock_nodes() {
@@ -135,6 +136,7 @@ class Clock {  // synchronised as by IEEE 1588, and what is done at a time of it
     Clock(ArvFakeCamera* camera, Pictures& pictures, unsigned number) : camera_(camera), pictures_(pictures) {
         offset_ns_ = int64_t(number * 7919 % 801) - 400;
         ear_ = socket(AF_PACKET, SOCK_DGRAM | SOCK_CLOEXEC, htons(0x0800));  // libaravis has the port itself
+        only_control(ear_);
     }
 
     void run() {
@@ -166,6 +168,7 @@ class Clock {  // synchronised as by IEEE 1588, and what is done at a time of it
         const bool slave = on && now() - since_ns_ > settling_ns;
         arv_fake_camera_write_register(camera_, ptp_status, slave ? 2 : on ? 1 : 0);
         put(ptp_offset, slave ? offset_ns_ : 0);
+        if (get(ptp_latch) == 1) arv_fake_camera_write_register(camera_, ptp_latch, 0);
         if (get(time_latch) == 1) {
             put(latched_time, now() + (slave ? offset_ns_ : 0));
             arv_fake_camera_write_register(camera_, time_latch, 0);
@@ -177,6 +180,18 @@ class Clock {  // synchronised as by IEEE 1588, and what is done at a time of it
         pictures_.acted_ns = due_ns_ + offset_ns_;
         due_ns_ = 0;
         arv_fake_camera_write_register(camera_, ARV_FAKE_CAMERA_REGISTER_TRIGGER_SOFTWARE, 1);
+    }
+
+    // Without it the images of all cameras fill the socket, and on a busy machine action commands are lost behind them.
+    static void only_control(int ear) {
+        sock_filter code[] = {
+            BPF_STMT(BPF_LD | BPF_B | BPF_ABS, 9),  BPF_JUMP(BPF_JMP | BPF_JEQ | BPF_K, IPPROTO_UDP, 0, 4),
+            BPF_STMT(BPF_LDX | BPF_B | BPF_MSH, 0), BPF_STMT(BPF_LD | BPF_H | BPF_IND, 2),
+            BPF_JUMP(BPF_JMP | BPF_JEQ | BPF_K, 3956, 0, 1), BPF_STMT(BPF_RET | BPF_K, 0xffff),
+            BPF_STMT(BPF_RET | BPF_K, 0),
+        };
+        const sock_fprog filter{sizeof code / sizeof code[0], code};
+        setsockopt(ear, SOL_SOCKET, SO_ATTACH_FILTER, &filter, sizeof filter);
     }
 
     void listen() {

@@ -10,7 +10,9 @@ from benchmarks.studies.export_readers import READERS, python_for
 from benchmarks.studies.exports import GOAL_PX, round_trip
 from spherecal.base.errors import InputError, OutputError
 from spherecal.data.rig import Rig
+from spherecal.export.refit import pixel_grid, refit
 from spherecal.export.write_export import FORMATS, export_rig
+from spherecal.geometry.camera import project, undistort
 from tests.export_rigs import make_rig, renamed
 
 RIGS = {count: make_rig(count) for count in (5, 12)}
@@ -37,7 +39,7 @@ def test_an_independent_reader_projects_the_same(tmp_path: Path, reader: str, co
 @pytest.mark.parametrize("name", FORMATS)
 def test_the_printed_difference_is_measured_on_the_written_file(tmp_path: Path, name: str, monkeypatch) -> None:
     assert export_rig(RIGS[5], name, tmp_path / "x", max_loss_px=1).largest_difference_px < 0.1
-    # a format that wrote one focal length 1e-3 px off would be told by exactly this figure
+    # a format that wrote one focal length 1e-3 px off would be found by exactly this figure
     form = FORMATS[name]
 
     def wrong(rig):
@@ -136,3 +138,34 @@ def test_a_rig_without_cameras_is_refused(tmp_path: Path) -> None:
         export_rig(Rig(None, (), rig.scale, rig.quality, rig.input_sha256), "csv", tmp_path / "x")
     with pytest.raises(InputError, match="no export format"):
         export_rig(rig, "houdini", tmp_path / "x")
+
+
+@pytest.mark.parametrize("count", [0, 1, 2, 3, 6, 7, 10])
+def test_any_number_of_coefficients_is_fitted_and_its_loss_stated(tmp_path: Path, count: int, monkeypatch) -> None:
+    """A package may hold 0 to 12; the loss stated is what the lens read back differs by."""
+    form, rig = FORMATS["csv"], make_rig(12)
+    monkeypatch.setitem(FORMATS, "csv", replace(form, coefficients=count))
+    exported = export_rig(rig, "csv", tmp_path / "x", max_loss_px=1e3)
+    for camera in form.read(tmp_path / "x"):
+        assert not camera.intrinsics[4 + count :].any()
+        loss = exported.losses[camera.id]
+        whole = next(one for one in rig.cameras if one.id == camera.id)
+        grid = pixel_grid(whole.image_size, (21, 17))
+        xy, good = undistort(grid, whole.intrinsics)
+        rays = np.column_stack([xy[good], np.ones(good.sum())])
+        turned = rays @ (camera.pose.rotation @ whole.rotation.T).T
+        off = np.linalg.norm(project(turned, camera.intrinsics) - grid[good], axis=1)
+        assert 0.5 * loss.max_px <= off.max() <= loss.max_px * (1 + 1e-6)
+    with pytest.raises(InputError, match="--max-loss"):
+        export_rig(rig, "csv", tmp_path / "y", max_loss_px=1e-6)
+
+
+def test_a_lens_put_into_eight_coefficients_has_no_pole_in_the_image():
+    """Every 0.1 px from the centre to the corners: a pole is narrow, and tens of px high."""
+    for camera in make_rig(12).cameras:
+        lens, rotation, loss = refit(camera.intrinsics, camera.image_size, 8)
+        corners, _ = undistort(pixel_grid(camera.image_size, (2, 2)), camera.intrinsics)
+        for corner in corners:
+            rays = np.column_stack([np.linspace(0, 1, 15_000)[:, None] * corner, np.ones(15_000)])
+            off = np.linalg.norm(project(rays @ rotation.T, lens) - project(rays, camera.intrinsics), axis=1)
+            assert off.max() <= loss.max_px * (1 + 1e-6)

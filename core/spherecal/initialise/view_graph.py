@@ -219,7 +219,7 @@ def build_graph(triples: list[Triple], counts: IntArray, weights: EdgeWeights | 
 def edge_weight(
     error_j: float, error_g: float, common: int, threshold_px: float, weights: EdgeWeights | None = None
 ) -> float:
-    """alpha = xi1 alpha1 + xi2 alpha2 (12): mean reprojection error in px (10), one over the common features (11).
+    """Weight of an edge (12): xi1 times the mean reprojection error in px (10), xi2 over the common features (11).
 
     Parameters
     ----------

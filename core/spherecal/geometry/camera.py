@@ -30,7 +30,13 @@ PRESETS: dict[str, tuple[str, ...]] = {
 
 
 def estimated_mask(preset: str) -> BoolArray:
-    """Which of the 16 intrinsics a preset estimates, shape (16,); KeyError for an unknown preset."""
+    """Which of the 16 intrinsics a preset estimates, shape (16,).
+
+    Raises
+    ------
+    KeyError
+        For an unknown preset.
+    """
     if preset == "fisheye":
         return np.arange(N_INTRINSICS) < len(FISHEYE_NAMES)
     return np.isin(INTRINSIC_NAMES, PRESETS[preset])
@@ -54,14 +60,30 @@ def lens_model(intrinsics: FloatArray) -> LensModel:
 
 
 def fisheye_vector(matrix: FloatArray, distortion: FloatArray | list[float]) -> FloatArray:
-    """The 16 intrinsics of a fisheye lens from a 3x3 camera matrix and 0 to 4 coefficients, shape (16,)."""
+    """The 16 intrinsics of a fisheye lens, shape (16,).
+
+    Parameters
+    ----------
+    matrix
+        Camera matrix (3, 3), in px.
+    distortion
+        0 to 4 coefficients k1 to k4; missing ones are 0.
+    """
     vector = intrinsics_vector(matrix, distortion)
     vector[15] = FISHEYE_MARK
     return vector
 
 
 def intrinsics_vector(matrix: FloatArray, distortion: FloatArray | list[float]) -> FloatArray:
-    """The 16 intrinsics from a 3x3 camera matrix and 0 to 12 distortion numbers in OpenCV's order, shape (16,)."""
+    """The 16 intrinsics of a lens of OpenCV's full model, shape (16,).
+
+    Parameters
+    ----------
+    matrix
+        Camera matrix (3, 3), in px.
+    distortion
+        0 to 12 numbers in OpenCV's order; missing ones are 0.
+    """
     k = np.asarray(matrix, dtype=float)
     vector = np.zeros(N_INTRINSICS)
     vector[:4] = k[0, 0], k[1, 1], k[0, 2], k[1, 2]
@@ -81,13 +103,29 @@ _REACH, _WIDEST_REACH = 1.3, np.deg2rad(85.0)
 
 
 def image_reach(intrinsics: FloatArray, sizes: FloatArray) -> FloatArray:
-    """The largest tan of the angle off the axis that images may hold, (n,); intrinsics (n, 16), sizes (n, 2) px."""
+    """The largest tan of the angle off the axis that images may hold, (n,).
+
+    Parameters
+    ----------
+    intrinsics
+        The lenses, (n, 16).
+    sizes
+        Width and height of their images, (n, 2) px.
+    """
     reach = _REACH * np.hypot(sizes[:, 0], sizes[:, 1]) / 2 / intrinsics[:, 0]
     return np.where(is_fisheye(intrinsics), np.tan(np.minimum(reach, _WIDEST_REACH)), reach)
 
 
 def distort(xy: FloatArray, intrinsics: FloatArray) -> FloatArray:
-    """Normalised ideal image points (n, 2) to distorted ones (n, 2); intrinsics (16,) or (n, 16)."""
+    """Normalised ideal image points (n, 2) to distorted ones (n, 2).
+
+    Parameters
+    ----------
+    xy
+        Ideal points x/z, y/z in the camera frame, (n, 2).
+    intrinsics
+        One lens (16,), or one of each point (n, 16).
+    """
     wide = is_fisheye(intrinsics)
     if wide.any():
         bent = fisheye.distort(xy, np.moveaxis(intrinsics[..., 4:8], -1, 0))
@@ -106,16 +144,31 @@ def _distort_opencv(xy: FloatArray, intrinsics: FloatArray) -> FloatArray:
 
 
 def project(x_camera: FloatArray, intrinsics: FloatArray) -> FloatArray:
-    """Image points (n, 2) in pixels of points (n, 3) in the camera frame; intrinsics (16,) or (n, 16).
+    """Image points (n, 2) in pixels of points (n, 3) in the camera frame.
 
     Points behind the camera are projected all the same: who calls decides what a negative depth means.
+
+    Parameters
+    ----------
+    x_camera
+        Points in the camera frame, (n, 3).
+    intrinsics
+        One lens (16,), or one of each point (n, 16).
     """
     xd = distort(x_camera[..., :2] / x_camera[..., 2:3], intrinsics)
     return xd * intrinsics[..., 0:2] + intrinsics[..., 2:4]
 
 
 def distort_with_jacobian(xy: FloatArray, intrinsics: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Distorted normalised image points (n, 2) of ideal ones (n, 2), and the derivatives (n, 2, 2)."""
+    """Distorted normalised image points (n, 2) of ideal ones (n, 2), and the derivatives (n, 2, 2).
+
+    Parameters
+    ----------
+    xy
+        Ideal points x/z, y/z in the camera frame, (n, 2).
+    intrinsics
+        One lens (16,), or one of each point (n, 16).
+    """
     wide = is_fisheye(intrinsics)
     if not wide.any():
         return _distort_opencv_with_jacobian(xy, intrinsics)
@@ -146,9 +199,14 @@ def _distort_opencv_with_jacobian(xy: FloatArray, intrinsics: FloatArray) -> tup
 
 
 def project_with_point_derivatives(x_camera: FloatArray, intrinsics: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Image points (n, 2) and their derivatives by the point (n, 2, 3).
+    """Image points (n, 2) px and their derivatives (n, 2, 3) by the points in the camera frame.
 
-    x_camera (n, 3) in the camera frame, intrinsics (n, 16) or (16,).
+    Parameters
+    ----------
+    x_camera
+        Points in the camera frame, (n, 3).
+    intrinsics
+        One lens (16,), or one of each point (n, 16).
     """
     iz = 1.0 / x_camera[:, 2:3]
     xy = x_camera[:, :2] * iz
@@ -161,9 +219,14 @@ def project_with_point_derivatives(x_camera: FloatArray, intrinsics: FloatArray)
 
 
 def project_with_derivatives(x_camera: FloatArray, intrinsics: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Image points (n, 2), their derivatives by the point (n, 2, 3) and by the 16 intrinsics (n, 2, 16).
+    """Image points (n, 2) px, their derivatives by the point (n, 2, 3) and by the 16 intrinsics (n, 2, 16).
 
-    x_camera (n, 3) in the camera frame, intrinsics (n, 16) or (16,).
+    Parameters
+    ----------
+    x_camera
+        Points in the camera frame, (n, 3).
+    intrinsics
+        One lens (16,), or one of each point (n, 16).
     """
     uv, d_point = project_with_point_derivatives(x_camera, intrinsics)
     n = len(x_camera)
@@ -209,8 +272,15 @@ def undistort(uv: FloatArray, intrinsics: FloatArray) -> tuple[FloatArray, BoolA
     """Normalised ideal points (n, 2) of image points (n, 2) in pixels, and where that succeeded, (n,) bool.
 
     Where the lens model has no inverse (its radial curve folds over) the flag is False and the point is NaN.
-    Intrinsics (16,) or (n, 16). Newton's method with halved steps, from the pinhole's answer; of a fisheye lens up to
-    89 degrees off the axis (see fisheye.py).
+    Newton's method with halved steps, from the pinhole's answer; of a fisheye lens up to 89 degrees off the axis
+    (see fisheye.py).
+
+    Parameters
+    ----------
+    uv
+        Image points, (n, 2) px.
+    intrinsics
+        One lens (16,), or one of each point (n, 16).
     """
     c = np.broadcast_to(intrinsics, (len(uv), N_INTRINSICS))
     goal = (uv - c[:, 2:4]) / c[:, :2]
@@ -224,7 +294,19 @@ def undistort(uv: FloatArray, intrinsics: FloatArray) -> tuple[FloatArray, BoolA
 
 
 def undistort_views(uv: FloatArray, camera: IntArray, intrinsics: FloatArray) -> tuple[FloatArray, BoolArray]:
-    """The same of image points (n, 2) px of cameras `camera` (n,) with intrinsics (c, 16), some at a time."""
+    """Normalised ideal points (n, 2) of several cameras' image points, and where that succeeded, (n,) bool.
+
+    As `undistort`, some points at a time.
+
+    Parameters
+    ----------
+    uv
+        Image points, (n, 2) px.
+    camera
+        Which camera sees each of them, (n,).
+    intrinsics
+        The cameras' lenses, (c, 16).
+    """
     ideal, good = np.empty((len(uv), 2)), np.empty(len(uv), dtype=bool)
     for rows in blocks(len(uv)):
         ideal[rows], good[rows] = undistort(uv[rows], intrinsics[camera[rows]])

@@ -24,10 +24,21 @@ def agreeing_views(
     gate_px: FloatArray,
     cameras: PosedCameras,
 ) -> BoolArray:
-    """Which rows (n,) belong to the largest set of their feature that agrees on one point before all its cameras.
+    """Which rows (n,) belong to the largest set of their feature that agrees on one point in front of all its cameras.
 
-    Row i observes point `feature[i]` in camera `camera[i]` at `uv[i]` px and agrees within `gate_px[i]`. Among equal
-    sets the one with the smaller errors wins.
+    Among equal sets the one with the smaller errors wins. Of a feature with more than `MOST_PAIRS` pairs of views some
+    pairs are tried, evenly chosen.
+
+    Parameters
+    ----------
+    feature, camera
+        Which feature each row observes and in which camera, (n,) and (n,).
+    uv
+        The image points, (n, 2) px.
+    gate_px
+        How far each row may be off the point that its set agrees on, (n,).
+    cameras
+        Lenses and poses of all cameras.
     """
     out = np.zeros(len(feature), dtype=bool)
     xy, usable = undistort_views(uv, camera, cameras.intrinsics)

@@ -1,6 +1,9 @@
 """OpenCV's fisheye model (Kannala-Brandt, four coefficients): image radius as a polynomial in the angle off the axis.
 
-With r = tan t and t_d = t (1 + k1 t^2 + k2 t^4 + k3 t^6 + k4 t^8) the distorted point is (x, y) t_d / r.
+The distorted point is (x, y) t_d / r, with r = tan t and
+
+    t_d = t (1 + k1 t^2 + k2 t^4 + k3 t^6 + k4 t^8).
+
 Source: OpenCV, module calib3d, `cv::fisheye`; J. Kannala, S. Brandt, IEEE Trans. PAMI 28 (2006) 1335.
 """
 
@@ -18,7 +21,15 @@ _TOLERANCE = 1e-14
 
 
 def radial_with_slope(r2: FloatArray, k: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """theta_d / r, its derivative by r^2, and theta^3 / r, all shaped as r2; k (4, ...) broadcasts against r2."""
+    """theta_d / r, its derivative by r^2, and theta^3 / r, all shaped as r2.
+
+    Parameters
+    ----------
+    r2
+        Squared distances from the axis of ideal points at z = 1.
+    k
+        k1 to k4, (4, ...); broadcasts against `r2`.
+    """
     k1, k2, k3, k4 = k
     near = r2 < AXIS_R2
     safe = np.where(near, 1.0, r2)
@@ -32,13 +43,29 @@ def radial_with_slope(r2: FloatArray, k: FloatArray) -> tuple[FloatArray, FloatA
 
 
 def distort(xy: FloatArray, k: FloatArray) -> FloatArray:
-    """Normalised ideal image points (..., 2) to distorted ones; k (4, ...)."""
+    """Normalised ideal image points (..., 2) to distorted ones.
+
+    Parameters
+    ----------
+    xy
+        Ideal points x/z, y/z in the camera frame, (..., 2).
+    k
+        k1 to k4, (4, ...); broadcasts against the points.
+    """
     r2 = (xy * xy).sum(axis=-1)
     return xy * radial_with_slope(r2, k)[0][..., None]
 
 
 def distort_with_jacobian(xy: FloatArray, k: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Distorted points (n, 2) and their derivatives (n, 2, 2) by the ideal ones (n, 2); k (4, n) or (4, 1)."""
+    """Distorted points (n, 2) and their derivatives (n, 2, 2) by the ideal ones (n, 2).
+
+    Parameters
+    ----------
+    xy
+        Ideal points x/z, y/z in the camera frame, (n, 2).
+    k
+        k1 to k4, of each point (4, n) or of all (4, 1).
+    """
     radial, slope, _ = radial_with_slope((xy * xy).sum(axis=-1), k)
     jacobian = 2 * slope[:, None, None] * xy[:, :, None] * xy[:, None, :]
     jacobian[:, 0, 0] += radial
@@ -56,10 +83,22 @@ def coefficient_derivatives(xy: FloatArray) -> FloatArray:
 
 
 def undistort(distorted: FloatArray, k: FloatArray) -> tuple[FloatArray, BoolArray]:
-    """Normalised ideal points (n, 2) of distorted ones (n, 2), NaN with the flag False where there is none; k (n, 4).
+    """Normalised ideal points (n, 2) of distorted ones, NaN with the flag False where there is none.
 
-    The first root within 89 degrees off the axis, as long as theta_d rises up to it: marched to, then Newton's steps
-    kept within their bracket.
+    The first root within 89 degrees off the axis, as long as theta_d rises up to it. It is bracketed by steps from the
+    axis; Newton's steps are then kept within the bracket.
+
+    Parameters
+    ----------
+    distorted
+        Distorted points, (n, 2).
+    k
+        k1 to k4 of each point, (n, 4).
+
+    Returns
+    -------
+    points, found
+        Ideal points (n, 2) and whether there is one, (n,) bool.
     """
     goal = np.sqrt((distorted * distorted).sum(axis=1))
     low, high, good = _bracket(goal, k)

@@ -30,16 +30,33 @@ class FittedLens:
 
 
 def image_field(image_size: tuple[int, int], grid: tuple[int, int] = FIELD_GRID) -> FloatArray:
-    """Image points (n, 2) in columns x rows from edge to edge of the image."""
+    """Image points (n, 2) px in columns x rows from edge to edge of the image, row by row.
+
+    Parameters
+    ----------
+    image_size
+        Width and height in px.
+    grid
+        Number of columns and rows.
+    """
     width, height = image_size
     u, v = np.meshgrid(np.linspace(-0.5, width - 0.5, grid[0]), np.linspace(-0.5, height - 0.5, grid[1]))
     return np.stack([u.ravel(), v.ravel()], axis=1)
 
 
 def fit_lens(intrinsics: FloatArray, uv: FloatArray, model: LensModel) -> FittedLens | None:
-    """The lens of `model` nearest to a lens (16,) at its image points (n, 2); None where it cannot be inverted there.
+    """The lens of `model` nearest to a lens at given image points; None where too few of them can be inverted.
 
-    A lens that is of the model already is returned as it is.
+    A lens that is of the model already is returned as it is, with an rms of 0.
+
+    Parameters
+    ----------
+    intrinsics
+        The lens to describe, (16,).
+    uv
+        Its image points where the two are compared, (n, 2) px; those beyond 80 degrees off the axis are left out.
+    model
+        The model wanted.
     """
     if (model == "fisheye") == bool(is_fisheye(intrinsics)):
         return FittedLens(intrinsics, 0.0)

@@ -25,7 +25,15 @@ _AT_ONCE = 1 << 20  # pixels that are undistorted together: 100 MB
 
 
 def distortion_problem(count: int, fisheye: bool) -> Phrase | None:
-    """What is wrong with a list of so many coefficients; None where nothing is."""
+    """What is wrong with a list of so many distortion coefficients; None where nothing is.
+
+    Parameters
+    ----------
+    count
+        Number of coefficients.
+    fisheye
+        Whether they are of OpenCV's fisheye model, which has 4.
+    """
     if count == TILTED_LENGTH:
         return Phrase("problem-tilted")
     if fisheye and count != FISHEYE_LENGTH:
@@ -36,9 +44,23 @@ def distortion_problem(count: int, fisheye: bool) -> Phrase | None:
 
 
 def lens_vector(K: ArrayLike, dist: ArrayLike | None, fisheye: bool, what: Words) -> FloatArray:
-    """The 16 intrinsics of OpenCV's camera matrix (3, 3) and distortion (4, 5, 8 or 12 numbers in any shape, or None).
+    """The 16 intrinsics of OpenCV's camera matrix and distortion, shape (16,).
 
-    InputError, which calls the camera `what`, for anything else.
+    Parameters
+    ----------
+    K
+        Camera matrix, (3, 3), in px.
+    dist
+        4, 5, 8 or 12 numbers in any shape, of a fisheye lens 4; None is no distortion.
+    fisheye
+        Whether they are of OpenCV's fisheye model.
+    what
+        What messages call the camera.
+
+    Raises
+    ------
+    InputError
+        For anything else: other shapes, numbers that are not finite, skew or a focal length that is not positive.
     """
     it = Phrase("camera-matrix-of", {"what": what})
     matrix = _finite(K, it)
@@ -55,7 +77,20 @@ def lens_vector(K: ArrayLike, dist: ArrayLike | None, fisheye: bool, what: Words
 
 
 def pose_rotation(rvec: ArrayLike, what: Words) -> FloatArray:
-    """The rotation (3, 3) of a rotation vector (3 numbers in any shape) or of a rotation matrix; InputError."""
+    """The rotation (3, 3) of a rotation vector or of a rotation matrix.
+
+    Parameters
+    ----------
+    rvec
+        3 numbers in any shape, in radians, or a matrix (3, 3).
+    what
+        What messages call the camera.
+
+    Raises
+    ------
+    InputError
+        For anything else, and for a matrix that is more than rounding off a rotation.
+    """
     it = Phrase("rotation-of", {"what": what})
     given = _finite(rvec, it)
     if given.shape != (3, 3):
@@ -67,7 +102,20 @@ def pose_rotation(rvec: ArrayLike, what: Words) -> FloatArray:
 
 
 def pose_translation(tvec: ArrayLike, what: Words) -> FloatArray:
-    """The translation (3,) of 3 numbers in any shape; InputError."""
+    """The translation (3,) of 3 numbers in any shape.
+
+    Parameters
+    ----------
+    tvec
+        The numbers.
+    what
+        What messages call the camera.
+
+    Raises
+    ------
+    InputError
+        For another count of numbers, or numbers that are not finite.
+    """
     it = Phrase("translation-of", {"what": what})
     return _three(_finite(tvec, it), it)
 
@@ -90,9 +138,18 @@ def _finite(values: ArrayLike, what: Words) -> FloatArray:
 
 
 def undistort_image(image: NDArray[Any], intrinsics: FloatArray, matrix: FloatArray) -> NDArray[Any]:
-    """The image (h, w) or (h, w, channels) as a camera without distortion with the given matrix (3, 3) sees it.
+    """The image as a camera without distortion and with the given matrix sees it, of the same shape and type.
 
-    Bilinear, 0 where the recorded image has nothing; the type of the pixels stays.
+    Bilinear, 0 where the recorded image has nothing.
+
+    Parameters
+    ----------
+    image
+        The image, (h, w) or (h, w, channels).
+    intrinsics
+        The lens that it was taken with, (16,).
+    matrix
+        Camera matrix (3, 3) of the result, in px.
     """
     height, width = image.shape[:2]
     channels = image.reshape(height, width, -1)

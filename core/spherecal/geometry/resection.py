@@ -34,9 +34,18 @@ class ResectedPose:
 
 
 def resect(points: FloatArray, xy: FloatArray, gate: float) -> tuple[FloatArray, FloatArray, int] | None:
-    """Rotation, translation and number of agreeing points, from points (n,3) and normalised image points (n,2).
+    """Rotation (3, 3), translation (3,) and number of agreeing points of a camera; None where too few points agree.
 
-    Robust (RANSAC, `gate` in normalised units) and deterministic; None where too few points agree.
+    Robust (RANSAC) and deterministic.
+
+    Parameters
+    ----------
+    points
+        Known points, (n, 3).
+    xy
+        Their normalised ideal image points, (n, 2).
+    gate
+        How far an agreeing point may be off, in normalised units (px over the focal length).
     """
     if len(points) < MIN_AGREEING:
         return None
@@ -61,11 +70,20 @@ def resect(points: FloatArray, xy: FloatArray, gate: float) -> tuple[FloatArray,
 
 
 def resected_poses(points: FloatArray, xy: FloatArray, scale: float) -> list[ResectedPose]:
-    """All distinct poses that points (n,3) and normalised image points (n,2) suggest, the likeliest first.
+    """All distinct poses that points and their images suggest, the likeliest first; empty for fewer than four points.
 
     P3P on random triples (X. Gao et al., Complete solution classification for the perspective-three-point problem,
-    2003), scored by Cauchy's loss of this `scale` (normalised units) and refined. Few points, or points near a plane,
-    have a second pose that fits nearly as well; who takes the first must look at the second. Deterministic.
+    2003), scored by Cauchy's loss and refined. Few points, or points near a plane, have a second pose that fits nearly
+    as well; who takes the first must look at the second. Deterministic.
+
+    Parameters
+    ----------
+    points
+        Known points, (n, 3).
+    xy
+        Their normalised ideal image points, (n, 2).
+    scale
+        Scale of Cauchy's loss in normalised units (px over the focal length).
     """
     if len(points) < 4:
         return []
@@ -98,7 +116,17 @@ def resected_poses(points: FloatArray, xy: FloatArray, scale: float) -> list[Res
 
 
 def pose_cost(rotation: FloatArray, translation: FloatArray, points: FloatArray, xy: FloatArray, scale: float) -> float:
-    """The cost of a pose as `ResectedPose` has it."""
+    """The cost of a pose as `ResectedPose` has it: half the sum of log(1 + (residual / scale)^2).
+
+    Parameters
+    ----------
+    rotation, translation
+        The pose x_camera = rotation (3, 3) @ x + translation (3,).
+    points, xy
+        Known points (n, 3) and their normalised ideal image points (n, 2).
+    scale
+        Scale of Cauchy's loss in normalised units.
+    """
     return float(_costs(rotation[None], translation[None], points, xy, scale)[0])
 
 

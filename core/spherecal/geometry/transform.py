@@ -21,14 +21,14 @@ class Similarity:
         return self.scale * points @ self.rotation.T + self.translation
 
     def after(self, first: "Similarity") -> "Similarity":
-        """First the other one, then this."""
+        """The similarity of `first` followed by this one."""
         return Similarity(
             self.scale * first.scale, self.rotation @ first.rotation, self.apply(first.translation[None])[0]
         )
 
     @property
     def inverse(self) -> "Similarity":
-        """Back again."""
+        """The similarity that undoes this one."""
         back = self.rotation.T / self.scale
         return Similarity(1.0 / self.scale, self.rotation.T, -back @ self.translation)
 
@@ -39,9 +39,16 @@ IDENTITY = Similarity(1.0, np.eye(3), np.zeros(3))
 def pose_change(
     rotation: FloatArray, translation: FloatArray, new_rotation: FloatArray, new_translation: FloatArray
 ) -> FloatArray:
-    """Turn (rotation vector, rad) and shift (..., 6) that lead from poses (..., 3, 3), (..., 3) to new ones.
+    """Turn (rotation vector, rad) and shift (..., 6) that lead from poses to new ones.
 
-    The turn is applied to the whole pose: new_translation = turn @ translation + shift.
+    The turn is applied to the whole pose: new_rotation = turn @ rotation, new_translation = turn @ translation + shift.
+
+    Parameters
+    ----------
+    rotation, translation
+        The poses, (..., 3, 3) and (..., 3).
+    new_rotation, new_translation
+        The poses to arrive at, in the same shapes.
     """
     turn = new_rotation @ np.swapaxes(rotation, -1, -2)
     shift = new_translation - np.einsum("...ij,...j->...i", turn, translation)
@@ -49,10 +56,17 @@ def pose_change(
 
 
 def fit_similarity(source: FloatArray, target: FloatArray, with_scale: bool = True) -> Similarity:
-    """Least-squares similarity (or rigid motion) that takes `source` (n, 3) to `target` (n, 3), n >= 3.
+    """Least-squares similarity (or rigid motion) that takes `source` to `target`; never a reflection.
 
     Source: S. Umeyama, Least-squares estimation of transformation parameters between two point patterns,
-    IEEE TPAMI 13 (1991). Never a reflection.
+    IEEE TPAMI 13 (1991).
+
+    Parameters
+    ----------
+    source, target
+        Corresponding points, (n, 3) each, n >= 3.
+    with_scale
+        False: a rigid motion, of scale 1.
     """
     source_mean, target_mean = source.mean(axis=0), target.mean(axis=0)
     a, b = source - source_mean, target - target_mean

@@ -24,9 +24,11 @@ _LAST_DECREASE = 1e-12
 class Triangulation:
     """Points (m, 3) in the frame of the poses, NaN where fewer than two rays or only parallel ones meet.
 
-    `normal` (m, 3, 3) is the normal matrix J'PJ of each point, `residual` (n, 2) px = predicted - observed (NaN without
-    a point), `max_angle_rad` (m,) the largest acute angle between two of the point's rays (lines; 0 .. pi/2), `views`
-    (m,) the number of rays that took part, `in_front` (m,) whether the point lies before all cameras that see it.
+    - `normal` (m, 3, 3) is the normal matrix J'PJ of each point.
+    - `residual` (n, 2) px is predicted minus observed, NaN without a point.
+    - `max_angle_rad` (m,) is the largest acute angle between two of the point's rays (lines; 0 .. pi/2).
+    - `views` (m,) is the number of rays that took part.
+    - `in_front` (m,) says whether the point is in front of all cameras that see it.
     """
 
     points: FloatArray
@@ -51,12 +53,22 @@ def triangulate(
     n_features: int,
     cameras: PosedCameras,
 ) -> Triangulation:
-    """The points with the least weighted squared reprojection errors.
+    """The points with the least weighted squared reprojection errors, in the frame of the cameras' poses.
 
-    Row i observes point `feature[i]` in camera `camera[i]` at `uv[i]` px with weight 1/sigma^2, (n,) or (n, 2); weight
-    0 leaves a row out, as does an image point that the lens model cannot undistort. The points are in the frame of the
-    cameras' poses. Residuals are given for all rows. Points are worked on some at a time, since an observation takes
-    1 KB here.
+    Residuals are given for all rows. Points are worked on some at a time, since an observation takes 1 KB here.
+
+    Parameters
+    ----------
+    feature, camera
+        Which point each row observes and in which camera, (n,) and (n,).
+    uv
+        The image points, (n, 2) px; one that its lens model cannot undistort is left out.
+    weight
+        1/sigma^2 in px^-2, (n,) or (n, 2); 0 leaves a row out.
+    n_features
+        Number m of points.
+    cameras
+        Lenses and poses of all cameras.
     """
     weight = np.broadcast_to(weight if weight.ndim == 2 else weight[:, None], (len(uv), 2))
     m, n = n_features, len(uv)
@@ -122,7 +134,19 @@ def _triangulated(
 def ray_angles(
     feature: IntArray, camera: IntArray, uv: FloatArray, n_features: int, cameras: PosedCameras
 ) -> FloatArray:
-    """The largest acute angle (m,) rad between two rays of each feature, as `triangulate` returns it."""
+    """The largest acute angle (m,) rad between two rays of each feature, as `triangulate` returns it.
+
+    Parameters
+    ----------
+    feature, camera
+        Which point each row observes and in which camera, (n,) and (n,).
+    uv
+        The image points, (n, 2) px.
+    n_features
+        Number m of points.
+    cameras
+        Lenses and poses of all cameras.
+    """
     angle = np.empty(n_features)
     for points, rows in _some_points(feature, n_features):
         ray, usable = _rays(camera[rows], uv[rows], cameras)

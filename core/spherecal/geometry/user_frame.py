@@ -27,8 +27,8 @@ _MOST_MM = 1e7  # ten kilometres; NaN is none either
 class FrameDefinition:
     """How a user's frame is defined: the names of three places, or none of them for the reference camera's frame.
 
-    `offset_mm`: where the origin's place (or the reference camera) lies in the frame before the `turns`, which turn
-    the axes about themselves one after the other, right-handed: after "z90" X points where Y did.
+    `offset_mm` is the position of the origin's place (or the reference camera) in the frame before the `turns`. These
+    turn the axes about themselves one after the other, right-handed: after "z90" X points where Y did.
     """
 
     origin: str | None = None
@@ -39,7 +39,13 @@ class FrameDefinition:
 
     @property
     def places(self) -> tuple[str, ...]:
-        """The three names, or none; InputError for one or two of them and for one that comes twice."""
+        """The three names, or none.
+
+        Raises
+        ------
+        InputError
+            For one or two names, and for one that comes twice.
+        """
         given = tuple(name for name in (self.origin, self.x, self.xy) if name is not None)
         if len(given) not in (0, 3):
             raise InputError(
@@ -67,8 +73,9 @@ class UserFrame(ByValue):
     """`x_user = rotation @ x_world + translation_mm`; the world is that of the rig.json it was defined on.
 
     `distance_mm` (origin to +X) and `angle_deg` (at the origin, from +X to the third place) say how well the places
-    define it. `origin_sigma_mm` (3,) and `axes_sigma_deg` (3,) are the standard uncertainties of the origin along and
-    of the axes about X, Y, Z by those of the places, taken as independent; None where they are not known.
+    define it. `origin_sigma_mm` (3,) are the standard uncertainties of the origin along X, Y, Z and `axes_sigma_deg`
+    (3,) those of the axes about them. They follow from those of the places, taken as independent; None where these are
+    not known.
     """
 
     rotation: FloatArray
@@ -82,17 +89,23 @@ class UserFrame(ByValue):
     axes_sigma_deg: FloatArray | None = None
 
     def apply(self, points_mm: FloatArray) -> FloatArray:
-        """Points (n, 3) of the world in this frame."""
+        """Points (n, 3) mm of the world in this frame."""
         return points_mm @ self.rotation.T + self.translation_mm
 
     @property
     def origin_mm(self) -> FloatArray:
-        """Where this frame's origin lies in the world, (3,)."""
+        """Where this frame's origin is in the world, (3,) mm."""
         return -self.rotation.T @ self.translation_mm
 
 
 def turn_matrix(turns: Sequence[str]) -> FloatArray:
-    """The matrix (3, 3) that maps coordinates before the turns to those after them; whole numbers."""
+    """The matrix (3, 3) that maps coordinates before the turns to those after them; whole numbers.
+
+    Raises
+    ------
+    InputError
+        For a turn that is none of `TURNS`.
+    """
     matrix = np.eye(3)
     for turn in turns:
         if turn not in TURNS:
@@ -109,10 +122,23 @@ def user_frame(
     covariances_mm2: FloatArray | None = None,
     unit: str = "mm",
 ) -> UserFrame:
-    """The frame that `places_mm` (3, 3) in the world (origin, on +X, in the XY plane) define; none: the world itself.
+    """The frame that three places in the world define, or an offset and turns of the world itself.
 
-    `covariances_mm2` (3, 3, 3) are those of the places, where they are known. InputError where the places lie too near
-    together or in a line; it says how near.
+    Parameters
+    ----------
+    definition
+        Names of the places, offset and turns.
+    places_mm
+        Origin, a point on +X and one in the XY plane, as rows (3, 3) in the world; None: the world itself.
+    covariances_mm2
+        Covariances of the places, (3, 3, 3); None where they are not known.
+    unit
+        The unit of lengths in messages; "units" where the rig has no scale.
+
+    Raises
+    ------
+    InputError
+        Where the places are too near together or in a line (it says how near), or the offset is out of range.
     """
     offset, turn = np.array(definition.offset_mm, dtype=float), turn_matrix(definition.turns)
     if not (np.abs(offset) <= _MOST_MM).all():

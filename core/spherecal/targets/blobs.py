@@ -77,9 +77,14 @@ class Blobs:
 
 
 def find_blobs(image: GreyImage, dark: bool = False) -> Blobs:
-    """All bright (or dark) blobs of about 3 to 45 px in an image (h, w), in pixels of that image.
+    """All bright (or dark) blobs of about 3 to 45 px in an image, in pixels of that image.
 
-    Dark blobs are looked for as bright ones in the negative, and `peak` is theirs there.
+    Parameters
+    ----------
+    image
+        Grey image, (h, w).
+    dark
+        Look for dark blobs: bright ones in the negative, and `peak` is their grey value there.
     """
     if min(image.shape) < _SMALLEST_IMAGE_PX:
         return _described(np.zeros((0, 7)), looks_of(image, np.zeros((0, 7))))
@@ -151,8 +156,8 @@ def _blobs_of_one_size(
 ) -> BoolArray:
     """Add to `found` the blobs in the given tiles of its image; returns those that an image of half the size is for.
 
-    `dots` marks pixels of dots (and of large ones) known already, in the image before its `halvings`, and `taken` their
-    tiles in this one; both get those of the new ones.
+    `dots` marks pixels of dots (and of large ones) known already, in the image before its `halvings`. `taken` marks
+    their tiles in this image. Both get those of the new blobs.
     """
     image = found.image
     darkest, brightest = tile_extremes(image)

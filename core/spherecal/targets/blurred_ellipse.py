@@ -4,8 +4,8 @@ With p along the ellipse's major axis, q along its minor one, and the chord of h
 
     m(p, q) = integral of f((t - p) / s) / s [F((h(t) - q) / s) - F((-h(t) - q) / s)] dt,  -a < t < a
 
-F and f being the normal distribution and its density. With t = a sin(angle) the integrand is smooth; a sum over strips
-of 1.5 s needs only those up to three s from the pixel: its error is below 4e-3, symmetrical about the centre. Where the
+F and f being the normal distribution and its density. With t = a sin(angle) the integrand is smooth. A sum over strips
+of 1.5 s needs only those up to three s from the pixel. Its error is below 4e-3, symmetrical about the centre. Where the
 ellipse is wide against the blur, m is the blurred edge of a curved half plane, with an error of 2e-2 at the tips (rms
 5e-3):
 
@@ -38,7 +38,7 @@ _WIDE, _BLUNT = 3.0, 2.0
 
 @njit(nogil=True, cache=True, error_model="numpy")
 def normal(z):
-    """The normal distribution and its density at z."""
+    """The normal distribution and its density at z; beyond 4 standard deviations 0 or 1, and 0."""
     if z <= -_REACH:
         return 0.0, 0.0
     if z >= _REACH:
@@ -51,7 +51,15 @@ def normal(z):
 
 @njit(nogil=True, cache=True, error_model="numpy")
 def cut_strips(long_px, short_px, blur_px, strips, k):
-    """Cut an ellipse with these semi-axes: `strips[k]` (n, 3) gets place, half height, width over blur; returns n."""
+    """Cut ellipse k into strips across its long axis; returns their number n, at most `MOST_STRIPS`.
+
+    Parameters
+    ----------
+    long_px, short_px, blur_px
+        Semi-axes of the ellipse and standard deviation of the blur, px.
+    strips, k
+        Output: rows 0 to n - 1 of `strips[k]` get place along the axis (px), half height (px), and width over blur.
+    """
     count = min(max(math.ceil(math.pi * long_px / (_STRIP * blur_px)), 6), MOST_STRIPS)
     for j in range(count):
         angle = math.pi * ((j + 0.5) / count - 0.5)
@@ -62,16 +70,35 @@ def cut_strips(long_px, short_px, blur_px, strips, k):
 
 @njit(nogil=True, cache=True, error_model="numpy")
 def needs_strips(long_px, short_px, blur_px):
-    """Whether an ellipse with these semi-axes is too narrow, or its tips too pointed, for `light_at_edge`."""
+    """Whether an ellipse is too narrow, or its tips too pointed, for `light_at_edge`.
+
+    Parameters
+    ----------
+    long_px, short_px
+        Its semi-axes, px.
+    blur_px
+        Standard deviation of the blur, px.
+    """
     return short_px <= _WIDE * blur_px or short_px * short_px <= _BLUNT * blur_px * long_px
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
 def light_at(strips, k, count, per_blur, growth, p, q):
-    """Light m at (p, q) px from the centre, and its derivatives by p, q, blur and the growth of the ellipse.
+    """Light m at a place in the blurred ellipse, and its derivatives by p, q, blur and the growth of the ellipse.
 
-    `strips[k]` are those of the ellipse, `per_blur` is 1 / blur. The derivatives by blur and growth follow from the
-    diffusion equation dm/ds = s (m_pp + m_qq) and from m being unchanged when all lengths are scaled.
+    The derivatives by blur and growth follow from the diffusion equation dm/ds = s (m_pp + m_qq) and from m being
+    unchanged when all lengths are scaled.
+
+    Parameters
+    ----------
+    strips, k, count
+        `strips[k]` are those of the ellipse by `cut_strips`, the first `count` rows.
+    per_blur
+        1 / blur, 1/px.
+    growth
+        Factor that the semi-axes were multiplied by.
+    p, q
+        The place in px from the centre, along the long and the short axis.
     """
     m, m_p, m_q, curved = 0.0, 0.0, 0.0, 0.0
     for j in range(count):
@@ -95,7 +122,15 @@ def light_at(strips, k, count, per_blur, growth, p, q):
 
 @njit(nogil=True, cache=True, error_model="numpy")
 def distance_inside(per_long, per_short, p, q):
-    """Distance in px of (p, q) from the edge of an ellipse along the ray, negative outside; semi-axes as 1/px."""
+    """Distance in px of a place from the edge of an ellipse along the ray from its centre, negative outside.
+
+    Parameters
+    ----------
+    per_long, per_short
+        1 over the semi-axes, 1/px.
+    p, q
+        The place in px from the centre, along the long and the short axis.
+    """
     along, across = p * per_long, q * per_short
     squared = along * along + across * across
     steepness = (along * per_long) ** 2 + (across * per_short) ** 2
@@ -104,7 +139,19 @@ def distance_inside(per_long, per_short, p, q):
 
 @njit(nogil=True, cache=True, error_model="numpy")
 def light_at_edge(per_long, per_short, blur, per_blur, growth, p, q):
-    """What `light_at` returns, for an ellipse wide against the blur; semi-axes as 1/px."""
+    """What `light_at` returns, for an ellipse wide against the blur.
+
+    Parameters
+    ----------
+    per_long, per_short
+        1 over the semi-axes, 1/px.
+    blur, per_blur
+        Standard deviation of the blur in px, and 1 over it.
+    growth
+        Factor that the semi-axes were multiplied by.
+    p, q
+        The place in px from the centre, along the long and the short axis.
+    """
     along, across = p * per_long, q * per_short
     squared = along * along + across * across
     slope_p, slope_q = along * per_long, across * per_short

@@ -64,7 +64,7 @@ class Figure:
     upward: bool
 
     def places_mm(self, points_mm: FloatArray) -> FloatArray:
-        """Where points (n, 2) of the board lie on the figure, y down."""
+        """Where points (n, 2) mm of the board are on the figure, y down."""
         return np.array(self.origin_mm) + points_mm * (1, -1 if self.upward else 1)
 
 
@@ -159,7 +159,17 @@ def _bits(dictionary: cv2.aruco.Dictionary, marker: int, border: int) -> FloatAr
 def marker_parts(
     bits: FloatArray, left: float, top: float, size: float
 ) -> list[tuple[float, float, float, float, float]]:
-    """A black square with its white cells, those beside each other in one piece."""
+    """A black square with its white cells, those beside each other in one piece: x, y, width, height (mm), grey.
+
+    Parameters
+    ----------
+    bits
+        The cells (n, n) with the black border, 0 black, 1 white.
+    left, top
+        The square's top left corner, mm.
+    size
+        Its side, mm.
+    """
     cell = size / len(bits)
     parts = [(left, top, size, size, 0.0)]
     for row, cells in enumerate(bits):

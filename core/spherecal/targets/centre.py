@@ -13,12 +13,19 @@ _COLLINEAR = 0.01
 
 
 def target_centre(layout_mm: FloatArray, points_mm: FloatArray) -> FloatArray | None:
-    """Where the origin of a target lies, (3,) in the frame of `points_mm`; None where its dots do not determine it.
+    """Where the origin of a target is, (3,) in the frame of `points_mm`; None where its dots do not determine it.
 
-    `layout_mm` (k, 2) are the places of k dots on the flat sticker, `points_mm` (k, 3) the same dots in space. The
-    layout, as a flat rigid figure (turned and shifted, never scaled or mirrored; z of its plane away from the
-    viewer, into the ball), is laid by least squares with equal weights over the dots. It takes at least four dots,
-    not all on one line unless that line passes through the origin.
+    The layout is laid by least squares with equal weights over the dots, as a flat rigid figure: turned and shifted,
+    never scaled or mirrored. z of its plane points away from the viewer, into the ball. It takes at least four dots,
+    not
+    all on one line unless that line passes through the origin.
+
+    Parameters
+    ----------
+    layout_mm
+        Places of k dots on the flat sticker, (k, 2).
+    points_mm
+        The same dots in space, (k, 3).
     """
     if len(points_mm) < LEAST_DOTS:
         return None

@@ -2,11 +2,11 @@
 
 A code is a triple of places on a lattice beside the five template dots. The rules, all for a 28 mm sticker:
 
-- a code dot lies on the lattice, at least 5 mm from every template dot and from every other code dot;
-- A and E remain the only two dots that are farthest apart;
-- no wrong reading: whichever five of the eight dots are taken for A B C D E, in whatever order, the remaining three
-  never look like a code (`clean_margin`);
-- two codes share at most one dot, so that one lost and one spurious dot together never turn a code into another.
+- A code dot is on the lattice, at least 5 mm from every template dot and from every other code dot.
+- A and E remain the only two dots that are farthest apart.
+- No wrong reading: take any five of the eight dots for A B C D E, in any order; the remaining three never look like a
+  code (`clean_margins`).
+- Two codes share at most one dot, so that one lost and one spurious dot together never turn a code into another.
 """
 
 import itertools
@@ -62,6 +62,13 @@ def clean_margins(triples: IntArray, places: FloatArray) -> FloatArray:
     A reading takes five of the eight dots for A B C D E; it is wrong unless all five are right. Its misfit is that
     of the affine map onto the template (rms) or of the remaining dots from the lattice (largest), whichever
     exceeds its tolerance more. Mirrored readings and views steeper than 80 degrees do not count.
+
+    Parameters
+    ----------
+    triples
+        The codes, (m, 3) indices into `places`.
+    places
+        Places of the lattice, (n, 2) mm.
     """
     readings = np.array(list(itertools.permutations(range(8), 5)))
     right = (readings == np.arange(5)).all(axis=1)
@@ -123,9 +130,9 @@ def _margins(triples, places, template, readings, tolerances, flattest):
 def generate_codes() -> FloatArray:
     """The code book: dots M1 M2 M3 of each code, (344, 3, 2) mm on the 28 mm sticker, the most open codes first.
 
-    Greedy, skipping codes that share two dots with one taken, in order of decreasing distance of their closest dots
-    (it decides how steeply a target can be seen before dots merge: the first 214 keep 5.59 mm or more), then of
-    decreasing margin, then lexical.
+    Greedy, skipping codes that share two dots with one taken. Codes are tried in order of decreasing distance of their
+    closest dots, then of decreasing margin, then lexical. That distance decides how steeply a target can be seen before
+    dots merge; the first 214 codes keep 5.59 mm or more.
     """
     places = lattice()
     triples = admissible_triples(places)

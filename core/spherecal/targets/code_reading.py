@@ -49,13 +49,35 @@ RMS_MM, CODE_MM, SMALLEST, LARGEST, SHAPE = range(5)
 
 @njit(nogil=True, cache=True, error_model="numpy")
 def tolerance(view, millimetres):
-    """A tolerance with the noise of blob centres, as seen along the tilt, added."""
+    """A tolerance in mm with the noise of blob centres, as seen along the tilt, added.
+
+    Parameters
+    ----------
+    view
+        The view of the sticker, (VIEW_SIZE,), see sticker_view.py.
+    millimetres
+        The tolerance without that noise.
+    """
     return millimetres + _CENTRE_NOISE_PX / (view[sv.SCALE] * view[sv.COSINE])
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
 def fits_view(uv, moments, area, blobs, places, with_sag, camera, exactness, view):
-    """Whether the blobs (n,) lie where a view of a sticker puts `places` (n, 2), and look like its dots there."""
+    """Whether blobs are where a view of a sticker puts its dots, and look like its dots there.
+
+    Parameters
+    ----------
+    uv, moments, area
+        All blobs of the image: centres (b, 2) px, central moments xx xy yy (b, 3) px^2, areas (b,) px^2.
+    blobs, places
+        Indices (n,) of the blobs to test, and the places (n, 2) in mm of the dots they are taken for.
+    with_sag, camera
+        Whether to fit the sag too; focal length and centre u, v in px: see `fit_view`.
+    exactness
+        Limits (5,) in the order of RMS_MM, CODE_MM, SMALLEST, LARGEST, SHAPE.
+    view
+        Output: the fitted view, (VIEW_SIZE,).
+    """
     n = len(blobs)
     points = np.empty((n, 2))
     mean_area, xx, xy, yy = 0.0, 0.0, 0.0, 0.0
@@ -79,10 +101,24 @@ def fits_view(uv, moments, area, blobs, places, with_sag, camera, exactness, vie
 
 @njit(nogil=True, cache=True, error_model="numpy")
 def may_be_template(uv, area, near, pivot, au, av, along, across, exactness, most, half):
-    """Whether an affine view with A at (au, av) and the steps `along` A-E and `across` B-C, px, may be a sticker's.
+    """Whether an affine view with dots at given places of the image may be a sticker's; a quick look before the fit.
 
-    A quick look before the fit: the pivot is as large as a dot there, and no more than `most` blobs other than the
-    template's lie in the square of half width `half` mm about its middle.
+    It may be where the pivot is as large as a dot there, and few other blobs are in the middle of the sticker.
+
+    Parameters
+    ----------
+    uv, area
+        All blobs of the image: centres (b, 2) px and areas (b,) px^2.
+    near, pivot
+        Indices of the blobs around, and of the blob whose size counts.
+    au, av
+        Where A is, px.
+    along, across
+        The steps from A to E and from B to C, (2,) px each.
+    exactness
+        Limits (5,), see `fits_view`.
+    most, half
+        At most so many blobs of `near` may be in the square of half width `half` mm about the middle of A-E.
     """
     cross = along[0] * across[1] - along[1] * across[0]
     ratio = area[pivot] * _A_E_BY_B_C_MM2 / (np.pi * _RADIUS_MM**2 * max(cross, 1e-9))
@@ -103,16 +139,37 @@ def may_be_template(uv, area, near, pivot, au, av, along, across, exactness, mos
 
 @njit(nogil=True, cache=True, error_model="numpy")
 def is_on_sheet(view, u, v):
-    """Whether a place in the image is one on the sticker, so that a blob there is a dot of it."""
+    """Whether a place in the image is one on the sticker, so that a blob there is a dot of it.
+
+    Parameters
+    ----------
+    view
+        The view of the sticker, (VIEW_SIZE,).
+    u, v
+        The place, px.
+    """
     x, y = place_of(view, u, v)
     return max(abs(x), abs(y)) <= _SHEET_MM
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
 def read_code(uv, near, five, view, places, reach_mm, code, blobs):
-    """Blobs on the sticker other than the `five`: their number, places into `code` (3,) and indices into `blobs` (3,).
+    """The number of blobs on the sticker other than its template dots, at most 3; -1 if they are no code.
 
-    -1 if one of them lies at no place of a code dot, two at the same place, or there are more than three.
+    They are none if one of them is at no place of a code dot, two are at the same place, or there are more than three.
+
+    Parameters
+    ----------
+    uv, near
+        Centres of all blobs (b, 2) px, and indices of those around.
+    five
+        Indices (5,) of the template dots A to E, `MISSING` for none.
+    view
+        The view of the sticker, (VIEW_SIZE,).
+    places, reach_mm
+        Places (k, 2) mm of code dots, and how far a blob may be from its place.
+    code, blobs
+        Output: indices of the places (3,) and of the blobs (3,), as many as are returned.
     """
     hits = 0
     reach = tolerance(view, reach_mm)
@@ -139,7 +196,25 @@ def read_code(uv, near, five, view, places, reach_mm, code, blobs):
 
 @njit(nogil=True, cache=True, error_model="numpy")
 def fits_layout(uv, moments, area, five, code_blobs, hits, target, lookup, exactness, row, view):
-    """Whether all dots fit the target's own layout; writes the group's row, each code dot as the one nearest to it."""
+    """Whether all dots fit the target's own layout; writes the group's row, each code dot as the one nearest to it.
+
+    Parameters
+    ----------
+    uv, moments, area
+        All blobs of the image, see `fits_view`.
+    five
+        Indices (5,) of the template dots A to E, `MISSING` for none.
+    code_blobs, hits
+        Indices of the code dots, of which the first `hits` count.
+    target, lookup
+        Index of the target in the code table, and the table's arrays.
+    exactness
+        Limits (5,), see `fits_view`.
+    row
+        Output: the target and its eight blobs in the order of DOTS, `MISSING` for none, (9,).
+    view
+        Output: the fitted view, (VIEW_SIZE,).
+    """
     row[0] = target
     row[6], row[7], row[8] = MISSING, MISSING, MISSING
     for k in range(5):

@@ -20,7 +20,9 @@ class CodeTable:
 
     `layouts` (n, 8, 2) are the targets `ids` (n,) in the order of DOTS; `template` (5, 2) is the mean of their A to E;
     `places` (k, 2) are all places of code dots. `by_triple` (k, k, k) and `by_pair` (k, k) give the index of the target
-    whose code dots lie at these places in ascending order: -1 none, -2 (pairs only) several. `dot_radius` likewise.
+    whose code dots are at these places in ascending order. There -1 is none and -2 (pairs only) several. `dot_radius`
+    is
+    in the same unit as the places.
     """
 
     ids: IntArray
@@ -34,7 +36,13 @@ class CodeTable:
 
 
 def code_table(target_set: TargetSet) -> CodeTable:
-    """The tables of a target set; InputError where it is not of family dots8 or two targets cannot be distinguished."""
+    """The tables of a target set of family dots8.
+
+    Raises
+    ------
+    InputError
+        Where the set is empty, not of family dots8, or two of its targets cannot be distinguished.
+    """
     unit = target_set.size_mm / SIZE_MM
     ids = np.array(sorted(target_set.layouts))
     if not len(ids):

@@ -57,10 +57,24 @@ def tile_extremes(image):
 
 @njit(nogil=True, cache=True)
 def label_components(image, threshold, active, least, most, most_runs):
-    """Components above `threshold` (tiles) in the `active` tiles: sums (n, 11), and runs (m, 4) row x0 x1 component.
+    """Components above a threshold in the active tiles: sums (n, 11), and runs (m, 4) row x0 x1 component.
 
-    Of components with fewer pixels than `least` nothing is kept, their runs belong to component -1; of those with more
-    than `most` the area only: most of a textured image lies in these two. `most_runs` bounds m.
+    Most of a textured image is in components that are too small or too large. Of these little or nothing is kept.
+
+    Parameters
+    ----------
+    image
+        Grey image, (h, w).
+    threshold
+        Threshold at the centres of the tiles, linear between them.
+    active
+        Which tiles to look at.
+    least
+        Of components with fewer pixels nothing is kept; their runs belong to component -1.
+    most
+        Of components with more pixels only the area is kept.
+    most_runs
+        Bound of m.
     """
     height, width = image.shape
     tile_rows, columns = threshold.shape

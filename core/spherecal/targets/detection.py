@@ -2,7 +2,7 @@
 
 Blobs are found (blobs.py), grouped to targets and decoded (grouping.py), their dots fitted (refinement.py). The image
 points are those of the centres of the dots' rims: perspective eccentricity is taken out. On a ball of radius R the rim
-of a dot of radius r lies r^2 / 2R below its surface, 4.5 um here, the same for all dots: a bundle of rays takes that up
+of a dot of radius r is r^2 / 2R below its surface, 4.5 um here, the same for all dots. A bundle of rays takes that up
 as a slightly smaller ball.
 """
 
@@ -36,7 +36,7 @@ _GUESSED, _GIVEN = 0.2, 0.03
 class DetectionSettings:
     """What is known about the camera: focal length and principal point in px; None takes usual values.
 
-    `image_size` (width, height), where given, must be that of the image. Dots in `ignore` are no dots.
+    `image_size` (width, height), where given, must be that of the image. Dots within `ignore` are left out.
     """
 
     focal_px: float | None = None
@@ -49,10 +49,20 @@ class DetectionSettings:
 class Detections(ByValue):
     """The targets of one image, and their dots as rows.
 
-    Dots, m rows sorted by target then point: `target` (m,) id, `point` (m,) index into `points`, `uv` (m, 2) px with
-    (0, 0) the centre of the top left pixel, `sigma_uv` (m, 2) standard uncertainty px. Targets, n of them, by id:
-    `target_ids` (n,), `misfit` (n,) rms of the fit's residuals over their expected noise (1 is perfect; above 3 a
-    target is scratched or blurred oddly), `tilt_deg` (n,) against the line of sight, `blur_px` (n,) standard deviation.
+    Dots, m rows sorted by target then point:
+
+    - `target` (m,) id.
+    - `point` (m,) index into `points`.
+    - `uv` (m, 2) px with (0, 0) the centre of the top left pixel.
+    - `sigma_uv` (m, 2) standard uncertainty px.
+
+    Targets, n of them, by id:
+
+    - `target_ids` (n,).
+    - `misfit` (n,) rms of the fit's residuals over their expected noise. 1 is perfect; above 3 a target is scratched or
+      blurred oddly.
+    - `tilt_deg` (n,) against the line of sight.
+    - `blur_px` (n,) standard deviation.
     """
 
     points: tuple[str, ...]
@@ -70,7 +80,13 @@ class Detections(ByValue):
 
 
 class Detector:
-    """Finds the targets of one set in images; keeps the set's tables, which take longer to make than to use."""
+    """Finds the targets of one set in images; keeps the set's tables, which take longer to make than to use.
+
+    Raises
+    ------
+    InputError
+        For a set that is neither of markers nor of family dots8, or whose targets cannot be distinguished.
+    """
 
     def __init__(self, target_set: TargetSet) -> None:
         self._markers = target_set if target_set.dictionary is not None else None
@@ -80,7 +96,15 @@ class Detector:
         self._dark_on_light = target_set.polarity == "dark-on-light"
 
     def detect(self, image: GreyImage, settings: DetectionSettings | None = None) -> Detections:
-        """The targets in a grey image (h, w), uint8 or uint16."""
+        """The targets in a grey image.
+
+        Parameters
+        ----------
+        image
+            Grey image (h, w), uint8 or uint16.
+        settings
+            What is known of the camera; None is nothing.
+        """
         # a part of an image or one that is read-only has a type of its own: each kernel would be compiled once more
         image = np.require(image, requirements=["C", "W"])
         if self._markers is not None:
@@ -119,7 +143,22 @@ class Detector:
 
 
 def detect(image: GreyImage, target_set: TargetSet, settings: DetectionSettings | None = None) -> Detections:
-    """The targets of a set in one grey image (h, w); for many images keep a `Detector`."""
+    """The targets of a set in one grey image; for many images keep a `Detector`.
+
+    Parameters
+    ----------
+    image
+        Grey image (h, w), uint8 or uint16.
+    target_set
+        The targets to look for.
+    settings
+        What is known of the camera; None is nothing.
+
+    Raises
+    ------
+    InputError
+        For a set that is neither of markers nor of family dots8, or whose targets cannot be distinguished.
+    """
     return Detector(target_set).detect(image, settings)
 
 

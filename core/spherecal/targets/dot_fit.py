@@ -3,11 +3,12 @@
 Light of a dot at pixel x:  (b + a m) (1 + g . (x - c)) + a blur^2 g . grad m,  m as in blurred_ellipse.py
 
 with the centre c, amplitude a and background b of each dot. Shape and tilt of the ellipses come from the sticker's view
-(sticker_view.py) and are not free: that is what keeps a steep dot's shape apart from its amplitude. Shared by a sticker
-are the blur, the dots' growth (ink gain) and the slope g of the light, which is that of the plane through the eight
-amplitudes: left out it shifts a dot by up to 0.01 px, free per dot it doubles the variance. Pixels belong to the next
-dot, and the light of its neighbours is taken off. Gauss-Newton with iterated weights: the camera's noise times Cauchy's
-weight, which drops what scratches and highlights add.
+(sticker_view.py) and are not free: that is what keeps a steep dot's shape apart from its amplitude.
+
+Shared by a sticker are the blur, the dots' growth (ink gain) and the slope g of the light. The slope is that of the
+plane through the eight amplitudes: left out it shifts a dot by up to 0.01 px, free per dot it doubles the variance.
+Pixels belong to the next dot, and the light of its neighbours is taken off. Gauss-Newton with iterated weights: the
+camera's noise times Cauchy's weight, which drops what scratches and highlights add.
 """
 
 import math
@@ -57,12 +58,34 @@ _FLAT = 0.02  # change of m per px below which a pixel shows noise rather than m
 def fit_sticker(  # noqa: C901, PLR0912 - one kernel: its arrays live through all steps
     image, layout, radius, view, present, top, clip, noise, prior, steps, dots, shared, covariance, bins
 ):
-    """Fit the dots of one sticker from the start in `dots` (8, 4) and `shared` (5,), both overwritten.
+    """Fit the dots of one sticker; False if a dot is lost (too few pixels, or it wandered off).
 
-    `noise` (3,): variance = noise[0] + noise[1] * light, at least noise[2]. `top`: largest grey value; `clip`: that at
-    which pixels are saturated, or infinite. `prior` (2,): standard deviations of blur (px), growth about their start.
-    `covariance` (8, 3) gets uu uv vv in px^2, of noise and misfit; `bins` (BINS, 3) sums light, squared residual and
-    number of flat pixels by light. Returns False if a dot is lost (too few pixels, or it wandered off).
+    Parameters
+    ----------
+    image
+        Grey image, (h, w).
+    layout, radius
+        Places (8, 2) and radius of the dots, in the unit of the view.
+    view
+        View of the sticker, (VIEW_SIZE,), see sticker_view.py.
+    present
+        Which dots to fit, (8,).
+    top, clip
+        Largest grey value of the image; that at which pixels are saturated, or infinite.
+    noise
+        (3,): variance = noise[0] + noise[1] * light, at least noise[2], grey^2.
+    prior
+        Standard deviations of blur (px) and growth about their start, (2,).
+    steps
+        Most Gauss-Newton steps.
+    dots, shared
+        The start, overwritten: centre (px), amplitude and background (grey) of the dots (8, 4); blur (px), growth,
+        slopes
+        (grey/px) and misfit of the sticker (5,).
+    covariance
+        Output: uu uv vv of the centres, (8, 3) px^2, of noise and misfit.
+    bins
+        Sums by light, added to: light, squared residual and number of flat pixels, (BINS, 3).
     """
     shapes = np.empty((8, _SHAPE_SIZE))
     for k in range(8):

@@ -1,9 +1,9 @@
 """What the refined dots of a reading have to prove before its id is believed.
 
 Eight dots prove their code: a single dot lost and another added makes no other code. But at steep views a millimetre on
-the sticker is half a pixel, and the search has to be wide; there dots that neither lie where they were printed nor
-look like dots are no target. Seven dots prove less. A speck that passes for a dot, on a sticker that lost two of its
-code dots, reads as another target if it lies where that one has a dot; so the dots have to lie there as exactly as
+the sticker is half a pixel, and the search has to be wide. There a reading is no target whose dots neither are where
+they were printed nor look like dots. Seven dots prove less. A speck that passes for a dot, on a sticker that lost two
+of its code dots, reads as another target if it is where that one has a dot. So the dots have to be there as exactly as
 stickers are printed, look like dots, and be as large as dots.
 """
 
@@ -37,9 +37,20 @@ _SIZES = 0.8, 1.35
 
 
 def proven(dots: Dots, layouts: FloatArray, views: FloatArray, complete: BoolArray, camera: FloatArray) -> BoolArray:
-    """Which readings are targets (n,): refined dots against layouts (n, 8, 2) in mm for a 28 mm sticker.
+    """Which readings are targets, (n,).
 
-    `views` (n, VIEW_SIZE) and `camera` (3,) as sticker_view.py has them; `complete` (n,): all eight dots were read.
+    Parameters
+    ----------
+    dots
+        The refined dots of n readings.
+    layouts
+        Places of their dots, (n, 8, 2) mm for a 28 mm sticker.
+    views
+        Views of the stickers, (n, VIEW_SIZE), see sticker_view.py.
+    complete
+        Whether all eight dots were read, (n,).
+    camera
+        Focal length and centre u, v in px, (3,).
     """
     holds = np.zeros(len(layouts), dtype=bool)
     for i, (uv, layout) in enumerate(zip(dots.uv, layouts, strict=True)):

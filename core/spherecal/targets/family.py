@@ -1,10 +1,10 @@
 """The target family dots8: eight dots on a square sticker, five the same on all of them and three that carry the id.
 
 Places are those of the 28 mm sticker, x right and y down as printed (docs/conventions.md); other sizes scale. The
-template lets a decoder start from one dot: D divides the diagonal A-E at 5/8 and the middle of B-C lies on it at 3/4.
+template lets a decoder start from one dot: D divides the diagonal A-E at 5/8 and the middle of B-C is on it at 3/4.
 It has no other symmetry than that about A-E. A target seen in a mirror therefore shows the template with another code,
-which is that of another target for 18 of 100 (benchmarks/studies/detection.md): one image does not distinguish them
-from real ones, an adjusted network does, as its targets come out inside out (diagnose/checks.py, finding "mirrored").
+which is that of another target for 18 of 100 (benchmarks/studies/detection.md). One image does not distinguish them
+from real ones. An adjusted network does, as its targets come out inside out (diagnose/checks.py, finding "mirrored").
 """
 
 import json
@@ -47,9 +47,21 @@ def code_book() -> FloatArray:
 def make_target_set(
     count: int = 200, size_mm: float = SIZE_MM, polarity: Polarity = "light-on-dark", start_id: int = 1
 ) -> TargetSet:
-    """The targets with ids start_id .. start_id + count - 1 of family dots8, printed `size_mm` wide.
+    """The targets with ids start_id .. start_id + count - 1 of family dots8.
 
-    Dot diameter and places scale with the size. InputError for ids that the family does not have or no size.
+    Parameters
+    ----------
+    count, start_id
+        How many targets, and the id of the first.
+    size_mm
+        Width of a sticker; dot diameter and places scale with it.
+    polarity
+        Light dots on dark stickers, or dark on light.
+
+    Raises
+    ------
+    InputError
+        For ids that the family does not have, or a size that is not positive.
     """
     last_id = start_id + count - 1
     if count < 1 or start_id < 1 or last_id > CODE_COUNT:

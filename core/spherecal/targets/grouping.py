@@ -1,8 +1,8 @@
 """Groups of blobs that are targets: the template found dot by dot, and the code read with error detection.
 
-A blob is taken for D; two others on opposite sides for A and E, at 5/8 of the way; two more for B and C, with their
-middle at 3/4 of it. The five must fit a view of a flat or bent sticker, and the remaining blobs on the sticker must be
-three that lie at the places of a code.
+A blob is taken for D; two others on opposite sides for A and E, at 5/8 of the way. Two more are taken for B and C, with
+their middle at 3/4 of it. The five must fit a view of a flat or bent sticker, and the remaining blobs on the sticker
+must be three that are at the places of a code.
 """
 
 from dataclasses import dataclass
@@ -68,10 +68,19 @@ class DecodedTargets:
 
 
 def find_groups(blobs: Blobs, table: CodeTable, camera: FloatArray) -> DecodedTargets:
-    """All targets among the blobs of an image; `camera` (3,) is its rough focal length and centre in px.
+    """All targets among the blobs of an image; targets with all dots come first.
 
-    Each blob serves one target and each target is found once at most: where two groups claim the same blob the one
-    that fits better stays, and where two groups read the same id neither does. Targets with all dots come first.
+    Each blob serves one target and each target is found once at most. Where two groups claim the same blob the one that
+    fits better is kept; where two groups read the same id neither is.
+
+    Parameters
+    ----------
+    blobs
+        The blobs of the image.
+    table
+        The targets to look for.
+    camera
+        Rough focal length and centre u, v in px, (3,).
     """
     lookup = CodeLookup(table.template, table.places, table.by_triple, table.by_pair, table.layouts, camera)
     start, order = sort_into_cells(blobs.uv)

@@ -42,7 +42,13 @@ class ImageFacts:
 
 
 def image_facts(path: Path) -> ImageFacts:
-    """The facts of a PNG, TIFF, JPEG, BMP or PNM file; its pixels are not decoded. InputError where it is none."""
+    """The facts of a PNG, TIFF, JPEG, BMP or PNM file; its pixels are not decoded.
+
+    Raises
+    ------
+    InputError
+        Where it is no such file.
+    """
     data = read_file(path, _MOST_BYTES)
     try:
         with warnings.catch_warnings():

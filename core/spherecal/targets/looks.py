@@ -26,8 +26,11 @@ _MOST_RING = 0.6
 class Looks(NamedTuple):
     """The properties of a blob that decide whether it may be a dot of the same sticker as another, (n,) each.
 
-    `area` px^2, `contrast` grey over its ring; `ground` grey of the ring; shape as the ellipse's elongation 0 to 1
-    along the image's axes and diagonals (`straight`, `slanted`); `clean`: its ring is that of a dot on black paper.
+    - `area` in px^2.
+    - `contrast` in grey over its ring.
+    - `ground`, grey of the ring.
+    - `straight`, `slanted`: the ellipse's elongation 0 to 1 along the image's axes and diagonals.
+    - `clean`: its ring is that of a dot on black paper.
     """
 
     area: FloatArray
@@ -39,7 +42,15 @@ class Looks(NamedTuple):
 
 
 def looks_of(image: NDArray[Any], rows: FloatArray) -> Looks:
-    """The looks of blobs in their image; rows u v xx xy yy area peak (n, 7)."""
+    """The looks of blobs in their image.
+
+    Parameters
+    ----------
+    image
+        Grey image, (h, w).
+    rows
+        The blobs: u v xx xy yy area peak, (n, 7).
+    """
     uv, moments = np.ascontiguousarray(rows[:, 0:2]), np.ascontiguousarray(rows[:, 2:5])
     area, peak = np.ascontiguousarray(rows[:, 5]), np.ascontiguousarray(rows[:, 6])
     ground, bright = _rings(image, uv, moments)
@@ -56,7 +67,15 @@ def joined(parts: Sequence[Looks]) -> Looks:
 
 @njit(nogil=True, cache=True, error_model="numpy")
 def are_alike(looks, i, d, likeness):
-    """Whether blobs i and d may be dots of one sticker."""
+    """Whether blobs i and d may be dots of one sticker.
+
+    Parameters
+    ----------
+    looks, i, d
+        The looks of all blobs, and the two.
+    likeness
+        Limits (4,) in the order of AREA, CONTRAST, SHAPE, GROUND.
+    """
     ratio = looks.area[i] / looks.area[d]
     if not 1 / likeness[AREA] < ratio < likeness[AREA]:
         return False

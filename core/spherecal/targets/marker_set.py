@@ -28,7 +28,13 @@ def dictionary_names() -> tuple[str, ...]:
 
 
 def marker_dictionary(name: str) -> "cv2.aruco.Dictionary":
-    """OpenCV's dictionary of this name; InputError where there is none."""
+    """OpenCV's dictionary of this name.
+
+    Raises
+    ------
+    InputError
+        Where there is none.
+    """
     import cv2
 
     if name not in dictionary_names():
@@ -44,10 +50,23 @@ def marker_count(name: str) -> int:
 def make_marker_set(
     dictionary: str, size_mm: float, ids: Sequence[int] | None = None, polarity: Polarity = "dark-on-light"
 ) -> TargetSet:
-    """Markers of a dictionary, the black square `size_mm` wide; `ids` None takes all.
+    """Markers of a dictionary as targets; points 0 to 3 are the corners of the black square.
 
-    Points 0 to 3 are the corners of the black square. InputError for a dictionary that OpenCV does not have, ids that
-    the dictionary does not have and no size.
+    Parameters
+    ----------
+    dictionary
+        Name of OpenCV's dictionary.
+    size_mm
+        Side of the black square.
+    ids
+        The markers; None takes all.
+    polarity
+        Dark markers on light, or light on dark.
+
+    Raises
+    ------
+    InputError
+        For a dictionary that OpenCV does not have, ids that it does not have, or a size that is not positive.
     """
     count = marker_count(dictionary)
     chosen = range(count) if ids is None else ids
@@ -63,14 +82,24 @@ def make_marker_set(
 
 
 def marker_bits(dictionary: str, marker: int, border: int = BORDER_BITS) -> FloatArray:
-    """The cells (n, n) of a marker with its border, 0 black, 1 white."""
+    """The cells (n, n) of a marker with its border, 0 black, 1 white.
+
+    Parameters
+    ----------
+    dictionary
+        Name of OpenCV's dictionary.
+    marker
+        Id of the marker.
+    border
+        Width of its black border in cells.
+    """
     found = marker_dictionary(dictionary)
     side = found.markerSize + 2 * border
     return (np.asarray(found.generateImageMarker(marker, side, borderBits=border)) > 127).astype(float)
 
 
 def sticker_mm(target_set: TargetSet) -> float:
-    """Side of a sticker as printed: of a marker with a blank edge as wide as one of its cells."""
+    """Side in mm of a sticker as printed; that of a marker has a blank edge as wide as one of its cells."""
     if target_set.dictionary is None:
         return target_set.size_mm
     cells = marker_dictionary(target_set.dictionary).markerSize + 2 * BORDER_BITS

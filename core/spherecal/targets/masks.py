@@ -1,4 +1,4 @@
-"""Parts of an image in which nothing is looked for: reflections of the ball, targets that lie about."""
+"""Parts of an image in which nothing is looked for: reflections of the ball, targets that are elsewhere in the room."""
 
 from collections.abc import Sequence
 
@@ -11,7 +11,15 @@ Rectangle = tuple[float, float, float, float]
 
 
 def masked(uv: FloatArray, rectangles: Sequence[Rectangle]) -> BoolArray:
-    """Which of the places (..., 2) px lie in one of the rectangles, borders included; NaN lies in none."""
+    """Which of some places (...,) are in one of the rectangles, borders included; NaN is in none.
+
+    Parameters
+    ----------
+    uv
+        The places, (..., 2) px.
+    rectangles
+        Left, top, width and height of each, px.
+    """
     inside = np.zeros(uv.shape[:-1], dtype=bool)
     for left, top, width, height in rectangles:
         low = np.array([left, top])

@@ -2,7 +2,7 @@
 
 Two codes share at most one dot, so two code dots still determine the code where the template is complete; with a
 template dot missing all three are asked for. Either way the seven dots must fit three times as well as eight need to,
-no other blob may lie on the sticker, and two different readings of the same dots refute each other.
+and no other blob may be on the sticker. Two different readings of the same dots refute each other.
 """
 
 import numpy as np
@@ -69,7 +69,26 @@ _ON_LINE = (
 def find_partial_groups(
     blobs: Blobs, scales: FloatArray, start: IntArray, order: IntArray, rows: IntArray, lookup: CodeLookup
 ) -> tuple[IntArray, FloatArray]:
-    """Rows and views of targets with one dot missing; `rows` are those of the complete ones."""
+    """Targets with one dot missing among the blobs that complete targets leave.
+
+    Parameters
+    ----------
+    blobs
+        The blobs of the image.
+    scales
+        Scale of each blob (n,) in px/mm, if it is a dot.
+    start, order
+        The blobs by cells, from `sort_into_cells`.
+    rows
+        Rows (m, 9) of the complete targets.
+    lookup
+        Arrays of the code table, and the camera.
+
+    Returns
+    -------
+    rows, views
+        Target and eight blobs (k, 9), `MISSING` for none, and views of the stickers (k, VIEW_SIZE).
+    """
     free = np.ones(len(blobs), dtype=bool)
     free[rows[:, 1:].ravel()] = False
     seen = np.zeros(len(lookup.layouts), dtype=bool)

@@ -1,7 +1,8 @@
 """PGM and PPM files as raw pixels: Pillow stretches the grey values of 10, 12 and 14 bits to the full scale of 16.
 
-Format: netpbm, pgm(5) and ppm(5): magic number, width, height, largest value, one white space, then the samples, 16-bit
-ones with the high byte first; text (P2, P3) or binary (P5, P6). Comments run from # to the end of the line.
+Format: netpbm, pgm(5) and ppm(5). It has magic number, width, height, largest value, one white space, then the
+samples, 16-bit ones with the high byte first; text (P2, P3) or binary (P5, P6). Comments run from # to the end of the
+line.
 """
 
 import re
@@ -18,7 +19,10 @@ _HEADER = re.compile(rb"P([2356])" + 3 * (_GAP + rb"(\d+)") + rb"\s")
 def read_pnm(data: bytes) -> NDArray[Any] | None:
     """Grey values (h, w), uint8 or uint16, of a PGM or PPM file, colour as luminance; None for any other file.
 
-    ValueError where samples are missing or exceed the largest value.
+    Raises
+    ------
+    ValueError
+        Where samples are missing or exceed the largest value.
     """
     header = _HEADER.match(data)
     if header is None:

@@ -43,7 +43,19 @@ class Found:
 
 
 def detect_predicted(image: GreyImage, expected: Expected, table: CodeTable, camera: Sequence[float]) -> Found:
-    """The expected targets that the image really shows; camera: focal length and centre in px."""
+    """The expected targets that the image really shows, with all dots that were expected of each.
+
+    Parameters
+    ----------
+    image
+        Grey image, (h, w).
+    expected
+        Targets to look for, and targets found before.
+    table
+        The target set.
+    camera
+        Focal length and centre u, v in px.
+    """
     image = np.require(image, requirements=["C", "W"])  # as in detection.py: one type of image
     ids = np.concatenate([expected.known, expected.targets])
     uv = np.concatenate([expected.known_uv, expected.uv])

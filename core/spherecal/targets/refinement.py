@@ -1,6 +1,6 @@
 """Sub-pixel dots of all targets of an image: two passes of dot_fit.py with the image's own noise and blur.
 
-The first pass, over the stickers seen most squarely, with the noise guessed, estimates the noise of the camera
+The first pass is over the stickers seen most squarely, with the noise guessed. It estimates the noise of the camera
 (variance = constant + gain * light, from flat pixels) and the usual blur and growth of dots in this image. The second
 starts from these.
 """
@@ -50,11 +50,22 @@ class Dots:
 def refine(
     image: GreyImage, uv: FloatArray, layouts: FloatArray, radius: float, views: FloatArray, focal_error: float
 ) -> Dots:
-    """Fit the dots of n targets, starting from `uv` (n, 8, 2) px, NaN where a dot is to be left out.
+    """The dots of n targets, fitted to the image; a target whose fit fails has no dots.
 
-    `layouts` (n, 8, 2), `radius` and `views` (n, VIEW_SIZE) in the same unit. `focal_error` is the relative standard
-    uncertainty of the focal length that the views were made with. Dots may be brighter or darker than their
-    background. A target whose fit fails comes back without dots.
+    Dots may be brighter or darker than their background.
+
+    Parameters
+    ----------
+    image
+        Grey image, (h, w).
+    uv
+        Where to start, (n, 8, 2) px, NaN where a dot is to be left out.
+    layouts, radius
+        Places (n, 8, 2) and radius of the dots, in the unit of the views.
+    views
+        Views of the stickers, (n, VIEW_SIZE), see sticker_view.py.
+    focal_error
+        Relative standard uncertainty of the focal length that the views were made with.
     """
     n = len(uv)
     present = np.isfinite(uv[..., 0])

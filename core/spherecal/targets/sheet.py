@@ -41,21 +41,53 @@ class Drawing:
     height_mm: float
 
     def line(self, x0: float, y0: float, x1: float, y1: float, width_mm: float = _HAIRLINE_MM) -> None:
-        """A black line."""
+        """A black line.
+
+        Parameters
+        ----------
+        x0, y0, x1, y1
+            Its ends in mm.
+        width_mm
+            Its width.
+        """
         ends = (x0 * MM, (self.height_mm - y0) * MM, x1 * MM, (self.height_mm - y1) * MM)
         self.canvas.line(*ends, width_mm * MM)
 
     def square(self, x: float, y: float, size_mm: float, grey: float) -> None:
-        """A filled square with its top left corner at (x, y); grey 0 is black, 1 white."""
+        """A filled square.
+
+        Parameters
+        ----------
+        x, y, size_mm
+            Its top left corner in mm, and its side.
+        grey
+            0 is black, 1 white.
+        """
         self.rectangle(x, y, size_mm, size_mm, grey)
 
     def rectangle(self, x: float, y: float, width_mm: float, height_mm: float, grey: float) -> None:
-        """A filled rectangle with its top left corner at (x, y)."""
+        """A filled rectangle.
+
+        Parameters
+        ----------
+        x, y, width_mm, height_mm
+            Its top left corner in mm, and its size.
+        grey
+            0 is black, 1 white.
+        """
         bottom = (self.height_mm - y - height_mm) * MM
         self.canvas.rectangle(x * MM, bottom, width_mm * MM, height_mm * MM, grey)
 
     def disc(self, x: float, y: float, diameter_mm: float, grey: float) -> None:
-        """A filled circle about (x, y)."""
+        """A filled circle.
+
+        Parameters
+        ----------
+        x, y, diameter_mm
+            Its centre in mm, and its diameter.
+        grey
+            0 is black, 1 white.
+        """
         self.canvas.disc(x * MM, (self.height_mm - y) * MM, diameter_mm / 2 * MM, grey)
 
     def text(
@@ -68,18 +100,48 @@ class Drawing:
         grey: float = 0.0,
         turn_deg: float = 0.0,
     ) -> None:
-        """A line of text that starts at x with its base line at y, turned counter-clockwise."""
+        """A line of text.
+
+        Parameters
+        ----------
+        x, y
+            Where its base line starts, in mm.
+        text
+            The text.
+        size_pt, bold
+            Size of the font in points, and whether it is bold.
+        grey
+            0 is black, 1 white.
+        turn_deg
+            Turn of the base line, counter-clockwise.
+        """
         self.canvas.text(x * MM, (self.height_mm - y) * MM, text, size_pt, bold, grey, turn_deg)
 
 
 def write_sheet(
     path: Path, target_set: TargetSet, page: Page = "A4", start_id: int | None = None, count: int | None = None
 ) -> None:
-    """Write the targets from `start_id` on (`count` of them; both default to all) as a PDF of stickers to print.
+    """Write targets as a PDF of stickers to print; its first page says how to print, measure and place them.
 
-    The first page says how to print, measure and place them. The file is written whole or not at all, and the same
-    targets give the same bytes. InputError for ids the set does not have or an unknown page, OutputError where
-    the file cannot be written.
+    The file is written whole or not at all, and the same targets give the same bytes.
+
+    Parameters
+    ----------
+    path
+        The file.
+    target_set, page
+        The targets, and the size of the pages.
+    start_id
+        The first target; None begins with the first of the set.
+    count
+        How many targets; None writes all from there on.
+
+    Raises
+    ------
+    InputError
+        For ids that the set does not have, an unknown page, or stickers too large for the page.
+    OutputError
+        Where the file cannot be written.
     """
     from spherecal.targets.sheet_instructions import draw_instructions
 
@@ -107,7 +169,20 @@ def write_sheet(
 
 
 def sticker_places(page: Page, size_mm: float) -> list[tuple[float, float]]:
-    """Top left corners of the stickers on one page, in mm, row by row; InputError if not even one fits."""
+    """Top left corners of the stickers on one page, in mm, row by row.
+
+    Parameters
+    ----------
+    page
+        Size of the page.
+    size_mm
+        Side of a sticker.
+
+    Raises
+    ------
+    InputError
+        If not even one fits.
+    """
     width, height = PAGE_SIZES_MM[page]
     left, top = _MARGIN_MM + _RULER_BAND_MM, _MARGIN_MM
     pitch = size_mm + _GAP_MM
@@ -119,7 +194,17 @@ def sticker_places(page: Page, size_mm: float) -> list[tuple[float, float]]:
 
 
 def draw_sticker(drawing: Drawing, target_set: TargetSet, target: int, x: float, y: float) -> None:
-    """One target with its sticker's top left corner at (x, y) mm."""
+    """Draw one target.
+
+    Parameters
+    ----------
+    drawing
+        Where to draw.
+    target_set, target
+        The set, and the target's id.
+    x, y
+        Top left corner of its sticker, mm.
+    """
     if target_set.dictionary is not None:
         _draw_marker(drawing, target_set, target, x, y)
         return
@@ -142,10 +227,21 @@ def _draw_marker(drawing: Drawing, target_set: TargetSet, target: int, x: float,
 
 
 def scaled(target_set: TargetSet, measured_horizontal_mm: float, measured_vertical_mm: float) -> TargetSet:
-    """The target set as it came out of the printer whose 100 mm rulers measure these lengths.
+    """The target set as it came out of the printer whose 100 mm rulers measure given lengths.
 
-    Dot places are stretched in x and y, diameter and size by the mean of both. InputError for lengths that are off by
-    more than 5 %.
+    Dot places are stretched in x and y, diameter and size by the (geometric) mean of both.
+
+    Parameters
+    ----------
+    target_set
+        The set as designed.
+    measured_horizontal_mm, measured_vertical_mm
+        Measured lengths of the two rulers.
+
+    Raises
+    ------
+    InputError
+        For lengths that are off by more than 5 %.
     """
     across, down = measured_horizontal_mm / RULER_MM, measured_vertical_mm / RULER_MM
     for name, factor in (("horizontal", across), ("vertical", down)):
@@ -189,7 +285,7 @@ def _draw_cut_marks(drawing: Drawing, x: float, y: float, size_mm: float) -> Non
 
 
 def draw_rulers(drawing: Drawing) -> None:
-    """The horizontal check ruler at the foot of the page and the vertical one at its left, 100 mm each."""
+    """Draw the horizontal check ruler at the foot of the page and the vertical one at its left, 100 mm each."""
     left, foot = _MARGIN_MM + _RULER_BAND_MM, drawing.height_mm - _MARGIN_MM - 4.0
     right, head = _MARGIN_MM + 4.0, drawing.height_mm - _MARGIN_MM - _RULER_BAND_MM - RULER_MM - 4.0
     drawing.line(left, foot, left + RULER_MM, foot)

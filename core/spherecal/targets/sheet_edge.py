@@ -23,9 +23,22 @@ _INSIDE, _PER_U, _PER_V, _LIGHT = range(4)
 
 @njit(nogil=True, cache=True, error_model="numpy")
 def near_sides(image, place, per_px, u, v, reach_px, blur, sides):
-    """Sides of the sheet whose light may reach pixels up to `reach_px` from a dot at (u, v), into `sides` (4, 4).
+    """Number of sides of the sheet whose light may reach the pixels near a dot.
 
-    `place` (2,) mm is the dot's on the sheet, `per_px` (4,) are dx/du dx/dv dy/du dy/dv in mm/px. Returns their number.
+    Parameters
+    ----------
+    image
+        Grey image, (h, w).
+    place, per_px
+        Place of the dot on the sheet, (2,) mm, and dx/du dx/dv dy/du dy/dv there, (4,) mm/px.
+    u, v
+        The dot in the image, px.
+    reach_px, blur
+        How far the pixels are from the dot at most, and the standard deviation of the blur, px.
+    sides
+        Output (4, 4): for each side how far inside it the dot is (blurs), the change of that per px in u and in v, and
+        the
+        light beyond (NaN where the image shows none).
     """
     det = per_px[0] * per_px[3] - per_px[1] * per_px[2]
     values = np.empty(len(_ALONG_MM))
@@ -55,7 +68,17 @@ def near_sides(image, place, per_px, u, v, reach_px, blur, sides):
 
 @njit(nogil=True, cache=True, error_model="numpy")
 def leak(sides, count, background, du, dv):
-    """Light in excess of the background at (du, dv) px from a dot, and the least distance from an edge in blurs."""
+    """Light in excess of the background at a pixel, and its least distance from an edge in blurs, at most 3.
+
+    Parameters
+    ----------
+    sides, count
+        The sides from `near_sides`, and their number.
+    background
+        Grey around the dot.
+    du, dv
+        The pixel, in px from the dot.
+    """
     light, least = 0.0, _NEAR
     for side in range(count):
         inside = sides[side, _INSIDE] + sides[side, _PER_U] * du + sides[side, _PER_V] * dv

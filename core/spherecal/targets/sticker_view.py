@@ -27,9 +27,18 @@ _STEPS = 2  # the sag changes the affine map and so the tilt; a third step chang
 
 @njit(nogil=True, cache=True, error_model="numpy")
 def fit_view(places, image_points, camera, with_sag, view):
-    """Fit a view to dots at `places` (n, 2) mm seen at `image_points` (n, 2) px; False where they are degenerate.
+    """Fit a view to the dots of a sticker; False where they are degenerate.
 
-    Without sag (fewer than five dots do not determine it) the view is affine, and its tilt has no sign.
+    Parameters
+    ----------
+    places, image_points
+        The dots on the sticker, (n, 2) mm, and in the image, (n, 2) px.
+    camera
+        Focal length and centre u, v in px, (3,).
+    with_sag
+        False: the view is affine, and its tilt has no sign, as fewer than five dots do not determine the sag.
+    view
+        Output: the view, (VIEW_SIZE,).
     """
     count = len(places)
     inverse = np.empty((3, 3))
@@ -58,7 +67,15 @@ def fit_view(places, image_points, camera, with_sag, view):
 
 @njit(nogil=True, cache=True, error_model="numpy")
 def project_place(view, x, y):
-    """Image point (u, v) px of a place in mm on the sticker."""
+    """Image point (u, v) px of a place on the sticker.
+
+    Parameters
+    ----------
+    view
+        The view of the sticker, (VIEW_SIZE,).
+    x, y
+        The place, mm.
+    """
     sag = view[CURVATURE] * (x * x + y * y)
     deeper = (view[TILT_X] - view[LEAN_X]) * x + (view[TILT_Y] - view[LEAN_Y]) * y + (view[COSINE] - view[LEAN_N]) * sag
     nearer = 1 / (1 + view[NEARNESS] * deeper)
@@ -69,7 +86,15 @@ def project_place(view, x, y):
 
 @njit(nogil=True, cache=True, error_model="numpy")
 def place_of(view, u, v):
-    """Place (x, y) mm on the sticker of an image point; the inverse of `project_place` to 1e-3 mm."""
+    """Place (x, y) mm on the sticker of an image point; the inverse of `project_place` to 1e-3 mm.
+
+    Parameters
+    ----------
+    view
+        The view of the sticker, (VIEW_SIZE,).
+    u, v
+        The image point, px.
+    """
     det = view[XX] * view[YY] - view[XY] * view[YX]
     x, y = 0.0, 0.0
     for _ in range(4):
@@ -81,7 +106,15 @@ def place_of(view, u, v):
 
 @njit(nogil=True, cache=True, error_model="numpy")
 def local_affine(view, x, y):
-    """Derivatives (du/dx, du/dy, dv/dx, dv/dy) in px/mm of the image point at a place on the sticker."""
+    """Derivatives (du/dx, du/dy, dv/dx, dv/dy) in px/mm of the image point at a place on the sticker.
+
+    Parameters
+    ----------
+    view
+        The view of the sticker, (VIEW_SIZE,).
+    x, y
+        The place, mm.
+    """
     step = 0.5  # mm; the map is quadratic to 1e-4, so that central differences are exact
     right_u, right_v = project_place(view, x + step, y)
     left_u, left_v = project_place(view, x - step, y)
@@ -92,10 +125,17 @@ def local_affine(view, x, y):
 
 @njit(nogil=True, cache=True, error_model="numpy")
 def eccentricity(view, x, y, radius):
-    """From the centre of the ellipse that a circle at (x, y) mm shows as to the image of its centre, (du, dv) px.
+    """From the centre of the ellipse that a circle on the sticker shows as to the image of its centre, (du, dv) px.
 
     Seen in perspective the nearer half of a circle is larger. To first order the ellipse's centre is the image of the
     place r^2 p / w before the circle's centre, w = 1 + p . x being the denominator of the perspective there.
+
+    Parameters
+    ----------
+    view
+        The view of the sticker, (VIEW_SIZE,).
+    x, y, radius
+        The circle's centre and radius, mm.
     """
     bend = 2 * view[CURVATURE] * (view[COSINE] - view[LEAN_N])
     px = view[NEARNESS] * (view[TILT_X] - view[LEAN_X] + bend * x)
@@ -154,7 +194,7 @@ def _remove_affine(places, values, inverse):
 def _set_tilt(view, camera):
     """Tilt, normal, distance and scale of the affine map; the tilt keeps the sign it has. False for a mirrored map.
 
-    The map is first seen from the sticker's own line of sight: an image is stretched by 1 / cos across it and
+    The map is first seen from the sticker's own line of sight. An image is stretched by 1 / cos across it and by
     1 / cos^2 away from the image's centre, cos being that of the angle off the optical axis.
     """
     du, dv = (view[U] - camera[1]) / camera[0], (view[V] - camera[2]) / camera[0]
@@ -192,8 +232,8 @@ def _set_tilt(view, camera):
 def _fit_sag(places, image_points, inverse, view, shifts):
     """Sign of the tilt and curvature that fit best.
 
-    `shifts` (3, n, 2) are those of the dots in px: by unit curvature, by perspective along the line of sight and by
-    the rest of the perspective, which does not depend on the sign.
+    `shifts` (3, n, 2) are those of the dots in px. The first is by unit curvature, the second by perspective along the
+    line of sight. The third is by the rest of the perspective, which does not depend on the sign.
     """
     count = len(places)
     misfit = image_points.copy()

@@ -18,7 +18,7 @@ class TargetSet(ByValue):
     """Targets of one family; `layouts[id][dot]` is the dot's place (2,) in mm on the flat sticker.
 
     Origin at the sticker's centre, x right, y down as printed (docs/conventions.md). `dictionary` is OpenCV's name of
-    the dictionary where targets are ArUco or AprilTag markers (marker_set.py): then `size_mm` is the side of the black
+    the dictionary where targets are ArUco or AprilTag markers (marker_set.py). Then `size_mm` is the side of the black
     square, dots are its corners and `dot_diameter_mm` is 0.
     """
 
@@ -41,6 +41,19 @@ class TargetSet(ByValue):
         return found
 
     def places(self, target: int, dots: Sequence[str]) -> FloatArray:
-        """Places (k, 2) in mm on the flat sticker of the named dots of one target; KeyError where it has no such."""
+        """Places (k, 2) in mm on the flat sticker of some dots of one target.
+
+        Parameters
+        ----------
+        target
+            Id of the target.
+        dots
+            Names of the dots.
+
+        Raises
+        ------
+        KeyError
+            Where the set has no such target, or the target no such dot.
+        """
         layout = self.layouts[target]
         return np.array([layout[dot] for dot in dots], dtype=float).reshape(-1, 2)

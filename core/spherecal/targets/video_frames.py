@@ -64,10 +64,28 @@ class _Watched:
 def choose_frames(
     videos: Mapping[str, Path], most: int, context: Context, times: Mapping[str, FloatArray] | None = None
 ) -> ChosenFrames:
-    """The frames of at most `most` moments that serve in all videos; `times` (s) of all their frames where known.
+    """The frames of common moments that serve in all videos.
 
-    The recording is cut into as many stretches; of each the sharpest of its stillest frames is taken, unless it shows
-    the same as the one before. InputError for a video that cannot be read, or of another number of frames.
+    The recording is cut into as many stretches as moments are wanted. Of each the sharpest of its stillest frames is
+    taken, unless it shows the same as the one before.
+
+    Parameters
+    ----------
+    videos
+        The file of each camera.
+    most
+        Number of moments at most.
+    context
+        For progress, and to stop.
+    times
+        Times in s of all frames of each video; None: frame i of each video is of one moment.
+
+    Raises
+    ------
+    InputError
+        For a video that cannot be read or is too long or too short, and for numbers of frames that do not agree.
+    Cancelled
+        When the user stops the work.
     """
     watched = {}
     for number, (camera, path) in enumerate(videos.items()):
@@ -114,7 +132,26 @@ def common_moments(times: Sequence[NDArray[np.floating[Any]]]) -> IntArray:
 
 
 def keep_frames(path: Path, frames: Sequence[int], keep: Callable[[int, bytes], None], context: Context) -> None:
-    """Hand each of these frames of a video, in ascending order, to `keep` as a grey PNG."""
+    """Pass some frames of a video on as grey PNG files, in ascending order.
+
+    Parameters
+    ----------
+    path
+        The video.
+    frames
+        Numbers of the frames, from 0.
+    keep
+        Called with the number and the PNG's bytes of each frame.
+    context
+        For progress, and to stop.
+
+    Raises
+    ------
+    InputError
+        Where the video cannot be read or a frame cannot be coded.
+    Cancelled
+        When the user stops the work.
+    """
     wanted = set(frames)
     for number, grey in enumerate(_frames(path)):
         if number in wanted:

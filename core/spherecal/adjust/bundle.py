@@ -106,7 +106,9 @@ class RobustStep:
 def robust_adjustment(
     network: Network, state: State, candidates: BoolArray, placed: BoolArray, step: RobustStep, context: Context
 ) -> State:
-    """A state after a short robust adjustment of the cameras and the points that it knows; the others are NaN.
+    """A state after a short robust adjustment of the placed cameras and of the points that it knows.
+
+    Points that are NaN take no part; they are 0 in the result.
 
     Parameters
     ----------
@@ -158,9 +160,6 @@ def robust_start(
     context: Context,
 ) -> tuple[State, BoolArray]:
     """A network near its minimum from a rough start, by robust adjustments, and the observations (n,) that fit it.
-
-    points (m,3): start values with NaN where unknown, None to triangulate; candidates (n,): observations to start with;
-    placed (c,): cameras that have a pose.
 
     Parameters
     ----------
@@ -222,16 +221,19 @@ def adjust(
 def refine(network: Network, state: State, used: BoolArray, placed: BoolArray, context: Context) -> Adjustment:
     """Gate and plain least squares in turns until the gate changes nothing, from a good start.
 
-    Points of `state` NaN where unknown; `used` (n,): the observations that the last round kept.
-
     Parameters
     ----------
     network, state
-        The network, and its values.
+        The network, and its values; points NaN where unknown.
     used, placed
         Observations to begin with (n,), and cameras that have a pose (c,).
     context
         For progress, and to stop.
+
+    Returns
+    -------
+    Adjustment
+        Its `used` are the observations that the last round kept.
     """
     rounds = 0
     while True:
@@ -308,8 +310,7 @@ def _observed(problem: Problem) -> BoolArray:
 def gate_px(network: Network, size: FloatArray, placed: BoolArray, used: BoolArray) -> FloatArray:
     """How far (n,) px each observation may be from its predicted image point; NaN for cameras without a pose.
 
-    `size` (n,) px: how far it is (`residual_size`). The gate is wider for a camera that is noisier than the rest, so
-    that a blurred camera is not thrown away.
+    The gate is wider for a camera that is noisier than the rest, so that a blurred camera is not thrown away.
 
     Parameters
     ----------
@@ -318,7 +319,7 @@ def gate_px(network: Network, size: FloatArray, placed: BoolArray, used: BoolArr
     size
         How far each observation is from its prediction (n,) px, see `residual_size`.
     placed, used
-        Cameras that have a pose (c,), and observations that tell the noise (n,).
+        Cameras that have a pose (c,), and observations by which the noise is judged (n,).
     """
     noise = np.full(len(network.group), np.nan)
     overall = _noise(size[used])
@@ -352,7 +353,13 @@ def _noise(size: FloatArray) -> float:
 
 
 def residual_size(network: Network, state: State) -> FloatArray:
-    """Lengths of the residuals (n,) px, infinite where there is no prediction in front of the camera."""
+    """Lengths of the residuals (n,) px, infinite where there is no prediction in front of the camera.
+
+    Parameters
+    ----------
+    network, state
+        The network, and its values.
+    """
     out = np.empty(len(network.uv))
     for rows in blocks(len(out)):
         out[rows] = _residual_size(network.only(rows), state)

@@ -26,9 +26,12 @@ from spherecal.base.threads import one_blas_thread
 class Covariance:
     """Cofactors (covariances for a standard deviation of unit weight of 1) of an adjusted network.
 
-    `cameras` (c,w,w): pose and intrinsics of each camera in the problem's columns; `points` (f,3,3) of the features'
-    places, NaN where one takes no part; `stretch` is the cofactor of the whole network's relative size, None where no
-    length row fixes it. `functional` gives the cofactor of a linear function of all places.
+    - `cameras` (c,w,w): pose and intrinsics of each camera in the problem's columns.
+    - `points` (f,3,3) of the features' places, NaN where one takes no part.
+    - `stretch` is the cofactor of the whole network's relative size, None where no length row fixes it.
+    - `condition` is the condition number of the reduced matrix.
+
+    `functional` gives the cofactor of a linear function of all places.
     """
 
     cameras: FloatArray
@@ -87,9 +90,19 @@ class Covariance:
         return (moved - parts.gauge_weights @ datum)[: parts.n_camera_columns]
 
     def by_scores(self, functional: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Linear functions (m, c*w) of all cameras' parameters by scores: of columns (e,m), of points (3p,g) @ (g,m).
+        """Linear functions of all cameras' parameters as functions of the scores of columns and points.
 
-        The score of a column must hold what the points add to it as they follow.
+        Parameters
+        ----------
+        functional
+            The functions, (m, c*w).
+
+        Returns
+        -------
+        by_column
+            Factors (e,m) of the columns' scores, each of which must hold what the points add to it as they follow.
+        points, factors
+            (3p,g) and (g,m), whose product multiplies the points' scores.
         """
         parts = self._parts
         taken = (

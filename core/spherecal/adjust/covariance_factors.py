@@ -2,8 +2,8 @@
 
 The observations leave position, orientation and size of the whole open. The datum is the inner constraint on the
 features' places: no shift, turn or stretch of them as a whole, so their covariance has the least trace (W. Baarda,
-S-transformations and criterion matrices, 1973). With G the motions of the unknowns, B those of the places as conditions
-and M = (sum G'G)^-1 over the places, a quantity x becomes x - G M B'du.
+S-transformations and criterion matrices, 1973). Let G be the motions of the unknowns, B those of the places as
+conditions and M = (sum G'G)^-1 over the places. Then a quantity x becomes x - G M B'du.
 """
 
 from abc import ABC, abstractmethod
@@ -139,10 +139,10 @@ class CovarianceFactors(ABC):
         Parameters
         ----------
         cofactors
-            Before the S-transformation.
-        carried
-            Of the same places with the datum's conditions, (f,3,g).
-        held
+            Before the S-transformation, (f,3,3); overwritten.
+        gauge_cross
+            Cofactors of the same places with the datum's conditions, (f,3,g).
+        gauge_weights
             G M of the places, (f,3,g).
         """
         if self.moments.size:
@@ -158,7 +158,20 @@ def moments_of(places: FloatArray) -> FloatArray:
 
 
 def generalised_inverse(matrix: FloatArray, gauge: FloatArray) -> tuple[FloatArray, float]:
-    """A generalised inverse of a matrix whose null space is spanned by `gauge` (d,g), and its condition number."""
+    """A generalised inverse (d,d) of a matrix whose null space is known, and its condition number.
+
+    Parameters
+    ----------
+    matrix
+        The matrix, (d,d), symmetric.
+    gauge
+        Vectors that span its null space, (d,g).
+
+    Raises
+    ------
+    LinAlgError
+        Where the null space is larger.
+    """
     scale = 1.0 / np.sqrt(matrix.diagonal())
     scaled = matrix * scale[:, None]
     scaled *= scale

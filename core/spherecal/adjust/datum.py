@@ -25,7 +25,15 @@ class Places:
 
 
 def carried_dots(state: State, places: Places | None) -> tuple[FloatArray, FloatArray]:
-    """Rotation (f,3,3) that carries each feature's point, and the point turned by it (f,3); empty in the free form."""
+    """Rotation (f,3,3) that carries each feature's point, and the point turned by it (f,3); empty in the free form.
+
+    Parameters
+    ----------
+    state
+        The values of the unknowns.
+    places
+        Which point at which placement each feature is; None in the free form.
+    """
     if places is None:
         return np.zeros((0, 3, 3)), np.zeros((0, 3))
     rotation = state.placement_rotation[places.placement]
@@ -103,6 +111,13 @@ def moved_cameras(problem: Problem, state: State, centroid: FloatArray, spread: 
     """How cameras move with the whole, (c*w,7): each keeps its view, x_camera stays or is stretched with the points.
 
     Those without a pose do not: one NaN would spread to every function of all cameras.
+
+    Parameters
+    ----------
+    problem, state
+        The adjustment, and the values of its unknowns.
+    centroid, spread
+        Centre (3,) of turns and stretch, and the distance from it at which they move a point by 1.
     """
     cameras = np.zeros((problem.n_cameras, POSE + len(problem.intrinsic_columns), 7))
     rotation = state.rotation

@@ -2,8 +2,8 @@
 
 Between the free form (tau infinite) and the rigid one (tau 0). It is solved as the rigid form whose observations of one
 dot at one placement have the dot's shape noise in common as an error (generalised least squares; A. C. Aitken, 1936):
-`schur_kernel`. So no step depends on where the points are off the shape, and ties do not shrink the network, whose size
-nothing else holds.
+`deformable_kernel`. So no step depends on where the points are off the shape, and ties do not shrink the network, whose
+size nothing else holds.
 """
 
 from dataclasses import dataclass
@@ -25,7 +25,7 @@ LEAST_DAMPING = 1e-7
 class ShapeNoise:
     """What the shape noise takes of the observations at a linearisation, in the ball's frame.
 
-    Group g are the observations of one dot at one placement: rows from `start[g]` (g + 1,) on; `of` (n,) is the group
+    Group g are the observations of one dot at one placement: rows from `start[g]` (g + 1,) on. `of` (n,) is the group
     of each row, `place` (g,) its number among the places, `dot` and `placement` (g,) what it is. `normal` (g,3,3) is V,
     `q` = tau^2 (I + tau^2 V)^-1, `p` = I - Q V.
     """
@@ -61,7 +61,13 @@ class ShapeNoise:
 
 
 def shape_noise_of(problem: Problem, linear: Linear) -> ShapeNoise:
-    """The shape noise of a deformable ball's places at a linearisation; no groups for any other ball."""
+    """The shape noise of a deformable ball's places at a linearisation; no groups for any other ball.
+
+    Parameters
+    ----------
+    problem, linear
+        The adjustment and its linearisation.
+    """
     if not isinstance(problem.ball, Deformable):
         none, matrices = np.zeros(0, dtype=np.int64), np.zeros((0, 3, 3))
         return ShapeNoise(problem, linear, none, none, none, none, none, matrices, matrices, matrices)
@@ -93,7 +99,15 @@ def _summed(values: FloatArray, start: IntArray) -> FloatArray:
 
 
 def shape_noise_matrices(normal: FloatArray, shape_sd: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Q = tau^2 (I + tau^2 V)^-1 and I - Q V = (I + tau^2 V)^-1 of V (g,3,3) and tau (g,)."""
+    """Q = tau^2 (I + tau^2 V)^-1 and I - Q V = (I + tau^2 V)^-1, (g,3,3) each.
+
+    Parameters
+    ----------
+    normal
+        V of each place, (g,3,3).
+    shape_sd
+        tau of each place, (g,).
+    """
     variance = (shape_sd**2)[:, None, None]
     p = np.linalg.inv(np.eye(3) + variance * normal)
     p = 0.5 * (p + p.transpose(0, 2, 1))
@@ -101,7 +115,13 @@ def shape_noise_matrices(normal: FloatArray, shape_sd: FloatArray) -> tuple[Floa
 
 
 def left_over(problem: Problem, state: State) -> tuple[FloatArray, FloatArray]:
-    """Residuals (n,2) that the shape noise leaves; how much of each observation's rows its own point takes (n,)."""
+    """Residuals (n,2) that the shape noise leaves; how much of each observation's rows its own point takes (n,).
+
+    Parameters
+    ----------
+    problem, state
+        The adjustment of a deformable ball, and the values of its unknowns.
+    """
     linear = engine.linearise(problem, state, None)
     shape = shape_noise_of(problem, linear)
     off = np.einsum("gij,gj->gi", shape.q, shape.pulled(linear.residual))

@@ -2,9 +2,9 @@
 
 The dot of a place (one dot at one placement) is off the shape by e ~ N(0, tau^2) per coordinate, which its observations
 have in common. With J their derivatives by the dot and V = J'J, their weight matrix is (I + tau^2 J J')^-1 = I - J Q J'
-with Q = tau^2 (I + tau^2 V)^-1 (matrix inversion lemma): e is eliminated before the dot itself, which then meets the
-other unknowns by P J' with P = I - Q V. tau = 0 is a place of a rigid ball. The pieces are those of `schur_kernel`; the
-loops are kernels of their own, as these take 15 seconds to compile and few balls need them.
+with Q = tau^2 (I + tau^2 V)^-1 (matrix inversion lemma). So e is eliminated before the dot itself. The dot then meets
+the other unknowns by P J' with P = I - Q V. tau = 0 is a place of a rigid ball. The pieces are those of `schur_kernel`;
+the loops are kernels of their own, as these take 15 seconds to compile and few balls need them.
 """
 
 import numpy as np
@@ -93,7 +93,30 @@ def eliminate_places(
     inverse,
     point_gradient,
 ):
-    """As `eliminate_points`; row k shows place `of_row[k]`, whose tau is `shape_sd` (places,) of that."""
+    """Add the dots of a deformable ball, in the given order, to the reduced system; as `eliminate_points`.
+
+    Parameters
+    ----------
+    points, begins, ends
+        The dots (m,), and the first row of each and its end, (m,).
+    camera, placement, n_cameras
+        Camera and placement of each row (k,), and the number of cameras.
+    kept_block
+        Block of each dot that stays in the reduced system, -1 for the others, (p,).
+    of_row, shape_sd
+        The place that each row shows (k,), and tau of each place.
+    residual, by_camera, by_point, by_placement
+        Weighted residuals (k,2) and derivatives (k,2,w), (k,2,3), (k,2,6) of the rows.
+    offset, width, lens
+        First column and number of columns of each block (b,), and the block of each camera's shared lens, -1 for none
+        (c,).
+    damping
+        Marquardt's factor for the diagonals of the dots.
+    matrix, gradient, diagonal, square
+        The reduced system, added to: see `eliminate_points`.
+    inverse, point_gradient
+        What is known of the dots on entry, inverses of their damped V and gradients on return, (p,3,3) and (p,3).
+    """
     n_all = len(offset)
     place, place_in_own = np.full(n_all, -1), np.full(n_all, -1)
     blocks, own_blocks = np.empty(n_all, dtype=np.int64), np.empty(n_all, dtype=np.int64)
@@ -283,7 +306,31 @@ def substitute_places(
     point_step,
     squares,
 ):
-    """As `substitute_points`, with what the shape noise of the places takes off the squares."""
+    """Fill the dots' step for a step of the reduced system; returns `squares` and those that both leave.
+
+    As `substitute_points`, with what the shape noise of the places takes off the squares.
+
+    Parameters
+    ----------
+    points, begins, ends
+        The dots (m,), and the first row of each and its end, (m,).
+    camera, placement, n_cameras
+        Camera and placement of each row (k,), and the number of cameras.
+    is_kept
+        Which dots are in the reduced system, (p,).
+    of_row, shape_sd
+        The place that each row shows (k,), and tau of each place.
+    residual, by_camera, by_point, by_placement
+        Weighted residuals (k,2) and derivatives (k,2,w), (k,2,3), (k,2,6) of the rows.
+    offset
+        First column of each block, (b,).
+    inverse, point_gradient
+        What the elimination left of the dots, (p,3,3) and (p,3).
+    step, point_step
+        Step of the reduced system (e,); output: that of the dots (p,3), which holds the steps of kept dots on entry.
+    squares
+        Sum of squares so far.
+    """
     change = np.empty((_most_rows(begins, ends), 2))
     q, p, g = np.empty((3, 3)), np.empty((3, 3)), np.empty(3)
     for n in range(len(points)):

@@ -1,7 +1,7 @@
 """The reduced system of large rigs in the rigid form: points that half of all cameras see, one rank update for many.
 
-A dot of a ball that was walked through a hall, or stood in a dome, meets most cameras and placements, each dot others:
-runs of points that meet the same ones, as `schur_kernel` has them, are then single points. Here the whitened couplings
+A dot of a ball that was walked through a hall, or kept in a dome, meets most cameras and placements, each dot others.
+Runs of points that meet the same ones, as `schur_kernel` has them, are then single points. Here the whitened couplings
 L^-1 W' of hundreds of points are put side by side over all columns and subtracted by one symmetric product (hall50:
 0.17 s instead of 0.88).
 """
@@ -28,7 +28,19 @@ def is_dense(problem: Problem) -> bool:
 
 
 def eliminate(problem: Problem, linear: Linear, damping: float, points: IntArray, reduced: Reduced) -> None:
-    """Add the observations of some points (m,), which are eliminated, to the reduced system's upper triangle."""
+    """Add the observations of some points, which are eliminated, to the reduced system's upper triangle.
+
+    Parameters
+    ----------
+    problem, linear
+        The adjustment and its linearisation.
+    damping
+        Marquardt's factor for the points' diagonals.
+    points
+        The points, (m,).
+    reduced
+        The reduced system so far, added to.
+    """
     layout = problem.layout
     for first in range(0, len(points), _CHUNK):
         some = points[first : first + _CHUNK]

@@ -23,7 +23,13 @@ from spherecal.geometry.fisheye import AXIS_R2
 
 
 def residuals(problem: Problem, state: State) -> FloatArray:
-    """Weighted residuals, predicted minus observed over sigma, (n,2)."""
+    """Weighted residuals, predicted minus observed over sigma, (n,2).
+
+    Parameters
+    ----------
+    problem, state
+        The adjustment, and the values of its unknowns.
+    """
     out = np.empty_like(problem.uv)
     _residuals(
         problem.camera,
@@ -43,7 +49,7 @@ def residuals(problem: Problem, state: State) -> FloatArray:
 
 
 def linearise(problem: Problem, state: State, robust_weight: FloatArray | None) -> Linearisation:
-    """Residuals and derivatives at a state; `robust_weight` (n,) multiplies the rows of each observation.
+    """Residuals and derivatives at a state.
 
     Parameters
     ----------
@@ -93,10 +99,9 @@ def linear_model(problem: Problem, state: State, robust_weight: FloatArray | Non
 
 
 def reduce(problem: Problem, linear: Linear, damping: float, known: PointEquations | None = None) -> Reduced:
-    """Normal equations with the points eliminated; `damping` multiplies the points' diagonals (Marquardt).
+    """Normal equations with the points eliminated.
 
-    `known`: equations of the points themselves, beside their observations. The columns of intrinsics that cameras share
-    are those of the first of these cameras.
+    The columns of intrinsics that cameras share are those of the first of these cameras.
 
     Parameters
     ----------
@@ -105,7 +110,7 @@ def reduce(problem: Problem, linear: Linear, damping: float, known: PointEquatio
     damping
         Marquardt's factor for the points' diagonals.
     known
-        Equations of the points themselves; None without any.
+        Equations of the points themselves, beside their observations; None without any.
     """
     layout = problem.layout
     matrix = np.zeros((layout.expanded, layout.expanded))

@@ -44,7 +44,7 @@ def prior_sigmas(intrinsics: FloatArray) -> FloatArray:
 def with_intrinsic_priors(network: Network, known: FloatArray, held: BoolArray, noise: float) -> Network:
     """The network with a prior on the intrinsics (c,16) of the held cameras' groups, and on rational denominators.
 
-    `noise` is the standard deviation of unit weight: priors are to weigh against image points as both really scatter.
+    Priors are to weigh against image points as both really scatter.
 
     Parameters
     ----------
@@ -68,7 +68,15 @@ def with_intrinsic_priors(network: Network, known: FloatArray, held: BoolArray, 
 
 
 def poorly_observed(network: Network, candidates: BoolArray) -> BoolArray:
-    """Cameras (c,) whose intrinsics group has too few image points to estimate them."""
+    """Cameras (c,) whose intrinsics group has too few image points to estimate them.
+
+    Parameters
+    ----------
+    network
+        The network.
+    candidates
+        Observations that may be used, (n,).
+    """
     matched = candidates & (network.views(candidates) >= 2)[network.feature]
     by_group = np.bincount(network.group[network.camera[matched]], minlength=network.group.max() + 1)
     return network.free.any(axis=1) & (by_group[network.group] < LEAST_OBSERVATIONS)

@@ -67,9 +67,14 @@ class Layout:
         return len(np.unique(used)) == len(used)
 
     def fold_matrix(self, expanded: FloatArray, is_gathered: bool = False) -> FloatArray:
-        """The reduced matrix (d, d), valid in its upper triangle, from the upper block triangle of the expanded one.
+        """The reduced matrix (d, d), valid in its upper triangle.
 
-        `is_gathered`: only the first camera of each `lens_owner` has anything in the lens' columns.
+        Parameters
+        ----------
+        expanded
+            The expanded matrix (e, e), of which the upper block triangle is valid.
+        is_gathered
+            Whether only the first camera of each `lens_owner` has anything in the lens' columns.
         """
         if self._first is not None and (self._is_plain or (is_gathered and self._share_all)):
             return expanded if self.size == self.expanded else expanded[np.ix_(self._first, self._first)]

@@ -192,7 +192,13 @@ def assembled(problem: Problem, state: State, reduced: Reduced) -> NormalEquatio
 
 
 def extra_rows(problem: Problem, state: State) -> tuple[FloatArray, FloatArray]:
-    """Derivatives (m, d) by the reduced unknowns, and residuals (m,), of prior and length rows."""
+    """Derivatives (m, d) by the reduced unknowns, and residuals (m,), of prior and length rows.
+
+    Parameters
+    ----------
+    problem, state
+        The adjustment, and the values of its unknowns.
+    """
     layout = problem.layout
     prior, prior_weight = prior_residuals(problem, state)
     length, by_difference = length_residuals(problem, state)

@@ -34,7 +34,7 @@ class Settings:
     max_iterations
         Steps at most, refused ones included.
     tolerance
-        Converged when a step lowers the cost by less than this share of it: 1e-10 leaves the parameters within 1e-4 of
+        Converged when a step lowers the cost by less than this share of it. 1e-10 leaves the parameters within 1e-4 of
         their standard uncertainty on rigs A and B (benchmarks/bench_adjustment.py).
     first_damping
         Damping of the first step, relative to the diagonal.
@@ -69,11 +69,27 @@ class Damping:
     by_gain: bool = True
 
     def after_success(self, damping: float, gain: float) -> float:
-        """The damping after a step that lowered the cost by `gain` times what was predicted."""
+        """The damping after a step that lowered the cost.
+
+        Parameters
+        ----------
+        damping
+            The damping of that step.
+        gain
+            Decrease of the cost over the predicted decrease.
+        """
         return damping * max(1 / 10, 1 - (2 * gain - 1) ** 3) if self.by_gain else max(damping / 10, self.least)
 
     def after_failure(self, damping: float, failures: int) -> float:
-        """The damping after one more of some steps in a row that did not lower the cost."""
+        """The damping after a step that did not lower the cost.
+
+        Parameters
+        ----------
+        damping
+            The damping of that step.
+        failures
+            Number of such steps in a row.
+        """
         return damping * (2.0**failures if self.by_gain else 10.0)
 
 
@@ -95,15 +111,39 @@ class LeastSquares(Protocol[L]):
         ...
 
     def cost(self, state: State, linear: L) -> float:
-        """Half the sum of squares at a state, with the weights of `linear`; infinite where it is not defined."""
+        """Half the sum of squares at a state; infinite where it is not defined.
+
+        Parameters
+        ----------
+        state
+            The values of the unknowns.
+        linear
+            The linearisation whose weights count.
+        """
         ...
 
     def accepted(self, state: State, cost: float) -> tuple[L | None, float]:
-        """The linearisation, where it is needed in any case, and the cost at a state that a step led to."""
+        """The linearisation, where it is needed in any case, and the cost at a state that a step led to.
+
+        Parameters
+        ----------
+        state
+            The values of the unknowns.
+        cost
+            The cost with the weights before the step.
+        """
         ...
 
     def step(self, state: State, linear: L, damping: float) -> tuple[State, float] | None:
-        """The state after one damped step and the decrease of cost that is predicted; None where it is singular."""
+        """The state after one damped step and the decrease of cost that is predicted; None where it is singular.
+
+        Parameters
+        ----------
+        state, linear
+            Where to begin, and the linearisation there.
+        damping
+            Marquardt's factor.
+        """
         ...
 
 

@@ -134,8 +134,6 @@ class Part:
 def parts(problem: Problem, linear: Linear, points: IntArray, may_begin: BoolArray | None = None) -> Iterator[Part]:
     """The points in their order, in parts of some `ROWS_AT_ONCE` observations; all at once where they are held.
 
-    `may_begin` (m,): where a new part may begin; None for anywhere.
-
     Parameters
     ----------
     problem, linear

@@ -104,14 +104,30 @@ class Network:
         return self.lengths.select(seen.all(axis=1))
 
     def triangulated(self, state: State, rows: BoolArray) -> Triangulation:
-        """All features triangulated from some observations with the cameras (and placements) of `state`."""
+        """All features triangulated from some observations with the cameras (and placements) of `state`.
+
+        Parameters
+        ----------
+        state
+            Poses and intrinsics.
+        rows
+            Observations to take, (n,).
+        """
         take = np.flatnonzero(rows)
         weight = 1.0 / self._sigma(take) ** 2
         view, cameras = self._views_of_the_ball(state, take)
         return triangulate(self.feature[take], view, self.uv[take], weight, self.n_features, cameras)
 
     def angles(self, state: State, rows: BoolArray) -> FloatArray:
-        """The largest angle (m,) rad between two rays of each feature, as `triangulated` takes them."""
+        """The largest angle (m,) rad between two rays of each feature, as `triangulated` takes them.
+
+        Parameters
+        ----------
+        state
+            Poses and intrinsics.
+        rows
+            Observations to take, (n,).
+        """
         take = np.flatnonzero(rows)
         view, cameras = self._views_of_the_ball(state, take)
         return ray_angles(self.feature[take], view, self.uv[take], self.n_features, cameras)

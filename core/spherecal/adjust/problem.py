@@ -3,7 +3,7 @@
 The unknowns come in blocks: cameras (pose and intrinsics), placements (pose of the rigid ball, only in the rigid
 form) and points. Points are eliminated (Schur complement) except the few that length rows tie to each other; what
 remains is the reduced system. The engine fills it camera by camera, in a layout where every camera has all its
-columns; `Layout.fold` then drops locked columns and adds up those of cameras that share intrinsics.
+columns. `Layout.fold_matrix` then drops locked columns and adds up those of cameras that share intrinsics.
 """
 
 from dataclasses import dataclass, replace
@@ -253,7 +253,13 @@ def _moved_poses(rotation: FloatArray, translation: FloatArray, step: FloatArray
 
 
 def prior_residuals(problem: Problem, state: State) -> tuple[FloatArray, FloatArray]:
-    """Weighted residuals (m,) of the prior rows and their weights 1/sigma (m,)."""
+    """Weighted residuals (m,) of the prior rows and their weights 1/sigma (m,).
+
+    Parameters
+    ----------
+    problem, state
+        The adjustment, and the values of its unknowns.
+    """
     layout = problem.layout
     if not len(layout.prior_columns):
         return np.zeros(0), np.zeros(0)
@@ -263,7 +269,13 @@ def prior_residuals(problem: Problem, state: State) -> tuple[FloatArray, FloatAr
 
 
 def length_residuals(problem: Problem, state: State) -> tuple[FloatArray, FloatArray]:
-    """Residuals (m,) of the length rows, made independent, and the plain lengths' derivatives by their ends, (m,3)."""
+    """Residuals (m,) of the length rows, made independent, and the plain lengths' derivatives by their ends, (m,3).
+
+    Parameters
+    ----------
+    problem, state
+        The adjustment, and the values of its unknowns.
+    """
     rows = problem.lengths
     if not problem.has_lengths:
         return np.zeros(0), np.zeros((0, 3))

@@ -1,9 +1,9 @@
 """Cameras that may have converged to a wrong pose, resected against the points that the others agree on.
 
 A weakly observed camera that starts wrong finds a local minimum and stays there; least squares cannot leave it, and a
-low weight hides it. So after an adjustment every camera whose residuals stand out, that has few points, or whose points
-were mostly left out is resected from points that it did not help to find, as incremental pipelines do (J. Schoenberger,
-J.-M. Frahm, Structure-from-motion revisited, 2016).
+low weight hides it. So after an adjustment every camera is doubted whose residuals stand out, that has few points, or
+whose points were mostly left out. It is resected from points that it did not help to find, as incremental pipelines do
+(J. Schoenberger, J.-M. Frahm, Structure-from-motion revisited, 2016). See docs/decisions/0008-wrong-minima.md.
 """
 
 from dataclasses import dataclass, replace
@@ -52,15 +52,14 @@ def with_right_poses(
 ) -> Resections:
     """The network with every doubtful camera at its best pose, adjusted again (equal weights) where one changed.
 
-    `state` is near a minimum, `used` (n,) the observations that fit it, `candidates` (n,) all that may be used,
-    `placed` (c,). A camera whose second-best pose fits nearly as well keeps none: `ambiguous`.
+    A camera whose second-best pose fits nearly as well keeps none: `ambiguous`.
 
     Parameters
     ----------
     network, state
-        The network, and its values.
+        The network, and its values near a minimum.
     used, candidates
-        Observations that fit, and all that may (n,).
+        Observations that fit, and all that may be used (n,).
     placed
         Cameras that have a pose, (c,).
     context

@@ -58,7 +58,13 @@ class Priors:
     sigma: FloatArray
 
     def is_known(self, camera: int, intrinsic: int) -> bool:
-        """Whether anything is known of an intrinsic of a camera."""
+        """Whether anything is known of an intrinsic of a camera.
+
+        Parameters
+        ----------
+        camera, intrinsic
+            Indices of the camera and of the intrinsic (0 to 15).
+        """
         return len(self.sigma) > 0 and bool(np.isfinite(self.sigma[camera, intrinsic]))
 
 

@@ -1,9 +1,10 @@
 """Weights by camera (variance components): a blurred camera neither spoils the rest nor is thrown away.
 
 Only noise is weighted: what differs between neighbouring dots of an image (J. von Neumann, Distribution of the ratio of
-the mean square successive difference to the variance, 1941). What neighbours share, a lens that does not follow the
-model or a pose in the wrong minimum, must not be hidden by a low weight: the mean square of all residuals did that to
-five views of 113, which then had 20 to 70 times the noise of the others and poses 22 mm off.
+the mean square successive difference to the variance, 1941). What neighbours share must not be hidden by a low weight:
+a lens that does not follow the model, or a pose in the wrong minimum. The mean square of all residuals did that to five
+views of 113, which then had 20 to 70 times the noise of the others and poses 22 mm off. See docs/formulation.md, The
+rigid ball, and docs/decisions/0008-wrong-minima.md.
 """
 
 from dataclasses import replace
@@ -41,6 +42,11 @@ def camera_noise(problem: Problem, state: State) -> FloatArray:
 
     Its square is that between neighbouring dots plus what residuals of the whole network share: lenses that do not
     follow the model, in the median over the cameras.
+
+    Parameters
+    ----------
+    problem, state
+        The adjustment, and its minimum.
     """
     residual, by_points = (left_over if isinstance(problem.ball, Deformable) else left_over_by_points)(problem, state)
     rest, scale = 2.0 - by_points, 1.0 / problem.weight.mean(axis=1)
@@ -69,7 +75,13 @@ def camera_noise(problem: Problem, state: State) -> FloatArray:
 
 
 def left_over_by_points(problem: Problem, state: State) -> tuple[FloatArray, FloatArray]:
-    """Residuals (n,2), and of each observation's two rows how much its point is fitted to them (n,)."""
+    """Residuals (n,2), and of each observation's two rows how much its point is fitted to them (n,).
+
+    Parameters
+    ----------
+    problem, state
+        The adjustment, and its minimum.
+    """
     residual, by_points = np.empty_like(problem.uv), np.empty(len(problem.uv))
     for first, last in blocks_of_groups(problem.point_start):
         own = slice(int(problem.point_start[first]), int(problem.point_start[last]))

@@ -36,8 +36,9 @@ def read_image(path: Path) -> GreyImage:
     Raises
     ------
     InputError
-        Names the file where it cannot be read, is larger than 160 megapixels (found out before decoding), smaller than
-        72 px or has neither 8 nor 16 bits.
+        Where the file cannot be read, is larger than 160 megapixels (found out before decoding) or smaller than 72 px,
+        or
+        has neither 8 nor 16 bits. It names the file.
     """
     data = read_file(Path(path), _MOST_BYTES, fits=_looked_at)
     try:

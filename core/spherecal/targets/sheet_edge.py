@@ -36,7 +36,7 @@ def near_sides(image, place, per_px, u, v, reach_px, blur, sides):
     reach_px, blur
         How far the pixels are from the dot at most, and the standard deviation of the blur, px.
     sides
-        Output (4, 4): for each side how far inside it the dot is (blurs), the change of that per px in u and in v, and
+        Output, (4, 4). For each side: how far inside it the dot is (blurs), the change of that per px in u and in v,
         the
         light beyond (NaN where the image shows none).
     """

@@ -187,12 +187,42 @@ __all__ = [
 
 
 def save_calibration(calibration: Calibration, folder: AnyPath, details: Mapping[str, Any] | None = None) -> None:
-    """Write the result folder, whole or not at all; `details` go into the entry `software` of rig.json."""
+    """Write the result folder, whole or not at all.
+
+    Parameters
+    ----------
+    calibration
+        The calibration.
+    folder
+        The result folder.
+    details
+        Further items of the entry `software` of rig.json; None adds none.
+
+    Raises
+    ------
+    OutputError
+        Where the folder cannot be written.
+    """
     write_result(calibration, Path(folder), details)
 
 
 def save_verification(verification: Verification, folder: AnyPath, rig_file: AnyPath) -> None:
-    """Write bars.csv and verification.json into the result folder of the rig that was verified."""
+    """Write bars.csv and verification.json into the result folder of the rig that was verified.
+
+    Parameters
+    ----------
+    verification
+        The verification.
+    folder
+        The result folder. One of this very rig keeps its other files; another older result is replaced.
+    rig_file
+        The rig.json that was verified, which is copied to the folder.
+
+    Raises
+    ------
+    OutputError
+        Where the folder cannot be written.
+    """
     write_verification(verification, Path(folder), Path(rig_file))
 
 
@@ -207,20 +237,53 @@ def define_frame(
     """The user's frame by three places of a result folder: the origin, one on the +X axis, one in the XY plane.
 
     A place is a placement's id (the ball's centre there), POSE/MARK of a bar that was verified, or
-    PLACEMENT/TARGET/POINT of points.csv; none of them: the reference camera's frame. The origin's place lies at
-    `offset_mm`; then the axes are turned: "x90", "x-90", "y90", "y-90", "z90", "z-90". InputError for places that are
-    not there, too near together, or nearly in a line.
+    PLACEMENT/TARGET/POINT of points.csv.
+
+    Parameters
+    ----------
+    result
+        The result folder.
+    origin, x, xy
+        Names of the three places; None for all: the reference camera's frame.
+    offset_mm
+        Where the origin's place is in the frame, before the turns.
+    turns
+        How the axes are then turned, one after the other: "x90", "x-90", "y90", "y-90", "z90", "z-90".
+
+    Raises
+    ------
+    InputError
+        For places that are not there, too near together, or nearly in a line.
     """
     return _define_frame(Path(result), FrameDefinition(origin, x, xy, offset_mm, tuple(turns)))
 
 
 def load_frame(path: AnyPath) -> UserFrame:
-    """The user's frame in a frame.json; InputError names what is wrong in it."""
+    """The user's frame in a frame.json.
+
+    Raises
+    ------
+    InputError
+        Names what is wrong in the file.
+    """
     return read_frame(Path(path))
 
 
 def save_frame(frame: UserFrame, path: AnyPath) -> None:
-    """Write frame.json, whole or not at all."""
+    """Write frame.json, whole or not at all.
+
+    Parameters
+    ----------
+    frame
+        The user's frame.
+    path
+        The file.
+
+    Raises
+    ------
+    OutputError
+        Where the file cannot be written.
+    """
     write_frame(frame, Path(path))
 
 
@@ -233,12 +296,34 @@ def export_rig(
     frame: UserFrame | None = None,
     volume_mm: tuple[Sequence[float], Sequence[float]] | None = None,
 ) -> Exported:
-    """Write the rig in a format of others (FORMATS) and read it back; the largest difference is in the answer.
+    """Write the rig in a format of others and read it back; the largest difference is in the answer.
 
-    Also "gltf", "ply" and "blender", scenes to look at. A lens that the format cannot hold within `max_loss_px` is
-    fitted where its camera sees the box `volume_mm` (lowest and highest corner; of a result folder the box of its
-    points). With a `frame` all poses are given in it; InputError where it belongs to a rig with another reference
-    camera.
+    Parameters
+    ----------
+    rig
+        The rig, or its file or result folder.
+    format_name
+        One of FORMATS, or "gltf", "ply" or "blender": scenes to look at.
+    output
+        Where to write.
+    unit
+        Unit of lengths; None takes the format's own.
+    max_loss_px
+        By how much a lens that the format cannot hold may change a projection.
+    frame
+        The user's frame in which all poses are given; None is the world of rig.json.
+    volume_mm
+        Lowest and highest corner of a box. A lens that the format cannot hold within `max_loss_px` is fitted only where
+        its camera sees it. None takes the box of the points of a result folder.
+
+    Raises
+    ------
+    InputError
+        For a rig without cameras, an unknown format, a unit or a lens that the format does not have, and a frame of a
+        rig
+        with another reference camera.
+    OutputError
+        Where it cannot be written.
     """
     from spherecal.profile.source import corners_beside
 
@@ -251,9 +336,22 @@ def export_rig(
 
 
 def import_rig(path: AnyPath, format_name: str, unit: Unit | None = None, ids: Sequence[str] | None = None) -> Rig:
-    """The rig in a file of another program, in one of the FORMATS; `ids` rename its cameras, in the file's order.
+    """The rig in a file of another program; of its accuracy nothing is known, so use it with care until it is verified.
 
-    Of its accuracy nothing is known: it is to be used with care until it is verified. InputError for a camera without
-    a pose or an image size.
+    Parameters
+    ----------
+    path
+        The file, or the folder of formats that have several files.
+    format_name
+        One of the formats that can be read.
+    unit
+        Unit of lengths in the file; None takes the format's own.
+    ids
+        New names of the cameras in the file's order; None keeps those in the file.
+
+    Raises
+    ------
+    InputError
+        Where the file cannot be used: a camera without a pose or an image size, another count of `ids`.
     """
     return _import_rig(Path(path), format_name, unit, ids)

@@ -33,7 +33,24 @@ def calibrate(
     """The calibrated rig of a session's images or observations, with points, residuals, spheres and findings.
 
     A rig that could not be calibrated, or only in part, is a result too, with `valid` False and findings that say why.
-    InputError where the session has neither, or images that cannot be read.
+
+    Parameters
+    ----------
+    session
+        The session.
+    settings
+        How to calibrate; None takes the defaults.
+    context
+        For progress, and to stop.
+
+    Raises
+    ------
+    InputError
+        Where the session has neither images nor observations, where images cannot be read, and for settings that cannot
+        be
+        used with the session.
+    Cancelled
+        When the user stops the work.
     """
     settings, context, watch = settings or CalibrationSettings(), context or Context(), Stopwatch()
     if settings.repairs:

@@ -1,7 +1,7 @@
 """Motions of the network that the observations leave open: shifts, turns and the size of the whole.
 
 They are the datum defect of a free network, as columns of the adjustment's unknowns and as motions of the places of its
-features (W. Baarda, S-transformations and criterion matrices, 1973).
+features (W. Baarda, S-transformations and criterion matrices, 1973; docs/decisions/0004-free-network-datum.md).
 """
 
 from dataclasses import dataclass

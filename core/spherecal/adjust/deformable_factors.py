@@ -1,7 +1,7 @@
 """Covariance factors of a deformable ball.
 
-A feature's place is x = R S + T + e. Its error has three sources that do not depend on each other: the columns of the
-reduced system, the dots' own noise V^-1, and the noise Q of the shape noise that their images leave.
+A feature's place is x = R S + T + e. Its error has three sources that do not depend on each other. These are the
+columns of the reduced system, the dots' own noise V^-1, and the noise Q of the shape noise that their images leave.
 """
 
 from dataclasses import dataclass

@@ -1,10 +1,13 @@
 """Elimination of the dots of a deformable ball, compiled.
 
 The dot of a place (one dot at one placement) is off the shape by e ~ N(0, tau^2) per coordinate, which its observations
-have in common. With J their derivatives by the dot and V = J'J, their weight matrix is (I + tau^2 J J')^-1 = I - J Q J'
-with Q = tau^2 (I + tau^2 V)^-1 (matrix inversion lemma). So e is eliminated before the dot itself. The dot then meets
-the other unknowns by P J' with P = I - Q V. tau = 0 is a place of a rigid ball. The pieces are those of `schur_kernel`;
-the loops are kernels of their own, as these take 15 seconds to compile and few balls need them.
+have in common. J are their derivatives by the dot, V = J'J. By the matrix inversion lemma their weight matrix is
+
+    (I + tau^2 J J')^-1 = I - J Q J',  Q = tau^2 (I + tau^2 V)^-1.
+
+So e is eliminated before the dot itself. The dot then meets the other unknowns by P J' with P = I - Q V. tau = 0 is a
+place of a rigid ball. The pieces are those of `schur_kernel`; the loops are kernels of their own, as these take 15
+seconds to compile and few balls need them.
 """
 
 import numpy as np

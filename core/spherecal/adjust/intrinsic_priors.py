@@ -1,4 +1,4 @@
-"""Cameras whose intrinsics the data cannot carry: held by a prior, one by one and said aloud."""
+"""Cameras whose intrinsics the data cannot carry: each held by a prior, which a finding says."""
 
 from dataclasses import replace
 

@@ -152,7 +152,7 @@ class Network:
         return self.sigma[rows] * self.noise[self.camera[rows], None]
 
     def _views_of_the_ball(self, state: State, rows: IntArray) -> tuple[IntArray, PosedCameras]:
-        """Which camera pose each row is seen from, and all of them: as if the ball stood still and cameras moved."""
+        """Which camera pose each row is seen from, and all of them: as if the ball were at rest and cameras moved."""
         camera = self.camera[rows]
         if isinstance(self.ball, Free):
             return camera, state.cameras

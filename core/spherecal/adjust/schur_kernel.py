@@ -410,7 +410,7 @@ def subtract_gradient(gradient, weighted, at, size, g, blocks, n_blocks, offset,
 
 @njit(**KERNEL)
 def add_squares(matrix, diagonal, square, offset, width, lens):
-    """Add the blocks' own normal equations to the matrix's diagonal blocks; their diagonal is what damping multiplies.
+    """Add the blocks' own normal equations to the matrix; their diagonal is what damping multiplies.
 
     Parameters
     ----------

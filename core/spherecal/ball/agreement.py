@@ -4,7 +4,8 @@ Where the rigid form fits worse than free points, either the ball changed its sh
 its model, a pose that drifts. Let r_i be the residual of view i of a dot at one placement in the rigid form, B_i its
 derivatives by the dot and H_ij = B_i (B'B)^-1 B_j'. A place of its own for the dot there takes sum_ij r_i' H_ij r_j
 off the squares. A dot that moved contributes to the terms i = j and to those between cameras; errors of single cameras
-only to the former. The terms between cameras are therefore compared with their expectation for noise.
+only to the former. The terms between cameras are therefore compared with their expectation for noise. See
+docs/decisions/0011-ball-or-lenses.md.
 """
 
 from dataclasses import dataclass
@@ -38,16 +39,14 @@ class Agreement:
 
 
 def agreement(rigid: Adjustment, feature: IntArray, free_variance: float) -> Agreement:
-    """How far cameras agree on motions of dots; feature (n,) of all observations (placement, target, point).
-
-    `free_variance`: variance of unit weight with free points. (0, inf) where no dot is seen at two placements.
+    """How far cameras agree on motions of dots; (0, inf) where no dot is seen at two placements.
 
     Parameters
     ----------
     rigid
         The adjustment of the rigid ball.
     feature
-        Feature of each observation, those that are not used included, (n,).
+        Feature (placement, target, point) of each observation, those that are not used included, (n,).
     free_variance
         Variance of unit weight with free points.
     """

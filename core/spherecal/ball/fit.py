@@ -27,7 +27,7 @@ class BallFit:
     """A network solved in one form, in the reference camera's frame.
 
     `network` has the weights and priors of the solution; in the rigid form its features are dots of the ball, and
-    `rigid` tells which. `held` (c,): cameras whose intrinsics the data cannot carry. `ambiguous` (c,): those without a
+    `rigid` says which. `held` (c,): cameras whose intrinsics the data cannot carry. `ambiguous` (c,): those without a
     pose because two fit equally well. `free`: of the soft form, the free one, which shows what is wrong without taking
     a moved camera for a ball that gave way.
     """
@@ -57,7 +57,7 @@ class BallFit:
 def solve_free(
     network: Network, start: InitialPoses, points: FloatArray | None, candidates: BoolArray, run: Run
 ) -> BallFit:
-    """The free form from the start of the network; points (m,3) start values, None to triangulate.
+    """The free form from the start of the network.
 
     Parameters
     ----------
@@ -107,7 +107,7 @@ def solve_from(
 
 
 def with_lengths(solved: BallFit, rows: LengthRows, factor: float, run: Run) -> BallFit:
-    """The solution again with known lengths between features inside; `factor` brings it to their unit.
+    """The solution again with known lengths between features inside.
 
     Parameters
     ----------

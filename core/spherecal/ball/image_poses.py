@@ -1,8 +1,8 @@
 """Every image with a pose of its own, as seen from the ball: what holds however cameras and ball were moved.
 
-Only the ball's shape and the lenses are common to the images, so that neither a camera that moved nor a placement that
-is mixed up spoils anything; a ball that changed its shape does. What the images say of their poses together is kept as
-normal equations, from which `diagnose.pose_graph` reads which cameras stood still.
+Only the ball's shape and the lenses are common to the images. So neither a camera that moved nor a placement that is
+mixed up spoils anything; a ball that changed its shape does. What the images say of their poses together is kept as
+normal equations, from which `diagnose.pose_graph` reads which cameras did not move.
 """
 
 from dataclasses import dataclass, replace
@@ -45,9 +45,12 @@ LENSES_HELD_PX = 1.0
 class ImagePoses:
     """Poses x_camera = rotation (m,3,3) @ x_ball + translation (m,3) of all images, each of a camera at a placement.
 
-    `points` (m,) used of each; `normal` (6m,6m): what turns (rad, applied to the whole pose) and shifts in the cameras'
-    frames add to v'Pv, lenses and dots following. `by_pose_px2` (m,6,6): the squares by which they shift the image's
-    own points. `variance` of unit weight.
+    - `points` (m,): number used of each.
+    - `normal` (6m,6m): what turns (rad, applied to the whole pose) and shifts in the cameras' frames add to v'Pv,
+      lenses
+      and dots following.
+    - `by_pose_px2` (m,6,6): the squares by which they shift the image's own points.
+    - `variance`: of unit weight.
     """
 
     camera: IntArray
@@ -60,7 +63,15 @@ class ImagePoses:
     variance: float
 
     def change_px(self, rows: IntArray, change: FloatArray) -> float:
-        """By how much (rms per axis) changes of pose (6,) or (k,6) of some images (k,) shift their image points."""
+        """By how much (rms per axis, px) changes of pose shift the points of some images.
+
+        Parameters
+        ----------
+        rows
+            The images, (k,) indices.
+        change
+            Turn (rad, applied to the whole pose) and shift, (6,) the same for all or (k,6).
+        """
         steps = np.broadcast_to(change, (len(rows), POSE))
         squares = float(np.einsum("ni,nij,nj->", steps, self.by_pose_px2[rows], steps))
         return float(np.sqrt(squares / (2 * max(int(self.points[rows].sum()), 1))))

@@ -1,10 +1,10 @@
 """The ball at rest: every image as a camera of its own that looks at one ball.
 
 Groups of cameras that share no view all see the same ball, each from its side and turned from placement to placement.
-As seen from the ball, which does not move, their images overlap: one after the other is resected from the dots that
-those before it located, until all hang together. What is left is to read off how the ball lay at each placement and
-where the cameras of the other groups stand. In the groups' own frames too few dots are often located at two placements
-to align anything: of two times three cameras facing each other, 30 of 48 recordings were linked by those, this way 48.
+As seen from the ball, which does not move, their images overlap. One after the other is resected from the dots that
+those before it located, until all hang together. What is left is to read off the ball's pose at each placement and the
+poses of the cameras of the other groups. In the groups' own frames too few dots are often located at two placements
+to align anything. Of two times three cameras facing each other, 30 of 48 recordings were linked by those, this way 48.
 """
 
 from dataclasses import replace
@@ -34,9 +34,6 @@ def link_camera_groups(
 ) -> tuple[InitialPoses, Alignment]:
     """Start values of all cameras that the ball's shape links, and how the placements hang together.
 
-    groups: the cameras of each group in a frame and size of its own, the first one's is kept; `alignment` only gives
-    the numbers of dots shared.
-
     Parameters
     ----------
     ball
@@ -44,7 +41,7 @@ def link_camera_groups(
     groups
         Cameras of each group in a frame and size of its own; the first keeps its frame.
     alignment
-        Gives the numbers of dots shared.
+        Gives the numbers of dots shared, nothing else.
     context
         For progress, and to stop.
     """
@@ -137,7 +134,7 @@ def _pose(state: State, camera: int, size: float = 1.0) -> Similarity:
 def _rig(
     start: InitialPoses, grown: InitialPoses, count: IntArray, alignment: Alignment, root: int, taken: IntArray
 ) -> tuple[InitialPoses, Alignment]:
-    """Cameras and placements from the images' poses, each from the image with most dots (count (c,t)) that tells it.
+    """Cameras and placements from the images' poses, each from the image with most dots (count (c,t)) that shows it.
 
     `taken` (t,): which placements these are.
     """

@@ -1,8 +1,9 @@
 """The ball as one rigid object: X = R_t S + T_t instead of a new point for every dot at every placement.
 
 The free network places the dots of each placement; dots that two placements share give the motion between them. From
-then on the unknowns are the ball's shape and one pose for each further placement, which strengthens the network (bars'
-calibration error 11 to 17 times smaller on rigs A and B) and links cameras that never see the same side.
+then on the unknowns are the ball's shape and one pose for each further placement. That strengthens the network (bars'
+calibration error 11 to 17 times smaller on rigs A and B) and links cameras that never see the same side. See
+docs/decisions/0006-rigid-ball.md.
 """
 
 from dataclasses import dataclass, replace
@@ -29,8 +30,9 @@ BLUNDER = 6.0
 class Alignment:
     """How the placements of a network hang together by dots they share.
 
-    `root` (t,): the placement in whose frame each one's ball is described, itself where it shares too little;
-    `turn` (t,3,3) and `shift` (t,3) carry that ball to the placement (I and 0 for roots); `shared` (t,t) counts dots.
+    - `root` (t,): the placement in whose frame each one's ball is described, itself where it shares too little.
+    - `turn` (t,3,3) and `shift` (t,3) carry that ball to the placement (I and 0 for roots).
+    - `shared` (t,t) counts dots.
     """
 
     root: IntArray
@@ -99,7 +101,7 @@ class BallNetwork:
 
 
 def align(features: Features, points: FloatArray, n_placements: int, n_ball: int) -> Alignment:
-    """How the first `n_ball` of the placements (the ball's; the rest are bars') hang together; points (f,3) or NaN.
+    """How the ball's placements hang together by the dots they share.
 
     A tree of the pairs with most shared dots, outward from the placement that shares most.
 
@@ -110,7 +112,7 @@ def align(features: Features, points: FloatArray, n_placements: int, n_ball: int
     points
         Where they are (f,3), NaN where unknown.
     n_placements, n_ball
-        Placements, and how many of them are the ball's, which come first.
+        Placements, and how many of them are the ball's, which come first; the rest are bars'.
     """
     place = _by_dot(features, points, n_ball)
     known = np.isfinite(place[:, :, 0])
@@ -153,7 +155,7 @@ def _tree(shared: IntArray, place: FloatArray, known: BoolArray, target: IntArra
 
 
 def fit_motion(source: FloatArray, goal: FloatArray, tags: IntArray, with_scale: bool) -> Similarity | None:
-    """The motion that takes dots (n,3) to where they went, None where too few agree; tags (n,): their targets.
+    """The motion that takes dots to where they went, None where too few agree.
 
     Parameters
     ----------

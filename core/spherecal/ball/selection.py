@@ -1,7 +1,8 @@
 """The forms of the network, `free`, `soft` and `rigid`, and which of them the data carry.
 
 Free: every dot at every placement is a point of its own [Tao21]. Rigid: the ball is one object. Soft: it is, but its
-dots have some shape noise from placement to placement.
+dots have some shape noise from placement to placement. See docs/formulation.md, The rigid ball, and
+docs/decisions/0006-rigid-ball.md, 0012-soft-ball.md.
 """
 
 from collections.abc import Callable
@@ -92,8 +93,9 @@ class ModelChoice:
 class RequestedModel:
     """The ball model that the user asks for, and the standard deviation of its dots where he knows it.
 
-    `mm_per_unit` gives the length of the network's unit from its free form; `sizes` those of the ball at its placements
-    (t,), relative to their mean, that the rigid form should have, by the free form's variance; None: what they are off.
+    `mm_per_unit` gives the length of the network's unit from its free form. `sizes` gives those of the ball at its
+    placements (t,), relative to their mean, that the rigid form should have, by the free form's variance. With None for
+    that variance it gives what they are off.
     """
 
     name: RequestedForm
@@ -110,8 +112,6 @@ def choose_ball_model(
     run: Run,
 ) -> tuple[BallFit, ModelChoice]:
     """The rigid form where the data carry it (or it is requested), else the soft or the free one, with the reason.
-
-    `other_groups` solves the groups of cameras that have no common view with those placed (c,).
 
     Parameters
     ----------
@@ -160,7 +160,7 @@ def _without_priors(rigid: RigidNetwork) -> RigidNetwork:
 def _first_rigid(network: Network, start: State, free: BallFit, run: Run) -> Adjustment:
     """The rigid form of the free one's cameras from its state, by way of robust adjustments where that one is bent.
 
-    Free points hide that a camera moved which alone holds two halves of a rig together: the halves then are turned
+    Free points hide that a camera moved which alone holds two halves of a rig together. The halves then are turned
     against each other, and plain least squares never found back (0.5 mm on rig B ended at 8 px instead of 0.04).
     """
     used, placed = free.adjusted.used, free.placed
@@ -222,8 +222,8 @@ def _with_more_placements(
 ) -> tuple[BallFit, ModelChoice]:
     """The rigid form again while more placements hang together by the dots that it located than it began with.
 
-    Where two sides see the ball, each ties other placements to it; only both together tie all (of two times three
-    cameras, a third of the observations stayed unused and bars were 2 to 4 times worse).
+    Where two sides see the ball, each ties other placements to it; only both together tie all. Of two times three
+    cameras, a third of the observations stayed unused and bars were 2 to 4 times worse.
     """
     while solved.rigid is not None:
         known, before = solved.by_features.state, solved.rigid.alignment

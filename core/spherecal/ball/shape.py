@@ -25,7 +25,7 @@ OTHER_BALL = 0.03
 
 
 def shape_cofactors(covariance: Covariance, points: FloatArray, dots: IntArray) -> FloatArray:
-    """Cofactors (d,3,3) of dots (their numbers (d,)) among themselves; points (p,3) of a network in the rigid form.
+    """Cofactors (d,3,3) of dots among themselves, in the unit of the network squared.
 
     Parameters
     ----------
@@ -88,8 +88,6 @@ class Anchored:
 
 def anchored(ball: BallNetwork, state: State, dots: KnownDots, variance: float) -> Anchored | None:
     """A free network with the stored shape in place of its ball; None where no placement shows that shape.
-
-    state: the free form's, in its own unit; variance: the square of its standard deviation of unit weight.
 
     Parameters
     ----------
@@ -155,7 +153,7 @@ def anchored(ball: BallNetwork, state: State, dots: KnownDots, variance: float) 
 
 
 def _alike(motion: Similarity, shape: FloatArray, there: FloatArray) -> bool:
-    """Whether most dots (n,3) lie where the motion puts those of the shape."""
+    """Whether most dots (n,3) are where the motion puts those of the shape."""
     off = np.linalg.norm(motion.apply(shape) - there, axis=1)
     size = motion.scale * np.sqrt(((shape - shape.mean(axis=0)) ** 2).sum(axis=1).mean())
     return bool(np.median(off) <= OTHER_BALL * size)

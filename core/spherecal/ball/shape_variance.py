@@ -1,6 +1,7 @@
 """How much shape noise the ball's dots have, from the data: as much as explains what the rigid form leaves over.
 
-A variance component by its quadratic form: with it the soft form's variance of unit weight is the free form's.
+A variance component by its quadratic form: with it the soft form's variance of unit weight is the free form's. See
+docs/decisions/0012-soft-ball.md.
 """
 
 from dataclasses import dataclass, replace
@@ -39,8 +40,7 @@ def estimate_shape_variance(
 ) -> tuple[float, Adjustment]:
     """The shape noise (network's unit, for a standard deviation of unit weight of 1) and the network adjusted with it.
 
-    `first` is the rigid form's adjustment, `used` (n,) and `variance` are the free form's. 0 where the rigid form's
-    variance is no larger.
+    0 where the rigid form's variance is no larger than the free form's.
 
     Parameters
     ----------

@@ -1,7 +1,8 @@
 """A calibration from a ball whose shape is already known (a ball profile).
 
 The stored dots are observations of the shape, each with its covariance; so the shape need not be found again, and fewer
-placements suffice. A test detects another ball, or one that has changed; its profile is then not used.
+placements suffice. A test detects another ball, or one that has changed; its profile is then not used. See
+docs/decisions/0013-stored-shapes.md.
 """
 
 from dataclasses import dataclass, replace

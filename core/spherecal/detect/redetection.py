@@ -27,7 +27,26 @@ BORDER_PX = 8.0
 
 
 def with_missed_targets(session: Session, first: Calibration, context: Context) -> Session:
-    """The session with the observations of targets found at places that a first calibration predicts."""
+    """The session with the observations of targets found at places that a first calibration predicts.
+
+    A session of markers is returned as it is.
+
+    Parameters
+    ----------
+    session
+        A session with observations from its images.
+    first
+        Its calibration.
+    context
+        For progress, and to stop.
+
+    Raises
+    ------
+    InputError
+        Where an image cannot be read.
+    Cancelled
+        When the user stops the work.
+    """
     observations, targets = session.observations, session.target_set
     if observations is None or targets is None or targets.dictionary is not None or not first.rig.cameras:
         return session  # markers are found by their outlines, whatever is expected of them

@@ -47,7 +47,7 @@ def image_field(image_size: tuple[int, int], grid: tuple[int, int] = FIELD_GRID)
 def fit_lens(intrinsics: FloatArray, uv: FloatArray, model: LensModel) -> FittedLens | None:
     """The lens of `model` nearest to a lens at given image points; None where too few of them can be inverted.
 
-    A lens that is of the model already is returned as it is, with an rms of 0.
+    A lens that follows the model already is returned as it is, with an rms of 0.
 
     Parameters
     ----------

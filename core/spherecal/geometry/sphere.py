@@ -21,7 +21,7 @@ def fit_sphere(points: FloatArray) -> Sphere | None:
 
     Minimises the sum of (distance^2 - radius^2)^2 (I. D. Coope, Circle fitting by linear and nonlinear least squares,
     JOTA 76, 1993). On a ball 0.4 % out of round it agrees with the geometric fit to 1e-5; it has one solution and needs
-    no start.
+    no start (docs/decisions/0005-sphere-by-linear-least-squares.md).
     """
     if len(points) < 4:
         return None

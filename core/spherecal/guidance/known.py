@@ -34,8 +34,10 @@ class PlacedBall:
 class KnownNetwork:
     """A calibration's network in millimetres: observations with their weights, state, and the ball.
 
-    `sigma_px` (c,): noise of one image coordinate of each camera; `centres` (t,3) and `turns` (t,3,3): where the ball
-    was, against its root.
+    - `size` (c,2): the cameras' image sizes, px.
+    - `sigma_px`: noise of one image coordinate, the same of all cameras.
+    - `scale_relative`: relative standard uncertainty of the scale.
+    - `centres` (t,3) and `turns` (t,3,3): where the ball was, against its root.
     """
 
     network: Network
@@ -52,7 +54,15 @@ class KnownNetwork:
 
 
 def what_is_known(session: Session, calibration: Calibration) -> KnownNetwork | None:
-    """The network behind a calibration; None where it has no covariance or no ball."""
+    """The network behind a calibration; None where it has no covariance or no ball.
+
+    Parameters
+    ----------
+    session
+        The session that was calibrated.
+    calibration
+        Its result.
+    """
     rig, covariance = calibration.rig, calibration.rig.covariance
     n_ball = len(session.placements)
     placed = {sphere.placement for sphere in calibration.spheres}

@@ -1,7 +1,7 @@
 """The best next place and turn of the ball: what every candidate would do for a length of 500 mm.
 
 Each candidate's observations are predicted from the ball as it is known (and from what its unknown side will carry) and
-added to the network; the cameras' covariance then gives the uncertainty of test lengths all over the volume.
+added to the network. The cameras' covariance then gives the uncertainty of test lengths all over the volume.
 """
 
 from dataclasses import dataclass, replace
@@ -48,9 +48,10 @@ FOUND = 0.85
 class Candidate(ByValue):
     """One way to put the ball: its centre (3,) in the rig's frame, mm, and its turn against the last placement.
 
-    `axis` (3,) is a unit vector in the rig's frame, None where it is not turned. `expanded_mm` is what a length of 500
-    mm would be measured to (k = 2, median over the volume), `nearest` the camera that the ball would be closest to,
-    `fewest_dots` what the camera that sees least of it is sure to find.
+    - `axis` (3,) is a unit vector in the rig's frame, None where it is not turned.
+    - `expanded_mm` is what a length of 500 mm would be measured to (k = 2, median over the volume).
+    - `nearest` is the camera that the ball would be closest to.
+    - `fewest_dots` is what the camera that sees least of it is sure to find.
     """
 
     centre_mm: FloatArray
@@ -103,8 +104,23 @@ def advise(
 ) -> Guidance | None:
     """Where to put the ball next, from a calibration with the placements recorded so far; None without a ball.
 
-    Prediction to first order, with the ball as known so far. Lengths in the rig's frame, mm. `enough_dots`: what every
-    camera should see at a placement.
+    Prediction to first order, with the ball as known so far. Lengths in the rig's frame, mm.
+
+    Parameters
+    ----------
+    session
+        The session that was calibrated.
+    calibration
+        Its result.
+    context
+        For progress, and to stop.
+    enough_dots
+        Dots that every camera should see at a placement.
+
+    Raises
+    ------
+    Cancelled
+        When the user stops the work.
     """
     context = context or Context()
     known = what_is_known(session, calibration)
@@ -133,6 +149,15 @@ def first_guess(session: Session, calibration: Calibration, enough_dots: int = E
     """A place that enough cameras see, as far as can be from those so far, turned about the volume's thin axis.
 
     By geometry alone, for an answer at once; no length is predicted (`expanded_mm` NaN). None without a ball.
+
+    Parameters
+    ----------
+    session
+        The session that was calibrated.
+    calibration
+        Its result.
+    enough_dots
+        Dots that every camera should see at a placement.
     """
     known = what_is_known(session, calibration)
     if known is None:

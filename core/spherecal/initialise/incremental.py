@@ -1,8 +1,9 @@
 """The start of the adjustment: cameras placed along their paths, in rings where the paths are long.
 
 Short paths are chained at once. Over many hops the errors of the nominal intrinsics add up (0.3 m over 7.5 m, and the
-adjustment stuck at 4 to 14 px), so beyond `DIRECT_HOPS` the network grows ring by ring, with a short robust adjustment
-after each. Cameras that no triple reaches are resected at the end where the points allow it.
+adjustment stuck at 4 to 14 px). So beyond `DIRECT_HOPS` the network grows ring by ring, with a short robust adjustment
+after each. Cameras that no triple reaches are resected at the end where the points allow it. See
+docs/decisions/0003-start-of-the-adjustment.md.
 """
 
 from collections.abc import Callable
@@ -158,9 +159,7 @@ def resect_rest(
     context: Context,
     follow: Callable[[InitialPoses], InitialPoses] = lambda grown: grown,
 ) -> InitialPoses:
-    """Cameras that have no pose yet, those first that see most known points, an adjustment after each round.
-
-    `follow` gives poses to cameras that depend on those placed.
+    """Poses of cameras that have none yet, those first that see most known points, an adjustment after each round.
 
     Parameters
     ----------
@@ -171,7 +170,7 @@ def resect_rest(
     context
         For progress, and to stop.
     follow
-        Adds what a new pose brings along.
+        Adds the poses of cameras that depend on those placed.
     """
     state, placed = grown.state, grown.placed.copy()
     tried: set[int] = set()

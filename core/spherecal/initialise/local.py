@@ -59,9 +59,9 @@ def reconstruct_locally(
     seed: int,
     context: Context,
 ) -> LocalNetwork:
-    """Robust two-view gate, triples by factorisation, camera graph and paths (steps 2 to 5 of the method).
+    """Robust two-view gate, triples by factorisation, camera graph and paths, [Tao21] (3)-(17).
 
-    intrinsics (c,16) as known before; the reference is the camera in most triples.
+    The reference is the camera in most triples.
 
     Parameters
     ----------
@@ -69,8 +69,10 @@ def reconstruct_locally(
         What was observed, and what features are.
     intrinsics
         Before the adjustment, (c,16).
-    search, seed
-        How paths are searched, and the seed of the robust estimates.
+    paths
+        How edges are weighted and paths are searched, or the search alone.
+    seed
+        Seed of the robust estimates.
     context
         For progress, and to stop.
     """
@@ -138,7 +140,15 @@ def _is_flat(gate: Gate, table: IntArray, xy: FloatArray, intrinsics: FloatArray
 
 
 def lasting_reference(local: LocalNetwork, session: Session) -> LocalNetwork:
-    """The local network with a reference camera that the rig will have: no earlier pose of a split camera."""
+    """The local network with a reference camera that the rig will have: no earlier pose of a split camera.
+
+    Parameters
+    ----------
+    local
+        The local network.
+    session
+        Its session, which says which cameras are earlier poses.
+    """
     earlier = np.array([camera.earlier_pose_of is not None for camera in session.cameras])
     if not earlier.any():
         return local

@@ -38,15 +38,16 @@ def find_paths(
 ) -> dict[int, Path]:
     """The path of every camera that can be reached; the reference's own has no steps.
 
-    `opt`: A* on f = base^m g + h; `dijkstra`: shortest paths, base 1; `first`: none-OPT, Algorithm 3, the triples with
-    most common features first; `first-listed`: the same in the literal order, triples by their cameras' numbers.
-
     Parameters
     ----------
     graph, triples
         The view graph and its reconstructions.
-    search, base
-        The search, and b of (14).
+    search
+        `opt`: A* on f = base^m g + h, [Tao21] (14). `dijkstra`: shortest paths, base 1. `first`: none-OPT, Algorithm 3,
+        the triples with most common features first. `first-listed`: the same in the literal order, triples by their
+        cameras' numbers.
+    base
+        b of (14), at least 1.
     """
     if search == "first":
         return _first_paths(graph, triples)

@@ -1,6 +1,6 @@
 """Local reconstruction of three cameras that see a plane, where the projective factorisation has no unique answer.
 
-Two views of a plane are related by a homography H = R + t n'/d, which has up to four decompositions, two of them with
+Two views of a plane are related by a homography H = R + t n'/d. It has up to four decompositions, two of them with
 the points in front of both cameras (O. Faugeras, F. Lustman, Motion and structure from motion in a piecewise planar
 environment, 1988). A third view decides: both pairs must see the same plane.
 """
@@ -30,14 +30,14 @@ class _View:
 
 
 def homography(a: FloatArray, b: FloatArray, gate: float) -> tuple[FloatArray, BoolArray] | None:
-    """H with b ~ H a of matches (n,2) in normalised units and which agree within `gate`; None where there is none.
+    """H (3,3) with b ~ H a and which matches agree within the gate (n,); None where there is none.
 
     Parameters
     ----------
     a, b
-        Matches, (k,2) each.
+        Matches in normalised units, (n,2) each.
     gate
-        How far a match may be off.
+        How far a match may be off, in normalised units.
     """
     if len(a) < MIN_POINTS:
         return None
@@ -53,12 +53,12 @@ def homography(a: FloatArray, b: FloatArray, gate: float) -> tuple[FloatArray, B
 
 
 def is_flat(xy_a: FloatArray, xy_b: FloatArray, focal_px: float) -> bool:
-    """Whether two views' matches (n,2) in normalised units lie on one plane, as far as these views can show.
+    """Whether two views' matches are on one plane, as far as these views can show.
 
     Parameters
     ----------
     xy_a, xy_b
-        Matches in normalised coordinates, (k,2) each.
+        Matches in normalised units, (n,2) each.
     focal_px
         Focal length of the second view, for the gate in px.
     """
@@ -71,17 +71,16 @@ def reconstruct_planar_triple(
 ) -> Triple | None:
     """The reconstruction of three cameras from points of one plane, None where the points are on none.
 
-    xy (3, n, 2): normalised image points with known distortion removed; focal_px (3,) turns errors to pixels. The
-    first camera is the origin; the plane's distance from it is the unit of length.
+    The first camera is the origin; the plane's distance from it is the unit of length.
 
     Parameters
     ----------
     cameras, features
-        The triple, and the features common to it (m,).
+        The triple, and the features common to it (n,).
     xy
-        Their image points in normalised coordinates, by camera.
+        Their normalised image points with known distortion removed, by camera, (3,n,2).
     focal_px
-        Focal lengths.
+        Focal lengths (3,), which turn errors to pixels.
     """
     good = np.ones(len(features), dtype=bool)
     h = []

@@ -21,8 +21,8 @@ OUTLIER_FACTOR = 5.0
 class Triple:
     """A reconstructed triple in a frame and scale of its own.
 
-    cameras (3,) indices, rotation (3,3,3), translation (3,3), features (n,) indices, points (n,3), error_px (3,) the
-    mean reprojection error of each camera, E_R of (10).
+    `cameras` (3,) indices, `rotation` (3,3,3), `translation` (3,3), `features` (n,) indices, `points` (n,3), `error_px`
+    (3,) the mean reprojection error of each camera, E_R of (10).
     """
 
     cameras: tuple[int, int, int]
@@ -33,7 +33,13 @@ class Triple:
     error_px: FloatArray
 
     def baseline(self, i: int, j: int) -> float:
-        """Distance between two of its cameras' centres (positions 0..2 in the triple)."""
+        """Distance between the centres of two of its cameras.
+
+        Parameters
+        ----------
+        i, j
+            Their positions in the triple, 0 to 2.
+        """
         centre = -np.einsum("cji,cj->ci", self.rotation, self.translation)
         return float(np.linalg.norm(centre[i] - centre[j]))
 
@@ -43,18 +49,17 @@ def reconstruct_triple(
 ) -> Triple | None:
     """The Euclidean reconstruction of three cameras from common features, None where it fails.
 
-    xy (3, n, 2): normalised image points with known distortion removed; focal_px (3,) turns errors to pixels. Points
-    far worse than the rest are left out in a second attempt: the two-view gate before this lets through what lies
+    Points far worse than the rest are left out in a second attempt: the two-view gate before this lets through what is
     along the epipolar lines by chance.
 
     Parameters
     ----------
     cameras, features
-        The triple, and the features common to it (m,).
+        The triple, and the features common to it (n,).
     xy
-        Their image points in normalised coordinates, by camera.
+        Their normalised image points with known distortion removed, by camera, (3,n,2).
     focal_px
-        Focal lengths.
+        Focal lengths (3,), which turn errors to pixels.
     """
     attempt = _attempt(xy)
     if attempt is None:
@@ -73,7 +78,7 @@ def reconstruct_triple(
 
 @dataclass(frozen=True)
 class _Attempt:
-    """Poses (3,3,3), (3,3), points (n,3), errors in normalised units (3,n), which lie before all cameras (n,)."""
+    """Poses (3,3,3), (3,3), points (n,3), errors in normalised units (3,n), which are in front of all cameras."""
 
     rotation: FloatArray
     translation: FloatArray
@@ -97,7 +102,7 @@ def _attempt(xy: FloatArray) -> _Attempt | None:
 def _intersect(
     rotation: FloatArray, translation: FloatArray, rays: FloatArray
 ) -> tuple[FloatArray, FloatArray, BoolArray]:
-    """Points nearest to their three rays (n,3), errors in normalised units (3,n), which lie before all cameras (n,)."""
+    """Points nearest to their three rays (n,3), errors in normalised units (3,n), which are in front of all cameras."""
     direction = np.einsum("cji,cnj->cni", rotation, rays)
     direction /= np.linalg.norm(direction, axis=2, keepdims=True)
     centre = -np.einsum("cji,cj->ci", rotation, translation)

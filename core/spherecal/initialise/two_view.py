@@ -41,9 +41,6 @@ def vote(
 ) -> Gate:
     """Observations that at least half of their pairs of cameras find consistent (MAGSAC on fundamental matrices).
 
-    feature_table (c, m): each camera's observation of each feature, -1 where it does not see it; flat (n, 2): image
-    points in pixels with known distortion removed; counts (c, c): common features.
-
     Parameters
     ----------
     feature_table
@@ -51,7 +48,7 @@ def vote(
     flat
         Image points without their known distortion, (n,2) px.
     counts
-        Common features, (c,c).
+        Common features, (c,c); pairs with fewer than `MIN_POINTS_A_PAIR` are not asked.
     gate_px, seed
         Distance from the epipolar line that is allowed, and the seed of MAGSAC.
     context
@@ -136,9 +133,20 @@ class Pair:
 def relative_orientation(
     cameras: tuple[int, int], a: FloatArray, b: FloatArray, focal_px: float, seed: int
 ) -> Pair | None:
-    """The relative orientation of two calibrated cameras from matches (k,2) each, in normalised coordinates.
+    """The relative orientation of two calibrated cameras; None where most points are not in front of both.
 
-    None where most points are not in front of both. The essential matrix is the one nearest to MAGSAC's F.
+    The essential matrix is the one nearest to MAGSAC's F.
+
+    Parameters
+    ----------
+    cameras
+        The two cameras.
+    a, b
+        Matches in normalised coordinates, (k,2) each.
+    focal_px
+        Focal length by which the gate of `GATE_PX` applies.
+    seed
+        Seed of MAGSAC.
     """
     fundamental = robust_fundamental(focal_px * a, focal_px * b, GATE_PX, seed)
     if fundamental is None:

@@ -27,7 +27,14 @@ def common_counts(seen: BoolArray) -> IntArray:
 def strongest_pairs(counts: IntArray, partners: int) -> IntArray:
     """The counts (c, c) of each camera's pairs with most features in common, and of those that hold the graph together.
 
-    The rest is 0. A pair stays when either camera counts the other among its `partners` best.
+    The rest is 0. A pair stays when either camera counts the other among its best.
+
+    Parameters
+    ----------
+    counts
+        Common features, (c,c).
+    partners
+        How many pairs of each camera count as its best.
     """
     apart = counts * ~np.eye(len(counts), dtype=bool)
     best = np.argsort(-apart, axis=1, kind="stable")[:, :partners]
@@ -83,7 +90,7 @@ def solve_triples(
 ) -> list[Triple]:
     """The triples worth solving: until every edge has `KEEP_AN_EDGE` of them, the richest first.
 
-    The pruned ones are the re-try list: they are solved too as long as cameras stay apart that they could join, since
+    The pruned ones are the re-try list. They are solved too as long as cameras stay apart that they could join, since
     the triples of an edge may all have failed.
 
     Parameters
@@ -197,7 +204,17 @@ def error_threshold(triples: list[Triple]) -> float:
 
 
 def build_graph(triples: list[Triple], counts: IntArray, weights: EdgeWeights | None = None) -> CameraGraph:
-    """The graph of lightest edges over all triples, and common scales."""
+    """The graph of lightest edges over all triples (13), and common scales.
+
+    Parameters
+    ----------
+    triples
+        The reconstructions.
+    counts
+        Common features, (c,c).
+    weights
+        xi1, xi2 and TH_er of (10) and (12); those of [Tao21], and a threshold by the triples' errors, unless given.
+    """
     n = len(counts)
     edges: list[dict[int, Edge]] = [{} for _ in range(n)]
     groups = np.zeros(n, dtype=int)

@@ -15,7 +15,7 @@ _REACH = 1.3
 
 @dataclass(frozen=True)
 class Cameras:
-    """Cameras that look: intrinsics (c,16), poses (c,3,3), (c,3), image sizes (c,2) px.
+    """The cameras that see a length: intrinsics (c,16), poses (c,3,3), (c,3), image sizes (c,2) px.
 
     `covariance` (c*w, c*w) of turn, shift and the `columns` of the intrinsics (rig.CameraCovariance).
     """
@@ -45,14 +45,23 @@ class PredictedLengths:
     views: IntArray
 
     def standard_mm(self) -> FloatArray:
-        """Standard uncertainties (m,)."""
+        """Standard uncertainties (m,) in mm."""
         return np.sqrt(self.calibration + self.own)
 
 
 def predict_lengths(cameras: Cameras, ends: FloatArray, sigma_px: float) -> PredictedLengths:
-    """The uncertainty of the lengths between pairs of single dots, ends (m,2,3) in the cameras' frame and unit.
+    """The uncertainty of lengths between pairs of single dots; first order (GUM 5.1).
 
-    A dot is seen by all cameras whose image holds it: nothing hides it. First order (GUM 5.1).
+    A dot is seen by all cameras whose image holds it: nothing hides it. See docs/formulation.md, Prediction.
+
+    Parameters
+    ----------
+    cameras
+        The cameras and their covariance.
+    ends
+        Ends of the lengths in the cameras' frame and unit, (m,2,3).
+    sigma_px
+        Standard deviation of one coordinate of a dot's image, px.
     """
     at_once = max(arrays.ROWS_AT_ONCE // (2 * max(len(cameras.rotation), 1)), 1)
     parts = [_gradients(cameras, ends[k : k + at_once], sigma_px) for k in range(0, max(len(ends), 1), at_once)]
@@ -62,7 +71,15 @@ def predict_lengths(cameras: Cameras, ends: FloatArray, sigma_px: float) -> Pred
 
 
 def length_gradients(cameras: Cameras, ends: FloatArray) -> FloatArray:
-    """Derivatives (m,c*w) of lengths between ends (m,2,3) by the cameras, those of the lengths that are seen."""
+    """Derivatives (k,c*w) of lengths by the cameras, of the k lengths of which two cameras see both ends.
+
+    Parameters
+    ----------
+    cameras
+        The cameras.
+    ends
+        Ends of the lengths in the cameras' frame and unit, (m,2,3).
+    """
     gradient, _, _, known = _gradients(cameras, ends, 1.0)
     return gradient[known]
 

@@ -24,7 +24,7 @@ class Volume(ByValue):
     half: FloatArray
 
     def grid(self, count: int) -> FloatArray:
-        """count^3 places (n,3) from corner to corner."""
+        """count^3 places (n,3) mm from corner to corner."""
         steps = np.linspace(-1, 1, count)
         box = np.stack(np.meshgrid(steps, steps, steps, indexing="ij"), -1).reshape(-1, 3)
         return self.middle + box * self.half @ self.axes
@@ -60,9 +60,16 @@ class LengthMap(ByValue):
 
 
 def measured_volume(points: FloatArray, camera_centres: FloatArray) -> Volume:
-    """The box about the points (n,3) that were seen, its axes those of the cameras' arrangement.
+    """The box about points that were seen, its axes those of the cameras' arrangement.
 
-    Nine tenths of the points' extent: a length must lie inside.
+    Nine tenths of the points' extent: a length must be inside as a whole.
+
+    Parameters
+    ----------
+    points
+        The points, (n,3) mm.
+    camera_centres
+        Projection centres of the cameras, (c,3) mm.
     """
     centred = camera_centres - camera_centres.mean(axis=0)
     axes = np.linalg.svd(centred)[2]
@@ -73,7 +80,19 @@ def measured_volume(points: FloatArray, camera_centres: FloatArray) -> Volume:
 
 
 def length_map(cameras: Cameras, volume: Volume, sigma_px: float, scale_relative: float = 0.0) -> LengthMap:
-    """The map over a volume in mm; `scale_relative` where the cameras' covariance does not hold the scale's share."""
+    """The map over a volume in mm.
+
+    Parameters
+    ----------
+    cameras
+        The cameras and their covariance in mm.
+    volume
+        The box.
+    sigma_px
+        Standard deviation of one coordinate of a dot's image, px.
+    scale_relative
+        Relative standard uncertainty of the scale; 0 where the cameras' covariance holds the scale's share.
+    """
     places = volume.grid(GRID)
     directions = DIRECTIONS @ volume.axes
     half = LENGTH_MM / 2 * directions

@@ -66,7 +66,7 @@ def scale_from_bars(
     """The scale from all poses of a bar, weighted by measurement noise; None where no length could be measured.
 
     The relative uncertainty holds noise and calibration with all correlations, and the certificate, which more poses do
-    not average.
+    not average. See docs/formulation.md, Scale.
 
     Parameters
     ----------

@@ -120,7 +120,14 @@ def _surer(one: RigScale, other: RigScale) -> bool:
 def metric_solution(recording: Recording, solved: BallFit, literal: bool = False) -> Solution:
     """The adjusted network brought to its scale; lengths stay arbitrary without covariance or a usable scale.
 
-    `literal` takes the mean distance of (18)-(19) for the spacing of dots, without our departures.
+    Parameters
+    ----------
+    recording
+        The recording, with its scale.
+    solved
+        The solution in its own unit.
+    literal
+        Whether to take the mean distance of [Tao21] (18)-(19) for the spacing of dots, without our departures.
     """
     session, adjusted, cofactors = recording.session, solved.by_features, solved.cofactors
     state = adjusted.state

@@ -1,7 +1,8 @@
 """Millimetres from the known spacing of two dots of every target, [Tao21] (18)-(19), with two departures.
 
-metric = reconstructed / ratio (the paper prints the product), and a flat sticker bent onto a ball turns the printed
-distance d, an arc, into the chord 2 R sin(d / 2R): 3e-4 shorter at d = 22 mm, R = 250 mm, 0.13 mm on a 400 mm bar.
+metric = reconstructed / ratio, where the paper prints the product. And a flat sticker bent onto a ball turns the
+printed distance d, an arc, into the chord 2 R sin(d / 2R). That is 3e-4 shorter at d = 22 mm, R = 250 mm, 0.13 mm on a
+400 mm bar.
 """
 
 from collections.abc import Mapping
@@ -42,7 +43,7 @@ class Spacing:
     """The known distance between two named dots (their point indices); on a sphere it is an arc, else straight.
 
     `patterns` gives, by target, the places (names, 2) in mm of all its dots on the flat sticker, NaN where it has no
-    such dot; scaled so that the two dots are at their distance, they measure it 1.56 times better than the two alone.
+    such dot. Scaled so that the two dots are at their distance, they measure it 1.56 times better than the two alone.
     """
 
     from_point: int
@@ -78,10 +79,9 @@ def scale_from_spacing(
 ) -> FoundScale | None:
     """The scale from all targets with enough dots reconstructed; None where there is none.
 
-    points (p,3) in network units, radius (placements,) of the fitted spheres in network units (NaN: none),
-    variance: square of sigma0. Targets are weighted by their measurement noise and by the scatter of the print, which
-    is estimated too (R. DerSimonian, N. Laird, Meta-analysis in clinical trials, 1986): the same sticker at several
-    placements averages its noise, not its print error.
+    Targets are weighted by their measurement noise and by the scatter of the print, which is estimated too
+    (R. DerSimonian, N. Laird, Meta-analysis in clinical trials, 1986): the same sticker at several placements averages
+    its noise, not its print error. See docs/formulation.md, Scale.
 
     Parameters
     ----------
@@ -92,7 +92,7 @@ def scale_from_spacing(
     points, radius
         Places of the features (f,3), and radii of the placements' spheres (t,), NaN where there is none; network units.
     covariance, variance
-        Of the adjusted network, and its variance of unit weight.
+        Of the adjusted network, and its variance of unit weight (the square of sigma0).
     """
     stickers = _stickers(spacing, features, points, covariance)
     if not len(stickers.target):
@@ -126,10 +126,21 @@ def scale_from_mean_distance(
     covariance: Covariance,
     variance: float,
 ) -> FoundScale | None:
-    """The scale of (18)-(19) to the letter: the mean distance of the two dots over all targets against the known one.
+    """The scale of [Tao21] (18)-(19) to the letter: the mean distance of the two dots of all targets to the known one.
 
-    Arguments as of `scale_from_spacing`; no weights, no other dots, no arc: on a ball lengths come out too long by
-    d^2 / (24 R^2) relatively, which counts as uncertainty.
+    No weights, no other dots, no arc: on a ball lengths come out too long by d^2 / (24 R^2) relatively, which counts as
+    uncertainty. None where no target has both dots.
+
+    Parameters
+    ----------
+    spacing
+        The known distance; its patterns are not used.
+    features
+        What the features are.
+    points, radius
+        Places of the features (f,3), and radii of the placements' spheres (t,), NaN where there is none; network units.
+    covariance, variance
+        Of the adjusted network, and its variance of unit weight.
     """
     stickers = _stickers(replace(spacing, patterns=None), features, points, covariance)
     n = len(stickers.target)
@@ -184,8 +195,9 @@ def _laid_over(
 def _stretch(stickers: _Stickers, points: FloatArray, radius_mm: FloatArray, weight: FloatArray) -> float:
     """How much longer stickers are in one direction of the print than across it; 0 where that is not certain.
 
-    The part x -> (a x + b y, b x - a y) of what each sticker's dots are off from their pattern; its scatter from target
-    to target has the print's own errors in it.
+    The part x -> (a x + b y, b x - a y) is taken of what each sticker's dots are off from their pattern. Its scatter
+    from
+    target to target has the print's own errors in it.
     """
     whole = stickers.there.sum(axis=1) >= LEAST_DOTS
     stickers, weight = stickers.select(whole), weight[whole]
@@ -212,9 +224,16 @@ def _stretch(stickers: _Stickers, points: FloatArray, radius_mm: FloatArray, wei
 
 
 def bend(flat_mm: FloatArray, radius_mm: FloatArray) -> FloatArray:
-    """Dots (n,k,3) of flat stickers (n,k,2) laid on balls of radii (n,), flat where no radius is known.
+    """Dots (n,k,3) mm of flat stickers laid on balls.
 
     Straight lines through a sticker's origin keep their length (exponential map); z points into the ball.
+
+    Parameters
+    ----------
+    flat_mm
+        Places of the dots on the flat stickers, (n,k,2).
+    radius_mm
+        Radii of the balls, (n,); a sticker is flat where none is known.
     """
     distance = np.linalg.norm(flat_mm, axis=2)
     radius = np.where(np.isfinite(radius_mm) & (radius_mm > 0), radius_mm, np.inf)[:, None]
@@ -274,7 +293,7 @@ def _pattern(spacing: Spacing, target: int, names: int) -> FloatArray:
 
 
 def _once(stickers: _Stickers, covariance: Covariance) -> BoolArray:
-    """Stickers (n,) that stand for themselves: of the rigid ball's, each one only where most of its dots are seen."""
+    """Stickers (n,) to use: of the rigid ball's, each one only at the placement where most of its dots are seen."""
     unknown = np.where(stickers.there, covariance.point_of_feature[stickers.feature], -1)
     keep, seen = np.zeros(len(unknown), dtype=bool), set[int]()
     for row in np.argsort(-stickers.there.sum(axis=1), kind="stable"):

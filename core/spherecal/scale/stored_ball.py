@@ -26,8 +26,6 @@ def on_known_ball(
 ) -> MetricFit | Finding:
     """The solution on the profile where the recorded ball is the profile's; else the finding that says why not.
 
-    InputError where the targets do not go with the profile.
-
     Parameters
     ----------
     recording
@@ -38,6 +36,11 @@ def on_known_ball(
         The stored ball.
     run
         What the stages share.
+
+    Raises
+    ------
+    InputError
+        Where the targets do not go with the profile.
     """
     session = recording.session
     targets = session.target_set

@@ -53,8 +53,8 @@ class BoardPattern:
 class Figure:
     """What is printed: rectangles (x, y, width, height) and discs (x, y, diameter) in mm, each with its grey.
 
-    y runs down as printed, whichever way rows count; later parts lie on earlier ones. 0 is black, 1 white. `origin_mm`
-    is where the first point lies, `upward` whether the board's y runs up from there.
+    y runs down as printed, whichever way rows count; later parts cover earlier ones. 0 is black, 1 white. `origin_mm`
+    is the place of the first point, `upward` whether the board's y runs up from there.
     """
 
     size_mm: tuple[float, float]

@@ -1,4 +1,4 @@
-"""A target set as the decoder needs it: its template, the places where code dots may lie, and codes by their places."""
+"""A target set as the decoder needs it: its template, the places where code dots may be, and codes by their places."""
 
 from dataclasses import dataclass
 
@@ -71,7 +71,7 @@ def code_table(target_set: TargetSet) -> CodeTable:
 
 
 def _cluster(dots: FloatArray) -> tuple[FloatArray, IntArray]:
-    """Mean places of dots (n, 2) that lie together, and each dot's place (n,)."""
+    """Mean places of dots (n, 2) that are close together, and each dot's place (n,)."""
     places: list[FloatArray] = []
     members: list[list[FloatArray]] = []
     place_of = np.empty(len(dots), dtype=np.int64)

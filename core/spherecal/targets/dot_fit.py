@@ -189,7 +189,7 @@ def _fit_plane(dots, column, present, weights, plane):
 
 @njit(nogil=True, cache=True, error_model="numpy")
 def _hold_to_plane(dots, k, column, plane, sd, equations):
-    """Add to dot k's equations that its amplitude or background lies on the plane within `sd`."""
+    """Add to dot k's equations that its amplitude or background is on the plane within `sd`."""
     expected = plane[2] + plane[3] * (dots[k, CU] - plane[0]) + plane[4] * (dots[k, CV] - plane[1])
     equations[k, column, column] += 1 / (sd * sd)
     equations[k, column, RIGHT] += (expected - dots[k, column]) / (sd * sd)

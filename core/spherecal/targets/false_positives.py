@@ -71,7 +71,7 @@ def _rms_mm(uv: FloatArray, layout: FloatArray, seen: BoolArray, camera: FloatAr
 
 
 def _lie_exactly(uv: FloatArray, layout: FloatArray, seen: BoolArray, camera: FloatArray) -> bool:
-    """Whether the dots fit a view of the layout, and each code dot lies where the others put it."""
+    """Whether the dots fit a view of the layout, and each code dot is where the others put it."""
     if _rms_mm(uv, layout, seen, camera) > _MOST_RMS_MM:
         return False
     if seen[_CODE:].all():

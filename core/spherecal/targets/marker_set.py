@@ -1,4 +1,4 @@
-"""ArUco and AprilTag markers as targets: which there are, and where their corners lie."""
+"""ArUco and AprilTag markers as targets: which there are, and where their corners are."""
 
 from collections.abc import Sequence
 from typing import TYPE_CHECKING

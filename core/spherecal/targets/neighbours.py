@@ -1,4 +1,4 @@
-"""Which blobs lie near which, and are like them enough to be dots of one sticker."""
+"""Which blobs are near each other, and enough alike to be dots of one sticker."""
 
 import numpy as np
 

@@ -177,7 +177,7 @@ def _agreeing(looks, pivot, blobs, near):
 
 @njit(nogil=True, cache=True, error_model="numpy")
 def _is_alone(uv, looks, scales, start, order, free, lookup, row, view):
-    """Whether no other blob that might be a dot of it lies on the sticker, but where the missing dot should be."""
+    """Whether no other blob that might be a dot of it is on the sticker, but where the missing dot should be."""
     near, gap = np.empty(MOST_NEIGHBOURS, np.int64), lookup.layouts[row[0], np.argmin(row[1:])]
     for dot in row[1:]:
         if dot == MISSING:
@@ -285,13 +285,13 @@ def _slack(a_e_px):
 
 @njit(nogil=True, cache=True, error_model="numpy")
 def _is_middle(uv, b, c, mu, mv, slack):
-    """Whether the middle of two blobs lies at (mu, mv); twice its distance is what C misses its prediction by."""
+    """Whether the middle of two blobs is at (mu, mv); twice its distance is what C misses its prediction by."""
     return (uv[b, 0] + uv[c, 0] - 2 * mu) ** 2 + (uv[b, 1] + uv[c, 1] - 2 * mv) ** 2 < slack
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
 def _is_left(uv, a, e, b):
-    """Whether b lies to the left of A-E as printed, y being down."""
+    """Whether b is to the left of A-E as printed, y being down."""
     eu, ev = uv[e, 0] - uv[a, 0], uv[e, 1] - uv[a, 1]
     return eu * (uv[b, 1] - uv[a, 1]) - ev * (uv[b, 0] - uv[a, 0]) < 0
 

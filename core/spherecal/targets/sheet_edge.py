@@ -36,9 +36,8 @@ def near_sides(image, place, per_px, u, v, reach_px, blur, sides):
     reach_px, blur
         How far the pixels are from the dot at most, and the standard deviation of the blur, px.
     sides
-        Output, (4, 4). For each side: how far inside it the dot is (blurs), the change of that per px in u and in v,
-        the
-        light beyond (NaN where the image shows none).
+        Output, (4, 4). For each side: how far inside it the dot is (blurs), the change of that per px in u and in v.
+        Last the light beyond, NaN where the image shows none.
     """
     det = per_px[0] * per_px[3] - per_px[1] * per_px[2]
     values = np.empty(len(_ALONG_MM))

@@ -1,6 +1,6 @@
 """How a flat or bent sticker appears in an image: an affine map, its perspective and the sag of its surface.
 
-A sticker on a ball of radius R lies (x^2 + y^2) / 2R below its tangent plane. The sag and the perspective shift its
+A sticker on a ball of radius R is (x^2 + y^2) / 2R below its tangent plane. The sag and the perspective shift its
 dots in the image along the direction in which it is tilted. Both follow from the affine map (tilt, scale) but for two
 things, the tilt's sign and the curvature 1/2R, and these are fitted with it. The focal length need only be
 roughly right, and lens distortion is absorbed by the affine map to first order.

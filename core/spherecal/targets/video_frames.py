@@ -1,6 +1,6 @@
 """Frames of videos for a calibration: those in which nothing moves and the image is sharp, of common moments.
 
-Frame i of each video is of one moment, or the times of all frames are known. Bringing videos together by sound is left
+Frames i of all videos show one moment, or the times of all frames are known. Bringing videos together by sound is left
 to other programs.
 """
 
@@ -78,7 +78,7 @@ def choose_frames(
     context
         For progress, and to stop.
     times
-        Times in s of all frames of each video; None: frame i of each video is of one moment.
+        Times in s of all frames of each video; None: frames i of all videos show one moment.
 
     Raises
     ------
@@ -117,7 +117,7 @@ def choose_frames(
 def common_moments(times: Sequence[NDArray[np.floating[Any]]]) -> IntArray:
     """Frames of one moment (moments, cameras): of the slowest camera, each with the nearest frame of every other.
 
-    Moments at which a camera has no frame near are left out, and no frame is of two moments.
+    Moments at which a camera has no frame near are left out, and no frame belongs to two moments.
     """
     usual = [float(np.median(np.diff(own))) for own in times]
     clock = times[int(np.argmax(usual))]

@@ -309,7 +309,7 @@ def export_rig(
     unit
         Unit of lengths; None takes the format's own.
     max_loss_px
-        By how much a lens that the format cannot hold may change a projection.
+        Largest change of a projection, px, by a lens that the format cannot hold.
     frame
         The user's frame in which all poses are given; None is the world of rig.json.
     volume_mm
@@ -319,9 +319,8 @@ def export_rig(
     Raises
     ------
     InputError
-        For a rig without cameras, an unknown format, a unit or a lens that the format does not have, and a frame of a
-        rig
-        with another reference camera.
+        For a rig without cameras, an unknown format, a unit or a lens that the format does not have.
+        Also for a frame of a rig with another reference camera.
     OutputError
         Where it cannot be written.
     """

@@ -47,8 +47,7 @@ def calibrate(
     ------
     InputError
         Where the session has neither images nor observations, where images cannot be read, and for settings that cannot
-        be
-        used with the session.
+        be used with the session.
     Cancelled
         When the user stops the work.
     """

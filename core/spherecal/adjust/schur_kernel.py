@@ -318,8 +318,7 @@ def eliminate_points(
         elimination (e,); added to. The diagonal gets only that of kept points here.
     square
         The blocks' own normal equations, a camera's with its lens, shared or not, (b,w,w); added to. `add_squares`
-        brings
-        them into the matrix.
+        brings them into the matrix.
     inverse, point_gradient
         What is known of the points without their observations on entry. On return the inverses of their damped V (0 of
         kept points) and their gradients, (p,3,3) and (p,3).

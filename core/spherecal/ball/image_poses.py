@@ -47,8 +47,7 @@ class ImagePoses:
 
     - `points` (m,): number used of each.
     - `normal` (6m,6m): what turns (rad, applied to the whole pose) and shifts in the cameras' frames add to v'Pv,
-      lenses
-      and dots following.
+      lenses and dots following.
     - `by_pose_px2` (m,6,6): the squares by which they shift the image's own points.
     - `variance`: of unit weight.
     """

@@ -59,7 +59,7 @@ def reconstruct_locally(
     seed: int,
     context: Context,
 ) -> LocalNetwork:
-    """Robust two-view gate, triples by factorisation, camera graph and paths, [Tao21] (3)-(17).
+    """Robust two-view gate, triples by factorisation, camera graph and paths, [Tao21] (3)-(14).
 
     The reference is the camera in most triples.
 

@@ -78,7 +78,7 @@ def reconstruct_triple(
 
 @dataclass(frozen=True)
 class _Attempt:
-    """Poses (3,3,3), (3,3), points (n,3), errors in normalised units (3,n), which are in front of all cameras."""
+    """Poses (3,3,3), (3,3), points (n,3), errors in normalised units (3,n), which are in front of all cameras (n,)."""
 
     rotation: FloatArray
     translation: FloatArray
@@ -102,7 +102,7 @@ def _attempt(xy: FloatArray) -> _Attempt | None:
 def _intersect(
     rotation: FloatArray, translation: FloatArray, rays: FloatArray
 ) -> tuple[FloatArray, FloatArray, BoolArray]:
-    """Points nearest to their three rays (n,3), errors in normalised units (3,n), which are in front of all cameras."""
+    """Points nearest to their rays (n,3), errors in normalised units (3,n), which are in front of all cameras (n,)."""
     direction = np.einsum("cji,cnj->cni", rotation, rays)
     direction /= np.linalg.norm(direction, axis=2, keepdims=True)
     centre = -np.einsum("cji,cj->ci", rotation, translation)

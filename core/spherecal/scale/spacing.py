@@ -196,8 +196,7 @@ def _stretch(stickers: _Stickers, points: FloatArray, radius_mm: FloatArray, wei
     """How much longer stickers are in one direction of the print than across it; 0 where that is not certain.
 
     The part x -> (a x + b y, b x - a y) is taken of what each sticker's dots are off from their pattern. Its scatter
-    from
-    target to target has the print's own errors in it.
+    from target to target has the print's own errors in it.
     """
     whole = stickers.there.sum(axis=1) >= LEAST_DOTS
     stickers, weight = stickers.select(whole), weight[whole]

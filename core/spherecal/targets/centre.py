@@ -17,8 +17,7 @@ def target_centre(layout_mm: FloatArray, points_mm: FloatArray) -> FloatArray | 
 
     The layout is laid by least squares with equal weights over the dots, as a flat rigid figure: turned and shifted,
     never scaled or mirrored. z of its plane points away from the viewer, into the ball. It takes at least four dots,
-    not
-    all on one line unless that line passes through the origin.
+    not all on one line unless that line passes through the origin.
 
     Parameters
     ----------

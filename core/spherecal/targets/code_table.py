@@ -21,8 +21,7 @@ class CodeTable:
     `layouts` (n, 8, 2) are the targets `ids` (n,) in the order of DOTS. `template` (5, 2) is the mean of their A to E.
     `places` (k, 2) are all places of code dots. `by_triple` (k, k, k) and `by_pair` (k, k) give the index of the target
     whose code dots are at these places in ascending order. There -1 is none and -2 (pairs only) several. `dot_radius`
-    is
-    in the same unit as the places.
+    is in the same unit as the places.
     """
 
     ids: IntArray

@@ -27,8 +27,7 @@ def solve_step(equations, present, prior, pull, dots, shared):
     ----------
     equations
         Normal equations (8, 6, ROW) of the dots: rows by the four own unknowns, blur and growth, the right side in
-        column
-        RIGHT. Gets the Cholesky factors of the own blocks.
+        column RIGHT. Gets the Cholesky factors of the own blocks.
     present
         Which dots take part, (8,).
     prior, pull

@@ -80,8 +80,7 @@ def fit_sticker(  # noqa: C901, PLR0912 - one kernel: its arrays live through al
         Most Gauss-Newton steps.
     dots, shared
         The start, overwritten: centre (px), amplitude and background (grey) of the dots (8, 4); blur (px), growth,
-        slopes
-        (grey/px) and misfit of the sticker (5,).
+        slopes (grey/px) and misfit of the sticker (5,).
     covariance
         Output: uu uv vv of the centres, (8, 3) px^2, of noise and misfit.
     bins

@@ -37,8 +37,7 @@ def read_image(path: Path) -> GreyImage:
     ------
     InputError
         Where the file cannot be read, is larger than 160 megapixels (found out before decoding) or smaller than 72 px,
-        or
-        has neither 8 nor 16 bits. It names the file.
+        or has neither 8 nor 16 bits. It names the file.
     """
     data = read_file(Path(path), _MOST_BYTES, fits=_looked_at)
     try:

@@ -41,7 +41,7 @@ def link_camera_groups(
     groups
         Cameras of each group in a frame and size of its own; the first keeps its frame.
     alignment
-        Gives the numbers of dots shared, nothing else.
+        Gives the numbers of dots shared.
     context
         For progress, and to stop.
     """

@@ -95,7 +95,7 @@ class RequestedModel:
 
     `mm_per_unit` gives the length of the network's unit from its free form. `sizes` gives those of the ball at its
     placements (t,), relative to their mean, that the rigid form should have, by the free form's variance. With None for
-    that variance it gives what they are off.
+    that variance it gives what sizes that are fitted already are off.
     """
 
     name: RequestedForm

@@ -342,7 +342,7 @@ def confirmed(probe: ScoreTest, placement: IntArray, moves: list[Move]) -> list[
     """The moves that another form of the network bears out.
 
     A move may hardly show there, as when two cameras that alone see their points share it. It is then believed as long
-    as no other one is refuted: what feigns one move feigns several.
+    as no other one is refuted: what looks like one move looks like several.
 
     Parameters
     ----------

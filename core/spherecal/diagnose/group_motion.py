@@ -78,8 +78,8 @@ def find_group_motion(
 ) -> GroupMotion | None:
     """The group motion that explains the images' poses better than none and than moves of single cameras; else None.
 
-    Schwarz's criterion compares them. The motion counts where it leaves at most 3 times noise and explains 70 % of the
-    rest (decision 0009).
+    Schwarz's criterion compares them. The motion counts where it leaves at most 3 times noise and explains 70 % of what
+    noise does not (decision 0009).
 
     Parameters
     ----------

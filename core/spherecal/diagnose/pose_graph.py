@@ -1,10 +1,10 @@
 """Which cameras did not move: the images' own poses against those of cameras and of a ball that was placed some times.
 
 Of m images of c cameras and t placements the rig has only c + t - 1 poses. The normal equations that the images left
-say how much worse these fit than the images' own: a quadratic form, hence small adjustments without observations. That
-is chi-square distributed as long as nothing moved. A camera that did gets a second pose; every camera and every way to
-part its images in two is tried, the best is kept, and so on. Large moves do no harm, since with the right one the rest
-fits.
+say how much worse these fit than the images' own: a quadratic form, so that adjustments are small and need no
+observations. The amount is chi-square distributed as long as nothing moved. A camera that did gets a second pose; every
+camera and every way to part its images in two is tried, the best is kept, and so on. Large moves do no harm, since with
+the right one the rest fits.
 """
 
 from dataclasses import dataclass

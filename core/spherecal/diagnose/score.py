@@ -219,7 +219,7 @@ def _fast(matrix: Sparse) -> Sparse | FloatArray:
 
 
 def spread(blocks: FloatArray, row: IntArray, column: IntArray, shape: tuple[int, int]) -> Sparse:
-    """A sparse matrix of some blocks.
+    """A sparse matrix with blocks at given places.
 
     Parameters
     ----------
@@ -240,7 +240,7 @@ def spread(blocks: FloatArray, row: IntArray, column: IntArray, shape: tuple[int
 def conditional(
     g: FloatArray, a: FloatArray, own: FloatArray, given: IntArray
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """g, A and own products of the other columns once the `given` ones are corrected for.
+    """g (r,), A (r,r) and own products (r,r) of the other r columns once the `given` ones are corrected for.
 
     Parameters
     ----------

@@ -41,8 +41,8 @@ def calibrate_bar(
         The session, with observations or images of the bar.
     settings
         Of these `intrinsics`, `own_intrinsics`, `seed` and `joint` count. Without `joint` each pair on the way to the
-        reference camera is adjusted alone and chained; such a result is for comparison and not valid. None
-        for the defaults.
+        reference camera is adjusted alone and chained; such a result is for comparison and not valid. None for
+        the defaults.
     context
         For progress, and to stop; None for neither.
 

@@ -53,8 +53,7 @@ def calibrate_board(
         The session, with a board.
     settings
         Of these `intrinsics`, `own_intrinsics` and `joint` count. Without `joint` cameras stay as the groups of four
-        were chained; such a result is for comparison and not valid. None
-        for the defaults.
+        were chained; such a result is for comparison and not valid. None for the defaults.
     context
         For progress, and to stop; None for neither.
 

@@ -30,7 +30,7 @@ class BoardDetector:
         image
             Grey image of 8 or 16 bits, (h, w).
         settings
-            Of these `ignore` counts: points in those parts are left out. None for nothing to ignore.
+            Of these `ignore` counts: points in those parts are left out. None: nothing is ignored.
         """
         found = find_board(np.require(image, requirements=["C"]), self._pattern)
         if found is None:

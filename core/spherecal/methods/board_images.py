@@ -66,7 +66,8 @@ def find_boards(session: Session, pattern: BoardPattern, context: Context) -> Bo
     Raises
     ------
     InputError
-        Where there are no images, none of them shows the board, or one cannot be read or has another size.
+        Where there are no images, none of them shows the board, or one cannot be read or has another size than the
+        session says.
     """
     index = {camera.id: c for c, camera in enumerate(session.cameras)}
     jobs = [

@@ -44,7 +44,7 @@ def board_pattern(board: JsonValue) -> BoardPattern:
     Raises
     ------
     InputError
-        Names the field that cannot be.
+        Where a field cannot be as it is; the error names it.
     """
     f = board.fields(("kind",), [name for name in _FIELDS if name != "kind"])
     kind: BoardKind = f["kind"].choice(*BOARD_KINDS)

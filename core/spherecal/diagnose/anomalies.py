@@ -85,7 +85,15 @@ class _Probed:
 def find_anomalies(e: Evidence, contradicting: bool = False) -> Anomalies:
     """The changes that the solved network calls for; none where it is singular or leaves nothing over.
 
-    `contradicting`: other tests found images that contradict the rest.
+    Moves and misfits come from score tests (score.py). Where images differ or contradict each other, or the rigid form
+    fits too badly, the images' own poses are asked too, and go before these (decision 0009).
+
+    Parameters
+    ----------
+    e
+        What the findings are drawn from.
+    contradicting
+        Whether other tests found images that contradict the rest.
     """
     adjusted, cofactors = e.adjusted, e.solved.cofactors
     if cofactors is None or adjusted.redundancy <= 0 or not adjusted.variance > 0:
@@ -140,9 +148,23 @@ def explained_by_moves(
 ) -> DetectedMotions:
     """What moved, if that and no change of the ball's shape is all that is wrong; else nothing.
 
-    `network` as in the free form; `n_ball` placements of the ball. Free points hide much of a move, which then passes
-    for a change of shape, and halves of a rig that hang together by the moved camera bend (of rig B 16 % of the moves
-    by 0.5 to 50 mm were named wrongly); the images' own poses know of neither.
+    Free points hide much of a move, which then passes for a change of shape. Halves of a rig that the moved camera
+    alone connects bend: on rig B 16 % of the moves by 0.5 to 50 mm were named wrongly. The images' own poses know of
+    neither (decision 0009).
+
+    Parameters
+    ----------
+    network, features
+        The network in the free form, and what its features are. Its priors are not used.
+    solved
+        The solution: start values of the images' poses, and the cameras that are placed or held.
+    n_ball
+        Placements of the ball; they are the first ones.
+    context
+        For progress, and to stop.
+    most_variance
+        Variance of unit weight that the images' own poses may have at most, for the ball to have kept its shape; None
+        for no limit.
     """
     state = solved.by_features.state
     n_placements = int(features.placement.max(initial=0)) + 1

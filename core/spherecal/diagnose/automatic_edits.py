@@ -41,7 +41,20 @@ _OF_THE_CAMERA = ("camera-moved", "image-contradicts", "capture-times")
 
 
 def edited_where_certain(session: Session, run: Run) -> Calibration:
-    """The calibration of a session, repaired as far as that is certain; as it was recorded where nothing helps."""
+    """The calibration of a session, repaired as far as that is certain; as it was recorded where nothing helps.
+
+    Parameters
+    ----------
+    session
+        The session as it was recorded.
+    run
+        Calibrates a session.
+
+    Raises
+    ------
+    InputError
+        What `run` raises for the recorded session. A repair for which it is raised is passed over.
+    """
     best = now = run(session)
     done = Repairs()
     for _ in range(ROUNDS):
@@ -99,7 +112,17 @@ def _faults(calibration: Calibration) -> tuple[int, int]:
 
 
 def ways(session: Session, now: Calibration, done: Repairs) -> Iterator[Repairs]:
-    """Repairs of all that is certain together, in the order to try them; none where too much is wrong."""
+    """Repairs of all that is certain together, in the order to try them; none where too much is wrong.
+
+    Parameters
+    ----------
+    session
+        The session as it was recorded.
+    now
+        The calibration with the repairs `done`, whose findings are used.
+    done
+        Repairs made so far. Each way has them too.
+    """
     findings = now.rig.quality.findings
     # of two equal images `wrong-placement` knows the old one
     reported = {frozenset(f.where) for f in findings if f.code == "wrong-placement"}
@@ -183,8 +206,15 @@ def _second_way(finding: Finding, session: Session, cameras: tuple[str, ...], op
 def is_last_pose(session: Session, image: str) -> bool:
     """Whether no image of the ball after `C05@P3` has enough points to show where its camera is.
 
-    A region of interest was shifted at the last two images of a camera but for one of 7 dots: both were left out, and
+    A region of interest was shifted at the last two images of a camera before one of 7 dots. Both were left out, and
     lengths were 8.8 times their U off.
+
+    Parameters
+    ----------
+    session
+        The session as it was recorded.
+    image
+        Camera and placement, written as `C05@P3`; False for one that the session does not have.
     """
     camera, _, place = image.partition("@")
     names = [one.id for one in session.placements]
@@ -233,8 +263,17 @@ def _names_are_certain(session: Session, way: Repairs) -> bool:
 def may_be_exchanged(session: Session, way: Repairs, camera: str) -> bool:
     """Whether a camera's first images are left out, and another camera saw the ball only after them.
 
-    Exchanged from P3 on with a camera that had not seen the ball before, its first two images were left out: 926 mm off
-    if the names of these are the right ones.
+    A camera was exchanged from P3 on with one that had not seen the ball before. Its first two images were left out:
+    926 mm off if the names of these are the right ones.
+
+    Parameters
+    ----------
+    session
+        The session as it was recorded.
+    way
+        The repairs in question.
+    camera
+        Id of the camera.
     """
     seen = placements_seen_by(session, [camera])
     out = {place for name, _, place in (value.partition("@") for value in way.leave_out) if name == camera}
@@ -250,7 +289,14 @@ def keeps_a_tested_pose(mended: Session, way: Repairs) -> bool:
     """Whether cameras that need two repairs or more keep one pose over two images: else something else is wrong.
 
     A region of interest that was shifted by 8 px before P2 of four was repaired by three poses of one image each and
-    one image left out: nothing tests those, and a length was 4 times its U off.
+    one image left out. Nothing tests those, and a length was 4 times its U off.
+
+    Parameters
+    ----------
+    mended
+        The session with the repairs made.
+    way
+        The repairs.
     """
     of = [value.partition("@")[0] for value in (*way.split, *way.leave_out)]
     return all(

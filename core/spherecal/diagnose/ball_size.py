@@ -3,7 +3,7 @@
 The rigid form has one size of the ball. Sizes of its own for each placement are tested past all that is estimated
 (score.py), and taken into it where they explain most of what it does not. Whether the ball has changed or the rig, and
 which size holds from now on, the recording does not show: the scale is as uncertain as the sizes differ. Sizes that are
-not taken into it, and yet are more than chance, make the cameras as uncertain as they would move them.
+not taken into it, and yet are more than chance, make the cameras as uncertain as they would move them (decision 0018).
 """
 
 from dataclasses import dataclass, replace
@@ -41,8 +41,8 @@ MOST_PLACEMENTS = 30
 class SizeChange:
     """The ball's size at each placement (t,), relative to their mean: in the rigid form, or what that may be off.
 
-    `by_camera` (k,c,w): changes of each camera's pose (turn in rad, shift in mm) and of its estimated intrinsics by as
-    many independent errors of the sizes, each of one standard uncertainty.
+    `by_camera` (k,c,w): what k independent errors of the sizes, each of one standard uncertainty, do to every camera.
+    Its w numbers are the pose (turn in rad, shift in mm) and the estimated intrinsics.
     """
 
     sizes: FloatArray
@@ -54,7 +54,15 @@ class SizeChange:
         return float(np.abs(self.sizes).max())
 
     def finding(self, placements: tuple[str, ...], diameter_mm: float) -> Finding:
-        """The finding that says so; `diameter_mm` of the ball."""
+        """The finding that says so; a warning where the change is more than `MOST_CHANGE`.
+
+        Parameters
+        ----------
+        placements
+            Ids of the placements; the sizes are those of the first ones.
+        diameter_mm
+            Diameter of the ball, 0 where it is not known.
+        """
         small, large = int(self.sizes.argmin()), int(self.sizes.argmax())
         change = float(self.sizes[large] - self.sizes[small])
         where = (placements[small], placements[large])
@@ -111,6 +119,9 @@ def sizes_to_fit(
 ) -> FloatArray | None:
     """Relative sizes (t,) of the ball that explain most of what its rigid form does not; None where none do.
 
+    Rao's score test (decision 0018). Sizes are taken where chance gives such a statistic in less than one of a million,
+    and where they explain more than half of what the rigid form does not.
+
     Parameters
     ----------
     rigid, adjusted
@@ -120,7 +131,8 @@ def sizes_to_fit(
     count
         Placements of the ball, the first ones.
     free_variance
-        Variance of unit weight of the free form; None for what sizes that are fitted already are off.
+        Variance of unit weight of the free form. None where sizes are fitted already: what these are off is then given
+        without a test.
     """
     if not _can_be_tested(adjusted, count):
         return None
@@ -147,7 +159,13 @@ def size_change(e: Evidence) -> SizeChange | None:
 def possible_sizes(e: Evidence, growth: float) -> SizeChange | None:
     """Sizes that the ball may have had where the rigid form has one, and what they do to the cameras; None for none.
 
-    `growth`: by how much standard uncertainties grow because residuals are more than noise.
+    Parameters
+    ----------
+    e
+        What the findings are drawn from.
+    growth
+        Factor, at least 1, by which standard uncertainties grow already because residuals are more than noise. Its
+        square divides the statistic (decision 0018).
     """
     if e.choice.sizes is not None or not len(e.adjusted.problem.intrinsic_columns):
         return None

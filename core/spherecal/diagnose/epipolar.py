@@ -75,7 +75,7 @@ def _elsewhere(matches: _Matches, a: int, j: int, t: int) -> FloatArray | None:
 
 
 def _share(matches: _Matches, lines: dict[tuple[int, int], FloatArray], shown: int, as_if: int, t: int) -> float:
-    """The share of an image's points at a placement that lie on their lines, were the camera another.
+    """The share of an image's points at a placement that lie on their lines, if camera `as_if` had taken it.
 
     The median over the partners with enough common points, so that one wrong partner does not count; NaN without any.
     """

@@ -54,7 +54,13 @@ class Evidence:
         return np.array([camera.earlier_pose_of is not None for camera in self.session.cameras], dtype=bool)
 
     def is_same_camera(self, a: int, b: int) -> bool:
-        """Whether two cameras (indices) are the same device, before and after it moved."""
+        """Whether two cameras are the same device, before and after it moved.
+
+        Parameters
+        ----------
+        a, b
+            The cameras, indices.
+        """
         names = [self.session.cameras[c].earlier_pose_of or self.session.cameras[c].id for c in (a, b)]
         return names[0] == names[1]
 
@@ -82,7 +88,7 @@ class Evidence:
 
     @cached_property
     def noise_px(self) -> FloatArray:
-        """Standard deviation (c,) px of one coordinate in each camera's images; NaN where it says nothing of itself."""
+        """Standard deviation (c,) px of one coordinate in each camera's images; NaN without observations."""
         problem, state = self.adjusted.problem, self.adjusted.state
         factor = camera_noise(problem, state)  # what the weights do not include yet
         total, count = (

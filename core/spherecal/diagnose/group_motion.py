@@ -1,7 +1,8 @@
 """Motions of a group: cameras on one beam, the ball between exposures, or the whole rig for a while.
 
 Each hypothesis adds poses to the small adjustment of `pose_graph`, and is judged by what it leaves of v'Pv and how many
-unknowns it takes (G. Schwarz, Estimating the dimension of a model, 1978). `group_search` proposes the groups.
+unknowns it takes (G. Schwarz, Estimating the dimension of a model, 1978; decision 0009). `group_search` proposes the
+groups.
 """
 
 from collections import Counter
@@ -36,8 +37,9 @@ class GroupMotion:
     Kind `cameras`: the `cameras` moved together before the first of `placements`. `ball`: to them the ball was in
     another place at `placements` than to the other cameras. `placement`: there, all poses relative to each other differ
     from those at the other placements.
-    `cameras`, `placements`: indices; `image_change_px` by how much image points shift (rms per axis, in all of these
-    images); `shift` (network units), `turn_rad`: the largest motion, of the cameras' middle or the ball's. `statistic`
+
+    `cameras`, `placements`: indices. `image_change_px`: by how much image points shift, rms per axis, in all of these
+    images. `shift` (network units), `turn_rad`: the largest motion, of the cameras' middle or the ball's. `statistic`
     chi-square on `dof`; `variance_factor` with the motion in the model. `ambiguous`: another kind explains as much.
     """
 
@@ -76,7 +78,21 @@ def find_group_motion(
 ) -> GroupMotion | None:
     """The group motion that explains the images' poses better than none and than moves of single cameras; else None.
 
-    `ball_centre` (3,) in the ball's frame; `single`: the poses with moves of single cameras that are credible.
+    Schwarz's criterion compares them. The motion counts where it leaves at most 3 times noise and explains 70 % of what
+    noise does not (decision 0009).
+
+    Parameters
+    ----------
+    images
+        The images' own poses.
+    n_cameras
+        Cameras of the rig, those without an image included.
+    ball_centre
+        Middle of the ball in its own frame, (3,) in network units.
+    single
+        The rig's poses with credible moves of single cameras; None where there are none.
+    context
+        For progress, and to stop.
     """
     still = fit_layout(images, PoseComposition.of(images, n_cameras))
     if still is None or still.layout.freedom <= 0 or len(np.unique(images.camera)) < 3:

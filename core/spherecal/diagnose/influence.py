@@ -3,8 +3,8 @@
 Left out, a group of observations with residuals r_g changes the unknowns by N^-1 A_g' r_g to first order: the
 delete-one-group jackknife (B. Efron, The jackknife, the bootstrap and other resampling plans, 1982). Noise that differs
 from point to point makes these changes as large as the covariance says, less what the fit takes up. Errors that whole
-placements, cameras or images have in common make them larger, long before any single test is certain: a ball that
-bends, a lens beyond its model, a camera that exposes late.
+placements, cameras or images have in common make them larger, long before any single test is certain. Such are a ball
+that bends, a lens beyond its model, a camera that exposes late.
 """
 
 from collections.abc import Iterator

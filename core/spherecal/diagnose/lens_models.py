@@ -76,12 +76,28 @@ class LensTrial:
 
 
 def best_lens_model(solved: BallFit, context: Context) -> LensTrial | None:
-    """The best of the models that are better for the lenses that were estimated; None where none is."""
+    """The best of the models that are better for the lenses that were estimated; None where none is.
+
+    Parameters
+    ----------
+    solved
+        The network with its solution.
+    context
+        For progress, and to stop.
+    """
     return _best([trial for trial in try_lenses(solved, context) if trial.model is not None])
 
 
 def best_lenses(solved: BallFit, context: Context) -> LensTrial | None:
-    """The best of the models, or of lenses of their own for cameras that share one; None where none is better."""
+    """The best of the models, or of lenses of their own for cameras that share one; None where none is better.
+
+    Parameters
+    ----------
+    solved
+        The network with its solution.
+    context
+        For progress, and to stop.
+    """
     return _best(try_lenses(solved, context))
 
 
@@ -94,6 +110,13 @@ def try_lenses(solved: BallFit, context: Context) -> list[LensTrial]:
 
     Then the model in use with a lens for each camera, where some share one. All by a short adjustment from the
     solution, with its observations and weights.
+
+    Parameters
+    ----------
+    solved
+        The network with its solution, in the free or the rigid form.
+    context
+        For progress, and to stop.
     """
     network, state = solved.network, solved.adjusted.state
     groups = _changeable(solved)

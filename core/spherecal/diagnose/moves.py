@@ -1,4 +1,7 @@
-"""Cameras that moved between placements: a second pose for some images of a camera, tested for all of them at once."""
+"""Cameras that moved between placements: a second pose for some images of a camera, tested for all of them at once.
+
+Rao's score test (score.py) from the solved network; docs/formulation.md, section The rigid ball.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -57,8 +60,9 @@ Block = tuple[FloatArray, FloatArray, FloatArray]
 class MoveTests:
     """The tests of all cameras: `image` (n,) of each row (-1 where it has too few points) and what is known of each.
 
-    `camera`, `placement`, `points` (m,) of the images; `sets` of images that may be from elsewhere together; `blocks`:
-    by camera g (6k,), A (6k,6k) and own products (6k,6k) of its k images' poses.
+    `camera`, `placement`, `points` (m,) belong to the images, `sets` are images that may be from elsewhere together.
+    `blocks`: by camera g (6k,), A (6k,6k) and own products (6k,6k) of its k images' poses. `limit`: the statistic that
+    a move must exceed.
     """
 
     image: IntArray
@@ -75,7 +79,15 @@ class MoveTests:
         return {int(c): np.flatnonzero(self.camera == c) for c in np.unique(self.camera)}
 
     def corrected(self, probe: ScoreTest, given: Sequence[tuple[int, ...]]) -> dict[int, Block]:
-        """The blocks with changes of pose of some sets of images taken out first."""
+        """The blocks with changes of pose of some sets of images taken out first.
+
+        Parameters
+        ----------
+        probe
+            The network that the tests were prepared from.
+        given
+            The sets, each of indices of images of one camera.
+        """
         if not given:
             return self.blocks
         by_pose = probe.by_pose()
@@ -108,7 +120,17 @@ class MoveTests:
 
 
 def prepare(probe: ScoreTest, placement: IntArray, context: Context | None = None) -> MoveTests | None:
-    """Tests of all images of a network; placement (n,): of each of its rows. None where no camera has two images."""
+    """Tests of all images of a network; None where no camera has two images.
+
+    Parameters
+    ----------
+    probe
+        The network, ready for tests.
+    placement
+        Placement of each of its rows, (n,).
+    context
+        To stop; None where that is not needed.
+    """
     problem = probe.problem
     of_row, camera, at, count = _images(problem.camera, placement)
     sets = [s for c in np.unique(camera) for s in alike(np.flatnonzero(camera == c))]
@@ -159,8 +181,13 @@ def alike(images: IntArray) -> list[tuple[int, ...]]:
 def find_moves(probe: ScoreTest, tests: MoveTests) -> list[Move]:
     """Cameras that moved, the clearest first, each tested with those before it already corrected.
 
-    A move counts where it exceeds what noise does and what differs between the other images (`yardstick`). It stops one
-    beyond the number that is credible (see `credible`).
+    A move counts where it exceeds what noise does and what differs between the other images (`yardstick`). The search
+    stops one beyond the number that is credible (see `credible`).
+
+    Parameters
+    ----------
+    probe, tests
+        The network, ready for tests, and the tests of its images.
     """
     most = most_moved(probe.problem.n_cameras) + 1
     moves: list[Move] = []
@@ -177,7 +204,13 @@ def find_moves(probe: ScoreTest, tests: MoveTests) -> list[Move]:
 
 
 def differ(probe: ScoreTest, tests: MoveTests) -> bool:
-    """Whether some images differ more than noise lets them, whatever may be the cause."""
+    """Whether some images differ more than noise lets them, whatever may be the cause.
+
+    Parameters
+    ----------
+    probe, tests
+        The network, ready for tests, and the tests of its images.
+    """
     return bool(_all_sets(tests, tests.blocks, probe.variance)[0].max() > tests.limit)
 
 
@@ -214,7 +247,18 @@ def _scatter(block: Block, variance: float) -> Scatter:
 
 
 def scatters(probe: ScoreTest, tests: MoveTests) -> FloatArray:
-    """How many times (c,) more the poses of images differ than noise lets them: of a camera, or of most cameras."""
+    """How many times (c,) more the poses of images differ than noise lets them: of a camera, or of most cameras.
+
+    Parameters
+    ----------
+    probe, tests
+        The network, ready for tests, and the tests of its images.
+
+    Returns
+    -------
+    FloatArray
+        The larger of the two for each camera, at least 1: the root of a ratio of variances.
+    """
     own = {c: _scatter(block, probe.variance) for c, block in tests.blocks.items()}
     out = np.full(probe.problem.n_cameras, usual_inflation(list(own.values())))
     for c, scatter in own.items():
@@ -225,8 +269,16 @@ def scatters(probe: ScoreTest, tests: MoveTests) -> FloatArray:
 def least_visible(probe: ScoreTest, tests: MoveTests) -> FloatArray:
     """The shifts (c,2), in network units, below which a move of a camera would not be seen; NaN where none is tested.
 
-    First as its images differ, then as they would with noise alone: in the rms over all directions, and the median over
-    the ways to part the camera's images in two.
+    Parameters
+    ----------
+    probe, tests
+        The network, ready for tests, and the tests of its images.
+
+    Returns
+    -------
+    FloatArray
+        First as the camera's images differ, then as they would with noise alone. Each is the rms over all directions,
+        and the median over the ways to part the camera's images in two.
     """
     out = np.full((probe.problem.n_cameras, 2), np.nan)
     scatters = {c: _scatter(block, probe.variance) for c, block in tests.blocks.items()}
@@ -260,21 +312,44 @@ def _move(
 
 
 def rows_of(probe: ScoreTest, placement: IntArray, move: Move) -> tuple[IntArray, BoolArray]:
-    """A moved camera's rows in a probe (k,), and whether each is one of those that moved (k,) bool."""
+    """A moved camera's rows in a probe (k,), and whether each is one of those that moved (k,) bool.
+
+    Parameters
+    ----------
+    probe, placement
+        A network, ready for tests, and the placement of each of its rows, (n,).
+    move
+        The move.
+    """
     rows = np.flatnonzero(probe.problem.camera == move.camera)
     return rows, np.isin(placement[rows], move.placements)
 
 
 def pose_values(probe: ScoreTest, rows: IntArray, moved: BoolArray) -> FloatArray:
-    """Derivatives (k,2,6) of a camera's rows by a change of pose of its moved images."""
+    """Derivatives (k,2,6) of a camera's rows by a change of pose of its moved images.
+
+    Parameters
+    ----------
+    probe
+        The network, ready for tests.
+    rows, moved
+        The camera's rows, (k,) indices, and which of them the change concerns, (k,); 0 for the others.
+    """
     return probe.by_pose(rows) * moved[:, None, None]
 
 
 def confirmed(probe: ScoreTest, placement: IntArray, moves: list[Move]) -> list[Move]:
-    """The moves that another form of the network bears out; placement (n,) of the probe's rows.
+    """The moves that another form of the network bears out.
 
-    A move that would hardly show there (two cameras that alone see their points share it) is believed as long as no
-    other one is refuted: what feigns one move feigns several.
+    A move may hardly show there, as when two cameras that alone see their points share it. It is then believed as long
+    as no other one is refuted: what looks like one move looks like several.
+
+    Parameters
+    ----------
+    probe, placement
+        The other form, ready for tests, and the placement of each of its rows, (n,).
+    moves
+        The moves that one form showed.
     """
     tried = [(move, *_seen_there(probe, placement, move)) for move in moves]
     refuted = any(expected >= CONFIRMED and found < CONFIRMED for _, expected, found in tried)
@@ -292,7 +367,15 @@ def _seen_there(probe: ScoreTest, placement: IntArray, move: Move) -> tuple[floa
 
 
 def credible(moves: list[Move], n_cameras: int) -> bool:
-    """Whether so few cameras moved that it is they who did."""
+    """Whether so few cameras moved that it is they who did.
+
+    Parameters
+    ----------
+    moves
+        The moves found.
+    n_cameras
+        Cameras of the rig.
+    """
     return len({move.camera for move in moves}) <= most_moved(n_cameras)
 
 

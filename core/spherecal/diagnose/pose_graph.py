@@ -1,9 +1,10 @@
 """Which cameras did not move: the images' own poses against those of cameras and of a ball that was placed some times.
 
-Of m images of c cameras and t placements the rig has only c + t - 1 poses. How much worse these fit than the images'
-own, by the normal equations that the images left (a quadratic form: small adjustments, no observations), is chi-square
-distributed as long as nothing moved. A camera that did gets a second pose; every camera and every way to part its
-images in two is tried, the best is kept, and so on. Large moves do no harm, since with the right one the rest fits.
+Of m images of c cameras and t placements the rig has only c + t - 1 poses. The normal equations that the images left
+say how much worse these fit than the images' own: a quadratic form, so that adjustments are small and need no
+observations. The amount is chi-square distributed as long as nothing moved. A camera that did gets a second pose; every
+camera and every way to part its images in two is tried, the best is kept, and so on. Large moves do no harm, since with
+the right one the rest fits.
 """
 
 from dataclasses import dataclass
@@ -57,7 +58,17 @@ class PoseComposition:
 
     @staticmethod
     def of(images: ImagePoses, n_cameras: int, splits: tuple[Split, ...] = ()) -> "PoseComposition":
-        """Every camera and placement with one pose, but for cameras with second ones, numbered after the others."""
+        """Every camera and placement with one pose, but for cameras with second ones, numbered after the others.
+
+        Parameters
+        ----------
+        images
+            The images' own poses.
+        n_cameras
+            Cameras of the rig, those without an image included.
+        splits
+            Cameras with a second pose, and the placements where they have it.
+        """
         camera = images.camera.copy()
         for k, (split, placements) in enumerate(splits):
             camera[(images.camera == split) & np.isin(images.placement, placements)] = n_cameras + k
@@ -83,7 +94,7 @@ class Fitted:
     """Poses of the cameras (further ones of split cameras after them), and what they leave of v'Pv.
 
     `rotation` (k,3,3), `translation` (k,3) of all poses, in the order cameras, balls, motions. `forces` (6m,): how the
-    images' own poses pull at the rig; `stiffness` (6m,6m): what of their normal matrix the rig's poses do not take up;
+    images' own poses pull at the rig. `stiffness` (6m,6m): what of their normal matrix the rig's poses do not take up.
     `by_ball` (m,6,6): how a motion of the ball in the world changes the images' poses.
     """
 
@@ -112,7 +123,17 @@ class Explained:
 
 
 def explain(images: ImagePoses, n_cameras: int, context: Context) -> Explained | None:
-    """The cameras that moved, the clearest first, one more than is credible at most; None where nothing can be said."""
+    """The cameras that moved, the clearest first, one more than is credible at most; None where nothing can be said.
+
+    Parameters
+    ----------
+    images
+        The images' own poses.
+    n_cameras
+        Cameras of the rig, those without an image included.
+    context
+        For progress, and to stop.
+    """
     tried = [(c, tuple(int(images.placement[i]) for i in some)) for c in range(n_cameras) for some in _ways(images, c)]
     before = fit(images, n_cameras, ())
     if before is None or not tried:
@@ -131,7 +152,13 @@ def explain(images: ImagePoses, n_cameras: int, context: Context) -> Explained |
 
 
 def variance_factor(images: ImagePoses, fitted: Fitted) -> float:
-    """What a fit leaves of v'Pv over its degrees of freedom: 1 where that is noise alone, infinite without freedom."""
+    """What a fit leaves of v'Pv over its degrees of freedom: 1 where that is noise alone, infinite without freedom.
+
+    Parameters
+    ----------
+    images, fitted
+        The images' own poses, and the rig's poses fitted to them.
+    """
     freedom = fitted.layout.freedom
     return fitted.cost / images.variance / freedom if freedom > 0 else np.inf
 
@@ -233,12 +260,34 @@ def _move(images: ImagePoses, block: int, before: Fitted, after: Fitted, way: Sp
 
 
 def fit(images: ImagePoses, n_cameras: int, splits: tuple[Split, ...], steps: int = STEPS) -> Fitted | None:
-    """The rig nearest to the images' poses, some cameras with second poses; None where images do not hang together."""
+    """The rig nearest to the images' poses, some cameras with second poses; None where images do not hang together.
+
+    Parameters
+    ----------
+    images
+        The images' own poses.
+    n_cameras
+        Cameras of the rig, those without an image included.
+    splits
+        Cameras with a second pose, and the placements where they have it.
+    steps
+        Steps of the minimiser at most, refused ones included.
+    """
     return fit_layout(images, PoseComposition.of(images, n_cameras, splits), steps)
 
 
 def fit_layout(images: ImagePoses, layout: PoseComposition, steps: int = STEPS) -> Fitted | None:
-    """The poses of a layout nearest to the images' own; None where images do not hang together."""
+    """The poses of a layout nearest to the images' own; None where images do not hang together.
+
+    Parameters
+    ----------
+    images
+        The images' own poses.
+    layout
+        Which poses make up that of each image.
+    steps
+        Steps of the minimiser at most, refused ones included.
+    """
     start = _start(images, layout)
     if start is None:
         return None

@@ -1,10 +1,10 @@
 """Changes that the model of the network does not have, tested without solving it again.
 
-A change with derivatives B (rows, m) of the observations improves the fit by g'A^-1 g, where g = B'r and A = B'Q B with
-Q = I - J (J'J)^- J' the projection past everything that is estimated already: Rao's score test (C. R. Rao, 1948), for
-linear models the same as Baarda's test of outliers in several dimensions (W. Baarda, A testing procedure for use in
-geodetic networks, 1968). Divided by the variance of unit weight it is chi-square distributed with m degrees of freedom
-where there is no such change; the change itself is -A^-1 g.
+A change with derivatives B (rows, m) of the observations improves the fit by g'A^-1 g, where g = B'r and A = B'Q B.
+Q = I - J (J'J)^- J' is the projection past everything that is estimated already. This is Rao's score test (C. R. Rao,
+1948). For linear models it is the same as Baarda's test of outliers in several dimensions (W. Baarda, A testing
+procedure for use in geodetic networks, 1968). Divided by the variance of unit weight it is chi-square distributed with
+m degrees of freedom where there is no such change; the change itself is -A^-1 g.
 """
 
 from dataclasses import dataclass, replace
@@ -40,7 +40,7 @@ Sparse: TypeAlias = Any  # scipy.sparse.csr_array, whose indexing its types do n
 
 @dataclass(frozen=True)
 class Change:
-    """A tested change: chi-square `statistic` on `dof` degrees of freedom, best `value` (m,), explained squares."""
+    """A tested change: chi-square `statistic` on `dof` degrees of freedom, and the best `value` (m,)."""
 
     statistic: float
     dof: int
@@ -56,9 +56,12 @@ class Change:
 class ScoreTest:
     """A solved network made ready for tests.
 
-    Its derivatives by the expanded columns, the points following, are those of the rows themselves plus those by their
-    points times `shift` (3p, e), None where the reduced unknowns are left out. All but `shift` is computed for the rows
-    that are asked for.
+    Its derivatives are taken by the expanded columns, the points following. They are those of the rows themselves plus
+    those by their points times `shift` (3p, e), None where the reduced unknowns are left out. All but `shift` is
+    computed for the rows that are asked for.
+
+    `residual` (2n,) is weighted, `inverse` (e,e) holds the cofactors of the expanded columns, `cofactors_of_points`
+    (p,3,3) those of each point alone. `squares` is v'Pv.
     """
 
     problem: Problem
@@ -124,7 +127,15 @@ class ScoreTest:
         return sparse.csr_array(direct)
 
     def forces(self, rows: IntArray, residuals: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Scores of residuals (2m,k) of rows (m,): by the columns, the points following, (k,e); by points (k,3p)."""
+        """Scores of residuals: by the columns, the points following, (k,e); by points (k,3p). Needs `shift`.
+
+        Parameters
+        ----------
+        rows
+            The rows, (m,) indices.
+        residuals
+            k sets of weighted residuals of these rows, (2m,k).
+        """
         assert self.shift is not None
         linear, count = self.linear.at(rows), 3 * self.problem.n_points
         pulled = spread(linear.by_point, np.arange(len(rows)), 3 * self.problem.point[rows], (2 * len(rows), count))
@@ -134,17 +145,30 @@ class ScoreTest:
         return force.T, by_points.T
 
     def after(self, rows: IntArray, values: FloatArray, change: Change) -> "ScoreTest":
-        """The network with a change of some rows, derivatives (k,2,m), taken into its model."""
+        """The network with a change of some rows taken into its model.
+
+        Parameters
+        ----------
+        rows, values
+            The rows, (k,) indices, and their weighted derivatives by the change, (k,2,m).
+        change
+            The change as it was tested.
+        """
         step = np.zeros_like(self.residual)
         step[(2 * rows[:, None] + np.arange(2)).ravel()] = values.reshape(-1, values.shape[2]) @ change.value
         squares, residual = self.squares - change.statistic * self.variance, self.residual + self.past_unknowns(step)
         return replace(self, residual=residual, squares=squares, redundancy=self.redundancy - change.dof)
 
     def block(self, rows: IntArray, values: FloatArray | Sparse) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """g (m,), A (m,m) and own products (m,m) for derivatives of some rows: many columns, few observations.
+        """g (m,), A (m,m) and own products B'B (m,m) of a change: many columns, few observations.
 
-        `values`: (k,2,m), or (2k,m) sparse. The points of the rows must be eliminated ones, as all but those of known
-        lengths are.
+        Parameters
+        ----------
+        rows
+            The rows that the change concerns, (k,) indices. Their points must be eliminated ones, as all but those of
+            known lengths are.
+        values
+            Weighted derivatives B of these rows, (k,2,m), or (2k,m) sparse.
         """
         flat = values if sparse.issparse(values) else values.reshape(-1, values.shape[2])
         both = (2 * rows[:, None] + np.arange(2)).ravel()
@@ -163,7 +187,19 @@ class ScoreTest:
 
 
 def make_score_test(problem: Problem, state: State, cofactors: Covariance, cost: float, redundancy: int) -> ScoreTest:
-    """A network at its minimum (of this `cost`, v'Pv / 2) made ready for tests."""
+    """A network at its minimum made ready for tests.
+
+    Parameters
+    ----------
+    problem, state
+        The adjustment, and its minimum. Its ball must not be deformable.
+    cofactors
+        Covariance at the minimum.
+    cost
+        v'Pv / 2 at the minimum.
+    redundancy
+        Degrees of freedom of the network.
+    """
     linear, parts = engine.linear_model(problem, state, None), cofactors._parts
     assert isinstance(parts, PointFactors)
     shift = shift_matrix(parts) if 5 * linear.width * len(problem.uv) <= MOST_NONZERO else None
@@ -183,7 +219,17 @@ def _fast(matrix: Sparse) -> Sparse | FloatArray:
 
 
 def spread(blocks: FloatArray, row: IntArray, column: IntArray, shape: tuple[int, int]) -> Sparse:
-    """A sparse matrix of blocks (n,a,b) at block row `row` (n,) (counted in blocks) and column `column` (n,)."""
+    """A sparse matrix with blocks at given places.
+
+    Parameters
+    ----------
+    blocks
+        The blocks, (n,a,b).
+    row, column
+        Where each begins, (n,): the row counted in blocks, the column in columns.
+    shape
+        Rows and columns of the matrix.
+    """
     _, a, b = blocks.shape
     rows, columns = row.astype(np.int32), column.astype(np.int32)  # half the memory of the indices
     i = np.broadcast_to(a * rows[:, None, None] + np.arange(a, dtype=np.int32)[:, None], blocks.shape)
@@ -194,7 +240,15 @@ def spread(blocks: FloatArray, row: IntArray, column: IntArray, shape: tuple[int
 def conditional(
     g: FloatArray, a: FloatArray, own: FloatArray, given: IntArray
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """g, A and own products of the other columns once the `given` ones (k,) are corrected for."""
+    """g (r,), A (r,r) and own products (r,r) of the other r columns once the `given` ones are corrected for.
+
+    Parameters
+    ----------
+    g, a, own
+        Scores (m,), matrix A (m,m) and own products B'B (m,m) of all columns.
+    given
+        Columns that are corrected for, (k,) indices.
+    """
     rest = np.setdiff1d(np.arange(len(g)), given)
     scale = np.sqrt(np.maximum(own.diagonal(), 1e-300))
     inner = a[np.ix_(given, given)] / scale[given, None] / scale[given]
@@ -204,7 +258,15 @@ def conditional(
 
 
 def change_of(g: FloatArray, a: FloatArray, own: FloatArray, variance: float) -> Change:
-    """The test of one change from g (m,), A (m,m) and the columns' own products (m,m)."""
+    """The test of one change.
+
+    Parameters
+    ----------
+    g, a, own
+        Its score (m,), matrix A (m,m) and own products B'B (m,m).
+    variance
+        Variance of unit weight.
+    """
     statistic, dof, value = changes_of(g[None], a[None], own[None], variance)
     return Change(float(statistic[0]), int(dof[0]), value[0])
 
@@ -212,7 +274,17 @@ def change_of(g: FloatArray, a: FloatArray, own: FloatArray, variance: float) ->
 def changes_of(
     g: FloatArray, a: FloatArray, own: FloatArray, variance: float
 ) -> tuple[FloatArray, IntArray, FloatArray]:
-    """Statistics (k,), degrees of freedom (k,) and changes (k,m) of many tests at once: g (k,m), A and own (k,m,m)."""
+    """Statistics (k,), degrees of freedom (k,) and changes (k,m) of many tests at once.
+
+    Directions of which the estimated unknowns leave less than `LEAST_SHARE` do not count.
+
+    Parameters
+    ----------
+    g, a, own
+        Scores (k,m), matrices A (k,m,m) and own products B'B (k,m,m).
+    variance
+        Variance of unit weight.
+    """
     scale = np.sqrt(np.maximum(np.einsum("kii->ki", own), 1e-300))
     own = own / scale[:, :, None] / scale[:, None, :] + 1e-12 * np.eye(own.shape[1])
     a = a / scale[:, :, None] / scale[:, None, :]

@@ -34,9 +34,16 @@ VISIBLE_SHARE = 0.5
 
 
 def changed_shape(e: Evidence, in_shape: bool) -> list[Finding]:
-    """The finding where the rigid form fits clearly worse than free points; `in_shape`: other tests say so as well.
+    """The finding where the rigid form fits clearly worse than free points.
 
-    Where the cameras do not agree that dots moved, the ball is not blamed.
+    Where the cameras do not agree that dots moved, the ball is not blamed (decision 0011).
+
+    Parameters
+    ----------
+    e
+        What the findings are drawn from.
+    in_shape
+        Whether other tests say too that the ball's shape changed; smaller changes are then reported.
     """
     choice = e.choice
     if choice.ratio is None or choice.limit is None or not np.isfinite(choice.ratio):
@@ -61,7 +68,15 @@ def changed_shape(e: Evidence, in_shape: bool) -> list[Finding]:
 
 
 def contradicting_placements(e: Evidence, wrong: Sequence[WrongImage]) -> list[Finding]:
-    """Placements that contradict all others in the rigid form, as far as most of their images do."""
+    """Findings on placements most of whose images contradict all others in the rigid form.
+
+    Parameters
+    ----------
+    e
+        What the findings are drawn from.
+    wrong
+        Images that contradict the rest.
+    """
     if e.solved.rigid is None:
         return []
     seen = (e.image_counts(e.candidates) >= LEAST_POINTS).sum(axis=1)

@@ -22,7 +22,17 @@ MANY, FALSE_ALARM = 0.1, 0.01
 
 
 def wrong_targets(e: Evidence, moved: Collection[str]) -> list[Finding]:
-    """Targets many of whose images contradict the rest, the surest first; images of moved cameras do not count."""
+    """Findings on targets many of whose images contradict the rest, the surest first.
+
+    That so many of them go wrong by chance is judged by the binomial distribution.
+
+    Parameters
+    ----------
+    e
+        What the findings are drawn from.
+    moved
+        Ids of cameras that moved; their images do not count.
+    """
     target, images, wrong = _by_target(e, moved)
     if not len(target):
         return []

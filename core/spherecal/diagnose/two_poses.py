@@ -1,7 +1,7 @@
 """Cameras that were knocked far: which of their images belong to which of two poses.
 
 A move of a pixel and more lets the gate take what it likes, and one of many pixels bends the camera's intrinsics, so
-that linear tests mislead. Here every way to part the camera's images in two is tried: both parts are resected on the
+that linear tests mislead. Here every way to part the camera's images in two is tried. Both parts are resected on the
 points that the other cameras gave, with the intrinsics found and, as these may be bent, with the prior's.
 """
 
@@ -25,9 +25,9 @@ BETTER = 1.5
 
 @dataclass(frozen=True)
 class Knock:
-    """A camera's images in `placements` were taken from elsewhere: by a turn and a shift (network units as stated).
+    """A camera's images in `placements` were taken from elsewhere: by a turn and a shift.
 
-    `fit_px`: mean size of the residuals with one pose and with two.
+    `shift` is in mm, arbitrary without a scale. `fit_px`: mean size of the residuals with one pose and with two.
     """
 
     camera: int
@@ -38,7 +38,15 @@ class Knock:
 
 
 def find_knock(e: Evidence, camera: int) -> Knock | None:
-    """The best way to part a camera's images in two, None where one pose fits them as well."""
+    """The best way to part a camera's images in two, None where one pose fits them as well.
+
+    Parameters
+    ----------
+    e
+        What the findings are drawn from.
+    camera
+        The camera, an index.
+    """
     both = (e.solution.state.intrinsics[camera], e.session.cameras[camera].prior)
     knocks = [knock for intrinsics in both if (knock := _parted(e, camera, intrinsics)) is not None]
     return min(knocks, key=lambda knock: knock.fit_px[1], default=None)

@@ -43,7 +43,7 @@ Kind = Literal["one-image", "small-move", "last-image", "unlike-any-pose", "not-
 class UnconfirmedPose:
     """A camera (index) that may have other poses: turn and shift to each (k,6), and how far its centre then is (k,3).
 
-    `image`: the placement that shows another pose. Shifts are in units of the network.
+    `image`: the placement that shows another pose. Shifts are in mm, arbitrary without a scale.
     """
 
     camera: int
@@ -56,9 +56,9 @@ class UnconfirmedPose:
 def unconfirmed_poses(e: Evidence) -> list[UnconfirmedPose]:
     """Cameras whose pose the recording does not confirm.
 
-    A pose after a move rests on one image alone, or differs so little from the earlier one that the camera's images may
-    differ as much; the camera's last image shows another one with too few points, or none that a pose explains; or the
-    camera has no image since others moved together.
+    A pose after a move may rest on one image alone, or differ so little from the earlier one that the camera's images
+    may differ as much. The camera's last image may show another pose with too few points, or be one that no pose
+    explains. Or the camera has no image since others moved together.
     """
     counts, state = e.image_counts(e.used), e.solution.state
     found = []
@@ -97,8 +97,8 @@ def _unconfirmed(e: Evidence, c: int, kind: Kind, image: int, others: Sequence[P
 def _last_images(e: Evidence, known: Collection[int]) -> list[UnconfirmedPose]:
     """Cameras whose last images show other poses with few points, most of which were left out.
 
-    An image of which every point was left out counts without a pose that explains it: binned from then on, a camera
-    of which 4 dots were left had all its lengths wrong, and the rig was valid.
+    An image of which every point was left out counts without a pose that explains it. A camera was binned from then on
+    and 4 of its dots were left: all its lengths were wrong, and the rig was valid.
     """
     out, points = e.image_counts(e.contradicting), e.image_counts(e.candidates)
     later = np.cumsum(points[::-1], axis=0)[::-1] - points
@@ -205,7 +205,7 @@ def _not_seen_since(e: Evidence) -> list[Finding]:
 def _unseen(e: Evidence) -> tuple[list[int], list[int], int]:
     """Cameras without an image since several others moved at once, those that moved, and before which placement.
 
-    One part of the frame may carry all of them: a beam of three cameras bent by 2 mm after the last image of one of
+    One part of the frame may carry all of them. A beam of three cameras was bent by 2 mm after the last image of one of
     them; that one was 83 U off.
     """
     images = e.image_counts(e.used) > 0

@@ -1,7 +1,8 @@
 """What a move is measured against: how much the poses of a camera's images differ without any move.
 
 Noise alone makes chi-square of them. A lens beyond the model, a point spread that is not Gaussian, or a ball that is
-not quite still shifts every image of a camera a little, and the more, the less of the image it shares with the others.
+not quite still shifts every image of a camera a little. The smaller the part of the image that it shares with the
+others, the larger that shift.
 """
 
 from collections.abc import Sequence
@@ -26,8 +27,14 @@ Scatter = tuple[float, int]  # chi-square of how much some images' poses differ,
 def inflation(own: Scatter, others: Sequence[Scatter]) -> float:
     """The scatter of images' poses over that of noise, at least 1.
 
-    `own`: of the camera's images with the tested move corrected for; `others`: of all images of each other camera. A
-    lens may be as bad as the worst of the others, but for as many as may have moved beside the tested one.
+    A lens may be as bad as the worst of the others, but for as many as may have moved beside the tested one.
+
+    Parameters
+    ----------
+    own
+        Chi-square of the camera's images with the tested move corrected for, and its degrees of freedom.
+    others
+        The same of all images of each other camera.
     """
     known = [one for one in others if one[1] > 0]
     if not known:
@@ -63,5 +70,13 @@ def _sure_chi_square(dof: int) -> float:
 
 
 def raised(limit: float, scatter: float) -> float:
-    """The statistic that a move must exceed where noise alone stays below `limit` and poses scatter so much more."""
+    """The statistic that a move must exceed where poses scatter more than noise lets them.
+
+    Parameters
+    ----------
+    limit
+        The statistic that a move must exceed with noise alone.
+    scatter
+        The scatter of the images' poses over that of noise; the limit grows with its square.
+    """
     return limit * scatter**2

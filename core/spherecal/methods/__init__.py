@@ -1,1 +1,1 @@
-"""The other methods: a plane board and a bar waved through the volume."""
+"""Settings and stages of the method with a ball; the other methods: a plane board, a bar waved through the volume."""

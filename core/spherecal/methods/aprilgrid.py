@@ -1,7 +1,7 @@
 """The corners of an AprilGrid: tags with small squares at their corners, as Kalibr prints them, or without.
 
-The tags' ids say where each is; which of its corners is which follows from where the other tags are, so that neither
-the way a dictionary has its tags turned nor the camera's turn need be known.
+The tags' ids say where each is. Which of its corners is which follows from where the other tags are. So neither the
+way a dictionary has its tags turned nor the camera's turn need be known.
 """
 
 import cv2
@@ -26,7 +26,15 @@ _RIGHT = 2.0  # a wrong turn fits this many times worse at least; it is off by w
 
 
 def find_aprilgrid(image: NDArray[np.uint8], pattern: BoardPattern) -> tuple[IntArray, FloatArray] | None:
-    """Indices (k,) and places (k, 2) px of the corners in a grey image; None where two tags are not found."""
+    """Indices (k,) and places (k, 2) px of the corners in a grey image; None where two tags are not found.
+
+    Parameters
+    ----------
+    image
+        Grey image of 8 bits, (h, w).
+    pattern
+        What is printed on the board.
+    """
     ids, corners, border = _tags(image, pattern)
     if len(ids) < _LEAST_TAGS:
         return None

@@ -26,7 +26,17 @@ from spherecal.scale.stored_ball import on_known_ball
 
 
 def ball_network(recording: Recording, network: Network, local: LocalNetwork, free: BallFit) -> BallNetwork:
-    """The dots of the ball in the free network; no two-view gate judges a camera that is alone."""
+    """The dots of the ball in the free network; no two-view gate judges a camera that is alone.
+
+    Parameters
+    ----------
+    recording
+        The recording.
+    network, local
+        The network in the free form, and its local reconstructions with the gate's verdicts.
+    free
+        The solution in the free form; cameras that it does not place are alone.
+    """
     candidates = local.keep | ~free.placed[network.camera]
     return BallNetwork(network, recording.features, recording.n_placements, recording.n_ball, candidates)
 
@@ -34,7 +44,28 @@ def ball_network(recording: Recording, network: Network, local: LocalNetwork, fr
 def fit_ball_model(
     recording: Recording, start: StartValues, free: BallFit, settings: CalibrationSettings, run: Run
 ) -> MetricFit:
-    """The network in millimetres, in the ball model that the data carry; the free form where the user stops that."""
+    """The network in millimetres, in the ball model that the data carry; the free form where the user stops that.
+
+    Decision 0006; docs/formulation.md, section The rigid ball.
+
+    Parameters
+    ----------
+    recording, start
+        The recording, and what its adjustment started from.
+    free
+        The solution in the free form.
+    settings
+        Of these `method`, `ball`, `shape_sd_mm`, `intrinsics`, `paths` and `seed` count.
+    run
+        What the stages share.
+
+    Raises
+    ------
+    InputError
+        As `select_ball_model`, and where the targets do not go with the stored ball.
+    PartialResultAccepted
+        Where the user wants what there is and the caller has a partial result.
+    """
     ball = ball_network(recording, start.network, start.local, free)
     try:
         fit = _in_its_model(recording, free, ball, settings, run.accepting_partial())
@@ -75,9 +106,26 @@ def _without_ambiguous(fit: MetricFit, free: BallFit) -> MetricFit:
 def select_ball_model(
     recording: Recording, free: BallFit, ball: BallNetwork, settings: CalibrationSettings, run: Run
 ) -> tuple[BallFit, ModelChoice]:
-    """The rigid form where the data carry it, else the soft or the free one.
+    """The rigid form where the data carry it, else the soft or the free one; and the choice with its reasons.
 
-    InputError where the rigid or soft form is asked for and no two placements share enough dots.
+    Where motions of cameras or of the ball explain what the rigid form does not, it is kept (decisions 0006, 0009,
+    0012).
+
+    Parameters
+    ----------
+    recording
+        The recording.
+    free, ball
+        The solution in the free form, and its network.
+    settings
+        Of these `method`, `shape_sd_mm`, `intrinsics`, `paths` and `seed` count.
+    run
+        What the stages share.
+
+    Raises
+    ------
+    InputError
+        Where the rigid or soft form is asked for and is not possible, as when no two placements share enough dots.
     """
     wanted: RequestedForm = settings.method if settings.method in ("rigid", "soft") else "auto"
 
@@ -112,7 +160,19 @@ def select_ball_model(
 def solve_others(
     recording: Recording, network: Network, placed: BoolArray, settings: CalibrationSettings, run: Run
 ) -> list[BallFit]:
-    """The free form of each group of cameras that has no common view with those placed (c,), each in its own frame."""
+    """The free form of each group of cameras that has no common view with those placed, each in its own frame.
+
+    Parameters
+    ----------
+    recording, network
+        The recording, and its network in the free form.
+    placed
+        Cameras that have a pose, (c,).
+    settings
+        Of these `paths` and `seed` count.
+    run
+        What the stages share.
+    """
     groups: list[BallFit] = []
     rest = ~placed
     observations, features = recording.observations, recording.features

@@ -43,7 +43,11 @@ class BarNetwork:
 
 @dataclass(frozen=True)
 class BarAdjusted:
-    """An adjusted network: state, model, used (n,), who is held by a prior (c,), cofactors of `points` (p,)."""
+    """An adjusted network: state, model, used (n,), who is held by a prior (c,), cofactors of `points` (p,).
+
+    `noise_known`: the priors are weighed by the sigma0 of an adjustment. `joint` False: cameras are as they were
+    chained.
+    """
 
     state: State
     model: BarModel
@@ -63,12 +67,20 @@ class BarAdjusted:
 
     @property
     def sigma0(self) -> float:
-        """The standard deviation of unit weight; 1 where nothing tells it."""
+        """The standard deviation of unit weight; 1 without redundancy."""
         return float(np.sqrt(self.variance)) if self.redundancy > 0 else 1.0
 
 
 def adjust_bar(work: BarNetwork, state: State, context: Context) -> BarAdjusted:
-    """The least-squares network from a start, with covariance; cameras that the data cannot carry are held."""
+    """The least-squares network from a start, with covariance; cameras that the data cannot carry are held.
+
+    Parameters
+    ----------
+    work, state
+        What is adjusted, and where to begin.
+    context
+        For progress, and to stop.
+    """
     network, candidates = work.network, work.placed[work.network.camera]
     state, good = _robust_start(work, state, candidates, context)
     used = candidates & good[network.feature]
@@ -88,9 +100,18 @@ def adjust_bar(work: BarNetwork, state: State, context: Context) -> BarAdjusted:
 
 
 def chain_pairs(work: BarNetwork, state: State, parents: tuple[tuple[int, int], ...], context: Context) -> BarAdjusted:
-    """Cameras chained over pairs (parent, camera), each adjusted alone; marks triangulated; without covariance.
+    """Cameras chained over pairs, each pair adjusted alone; marks triangulated; without covariance.
 
     A camera keeps the intrinsics of the pair that placed it.
+
+    Parameters
+    ----------
+    work, state
+        The network, and start values of the pairs.
+    parents
+        The pairs (parent, camera), each parent before its cameras.
+    context
+        For progress, and to stop.
     """
     start, rotation, translation = state, state.rotation.copy(), state.translation.copy()
     intrinsics = state.intrinsics.copy()
@@ -242,7 +263,13 @@ def _gate(network: Network, state: State, placed: BoolArray, used: BoolArray) ->
 
 
 def residuals_px(network: Network, state: State) -> FloatArray:
-    """Predicted minus observed (n,2) px; NaN without a prediction in front of the camera."""
+    """Predicted minus observed (n,2) px; NaN without a prediction in front of the camera.
+
+    Parameters
+    ----------
+    network, state
+        The network, and its values.
+    """
     x = np.einsum("nij,nj->ni", state.rotation[network.camera], state.points[network.feature])
     x += state.translation[network.camera]
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
@@ -251,6 +278,12 @@ def residuals_px(network: Network, state: State) -> FloatArray:
 
 
 def residual_size(network: Network, state: State) -> FloatArray:
-    """Lengths of the residuals (n,) px, infinite where there is no prediction in front of the camera."""
+    """Lengths of the residuals (n,) px, infinite where there is no prediction in front of the camera.
+
+    Parameters
+    ----------
+    network, state
+        The network, and its values.
+    """
     size = np.linalg.norm(residuals_px(network, state), axis=1)
     return np.where(np.isfinite(size), size, np.inf)

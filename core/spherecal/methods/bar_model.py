@@ -16,7 +16,7 @@ from spherecal.methods.frames_covariance import PointRows
 class Lengths:
     """Known distances inside frames: frame (m,), coefficients (m,s) of its slots, length (m,) and sigma (m,) in mm.
 
-    The coefficients of a row are those of its second end less those of its first; an end is a slot, or the origin of a
+    The coefficients of a row are those of its second end less those of its first. An end is a slot, or the origin of a
     target that its dots give as a weighted sum. `certificate` (m,) is which certified length a row is.
     """
 
@@ -61,12 +61,20 @@ class BarModel:
         return engine.residuals(self.problem, state)
 
     def linearise(self, state: State, robust: FloatArray | None) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Weighted residuals, derivatives by camera and by the point."""
+        """Weighted residuals (n,2), derivatives by camera (n,2,w) and by the point (n,2,3).
+
+        Parameters
+        ----------
+        state
+            Where to linearise.
+        robust
+            Multiplies the rows of each observation, (n,); None for 1.
+        """
         linear = engine.linearise(self.problem, state, robust)
         return linear.residual, linear.by_camera, linear.by_point
 
     def ties(self, state: State) -> Ties:
-        """The lengths' rows."""
+        """The lengths' rows, over their standard uncertainties."""
         difference = self.differences(state)
         size = np.linalg.norm(difference, axis=1)
         along = difference / (size * self.lengths.sigma)[:, None]
@@ -79,11 +87,25 @@ class BarModel:
         return np.einsum("ms,msi->mi", self.lengths.coefficient, points)
 
     def moved_frames(self, state: State, step: FloatArray) -> State:
-        """Points moved by their steps."""
+        """The state with its points moved by their steps.
+
+        Parameters
+        ----------
+        state, step
+            The state, and the shifts of each frame's slots, (f,3s).
+        """
         return replace(state, points=state.points + step.reshape(-1, 3))
 
     def point_rows(self, state: State, points: IntArray) -> PointRows:
-        """Points (p,) of the problem in the world, and how they follow their frames."""
+        """Points of the problem in the world, and how they follow their frames; all define the datum.
+
+        Parameters
+        ----------
+        state
+            The values of the unknowns.
+        points
+            The points, (p,) indices.
+        """
         by_frame = np.zeros((len(points), self.slots, 3, 3))
         by_frame[np.arange(len(points)), points % self.slots] = np.eye(3)
         by_frame = by_frame.transpose(0, 2, 1, 3).reshape(len(points), 3, -1)

@@ -55,7 +55,19 @@ class BarStart:
 def start_from_pairs(
     recording: BarRecording, lengths: Lengths, intrinsics: FloatArray, seed: int, context: Context
 ) -> BarStart:
-    """All cameras that pairs with `LEAST_COMMON` common points reach, in the frame of the best linked one."""
+    """Poses (mm) of all cameras that pairs with `LEAST_COMMON` common points reach, in the best linked one's frame.
+
+    Parameters
+    ----------
+    recording, lengths
+        What the cameras saw of the bar, and its certified lengths frame by frame.
+    intrinsics
+        What is known of the cameras, (c,16).
+    seed
+        Of the random samples by which essential matrices are found.
+    context
+        For progress, and to stop.
+    """
     o, n = recording.observations, len(recording.observations.cameras)
     xy, usable = undistort(o.uv, intrinsics[o.camera])
     table = np.full((n, recording.n_points), -1)

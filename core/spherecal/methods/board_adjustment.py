@@ -40,7 +40,11 @@ class BoardNetwork:
 
 @dataclass(frozen=True)
 class BoardAdjusted:
-    """An adjusted network: state, model, rows (observation of each row), used (n,), and who is held by a prior (c,)."""
+    """An adjusted network: state, model, rows (observation of each row), used (n,), and who is held by a prior (c,).
+
+    `noise_known`: the priors are weighed by the sigma0 of an adjustment. `joint` False: cameras are as they were
+    chained.
+    """
 
     state: State
     model: BoardModel
@@ -60,14 +64,23 @@ class BoardAdjusted:
 
     @property
     def sigma0(self) -> float:
-        """The standard deviation of unit weight; 1 where nothing tells it."""
+        """The standard deviation of unit weight; 1 without redundancy."""
         return float(np.sqrt(self.variance)) if self.redundancy > 0 else 1.0
 
 
 def place_boards(views: BoardViews, found: ViewPoses, state: State, cameras: BoolArray) -> State:
-    """The state with each placement where one of the placed cameras (c,) sees it, all of them agreeing best.
+    """The state with a pose of each placement that placed cameras see: of their poses the one that fits them all best.
 
     NaN where no camera with a pose sees the board.
+
+    Parameters
+    ----------
+    views, found
+        What the cameras see, and the board's possible poses in each view.
+    state
+        The cameras' poses and intrinsics.
+    cameras
+        Cameras that have a pose, (c,).
     """
     rotation = np.full((views.n_placements, 3, 3), np.nan)
     translation = np.full((views.n_placements, 3), np.nan)
@@ -90,7 +103,17 @@ def place_boards(views: BoardViews, found: ViewPoses, state: State, cameras: Boo
 def view_error(
     views: BoardViews, state: State, camera: int, placement: int, rotation: FloatArray, translation: FloatArray
 ) -> float:
-    """Median distance in px of a view's points from where a board placed so would show them; infinite behind."""
+    """Median distance in px of a view's points from where a board placed so would show them; infinite behind.
+
+    Parameters
+    ----------
+    views, state
+        What the cameras see, and their poses and intrinsics.
+    camera, placement
+        The view.
+    rotation, translation
+        Pose of the board in the world, (3,3) and (3,) mm.
+    """
     rows = views.of(camera, placement)
     world = views.points_mm[views.point[rows]] @ rotation.T + translation
     x = world @ state.rotation[camera].T + state.translation[camera]
@@ -101,7 +124,19 @@ def view_error(
 
 
 def robust_start(network: BoardNetwork, state: State, candidates: BoolArray, context: Context) -> State:
-    """A state after robust adjustments: poses, then the main intrinsics, then all."""
+    """A state after robust adjustments: poses, then the main intrinsics, then all.
+
+    Cauchy's loss, every observation with the same weight (docs/formulation.md, section Adjustment).
+
+    Parameters
+    ----------
+    network, state
+        What is adjusted, and where to begin.
+    candidates
+        Observations that take part, (n,).
+    context
+        For progress, and to stop.
+    """
     for names in ((), START_INTRINSICS, None):
         free = network.free if names is None else network.free & np.isin(INTRINSIC_NAMES, names)
         model, _ = _model(network, candidates, free, NO_PRIORS, False)
@@ -118,7 +153,16 @@ def adjust_boards(
 ) -> BoardAdjusted:
     """The least-squares network from a start, with covariance; cameras that the data cannot carry are held.
 
-    It begins with the observations `first` (n,) and ends with all `candidates` (n,) that agree.
+    Parameters
+    ----------
+    network, start
+        What is adjusted, and where to begin.
+    first
+        Observations of the robust start, (n,).
+    candidates
+        Observations of which all that agree take part in the end, (n,).
+    context
+        For progress, and to stop.
     """
     state = robust_start(network, start, first, context)
     group, views = network.group, network.views
@@ -139,7 +183,17 @@ def adjust_boards(
 
 
 def leave_chained(network: BoardNetwork, state: State, candidates: BoolArray, context: Context) -> BoardAdjusted:
-    """The cameras as they were chained, the board's placements alone adjusted to them; without covariance."""
+    """The cameras as they were chained, the board's placements alone adjusted to them; without covariance.
+
+    Parameters
+    ----------
+    network, state
+        The network, and the cameras and placements as they were chained.
+    candidates
+        Observations that may take part, (n,).
+    context
+        For progress, and to stop.
+    """
     views = network.views
     gated = gate(network, state, candidates)
     nobody = np.zeros(views.n_cameras, dtype=bool)
@@ -172,7 +226,13 @@ def _refine(
 
 
 def board_points(views: BoardViews, used: BoolArray) -> tuple[IntArray, IntArray, BoolArray]:
-    """All points of the board at every placement that is used: placement, point, and whether it was seen, (p,) each."""
+    """All points of the board at every placement that is used: placement, point, and whether it was seen, (p,) each.
+
+    Parameters
+    ----------
+    views, used
+        What the cameras see, and which observations are used, (n,).
+    """
     count = len(views.points_mm)
     placements = np.unique(views.placement[used])
     seen = np.zeros((views.n_placements, count), dtype=bool)
@@ -203,12 +263,24 @@ def _model(
 
 
 def residual_size(views: BoardViews, state: State) -> FloatArray:
-    """Lengths of the residuals (n,) px, infinite where there is no prediction in front of the camera."""
+    """Lengths of the residuals (n,) px, infinite where there is no prediction in front of the camera.
+
+    Parameters
+    ----------
+    views, state
+        What the cameras see, and the values of the unknowns.
+    """
     return np.where(np.isfinite(r := np.linalg.norm(residuals_px(views, state), axis=1)), r, np.inf)
 
 
 def residuals_px(views: BoardViews, state: State) -> FloatArray:
-    """Predicted minus observed (n,2) px; NaN without a prediction in front of the camera."""
+    """Predicted minus observed (n,2) px; NaN without a prediction in front of the camera.
+
+    Parameters
+    ----------
+    views, state
+        What the cameras see, and the values of the unknowns.
+    """
     world = np.einsum("nij,nj->ni", state.placement_rotation[views.placement], state.points[views.point])
     world += state.placement_translation[views.placement]
     x = np.einsum("nij,nj->ni", state.rotation[views.camera], world) + state.translation[views.camera]
@@ -218,7 +290,17 @@ def residuals_px(views: BoardViews, state: State) -> FloatArray:
 
 
 def gate(network: BoardNetwork, state: State, candidates: BoolArray) -> BoolArray:
-    """Candidates within the gate of their predicted image point, of cameras and placements that keep enough."""
+    """Candidates (n,) within the gate of their predicted image point, of cameras and placements that keep enough.
+
+    4.5 robust standard deviations of each camera, at least 0.15 px (docs/formulation.md, section Adjustment).
+
+    Parameters
+    ----------
+    network, state
+        The network, and its values.
+    candidates
+        Observations that may take part, (n,).
+    """
     views = network.views
     size = residual_size(views, state)
     limit = np.zeros(views.n_cameras)
@@ -232,7 +314,15 @@ def gate(network: BoardNetwork, state: State, candidates: BoolArray) -> BoolArra
 
 
 def progress(context: Context, stage: str, expected: int) -> Callable[[int, float], None]:
-    """Reports a minimiser's steps, and stops it when the user asks."""
+    """A function that reports a minimiser's steps, and stops it when the user asks.
+
+    Parameters
+    ----------
+    context, stage
+        Whom to report to, and the name of the stage.
+    expected
+        Steps that are usual: after half of them the stage counts as half done.
+    """
 
     def on_step(iteration: int, cost: float) -> None:
         context.report_iteration(stage, iteration / (iteration + expected / 2), iteration, cost)

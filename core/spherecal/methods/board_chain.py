@@ -45,7 +45,15 @@ class BoardStart:
 
 
 def common_placements(found: ViewPoses, n_cameras: int, n_placements: int) -> IntArray:
-    """In how many placements each two cameras see the board together, (c,c)."""
+    """In how many placements each two cameras see the board together, (c,c).
+
+    Parameters
+    ----------
+    found
+        The views in which the board has a pose.
+    n_cameras, n_placements
+        How many there are.
+    """
     seen = np.zeros((n_cameras, n_placements), dtype=np.int64)
     for camera, placement in found:
         seen[camera, placement] = 1
@@ -53,7 +61,17 @@ def common_placements(found: ViewPoses, n_cameras: int, n_placements: int) -> In
 
 
 def find_links(views: BoardViews, found: ViewPoses, intrinsics: FloatArray, context: Context) -> Links:
-    """The relative poses of all pairs of cameras that see the board together, both ways."""
+    """The relative poses of all pairs of cameras that see the board together, both ways.
+
+    Parameters
+    ----------
+    views, found
+        What the cameras see, and the board's possible poses in each view.
+    intrinsics
+        Of each camera, (c,16).
+    context
+        For progress, and to stop.
+    """
     common = common_placements(found, views.n_cameras, views.n_placements)
     pairs = np.argwhere(np.triu(common, 1) > 0)
     links: Links = {}
@@ -68,7 +86,7 @@ def find_links(views: BoardViews, found: ViewPoses, intrinsics: FloatArray, cont
 
 
 def _link(views: BoardViews, found: ViewPoses, intrinsics: FloatArray, a: int, b: int) -> Link | None:
-    """The relative pose that explains most placements; of a plane's two poses in each view the pair tells one."""
+    """The relative pose that explains most placements; it shows which of a plane's two poses in a view is right."""
     placements = [t for t in range(views.n_placements) if found.get((a, t)) and found.get((b, t))]
     if not placements:
         return None
@@ -106,7 +124,26 @@ def _error_in(views: BoardViews, rows: IntArray, poses: Sequence[BoardPose], cam
 
 
 def chain(network: BoardNetwork, start: BoardStart, links: Links, context: Context) -> tuple[State, list[list[int]]]:
-    """Cameras (NaN where none) and placements in the reference camera's frame, and the groups they were chained by."""
+    """Cameras and placements in the reference camera's frame, and the groups by which they were chained.
+
+    Groups of up to four cameras, as in [Tao21].
+
+    Parameters
+    ----------
+    network, start
+        The network, and what each camera alone gives.
+    links
+        The relative poses of pairs.
+    context
+        For progress, and to stop.
+
+    Returns
+    -------
+    state
+        NaN for cameras and placements that no group reaches.
+    groups
+        Indices of the cameras of each group, those that had a pose first.
+    """
     views = network.views
     n = views.n_cameras
     state = State(np.full((n, 3, 3), np.nan), np.full((n, 3), np.nan), start.intrinsics.copy(), views.points_mm)

@@ -21,9 +21,16 @@ class BoardDetector:
         self._pattern = pattern
 
     def detect(self, image: GreyImage, settings: DetectionSettings | None = None) -> Detections:
-        """The board's points in a grey image (h, w); none where it is not seen. Points in masked parts are left out.
+        """The board's points in a grey image; none where it is not seen.
 
         How blurred the image is remains unknown (NaN).
+
+        Parameters
+        ----------
+        image
+            Grey image of 8 or 16 bits, (h, w).
+        settings
+            Of these `ignore` counts: points in those parts are left out. None: nothing is ignored.
         """
         found = find_board(np.require(image, requirements=["C"]), self._pattern)
         if found is None:

@@ -1,4 +1,4 @@
-"""What is printed on a board, as the `board` section of session.json or `--board` tells it (docs/board.md)."""
+"""What is printed on a board, as the `board` section of session.json or `--board` describes it (docs/board.md)."""
 
 import json
 from collections.abc import Mapping
@@ -25,7 +25,13 @@ _LONGEST = 1000  # characters of --board
 
 
 def read_board_pattern(session: Session) -> BoardPattern:
-    """The pattern of a session's board; InputError where images need one and session.json does not describe it."""
+    """The pattern of a session's board.
+
+    Raises
+    ------
+    InputError
+        Where images need one and session.json does not describe it, or not as `board_pattern` wants it.
+    """
     board = _board(session)
     if board is None:
         raise InputError(Phrase("error-no-board", {"folder": session.where}))
@@ -33,7 +39,13 @@ def read_board_pattern(session: Session) -> BoardPattern:
 
 
 def board_pattern(board: JsonValue) -> BoardPattern:
-    """The pattern that the fields of a board describe; InputError names the one that cannot be."""
+    """The pattern that the fields of a board describe.
+
+    Raises
+    ------
+    InputError
+        Where a field cannot be as it is; the error names it.
+    """
     f = board.fields(("kind",), [name for name in _FIELDS if name != "kind"])
     kind: BoardKind = f["kind"].choice(*BOARD_KINDS)
     if "points" in f:
@@ -69,8 +81,12 @@ def board_pattern(board: JsonValue) -> BoardPattern:
 def board_entry(given: Mapping[str, Any] | str | Path) -> dict[str, Any]:
     """The fields of a board as session.json has them: of a mapping, a JSON file, or "chessboard,rows=6,columns=9,...".
 
-    In the text `rings` are written 2:2+2:7+5:2. InputError where no board can be read from it, checked as
-    `board_pattern` does.
+    In the text `rings` are written 2:2+2:7+5:2.
+
+    Raises
+    ------
+    InputError
+        Where no board can be read from it, checked as `board_pattern` does.
     """
     if isinstance(given, Mapping):
         where, entry, place = Path("board"), dict(given), "board"
@@ -112,14 +128,26 @@ def _value(name: str, text: str) -> Any:
 
 
 def board_uncertainty(session: Session) -> float | None:
-    """The board's own relative standard uncertainty (of its pitch), where session.json states one."""
+    """The board's own relative standard uncertainty (of its pitch), where session.json states one.
+
+    Raises
+    ------
+    InputError
+        Where session.json cannot be read, or states one out of range.
+    """
     board = _board(session)
     f = board.fields((), ("relative_uncertainty",)) if board is not None else {}
     return f["relative_uncertainty"].number(0, _WORST_RELATIVE_UNCERTAINTY) if f else None
 
 
 def shape_estimated(session: Session) -> bool:
-    """Whether the board's points are to be estimated."""
+    """Whether the board's points are to be estimated.
+
+    Raises
+    ------
+    InputError
+        Where session.json cannot be read, or says neither `nominal` nor `estimated`.
+    """
     board = _board(session)
     f = board.fields((), ("shape",)) if board is not None else {}
     return bool(f) and f["shape"].choice("nominal", "estimated") == "estimated"
@@ -133,7 +161,13 @@ def _board(session: Session) -> JsonValue | None:
 
 
 def recorded_board(session: Session) -> dict[str, Any] | None:
-    """The `board` of a recorded session as its session.json has it; None where it has none that images can show."""
+    """The `board` of a recorded session as its session.json has it; None where it has none that images can show.
+
+    Raises
+    ------
+    InputError
+        Where session.json cannot be read.
+    """
     board = _board(session)
     entry = board.value if board is not None else None
     return entry if isinstance(entry, dict) and "kind" in entry else None

@@ -60,8 +60,8 @@ def nominal_solution(adjusted: BoardAdjusted) -> BoardSolution:
 def shape_finding(adjusted: BoardAdjusted) -> list[Finding]:
     """A warning where residuals repeat from view to view for the same points of the board.
 
-    Each point's shift that would take up most of its residuals, cameras and placements as they are, is compared with
-    what noise makes of it.
+    Each point's shift that would take up most of its residuals is found, cameras and placements as they are. What these
+    shifts explain is compared with what noise makes of it.
     """
     rigid = adjusted.model.rigid
     linear = engine.linearise(rigid, adjusted.state, None)
@@ -90,7 +90,16 @@ def estimated_solution(
 ) -> BoardSolution:
     """The solution with the board's points estimated too; their mean size is the nominal one's.
 
-    From the adjustment with held points, whose gate their errors widen.
+    It starts from the adjustment with held points, whose gate their errors widen.
+
+    Parameters
+    ----------
+    network, adjusted
+        The network, and its adjustment with held points.
+    candidates
+        Observations that may take part, (n,).
+    context
+        For progress, and to stop.
     """
     views, nominal = network.views, network.views.points_mm
     noise = adjusted.sigma0

@@ -11,8 +11,17 @@ from spherecal.methods.board_model import BoardViews
 def eccentricity(views: BoardViews, poses: ViewPoses, intrinsics: FloatArray, radius_mm: float) -> FloatArray:
     """Centre of the ellipse minus image of the centre, (n,2) px, for dots of one radius; 0 where no pose is known.
 
-    The dual of a circle about C with radius vectors a, b is a a' + b b' - C C' in homogeneous image coordinates, and
-    its ellipse's centre is that conic's third column.
+    The dual of a circle about C with radius vectors a, b is a a' + b b' - C C' in homogeneous image coordinates. Its
+    ellipse's centre is that conic's third column.
+
+    Parameters
+    ----------
+    views, poses
+        What the cameras see, and the board's poses in each view, of which the first is taken.
+    intrinsics
+        Of each camera, (c,16).
+    radius_mm
+        Of the dots.
     """
     out = np.zeros_like(views.uv)
     for (camera, placement), found in poses.items():

@@ -18,7 +18,19 @@ Shown = Literal["board", "bar"]
 def unlinked(
     camera_ids: tuple[str, ...], linked: IntArray, placed: BoolArray, what: Shown, least: int
 ) -> list[Finding]:
-    """Cameras that could not be linked, group by group; `least`: points of a board or marks that two linked share."""
+    """The finding on cameras that could not be linked, group by group; none where all are placed.
+
+    Parameters
+    ----------
+    camera_ids
+        Of all cameras, (c,).
+    linked
+        Above 0 for cameras that are linked directly, (c,c).
+    placed
+        Cameras that have a pose, (c,).
+    what, least
+        What was shown to the cameras, and how many points of a board or marks two linked ones share at least.
+    """
     if placed.all():
         return []
     ids = np.array(camera_ids)
@@ -30,7 +42,15 @@ def unlinked(
 
 
 def common_findings(session: Session, fit: Fit, what: Shown) -> list[Finding]:
-    """Findings that boards and bars share; `what` was shown to the cameras."""
+    """Findings that boards and bars share.
+
+    Parameters
+    ----------
+    session, fit
+        The session, and what its adjustment found.
+    what
+        What was shown to the cameras.
+    """
     return [
         *_convergence(fit, what),
         *_held(session, fit, what),
@@ -41,7 +61,15 @@ def common_findings(session: Session, fit: Fit, what: Shown) -> list[Finding]:
 
 
 def scale_finding(source: Literal["waved-bar", "certified-board", "board"], relative: float) -> Finding:
-    """How good the scale is, in millimetres on a length that a user can picture."""
+    """How good the scale is, in millimetres on a length that a user can picture.
+
+    Parameters
+    ----------
+    source
+        What gives the scale.
+    relative
+        Its relative standard uncertainty.
+    """
     values = {"mm": relative * STATED_LENGTH_MM, "length_mm": STATED_LENGTH_MM}
     return Finding("scale-uncertainty", "warning" if source == "board" else "info", values, kind=source)
 

@@ -1,8 +1,8 @@
 """Least squares over cameras and frames: what is seen together has unknowns of its own and meets no other frame.
 
 A board's placement has six (its pose), a frame of a waved bar three a mark. The frames' unknowns are eliminated, block
-by block; known lengths inside a frame tie its points without leaving its block, so that thousands of frames cost
-what thousands of points do. Cameras, their columns and their derivatives are those of `adjust/`.
+by block. Known lengths inside a frame tie its points without leaving its block, so that thousands of frames cost what
+thousands of points do. Cameras, their columns and their derivatives are those of `adjust/` (decision 0017).
 """
 
 from collections.abc import Iterator
@@ -68,7 +68,15 @@ class FrameModel(Protocol):
         ...
 
     def linearise(self, state: State, robust: FloatArray | None) -> Linearised:
-        """Weighted residuals (n,2), derivatives by camera (n,2,w) and by the part (n,2,k)."""
+        """Weighted residuals (n,2), derivatives by camera (n,2,w) and by the part (n,2,k).
+
+        Parameters
+        ----------
+        state
+            Where to linearise.
+        robust
+            Multiplies the rows of each observation, (n,); None for 1.
+        """
         ...
 
     def ties(self, state: State) -> Ties:
@@ -76,7 +84,13 @@ class FrameModel(Protocol):
         ...
 
     def moved_frames(self, state: State, step: FloatArray) -> State:
-        """The state after a step (f,q) of the frames."""
+        """The state after a step of the frames.
+
+        Parameters
+        ----------
+        state, step
+            The state, and the changes of each frame's unknowns, (f,q).
+        """
         ...
 
 
@@ -84,8 +98,8 @@ class FrameModel(Protocol):
 class ReducedFrames:
     """Cameras' normal equations (d,d), (d,) and undamped diagonal (d,) after eliminating the frames, and the frames'.
 
-    `gradient_own` (f,q) is the frames' gradient, `inverse` (f,q,q) that of their damped normal equations, `coupling`
-    (m,k,w) for every part `pair_part` (m,) and camera `pair_camera` (m,) that meet; `parts` of a frame.
+    `gradient_own` (f,q) is the frames' gradient, `inverse` (f,q,q) that of their damped normal equations. `coupling`
+    (m,k,w) belongs to every part `pair_part` (m,) and camera `pair_camera` (m,) that meet; `parts` of a frame.
     """
 
     matrix: FloatArray
@@ -100,14 +114,35 @@ class ReducedFrames:
 
 
 def sum_by(index: IntArray, values: FloatArray, n: int) -> FloatArray:
-    """Sums of values (m, ...) over equal indices, (n, ...)."""
+    """Sums of values over equal indices, (n, ...).
+
+    Parameters
+    ----------
+    index, values
+        Index of each value, (m,), and the values, (m, ...).
+    n
+        Number of sums; indices are below it.
+    """
     flat = values.reshape(len(values), int(np.prod(values.shape[1:])))
     columns = [np.bincount(index, flat[:, k], n) for k in range(flat.shape[1])]
     return np.stack(columns, axis=1, dtype=np.float64).reshape(n, *values.shape[1:])
 
 
 def reduce(model: FrameModel, state: State, linear: Linearised, damping: float) -> ReducedFrames:
-    """The cameras' normal equations with the frames eliminated and the priors' rows added; valid above the diagonal."""
+    """The cameras' normal equations with the frames eliminated and the priors' rows added; valid above the diagonal.
+
+    Parameters
+    ----------
+    model, state, linear
+        The problem, a state, and its linearisation there.
+    damping
+        Marquardt's factor for the frames' diagonals; the cameras' equations are not damped.
+
+    Raises
+    ------
+    LinAlgError
+        Where a frame's equations are singular.
+    """
     residual, by_camera, by_part = linear
     problem, layout = model.problem, model.problem.layout
     width = by_camera.shape[2]
@@ -159,7 +194,15 @@ def _own_equations(
 
 
 def dense_couplings(reduced: ReducedFrames, n_cameras: int) -> Iterator[tuple[int, FloatArray]]:
-    """Blocks of frames: the first one's index and their couplings to all cameras' columns, (b,q,e)."""
+    """Blocks of frames: the first one's index and their couplings to all cameras' columns, (b,q,e).
+
+    Parameters
+    ----------
+    reduced
+        The equations with their couplings.
+    n_cameras
+        Cameras of the rig.
+    """
     _, k, width = reduced.coupling.shape
     n_frames, parts = len(reduced.inverse), reduced.parts
     step = max(1, _BLOCK // max(parts * k * n_cameras * width, 1))
@@ -236,7 +279,15 @@ class _Frames:
 
 
 def total_cost(model: FrameModel, state: State, cauchy: float | None) -> float:
-    """Half the (robust) sum of squares of all rows; infinite where it is not defined."""
+    """Half the (robust) sum of squares of all rows; infinite where it is not defined.
+
+    Parameters
+    ----------
+    model, state
+        The problem, and the values of its unknowns.
+    cauchy
+        Scale of Cauchy's loss in units of sigma; None is plain least squares.
+    """
     squared = (model.residuals(state) ** 2).sum(axis=1)
     if cauchy is not None:
         squared = cauchy**2 * np.log1p(squared / cauchy**2)
@@ -284,14 +335,26 @@ def cameras_only(problem: Problem) -> Problem:
 
 
 def redundancy(model: FrameModel, state: State) -> int:
-    """Equations less unknowns; the reference camera's pose is locked, so that nothing is open."""
+    """Equations less unknowns; the reference camera's pose is locked, so that nothing is open.
+
+    Parameters
+    ----------
+    model, state
+        The problem, and the values of its unknowns.
+    """
     problem = model.problem
     rows = 2 * len(problem.uv) + len(model.ties(state).frame) + len(problem.layout.prior_columns)
     return rows - problem.layout.size - seen_unknowns(model, state)
 
 
 def seen_unknowns(model: FrameModel, state: State) -> int:
-    """Unknowns of frames that some observation depends on."""
+    """How many unknowns of frames some observation depends on.
+
+    Parameters
+    ----------
+    model, state
+        The problem, and the values of its unknowns.
+    """
     _, _, by_part = model.linearise(state, None)
     touched = sum_by(model.part, (by_part**2).sum(axis=1), model.n_frames * model.parts)
     return int((touched > 0).sum())

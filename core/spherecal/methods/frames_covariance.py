@@ -37,8 +37,9 @@ class PointRows:
 class FrameCovariance:
     """Cofactors of cameras (c,w,w) and points (p,3,3) in the free datum, without the scale's share.
 
-    `relative_scale` is the square root of the relative scale's cofactor, `all_cameras` (c*w, c*w) that of all cameras'
-    parameters together and without the scale's share too, `stretch` (c*w,) their change when the whole grows by 1.
+    `relative_scale` is the square root of the relative scale's cofactor. `all_cameras` (c*w, c*w) is that of all
+    cameras' parameters together, without the scale's share too, and `stretch` (c*w,) their change when the whole grows
+    by 1.
     """
 
     cameras: FloatArray
@@ -49,7 +50,15 @@ class FrameCovariance:
 
 
 def frame_covariance(model: FrameModel, state: State, points: PointRows) -> FrameCovariance | None:
-    """Cofactors at the minimum, for a standard deviation of unit weight of 1; None where the network is singular."""
+    """Cofactors at the minimum, for a standard deviation of unit weight of 1; None where the network is singular.
+
+    Parameters
+    ----------
+    model, state
+        The problem, and its minimum.
+    points
+        Points whose cofactors are wanted. Those `in_datum` define the free datum.
+    """
     with one_blas_thread():
         try:
             normal = reduce(model, state, model.linearise(state, None), 0.0)

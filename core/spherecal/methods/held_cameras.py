@@ -15,7 +15,19 @@ _LEAST_FRAMES = 2
 
 
 def priors_of(group: IntArray, known: FloatArray, held: BoolArray, noise: float) -> Priors:
-    """Priors (c,16) of the held cameras' groups, weighed against image points as both scatter; or NO_PRIORS."""
+    """Priors (c,16) of the held cameras' groups, weighed against image points as both scatter; or NO_PRIORS.
+
+    Parameters
+    ----------
+    group
+        Which cameras share intrinsics, (c,).
+    known
+        Intrinsics before the adjustment, (c,16).
+    held
+        Cameras whose intrinsics the data cannot carry, (c,).
+    noise
+        Standard deviation of unit weight.
+    """
     if not held.any():
         return NO_PRIORS
     members = np.isin(group, group[held])
@@ -24,7 +36,15 @@ def priors_of(group: IntArray, known: FloatArray, held: BoolArray, noise: float)
 
 
 def poorly_observed(group: IntArray, free: BoolArray, camera: IntArray, frame: IntArray) -> BoolArray:
-    """Cameras (c,) whose group has too few observations, or frames, to carry intrinsics; rows of `camera`, `frame`."""
+    """Cameras (c,) whose group has too few observations, or frames, to carry intrinsics.
+
+    Parameters
+    ----------
+    group, free
+        Which cameras share intrinsics, (c,), and those to be estimated, (c,16).
+    camera, frame
+        Camera and frame of each observation, (n,); of a bar its points count as frames.
+    """
     count = int(group.max()) + 1
     observations = np.bincount(group[camera], minlength=count)
     seen = np.unique(np.stack([group[camera], frame]), axis=1)
@@ -34,7 +54,15 @@ def poorly_observed(group: IntArray, free: BoolArray, camera: IntArray, frame: I
 
 
 def poorly_determined(problem: Problem, state: State, covariance: FrameCovariance | None, variance: float) -> BoolArray:
-    """Cameras (c,) whose focal length came out worse than a data sheet's; all free ones where all is singular."""
+    """Cameras (c,) whose focal length came out worse than a data sheet's; all free ones where all is singular.
+
+    Parameters
+    ----------
+    problem, state
+        The adjustment of the cameras, and its minimum.
+    covariance, variance
+        Cofactors, None where all is singular, and variance of unit weight.
+    """
     columns = problem.intrinsic_columns
     if not len(columns) or columns[0] != 0:
         return np.zeros(problem.n_cameras, dtype=bool)

@@ -13,7 +13,24 @@ Calibrate = Callable[[Session, Context, Stopwatch], Calibration]
 
 
 def with_second_look(session: Session, calibrate: Calibrate, context: Context, watch: Stopwatch) -> Calibration:
-    """The calibration with the targets that only its predictions find in the images; the first one where stopped."""
+    """The calibration with the targets that only its predictions find in the images; the first one where stopped.
+
+    Parameters
+    ----------
+    session
+        The session, with images and the observations of their targets.
+    calibrate
+        Calibrates a session.
+    context
+        For progress, and to stop. The first calibration is what there is for a user who stops the second.
+    watch
+        Takes the times of the second pass.
+
+    Raises
+    ------
+    Cancelled
+        Where the context says so.
+    """
     first = calibrate(session, context, Stopwatch())
     try:
         session = with_missed_targets(session, first, context.accepting_partial())

@@ -24,15 +24,16 @@ class CalibrationSettings:
     `shape_sd_mm`: of the soft form, how far the ball's dots may be off its shape (standard deviation per coordinate);
     None to estimate it. `ball`: a stored shape of the recorded ball, for `auto` and `rigid`.
 
-    `tao2021` starts from chained points and spherical projection and estimates the paper's distortion terms; `search`
-    `first` is none-OPT, `first-listed` the same in the literal order of Algorithm 3, `spherical_projection` False
+    `tao2021` starts from chained points and spherical projection and estimates the paper's distortion terms. `search`
+    `first` is none-OPT, `first-listed` the same in the literal order of Algorithm 3. `spherical_projection` False is
     none-SPO. `weights` and `base` are xi1, xi2, TH_er and b of (10)-(14). `joint` False leaves a board or a bar as it
-    was chained, without the joint adjustment. `intrinsics` `fixed` keeps the priors, `own_intrinsics` disregards
-    intrinsics groups. `lens`: the lens model of all cameras; None for the session's own, `auto` for the one that fits
-    best where the session's misfits.
-    `repair_by_itself`: leave out wrong images and split moved cameras
-    where that is certain (diagnose/automatic_edits.py). `reference`: the camera whose frame is the world, where it can
-    be placed; None for the one that belongs to most triples.
+    was chained, without the joint adjustment.
+
+    `intrinsics` `fixed` keeps the priors, `own_intrinsics` disregards intrinsics groups. `lens`: the lens model of all
+    cameras; None for the session's own, `auto` for the one that fits best where the session's misfits.
+    `repair_by_itself`: leave out wrong images and split moved cameras where that is certain
+    (diagnose/automatic_edits.py). `reference`: the camera whose frame is the world, where it can be placed; None for
+    the one that belongs to most triples.
     """
 
     method: Method = "auto"
@@ -71,12 +72,30 @@ def without_effect(settings: CalibrationSettings) -> tuple[Finding, ...]:
 
 
 def as_stated(session: Session, settings: CalibrationSettings) -> tuple[Finding, ...]:
-    """Findings on what is taken as the user states it: assumed figures, settings without effect."""
+    """Findings on what is taken as the user states it: assumed figures, settings without effect.
+
+    Parameters
+    ----------
+    session, settings
+        The session, and how to calibrate it.
+    """
     return (*assumed_of_session(session), *without_effect(settings))
 
 
 def check_settings(session: Session, settings: CalibrationSettings) -> None:
-    """InputError where the settings cannot be used with the session or with each other."""
+    """Checks that the settings can be used with the session and with each other.
+
+    Parameters
+    ----------
+    session, settings
+        The session, and how to calibrate it.
+
+    Raises
+    ------
+    InputError
+        Where `tao2021` meets a lens model other than Brown's. Where weights or the base of paths are out of range.
+        Where a method gets a stored ball and takes none.
+    """
     other = next((camera for camera in session.cameras if camera.lens_model != "brown"), None)
     if settings.method == "tao2021" and other is not None:
         raise InputError(Phrase("error-lens-of-method", {"camera": other.id, "model": other.lens_model}))

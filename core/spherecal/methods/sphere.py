@@ -22,7 +22,15 @@ from spherecal.methods.settings import CalibrationSettings
 
 
 def describe_network(recording: Recording, settings: CalibrationSettings) -> Network:
-    """Who observes what, and which intrinsics are to be estimated."""
+    """Who observes what, and which intrinsics are to be estimated.
+
+    Parameters
+    ----------
+    recording
+        The recording.
+    settings
+        Of these `method`, `intrinsics` and `own_intrinsics` count.
+    """
     cameras, observations, features = recording.session.cameras, recording.observations, recording.features
     free = settings.intrinsics == "free"
     estimated = estimated_intrinsics(recording.session, free)
@@ -36,7 +44,17 @@ def describe_network(recording: Recording, settings: CalibrationSettings) -> Net
 
 
 def local_network(recording: Recording, settings: CalibrationSettings, context: Context) -> LocalNetwork:
-    """Two-view geometry, triples, view graph and paths of a recording, from its cameras' priors."""
+    """Two-view geometry, triples, view graph and paths of a recording, from its cameras' priors; [Tao21] (3)-(14).
+
+    Parameters
+    ----------
+    recording
+        The recording.
+    settings
+        Of these `paths` and `seed` count.
+    context
+        For progress, and to stop.
+    """
     observations, features = recording.observations, recording.features
     local = reconstruct_locally(observations, features, recording.priors, settings.paths, settings.seed, context)
     release_freed()
@@ -64,7 +82,17 @@ class StartValues:
 def start_values(
     recording: Recording, local: LocalNetwork, settings: CalibrationSettings, context: Context
 ) -> StartValues:
-    """Poses chained along the paths and by resection; points as in the paper where that is asked for."""
+    """Poses chained along the paths and by resection; points as in the paper where that is asked for.
+
+    Parameters
+    ----------
+    recording, local
+        The recording, and its local reconstructions.
+    settings
+        Of these `method`, `intrinsics`, `own_intrinsics` and `spherical_projection` count.
+    context
+        For progress, and to stop.
+    """
     context.report("start values", 0.0, Phrase("compiling"))
     network = describe_network(recording, settings)
     poses = grow(local, network, recording.priors, local.keep, context)
@@ -76,7 +104,17 @@ def start_values(
 
 
 def points_as_in_the_paper(start: InitialPoses, local: LocalNetwork, features: Features, spherical: bool) -> FloatArray:
-    """Points (p,3) chained through the triples and, unless none-SPO, moved onto their placements' spheres."""
+    """Points (p,3) chained through the triples and, unless none-SPO, moved onto their placements' spheres, [Tao21].
+
+    Parameters
+    ----------
+    start, local
+        The cameras' poses, and the local reconstructions whose points are chained.
+    features
+        For the placement of each point.
+    spherical
+        Whether points are moved onto the spheres (SPO, Algorithm 2).
+    """
     points = chain_points(
         local.paths, local.triples, local.graph.scale, start.state.rotation, start.state.translation, len(features)
     )
@@ -86,7 +124,17 @@ def points_as_in_the_paper(start: InitialPoses, local: LocalNetwork, features: F
 def run_of(
     recording: Recording, start: StartValues, settings: CalibrationSettings, context: Context, watch: Stopwatch
 ) -> Run:
-    """What the stages from the adjustment on share; the wanted reference camera, where it has a pose, is the first."""
+    """What the stages from the adjustment on share; the wanted reference camera, where it has a pose, is the first.
+
+    Parameters
+    ----------
+    recording, start
+        The recording, and what its adjustment starts from.
+    settings
+        Of these `method` and `reference` count.
+    context, watch
+        For progress and to stop, and for the times of the stages.
+    """
     cameras, placed = recording.session.cameras, start.poses.placed
     wanted = [c for c, camera in enumerate(cameras) if camera.id == settings.reference and placed[c]]
     first, *others = dict.fromkeys((*wanted, *start.local.graph.references))

@@ -87,7 +87,7 @@ def _write(rig: FileRig) -> Mapping[str, str]:
 
 
 def _rig_config(rig: FileRig, names: Sequence[str], reference: FileCamera) -> list[dict[str, object]]:
-    """For `colmap rig_configurator`: images of a camera lie in the folder of its name."""
+    """For `colmap rig_configurator`: images of a camera are in the folder of its name."""
     entries: list[dict[str, object]] = []
     for camera, name in zip(rig.cameras, names, strict=True):
         model, parameters = _model(camera)

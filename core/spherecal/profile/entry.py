@@ -1,4 +1,4 @@
-"""One calibration in a profile: entry.json with what was known when it was saved, beside the files it vouches for."""
+"""One calibration in a profile: entry.json with what was known when it was saved, beside the files whose hashes it has."""
 
 import hashlib
 from collections.abc import Mapping

@@ -194,7 +194,7 @@ def _dates(result: Result, issuer: Issuer) -> tuple[date, date]:
 
 
 def fingerprint(result: Result) -> str:
-    """A number for a certificate that was given none: from the files it vouches for."""
+    """A number for a certificate that was given none: from the files that it certifies."""
     table = hashlib.sha256()
     for name in ("rig.json", "verification.json"):
         path = result.folder / name

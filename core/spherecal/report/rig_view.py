@@ -158,7 +158,7 @@ def _unit(vector: FloatArray, otherwise: FloatArray) -> FloatArray:
 
 
 def _shape(camera: RigCamera, axes: FloatArray, middle: FloatArray, depth: float) -> CameraShape:
-    """The frustum's corners lie where the corners of the image look at, without the lens's distortion."""
+    """The frustum's corners are where the corners of the image look at, without the lens's distortion."""
     width, height = camera.image_size
     fu, fv, u0, v0 = camera.intrinsics[:4]
     u, v = np.array([-0.5, width - 0.5, width - 0.5, -0.5]), np.array([-0.5, -0.5, height - 0.5, height - 0.5])

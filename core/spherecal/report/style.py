@@ -104,7 +104,7 @@ def chinese_fonts() -> tuple[str, ...]:
 def report_style() -> Iterator[None]:
     """Our settings on top of matplotlib's own, whatever the user's matplotlibrc says; all is restored afterwards.
 
-    Letters that the font lacks become boxes without further ado, and the fonts' subsetting stays out of the log.
+    Letters that the font lacks become boxes without a warning, and the fonts' subsetting stays out of the log.
     """
     talkers = [logging.getLogger(name) for name in ("fontTools", "matplotlib.font_manager")]
     levels = [talker.level for talker in talkers]

@@ -291,7 +291,7 @@ def _check_members(path: Path, members: list[zipfile.ZipInfo]) -> None:
 
 
 def _unpack_one(path: Path, bundle: zipfile.ZipFile, member: zipfile.ZipInfo, to: Path, total: int) -> int:
-    """Copy one file, counting what really comes out: a header can lie about it."""
+    """Copy one file, counting what really comes out: a header can state another size."""
     with bundle.open(member) as source, new_file(to, member.filename) as file:
         while block := source.read(1 << 20):
             total += len(block)

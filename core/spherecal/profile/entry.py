@@ -1,4 +1,4 @@
-"""One calibration in a profile: entry.json with what was known when it was saved, beside the files whose hashes it has."""
+"""One calibration in a profile: entry.json with what was known when it was saved, and hashes of the files beside it."""
 
 import hashlib
 from collections.abc import Mapping

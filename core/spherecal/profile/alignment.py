@@ -71,6 +71,13 @@ def sights(pair: MatchedCamera, points: FloatArray) -> tuple[BoolArray, FloatArr
         The camera in both calibrations; only the first counts.
     points
         Points (n, 3) in the first world, mm.
+
+    Parameters
+    ----------
+    pair
+        The camera in both calibrations; only the first counts.
+    points
+        Points (n, 3) in the first world, mm.
     """
     x = points @ pair.a.rotation.T + pair.a.translation_mm
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):

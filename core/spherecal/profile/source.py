@@ -55,7 +55,7 @@ def points_file(path: Path) -> Path:
 
 
 def corners_beside(path: Path) -> tuple[FloatArray, FloatArray] | None:
-    """The lowest and highest corner (3,), mm, of the points beside a rig.json, or in a result folder; None without them.
+    """The lowest and highest corner (3,), mm, of the points beside a rig.json or in a result folder; None without them.
 
     Wrong points are cut off: see `points_box`.
     """

@@ -1,4 +1,7 @@
-"""ball.json, a ball profile: the shape of one ball as a calibration found it, to be used in later ones."""
+"""ball.json, a ball profile: the shape of one ball as a calibration found it, to be used in later ones.
+
+Decision 0013 (docs/decisions/0013-stored-shapes.md).
+"""
 
 import datetime
 from dataclasses import dataclass, replace

@@ -85,7 +85,7 @@ class Kind(Generic[T]):
         return Kind(self.schema, lambda value: make(self.read(value)), lambda made: self.entry(back(made)))
 
     def described(self, about: str) -> "Kind[T]":
-        """The same with another description."""
+        """The same kind with another description."""
         others = {key: value for key, value in self.schema.items() if key != "description"}
         return replace(self, schema={"description": about, **others})
 
@@ -412,7 +412,7 @@ def unread(key: str, about: str, of: Source = "", omit: object = _ALWAYS) -> Fie
 def software(
     about: str = "Name and version of the program that wrote the file, and details such as the method and the seed.",
 ) -> Field:
-    """Who wrote the file."""
+    """A field that says who wrote the file; it is not read."""
     return unread("software", about, lambda _: software_entry(None))
 
 

@@ -112,7 +112,7 @@ def _read_map(value: JsonValue) -> LengthMap:
 
 
 def covariance_bytes(covariance: CameraCovariance) -> bytes:
-    """The contents of covariance.npy: the matrix of `rig.CameraCovariance` in numpy's own format."""
+    """The contents of covariance.npy: the matrix of `rig.CameraCovariance` in numpy's format (decision 0007)."""
     file = io.BytesIO()
     np.save(file, np.ascontiguousarray(covariance.matrix, dtype="<f8"), allow_pickle=False)
     return file.getvalue()

@@ -43,7 +43,7 @@ class CsvTable:
         return InputError(Phrase("error-in-table", values))
 
     def names(self, column: str) -> list[str]:
-        """A column of names."""
+        """A column of names; none may be empty or hold commas or quotation marks."""
         cells = self.columns[column]
         for cell in dict.fromkeys(cells):
             if problem := name_problem(cell):

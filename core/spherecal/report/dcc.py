@@ -162,7 +162,10 @@ def _add(parent: Xml.Element, name: str, text: str | None = None, **attributes: 
 
 
 def clean(text: str) -> str:
-    """Text without what XML 1.0 forbids, spaces single: the schema's texts are not empty and end in no space."""
+    """Text without what XML 1.0 forbids, with single spaces; "-" where nothing is left.
+
+    The schema's texts are not empty and end in no space.
+    """
     kept = "".join(c if c >= " " and not 0xD800 <= ord(c) <= 0xDFFF and c not in "\ufffe\uffff" else " " for c in text)
     return " ".join(kept.split()) or "-"
 
@@ -340,7 +343,7 @@ def _si(parent: Xml.Element, name: str, text: str) -> None:
 
 
 def decimal(value: float) -> str:
-    """A number as D-SI has it: a decimal point, no exponent."""
+    """A number as D-SI has it: with a decimal point and without an exponent."""
     text = np.format_float_positional(value, unique=True, trim="0")
     return "0.0" if not text.strip("-0.") else text
 

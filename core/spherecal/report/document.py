@@ -40,22 +40,22 @@ class Document:
 
     @property
     def left(self) -> float:
-        """Where lines begin."""
+        """Where lines begin, mm from the left."""
         return _LEFT
 
     @property
     def width(self) -> float:
-        """The width of the text."""
+        """The width of the text, mm."""
         return self.size[0] - _LEFT - _RIGHT
 
     @property
     def bottom(self) -> float:
-        """Where the text ends."""
+        """Where the text ends, mm from the top."""
         return self.size[1] - _FOOT
 
     @property
     def room(self) -> float:
-        """The height of the text of a whole page."""
+        """The height of the text of a whole page, mm."""
         return self.bottom - _TOP
 
     @property
@@ -130,7 +130,7 @@ class Document:
         self.paragraph(text, SMALL_PT, SOFT)
 
     def box(self, height: float) -> PageBox:
-        """Room of this height on a page; it is taken."""
+        """Room of this height, mm, on a page; it is taken."""
         self.need(height)
         taken = PageBox(_LEFT, self.y, self.width, height)
         self.y += height
@@ -215,7 +215,7 @@ class Document:
                 draw(self.sheet, box, name)
 
     def pdf(self) -> bytes:
-        """The whole as a PDF; the same pages give the same bytes."""
+        """The whole as the bytes of a PDF; the same pages give the same bytes."""
         buffer = io.BytesIO()
         pages = len(self.sheets)
         metadata = {"Title": self.title, "Creator": None, "CreationDate": None}

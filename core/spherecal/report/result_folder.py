@@ -55,7 +55,7 @@ class Residuals:
 
     @cached_property
     def rows_of(self) -> dict[str, IntArray]:
-        """The rows of each camera."""
+        """The rows of each camera, by its id."""
         rows: dict[str, list[int]] = {}
         for row, camera in enumerate(self.camera):
             rows.setdefault(camera, []).append(row)

@@ -51,7 +51,7 @@ class DrawnRig:
         return camera.centre + 1.3 * self.frustum * camera.axes
 
     def extent(self, view: "Projection") -> tuple[FloatArray, FloatArray]:
-        """Least and largest place of all that is shown, (2,) each."""
+        """Least and largest place in a view of all that is shown, (2,) each."""
         parts = [np.vstack([c.centre, c.corners]) for c in self.cameras] + [p.targets for p in self.placements]
         parts += [self.axis_tips(c) for c in self.cameras if c.id == self.reference]
         flat = [view.flat(part) for part in parts if len(part)]

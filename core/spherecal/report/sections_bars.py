@@ -126,7 +126,7 @@ def _statistics(bars: BarReport) -> Section:
 
 
 def doubts_in_words(acceptance: AcceptanceReport) -> str:
-    """What speaks against the means of proof."""
+    """What casts doubt on a pass, in words."""
     return ", ".join(word(_DOUBTS, code) for code in acceptance.doubts)
 
 

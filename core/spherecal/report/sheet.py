@@ -264,5 +264,5 @@ class Sheet:
 
 
 def leading(size_pt: float) -> float:
-    """The distance of base lines in millimetres."""
+    """The distance of base lines of this size of type, mm."""
     return size_pt * 1.38 * MM_PER_PT

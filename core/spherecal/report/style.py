@@ -86,7 +86,7 @@ _SETTINGS: dict[RcKeyType, Any] = {
 
 @cache
 def chinese_fonts() -> tuple[str, ...]:
-    """The first font with Chinese letters that this computer has; empty where it has none."""
+    """The first font with Chinese letters that this computer has, alone in a tuple; empty where it has none."""
     from matplotlib.font_manager import findSystemFonts, fontManager
 
     for known in (True, False):  # what matplotlib noted when it first ran, then what has been installed since

@@ -160,7 +160,13 @@ def html_report(result_folder: Path, session_folder: Path | None = None, render:
 
 
 def json_report(result_folder: Path) -> bytes:
-    """The report's content as JSON."""
+    """The report's content as the bytes of a JSON file.
+
+    Raises
+    ------
+    InputError
+        For a folder or file that cannot be used as it is.
+    """
     result = read_result(result_folder)
     return json_bytes(content_json(make_content(result), result))
 

@@ -64,7 +64,7 @@ class Redactor:
         return self._stand_in(kind, name)
 
     def text(self, text: str) -> str:
-        """A text without names."""
+        """A text without names; a stand-in takes the place of each."""
         if len(self._home) > 1:
             self.counts["person"] += text.count(self._home)
             text = text.replace(self._home, "~")

@@ -41,7 +41,7 @@ def read_kalibr(path: Path) -> list[FileCamera]:
     Raises
     ------
     InputError
-        Where it is no camchain, or has a lens model that is not ours.
+        Where it is no camchain, or has a lens model that this program lacks.
     """
     chain = read_yaml(path)
     entries = chain.value if isinstance(chain.value, dict) else {}

@@ -86,7 +86,7 @@ def export_rig(
     rig
         The rig.
     name
-        The format, also of an installed package.
+        The format, also one of a scene (SCENES) or of an installed package.
     output
         The file, or the folder of a format that has one.
     unit

@@ -87,7 +87,7 @@ def _write(rig: FileRig) -> Mapping[str, str]:
 
 
 def _rig_config(rig: FileRig, names: Sequence[str], reference: FileCamera) -> list[dict[str, object]]:
-    """For `colmap rig_configurator`: images of a camera lie in the folder of its name."""
+    """For `colmap rig_configurator`: images of a camera are in the folder of its name."""
     entries: list[dict[str, object]] = []
     for camera, name in zip(rig.cameras, names, strict=True):
         model, parameters = _model(camera)
@@ -105,7 +105,12 @@ def _rig_config(rig: FileRig, names: Sequence[str], reference: FileCamera) -> li
 def read_colmap(folder: Path) -> list[FileCamera]:
     """The cameras of a text model, named after the folder of their images where that is one name a camera.
 
-    The pose is that of the camera's first image. InputError names file and line.
+    The pose is that of the camera's first image.
+
+    Raises
+    ------
+    InputError
+        Names file and line of what cannot be used.
     """
     lenses = _read_cameras(folder / "cameras.txt")
     poses: dict[int, Pose] = {}

@@ -18,9 +18,10 @@ class Format:
     Its cameras are read back with lens and pose. What has no lenses is a `SceneFormat` (scene.py).
 
     `coefficients`: how many of OpenCV's distortion numbers it keeps at most; `fisheye`: whether it holds lenses of the
-    fisheye model. `units`: those it may be written in, the
-    usual one first. `write` returns the files' texts by name ("" for the one file of a format without a folder);
-    `read` returns the cameras of such a file or folder, and `ids` under which ids the rig's cameras are found there.
+    fisheye model. `units`: those it may be written in, the usual one first.
+
+    `write` returns the files' texts by name ("" for the one file of a format without a folder). `read` returns the
+    cameras of such a file or folder. `ids` returns the ids under which the rig's cameras are found there.
     """
 
     name: str

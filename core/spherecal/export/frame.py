@@ -41,9 +41,20 @@ class Place:
 def result_places(folder: Path, wanted: Collection[str] = ()) -> dict[str, Place]:
     """The places of a result folder by name, ball centres first.
 
-    `P1` is the ball's centre at placement P1, `A-01/A1` the mark A1 of a bar verified in the pose A-01 (its longest
-    length's ends, without covariance), `B-01/901/centre` a point of points.csv: those of bar poses, and of the ball's
-    dots the `wanted` ones. InputError where files are broken.
+    `P1` is the ball's centre at placement P1. `A-01/A1` is the mark A1 of a bar verified in the pose A-01: its longest
+    length's ends, without covariance. `B-01/901/centre` is a point of points.csv.
+
+    Parameters
+    ----------
+    folder
+        The result folder.
+    wanted
+        Names of points. Of the ball's dots only these are given, of bar poses all points.
+
+    Raises
+    ------
+    InputError
+        Where files are missing or broken.
     """
     table = read_csv(folder / "points.csv", POINT_COLUMNS)
     xyz = np.column_stack([table.numbers(axis) for axis in _AXES]).reshape(-1, 3)
@@ -68,9 +79,9 @@ def result_places(folder: Path, wanted: Collection[str] = ()) -> dict[str, Place
 def _spheres(table: CsvTable) -> dict[str, Place]:
     """The centres of the fitted spheres.
 
-    A ball out of round moves its sphere's centre with the side that is seen, by no part of what many dots average out:
-    0.24 mm rms per coordinate at a radial sd of 0.36 mm (45 placements on rig A, simulated). Hence the radial sd itself
-    is taken for a coordinate's standard uncertainty.
+    A ball out of round moves its sphere's centre with the side that is seen, by no part of what many dots average out.
+    That is 0.24 mm rms per coordinate at a radial sd of 0.36 mm (45 placements on rig A, simulated). Hence the radial
+    sd itself is taken for a coordinate's standard uncertainty.
     """
     centres = np.column_stack([table.numbers(axis) for axis in _AXES]).reshape(-1, 3)
     sds = table.lengths("radial_sd_mm", may_be_empty=True)
@@ -125,7 +136,17 @@ def _marks(path: Path) -> dict[str, Place]:
 def define_frame(folder: Path, definition: FrameDefinition) -> UserFrame:
     """The user's frame in the world of the rig in a result folder.
 
-    InputError for places that the result does not have and for such as define no frame.
+    Parameters
+    ----------
+    folder
+        The result folder.
+    definition
+        How the frame is defined.
+
+    Raises
+    ------
+    InputError
+        For places that the result does not have or that define no frame, and where its files are broken.
     """
     rig = read_rig(folder / "rig.json")
     places = result_places(folder, definition.places) if definition.places else {}
@@ -133,7 +154,22 @@ def define_frame(folder: Path, definition: FrameDefinition) -> UserFrame:
 
 
 def frame_of(definition: FrameDefinition, places: Mapping[str, Place], rig: Rig) -> UserFrame:
-    """The frame that a definition gives with these places of a rig; InputError as define_frame's."""
+    """The frame that a definition gives with these places of a rig.
+
+    Parameters
+    ----------
+    definition
+        How the frame is defined.
+    places
+        The rig's places by name.
+    rig
+        The rig, whose world they are in.
+
+    Raises
+    ------
+    InputError
+        As `define_frame`.
+    """
     return replace(
         _frame(definition, places, "mm" if rig.scale.source != "none" else "units"),
         reference_camera=rig.reference_camera,
@@ -167,9 +203,20 @@ def _places_there(places: Mapping[str, Place]) -> str:
 def in_frame(rig: Rig, frame: UserFrame) -> Rig:
     """The rig with its world exchanged for the user's frame; without a reference camera, whose frame the world was.
 
-    The cameras' covariance and rotation sigmas are about their own axes and stay; centres' sigmas are turned, with
-    the correlations of the covariance (without it, as if there were none). Findings keep their words. InputError where
-    the frame belongs to a rig with another reference camera.
+    The cameras' covariance and rotation sigmas are about their own axes and stay. Centres' sigmas are turned, with the
+    correlations of the covariance; without it, as if there were none. Findings keep their words.
+
+    Parameters
+    ----------
+    rig
+        The rig.
+    frame
+        The user's frame, defined on this rig or on one with the same reference camera.
+
+    Raises
+    ------
+    InputError
+        Where the frame belongs to a rig with another reference camera.
     """
     if frame.reference_camera != rig.reference_camera:
         names = {"camera": frame.reference_camera or "-", "own": rig.reference_camera or "-"}

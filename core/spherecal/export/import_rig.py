@@ -23,11 +23,26 @@ READ_ONLY = {one.FORMAT.name: one.FORMAT for one in (matlab,)}
 
 
 def import_rig(path: Path, name: str, unit: Unit | None = None, ids: Sequence[str] | None = None) -> Rig:
-    """The rig in a file or folder of a format that is read, its lengths in `unit` (the format's own).
+    """The rig in a file or folder of a format that is read, lengths in mm.
 
-    `ids` name the cameras in the file's order instead of the names they have there. Nothing is known of its accuracy,
-    which its one finding says. InputError where the file cannot be used: a camera without pose or image size, a name
-    that is no id.
+    Nothing is known of its accuracy, which its one finding says.
+
+    Parameters
+    ----------
+    path
+        The file or folder.
+    name
+        The format.
+    unit
+        The unit of lengths in the file; None: the format's own.
+    ids
+        The cameras' ids in the file's order; None: their names there.
+
+    Raises
+    ------
+    InputError
+        Where the file cannot be used: a camera without pose or image size, a name that is no id or comes twice. Also
+        for an unknown format, a unit that the format does not have, and another number of ids than of cameras.
     """
     form = _format(name)
     if not path.exists():

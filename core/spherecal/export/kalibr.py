@@ -36,7 +36,13 @@ def _write(rig: FileRig) -> Mapping[str, str]:
 
 
 def read_kalibr(path: Path) -> list[FileCamera]:
-    """The cameras of a camchain in its order, named after their ROS topic where there is one; InputError if unfit."""
+    """The cameras of a camchain in its order, named after their ROS topic where there is one.
+
+    Raises
+    ------
+    InputError
+        Where it is no camchain, or has a lens model that this program lacks.
+    """
     chain = read_yaml(path)
     entries = chain.value if isinstance(chain.value, dict) else {}
     if "cam0" not in entries:

@@ -1,8 +1,12 @@
 """Agisoft Metashape's cameras XML: centre as offset from the image's middle, poses camera to chunk, metres.
 
-Formulas: Agisoft Metashape User Manual, appendix "Camera models": u = w/2 + cx + x' f + x' b1 + y' b2,
-v = h/2 + cy + y' f with the image spanning 0 .. w; x' holds p1 (r^2 + 2 x^2) + 2 p2 x y, so that p1, p2 are OpenCV's
-p2, p1; k4 is the factor of r^8, where our k4 is a denominator.
+Formulas of the Agisoft Metashape User Manual, appendix "Camera models", with the image spanning 0 .. w:
+
+    u = w/2 + cx + x' f + x' b1 + y' b2
+    v = h/2 + cy + y' f
+
+There x' holds p1 (r^2 + 2 x^2) + 2 p2 x y, so that p1, p2 are OpenCV's p2, p1. Its k4 is the factor of r^8, where our
+k4 is a denominator.
 """
 
 import re

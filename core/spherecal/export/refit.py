@@ -31,6 +31,7 @@ class Loss:
     """What a refit changed: rms and largest difference over the image, and by how much the camera was turned.
 
     Fitted over a volume, both are over the image points that see it, and `image_px` is the largest one over the image.
+    Otherwise `image_px` is None.
     """
 
     rms_px: float
@@ -44,10 +45,34 @@ def refit(
 ) -> tuple[FloatArray, FloatArray, Loss]:
     """The nearest lens with the first `coefficients` distortion numbers: its 16 numbers, a rotation (3, 3), the loss.
 
-    The rotation is one of the camera about its own centre (`x_camera' = rotation @ x_camera`): a lens with a prism
-    looks like a turned one with tangential distortion to second order, so that a turn may halve the loss; where it
-    does not, the rotation is the identity. `seeing`: only where the camera sees the box, unless that is hardly anything
-    of its image. InputError where the lens cannot be inverted over half of its image.
+    To second order a lens with a prism looks like a turned one with tangential distortion, so that a turn may halve the
+    loss. Where it does not, the rotation is the identity.
+
+    Parameters
+    ----------
+    intrinsics
+        The lens (16,), not of the fisheye model.
+    image_size
+        (width, height) in px.
+    coefficients
+        How many distortion numbers it keeps, in OpenCV's order.
+    seeing
+        The camera and a box in its rig's world, mm: fitted only where the camera sees the box, unless that is hardly
+        anything of its image. There the largest difference is made least, not the rms. None: over the whole image.
+
+    Returns
+    -------
+    lens
+        The new lens (16,).
+    rotation
+        A turn of the camera about its own centre: `x_camera' = rotation @ x_camera`.
+    loss
+        What it costs in px.
+
+    Raises
+    ------
+    InputError
+        Where the lens cannot be inverted over half of its image.
     """
     rays, uv = _rays(intrinsics, image_size, _FIT_GRID)
     if len(uv) < 0.5 * _FIT_GRID[0] * _FIT_GRID[1]:
@@ -75,14 +100,30 @@ def refit(
 
 
 def dropped(intrinsics: FloatArray, coefficients: int) -> tuple[str, ...]:
-    """The names of those distortion numbers that are in use and not among the first `coefficients`."""
+    """The names of those distortion numbers that are in use and not among the first `coefficients`.
+
+    Parameters
+    ----------
+    intrinsics
+        The lens (16,), not of the fisheye model.
+    coefficients
+        How many distortion numbers are kept, in OpenCV's order.
+    """
     return tuple(
         name for name, value in list(zip(INTRINSIC_NAMES, intrinsics, strict=True))[4 + coefficients :] if value
     )
 
 
 def pixel_grid(image_size: tuple[int, int], grid: tuple[int, int]) -> FloatArray:
-    """Image points (n, 2) in columns x rows from edge to edge of the image."""
+    """Image points (n, 2) px from edge to edge of the image, row by row.
+
+    Parameters
+    ----------
+    image_size
+        (width, height) in px.
+    grid
+        How many (columns, rows).
+    """
     width, height = image_size
     u, v = np.meshgrid(np.linspace(-0.5, width - 0.5, grid[0]), np.linspace(-0.5, height - 0.5, grid[1]))
     return np.stack([u.ravel(), v.ravel()], axis=1)
@@ -129,9 +170,9 @@ def _fit(
 ) -> tuple[FloatArray, FloatArray]:
     """Least squares over the intrinsics that remain, and over a rotation where `turned`.
 
-    From few coefficients to all (none: a pinhole): started at once with a rational model's eight, which can replace
-    each other, the search stops early (0.30 px instead of 0.02 px for a lens with a prism). As they can replace each
-    other, the denominator's three stay near those of the whole lens.
+    The fit goes from few coefficients to all (none: a pinhole). A rational model's eight can replace each other.
+    Started at once with all of them, the search stops early (0.30 px instead of 0.02 px for a lens with a prism). For
+    the same reason the denominator's three stay near those of the whole lens.
     """
     lens, turn = intrinsics.copy(), np.zeros(3)
     for count in (*(n for n in _STEPS if n < coefficients), coefficients):

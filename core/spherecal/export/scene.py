@@ -63,7 +63,24 @@ def frusta(rig: FileRig) -> FloatArray:
 
 
 def largest_difference_px(form: SceneFormat, path: Path, rig: FileRig) -> float:
-    """By how much image corners are off that the cameras see where the file has its frusta; px."""
+    """The largest error in px of the frusta that a file has.
+
+    Of corners it is how far they are off in the image, of centres their shift as seen at the corners' distance.
+
+    Parameters
+    ----------
+    form
+        The format.
+    path
+        The file as written.
+    rig
+        What was written.
+
+    Raises
+    ------
+    InputError
+        Where the file cannot be read back.
+    """
     read = form.frusta(path) @ form.world(rig)  # transposed inverse of a rotation
     largest = 0.0
     for camera, places in zip(rig.cameras, read, strict=True):

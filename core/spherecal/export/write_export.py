@@ -79,11 +79,33 @@ def export_rig(
 ) -> Exported:
     """Write the rig whole to `output` and compare what is read back over 1,000 points in every image.
 
-    With a `frame` all poses are given in it instead of in the world of rig.json. A lens with more coefficients than
-    the format has is replaced by the nearest one that fits (see refit.py), if need be only where the camera sees the
-    box `volume_mm` (lowest and highest corner in the rig's world); InputError where that changes a projection by more
-    than `max_loss_px`, for a fisheye lens that the format does not have, an unknown format, a unit that the
-    format does not have, a rig without cameras and a frame of another rig. OutputError where it cannot be written.
+    A lens with more coefficients than the format has is replaced by the nearest one that fits (see refit.py).
+
+    Parameters
+    ----------
+    rig
+        The rig.
+    name
+        The format, also one of a scene (SCENES) or of an installed package.
+    output
+        The file, or the folder of a format that has one.
+    unit
+        The unit of lengths; None: the format's usual one.
+    max_loss_px
+        By how much a replaced lens may change a projection, px.
+    frame
+        The user's frame, in which all poses are given; None: the world of rig.json.
+    volume_mm
+        Lowest and highest corner of a box in the rig's world, mm. A lens that would lose more than `max_loss_px` over
+        its image is fitted where its camera sees the box. None: always over the whole image.
+
+    Raises
+    ------
+    InputError
+        For a rig without cameras, an unknown format, a unit that the format does not have, a frame of another rig. Also
+        for a fisheye lens that the format does not have, and a lens that would lose more than `max_loss_px`.
+    OutputError
+        Where it cannot be written.
     """
     if not rig.cameras:
         raise InputError(Phrase("error-nothing-to-export"))
@@ -109,7 +131,13 @@ def export_rig(
 
 
 def format_named(name: str) -> Format:
-    """The format of this name, the program's or an installed package's; InputError lists those there are."""
+    """The format of this name, the program's or an installed package's.
+
+    Raises
+    ------
+    InputError
+        Where there is none; lists those there are.
+    """
     found = FORMATS.get(name) or exporter(name)
     if found is None:
         others = (one for one in names(EXPORTERS) if one not in FORMATS)
@@ -126,7 +154,20 @@ def _refuse_fisheye(form: Format, rig: Rig) -> None:
 
 
 def chosen_unit(form: Format | ImportFormat, unit: Unit | None) -> Unit:
-    """The unit of lengths: the one given, or the format's own; InputError where the format has another."""
+    """The unit of lengths: the one given, or the format's usual one.
+
+    Parameters
+    ----------
+    form
+        The format.
+    unit
+        The unit that was asked for; None: none was.
+
+    Raises
+    ------
+    InputError
+        Where the format does not have that unit.
+    """
     if unit is None:
         return form.units[0]
     if unit not in form.units:
@@ -241,7 +282,17 @@ def _refit_entry(loss: Loss) -> dict[str, float]:
 
 
 def check_points(camera: RigCamera, rig: Rig) -> tuple[FloatArray, FloatArray]:
-    """Up to 1,000 points (n, 3) in mm in the world and their images (n, 2): all over the image, near and far."""
+    """Up to 1,000 points (n, 3) in mm in the world and their images (n, 2): all over the image, near and far.
+
+    Points where the lens cannot be inverted are left out. The same camera and rig give the same points.
+
+    Parameters
+    ----------
+    camera
+        The camera.
+    rig
+        Its rig, whose size the depths follow.
+    """
     random = np.random.default_rng(_SEED)
     width, height = camera.image_size
     uv = random.uniform((-0.5, -0.5), (width - 0.5, height - 0.5), (_CHECK_POINTS, 2))
@@ -254,7 +305,21 @@ def check_points(camera: RigCamera, rig: Rig) -> tuple[FloatArray, FloatArray]:
 
 
 def largest_difference_px(rig: Rig, ids: Sequence[str], cameras: Sequence[FileCamera], unit: Unit) -> float:
-    """Largest difference between the rig's projections and those of cameras that were read; ids are the rig's there."""
+    """Largest difference in px between the rig's projections and those of cameras that were read.
+
+    It is infinite where a camera that was read has no image of a point.
+
+    Parameters
+    ----------
+    rig
+        The rig that was written, lengths in mm.
+    ids
+        The ids of its cameras in the file, in the rig's order.
+    cameras
+        The cameras that were read.
+    unit
+        The file's unit of lengths.
+    """
     by_id = {camera.id: camera for camera in cameras}
     largest = 0.0
     for camera, name in zip(rig.cameras, ids, strict=True):

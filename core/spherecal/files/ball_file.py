@@ -1,4 +1,7 @@
-"""ball.json, a ball profile: the shape of one ball as a calibration found it, to be used in later ones."""
+"""ball.json, a ball profile: the shape of one ball as a calibration found it, to be used in later ones.
+
+Decision 0013 (docs/decisions/0013-stored-shapes.md).
+"""
 
 import datetime
 from dataclasses import dataclass, replace
@@ -39,7 +42,10 @@ _LEAST_SD_MM = 1e-5
 
 @dataclass(frozen=True, eq=False, repr=False)
 class BallProfile(ByValue):
-    """A ball's shape with its name, the day it was calibrated, its targets' family and size, and where it came from."""
+    """A ball's shape with its name, the day it was calibrated, its targets' family and size, and where it came from.
+
+    `input_sha256` is that of the calibration. None, or an empty text, is what is not known.
+    """
 
     shape: BallShape
     name: str = ""
@@ -146,12 +152,35 @@ def ball_bytes(profile: BallProfile) -> bytes:
 
 
 def read_ball(path: Path) -> BallProfile:
-    """The profile in a file (or in a result folder); InputError where it is not one."""
+    """The profile in a file, or in a result folder.
+
+    Raises
+    ------
+    InputError
+        Where there is no such file, or it is not a profile.
+    """
     return BALL.read(path / BALL_FILE if path.is_dir() else path)
 
 
 def check_targets(profile: BallProfile, family: str | None, size_mm: float | None, where: Path) -> None:
-    """InputError where a profile's targets are of another kind than the session's (None: not known)."""
+    """Compare a profile's targets with the session's; nothing is compared where a figure of either is not known (None).
+
+    Parameters
+    ----------
+    profile
+        The ball profile.
+    family
+        Family of the session's targets.
+    size_mm
+        Side of a sticker of the session, mm.
+    where
+        The profile's file, for the message.
+
+    Raises
+    ------
+    InputError
+        Where the targets are of another family or size.
+    """
     if None in (family, size_mm, profile.family, profile.target_size_mm):
         return
     if family != profile.family or not np.isclose(size_mm or 0.0, profile.target_size_mm or 0.0, rtol=1e-6):

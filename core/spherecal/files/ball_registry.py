@@ -42,7 +42,10 @@ class RegisteredBall(ByValue):
 
 
 def longest_spacing(target_set: TargetSet) -> tuple[str, str, float] | None:
-    """The two dots that all targets share and that lie farthest apart, and their distance in mm as designed."""
+    """The two dots that all targets share and that are farthest apart, and their distance in mm as designed.
+
+    Dots count only where all targets have them at the same places; None where there are no two.
+    """
     layouts = list(target_set.layouts.values())
     names = [name for name in layouts[0] if all(name in one for one in layouts)]
     places = np.array([[one[name] for name in names] for one in layouts]).reshape(len(layouts), len(names), 2)
@@ -57,7 +60,15 @@ def longest_spacing(target_set: TargetSet) -> tuple[str, str, float] | None:
 
 
 def print_error(target_set: TargetSet, spacing: PrintedSpacing) -> float | None:
-    """By how much the print is larger than designed, relatively; None where no target has both dots."""
+    """By how much the print is larger than designed, relatively; None where no target has both dots.
+
+    Parameters
+    ----------
+    target_set
+        The targets as designed.
+    spacing
+        What was measured on the print.
+    """
     for layout in target_set.layouts.values():
         if spacing.from_point in layout and spacing.to_point in layout:
             designed = float(np.hypot(*(layout[spacing.from_point] - layout[spacing.to_point])))
@@ -99,7 +110,13 @@ def balls_path() -> Path:
 
 
 def read_balls(path: Path | None = None) -> dict[str, RegisteredBall]:
-    """The balls by name, in the file's order, none where there is no file; InputError where it is broken."""
+    """The balls by name, in the file's order; none where there is no file.
+
+    Raises
+    ------
+    InputError
+        Where the file is broken.
+    """
     path = path or balls_path()
     if not path.exists():
         return {}
@@ -107,14 +124,33 @@ def read_balls(path: Path | None = None) -> dict[str, RegisteredBall]:
 
 
 def changing_balls(path: Path | None = None) -> AbstractContextManager[None]:
-    """Hold the file from reading to writing, so that no other program's change is lost; OutputError."""
+    """Hold the file from reading to writing, so that no other program's change is lost.
+
+    Raises
+    ------
+    OutputError
+        Where its folder cannot be made, or another program holds the file too long.
+    """
     path = path or balls_path()
     make_parent(path, Phrase("error-set-balls"))
     return locked(path)
 
 
 def write_balls(balls: Mapping[str, RegisteredBall], path: Path | None = None) -> None:
-    """Write the file whole; OutputError where that fails."""
+    """Write the file whole.
+
+    Parameters
+    ----------
+    balls
+        The balls by name.
+    path
+        The file; None: that of `balls_path`.
+
+    Raises
+    ------
+    OutputError
+        Where the file cannot be written.
+    """
     path = path or balls_path()
     make_parent(path, Phrase("error-set-balls"))
     write_file_whole(path, BALLS.bytes(balls.values()))

@@ -65,7 +65,11 @@ T = TypeVar("T")
 
 @dataclass(frozen=True)
 class RegisteredBar:
-    """A bar as its owner knows it."""
+    """A bar as its owner knows it.
+
+    Lengths hold at `reference_temperature_c`. `assumed` names what was not stated (`expansion_per_kelvin`,
+    `reference_temperature_c`).
+    """
 
     serial: str
     marks: dict[str, Mark]
@@ -86,7 +90,13 @@ def registry_path() -> Path:
 
 
 def read_registry(path: Path | None = None) -> dict[str, RegisteredBar]:
-    """The bars by serial, in the file's order, none where there is no file; InputError where it is broken."""
+    """The bars by serial, in the file's order; none where there is no file.
+
+    Raises
+    ------
+    InputError
+        Where the file is broken.
+    """
     path = path or registry_path()
     if not path.exists():
         return {}
@@ -94,12 +104,31 @@ def read_registry(path: Path | None = None) -> dict[str, RegisteredBar]:
 
 
 def read_registered_bar(value: JsonValue) -> RegisteredBar:
-    """One bar of the registry; InputError names the place and what is wrong."""
+    """One bar of the registry.
+
+    Raises
+    ------
+    InputError
+        Where it is not as declared; names the place and what is wrong.
+    """
     return _BAR.read(value)
 
 
 def find_bar(serial: str, path: Path | None = None) -> RegisteredBar:
-    """The bar with this serial; InputError lists those there are."""
+    """The bar with this serial.
+
+    Parameters
+    ----------
+    serial
+        Its serial number.
+    path
+        The registry; None: that of `registry_path`.
+
+    Raises
+    ------
+    InputError
+        Where there is no such bar; lists those that are there.
+    """
     bars = read_registry(path)
     if serial not in bars:
         raise InputError(
@@ -110,13 +139,32 @@ def find_bar(serial: str, path: Path | None = None) -> RegisteredBar:
 
 
 def changing_registry(path: Path) -> AbstractContextManager[None]:
-    """Hold the registry from reading to writing, so that no other program's change is lost; OutputError."""
+    """Hold the registry from reading to writing, so that no other program's change is lost.
+
+    Raises
+    ------
+    OutputError
+        Where its folder cannot be made, or another program holds the registry too long.
+    """
     make_parent(path, Phrase("error-set-bars"))
     return locked(path)
 
 
 def write_registry(bars: Mapping[str, RegisteredBar], path: Path | None = None) -> None:
-    """Write the file whole; OutputError where that fails."""
+    """Write the file whole.
+
+    Parameters
+    ----------
+    bars
+        The bars by serial.
+    path
+        The file; None: that of `registry_path`.
+
+    Raises
+    ------
+    OutputError
+        Where the file cannot be written.
+    """
     path = path or registry_path()
     make_parent(path, Phrase("error-set-bars"))
     write_file_whole(path, BARS.bytes(bars.values()))
@@ -133,7 +181,20 @@ def figures_entry(bar: RegisteredBar | Bar) -> dict[str, Any]:
 
 
 def read_lengths(lengths: JsonValue, marks: Mapping[str, Mark]) -> tuple[BarLength, ...]:
-    """A bar's certified lengths between its marks, at least one."""
+    """A bar's certified lengths between its marks, at least one.
+
+    Parameters
+    ----------
+    lengths
+        The list as the file has it.
+    marks
+        The bar's marks by name.
+
+    Raises
+    ------
+    InputError
+        Where a length is not as declared, its mark is unknown, or its two marks are the same point.
+    """
     found = LENGTHS.read(lengths)
     for one, value in zip(found, lengths.items(), strict=True):
         ends = value.fields(("from", "to"))
@@ -268,7 +329,15 @@ BARS = Format(
 
 
 def expiry(certificate: Certificate | None, today: datetime.date) -> tuple[str, Phrase] | None:
-    """`expired`, `expires-soon`, `not-yet` or `no-certificate` with its words; None where nothing is to be said."""
+    """`expired`, `expires-soon`, `not-yet` or `no-certificate` with its words; None where nothing is to be said.
+
+    Parameters
+    ----------
+    certificate
+        The bar's certificate; None where it has none.
+    today
+        The day to judge by. A certificate that ends within 30 days `expires-soon`.
+    """
     if certificate is None:
         return "no-certificate", Phrase("has-no-certificate")
     if certificate.date is not None and certificate.date > today:

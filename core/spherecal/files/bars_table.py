@@ -1,6 +1,6 @@
 """Reference bars as a table (CSV), as spreadsheets write it: one certified length a line, read line by line.
 
-The columns are known by their headings, in any order and in English, German or Chinese; a unit in brackets is heeded.
+The columns are known by their headings, in any order and in English, German or Chinese. A unit in brackets counts.
 A line that cannot be used costs its own bar only, and is named with the reason; all other bars are read.
 """
 
@@ -94,7 +94,10 @@ class LineProblem:
 
 @dataclass(frozen=True)
 class BarsTable:
-    """The bars of a table that are whole, in its order, and what is wrong with its other lines."""
+    """The bars of a table that are whole, in its order, and what is wrong with its other lines.
+
+    `ignored` are headings that are not known.
+    """
 
     bars: tuple[RegisteredBar, ...]
     problems: tuple[LineProblem, ...]
@@ -111,7 +114,15 @@ class Arrivals:
 
 
 def arrivals(table: BarsTable, known: Mapping[str, RegisteredBar]) -> Arrivals:
-    """Which bars of a table are new."""
+    """Which bars of a table are new, known with the same figures, or known with others.
+
+    Parameters
+    ----------
+    table
+        The table as read.
+    known
+        The registry's bars by serial.
+    """
     fresh = tuple(bar for bar in table.bars if bar.serial not in known)
     same = tuple(bar for bar in table.bars if known.get(bar.serial) == bar)
     return Arrivals(fresh, same, tuple(bar for bar in table.bars if bar not in fresh and bar not in same))
@@ -146,7 +157,13 @@ class _Column:
 
 
 def read_bars_table(path: Path) -> BarsTable:
-    """The bars of a CSV file; InputError where it is no such table at all."""
+    """The bars of a CSV file.
+
+    Raises
+    ------
+    InputError
+        Where it is no such table at all, or too long.
+    """
     text = _text_of(read_file(path, _MOST_BYTES), path)
     delimiter = _delimiter(text)
     try:
@@ -193,7 +210,7 @@ def _text_of(data: bytes, path: Path) -> str:
 
 
 def _looks_chinese(data: bytes) -> bool:
-    """Whether bytes that are no UTF-8 give Chinese letters: a Western letter above 127 stands alone."""
+    """Whether bytes that are no UTF-8 give Chinese letters; a Western letter above 127 has no other beside it."""
     try:
         text = data.decode("gb18030")
     except UnicodeDecodeError:
@@ -434,7 +451,20 @@ def bars_table(bars: Sequence[RegisteredBar]) -> str:
 
 
 def write_bars_table(bars: Sequence[RegisteredBar], path: Path) -> None:
-    """Write the table, with the mark by which spreadsheets know UTF-8; OutputError if that fails."""
+    """Write the table, with the mark by which spreadsheets know UTF-8.
+
+    Parameters
+    ----------
+    bars
+        The bars, in the order of the table.
+    path
+        The file.
+
+    Raises
+    ------
+    OutputError
+        Where the file cannot be written.
+    """
     write_file_whole(path, b"\xef\xbb\xbf" + bars_table(bars).encode())
 
 

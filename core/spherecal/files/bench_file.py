@@ -1,6 +1,6 @@
-"""bench.json: what stands in front of the cameras, in the form of session.json; its targets.json beside it.
+"""bench.json: what is in front of the cameras, in the form of session.json; its targets.json beside it.
 
-Bars of the owner's registry are named by their serial alone, so that a new certificate counts wherever the bar lies.
+Bars of the owner's registry are named by their serial alone, so that a new certificate counts on every bench.
 """
 
 from dataclasses import dataclass
@@ -66,7 +66,20 @@ def bench_document(bench: Bench) -> dict[str, Any]:
 
 
 def write_bench(bench: Bench, folder: Path) -> Path:
-    """Write bench.json and targets.json, each whole; the path of the first. OutputError where that fails."""
+    """Write bench.json and targets.json, each whole; the path of the first.
+
+    Parameters
+    ----------
+    bench
+        The ball and the bars in front of the cameras.
+    folder
+        The folder, made where it is missing.
+
+    Raises
+    ------
+    OutputError
+        Where a file cannot be written.
+    """
     path = folder / FILE
     make_parent(path, Phrase("error-choose-folder"))
     write_target_set(folder / TARGETS, bench.ball.target_set)

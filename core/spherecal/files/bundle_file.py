@@ -1,7 +1,7 @@
 """bundle.json in a session folder: it represents a recording whose images were left out, or whose bars were filled in.
 
 As long as session.json, observations.csv and targets.json are those that were bundled, the session counts as the
-original one: calibrating it gives the same rig.json, its fingerprint of the input included.
+original one. Calibrating it gives the same rig.json, its fingerprint of the input included.
 """
 
 from collections.abc import Mapping
@@ -58,14 +58,34 @@ BUNDLE = Format(
 
 
 def bundle_bytes(original_sha256: str, files: Mapping[str, str], details: Mapping[str, Any]) -> bytes:
-    """The contents of bundle.json: the original's fingerprint and the SHA-256 of each file of the session by name."""
+    """The contents of bundle.json: the original's fingerprint and the SHA-256 of each file of the session by name.
+
+    Parameters
+    ----------
+    original_sha256
+        `input_sha256` of the original session.
+    files
+        SHA-256 by relative path of the files as they are in the bundle.
+    details
+        Further fields, which are not read: `software`, `images`.
+    """
     return BUNDLE.bytes(_Original(original_sha256, dict(files)), **details)
 
 
 def original_sha256(folder: Path, files: Mapping[str, str]) -> str | None:
     """The fingerprint of the recording that a bundle represents; None for any other session, or a bundle changed since.
 
-    `files`: SHA-256 by relative path of the session's files, "missing" for images that are not there.
+    Parameters
+    ----------
+    folder
+        The session's folder.
+    files
+        SHA-256 by relative path of the session's files, "missing" for images that are not there.
+
+    Raises
+    ------
+    InputError
+        Where bundle.json is not as declared.
     """
     path = folder / BUNDLE_FILE
     if not path.is_file():

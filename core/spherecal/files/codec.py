@@ -55,7 +55,15 @@ class Kind(Generic[T]):
     entry: Callable[[Any], Any] = _same
 
     def checked(self, check: Callable[[T, JsonValue], object], **schema: Any) -> "Kind[T]":
-        """With a check after reading; `schema`: keywords that say the same."""
+        """The same kind with a check after reading.
+
+        Parameters
+        ----------
+        check
+            Takes what was read and its place in the file, and raises InputError where it is wrong.
+        schema
+            Keywords of the schema that say the same.
+        """
 
         def read(value: JsonValue) -> T:
             found = self.read(value)
@@ -65,11 +73,19 @@ class Kind(Generic[T]):
         return Kind(self.schema | schema, read, self.entry)
 
     def mapped(self, make: Callable[[T], S], back: Callable[[Any], Any] = _same) -> "Kind[S]":
-        """Of what `make` makes of the value; `back` is the way back, for writing."""
+        """A kind of what `make` makes of the value.
+
+        Parameters
+        ----------
+        make
+            Makes it of what was read.
+        back
+            Makes the value to write of it; by default it is written as it is.
+        """
         return Kind(self.schema, lambda value: make(self.read(value)), lambda made: self.entry(back(made)))
 
     def described(self, about: str) -> "Kind[T]":
-        """The same with another description."""
+        """The same kind with another description."""
         others = {key: value for key, value in self.schema.items() if key != "description"}
         return replace(self, schema={"description": about, **others})
 
@@ -79,7 +95,17 @@ def _kind(about: str, schema: Schema, read: Callable[[JsonValue], T], entry: Cal
 
 
 def number(about: str, least: float = -_MOST, most: float = _MOST, unit: Words = "") -> Kind[float]:
-    """A number from `least` to `most`; what is not finite is written as null."""
+    """A number from `least` to `most`; what is not finite is written as null.
+
+    Parameters
+    ----------
+    about
+        Description in the schema.
+    least, most
+        The range, ends included.
+    unit
+        The unit, for messages.
+    """
     schema = {"type": "number", "minimum": least, "maximum": most}
     if (least, most) == (-_MOST, _MOST):
         return _kind(about, schema, JsonValue.number, _finite)
@@ -87,7 +113,15 @@ def number(about: str, least: float = -_MOST, most: float = _MOST, unit: Words =
 
 
 def positive(about: str, unit: str = "") -> Kind[float]:
-    """A number above 0."""
+    """A number above 0.
+
+    Parameters
+    ----------
+    about
+        Description in the schema.
+    unit
+        The unit, for messages.
+    """
     schema = {"type": "number", "exclusiveMinimum": 0, "maximum": _MOST}
     return _kind(about, schema, lambda value: value.positive(unit), _finite)
 
@@ -98,7 +132,15 @@ def celsius(about: str) -> Kind[float]:
 
 
 def integer(about: str, least: int = -_MOST_INTEGER, most: int = _MOST_INTEGER) -> Kind[int]:
-    """A whole number; 6.0 counts as 6."""
+    """A whole number; 6.0 counts as 6.
+
+    Parameters
+    ----------
+    about
+        Description in the schema.
+    least, most
+        The range, ends included.
+    """
     schema = {"type": "integer", "minimum": least, "maximum": most}
     return _kind(about, schema, lambda value: value.integer(least, most), int)
 
@@ -157,7 +199,15 @@ def free(about: str) -> Kind[dict[str, Any]]:
 
 
 def choice(about: str, options: Sequence[Text]) -> Kind[Text]:
-    """One of some texts."""
+    """One of some texts.
+
+    Parameters
+    ----------
+    about
+        Description in the schema.
+    options
+        The texts.
+    """
     return _kind(about, {"enum": list(options)}, lambda value: value.choice(*options))
 
 
@@ -171,9 +221,24 @@ def items(
     what: str = "",
     excess: Words = "",
 ) -> Kind[tuple[T, ...]]:
-    """A list of `least` to `most` values, or of exactly `length`; no two share the attribute `differ`, a `what`.
+    """A list of values of one kind.
 
-    `excess`: what is said of more than `most` values, where it is not the usual.
+    Parameters
+    ----------
+    about
+        Description in the schema.
+    each
+        The kind of its values.
+    least, most
+        How many values it has; `most` None: 2 million.
+    length
+        Exactly how many, in place of `least` and `most`; None: any number from `least` to `most`.
+    differ
+        An attribute that no two values share; empty where they may be the same.
+    what
+        What messages call that attribute; empty for its own name.
+    excess
+        What is said of more than `most` values, where it is not the usual.
     """
     schema: Schema = {"type": "array", "items": each.schema}
     if length is not None:
@@ -194,18 +259,44 @@ def items(
 
 
 def numbers(about: str, length: int) -> Kind[tuple[float, ...]]:
-    """So many numbers."""
+    """A list of exactly `length` numbers.
+
+    Parameters
+    ----------
+    about
+        Description in the schema.
+    length
+        How many numbers.
+    """
     return replace(items(about, number(""), length=length), read=lambda value: tuple(value.numbers(length)))
 
 
 def matrix(about: str, rows: int, columns: int) -> Kind[tuple[tuple[float, ...], ...]]:
-    """Rows of numbers."""
+    """A matrix as a list of rows of numbers.
+
+    Parameters
+    ----------
+    about
+        Description in the schema.
+    rows, columns
+        Its shape.
+    """
     rows_of = items(about, numbers("", columns), length=rows)
     return replace(rows_of, read=lambda value: tuple(map(tuple, value.matrix(rows, columns))))
 
 
 def entries(about: str, values: Kind[T], names: Kind[str] | None = None) -> Kind[dict[str, T]]:
-    """An object whose keys are names."""
+    """An object whose keys are names.
+
+    Parameters
+    ----------
+    about
+        Description in the schema.
+    values
+        The kind of its values.
+    names
+        The kind of its keys in the schema; None: `name`. Reading takes any name.
+    """
     schema = {"type": "object", "additionalProperties": values.schema, "propertyNames": (names or name("")).schema}
 
     def read(value: JsonValue) -> dict[str, T]:
@@ -215,9 +306,17 @@ def entries(about: str, values: Kind[T], names: Kind[str] | None = None) -> Kind
 
 
 def one_of(about: str, *kinds: Kind[Any]) -> Kind[Any]:
-    """What fits any of the kinds: the first of the value's JSON type reads it, the last where there is none.
+    """What fits any of some kinds.
 
-    It is written as it is, or by `mapped`.
+    The first kind of the value's JSON type reads it, the last one where there is none. It is written as it is, or as
+    `mapped` says.
+
+    Parameters
+    ----------
+    about
+        Description in the schema.
+    kinds
+        The kinds.
     """
 
     def read(value: JsonValue) -> Any:
@@ -259,19 +358,53 @@ A path such as `name.target` is written from there, and read as the argument `ta
 
 
 def field(key: str, kind: Kind[Any], of: Source = "", attribute: str = "") -> Field:
-    """A field that must be there; `attribute`: the argument that it fills, where that is not the name in `of`."""
+    """A field that must be there.
+
+    Parameters
+    ----------
+    key
+        Its name in the file.
+    kind
+        What it holds.
+    of
+        The attribute that it is written from, or a function of the object; empty: the attribute named `key`.
+    attribute
+        The argument that reading fills, where that is not the name in `of`.
+    """
     if callable(of):
         return Field(key, kind, of, attribute)
     return Field(key, kind, attrgetter(of or key), attribute or of.rpartition(".")[2] or key)
 
 
 def optional(key: str, kind: Kind[Any], of: Source = "", attribute: str = "", omit: object = _ALWAYS) -> Field:
-    """A field that may be absent or null, which give the dataclass's default, or None where it has none."""
+    """A field that may be absent or null.
+
+    Where it is absent or null, the dataclass's default holds, or None where it has none.
+
+    Parameters
+    ----------
+    key, kind, of, attribute
+        As of `field`.
+    omit
+        The value that is not written; by default all are.
+    """
     return replace(field(key, _nullable(kind), of, attribute), is_needed=False, omit=omit)
 
 
 def unread(key: str, about: str, of: Source = "", omit: object = _ALWAYS) -> Field:
-    """What is written for people and other programs, and not read back: any value."""
+    """What is written for people and other programs, and not read back: any value.
+
+    Parameters
+    ----------
+    key
+        Its name in the file.
+    about
+        Description in the schema.
+    of
+        The attribute that it is written from, or a function of the object; empty: the attribute named `key`.
+    omit
+        The value that is not written; by default all are.
+    """
     kind = Kind({"description": about, "$comment": UNREAD}, lambda value: value.value)
     return replace(field(key, kind, of), is_needed=False, is_read=False, omit=omit)
 
@@ -279,12 +412,24 @@ def unread(key: str, about: str, of: Source = "", omit: object = _ALWAYS) -> Fie
 def software(
     about: str = "Name and version of the program that wrote the file, and details such as the method and the seed.",
 ) -> Field:
-    """Who wrote the file."""
+    """A field that says who wrote the file; it is not read."""
     return unread("software", about, lambda _: software_entry(None))
 
 
 def group(key: str, about: str, *inner: Field, is_needed: bool = True) -> Field:
-    """An object whose fields belong to the dataclass around it; one that is not needed is null where its first is."""
+    """An object whose fields belong to the dataclass around it.
+
+    Parameters
+    ----------
+    key
+        Its name in the file.
+    about
+        Description in the schema.
+    inner
+        Its fields.
+    is_needed
+        Whether it must be there. One that need not is written as null where its first field is None.
+    """
     kind = record(about, dict, *inner)
     if is_needed:
         return Field(key, kind, _same, inner=inner)
@@ -318,7 +463,16 @@ def record(
 ) -> Kind[T]:
     """An object, made by a dataclass or another function of its attributes; unknown fields are ignored.
 
-    `check` takes what was made and the fields as the file has them.
+    Parameters
+    ----------
+    about
+        Description in the schema.
+    make
+        Takes the attributes by name and makes the object.
+    inner
+        Its fields, in the order in which they are written.
+    check
+        Takes what was made and the fields as the file has them, and raises InputError where they are wrong.
     """
     needed = [one.key for one in inner if one.is_needed]
     others = [one.key for one in inner if not one.is_needed]
@@ -353,7 +507,17 @@ def record(
 
 
 def only(key: str, kind: Kind[T], *others: Field) -> Kind[T]:
-    """An object of which one field is everything."""
+    """An object of which one field is everything: that field's value is read and written.
+
+    Parameters
+    ----------
+    key
+        The field's name.
+    kind
+        What it holds.
+    others
+        Further fields, which are written or checked only.
+    """
     return record("", lambda **given: given[key], Field(key, kind, _same, key), *others)
 
 
@@ -378,7 +542,20 @@ class Format(Generic[T]):
     migrations: Mapping[int, Callable[[dict[str, Any]], dict[str, Any]]] = dataclass_field(default_factory=dict)
 
     def read(self, path: Path, below: Path | None = None) -> T:
-        """What a file holds; InputError names the place that is not as declared. `below`: see `read_json`."""
+        """What a file holds, with files of earlier versions migrated.
+
+        Parameters
+        ----------
+        path
+            The file.
+        below
+            A folder that holds the file; no link from there on is followed. None: links are followed.
+
+        Raises
+        ------
+        InputError
+            Names the place that is not as declared, or the version that cannot be read.
+        """
         document = read_json(path, self.name, self.version, below)
         for step in range(version_of(document)[0], self.version):
             if step not in self.migrations:
@@ -388,11 +565,25 @@ class Format(Generic[T]):
         return self.kind.read(document)
 
     def document(self, value: Any, **others: Any) -> dict[str, Any]:
-        """The contents of a file; `others` take the place of fields that are not read, such as `software`."""
+        """The contents of a file.
+
+        Parameters
+        ----------
+        value
+            What is written.
+        others
+            Take the place of fields that are not read, such as `software`.
+        """
         return {"format": self.name, "version": self.version, **self.kind.entry(value), **others}
 
     def bytes(self, value: Any, **others: Any) -> bytes:
-        """The same as it is written."""
+        """The contents of a file as it is written, JSON in UTF-8.
+
+        Parameters
+        ----------
+        value, others
+            As of `document`.
+        """
         document = self.document(value, **others)
         if not self.lines:
             return json_bytes(document)

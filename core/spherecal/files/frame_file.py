@@ -50,7 +50,20 @@ FRAME = Format(
 
 
 def write_frame(frame: UserFrame, path: Path) -> None:
-    """Write the file whole; OutputError where that fails."""
+    """Write the file whole.
+
+    Parameters
+    ----------
+    frame
+        The frame.
+    path
+        The file.
+
+    Raises
+    ------
+    OutputError
+        Where the file cannot be written.
+    """
     write_file_whole(path, FRAME.bytes(frame))
 
 
@@ -60,5 +73,11 @@ def frame_entry(frame: UserFrame) -> dict[str, Any]:
 
 
 def read_frame(path: Path) -> UserFrame:
-    """The frame in a file; InputError names the place that is not as docs/formats.md says."""
+    """The frame in a file.
+
+    Raises
+    ------
+    InputError
+        Names the place that is not as docs/formats.md says.
+    """
     return FRAME.read(path)

@@ -64,7 +64,15 @@ def software_entry(details: Mapping[str, Any] | None) -> dict[str, Any]:
 
 
 def printable(text: str, most: int = 60) -> str:
-    """The text in quotation marks, shortened and escaped, fit for a one-line message."""
+    """The text in quotation marks, shortened and escaped, fit for a one-line message.
+
+    Parameters
+    ----------
+    text
+        The text.
+    most
+        Characters shown; a longer text ends in an ellipsis.
+    """
     shown = text if len(text) <= most else text[: most - 1] + "…"
     return '"' + "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in shown) + '"'
 
@@ -92,9 +100,10 @@ def name_problem(text: str) -> Phrase | None:
 
 @dataclass(frozen=True)
 class JsonValue:
-    """A value out of a JSON file that knows its place there; its methods return checked contents or raise InputError.
+    """A value out of a JSON file that knows its place there.
 
-    `null` counts as absent. `later`: of a file of a later minor version, in which unknown fields are no misspellings.
+    Its methods return checked contents or raise InputError, which names file, place and what was expected. `null`
+    counts as absent. `later`: of a file of a later minor version, in which unknown fields are no misspellings.
     """
 
     value: object
@@ -103,12 +112,28 @@ class JsonValue:
     later: bool = False
 
     def error(self, problem: Words, hint: Words = "") -> InputError:
-        """An InputError about this value, to be raised by the caller; the hint is the problem's where none is given."""
+        """An InputError about this value, to be raised by the caller.
+
+        Parameters
+        ----------
+        problem
+            A verb phrase that follows the place.
+        hint
+            What to do; empty: the problem's own hint.
+        """
         values = {"file": self.file, "place": self.place or Phrase("the-file"), "problem": problem}
         return InputError(Phrase("error-in-file", values), hint or advice(problem))
 
     def at(self, key: str | int, value: object) -> "JsonValue":
-        """The value of a field or list item of this one."""
+        """The value of a field or list item of this one.
+
+        Parameters
+        ----------
+        key
+            Name of the field, or number of the item.
+        value
+            The value there.
+        """
         if isinstance(key, int):
             return JsonValue(value, self.file, f"{self.place}[{key}]", self.later)
         shown = key if key.isprintable() and len(key) <= _LONGEST_NAME else printable(key)
@@ -131,6 +156,16 @@ class JsonValue:
         """The fields of an object: all required ones and those optional ones that are there.
 
         Other fields are ignored, unless one looks like a misspelling of an optional field that is not there.
+
+        Parameters
+        ----------
+        required, optional
+            Names of the fields.
+
+        Raises
+        ------
+        InputError
+            Where it is no object, a required field is not there, or one looks misspelt.
         """
         given = {key: value for key, value in self.as_object().items() if value is not None}
         for key in required:
@@ -153,7 +188,20 @@ class JsonValue:
         return {key: self.at(key, value) for key, value in given.items()}
 
     def items(self, length: int | None = None, least: int = 0, most: int = _MOST_VALUES) -> list["JsonValue"]:
-        """The values of a list of exactly `length`, or of `least` to `most` values."""
+        """The values of a list.
+
+        Parameters
+        ----------
+        length
+            Exactly how many there are; None: as `least` and `most` say.
+        least, most
+            The range of how many.
+
+        Raises
+        ------
+        InputError
+            Where it is no list, or has another number of values.
+        """
         if not isinstance(self.value, list):
             raise self._wrong(Phrase("json-list"))
         n = len(self.value)
@@ -165,7 +213,20 @@ class JsonValue:
         return [self.at(i, value) for i, value in enumerate(self.value)]
 
     def number(self, least: float = -_MOST, most: float = _MOST, unit: Words = "") -> float:
-        """A number within `least` .. `most`; `unit` only serves the message."""
+        """A finite number.
+
+        Parameters
+        ----------
+        least, most
+            The range, ends included.
+        unit
+            The unit, for the message only.
+
+        Raises
+        ------
+        InputError
+            Where it is no number, or not in the range.
+        """
         if not isinstance(self.value, (int, float)) or isinstance(self.value, bool):
             raise self._wrong(Phrase("json-number"))
         if not least <= self.value <= most:
@@ -181,7 +242,18 @@ class JsonValue:
         return number
 
     def integer(self, least: int = -(2**53), most: int = 2**53) -> int:
-        """A whole number within `least` .. `most`; 6.0 counts as 6."""
+        """A whole number within `least` .. `most`; 6.0 counts as 6.
+
+        Parameters
+        ----------
+        least, most
+            The range, ends included.
+
+        Raises
+        ------
+        InputError
+            Where it is no whole number, or not in the range.
+        """
         number = self.number(least, most)
         if number != int(number):
             raise self.error(Phrase("problem-whole", {"found": number}))
@@ -199,7 +271,18 @@ class JsonValue:
         return [item.number() for item in self.items(length)]
 
     def matrix(self, rows: int, columns: int) -> list[list[float]]:
-        """A list of `rows` lists of `columns` finite numbers."""
+        """A list of `rows` lists of `columns` finite numbers.
+
+        Parameters
+        ----------
+        rows, columns
+            Its shape.
+
+        Raises
+        ------
+        InputError
+            Where it has another shape, or holds something else.
+        """
         return [row.numbers(columns) for row in self.items(rows)]
 
     def text(self) -> str:
@@ -279,7 +362,22 @@ class JsonValue:
 
 
 def unique(values: list[JsonValue], keys: list[str], what: str) -> None:
-    """Raise InputError where two of the values have the same key."""
+    """Check that no two values have the same key.
+
+    Parameters
+    ----------
+    values
+        The values.
+    keys
+        Their keys, in the same order.
+    what
+        What the message calls a key.
+
+    Raises
+    ------
+    InputError
+        Names the value and the earlier one with its key.
+    """
     first: dict[str, JsonValue] = {}
     for value, key in zip(values, keys, strict=True):
         if key in first:
@@ -289,12 +387,38 @@ def unique(values: list[JsonValue], keys: list[str], what: str) -> None:
 
 
 def read_bytes(path: Path, most: int) -> bytes:
-    """The contents of a regular file of at most `most` bytes; InputError where it cannot be read."""
+    """The contents of a regular file.
+
+    Parameters
+    ----------
+    path
+        The file.
+    most
+        Bytes that it may have.
+
+    Raises
+    ------
+    InputError
+        Where it cannot be read, is no regular file, or is larger.
+    """
     return read_file(path, most)
 
 
 def check_lines(path: Path, data: bytes) -> None:
-    """Raise InputError for a table with a line far longer than any of ours, before it costs memory."""
+    """Check that no line of a table is far longer than any of ours, before it costs memory.
+
+    Parameters
+    ----------
+    path
+        The file, for the message.
+    data
+        Its contents.
+
+    Raises
+    ------
+    InputError
+        Names the line.
+    """
     begin = 0
     while len(data) - begin > _LONGEST_LINE:
         end = data.rfind(b"\n", begin, begin + _LONGEST_LINE)
@@ -305,7 +429,20 @@ def check_lines(path: Path, data: bytes) -> None:
 
 
 def decode(path: Path, data: bytes) -> str:
-    """The text of UTF-8 data, a byte order mark dropped; InputError with the line where it is something else."""
+    """The text of UTF-8 data, a byte order mark dropped.
+
+    Parameters
+    ----------
+    path
+        The file, for the message.
+    data
+        Its contents.
+
+    Raises
+    ------
+    InputError
+        Where it is something else; names the line.
+    """
     try:
         return data.decode("utf-8-sig")
     except UnicodeDecodeError as error:
@@ -322,9 +459,23 @@ def parse_json(data: bytes) -> object:
 
 
 def read_json(path: Path, format_name: str, version: int, below: Path | None = None) -> JsonValue:
-    """The object in a JSON file whose `format` and `version` are as given; InputError for anything else.
+    """The object in a JSON file whose `format` and `version` are as given.
 
-    With `below` the file lies in that folder, and no link in it is followed.
+    Parameters
+    ----------
+    path
+        The file.
+    format_name
+        What its field `format` must be.
+    version
+        The latest major version that is known. Earlier ones are read too; migrating them is the caller's.
+    below
+        A folder that holds the file; no link from there on is followed. None: links are followed.
+
+    Raises
+    ------
+    InputError
+        For anything else: no such file, no JSON, repeated fields, numbers not finite, another format, a later version.
     """
     if below is None:
         data = read_bytes(path, _MOST_BYTES)
@@ -407,7 +558,13 @@ def _check_format(document: JsonValue, format_name: str, version: int) -> JsonVa
 
 
 def version_of(document: JsonValue) -> tuple[int, int]:
-    """The major and minor version of a file, written as 1 or "1.2"; what a minor version adds may be ignored."""
+    """The major and minor version of a file, written as 1 or "1.2"; what a minor version adds may be ignored.
+
+    Raises
+    ------
+    InputError
+        Where it has none, or something else in its place.
+    """
     value = document.fields(["version"])["version"]
     if isinstance(value.value, str):
         if (found := _VERSION.fullmatch(value.value)) is None:

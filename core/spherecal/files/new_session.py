@@ -54,7 +54,11 @@ class Contents:
 
 @dataclass(frozen=True)
 class NewCamera:
-    """A camera of a new session: how many images, their size, its focal length and where that comes from."""
+    """A camera of a new session: how many images, their size, its focal length and where that comes from.
+
+    `focal_px` is in px. `focal_from` says in words where it comes from: given, EXIF or assumed. `model` and `serial`
+    are EXIF's, None where the images do not agree on one.
+    """
 
     id: str
     images: int
@@ -99,9 +103,34 @@ def make_session(
 ) -> NewSession:
     """Make a session folder of the images or videos in `source`, which are copied into it (of videos single frames).
 
-    Where `source` is the folder or lies in it, nothing is copied and session.json is written beside the images.
-    InputError where the layout is ambiguous, an image is none or has another size than the others of its camera;
-    OutputError where the folder cannot be written. Nothing is left behind then.
+    Where `source` is the folder or is inside it, nothing is copied and session.json is written beside the images. Where
+    it fails, nothing is left behind.
+
+    Parameters
+    ----------
+    folder
+        The session's folder to be.
+    source
+        The folder of the images or videos.
+    pattern
+        Which file is of which camera and placement, as "{camera}/{placement}.png"; None: to be found from the names.
+    contents
+        What the session holds besides images.
+    known
+        What the user says of all cameras.
+    frames
+        Placements that are made of videos at most.
+    context
+        For progress, and to stop.
+
+    Raises
+    ------
+    InputError
+        Where the layout is ambiguous, an image is none or has another size than the others of its camera.
+    OutputError
+        Where the folder cannot be written, or has a session.json already.
+    Cancelled
+        Where the user stopped it.
     """
     inside = Path(os.path.realpath(source)).is_relative_to(os.path.realpath(folder))
     if inside and (folder / SESSION_FILE).exists():
@@ -149,7 +178,7 @@ class _OfImages:
         }
 
     def below(self, prefix: str, place: str) -> dict[str, str]:
-        """Which files it has where they lie, `prefix` before their paths."""
+        """Which files it has where they are now, `prefix` before their paths."""
         return {camera: prefix + own[place] for camera, own in self._layout.files.items() if place in own}
 
     def copy(self, put: Callable[[str, bytes], None]) -> None:

@@ -35,8 +35,24 @@ def read_observations(
 ) -> Observations:
     """The observations in a file, checked against the ids of placements (and bar poses) and cameras of a session.
 
-    Point names are sorted. InputError, with line and column, for anything that is not as the interface says: other
-    columns, unknown ids, numbers that are none, image points outside the camera's image, a dot seen twice by a camera.
+    Point names are sorted.
+
+    Parameters
+    ----------
+    path
+        The file.
+    placements
+        Ids of the placements, then of the bar poses.
+    cameras
+        Ids of the cameras.
+    image_sizes
+        (width, height) in px of each camera's images, in the order of `cameras`.
+
+    Raises
+    ------
+    InputError
+        Where the file is not as the interface says; names line and column. So for other columns, unknown ids, numbers
+        that are none, image points outside the camera's image, and a dot seen twice by a camera.
     """
     table = _split(path, read_bytes(path, _MOST_BYTES))
     names = [decode(path, name) for name in sorted(set(table.columns[3].tolist()))]
@@ -61,7 +77,20 @@ def read_observations(
 
 
 def write_observations(path: Path, observations: Observations) -> None:
-    """Write observations.csv; numbers keep their full precision. OutputError if that fails."""
+    """Write observations.csv; numbers keep their full precision.
+
+    Parameters
+    ----------
+    path
+        The file.
+    observations
+        The observations, a row each.
+
+    Raises
+    ------
+    OutputError
+        Where the file cannot be written.
+    """
     write_file_whole(path, observations_bytes(observations))
 
 
@@ -125,7 +154,7 @@ class _Table:
         return values
 
     def check_inside(self, uv: FloatArray, size: FloatArray) -> None:
-        """Raise InputError for an image point that lies well outside its image."""
+        """Raise InputError for an image point that is well outside its image."""
         margin = MARGIN * size.max(axis=1, initial=0.0)
         for k in (0, 1):
             good = (uv[:, k] >= -margin) & (uv[:, k] <= size[:, k] - 1 + margin)

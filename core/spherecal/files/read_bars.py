@@ -22,7 +22,10 @@ _WHOLE = record(
 def read_bars(bars: JsonValue) -> tuple[tuple[Bar, ...], dict[str, bytes]]:
     """The reference bars in order, and the registry's entries that were taken over, by serial.
 
-    InputError where a bar is not as the interface says, or is named by a serial that the registry does not have.
+    Raises
+    ------
+    InputError
+        Where a bar is not as the interface says, or is named by a serial that the registry does not have.
     """
     values = bars.items()
     registered: dict[str, bytes] = {}

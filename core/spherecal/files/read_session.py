@@ -33,9 +33,14 @@ _LARGEST_BOARD = 1000  # rows or columns
 
 
 def read_session(folder: Path) -> Session:
-    """The session in a folder, checked as the interface says; InputError names file, place and what was expected.
+    """The session in a folder, checked as the interface says.
 
     With observations.csv the images only serve for display: one that is named and missing is then left out.
+
+    Raises
+    ------
+    InputError
+        Names file, place and what was expected.
     """
     if not folder.is_dir():
         raise InputError(Phrase("error-no-session-folder", {"folder": folder}))
@@ -83,7 +88,7 @@ def _recorded_at(folder: Path, placements: Sequence[Placement]) -> datetime | No
 
 
 class _NamedFiles:
-    """The files that make up a session; none may lie outside its folder."""
+    """The files that make up a session; none may be outside its folder."""
 
     def __init__(self, folder: Path) -> None:
         self._folder = folder
@@ -109,7 +114,7 @@ class _NamedFiles:
         return self._files.setdefault(relative, Path(os.path.abspath(self._folder)) / relative)
 
     def add_entry(self, name: str, contents: bytes) -> None:
-        """Count what lies outside the folder and was taken over, such as a bar of the registry, as part of it."""
+        """Count what is outside the folder and was taken over, such as a bar of the registry, as part of it."""
         self._entries[name] = hashlib.sha256(contents).hexdigest()
 
     def sha256(self) -> str:

@@ -84,7 +84,15 @@ _ROTATION_TOLERANCE = 1e-5
 
 
 def rig_bytes(rig: Rig, software: Mapping[str, Any] | None = None) -> bytes:
-    """The contents of rig.json; the same rig and software give the same bytes, and numbers are read back unchanged."""
+    """The contents of rig.json; the same rig and software give the same bytes, and numbers are read back unchanged.
+
+    Parameters
+    ----------
+    rig
+        The rig.
+    software
+        Further entries of its field `software`, beside the program's name and version; None: no more.
+    """
     return RIG.bytes(rig, software=software_entry(software))
 
 
@@ -104,7 +112,7 @@ def _read_map(value: JsonValue) -> LengthMap:
 
 
 def covariance_bytes(covariance: CameraCovariance) -> bytes:
-    """The contents of covariance.npy: the matrix of `rig.CameraCovariance` in numpy's own format."""
+    """The contents of covariance.npy: the matrix of `rig.CameraCovariance` in numpy's format (decision 0007)."""
     file = io.BytesIO()
     np.save(file, np.ascontiguousarray(covariance.matrix, dtype="<f8"), allow_pickle=False)
     return file.getvalue()
@@ -118,10 +126,15 @@ def distortion_entry(intrinsics: FloatArray) -> dict[str, Any]:
 
 
 def read_rig(path: Path) -> Rig:
-    """The rig in a file; InputError where it is not as the interface says.
+    """The rig in a file.
 
-    The cameras' covariance lies beside it; a rig.json that was copied alone has none. What it does not state is taken
-    as unknown, and the finding `rig-incomplete` says so.
+    The cameras' covariance is in a file beside it; a rig.json that was copied alone has none. What it does not state is
+    taken as unknown, and the finding `rig-incomplete` says so.
+
+    Raises
+    ------
+    InputError
+        Where it is not as the interface says.
     """
     document = read_json(path, RIG.name, RIG.version)
     stated = RIG.kind.read(document)
@@ -226,7 +239,13 @@ def _read_lens(value: JsonValue) -> tuple[bool, list[float]]:
 
 
 def read_distortion(value: JsonValue) -> list[float]:
-    """4, 5, 8 or 12 numbers in OpenCV's order; InputError, of 14 with the reason."""
+    """4, 5, 8 or 12 numbers in OpenCV's order.
+
+    Raises
+    ------
+    InputError
+        For any other count, of 14 (a tilted sensor) with the reason.
+    """
     numbers = [number.number() for number in value.items()]
     if problem := distortion_problem(len(numbers), fisheye=False):
         raise value.error(problem)
@@ -274,7 +293,15 @@ def _check_reference(stated: Mapping[str, Any], f: Mapping[str, JsonValue]) -> N
 
 
 def sigmas(about: str, length: int | None = None) -> Kind[FloatArray]:
-    """Standard uncertainties; null where unknown."""
+    """Standard uncertainties; null where unknown, which is NaN in memory.
+
+    Parameters
+    ----------
+    about
+        Description in the schema.
+    length
+        How many; None: any number.
+    """
     schema = items(about, number("", 0), length=length).schema
     schema["items"] = schema["items"] | {"type": ["number", "null"]}
     return Kind(schema, lambda value: _sigmas(value, length), finite)

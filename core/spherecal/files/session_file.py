@@ -41,7 +41,10 @@ _LARGEST_IMAGE_PX = 65536
 
 
 def named_file(about: str) -> Kind[JsonValue]:
-    """A path below the folder, with "/" between its parts; its value as it is, for who knows the folder to look up."""
+    """A path below the folder, with "/" between its parts.
+
+    The reader gives the value as it is, since only its caller knows the folder to look in.
+    """
     schema = {"type": "string", "minLength": 1, "maxLength": 500, "pattern": _PATH}
     return Kind({"description": about, **schema} if about else schema, lambda value: value)
 

@@ -38,12 +38,24 @@ _MOST_STRETCH = 1.05  # of a print: more is refused when rulers are entered (tar
 
 
 def read_target_set(path: Path) -> TargetSet:
-    """The target set in a file; InputError where it is not as the interface says."""
+    """The target set in a file.
+
+    Raises
+    ------
+    InputError
+        Where it is not as the interface says.
+    """
     return TARGETS.read(path)
 
 
 def target_set_of(document: JsonValue) -> TargetSet:
-    """The target set in the contents of targets.json, wherever they stand; InputError as above."""
+    """The target set in the contents of targets.json, whichever file holds them.
+
+    Raises
+    ------
+    InputError
+        Where it is not as the interface says.
+    """
     family = document.fields(("family",), _FIELDS)["family"].name()
     if family == MARKERS:
         return _read_markers(document)
@@ -96,7 +108,20 @@ def _read_dots(dots: JsonValue, size_mm: float) -> dict[str, FloatArray]:
 
 
 def write_target_set(path: Path, target_set: TargetSet) -> None:
-    """Write targets.json; OutputError if that fails."""
+    """Write targets.json.
+
+    Parameters
+    ----------
+    path
+        The file.
+    target_set
+        The targets.
+
+    Raises
+    ------
+    OutputError
+        Where the file cannot be written.
+    """
     write_file_whole(path, target_set_bytes(target_set))
 
 

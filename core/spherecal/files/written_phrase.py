@@ -31,7 +31,19 @@ PHRASE = replace(
 def sentence_fields(
     key: str, about: str, of: Callable[[Any], Phrase | None], is_needed: bool = True
 ) -> tuple[Field, ...]:
-    """The fields of a sentence: `key` with its words, empty for none, and `key`_phrase."""
+    """The fields of a sentence: `key` with its words, empty for none, and `key`_phrase.
+
+    Parameters
+    ----------
+    key
+        Name of the field with the words.
+    about
+        Description in the schema.
+    of
+        Gives the phrase of an object; None for no sentence.
+    is_needed
+        Whether the words must be there.
+    """
 
     def words(one: object) -> str:
         return "" if (said := of(one)) is None else phrase(said)
@@ -41,7 +53,15 @@ def sentence_fields(
 
 
 def sentence(words: str, written: Mapping[str, Any] | None) -> Sentence:
-    """A sentence with the phrase beside it, where that makes the very words that the file has."""
+    """A sentence with the phrase beside it, where that makes the very words that the file has.
+
+    Parameters
+    ----------
+    words
+        The sentence as the file has it.
+    written
+        The phrase beside it as the file has it; None where there is none.
+    """
     try:
         found = None if written is None else from_json(dict(written))
         if isinstance(found, Phrase) and phrase(found) == words:
@@ -52,6 +72,14 @@ def sentence(words: str, written: Mapping[str, Any] | None) -> Sentence:
 
 
 def sentences(words: Sequence[str], written: Sequence[Mapping[str, Any]] | None) -> tuple[Sentence, ...]:
-    """Sentences with the list of their phrases beside them; without them where that is not as long."""
+    """Sentences with the list of their phrases beside them.
+
+    Parameters
+    ----------
+    words
+        The sentences as the file has them.
+    written
+        Their phrases in the same order; None where there are none. A list of another length is ignored.
+    """
     beside = written if written is not None and len(written) == len(words) else [None] * len(words)
     return tuple(sentence(*pair) for pair in zip(words, beside, strict=True))

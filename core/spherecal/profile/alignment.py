@@ -30,7 +30,18 @@ class MatchedCamera:
 
 
 def common_cameras(a: Rig, b: Rig) -> tuple[MatchedCamera, ...]:
-    """The cameras that both have, by id; InputError for fewer than two, or another image size."""
+    """The cameras that both have, by id.
+
+    Parameters
+    ----------
+    a, b
+        The two calibrations.
+
+    Raises
+    ------
+    InputError
+        For fewer than two, or where a camera has another image size.
+    """
     pairs = tuple(
         MatchedCamera(camera.id, camera, other) for camera in a.cameras if (other := b.camera(camera.id)) is not None
     )
@@ -46,6 +57,27 @@ def sights(pair: MatchedCamera, points: FloatArray) -> tuple[BoolArray, FloatArr
     """Which points (n, 3) the camera sees in the first calibration, (n,) bool, and their images (n, 2).
 
     A distortion that folds over far outside the image maps points there into it: those are not seen.
+
+    Parameters
+    ----------
+    pair
+        The camera in both calibrations; only the first counts.
+    points
+        Points (n, 3) in the first world, mm.
+
+    Parameters
+    ----------
+    pair
+        The camera in both calibrations; only the first counts.
+    points
+        Points (n, 3) in the first world, mm.
+
+    Parameters
+    ----------
+    pair
+        The camera in both calibrations; only the first counts.
+    points
+        Points (n, 3) in the first world, mm.
     """
     x = points @ pair.a.rotation.T + pair.a.translation_mm
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
@@ -58,7 +90,19 @@ def sights(pair: MatchedCamera, points: FloatArray) -> tuple[BoolArray, FloatArr
 
 
 def shift_mm(pair: MatchedCamera, points: FloatArray, uv: FloatArray, b_from_a: Similarity) -> FloatArray:
-    """How far each point's image moves from one calibration to the other, in mm across the ray at the point, (n, 2)."""
+    """How far each point's image moves from one calibration to the other, in mm across the ray at the point, (n, 2).
+
+    Parameters
+    ----------
+    pair
+        The camera in both calibrations.
+    points
+        Points (n, 3) in the first world, mm.
+    uv
+        Their images (n, 2) in the first calibration, px.
+    b_from_a
+        The similarity from the first world to the second.
+    """
     x = b_from_a.apply(points) @ pair.b.rotation.T + pair.b.translation_mm
     depth = (points @ pair.a.rotation.T + pair.a.translation_mm)[:, 2:3]
     return (project(x, pair.b.intrinsics) - uv) * depth / pair.a.intrinsics[:2]
@@ -67,8 +111,22 @@ def shift_mm(pair: MatchedCamera, points: FloatArray, uv: FloatArray, b_from_a: 
 def align(pairs: tuple[MatchedCamera, ...], points: FloatArray, metric: bool) -> Similarity:
     """The similarity (rigid motion where `metric`) from the first world to the second.
 
-    It minimises the sum over the cameras of the rms shift of the volume's points (n, 3) in the images: a few cameras
-    that have moved do not pull it, as the sum of squares would let them. InputError where no camera sees the volume.
+    It minimises the sum over the cameras of the rms shift of the volume's points in the images. A few cameras that have
+    moved do not pull it, as the sum of squares would let them.
+
+    Parameters
+    ----------
+    pairs
+        The cameras that both calibrations have.
+    points
+        Points (n, 3) all over the volume in the first world, mm.
+    metric
+        Whether the scale stays as it is.
+
+    Raises
+    ------
+    InputError
+        Where fewer than two cameras see the volume: four of its points each.
     """
     seen = [(pair, inside, uv) for pair in pairs for inside, uv in [sights(pair, points)] if inside.sum() >= 4]
     if len(seen) < 2:

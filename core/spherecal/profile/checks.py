@@ -40,8 +40,8 @@ Verdict = Literal["ok", "watch", "recalibrate"]
 class KeptCheck:
     """One check: when, of which calibration, its verdict, and what it measured; None where it was not measured.
 
-    `point_mm` gives by camera the largest shift of a point that its move brings about, `scale_ppm` the ball's size
-    against the calibration, `bar_error_mm` the mean error of the bars' lengths.
+    `point_mm` gives by camera the largest error of a point that its move causes. `scale_ppm` is the ball's size against
+    the calibration, `bar_error_mm` the mean error of the bars' lengths.
     """
 
     at: datetime
@@ -132,7 +132,26 @@ class _Written:
 def keep_check(
     folder: Path, calibration: str, check: Mapping[str, Any], temperature_c: float | None, now: datetime | None = None
 ) -> Path:
-    """Add a check (the document of check.json) to the profile in `folder`; OutputError where it cannot be written."""
+    """Add a check to the profile in `folder`; the file that it is in.
+
+    Parameters
+    ----------
+    folder
+        The profile.
+    calibration
+        Id of the calibration that was checked.
+    check
+        The document of check.json.
+    temperature_c
+        The rig's temperature, degrees Celsius; None: not known.
+    now
+        When it was checked; None: now.
+
+    Raises
+    ------
+    OutputError
+        Where it cannot be written.
+    """
     at = (now or datetime.now(UTC)).astimezone(UTC)
     file = f"{FOLDER}/{at:%Y%m%dT%H%M%S%f}Z.json"
     parts = {key: check[key] for key in ("verdict", "sentence", "tolerance_mm", "cameras", "balls", "lengths")}
@@ -141,7 +160,15 @@ def keep_check(
 
 
 def read_checks(folder: Path, most: int = _MOST_READ) -> tuple[tuple[KeptCheck, ...], tuple[str, ...]]:
-    """The newest checks of a profile, oldest first, and what is wrong with those that cannot be read."""
+    """The newest checks of a profile, oldest first, and what is wrong with those that cannot be read.
+
+    Parameters
+    ----------
+    folder
+        The profile.
+    most
+        How many files are read; 0: none.
+    """
     try:
         names = sorted(p.name for p in (folder / FOLDER).iterdir() if _ID.fullmatch(p.stem) and p.suffix == ".json")
     except OSError:
@@ -156,7 +183,15 @@ def read_checks(folder: Path, most: int = _MOST_READ) -> tuple[tuple[KeptCheck, 
 
 
 def last_check(folder: Path, calibration: str | None) -> KeptCheck | None:
-    """The newest check, if it was of this calibration."""
+    """The newest check, if it was of this calibration; None as well where it cannot be read.
+
+    Parameters
+    ----------
+    folder
+        The profile.
+    calibration
+        Id of the calibration in use; None where there is none.
+    """
     found, _ = read_checks(folder, 1)
     return found[0] if found and found[0].calibration == calibration else None
 

@@ -39,10 +39,12 @@ class ComparisonVolume:
 class CameraChange:
     """What has changed of one camera, after alignment.
 
-    centre_mm (3,) in the first world; rotation_deg (3,) about the camera's axes; `focal_px`. `ray_rms_mm`,
-    `ray_max_mm`, `ray_max_px`: how far the rays of the volume's points have moved, pose and lens together. `point_mm`,
-    `length_mm`: the most that a point on the volume's surface, or a length between two of them, would be measured wrong
-    were this the only change; None where too few cameras see them.
+    `centre_mm` (3,) is in the first world, `rotation_deg` (3,) about the camera's axes, `focal_px` in px. `replaced`:
+    whether its serial number is another.
+
+    `ray_rms_mm`, `ray_max_mm`, `ray_max_px`: how far the rays of the volume's points have moved, pose and lens
+    together. `point_mm`, `length_mm`: the largest error of a point on the volume's surface, and of a length between two
+    such points, if nothing else had changed. They are None where too few cameras see them.
     """
 
     id: str
@@ -62,9 +64,11 @@ class CameraChange:
 class Comparison(ByValue):
     """Two calibrations brought together by `b_from_a` (a rigid motion where `metric`), worst camera first.
 
-    `scale_ppm`: how much longer the second measures, taken out unless `metric`. `point_mm`: how far a point
-    on the volume's surface is measured from where it was, at most; `length_mm` the largest change of a length between
-    two of them that are at least half the longest side apart, `of_length_mm` long.
+    `scale_ppm`: how much longer the second measures, taken out unless `metric`. `point_mm`: how far a point on the
+    volume's surface is measured from where it was, at most.
+
+    `length_mm`: the largest change of a length between two such points, `of_length_mm` long. They are at least half the
+    longest side apart.
     """
 
     metric: bool
@@ -82,8 +86,22 @@ class Comparison(ByValue):
 def compare(a: Rig, b: Rig, volume: ComparisonVolume) -> tuple[Comparison, Comparison]:
     """The comparison after the best similarity, and the metric one (no change of scale).
 
-    `a` is the earlier calibration; lengths are measured with `b` in images as `a` predicts them. InputError where the
-    two cannot be compared: fewer than two cameras in common that see the volume, or images of other sizes.
+    Lengths are measured with `b` in images as `a` predicts them.
+
+    Parameters
+    ----------
+    a
+        The earlier calibration.
+    b
+        The later one.
+    volume
+        Where they are compared, in the world of `a`.
+
+    Raises
+    ------
+    InputError
+        Where the two cannot be compared: fewer than two cameras in common that see the volume, or images of other
+        sizes.
     """
     pairs = common_cameras(a, b)
     points = volume.grid()
@@ -223,7 +241,12 @@ def _judged(changes: list[CameraChange]) -> list[CameraChange]:
 def seen_volume(rig: Rig) -> ComparisonVolume:
     """Where most cameras look: a cube around the point nearest to all optical axes, half as wide as it is far away.
 
-    For rigs whose points are not known. InputError for fewer than two cameras.
+    For rigs whose points are not known.
+
+    Raises
+    ------
+    InputError
+        For fewer than two cameras.
     """
     if len(rig.cameras) < 2:
         raise InputError(Phrase("error-no-volume"))

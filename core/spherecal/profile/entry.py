@@ -1,4 +1,4 @@
-"""One calibration in a profile: entry.json with what was known when it was saved, beside the files it vouches for."""
+"""One calibration in a profile: entry.json with what was known when it was saved, and hashes of the files beside it."""
 
 import hashlib
 from collections.abc import Mapping
@@ -196,17 +196,42 @@ def entry_bytes(entry: Entry) -> bytes:
 
 
 def read_entry(folder: Path) -> Entry:
-    """The entry in a folder of a profile's history; InputError where it is not as it was written."""
+    """The entry in a folder of a profile's history.
+
+    Raises
+    ------
+    InputError
+        Where it is not as it was written.
+    """
     return ENTRY.read(folder / ENTRY_FILE, below=folder)
 
 
 def sha256(path: Path) -> str:
-    """The SHA-256 of a file; InputError where it cannot be read, is a link or far too large."""
+    """The SHA-256 of a file.
+
+    Raises
+    ------
+    InputError
+        Where it cannot be read, is a link or far too large.
+    """
     return hashlib.sha256(read_below(path.parent, path.name, _MOST_BYTES)).hexdigest()
 
 
 def checked_rig(folder: Path, entry: Entry) -> Rig:
-    """The rig of an entry; InputError where its file is not the one that was saved."""
+    """The rig of an entry.
+
+    Parameters
+    ----------
+    folder
+        The entry's folder.
+    entry
+        The entry, with the hash of its rig.
+
+    Raises
+    ------
+    InputError
+        Where its file is not the one that was saved.
+    """
     path = folder / RIG_FILE
     if sha256(path) != entry.files[RIG_FILE]:
         raise InputError(Phrase("error-changed-since", {"file": path}))

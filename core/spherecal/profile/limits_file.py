@@ -59,11 +59,13 @@ Value = int | float | str | bool
 class Limits:
     """What somebody responsible allows; as made here, they are those that the program is delivered with.
 
-    `needed_dots`: dots that a camera should see at a placement; the demo's and rig A's cameras see 270 to 420, and a
+    `needed_dots`: dots that a camera should see at a placement. The demo's and rig A's cameras see 270 to 420; a
     quarter of that gives twice the standard deviation of everything that is estimated from it. The four of validity:
-    profile.validity. `verification_limit`: A + L/K of a new project's length errors, empty for none;
-    `verification_limit_open`: whether a project may have another. `unverified_use`: whether a calibration that was not
-    verified may be put to use, with a reason.
+    profile.validity.
+
+    `verification_limit`: A + L/K of a new project's length errors, empty for none. `verification_limit_open`: whether a
+    project may have another. `unverified_use`: whether a calibration that was not verified may be put to use, with a
+    reason.
     """
 
     needed_dots: int = 100
@@ -95,7 +97,13 @@ class Pin:
 
     @classmethod
     def of(cls, text: str) -> "Pin":
-        """Of a PIN that somebody has chosen; InputError where it is too short or too long."""
+        """The hash of a PIN that somebody has chosen, with a salt of its own.
+
+        Raises
+        ------
+        InputError
+            Where it is too short or too long.
+        """
         if not LEAST_PIN <= len(text) <= MOST_PIN:
             raise InputError(Phrase("error-pin-length", {"least": LEAST_PIN, "most": MOST_PIN, "found": len(text)}))
         salt = os.urandom(_SALT_BYTES)
@@ -225,7 +233,13 @@ def limits_path() -> Path:
 
 
 def read_limits(path: Path | None = None) -> KeptLimits:
-    """The limits kept on this machine, those delivered where there is no file; InputError where it is damaged."""
+    """The limits kept on this machine; those delivered where there is no file.
+
+    Raises
+    ------
+    InputError
+        Where the file is damaged.
+    """
     path = path or limits_path()
     try:
         path.lstat()
@@ -245,13 +259,32 @@ def limits_in_use(path: Path | None = None) -> tuple[Limits, str]:
 
 
 def changing_limits(path: Path) -> AbstractContextManager[None]:
-    """Hold the limits' file from reading to writing, so that no other program's change is lost; OutputError."""
+    """Hold the limits' file from reading to writing, so that no other program's change is lost.
+
+    Raises
+    ------
+    OutputError
+        Where its folder cannot be made, or another program holds the file too long.
+    """
     make_parent(path, Phrase("error-set-limits"))
     return locked(path)
 
 
 def write_limits(kept: KeptLimits, path: Path | None = None) -> None:
-    """Write the file whole; OutputError where that fails."""
+    """Write the file whole, with the last 500 changes.
+
+    Parameters
+    ----------
+    kept
+        Limits, lock and changes.
+    path
+        The file; None: that of `limits_path`.
+
+    Raises
+    ------
+    OutputError
+        Where the file cannot be written.
+    """
     path = path or limits_path()
     kept = replace(kept, changes=kept.changes[-_KEPT_CHANGES:])
     make_parent(path, Phrase("error-set-limits"))
@@ -259,14 +292,38 @@ def write_limits(kept: KeptLimits, path: Path | None = None) -> None:
 
 
 def with_limits(kept: KeptLimits, limits: Limits, by: str, now: datetime | None = None) -> KeptLimits:
-    """Other limits, each that differs noted with who, when and what."""
+    """Other limits in place of those kept, each that differs noted with who, when and what.
+
+    Parameters
+    ----------
+    kept
+        What the file holds.
+    limits
+        The new limits.
+    by
+        Who changes them.
+    now
+        When; None: now.
+    """
     pairs = [(name, getattr(kept.limits, name), getattr(limits, name)) for name in NAMES]
     news = tuple(LimitChange(_moment(now), by, name, before, after) for name, before, after in pairs if before != after)
     return replace(kept, limits=limits, changes=kept.changes + news)
 
 
 def with_pin(kept: KeptLimits, pin: Pin | None, by: str, now: datetime | None = None) -> KeptLimits:
-    """With this PIN, or without one; noted as well."""
+    """What is kept with another PIN or without one; the change is noted as well.
+
+    Parameters
+    ----------
+    kept
+        What the file holds.
+    pin
+        The new PIN; None: no lock.
+    by
+        Who changes it.
+    now
+        When; None: now.
+    """
     change = LimitChange(_moment(now), by, "pin-removed" if pin is None else "pin-set")
     return replace(kept, pin=pin, changes=(*kept.changes, change))
 

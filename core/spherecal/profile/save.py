@@ -40,14 +40,41 @@ class SaveOptions:
 
 
 def save_result(profile: Profile, result: Path, options: SaveOptions | None = None) -> str:
-    """Add a result folder to a profile's history; the new calibration's id. Errors as `prepare` and `add_entry`."""
+    """Add a result folder to a profile's history; the new calibration's id.
+
+    Parameters
+    ----------
+    profile
+        The profile.
+    result
+        The result folder.
+    options
+        What the result folder does not say; None: nothing.
+
+    Raises
+    ------
+    InputError
+        As `prepare`.
+    OutputError
+        As `add_entry`.
+    """
     return add_entry(profile, *prepare(result, options))
 
 
 def prepare(result: Path, options: SaveOptions | None = None) -> tuple[Entry, dict[str, bytes]]:
     """The entry and the files of a result folder, as a profile keeps them.
 
-    InputError where the result, the session or the settings cannot be used or do not belong together.
+    Parameters
+    ----------
+    result
+        The result folder.
+    options
+        What it does not say; None: nothing.
+
+    Raises
+    ------
+    InputError
+        Where the result, the session or the settings cannot be used or do not belong together.
     """
     o = options or SaveOptions()
     rig_path = result / RIG_FILE
@@ -164,7 +191,15 @@ def _verification(path: Path) -> tuple[str | None, float | None, float | None]:
 
 
 def points_box(path: Path) -> tuple[tuple[float, ...], tuple[float, ...]] | None:
-    """The box that holds 98 % of the points along each axis: a wrong point must not blow it up."""
+    """The box that holds 98 % of the points along each axis: its low and high corner (3,), mm.
+
+    The rest is left out so that a wrong point cannot enlarge it. None where there is no such file, or no point in it.
+
+    Raises
+    ------
+    InputError
+        Where the file is broken.
+    """
     if not path.is_file():
         return None
     table = read_csv(path, POINT_COLUMNS)

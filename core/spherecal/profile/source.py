@@ -25,7 +25,13 @@ class Source:
 
 
 def read_source(path: Path) -> Source:
-    """The rig at `path`: of a profile the one in use; InputError where there is none."""
+    """The rig at `path`: of a profile the one in use.
+
+    Raises
+    ------
+    InputError
+        Where there is none.
+    """
     if path.is_dir() and is_profile(path):
         profile = open_profile(path)
         rig = profile.rig()
@@ -49,7 +55,10 @@ def points_file(path: Path) -> Path:
 
 
 def corners_beside(path: Path) -> tuple[FloatArray, FloatArray] | None:
-    """The lowest and highest corner (3,) of the points beside a rig.json, or in a result folder; None without them."""
+    """The lowest and highest corner (3,), mm, of the points beside a rig.json or in a result folder; None without them.
+
+    Wrong points are cut off: see `points_box`.
+    """
     box = points_box((path if path.is_dir() else path.parent) / "points.csv")
     return None if box is None else (np.array(box[0]), np.array(box[1]))
 
@@ -67,5 +76,5 @@ def entry_volume(entry: Entry | None) -> ComparisonVolume | None:
 
 
 def volume_of(source: Source) -> ComparisonVolume:
-    """The box of the points, else where most cameras look."""
+    """The box of a source's points; where it is not known, where most cameras look."""
     return source.volume or seen_volume(source.rig)

@@ -84,7 +84,15 @@ class Profile:
         return self.entries.get(self.active_id or "")
 
     def validity(self, temperature_c: float | None = None, now: datetime | None = None) -> Validity:
-        """The chip: how far the calibration in use may be trusted now, at this temperature of the rig."""
+        """How far the calibration in use may be trusted now, at this temperature of the rig.
+
+        Parameters
+        ----------
+        temperature_c
+            The rig's temperature, degrees Celsius; None: not known.
+        now
+            The time to judge at; None: now.
+        """
         if self.active_id is not None and self.active is None:
             return Validity("none", (f"calibration {self.active_id}, which is in use, cannot be read",))
         return validity(self.active, self.limits, now, temperature_c, last_check(self.folder, self.active_id))
@@ -96,14 +104,26 @@ class Profile:
         return next((one for one in reversed(earlier) if one in self.entries and self.entries[one].valid), None)
 
     def rig(self, calibration: str | None = None) -> Rig:
-        """The rig of a calibration, else of the one in use; InputError where there is none or its file was changed."""
+        """The rig of a calibration; without an id of the one in use.
+
+        Raises
+        ------
+        InputError
+            Where there is none, or its file was changed.
+        """
         chosen = calibration or self.active_id
         if chosen is None:
             raise InputError(Phrase("error-none-in-use", {"folder": self.folder}))
         return checked_rig(self.path_of(chosen), self.entry(chosen))
 
     def entry(self, calibration: str) -> Entry:
-        """The entry of this id; InputError lists those there are."""
+        """The entry of this id.
+
+        Raises
+        ------
+        InputError
+            Where there is none; lists those there are.
+        """
         if calibration not in self.entries:
             raise InputError(
                 Phrase(
@@ -184,7 +204,13 @@ def is_profile(folder: Path) -> bool:
 
 
 def open_profile(folder: Path) -> Profile:
-    """The profile in a folder, checked; InputError where profile.json is not as it was written."""
+    """The profile in a folder, checked.
+
+    Raises
+    ------
+    InputError
+        Where profile.json is not as it was written.
+    """
     if not is_profile(folder):
         raise InputError(Phrase("error-no-profile", {"folder": folder}))
     kept = PROFILE.read(folder / PROFILE_FILE, below=folder)
@@ -219,7 +245,24 @@ def _number(path: Path) -> tuple[int, str]:
 
 
 def create_profile(folder: Path, name: str | None = None, limits: ValidityLimits | None = None) -> Profile:
-    """Make an empty profile in a new or empty folder, or open the one that is there; OutputError for other folders."""
+    """Make an empty profile in a new or empty folder, or open the one that is there.
+
+    Parameters
+    ----------
+    folder
+        The profile's folder.
+    name
+        The rig's name; None: the folder's.
+    limits
+        When calibrations age; None: those delivered. Name and limits of a profile that is there stay.
+
+    Raises
+    ------
+    InputError
+        Where the name cannot be one, or the profile that is there is broken.
+    OutputError
+        For folders with other contents, and where it cannot be written.
+    """
     if is_profile(folder):
         return open_profile(folder)
     called = name or Path(os.path.abspath(folder)).name
@@ -242,7 +285,15 @@ def create_profile(folder: Path, name: str | None = None, limits: ValidityLimits
 
 
 def set_limits(folder: Path, **given: float) -> Profile:
-    """Change limits of the validity of a profile's calibrations; the others stay."""
+    """Change limits of the validity of a profile's calibrations; the others stay.
+
+    Raises
+    ------
+    InputError
+        Where a limit is negative, or one of ageing is above that of stale.
+    OutputError
+        Where the profile cannot be written.
+    """
     with locked(folder / PROFILE_FILE):
         profile = open_profile(folder)
         write_profile(replace(profile, limits=replace(profile.limits, **given)))
@@ -255,7 +306,22 @@ def write_profile(profile: Profile) -> None:
 
 
 def add_entry(profile: Profile, entry: Entry, files: dict[str, bytes]) -> str:
-    """Add a calibration to the history, whole or not at all; its id. The one in use stays in use."""
+    """Add a calibration to the history, whole or not at all; its id. The one in use stays in use.
+
+    Parameters
+    ----------
+    profile
+        The profile.
+    entry
+        What is known of the calibration; the hashes of its files are filled in.
+    files
+        Contents of the files beside it, by name.
+
+    Raises
+    ------
+    OutputError
+        Where it cannot be written.
+    """
     root = profile.folder
     new = f"{HISTORY}/.{secrets.token_hex(6)}{PARTIAL}"
     hashes = {name: hashlib.sha256(data).hexdigest() for name, data in files.items()}
@@ -301,8 +367,24 @@ def _sweep(history: Path) -> None:
 def apply(profile: Profile, calibration: str, note: str = "", despite_findings: bool = False) -> Profile:
     """Put a calibration to use: from one moment to the next, and rig.json becomes a copy of its rig.
 
-    InputError where its file was changed, it is not valid and `despite_findings` is not given, or it is to be used
-    with care and `note` does not say why that may be.
+    Parameters
+    ----------
+    profile
+        The profile.
+    calibration
+        Its id.
+    note
+        Why it is put to use; needed where it is to be used with care.
+    despite_findings
+        Whether it may be one that is not valid.
+
+    Raises
+    ------
+    InputError
+        Where its file was changed, or it is not valid and `despite_findings` is not given. Also where it is to be used
+        with care and `note` does not say why that may be.
+    OutputError
+        Where the profile cannot be written.
     """
     with locked(profile.folder / PROFILE_FILE):  # what others have put to use meanwhile is not lost
         return _apply(open_profile(profile.folder), calibration, note, despite_findings)
@@ -325,7 +407,24 @@ def _apply(profile: Profile, calibration: str, note: str, despite_findings: bool
 
 
 def restore(profile: Profile, calibration: str | None = None, note: str = "") -> Profile:
-    """Put an earlier calibration back to use: the last good one, or the one named; InputError where there is none."""
+    """Put an earlier calibration back to use: the last good one, or the one named.
+
+    Parameters
+    ----------
+    profile
+        The profile.
+    calibration
+        Its id; it need not be valid. None: the last valid one that was in use before.
+    note
+        Why; empty: "restored".
+
+    Raises
+    ------
+    InputError
+        Where there is none, or its file was changed.
+    OutputError
+        Where the profile cannot be written.
+    """
     chosen = calibration or profile.last_good_id
     if chosen is None:
         raise InputError(Phrase("error-nothing-to-restore", {"folder": profile.folder}))
@@ -333,7 +432,10 @@ def restore(profile: Profile, calibration: str | None = None, note: str = "") ->
 
 
 def copy_is_right(profile: Profile) -> bool:
-    """Whether rig.json is the copy of the rig in use that it should be; a crash or a stranger may have left another."""
+    """Whether rig.json is the copy of the rig in use that it should be.
+
+    A crash or somebody else may have left another.
+    """
     active = profile.active
     if active is None:
         return True
@@ -344,7 +446,15 @@ def copy_is_right(profile: Profile) -> bool:
 
 
 def heal(profile: Profile) -> None:
-    """Make rig.json the copy of the rig in use; InputError where that was changed, OutputError where it cannot be."""
+    """Make rig.json the copy of the rig in use.
+
+    Raises
+    ------
+    InputError
+        Where the rig in use was changed.
+    OutputError
+        Where the copy cannot be written.
+    """
     if profile.active_id is None or profile.active is None or copy_is_right(profile):
         return
     data = read_below(profile.folder, f"{HISTORY}/{profile.active_id}/{RIG_FILE}", _MOST_BYTES)

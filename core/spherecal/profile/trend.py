@@ -54,8 +54,8 @@ class TrendSeries:
 class Trend:
     """A profile's history: ids and times, series of the rig, and one for each camera, NaN where it is missing.
 
-    Of calibrations a camera's series is the rms shift of its rays in the volume against the first, of checks the shift
-    of a point by its move against the calibration then in use; both in mm. `verdicts` are those of checks.
+    A camera's series is in mm. Of calibrations it is the rms shift of its rays in the volume against the first one. Of
+    checks it is the shift of a point by its move against the calibration then in use. `verdicts` are those of checks.
     """
 
     profile: str
@@ -68,7 +68,13 @@ class Trend:
 
 
 def make_trend(profile: Profile) -> Trend:
-    """The trend of all calibrations that are valid and can be read; InputError for fewer than two."""
+    """The trend of all calibrations that are valid and can be read.
+
+    Raises
+    ------
+    InputError
+        For fewer than two, and where two cannot be compared.
+    """
     ids = tuple(key for key, entry in profile.entries.items() if entry.valid)
     if len(ids) < 2:
         raise InputError(Phrase("error-trend-calibrations", {"folder": profile.folder, "found": len(ids)}))
@@ -91,7 +97,13 @@ def make_trend(profile: Profile) -> Trend:
 
 
 def make_check_trend(profile: Profile) -> Trend:
-    """The trend of the quick checks kept in the profile; InputError for fewer than two."""
+    """The trend of the quick checks kept in the profile.
+
+    Raises
+    ------
+    InputError
+        For fewer than two.
+    """
     checks, _ = read_checks(profile.folder)
     if len(checks) < 2:
         raise InputError(Phrase("error-trend-checks", {"folder": profile.folder, "found": len(checks)}))
@@ -130,7 +142,11 @@ def _series(name: str, unit: str, values: Sequence[float], least: float = -np.in
 
 
 def control_limits(values: FloatArray) -> ControlLimits | None:
-    """Median and limits of a chart of single values (n,), NaN left out; None for fewer than four, or no spread."""
+    """Median and limits of a chart of single values (n,), NaN left out; None for fewer than four, or no spread.
+
+    The limits are the median +- 3 sd with sd = median moving range / 0.954 (D. J. Wheeler, Understanding Statistical
+    Process Control).
+    """
     finite = values[np.isfinite(values)]
     if len(finite) < _LEAST_VALUES:
         return None

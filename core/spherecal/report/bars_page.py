@@ -20,7 +20,15 @@ _EXPANDED = 2.0  # where the decision states no coverage factor
 
 
 def add_bars_pages(document: Document, result: Result) -> None:
-    """The verification with reference bars; nothing where there was none."""
+    """The verification with reference bars; nothing where there was none.
+
+    Parameters
+    ----------
+    document
+        The report's pages.
+    result
+        The result.
+    """
     bars = result.bars
     if bars is None:
         return
@@ -61,7 +69,17 @@ def ordered_lengths(bars: BarReport) -> list[tuple[str, str, str]]:
 
 
 def draw_errors(sheet: Sheet, box: PageBox, bars: BarReport, keys: list[tuple[str, str, str]]) -> None:
-    """Each measured length as a mark with its uncertainty, by certified length; the mean beside them."""
+    """Each measured length as a mark with its uncertainty, by certified length; the mean beside them.
+
+    Parameters
+    ----------
+    sheet, box
+        The page, and the place on it.
+    bars
+        The verification.
+    keys
+        The certified lengths to show, as (bar, start, end), from left to right.
+    """
     k = bars.coverage_factor or _EXPANDED
     axes = sheet.axes(box.inset(15.0, 7.0, 0.0, 12.0))
     axes.axhline(0, color=INK, linewidth=0.8)

@@ -19,7 +19,7 @@ VERSION = 1
 
 @dataclass(frozen=True)
 class Verdict:
-    """A verdict: of what, its word, colour, sentence."""
+    """A verdict: what it is on, its word, colour and sentence."""
 
     title: str
     word: str
@@ -29,7 +29,11 @@ class Verdict:
 
 @dataclass(frozen=True)
 class Content:
-    """The report's content, verdicts first."""
+    """The report's content, verdicts first.
+
+    Each of the key figures has value, unit, name and note as printed. Findings are as rig.json has them, in the
+    report's language.
+    """
 
     verdicts: tuple[Verdict, ...]
     figures: tuple[tuple[str, str, str, str], ...]
@@ -60,7 +64,15 @@ def _entry(finding: Finding) -> dict[str, Any]:
 
 
 def content_json(content: Content, result: Result) -> dict[str, Any]:
-    """The report as data: verdicts, key figures, findings, and every table with its numbers as printed."""
+    """The report as data: verdicts, key figures, findings, and every table with its numbers as printed.
+
+    Parameters
+    ----------
+    content
+        What the report says.
+    result
+        The result, for the fingerprint of its input.
+    """
     return {
         "format": FORMAT,
         "version": VERSION,

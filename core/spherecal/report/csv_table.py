@@ -15,7 +15,10 @@ _MOST_BYTES = 128 << 20  # two million residuals
 
 @dataclass(frozen=True)
 class CsvTable:
-    """The cells of a table by column name, all columns of one length."""
+    """The cells of a table by column name, all columns of one length.
+
+    Its methods return checked columns or raise InputError, which names file, line and column.
+    """
 
     path: Path
     columns: dict[str, list[str]]
@@ -24,13 +27,23 @@ class CsvTable:
         return len(next(iter(self.columns.values())))
 
     def error(self, row: int, column: str, problem: Phrase) -> InputError:
-        """An InputError about one cell, to be raised by the caller."""
+        """An InputError about one cell, to be raised by the caller.
+
+        Parameters
+        ----------
+        row
+            The row, from 0 without the heading.
+        column
+            The column's name.
+        problem
+            What is wrong with the cell.
+        """
         cell = printable(self.columns[column][row])
         values = {"file": self.path, "line": row + 2, "column": column, "field": cell, "problem": problem}
         return InputError(Phrase("error-in-table", values))
 
     def names(self, column: str) -> list[str]:
-        """A column of names."""
+        """A column of names; none may be empty or hold commas or quotation marks."""
         cells = self.columns[column]
         for cell in dict.fromkeys(cells):
             if problem := name_problem(cell):
@@ -38,7 +51,15 @@ class CsvTable:
         return cells
 
     def numbers(self, column: str, may_be_empty: bool = False) -> FloatArray:
-        """A column of finite numbers; NaN where a cell is empty, if it may be."""
+        """A column of finite numbers; NaN where a cell is empty, if it may be.
+
+        Parameters
+        ----------
+        column
+            The column's name.
+        may_be_empty
+            Whether a cell may be empty.
+        """
         cells = self.columns[column]
         values = np.empty(len(cells))
         for row, cell in enumerate(cells):
@@ -55,7 +76,15 @@ class CsvTable:
         return value
 
     def lengths(self, column: str, may_be_empty: bool = False) -> FloatArray:
-        """A column of finite numbers none of which is negative."""
+        """A column of finite numbers none of which is negative; NaN where a cell is empty, if it may be.
+
+        Parameters
+        ----------
+        column
+            The column's name.
+        may_be_empty
+            Whether a cell may be empty.
+        """
         values = self.numbers(column, may_be_empty)
         if (values < 0).any():
             raise self.error(int(np.argmax(values < 0)), column, Phrase("problem-negative"))
@@ -79,7 +108,20 @@ class CsvTable:
 
 
 def read_csv(path: Path, header: str) -> CsvTable:
-    """The table in a file with exactly this header; InputError for anything else."""
+    """The table in a file with exactly this header.
+
+    Parameters
+    ----------
+    path
+        The file.
+    header
+        Its first line.
+
+    Raises
+    ------
+    InputError
+        For another header, and for a line with another number of cells.
+    """
     data = read_bytes(path, _MOST_BYTES)
     check_lines(path, data)
     lines = decode(path, data).replace("\r\n", "\n").removesuffix("\n").split("\n")

@@ -60,7 +60,13 @@ class Issuer:
 
 
 def read_issuer(path: Path) -> Issuer:
-    """The statements in a file; InputError names what is missing."""
+    """The statements in a file.
+
+    Raises
+    ------
+    InputError
+        Names what is missing.
+    """
     return ISSUER.read(path)
 
 
@@ -111,7 +117,22 @@ ISSUER = Format(
 
 
 def dcc_bytes(result: Result, issuer: Issuer) -> bytes:
-    """The certificate as XML, the same bytes for the same result and issuer. InputError without camera or scale."""
+    """The certificate as XML; the same result and issuer give the same bytes.
+
+    Source: the published schema of DCC 3.2.1.
+
+    Parameters
+    ----------
+    result
+        The result.
+    issuer
+        Who issues the certificate, to whom, when and where.
+
+    Raises
+    ------
+    InputError
+        Where no camera is placed, lengths have no scale, or the measurement ends before it begins.
+    """
     if not result.rig.cameras or not result.has_scale:
         raise InputError(Phrase("error-certificate-needs", {"folder": result.folder}))
     for prefix, name in (("dcc", DCC), ("si", SI), ("xsi", XSI)):
@@ -141,7 +162,10 @@ def _add(parent: Xml.Element, name: str, text: str | None = None, **attributes: 
 
 
 def clean(text: str) -> str:
-    """Text without what XML 1.0 forbids, spaces single: the schema's texts are not empty and end in no space."""
+    """Text without what XML 1.0 forbids, with single spaces; "-" where nothing is left.
+
+    The schema's texts are not empty and end in no space.
+    """
     kept = "".join(c if c >= " " and not 0xD800 <= ord(c) <= 0xDFFF and c not in "\ufffe\uffff" else " " for c in text)
     return " ".join(kept.split()) or "-"
 
@@ -194,7 +218,7 @@ def _dates(result: Result, issuer: Issuer) -> tuple[date, date]:
 
 
 def fingerprint(result: Result) -> str:
-    """A number for a certificate that was given none: from the files it vouches for."""
+    """A number for a certificate that was given none: from the files that it certifies."""
     table = hashlib.sha256()
     for name in ("rig.json", "verification.json"):
         path = result.folder / name
@@ -319,7 +343,7 @@ def _si(parent: Xml.Element, name: str, text: str) -> None:
 
 
 def decimal(value: float) -> str:
-    """A number as D-SI has it: a decimal point, no exponent."""
+    """A number as D-SI has it: with a decimal point and without an exponent."""
     text = np.format_float_positional(value, unique=True, trim="0")
     return "0.0" if not text.strip("-0.") else text
 

@@ -40,22 +40,22 @@ class Document:
 
     @property
     def left(self) -> float:
-        """Where lines begin."""
+        """Where lines begin, mm from the left."""
         return _LEFT
 
     @property
     def width(self) -> float:
-        """The width of the text."""
+        """The width of the text, mm."""
         return self.size[0] - _LEFT - _RIGHT
 
     @property
     def bottom(self) -> float:
-        """Where the text ends."""
+        """Where the text ends, mm from the top."""
         return self.size[1] - _FOOT
 
     @property
     def room(self) -> float:
-        """The height of the text of a whole page."""
+        """The height of the text of a whole page, mm."""
         return self.bottom - _TOP
 
     @property
@@ -75,14 +75,24 @@ class Document:
             self.sheet.text(self.size[0] / 2, 12.0, self.notice, BODY_PT, bold=True, colour=BAD, align="center")
 
     def need(self, height: float) -> bool:
-        """Begin a page if there is not so much room on this one; whether it was begun."""
+        """Begin a page if there is less room than `height` mm on this one; whether it was begun."""
         if self.sheets and self.y + height <= self.bottom:
             return False
         self.new_page()
         return True
 
     def begin_section(self, name: str, needed: float = 60.0, new_page: bool = True) -> None:
-        """A section with its heading, on a new page or where there is room for it and `needed` mm more."""
+        """A section with its heading, on a new page or where there is room for it and `needed` mm more.
+
+        Parameters
+        ----------
+        name
+            The heading.
+        needed
+            Room below the heading, mm, without which a page is begun.
+        new_page
+            Whether to begin a page in any case.
+        """
         self.section = name
         if new_page:
             self.new_page()
@@ -96,7 +106,19 @@ class Document:
         self.y += 2.0
 
     def paragraph(self, text: str, size_pt: float = BODY_PT, colour: str = INK, after: float = 1.5) -> None:
-        """A paragraph over the width of the page."""
+        """A paragraph over the width of the page.
+
+        Parameters
+        ----------
+        text
+            The text.
+        size_pt
+            Size of the type, pt.
+        colour
+            Its colour.
+        after
+            Room below it, mm.
+        """
         for line in wrap(text, self.width, size_pt):
             self.need(leading(size_pt))
             self.y += leading(size_pt)
@@ -108,14 +130,24 @@ class Document:
         self.paragraph(text, SMALL_PT, SOFT)
 
     def box(self, height: float) -> PageBox:
-        """Room of this height on a page; it is taken."""
+        """Room of this height, mm, on a page; it is taken."""
         self.need(height)
         taken = PageBox(_LEFT, self.y, self.width, height)
         self.y += height
         return taken
 
     def table(self, columns: Sequence[Column], rows: Sequence[Sequence[Cell]], size_pt: float = SMALL_PT) -> None:
-        """A table as wide as the text, over as many pages as it takes, its head repeated; shaded every second row."""
+        """A table as wide as the text, over as many pages as it takes, its head repeated; shaded every second row.
+
+        Parameters
+        ----------
+        columns
+            The columns; their widths are in proportion, since the table is as wide as the text.
+        rows
+            The cells of each row.
+        size_pt
+            Size of the type, pt.
+        """
         stretch = self.width / sum(column.width for column in columns)
         columns = [replace(column, width=column.width * stretch) for column in columns]
         height = leading(size_pt) + 0.9
@@ -162,14 +194,28 @@ class Document:
         draw: Callable[[Sheet, PageBox, str], None],
         gap: float = 4.0,
     ) -> None:
-        """One panel for each name, `columns` in a row, each `height` mm high, over as many pages as it takes."""
+        """One panel for each name, `columns` in a row, each `height` mm high, over as many pages as it takes.
+
+        Parameters
+        ----------
+        names
+            What the panels show.
+        columns
+            Panels in a row.
+        height
+            Height of a panel, mm.
+        draw
+            Draws the panel of a name: takes the page, the place on it, the name.
+        gap
+            Room between panels, mm.
+        """
         for start in range(0, len(names), columns):
             row = self.box(height + gap)
             for box, name in zip(row.inset(0, bottom=gap).grid(1, columns, gap), names[start:], strict=False):
                 draw(self.sheet, box, name)
 
     def pdf(self) -> bytes:
-        """The whole as a PDF; the same pages give the same bytes."""
+        """The whole as the bytes of a PDF; the same pages give the same bytes."""
         buffer = io.BytesIO()
         pages = len(self.sheets)
         metadata = {"Title": self.title, "Creator": None, "CreationDate": None}

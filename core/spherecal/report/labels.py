@@ -16,7 +16,10 @@ _APART_MM = 0.3  # between names
 
 
 class Labels:
-    """Puts names into axes whose unit is `mm_per_unit` on paper; names avoid each other and the places given."""
+    """Puts names into axes whose unit is `mm_per_unit` on paper; names avoid each other and the places given.
+
+    Places and bounds are in the axes' unit.
+    """
 
     def __init__(self, axes: Axes, mm_per_unit: float, obstacles: FloatArray, bounds: FloatArray) -> None:
         self._axes, self._mm = axes, mm_per_unit
@@ -42,9 +45,26 @@ class Labels:
         gap_mm: float = 1.2,
         always: bool = True,
     ) -> None:
-        """A name near a place: on the side of `outwards` if there is room, else where it covers least.
+        """A name near a place: on the side of `outwards` if there is room, otherwise where it covers least.
 
-        Unless it must be there `always`, a name that would cover another is left out.
+        Parameters
+        ----------
+        place
+            The place (2,) in the axes' unit.
+        text
+            The name.
+        outwards
+            The preferred direction (2,), of any length; 0 is upwards.
+        size_pt
+            Size of the type, pt.
+        colour
+            Its colour.
+        bold
+            Whether it is bold.
+        gap_mm
+            From the place to the name, mm on paper.
+        always
+            Whether it must be there; if not, a name that would cover another is left out.
         """
         half = np.array([text_width(text, size_pt, bold), size_pt * MM_PER_PT * 0.9]) / 2
         best, best_cost = place * self._mm, np.inf

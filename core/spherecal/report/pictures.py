@@ -24,7 +24,23 @@ _MOST_PANELS = 12
 def save_pictures(result_folder: Path, folder: Path, session_folder: Path | None = None) -> tuple[Path, ...]:
     """Write rig.png, residuals.png, bars.png, detection.png and lengths.png, as far as the result has what they show.
 
-    Returns the files written; errors as `write_report`. The folder is made where it is missing.
+    Returns the files written. The folder is made where it is missing.
+
+    Parameters
+    ----------
+    result_folder
+        The result.
+    folder
+        Where the pictures are written.
+    session_folder
+        The session, for an image; None: it is looked for beside the result.
+
+    Raises
+    ------
+    InputError
+        For a folder or file that cannot be used as it is.
+    OutputError
+        Where a picture cannot be written.
     """
     result = read_result(result_folder)
     detections = choose_detections(result, find_session(result, session_folder), most=1)

@@ -55,7 +55,7 @@ class Residuals:
 
     @cached_property
     def rows_of(self) -> dict[str, IntArray]:
-        """The rows of each camera."""
+        """The rows of each camera, by its id."""
         rows: dict[str, list[int]] = {}
         for row, camera in enumerate(self.camera):
             rows.setdefault(camera, []).append(row)
@@ -91,7 +91,13 @@ class Result:
 
 
 def read_result(folder: Path) -> Result:
-    """Read a result folder; InputError names the file that is missing, broken or does not fit the others."""
+    """Read a result folder.
+
+    Raises
+    ------
+    InputError
+        Names the file that is missing, broken or does not fit the others.
+    """
     if not folder.is_dir():
         raise InputError(Phrase("error-no-result-folder", {"folder": folder}))
     return read_unchanged(folder, _read_result)

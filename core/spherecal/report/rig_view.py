@@ -51,7 +51,7 @@ class DrawnRig:
         return camera.centre + 1.3 * self.frustum * camera.axes
 
     def extent(self, view: "Projection") -> tuple[FloatArray, FloatArray]:
-        """Least and largest place of all that is shown, (2,) each."""
+        """Least and largest place in a view of all that is shown, (2,) each."""
         parts = [np.vstack([c.centre, c.corners]) for c in self.cameras] + [p.targets for p in self.placements]
         parts += [self.axis_tips(c) for c in self.cameras if c.id == self.reference]
         flat = [view.flat(part) for part in parts if len(part)]
@@ -122,6 +122,24 @@ def choose_axes(cameras: tuple[RigCamera, ...], centres: FloatArray, points: Flo
 
     Cameras that look roughly one way look down: the height is opposite to their mean view direction. Where they look
     all around, it is the normal of the plane of the cameras' places, with the sides of the images' tops as up.
+
+    Parameters
+    ----------
+    cameras
+        The cameras, at least one.
+    centres
+        Their centres (c, 3) in the world.
+    points
+        Points found (n, 3), which decide the sides where all cameras are in one place.
+
+    Parameters
+    ----------
+    cameras
+        The cameras, at least one.
+    centres
+        Their centres (c, 3) in the world.
+    points
+        Points found (n, 3), which decide the sides where all cameras are in one place.
     """
     views = np.array([camera.rotation[2] for camera in cameras])
     ups = np.array([-camera.rotation[1] for camera in cameras])
@@ -158,7 +176,7 @@ def _unit(vector: FloatArray, otherwise: FloatArray) -> FloatArray:
 
 
 def _shape(camera: RigCamera, axes: FloatArray, middle: FloatArray, depth: float) -> CameraShape:
-    """The frustum's corners lie where the corners of the image look at, without the lens's distortion."""
+    """The frustum's corners are where the corners of the image look at, without the lens's distortion."""
     width, height = camera.image_size
     fu, fv, u0, v0 = camera.intrinsics[:4]
     u, v = np.array([-0.5, width - 0.5, width - 0.5, -0.5]), np.array([-0.5, -0.5, height - 0.5, height - 0.5])

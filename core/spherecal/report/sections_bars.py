@@ -70,7 +70,15 @@ def verdict_word(verdict: str) -> str:
 
 
 def name_of(bar: str, start: str, end: str) -> str:
-    """A certified length's name."""
+    """A certified length's name: bar and both marks.
+
+    Parameters
+    ----------
+    bar
+        The bar's id.
+    start, end
+        Its marks.
+    """
     return f"{bar} {start}{TO}{end}"
 
 
@@ -118,7 +126,7 @@ def _statistics(bars: BarReport) -> Section:
 
 
 def doubts_in_words(acceptance: AcceptanceReport) -> str:
-    """What speaks against the means of proof."""
+    """What casts doubt on a pass, in words."""
     return ", ".join(word(_DOUBTS, code) for code in acceptance.doubts)
 
 

@@ -24,7 +24,17 @@ Align = Literal["left", "center", "right"]
 
 
 def text_width(text: str, size_pt: float, bold: bool = False) -> float:
-    """The width of a line of text in millimetres."""
+    """The width of a line of text in millimetres.
+
+    Parameters
+    ----------
+    text
+        The text.
+    size_pt
+        Size of the type, pt.
+    bold
+        Whether it is bold.
+    """
     prop = FontProperties(size=size_pt, weight="bold" if bold else "normal")
     return text_to_path.get_text_width_height_descent(text, prop, ismath=False)[0] * MM_PER_PT if text else 0.0
 
@@ -37,7 +47,19 @@ _WORD = re.compile(rf"[{_BEGINS}]*[{_CHINESE}][{_ENDS}]*|(?:(?![{_CHINESE}{_BEGI
 
 
 def wrap(text: str, width_mm: float, size_pt: float, bold: bool = False) -> list[str]:
-    """The text in lines of at most this width; a word too long for a line is cut."""
+    """The text in lines of at most this width; a word too long for a line is cut.
+
+    Parameters
+    ----------
+    text
+        The text.
+    width_mm
+        Width of a line, mm.
+    size_pt
+        Size of the type, pt.
+    bold
+        Whether it is bold.
+    """
     lines: list[str] = []
     line, gap = "", ""
     for word in _WORD.findall(text):
@@ -66,7 +88,19 @@ def _cut(word: str, width_mm: float, size_pt: float, bold: bool) -> list[str]:
 
 
 def shortened(text: str, width_mm: float, size_pt: float, bold: bool = False) -> str:
-    """The text, or its beginning and an ellipsis, within this width."""
+    """The text, or its beginning and an ellipsis, within this width.
+
+    Parameters
+    ----------
+    text
+        The text.
+    width_mm
+        The width, mm.
+    size_pt
+        Size of the type, pt.
+    bold
+        Whether it is bold.
+    """
     if text_width(text, size_pt, bold) <= width_mm:
         return text
     most = bisect_right(range(len(text)), width_mm, key=lambda n: text_width(text[:n] + "…", size_pt, bold)) - 1
@@ -83,11 +117,25 @@ class PageBox:
     height: float
 
     def inset(self, left: float, top: float = 0.0, right: float = 0.0, bottom: float = 0.0) -> "PageBox":
-        """A smaller box inside this one."""
+        """A smaller box inside this one.
+
+        Parameters
+        ----------
+        left, top, right, bottom
+            Room between their sides, mm.
+        """
         return PageBox(self.x + left, self.y + top, self.width - left - right, self.height - top - bottom)
 
     def grid(self, rows: int, columns: int, gap: float = 4.0) -> list["PageBox"]:
-        """Equal boxes row by row with gaps between them."""
+        """Equal boxes row by row with gaps between them.
+
+        Parameters
+        ----------
+        rows, columns
+            How many boxes.
+        gap
+            Between them, mm.
+        """
         width = (self.width - gap * (columns - 1)) / columns
         height = (self.height - gap * (rows - 1)) / rows
         return [
@@ -114,7 +162,23 @@ class Sheet:
         colour: str = INK,
         align: Align = "left",
     ) -> None:
-        """A line of text with its base line at y; dollars are dollars."""
+        """A line of text with its base line at y; dollars are dollars.
+
+        Parameters
+        ----------
+        x, y
+            Where it begins, mm; with another `align` where its middle or its end is.
+        text
+            The text.
+        size_pt
+            Size of the type, pt.
+        bold
+            Whether it is bold.
+        colour
+            Its colour.
+        align
+            Which part of it is at x.
+        """
         self.figure.add_artist(
             Text(
                 x / self.width,
@@ -131,19 +195,51 @@ class Sheet:
         )
 
     def lines(self, x: float, y: float, lines: Sequence[str], size_pt: float = BODY_PT, colour: str = INK) -> float:
-        """Lines of text below each other, the first with its base line at y; where the next base line would be."""
+        """Lines of text below each other, the first with its base line at y; where the next base line would be.
+
+        Parameters
+        ----------
+        x, y
+            Where the first line begins, mm.
+        lines
+            The lines.
+        size_pt
+            Size of the type, pt.
+        colour
+            Its colour.
+        """
         for line in lines:
             self.text(x, y, line, size_pt, colour=colour)
             y += leading(size_pt)
         return y
 
     def rule(self, x0: float, x1: float, y: float, colour: str = RULE, width_pt: float = 0.5) -> None:
-        """A horizontal line."""
+        """A horizontal line.
+
+        Parameters
+        ----------
+        x0, x1
+            Its ends, mm.
+        y
+            Its height on the page, mm from the top.
+        colour
+            Its colour.
+        width_pt
+            Its width, pt.
+        """
         place = ([x0 / self.width, x1 / self.width], [1 - y / self.height] * 2)
         self.figure.add_artist(Line2D(*place, color=colour, linewidth=width_pt, transform=self.figure.transFigure))
 
     def fill(self, box: PageBox, colour: str) -> None:
-        """A filled rectangle."""
+        """A filled rectangle.
+
+        Parameters
+        ----------
+        box
+            Its place.
+        colour
+            Its colour.
+        """
         left_foot = (box.x / self.width, 1 - (box.y + box.height) / self.height)
         size = (box.width / self.width, box.height / self.height)
         self.figure.add_artist(
@@ -151,7 +247,15 @@ class Sheet:
         )
 
     def axes(self, box: PageBox, **settings: Any) -> Axes:
-        """Axes whose data area fills the box."""
+        """Axes whose data area fills the box.
+
+        Parameters
+        ----------
+        box
+            The place.
+        settings
+            Properties of the axes, as matplotlib has them.
+        """
         place = (
             box.x / self.width, 1 - (box.y + box.height) / self.height,
             box.width / self.width, box.height / self.height,
@@ -160,5 +264,5 @@ class Sheet:
 
 
 def leading(size_pt: float) -> float:
-    """The distance of base lines in millimetres."""
+    """The distance of base lines of this size of type, mm."""
     return size_pt * 1.38 * MM_PER_PT

@@ -86,7 +86,7 @@ _SETTINGS: dict[RcKeyType, Any] = {
 
 @cache
 def chinese_fonts() -> tuple[str, ...]:
-    """The first font with Chinese letters that this computer has; empty where it has none."""
+    """The first font with Chinese letters that this computer has, alone in a tuple; empty where it has none."""
     from matplotlib.font_manager import findSystemFonts, fontManager
 
     for known in (True, False):  # what matplotlib noted when it first ran, then what has been installed since
@@ -104,7 +104,7 @@ def chinese_fonts() -> tuple[str, ...]:
 def report_style() -> Iterator[None]:
     """Our settings on top of matplotlib's own, whatever the user's matplotlibrc says; all is restored afterwards.
 
-    Letters that the font lacks become boxes without further ado, and the fonts' subsetting stays out of the log.
+    Letters that the font lacks become boxes without a warning, and the fonts' subsetting stays out of the log.
     """
     talkers = [logging.getLogger(name) for name in ("fontTools", "matplotlib.font_manager")]
     levels = [talker.level for talker in talkers]
@@ -124,7 +124,17 @@ def report_style() -> Iterator[None]:
 
 
 def number(value: float | None, digits: int, sign: bool = False) -> str:
-    """A number with fixed digits, a true minus, an en dash where there is none; never -0.00."""
+    """A number with fixed digits, a true minus, an en dash where there is none; never -0.00.
+
+    Parameters
+    ----------
+    value
+        The number; None or not finite: there is none.
+    digits
+        Digits after the point.
+    sign
+        Whether a plus is shown too.
+    """
     if value is None or not math.isfinite(value):
         return NONE
     text = f"{value:+.{digits}f}" if sign else f"{value:.{digits}f}"
@@ -134,7 +144,17 @@ def number(value: float | None, digits: int, sign: bool = False) -> str:
 
 
 def significant(value: float | None, digits: int = 2) -> str:
-    """A number with this many significant digits, without an exponent where it is of an everyday size."""
+    """A number with this many significant digits, without an exponent where it is of an everyday size.
+
+    An en dash where there is none.
+
+    Parameters
+    ----------
+    value
+        The number; None or not finite: there is none.
+    digits
+        Its significant digits.
+    """
     if value is None or not math.isfinite(value):
         return NONE
     if value == 0:
@@ -149,7 +169,15 @@ def count(value: int) -> str:
 
 
 def some_of(names: tuple[str, ...] | list[str], most: int = 12) -> str:
-    """The names, or the first of them and how many more there are."""
+    """The names, or the first of them and how many more there are.
+
+    Parameters
+    ----------
+    names
+        The names.
+    most
+        How many are shown.
+    """
     if len(names) <= most:
         return ", ".join(names)
     return label("and-more", names=", ".join(names[:most]), more=len(names) - most)

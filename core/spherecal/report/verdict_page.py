@@ -44,7 +44,17 @@ _TYPICAL_MM = 500.0
 
 
 def add_verdict_page(document: Document, result: Result, note: str = "") -> None:
-    """Begin the report: what the result is worth, in words, figures and findings."""
+    """Begin the report: what the result is worth, in words, figures and findings.
+
+    Parameters
+    ----------
+    document
+        The report's pages.
+    result
+        The result.
+    note
+        What is printed under the verdicts; empty: nothing.
+    """
     document.section = label("report-summary")
     document.new_page()
     document.sheet.text(document.left, 25.0, label("report-calibration-report"), TITLE_PT, bold=True)
@@ -68,7 +78,7 @@ def add_verdict_page(document: Document, result: Result, note: str = "") -> None
 
 
 def calibration_verdict(result: Result) -> tuple[str, str, str]:
-    """Word, colour and sentence about the calibration."""
+    """The verdict on the calibration: its word, its colour and a sentence."""
     rig, quality = result.rig, result.rig.quality
     placed, seen = len(rig.cameras), len(result.camera_ids)
     if quality.verdict == "use-with-care":
@@ -104,7 +114,7 @@ def care_words(some: Sequence[Affected]) -> str:
 
 
 def verification_verdict(result: Result) -> tuple[str, str, str]:
-    """Word, colour and sentence about the verification."""
+    """The verdict on the verification: its word, its colour and a sentence."""
     bars = result.bars
     if bars is None:
         return label("report-not-done"), NEUTRAL, label("report-no-reference-bars-were-measured")
@@ -202,7 +212,7 @@ def _key_figures(document: Document, result: Result) -> None:
 
 
 def key_figures(result: Result) -> list[tuple[str, str, str, str]]:
-    """Eight figures: value, unit, name, note."""
+    """Eight figures, each with value, unit, name and note as printed."""
     rig, quality, residuals = result.rig, result.rig.quality, result.residuals
     used, total = int(residuals.used.sum()), len(residuals.used)
     relative = rig.scale.relative_uncertainty
@@ -285,7 +295,15 @@ def sorted_findings(findings: tuple[Finding, ...]) -> list[Finding]:
 
 
 def add_finding(document: Document, finding: Finding) -> None:
-    """A finding: severity, message, hint and the ids concerned."""
+    """Print a finding: severity, message, hint and the ids concerned.
+
+    Parameters
+    ----------
+    document
+        The report's pages.
+    finding
+        The finding.
+    """
     indent = 20.0
     width = document.width - indent
     where = label("report-concerns", names=some_of(finding.where, 120)) if finding.where else ""

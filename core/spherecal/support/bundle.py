@@ -80,9 +80,30 @@ def write_bundle(
 ) -> tuple[str, ...]:
     """Write a session's bundle, a zip file, whole or not at all; the names of the files in it.
 
-    It holds no images unless asked. `calibrate` of the bundle gives the same rig.json as of the session, byte for byte
-    where program and packages are the same, but for serial numbers where those were replaced. `announce` is given the
-    contents before the file is written, and may raise to stop it. InputError where the session cannot be read.
+    It holds no images unless asked. Where program and packages are the same, `calibrate` of the bundle gives the same
+    rig.json as of the session, byte for byte, but for serial numbers that were replaced.
+
+    Parameters
+    ----------
+    folder
+        The session.
+    output
+        The zip file.
+    options
+        What to add, and whether names stay; None: nothing is added, names are replaced.
+    context
+        For progress, and to stop; None: neither.
+    announce
+        Is given the contents before the file is written, and may raise to stop it; None: nobody is asked.
+
+    Raises
+    ------
+    InputError
+        Where the session, or what is to be added, cannot be read.
+    OutputError
+        Where the file cannot be written.
+    Cancelled
+        Where the user stopped it.
     """
     options, context = options or BundleOptions(), context or Context()
     session = read_session(folder)
@@ -114,7 +135,26 @@ def write_bundle(
 
 
 def write_zip(output: Path, files: Mapping[str, Callable[[], bytes]], context: Context | None = None) -> None:
-    """Write a zip file whole, one file after the other; nobody else can read it before it is in its place."""
+    """Write a zip file whole, one file after the other.
+
+    Nobody else can read it before it is in its place.
+
+    Parameters
+    ----------
+    output
+        The zip file.
+    files
+        What gives each file's contents, by its name in the zip file.
+    context
+        For progress, and to stop; None: neither.
+
+    Raises
+    ------
+    OutputError
+        Where it cannot be written.
+    Cancelled
+        Where the user stopped it.
+    """
     with tempfile.TemporaryFile() as archive:
         with zipfile.ZipFile(archive, "w", zipfile.ZIP_DEFLATED, compresslevel=6) as bundle:
             for done, (name, read) in enumerate(sorted(files.items())):
@@ -155,7 +195,18 @@ def _plain(name: str) -> str:
 
 
 def with_observations(session: Session, settings: CalibrationSettings, context: Context) -> Session:
-    """A session of images with the very observations that `calibrate` would use."""
+    """A session of images with the very observations that `calibrate` would use.
+
+    Parameters
+    ----------
+    session
+        The session.
+    settings
+        How it is calibrated. Except by board and bar, targets missed in the images are looked for again with that
+        result.
+    context
+        For progress, and to stop.
+    """
     seen = observed(session, context)
     if settings.method in ("board", "bar"):
         return seen
@@ -239,7 +290,10 @@ def versions() -> dict[str, Any]:
 def session_of(path: Path) -> Iterator[Path]:
     """The session folder at `path`, or that inside a bundle, unpacked for as long as the context lasts.
 
-    InputError for a bundle that is broken, far too large, or names files outside itself.
+    Raises
+    ------
+    InputError
+        For a bundle that is broken, far too large, or names files outside itself.
     """
     if path.is_dir() or path.suffix.lower() != ".zip":
         yield path
@@ -250,7 +304,20 @@ def session_of(path: Path) -> Iterator[Path]:
 
 
 def unpack(path: Path, to: Path) -> None:
-    """Unpack a bundle into an empty folder; InputError as `session_of`."""
+    """Unpack a bundle into an empty folder.
+
+    Parameters
+    ----------
+    path
+        The zip file.
+    to
+        The folder.
+
+    Raises
+    ------
+    InputError
+        As `session_of`; the folder may then hold a part of it.
+    """
     if not path.is_file():
         raise InputError(Phrase("error-no-file", {"file": path}))
     try:
@@ -291,7 +358,7 @@ def _check_members(path: Path, members: list[zipfile.ZipInfo]) -> None:
 
 
 def _unpack_one(path: Path, bundle: zipfile.ZipFile, member: zipfile.ZipInfo, to: Path, total: int) -> int:
-    """Copy one file, counting what really comes out: a header can lie about it."""
+    """Copy one file, counting what really comes out: a header can state another size."""
     with bundle.open(member) as source, new_file(to, member.filename) as file:
         while block := source.read(1 << 20):
             total += len(block)

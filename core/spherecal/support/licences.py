@@ -70,7 +70,7 @@ def shipped() -> tuple[LicensedPart, ...]:
 
 
 def licence_text(extras: Iterable[str] = EXTRAS) -> str:
-    """All of it as one text: a list, the note on Qt where it is there, then each part's own texts."""
+    """The parts as one text: a list, the note on Qt where it is there, then each part's own texts."""
     known = parts(extras)
     lines = [f"SphereCal {__version__} is under the Apache License 2.0. It contains or uses:", ""]
     lines += [f"  {part.name} {part.version}: {part.licence}" for part in known]

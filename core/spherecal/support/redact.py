@@ -64,7 +64,7 @@ class Redactor:
         return self._stand_in(kind, name)
 
     def text(self, text: str) -> str:
-        """A text without names."""
+        """A text without names; a stand-in takes the place of each."""
         if len(self._home) > 1:
             self.counts["person"] += text.count(self._home)
             text = text.replace(self._home, "~")
@@ -81,7 +81,15 @@ class Redactor:
         return text
 
     def document(self, value: Any, field: str = "") -> Any:
-        """A JSON document without names: fields that hold one by their name, all texts as `text` does."""
+        """A JSON document without names: fields that hold one by their name, all texts as `text` does.
+
+        Parameters
+        ----------
+        value
+            The document, or a part of it.
+        field
+            The name of the field that holds it; empty: none.
+        """
         if isinstance(value, dict):
             return {self._key(str(key)): self.document(one, str(key)) for key, one in value.items()}
         if isinstance(value, list):
@@ -117,7 +125,15 @@ class Redactor:
         return "\n".join(lines).encode()
 
     def file(self, name: str, data: bytes) -> bytes:
-        """The contents of a file of this name without names: of tables the ids; binary files are as they were."""
+        """The contents of a file without names: of tables the ids; binary files are as they were.
+
+        Parameters
+        ----------
+        name
+            The file's name; its ending says what it holds.
+        data
+            Its contents.
+        """
         suffix = Path(name).suffix.lower()
         if suffix == ".csv":
             return self._table(data)

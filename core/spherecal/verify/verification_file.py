@@ -111,7 +111,7 @@ class PoseRow:
 
 @dataclass(frozen=True)
 class ProcedureReport:
-    """All of it."""
+    """The procedure of a verification as read from its file: departures, bars, poses, budgets, and the limit if one was set."""
 
     title: str
     departures: tuple[Sentence, ...]

@@ -68,13 +68,29 @@ class LocatedPoints(ByValue):
         return joint
 
     def variance(self, rows: Sequence[int], derivative: FloatArray) -> float:
-        """Of a number with derivatives (k, 3) by some places."""
+        """Variance of a number that depends on some places.
+
+        Parameters
+        ----------
+        rows
+            The k places.
+        derivative
+            Derivatives of the number by them, (k, 3), in its own unit per mm.
+        """
         flat = derivative.ravel()
         return float(flat @ self.joint(rows) @ flat)
 
 
 class Layouts:
-    """The layouts of a target set as arrays, for observations that name their points as `points` does."""
+    """The layouts of a target set as arrays, for observations that name their points as `points` does.
+
+    Parameters
+    ----------
+    target_set
+        The targets; None: no target has a layout.
+    points
+        Names of points, in the observations' order.
+    """
 
     def __init__(self, target_set: TargetSet | None, points: tuple[str, ...]) -> None:
         self.points = points
@@ -88,7 +104,15 @@ class Layouts:
                     self.flat[row, column[name]] = place
 
     def of(self, target: IntArray, point: IntArray) -> FloatArray:
-        """Flat places (n, 2) of points, NaN where there is none."""
+        """Places (n, 2) in mm of points on their flat targets, NaN where the layouts have none.
+
+        Parameters
+        ----------
+        target
+            Each point's target, (n,).
+        point
+            Index of each point's name, (n,).
+        """
         if not len(self.ids):
             return np.full((len(target), 2), np.nan)
         row = np.searchsorted(self.ids, target).clip(max=len(self.ids) - 1)
@@ -106,9 +130,20 @@ def triangulate_places(
     wanted: frozenset[PointName],
     errors: PointErrors,
 ) -> LocatedPoints:
-    """The places of all targets and wanted points among features `target` (m,), `point` (m,).
+    """The places of all targets and wanted points, in mm in the rig's world, sorted by name.
 
     A target with a layout has its centre; one without has each of its points.
+
+    Parameters
+    ----------
+    target, point
+        Of each triangulated point, (m,): its target, and the index of its name in `layouts.points`.
+    layouts
+        The targets' layouts.
+    wanted
+        Points that are asked for by name, besides the centres.
+    errors
+        The triangulated points, and how they err.
     """
     checked, points = errors.checked, errors.checked.points
     usable = np.isfinite(points.points[:, 0]) & points.in_front & ~checked.contradicting

@@ -54,8 +54,8 @@ class MeasuredValue:
 class BodyPose(ByValue):
     """A body's pose: x_world = rotation (3, 3) @ x_body + translation_mm (3,).
 
-    `covariance` (6, 6): of a small turn about the world's axes in rad (the true rotation is exp(turn) @ rotation), then
-    of the translation in mm. `left_out` names points that contradict the rest, `rms_mm` is of the points used.
+    `covariance` (6, 6): first a small turn about the world's axes in rad (the true rotation is exp(turn) @ rotation),
+    then the translation in mm. `left_out` names points that contradict the rest. `rms_mm` is that of the points used.
     """
 
     name: str
@@ -94,10 +94,10 @@ class CameraResidual:
 class MeasuredSet(ByValue):
     """One set measured: points (n,) with places (n, 3) mm and covariances (n, 3, 3) mm^2 in the rig's world.
 
-    `views` (n,) counts the cameras that a point rests on, `dots` (n,) the dots of its target that were used. `missing`:
-    bodies and values that could not be measured, and why. `skew_s` is the largest difference between the moments of
-    exposure, `speed_mm_s` (n,) that of the points (NaN where unknown), `latency_s` the time from the arrival of the
-    last image to the result.
+    `views` (n,) counts the cameras that a point rests on, `dots` (n,) the dots of its target that were used.
+    `speed_mm_s` (n,) is how fast the points move, NaN where unknown. `missing`: bodies and values that could not be
+    measured, and why. `skew_s` is the largest difference between the moments of exposure. `latency_s` is the time from
+    the arrival of the last image to the result.
     """
 
     number: int

@@ -111,7 +111,7 @@ class PoseRow:
 
 @dataclass(frozen=True)
 class ProcedureReport:
-    """The procedure of a verification as read from its file: departures, bars, poses, budgets, and the limit if one was set."""
+    """The procedure as read from verification.json: departures, bars, poses, budgets, and the limit if one was set."""
 
     title: str
     departures: tuple[Sentence, ...]

@@ -43,7 +43,11 @@ class CameraSigma(ByValue):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class RigCamera(ByValue):
-    """One placed camera: intrinsics (16,), pose `x_camera = rotation @ x_world + translation_mm`."""
+    """One placed camera: intrinsics (16,), pose `x_camera = rotation @ x_world + translation_mm`.
+
+    `image_size` is (width, height) px. `rms_px` is that of its residuals, None where it is not known, and
+    `observations` is how many of its image points were used.
+    """
 
     id: str
     serial: str | None

@@ -42,7 +42,7 @@ class _Sample:
 
 
 class RigHealth:
-    """Fed with one set after the other; `state` may be read at any time."""
+    """The rig's health, fed with one set after the other (`add`); `state` may be read at any time."""
 
     def __init__(self, rig: Rig) -> None:
         self._rig = rig
@@ -130,7 +130,7 @@ class RigHealth:
 
     @property
     def state(self) -> Health:
-        """What is known so far."""
+        """What is known so far of every camera of the rig."""
         cameras = []
         for i, camera in enumerate(self._rig.cameras):
             n = int(self._count[i])

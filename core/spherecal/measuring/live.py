@@ -153,7 +153,7 @@ class LiveSets:
         return self._stop.is_set() or timed_out or (s.sets is not None and number >= s.sets)
 
     def _capture(self, pause_s: float) -> tuple[FrameSet, float]:
-        """A set with two cameras or more, and the seconds that it took."""
+        """A set with one image or more, and the seconds that it took."""
         self._stop.wait(pause_s)
         request = CaptureRequest(tuple(self._cameras), self._settings.timeout_s, 0)
         silent = 0
@@ -204,7 +204,7 @@ class LiveSets:
 
 
 def known_of(camera: RigCamera) -> DetectionSettings:
-    """What the rig says of a camera, for detection."""
+    """What the rig says of a camera, for detection: focal length, principal point and image size."""
     k = camera.intrinsics
     return DetectionSettings(float(k[0]), (float(k[2]), float(k[3])), camera.image_size)
 

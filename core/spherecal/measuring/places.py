@@ -53,13 +53,13 @@ class LocatedPoints(ByValue):
 
     @cached_property
     def covariance(self) -> FloatArray:
-        """Of each place by itself, (n, 3, 3) mm^2."""
+        """The covariance of each place by itself, (n, 3, 3) mm^2."""
         n, _, p = self.gradient.shape
         by_cameras = (self.gradient.reshape(3 * n, p) @ self.cameras).reshape(n, 3, p)
         return self.noise + by_cameras @ np.swapaxes(self.gradient, 1, 2)
 
     def joint(self, rows: Sequence[int]) -> FloatArray:
-        """The covariance (3k, 3k) of some places together."""
+        """The covariance (3k, 3k) in mm^2 of some places (k rows) together."""
         chosen = list(rows)
         gradient = self.gradient[chosen].reshape(3 * len(chosen), -1)
         joint = gradient @ self.cameras @ gradient.T

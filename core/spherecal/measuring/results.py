@@ -120,7 +120,7 @@ class MeasuredSet(ByValue):
 
     @property
     def sigma_mm(self) -> FloatArray:
-        """Standard uncertainties (n, 3) along the world's axes."""
+        """Standard uncertainties (n, 3) of the points along the world's axes."""
         return np.sqrt(np.einsum("nii->ni", self.covariance_mm2))
 
     def index(self, name: PointName) -> int | None:
@@ -146,7 +146,10 @@ class CameraHealth:
 
 @dataclass(frozen=True)
 class Health:
-    """The rig while it measures: sets so far and every camera; `tests` are the newest tests over many sets."""
+    """The rig while it measures: sets so far and every camera.
+
+    `tests` are those of the newest test, be it over the last few sets or over many.
+    """
 
     sets: int
     cameras: tuple[CameraHealth, ...]

@@ -72,7 +72,7 @@ def rows_of(measured: MeasuredSet) -> Iterator[tuple[str, Row]]:
 
 
 def quaternion(body: BodyPose) -> np.ndarray:
-    """The rotation as w, x, y, z with w >= 0 (4,)."""
+    """The rotation from the body's frame to the world as w, x, y, z with w >= 0, (4,)."""
     from scipy.spatial.transform import Rotation
 
     x, y, z, w = Rotation.from_matrix(body.rotation).as_quat(canonical=True)

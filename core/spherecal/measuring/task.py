@@ -116,7 +116,7 @@ class Body(ByValue):
 
     @property
     def places_mm(self) -> FloatArray:
-        """All places (n, 3)."""
+        """The places (n, 3) of all points in the body's frame."""
         return np.array([point.place_mm for point in self.points], dtype=float).reshape(-1, 3)
 
 

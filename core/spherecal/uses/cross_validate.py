@@ -24,11 +24,12 @@ STAGE = "cross-validation"
 
 @dataclass(frozen=True)
 class LeftOut:
-    """One placement measured with the rig that the others gave; None where the others do not give a valid rig.
+    """One placement measured with the rig that the others gave.
 
     `rms_px`: how well its image points agree with that rig (2-D rms of triangulated dots). `shape_rms_mm`: how far its
     dots then are from where the whole session has them, after the best rigid motion. `length_error`: the relative
-    difference in size.
+    difference in size. All three are None where the others do not give a valid rig, or fewer than four dots can be
+    compared.
     """
 
     placement: str

@@ -55,7 +55,11 @@ STAGE = "verification"
 
 @dataclass(frozen=True)
 class VerifySettings:
-    """What else is known: the limit of the errors, the day (for certificates' expiry), the volume's corners in mm."""
+    """What else is known: the limit of the errors, the day (for certificates' expiry), the volume's corners in mm.
+
+    `limit` None: errors are judged by their uncertainty alone. `today` None: the day of the call. `corners_mm` are the
+    lowest and the highest corner (3,), for a rig without a map of lengths.
+    """
 
     limit: LengthLimit | None = None
     today: date | None = None

@@ -49,7 +49,10 @@ class Contribution:
 
 @dataclass(frozen=True)
 class Budget:
-    """The uncertainty of a single measured error of one certified length (95.45 %)."""
+    """The uncertainty of a single measured error of one certified length (95.45 %), in mm.
+
+    `freedom` are the effective degrees of freedom; `expanded_mm` is `coverage_factor` times `combined_mm`.
+    """
 
     bar: str
     from_mark: str
@@ -194,7 +197,7 @@ def combine(key: tuple[str, str, str], contributions: Sequence[Contribution]) ->
 
 
 def certificate_freedom(coverage_factor: float) -> float:
-    """The degrees of freedom for which Student's factor for 95.45 % is the certificate's k; infinite for k = 2."""
+    """The degrees of freedom for which Student's factor for 95.45 % is the certificate's k; infinite up to k = 2.05."""
     if coverage_factor <= _NORMAL_FACTOR:
         return math.inf
     at_one = float(stdtrit(1.0, (1 + COVERAGE) / 2))
@@ -204,7 +207,7 @@ def certificate_freedom(coverage_factor: float) -> float:
 
 
 def resolution_mm(certified: BarLength) -> float:
-    """The last digit in which a certificate states a length: that of its length or its uncertainty, the finer one."""
+    """The last digit in mm in which a certificate states a length: that of its length or uncertainty, the finer one."""
     if certified.expanded_uncertainty_mm == 0:
         return 0.0
     return 10.0 ** -max(_decimals(certified.length_mm), _decimals(certified.expanded_uncertainty_mm))

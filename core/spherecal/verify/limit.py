@@ -34,7 +34,7 @@ class LengthLimit:
         return self.constant_mm + (0.0 if self.divisor is None else length_mm / self.divisor)
 
     def words(self) -> str:
-        """The limit as a formula."""
+        """The limit as a formula: `E = 0.03 mm + L/20000`."""
         tail = "" if self.divisor is None else f" + L/{self.divisor:g}"
         return f"E = {self.constant_mm:g} mm{tail}"
 

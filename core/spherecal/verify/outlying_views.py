@@ -38,16 +38,16 @@ class Views:
 
     @property
     def rotation(self) -> FloatArray:
-        """The cameras' rotations (c, 3, 3)."""
+        """The cameras' rotations (c, 3, 3) from the world to the camera."""
         return self.cameras.rotation
 
     @property
     def translation(self) -> FloatArray:
-        """The cameras' translations (c, 3)."""
+        """The cameras' translations (c, 3) from the world to the camera, mm."""
         return self.cameras.translation
 
     def triangulate(self, keep: BoolArray) -> Triangulation:
-        """The points from the views kept."""
+        """The points (m,) from the views to keep (n,); the residuals are those of all views."""
         return self._triangulate(self.feature, np.arange(len(self.uv)), keep, self.n_features)
 
     def _triangulate(self, feature: IntArray, rows: IntArray, keep: BoolArray, n_features: int) -> Triangulation:

@@ -44,7 +44,7 @@ class BarMarks:
 
     @property
     def span_mm(self) -> float:
-        """From the first mark to the last."""
+        """How far the last mark is from the first."""
         return float(self.along_mm[-1])
 
     @staticmethod
@@ -83,16 +83,16 @@ class MeasuringVolume:
 
     @property
     def diagonal_mm(self) -> float:
-        """The space diagonal."""
+        """The length of the space diagonal."""
         return 2 * float(np.linalg.norm(self.half))
 
     @property
     def sides_mm(self) -> FloatArray:
-        """The three sides, shortest first."""
+        """The three sides (3,), shortest first."""
         return np.sort(2 * self.half)
 
     def point(self, unit: FloatArray) -> FloatArray:
-        """A place (3,) given in half sides."""
+        """A place (3,) in mm in the world, given in half sides from the middle."""
         return self.middle + (unit * self.half) @ self.axes
 
     def unit(self, place_mm: FloatArray) -> FloatArray:
@@ -100,7 +100,7 @@ class MeasuringVolume:
         return (place_mm - self.middle) @ self.axes.T / self.half
 
     def directions(self) -> FloatArray:
-        """The seven lines' directions (7, 3) in the world."""
+        """The seven lines' directions (7, 3) in the world, of length 1: three edges, then four space diagonals."""
         along = np.vstack([np.eye(3), _DIAGONALS * self.half])
         return (along / np.linalg.norm(along, axis=1, keepdims=True)) @ self.axes
 
@@ -142,7 +142,7 @@ class PosePlan:
         return next((pose for pose in self.poses if pose.id not in done), None)
 
     def as_json(self) -> dict[str, Any]:
-        """The plan as data."""
+        """The plan as data for JSON, places in mm."""
         rounded = [np.round(x, 2).tolist() for x in (self.box.middle, self.box.half)]
         return {
             "volume": {"middle_mm": rounded[0], "half_mm": rounded[1], "axes": np.round(self.box.axes, 6).tolist()},
@@ -382,7 +382,7 @@ def cameras_that_see(rig: Rig, points: FloatArray) -> np.ndarray:
 
 
 def plan_words(plan: PosePlan) -> list[str]:
-    """The plan for people."""
+    """The plan for people, in English, line by line."""
     half = 2 * plan.box.half
     lines = [
         f"Volume {half[0]:.0f} x {half[1]:.0f} x {half[2]:.0f} mm, space diagonal {plan.box.diagonal_mm:.0f} mm.",

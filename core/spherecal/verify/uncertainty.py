@@ -293,7 +293,7 @@ def _coverage_factor(combined: float, type_a: float, type_a_freedom: int) -> flo
 
 
 def overall_statistics(measured: Sequence[MeasuredLength]) -> Overall:
-    """All measured lengths together."""
+    """Number, mean, standard deviation, rms and largest of all errors together, in mm."""
     errors = np.array([m.error_mm for m in measured])
     if not len(errors):
         return Overall(0, None, None, None, None)

@@ -120,7 +120,7 @@ def temperature_doubts(poses: Sequence[BarPose], bars: Mapping[str, Bar]) -> lis
 
 
 def camera_doubts(consistency: Consistency) -> list[Finding]:
-    """Cameras that are no longer where the rig says."""
+    """Findings on cameras that are no longer where the rig says, one for each."""
     found = []
     for camera in consistency.moved:
         turn, shift = np.degrees(np.linalg.norm(camera.turn_rad)), np.linalg.norm(camera.shift_mm)

@@ -65,7 +65,7 @@ class MeasuredLength:
 
     @property
     def error_mm(self) -> float:
-        """Measured minus reference length."""
+        """Measured minus reference length, [Tao21] (21)."""
         return self.length_mm - self.reference_mm
 
 

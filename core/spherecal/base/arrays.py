@@ -23,7 +23,20 @@ _SMALL = 6  # numbers of an array that are printed
 
 
 def float_array(values: ArrayLike, what: Words) -> FloatArray:
-    """The values as an array of numbers; InputError, which calls them `what`, where they are none."""
+    """The values as an array of numbers.
+
+    Parameters
+    ----------
+    values
+        Numbers, or nested sequences of them.
+    what
+        What the message calls them.
+
+    Raises
+    ------
+    InputError
+        Where they are no numbers.
+    """
     try:
         return np.asarray(values, dtype=float)
     except (TypeError, ValueError):
@@ -37,10 +50,16 @@ def blocks(count: int) -> Iterator[slice]:
 
 
 def blocks_of_groups(start: IntArray, at_once: int | None = None) -> Iterator[tuple[int, int]]:
-    """Groups first to last (exclusive) of about `ROWS_AT_ONCE` rows together; start (g + 1,) of sorted rows' groups.
+    """Groups of sorted rows, first to last (exclusive), of about `ROWS_AT_ONCE` rows together.
 
-    `at_once`: another number of rows, where each takes more memory.
     A group is never split, so that sums over its rows are the same bits whatever the size of the blocks.
+
+    Parameters
+    ----------
+    start
+        The row at which each of the g groups begins, and the number of rows, (g + 1,).
+    at_once
+        Another number of rows, where each takes more memory; None for `ROWS_AT_ONCE`.
     """
     first = np.flatnonzero(np.diff(start[:-1] // (at_once or ROWS_AT_ONCE), prepend=-1)).tolist()
     yield from pairwise([*first, len(start) - 1])
@@ -64,7 +83,13 @@ class ByValue:
 
 
 def same_value(a: object, b: object) -> bool:
-    """Whether two values, records, lists or mappings are equal, arrays by their shapes and numbers."""
+    """Whether two values, records, lists or mappings are equal, arrays by their shapes and numbers.
+
+    Parameters
+    ----------
+    a, b
+        The values; NaN in arrays is equal to NaN.
+    """
     if a is b:
         return True
     if isinstance(a, np.ndarray) or isinstance(b, np.ndarray):

@@ -59,23 +59,63 @@ class Context:
         return replace(self, has_partial_result=True)
 
     def part_of(self, stage: str, fraction: float) -> "Context":
-        """The same for work that is a part of another stage: its events bear that stage's name and fraction."""
+        """The same for work that is a part of another stage: its events have that stage's name and fraction.
+
+        Parameters
+        ----------
+        stage, fraction
+            The other stage, and how much of it is done, 0 to 1.
+        """
         return replace(self, on_progress=lambda news: self.on_progress(replace(news, stage=stage, fraction=fraction)))
 
     def check(self) -> None:
-        """Raise Cancelled or PartialResultAccepted if the user asked to stop; called at least every 0.2 s of work."""
+        """Stop here if the user asked to; called at least every 0.2 s of work.
+
+        Raises
+        ------
+        Cancelled
+            Where the work is to stop.
+        PartialResultAccepted
+            Where the user wants what there is so far, and the caller holds a partial result.
+        """
         if self.is_cancelled():
             raise Cancelled
         if self.has_partial_result and self.accepts_partial():
             raise PartialResultAccepted
 
     def report(self, stage: str, fraction: float, detail: str | Phrase = "") -> None:
-        """Send one progress event, and stop here if the user asked to."""
+        """Send one progress event, and stop here if the user asked to.
+
+        Parameters
+        ----------
+        stage, fraction
+            The stage's name, and how much of it is done, 0 to 1.
+        detail
+            Where it is: a name, or a phrase with numbers.
+
+        Raises
+        ------
+        Cancelled, PartialResultAccepted
+            As `check`.
+        """
         self.check()
         self.on_progress(Progress(stage, min(max(fraction, 0.0), 1.0), detail))
 
     def report_iteration(self, stage: str, fraction: float, iteration: int, cost: float) -> None:
-        """Send the progress of an adjustment, and stop here if the user asked to."""
+        """Send the progress of an adjustment, and stop here if the user asked to.
+
+        Parameters
+        ----------
+        stage, fraction
+            The stage's name, and how much of it is done, 0 to 1.
+        iteration, cost
+            The step's number, and the cost after it.
+
+        Raises
+        ------
+        Cancelled, PartialResultAccepted
+            As `check`.
+        """
         self.check()
         self.on_progress(Progress(stage, min(max(fraction, 0.0), 1.0), "", iteration, cost))
 

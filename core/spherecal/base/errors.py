@@ -39,8 +39,12 @@ def advice(message: Words) -> Words:
 class SpherecalError(Exception):
     """Base of all errors meant for the user: what happened, and what to do about it.
 
-    The message is a phrase. Its hint is the phrase `KEY-hint` of the catalogue, if there is one; a hint that is given
-    replaces it. Text in place of a phrase is the same in every language.
+    Parameters
+    ----------
+    message
+        What happened: a phrase, or text, which is the same in every language.
+    hint
+        What to do about it. Empty: the phrase `KEY-hint` of the catalogue beside the message, if there is one.
     """
 
     exit_code = 2
@@ -82,7 +86,20 @@ class MissingPackage(SpherecalError, ImportError):
 
 @contextmanager
 def needing(package: str, what: Words) -> Iterator[None]:
-    """A part of the program that imports an optional package: MissingPackage says that `what` needs it."""
+    """A block that imports an optional package.
+
+    Parameters
+    ----------
+    package
+        The name by which it is imported.
+    what
+        What needs it, for the message.
+
+    Raises
+    ------
+    MissingPackage
+        Where the package is not installed.
+    """
     try:
         yield
     except ModuleNotFoundError as error:

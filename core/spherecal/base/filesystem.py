@@ -1,8 +1,8 @@
 """From a text in a file to a path, and every write, rename and removal: the one module that does them.
 
 A folder that came from outside may hold links, pipes and names that lead elsewhere. The functions `..._below` take a
-root folder that the user chose and a relative name; they walk to it without following a link (`dir_fd` and
-`O_NOFOLLOW` where the system has them, a check of every part on Windows), and refuse what is not plain.
+root folder that the user chose and a relative name. They walk to it without following a link: by `dir_fd` and
+`O_NOFOLLOW` where the system has them, by a check of every part on Windows. What is not plain they refuse.
 tests/test_house.py keeps all other modules from writing or removing files on their own.
 """
 
@@ -52,7 +52,15 @@ def id_problem(text: str) -> Phrase | None:
 
 
 def as_id(text: str, otherwise: str) -> str:
-    """The text made an id, what does not belong there replaced by `_`; `otherwise` where nothing is left of it."""
+    """The text made an id: what cannot be part of one is replaced by `_`.
+
+    Parameters
+    ----------
+    text
+        Any text.
+    otherwise
+        What is returned where no id is left of it.
+    """
     kept = "".join(c if c.isalnum() or c in "-_." else "_" for c in text).strip("._")[:LONGEST_ID]
     return kept if kept and id_problem(kept) is None else otherwise
 
@@ -179,7 +187,13 @@ def _not_plain(path: Path | str) -> InputError:
 
 
 def is_plain_file_below(root: Path, relative: str) -> bool:
-    """Whether a regular file is there and the way to it has no link."""
+    """Whether a regular file is there and the way to it has no link.
+
+    Parameters
+    ----------
+    root, relative
+        The folder, and the file's path below it with "/" between its parts.
+    """
     try:
         with _place(root, relative) as place:
             state = place.state()
@@ -195,16 +209,41 @@ Fits = Callable[[BinaryIO, Path, int], None]
 
 
 def read_file(path: Path, most: int, fits: Fits | None = None) -> bytes:
-    """The contents of a regular file of at most `most` bytes; InputError, before memory is taken, for anything else.
+    """The contents of a regular file of at most `most` bytes.
 
-    `fits` may look into the open file, of so many bytes, and raise InputError before it is read.
+    Parameters
+    ----------
+    path
+        The file.
+    most
+        How many bytes it may have.
+    fits
+        May look into the open file (file, path, size in bytes) and raise InputError before it is read; None to read it.
+
+    Raises
+    ------
+    InputError
+        For anything else, before memory is taken.
     """
     with _plain_reading(path):
         return _read(os.open(path, os.O_RDONLY | _NO_WAIT | getattr(os, "O_BINARY", 0)), path, most, fits)
 
 
 def read_below(root: Path, relative: str, most: int) -> bytes:
-    """As `read_file`, of a file below a folder; no link on the way is followed."""
+    """As `read_file`, of a file below a folder; no link on the way is followed.
+
+    Parameters
+    ----------
+    root, relative
+        The folder, and the file's path below it with "/" between its parts.
+    most
+        How many bytes it may have.
+
+    Raises
+    ------
+    InputError
+        For anything else, and for a link on the way.
+    """
     with _plain_reading(root / relative), _place(root, relative) as place:
         try:
             descriptor = place.open(os.O_RDONLY | _NO_WAIT)
@@ -242,9 +281,21 @@ def _too_large(path: Path, most: int) -> InputError:
 
 
 def file_sha256(path: Path, most: int) -> str:
-    """The SHA-256 of a regular file of at most `most` bytes; InputError, before it is read, for anything else.
+    """The SHA-256 of a regular file of at most `most` bytes, in hexadecimal digits.
 
-    FileNotFoundError where there is none.
+    Parameters
+    ----------
+    path
+        The file.
+    most
+        How many bytes it may have.
+
+    Raises
+    ------
+    InputError
+        For anything else, before it is read.
+    FileNotFoundError
+        Where nothing is there.
     """
     if not os.path.exists(path):
         raise FileNotFoundError(errno.ENOENT, os.strerror(errno.ENOENT), str(path))
@@ -272,9 +323,23 @@ def _plain_reading(path: Path) -> Iterator[None]:
 
 
 def write_new(root: Path, relative: str, data: bytes, durable: bool = False) -> None:
-    """Write a file that is not there yet, making its folders below `root`; OSError if it is there or cannot be.
+    """Write a file that is not there yet, making its folders below `root`.
 
-    `durable` waits until the disk has it.
+    Parameters
+    ----------
+    root, relative
+        The folder, and the file's path below it with "/" between its parts.
+    data
+        Its contents.
+    durable
+        Wait until the disk has it.
+
+    Raises
+    ------
+    OSError
+        Where the file is there already or cannot be written.
+    InputError
+        For a path that leads elsewhere, and for a link on the way.
     """
     with _place(root, relative, make=True) as place, os.fdopen(_create(place), "wb") as file:
         file.write(data)
@@ -285,37 +350,99 @@ def write_new(root: Path, relative: str, data: bytes, durable: bool = False) -> 
 
 @contextmanager
 def new_file(root: Path, relative: str) -> Iterator[BinaryIO]:
-    """As `write_new`, open for writing, for what is too large to be held in memory."""
+    """As `write_new`, open for writing, for what is too large to be held in memory.
+
+    Parameters
+    ----------
+    root, relative
+        The folder, and the file's path below it with "/" between its parts.
+
+    Raises
+    ------
+    OSError, InputError
+        As `write_new`.
+    """
     with _place(root, relative, make=True) as place, os.fdopen(_create(place), "wb") as file:
         yield file
 
 
 def create(path: Path, data: bytes) -> None:
-    """Write a new file into a folder that this process is filling; OSError if it is there or cannot be."""
+    """Write a new file into a folder that this process is filling.
+
+    Parameters
+    ----------
+    path
+        The file; its folder must be there.
+    data
+        Its contents.
+
+    Raises
+    ------
+    OSError
+        Where the file is there already or cannot be written.
+    """
     write_new(path.parent, path.name, data)
 
 
 def make_folder_below(root: Path, relative: str) -> Path:
-    """Make a folder and those above it, up to `root`; its path. InputError where a link is in the way."""
+    """Make a folder and those above it, up to `root`; its path.
+
+    Parameters
+    ----------
+    root, relative
+        The folder that is there, and the new one's path below it with "/" between its parts.
+
+    Raises
+    ------
+    InputError
+        Where a link or a file is in the way.
+    OutputError
+        Where the folder cannot be made.
+    """
     with _plain_writing(root / relative), _place(root, f"{relative}/x", make=True):
         return root / relative
 
 
 def write_below(root: Path, relative: str, data: bytes) -> None:
-    """Replace a file below a folder whole, keeping its mode; OutputError if that fails.
+    """Replace a file below a folder whole, keeping its mode; missing folders are made.
 
-    InputError where a link, a folder or a special file has its name, or a link is on the way.
+    Parameters
+    ----------
+    root, relative
+        The folder, and the file's path below it with "/" between its parts.
+    data
+        Its contents.
+
+    Raises
+    ------
+    OutputError
+        Where it cannot be written, or a folder has its name.
+    InputError
+        Where a link or a special file has its name, or a link is on the way.
     """
     with _plain_writing(root / relative), _place(root, relative, make=True) as place:
         _replace(place, data)
 
 
 def write_whole(path: Path, data: bytes | BinaryIO) -> None:
-    """Replace a file that the user named by `data` (or what an open file holds), whole; OutputError if that fails.
+    """Replace a file that the user named, whole, keeping its mode.
 
-    Its mode is kept.
     A link is not written through. Terminals and other devices for characters, and pipes that somebody reads, are
     written to directly.
+
+    Parameters
+    ----------
+    path
+        The file; its folder must be there.
+    data
+        Its contents, or an open file that holds them.
+
+    Raises
+    ------
+    OutputError
+        Where it cannot be written, or a folder has its name.
+    InputError
+        Where a link or a special file has its name.
     """
     with _plain_writing(path):
         named = Path(os.path.abspath(path))
@@ -414,13 +541,41 @@ def _plain_writing(path: Path) -> Iterator[None]:
 
 
 def remove_below(root: Path, relative: str) -> None:
-    """Remove a file, if it is there; of a link the link itself. OutputError if that fails."""
+    """Remove a file, if it is there; of a link the link itself.
+
+    Parameters
+    ----------
+    root, relative
+        The folder, and the file's path below it with "/" between its parts.
+
+    Raises
+    ------
+    OutputError
+        Where it cannot be removed.
+    InputError
+        Where a link is on the way.
+    """
     with _plain_writing(root / relative), suppress(FileNotFoundError), _place(root, relative) as place:
         os.unlink(place.path, dir_fd=place.folder)
 
 
 def move_below(root: Path, relative: str, to: str) -> None:
-    """Rename a file or folder below `root` to a name there that is free; OutputError if that fails."""
+    """Rename a file or folder below `root`; missing folders of the new name are made.
+
+    Parameters
+    ----------
+    root, relative
+        The folder, and the path below it with "/" between its parts.
+    to
+        The new path below it, which must be free.
+
+    Raises
+    ------
+    OutputError
+        Where nothing is there, the new name is taken, or the disk refuses.
+    InputError
+        For a link or a special file, and for a link on the way.
+    """
     with _plain_writing(root / relative), _place(root, relative) as source, _place(root, to, make=True) as goal:
         state = source.state()
         if state is None:
@@ -436,7 +591,22 @@ Known = Callable[[str], bool]
 
 
 def plain_files(folder: Path, most: int) -> list[str]:
-    """The regular files below a folder, at most `most`, with "/" between parts; links are not followed."""
+    """The regular files below a folder, with "/" between parts; links are not followed.
+
+    Parameters
+    ----------
+    folder
+        The folder.
+    most
+        How many are returned at most.
+
+    Raises
+    ------
+    InputError
+        Where folders are nested too deeply.
+    OSError
+        Where a folder cannot be listed.
+    """
     found: list[str] = []
     for relative, state in _entries(folder, ""):
         if stat.S_ISREG(state.st_mode) and not is_link(state) and path_problem(relative) is None:
@@ -447,9 +617,25 @@ def plain_files(folder: Path, most: int) -> list[str]:
 
 
 def strangers(folder: Path, known: Known, most: int = 3) -> list[str]:
-    """Up to `most` files below a folder that `known` does not name, with "/" between parts; links and pipes too.
+    """Files below a folder that `known` does not name, with "/" between parts; links and pipes too.
 
-    A folder counts by what is in it; `known` is asked about an empty one with a "/" at its end.
+    A folder counts by what is in it.
+
+    Parameters
+    ----------
+    folder
+        The folder.
+    known
+        Whether a path within the folder is known; an empty folder has a "/" at its end.
+    most
+        How many are returned at most.
+
+    Raises
+    ------
+    InputError
+        Where folders are nested too deeply.
+    OSError
+        Where a folder cannot be listed.
     """
     found: list[str] = []
     for relative, state in _entries(folder, ""):
@@ -477,7 +663,21 @@ def _entries(folder: Path, prefix: str, depth: int = 0) -> Iterator[tuple[str, o
 def remove_folder_below(root: Path, relative: str, known: Known) -> bool:
     """Remove what `known` names from a folder below `root`, and the folder where nothing else is left; whether it went.
 
-    `known` is given the path within the folder. Nothing else is touched, and no link is followed.
+    Nothing else is touched, and no link is followed.
+
+    Parameters
+    ----------
+    root, relative
+        The folder around it, and its path below that with "/" between its parts.
+    known
+        Whether a file, by its path within the folder, is to be removed.
+
+    Raises
+    ------
+    OutputError
+        Where something cannot be removed.
+    InputError
+        Where a link is on the way, and where folders are nested too deeply.
     """
     with _plain_writing(root / relative):
         try:

@@ -92,7 +92,15 @@ def _ahead() -> Ahead | None:
 
 
 def key_of(one: Any, layout: str | None = None) -> Any:
-    """The type of an argument as kernels.json names it; arrays of any memory layout as `layout` where that is given."""
+    """The type of an argument as kernels.json names it.
+
+    Parameters
+    ----------
+    one
+        The argument; a tuple gives a tuple of types.
+    layout
+        What arrays of any memory layout are named by, such as "A"; None for each array's own, C, F or A.
+    """
     if isinstance(one, np.ndarray):
         flags = one.flags
         found = layout or ("C" if flags.c_contiguous else "F" if flags.f_contiguous else "A")
@@ -109,7 +117,17 @@ def key_of(one: Any, layout: str | None = None) -> Any:
 
 
 class Kernel:
-    """A function with its forms compiled ahead, by the types of its arguments."""
+    """A function with its forms compiled ahead, by the types of its arguments.
+
+    Parameters
+    ----------
+    function
+        The Python function.
+    forms
+        Its compiled forms by `key_of` of all arguments.
+    options
+        Those of numba's `njit`, for types that nobody compiled for.
+    """
 
     def __init__(self, function: Callable[..., Any], forms: Forms, options: dict[str, Any]) -> None:
         update_wrapper(self, function)
@@ -197,7 +215,7 @@ def state() -> Literal["ahead", "compiled", "to compile"]:
 
 
 def wanted() -> str:
-    """What numba's cache depends on: the files with kernels as they lie there, numba, Python."""
+    """What numba's cache depends on, as a SHA-256: the files with kernels as they are now, numba, Python."""
     root = Path(__file__).resolve().parents[2]
     known = [sys.version, importlib.metadata.version("numba"), os.environ.get("NUMBA_CACHE_DIR", "")]
     for package in ("spherecal", "spherecal_sim"):

@@ -32,8 +32,13 @@ def _blas_limited() -> Iterator[None]:
 class SharedLimit:
     """A limit of the whole process: the first block that asks for it sets it, the last one that ends lifts it.
 
-    Two threads that each set and restored it would let the first to end give the threads back to the other, whose
-    sums then come out in another order: other bits for the same input.
+    If two threads each set and restored it, the first to end would give the threads back to the other. The other's sums
+    would then come out in another order: other bits for the same input.
+
+    Parameters
+    ----------
+    limited
+        Makes the block in which the limit holds.
     """
 
     def __init__(self, limited: Callable[[], AbstractContextManager[None]]) -> None:

@@ -38,10 +38,23 @@ class Repairs:
 
 
 def repaired(session: Session, repairs: Repairs) -> Session:
-    """The session with exchanged images put back, then some left out, then cameras split; InputError for bad names.
+    """The session with exchanged images put back, then some left out, then cameras split.
 
-    A camera that is split becomes two with one set of intrinsics: itself, with its pose from the placement on, and one
-    with `earlier_pose_of` for what came before, in the order of placements, then bar poses, of session.json.
+    A camera that is split becomes two, with one set of intrinsics. It keeps its pose from the placement on; another
+    one, with `earlier_pose_of`, has the pose before. What is before is by the order of placements, then bar poses.
+
+    Parameters
+    ----------
+    session
+        The recorded session.
+    repairs
+        What is asked for.
+
+    Raises
+    ------
+    InputError
+        For names that are not in the session, a camera that has nothing on one side of a split, and where fewer than
+        two cameras are left.
     """
     for value in repairs.swap:
         session = _swapped(session, *_read_swap(session, value))
@@ -58,9 +71,20 @@ def repaired(session: Session, repairs: Repairs) -> Session:
 def recorded(
     calibration: Calibration, session: Session, mended: Session, repairs: Repairs, automatic: bool = False
 ) -> Calibration:
-    """The calibration of a mended session, in terms of the original cameras, with its repairs.
+    """The calibration of a mended session, in terms of the original cameras, with its repairs and a finding for each.
 
-    `automatic`: they were not asked for. Repairs recorded before stay.
+    Repairs recorded before stay.
+
+    Parameters
+    ----------
+    calibration
+        Of the mended session.
+    session, mended
+        The session as it was, and as `repaired` made it.
+    repairs
+        What was done to it.
+    automatic
+        Whether they were not asked for, but certain.
     """
     rig, earlier = calibration.rig, {camera.id: camera for camera in calibration.rig.earlier_poses}
     done, findings = [], []
@@ -95,13 +119,36 @@ def recorded(
 
 
 def with_repairs(session: Session, repairs: Repairs, calibrate: Callable[[Session], Calibration]) -> Calibration:
-    """The calibration of the repaired session, in terms of the original cameras; InputError for bad names."""
+    """The calibration of the repaired session, in terms of the original cameras.
+
+    Parameters
+    ----------
+    session
+        The recorded session.
+    repairs
+        What is asked for.
+    calibrate
+        Calibrates the repaired session.
+
+    Raises
+    ------
+    InputError
+        As `repaired`.
+    """
     mended = repaired(session, repairs)
     return recorded(calibrate(mended), session, mended, repairs)
 
 
 def placements_seen_by(session: Session, cameras: Sequence[str]) -> list[str]:
-    """The placements of the ball of which some cameras have observations, in order; all of a session without any."""
+    """The placements of the ball of which some cameras have observations, in order; all of a session without any.
+
+    Parameters
+    ----------
+    session
+        The session.
+    cameras
+        The cameras' ids.
+    """
     o, names = session.observations, [placement.id for placement in session.placements]
     if o is None:
         return names

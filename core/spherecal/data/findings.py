@@ -12,7 +12,17 @@ RepairKind = Literal["leave-out", "split", "swap"]
 
 
 def counted(number: int, noun: str, plural: str | None = None) -> str:
-    """`1 camera`, `2 cameras`; `plural` where it is not the noun with an s."""
+    """A number and its noun: `1 camera`, `2 cameras`.
+
+    Parameters
+    ----------
+    number
+        How many.
+    noun
+        The noun for one.
+    plural
+        The noun for any other number; None: with an s.
+    """
     return f"{number} {noun}" if number == 1 else f"{number} {plural or noun + 's'}"
 
 
@@ -65,9 +75,18 @@ class Finding:
         return self.words("hint", "en")
 
     def words(self, part: Part, language: str, *, with_options: bool = True) -> str:
-        """Title, message or hint in a language; `with_options`: options of the command line are named too.
+        """Title, message or hint in a language.
 
         A finding that was read without its values keeps its message and hint as they were written.
+
+        Parameters
+        ----------
+        part
+            Which of the three.
+        language
+            A language of the catalogue.
+        with_options
+            Whether options of the command line are named too.
         """
         if self.written is not None and part != "title":
             return self.written[0 if part == "message" else 1]
@@ -88,5 +107,15 @@ class Finding:
 
 
 def as_written(severity: Severity, code: str, message: str, hint: str, where: tuple[str, ...] = ()) -> Finding:
-    """A finding of a file, whose values are not known: its message and hint stay as they are."""
+    """A finding of a file, whose values are not known: its message and hint stay as they are.
+
+    Parameters
+    ----------
+    severity, code
+        As in the file.
+    message, hint
+        In the file's words.
+    where
+        Ids concerned.
+    """
     return Finding(code, severity, {}, where, written=(message, hint))

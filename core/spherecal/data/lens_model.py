@@ -15,13 +15,36 @@ from spherecal.geometry.lens_fit import fit_lens, image_field
 def with_lens_model(session: Session, model: LensModel) -> Session:
     """The session with all cameras of one lens model, their priors fitted to it over the image where they had another.
 
-    InputError where a prior cannot be inverted over its image.
+    Parameters
+    ----------
+    session
+        The session.
+    model
+        The lens model.
+
+    Raises
+    ------
+    InputError
+        Where a prior cannot be inverted over its image.
     """
     return replace(session, cameras=tuple(_with_model(camera, model) for camera in session.cameras))
 
 
 def like(camera: CameraSpec, intrinsics: FloatArray) -> CameraSpec:
-    """The camera with the lens model of a calibrated lens (16,), where it is fisheye and the other is not."""
+    """The camera with the lens model of a calibrated lens, where one of the two is fisheye and the other is not.
+
+    Parameters
+    ----------
+    camera
+        The camera as the session describes it.
+    intrinsics
+        The calibrated lens, (16,).
+
+    Raises
+    ------
+    InputError
+        Where its prior cannot be inverted over its image.
+    """
     if bool(is_fisheye(intrinsics)) == bool(is_fisheye(camera.prior)):
         return camera
     return _with_model(camera, lens_model(intrinsics))
@@ -32,7 +55,24 @@ def _with_model(camera: CameraSpec, model: LensModel) -> CameraSpec:
 
 
 def prior_in_model(camera: str, prior: FloatArray, image_size: tuple[int, int], model: LensModel) -> FloatArray:
-    """A prior (16,) as the nearest lens of a model; InputError names the camera where there is none."""
+    """A prior (16,) as the nearest lens of a model.
+
+    Parameters
+    ----------
+    camera
+        The camera's id, for the message.
+    prior
+        The prior, (16,).
+    image_size
+        Width and height in px.
+    model
+        The lens model.
+
+    Raises
+    ------
+    InputError
+        Names the camera where the prior cannot be inverted over the image.
+    """
     found = fit_lens(prior, image_field(image_size), model)
     if found is None:
         raise InputError(Phrase("error-prior-folds", {"camera": camera, "model": model}))
@@ -40,6 +80,14 @@ def prior_in_model(camera: str, prior: FloatArray, image_size: tuple[int, int], 
 
 
 def estimated_intrinsics(session: Session, free: bool) -> BoolArray:
-    """Which intrinsics (c, 16) of each camera are estimated, by its lens model; none where they are not `free`."""
+    """Which intrinsics (c, 16) of each camera are estimated, by its lens model (docs/conventions.md, decision 0001).
+
+    Parameters
+    ----------
+    session
+        The session with its cameras.
+    free
+        Whether intrinsics are estimated at all.
+    """
     masks = [estimated_mask(camera.lens_model) for camera in session.cameras]
     return np.array(masks).reshape(-1, 16) & free

@@ -39,9 +39,9 @@ class RigScale:
 class CameraCovariance(ByValue):
     """Covariance (c*w, c*w) of all cameras' parameters together, camera by camera in the rig's order, scale included.
 
-    Of each camera (w,): turn in rad and shift in mm of its frame (docs/conventions.md), then the `intrinsics` (indices
-    into the 16) that were estimated; datum: the points as a whole. Predicted uncertainties of lengths need it, since
-    the errors of cameras make up for each other.
+    Of each camera (w,): turn in rad and shift in mm of its frame (docs/conventions.md), then those `intrinsics`
+    (indices into the 16) that were estimated. The datum is the points as a whole. Predicted uncertainties of lengths
+    need it, since the errors of cameras make up for each other.
     """
 
     matrix: FloatArray
@@ -138,12 +138,27 @@ class Rig(ByValue):
         fisheye: bool | Collection[str] = False,
         unit: Literal["mm", "m"] = "mm",
     ) -> "Rig":
-        """The rig of cameras that OpenCV calibrated: by id `(K, dist, rvec, tvec)`, poses from world to camera.
+        """The rig of cameras that OpenCV calibrated.
 
-        `dist`: 4, 5, 8 or 12 numbers in any shape, or None; `rvec`: a rotation vector or matrix; `tvec` in `unit`.
-        `image_size` (width, height) px is one for all or one for each. `fisheye`: all cameras, or those named, are of
-        cv2.fisheye. The world is as given; `reference_camera` is the camera in its origin, if there is one. Nothing is
-        known of the rig's accuracy, which its one finding says. InputError names the camera that cannot be used.
+        The world is as given; `reference_camera` is the camera in its origin, if there is one. Nothing is known of the
+        rig's accuracy, which its one finding says.
+
+        Parameters
+        ----------
+        cameras
+            By id `(K, dist, rvec, tvec)`, poses from world to camera. `dist`: 4, 5, 8 or 12 numbers in any shape, or
+            None. `rvec`: a rotation vector or matrix. `tvec` in `unit`.
+        image_size
+            (width, height) px, one for all or one for each by id.
+        fisheye
+            Whether all cameras, or which by id, are of cv2.fisheye.
+        unit
+            The unit of `tvec`.
+
+        Raises
+        ------
+        InputError
+            Names the camera that cannot be used.
         """
         if not cameras:
             raise InputError(Phrase("error-rig-empty"))
@@ -195,16 +210,32 @@ class Rig(ByValue):
         return f"<p>{said}</p><table><tr>{head}</tr>{''.join(f'<tr>{row}</tr>' for row in rows)}</table>"
 
     def plot(self, ax: Any = None) -> "Axes3D":
-        """The cameras drawn in space, mm, with matplotlib: on `ax` (projection "3d"), or in a new figure; the axes.
+        """The cameras drawn in space, in mm, with matplotlib; the axes.
 
-        MissingPackage without matplotlib.
+        Parameters
+        ----------
+        ax
+            Axes with projection "3d" to draw on; None for a new figure.
+
+        Raises
+        ------
+        InputError
+            For other axes, and for a rig without cameras.
+        MissingPackage
+            Without matplotlib.
         """
         from spherecal.data.rig_plot import plot_cameras
 
         return plot_cameras(self.cameras, self.reference_camera, ax)
 
     def to_dataframe(self) -> "pandas.DataFrame":
-        """The cameras as a table of pandas, a row for each, indexed by id; MissingPackage where pandas is not there."""
+        """The cameras as a table of pandas, a row for each, indexed by id.
+
+        Raises
+        ------
+        MissingPackage
+            Where pandas is not there.
+        """
         with needing("pandas", "Rig.to_dataframe"):
             import pandas  # pyright: ignore[reportMissingImports]
         return pandas.DataFrame(self._table()).set_index("camera")

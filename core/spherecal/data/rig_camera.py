@@ -43,7 +43,11 @@ class CameraSigma(ByValue):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class RigCamera(ByValue):
-    """One placed camera: intrinsics (16,), pose `x_camera = rotation @ x_world + translation_mm`."""
+    """One placed camera: intrinsics (16,), pose `x_camera = rotation @ x_world + translation_mm`.
+
+    `image_size` is (width, height) px. `rms_px` is that of its residuals, None where it is not known, and
+    `observations` is how many of its image points were used.
+    """
 
     id: str
     serial: str | None
@@ -91,7 +95,13 @@ class RigCamera(ByValue):
         return self.K @ np.column_stack([self.rotation, self.translation_mm])
 
     def project(self, points_mm: ArrayLike) -> FloatArray:
-        """Image points (..., 2) px of world points (..., 3) mm, NaN for points behind the camera; InputError."""
+        """Image points (..., 2) px of world points (..., 3) mm, NaN for points behind the camera.
+
+        Raises
+        ------
+        InputError
+            For an array of another shape.
+        """
         points = last_axis(points_mm, 3, "points_mm")
         x = points.reshape(-1, 3) @ self.rotation.T + self.translation_mm
         with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
@@ -101,9 +111,19 @@ class RigCamera(ByValue):
     def undistort(self, image_or_points: ArrayLike, K: ArrayLike | None = None) -> NDArray[Any]:
         """An image of this camera, or image points (..., 2) px, as a camera without distortion has them.
 
-        An image has the shape (h, w) or (h, w, channels) of `image_size`. `K` is the matrix of the camera without
-        distortion (this camera's unless given). Points are NaN where the lens model has no inverse. InputError for an
-        array of another shape.
+        Points are NaN where the lens model has no inverse.
+
+        Parameters
+        ----------
+        image_or_points
+            An image (h, w) or (h, w, channels) of `image_size`, or image points (..., 2) px.
+        K
+            Matrix (3, 3) of the camera without distortion, px; None for this camera's.
+
+        Raises
+        ------
+        InputError
+            For an array of another shape, and for a `K` that is no camera matrix.
         """
         matrix = self.K if K is None else camera_matrix(opencv.lens_vector(K, None, False, self.id))
         given = np.asarray(image_or_points)
@@ -128,7 +148,22 @@ class RigCamera(ByValue):
 
 
 def last_axis(values: ArrayLike, width: int, what: Words) -> FloatArray:
-    """The values as an array (..., width) of numbers; InputError for another shape."""
+    """The values as an array (..., width) of numbers.
+
+    Parameters
+    ----------
+    values
+        Numbers, or nested sequences of them.
+    width
+        The length of the last axis.
+    what
+        What the message calls them.
+
+    Raises
+    ------
+    InputError
+        For another shape, and where they are no numbers.
+    """
     array = float_array(values, what)
     if array.ndim < 1 or array.shape[-1] != width:
         expected = f"({width},) | (..., {width})"
@@ -157,7 +192,26 @@ def table_row(camera: RigCamera) -> dict[str, Any]:
 def camera_of_opencv(
     name: str, given: OpenCVCamera, image_size: ImageSize, fisheye: bool | Collection[str], mm: float
 ) -> RigCamera:
-    """A camera that OpenCV calibrated, `mm` millimetres to the unit of its pose; InputError names it."""
+    """A camera that OpenCV calibrated, without residuals and uncertainties.
+
+    Parameters
+    ----------
+    name
+        Its id.
+    given
+        `(K, dist, rvec, tvec)`, as `Rig.from_opencv` takes them.
+    image_size
+        (width, height) px, one for all or one for each by id.
+    fisheye
+        Whether all cameras, or which by id, are of cv2.fisheye.
+    mm
+        Millimetres to the unit of `tvec`.
+
+    Raises
+    ------
+    InputError
+        Names the camera, where one of these cannot be used.
+    """
     what = Phrase("camera-named", {"camera": name})
     if problem := id_problem(name):
         raise InputError(Phrase("error-camera-id", {"name": repr(name), "problem": problem}))
@@ -178,12 +232,33 @@ def camera_of_opencv(
 
 
 def is_wide(name: str, fisheye: bool | Collection[str]) -> bool:
-    """Whether a camera is of cv2.fisheye, where that is said once for all or by the names of those that are."""
+    """Whether a camera is of cv2.fisheye.
+
+    Parameters
+    ----------
+    name
+        The camera's id.
+    fisheye
+        Said once for all, or the ids of those that are.
+    """
     return fisheye if isinstance(fisheye, bool) else name in fisheye
 
 
 def size_of(name: str, image_size: ImageSize) -> tuple[int, int]:
-    """The (width, height) of a camera's images where they are given once for all or for each; InputError."""
+    """The (width, height) of a camera's images in px.
+
+    Parameters
+    ----------
+    name
+        The camera's id.
+    image_size
+        One size for all, or one for each by id.
+
+    Raises
+    ------
+    InputError
+        Where there is none for this camera, or it is not of two whole numbers above 0.
+    """
     size: Any = image_size.get(name) if isinstance(image_size, Mapping) else image_size
     try:
         width, height = size

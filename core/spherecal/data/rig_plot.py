@@ -17,10 +17,23 @@ _EDGES = (0, 1, 2, 0, 3, 4, 0, 2, 3, 4, 1)  # one line through centre (0) and co
 
 
 def plot_cameras(cameras: Sequence[RigCamera], reference: str | None, ax: Any = None) -> "Axes3D":
-    """The cameras as frusta with their ids, in mm in the world, equal scales; the reference camera is highlighted.
+    """The cameras as frusta with their ids, in mm in the world, equal scales; the axes.
 
-    `ax`: axes of matplotlib with projection "3d"; a new figure otherwise. InputError for other axes or no cameras,
-    MissingPackage without matplotlib.
+    Parameters
+    ----------
+    cameras
+        What to draw.
+    reference
+        Id of the camera that is highlighted; None for none.
+    ax
+        Axes of matplotlib with projection "3d"; None for a new figure.
+
+    Raises
+    ------
+    InputError
+        For other axes, and where there are no cameras.
+    MissingPackage
+        Without matplotlib.
     """
     if not cameras:
         raise InputError(Phrase("error-nothing-to-draw"))

@@ -181,12 +181,32 @@ class Session(ByValue):
     ) -> "Session":
         """A session from image points in memory instead of a folder.
 
-        `observations`: by camera (n, 2) px, or (t, n, 2) for t placements; row i is the same point in all cameras, NaN
-        where it is not seen. Or such arrays by placement; an array (cameras, n, 2); or a table (a mapping of columns,
-        or a data frame) with `camera`, `target`, `u`, `v` and optionally `placement`, `point`, `sigma_u`, `sigma_v`.
-        Rows of arrays become target i, point `centre`. `cameras`: by id K, (K, dist) in OpenCV's terms as start
-        values, or a CameraSpec; `image_size` (width, height) for all or by camera; `fisheye`: all cameras, or those
-        named, have lenses of cv2.fisheye. Without a `scale` lengths are arbitrary. InputError says what cannot be used.
+        Parameters
+        ----------
+        observations
+            By camera (n, 2) px, or (t, n, 2) for t placements. Row i is the same point in all cameras, NaN where it is
+            not seen; it becomes target i, point `centre`. Or such arrays by placement, or an array (cameras, n, 2). Or
+            a table (a mapping of columns, or a data frame) with `camera`, `target`, `u`, `v`, and optionally
+            `placement`, `point`, `sigma_u`, `sigma_v`.
+        cameras
+            By id K or (K, dist) in OpenCV's terms, as start values, or a CameraSpec.
+        image_size
+            (width, height) px, one for all or one for each by id; None where all cameras are a CameraSpec.
+        fisheye
+            Whether all cameras, or which by id, have lenses of cv2.fisheye.
+        scale
+            Where millimetres come from; None: lengths are arbitrary.
+        bars, bar_poses
+            Reference bars and their poses; image points of a pose are those of the placement of its id.
+        target_set
+            The targets' layouts; None where they have none.
+        sphere_diameter_mm
+            The ball's diameter; None where it is not known.
+
+        Raises
+        ------
+        InputError
+            Says what cannot be used.
         """
         from spherecal.files.from_arrays import camera_specs, digest, observations_of
 

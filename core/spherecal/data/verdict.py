@@ -26,7 +26,7 @@ WORDS: dict[Verdict, str] = {"valid": "VALID", "use-with-care": "USE WITH CARE",
 class Rule:
     """What a finding means whose test has failed (severity warning): its effect, on what, and the measurement behind.
 
-    `widen`: by how much standard uncertainties of the cameras concerned grow in the free, soft and rigid form; `poses`:
+    `widen`: by how much standard uncertainties of the cameras concerned grow in the free, soft and rigid form. `poses`:
     how much more those of single poses do, whose errors make up for each other in lengths.
     """
 
@@ -186,9 +186,18 @@ def is_valid(findings: Sequence[Finding]) -> bool:
 def affected(
     findings: Sequence[Finding], cameras: Sequence[str], region: Affected | None = None
 ) -> tuple[Affected, ...]:
-    """What care concerns: some of the rig's cameras, the scale, the weak part of the volume (`region`).
+    """What care concerns: some of the rig's cameras, the scale, the weak part of the volume.
 
     A finding that names none of them concerns all cameras.
+
+    Parameters
+    ----------
+    findings
+        The result's findings.
+    cameras
+        Ids of the rig's cameras.
+    region
+        The weak part of the volume; None where there is no map: findings about the volume then concern cameras.
     """
     names: set[str] = set()
     scale = volume = False
@@ -216,7 +225,17 @@ def _concerned(finding: Finding, cameras: Sequence[str]) -> set[str]:
 
 
 def widening(findings: Sequence[Finding], cameras: Sequence[str], form: str) -> tuple[FloatArray, FloatArray]:
-    """By how much standard uncertainties of some cameras (c,) grow, by all findings: for lengths, of their poses."""
+    """By how much standard uncertainties of some cameras (c,) grow, by all findings: for lengths, of their poses.
+
+    Parameters
+    ----------
+    findings
+        The result's findings.
+    cameras
+        The cameras' ids.
+    form
+        The form of the ball, free, soft or rigid; any other counts as free.
+    """
     factor, poses = np.ones(len(cameras)), np.ones(len(cameras))
     for finding in findings:
         if finding.code == "poses-scatter":
@@ -238,7 +257,15 @@ def widening(findings: Sequence[Finding], cameras: Sequence[str], form: str) -> 
 
 
 def with_findings(calibration: Calibration, findings: tuple[Finding, ...]) -> Calibration:
-    """A calibration with more findings, its causes, before those of the same severity; judged again."""
+    """A calibration with more findings, its causes, before those of the same severity; judged again.
+
+    Parameters
+    ----------
+    calibration
+        The calibration.
+    findings
+        What is added.
+    """
     if not findings:
         return calibration
     rig = calibration.rig

@@ -46,14 +46,33 @@ BODY = Format(
 
 
 def read_body(path: Path) -> Body:
-    """The body in a file; InputError names the place that is not as docs/formats.md says."""
+    """The body in a file.
+
+    Raises
+    ------
+    InputError
+        Names the place that is not as docs/formats.md says; also where the points do not define a pose.
+    """
     body = BODY.read(path)
     check_body(body, str(path))
     return body
 
 
 def check_body(body: Body, where: str) -> None:
-    """InputError where a body's points do not define its pose."""
+    """Check that a body's points define its pose: three or more, and not within 1 mm (rms) of one line.
+
+    Parameters
+    ----------
+    body
+        The body.
+    where
+        Its file, for the message.
+
+    Raises
+    ------
+    InputError
+        Where they do not.
+    """
     if len(body.points) < LEAST_POINTS:
         raise InputError(
             Phrase("error-body-points", {"where": where, "least": LEAST_POINTS, "found": len(body.points)})
@@ -65,12 +84,27 @@ def check_body(body: Body, where: str) -> None:
 
 
 def line_width(places: np.ndarray) -> float:
-    """How far (rms, mm) points (n, 3) lie from their best line."""
+    """How far (rms, mm) points (n, 3) are from their best line."""
     spread = np.linalg.svd(places - places.mean(axis=0), compute_uv=False)
     return float(np.hypot(spread[1], spread[2] if len(spread) > 2 else 0.0) / np.sqrt(len(places)))
 
 
 def write_body(body: Body, path: Path) -> None:
-    """Write body.json, whole or not at all; InputError for a body that could not be read again."""
+    """Write body.json, whole or not at all.
+
+    Parameters
+    ----------
+    body
+        The body.
+    path
+        The file; one that is there is replaced.
+
+    Raises
+    ------
+    InputError
+        For a body that could not be read again.
+    OutputError
+        Where the file cannot be written.
+    """
     check_body(body, str(path))
     write_file_whole(path, BODY.bytes(body))

@@ -1,8 +1,8 @@
 """The rig's health while it measures: residuals by camera against the calibration, and cameras that were moved.
 
 Two tests of `verify.consistency`: over the last few sets, for a camera that was knocked, and over a hundred, for one
-that creeps. Targets at rest show the same errors of lens and print set after set; they count once in the long test, and
-a camera is named only where its move is beyond what such errors make.
+that creeps. Targets at rest show the same errors of lens and print set after set. So they count once in the long test,
+and a camera is named only where its move is beyond what such errors make.
 """
 
 from collections import deque
@@ -42,7 +42,7 @@ class _Sample:
 
 
 class RigHealth:
-    """Fed with one set after the other; `state` may be read at any time."""
+    """The rig's health, fed with one set after the other (`add`); `state` may be read at any time."""
 
     def __init__(self, rig: Rig) -> None:
         self._rig = rig
@@ -60,7 +60,21 @@ class RigHealth:
     def add(
         self, number: int, views: Views, checked: CheckedPoints, key: IntArray, take: BoolArray, expected_noise: float
     ) -> None:
-        """One set: its views, which of them were kept, the points' keys (m,) and which points did not move (m,)."""
+        """Take in one set; the cameras are tested every 5 sets over these, and every 100 sets over all of them.
+
+        Parameters
+        ----------
+        number
+            The set's number.
+        views, checked
+            Its views, in the rig's order of cameras, and the points with the views that were kept.
+        key
+            Number of each point, (m,), the same in every set.
+        take
+            Which points count for the tests, (m,): those that did not move.
+        expected_noise
+            Least noise of an image coordinate, in units of sigma.
+        """
         self.sets += 1
         c = len(self._rig.cameras)
         kept = checked.kept
@@ -116,7 +130,7 @@ class RigHealth:
 
     @property
     def state(self) -> Health:
-        """What is known so far."""
+        """What is known so far of every camera of the rig."""
         cameras = []
         for i, camera in enumerate(self._rig.cameras):
             n = int(self._count[i])

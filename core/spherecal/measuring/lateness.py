@@ -1,8 +1,8 @@
 """Moving points at a set's moment, though each camera exposed at a moment of its own.
 
 A camera that exposes t s after the set's moment sees a point where it is then, at x + v t. One adjustment of a set
-finds the points x, the velocity v of each target, known to some extent from the sets before, and how late each camera
-is, unless its time is exact. With residuals r of the views and their derivatives A by the point, it makes
+finds the points x, the velocity v of each target, and how late each camera is, unless its time is exact. Velocities are
+known to some extent from the sets before. With residuals r of the views and their derivatives A by the point, it makes
 
     sum |r + A (dx + t dv + v dt)|^2 + sum |dv / sd|^2 + sum |z|^2,   moments t = sd_s * spread @ z,
 
@@ -178,10 +178,33 @@ def at_one_moment(
     expected_noise: float,
     rig: Rig,
 ) -> tuple[CheckedPoints, PointErrors, Motion]:
-    """The points of `plain` views at the set's moment, their errors with what they share, and their motion.
+    """The points of a set at its moment, with their errors and their motion.
 
-    `rough`: the points of the same views with room for what they shift by; `motion_of` points (m, 3) mm; the target of
-    each point (m,).
+    Parameters
+    ----------
+    plain
+        Views as they were observed, each at its camera's own moment.
+    rough
+        The points of the same views, with room in their sigmas for what they shift by.
+    timing
+        What is known of the cameras' moments.
+    motion_of
+        Gives the motion of points (m, 3) mm by the sets before.
+    target
+        The target of each point, (m,).
+    expected_noise
+        Noise of the image points in units of sigma.
+    rig
+        The calibrated rig.
+
+    Returns
+    -------
+    checked
+        The points at the set's moment, with views that contradict left out.
+    errors
+        How they err: by noise and velocities singly, by the cameras and their moments together (`by_shared`).
+    motion
+        Their motion.
     """
     adjustment = _Adjustment(rough, plain, target, timing, expected_noise)
     x = rough.points.points

@@ -30,8 +30,8 @@ _WORKERS = 2  # images at a time; kernels leave the interpreter alone
 class LiveSettings:
     """How sets are taken: at most `rate_hz` a second, `sets` of them or for `seconds` (None: until stopped).
 
-    `timeout_s` for one set; cameras that deliver nothing are left out of it. `period_s`: how often each whole image is
-    searched; 0 searches whole images only.
+    `timeout_s` is that of one set; cameras that deliver nothing until then are left out of it. `period_s`: how often
+    each whole image is searched; 0 searches whole images only.
     """
 
     rate_hz: float = 10.0
@@ -44,7 +44,19 @@ class LiveSettings:
 def rig_cameras_of(rig: Rig, discovery: Discovery, names: Mapping[str, str] | None = None) -> dict[str, RigCamera]:
     """The rig's camera for each serial number that was found: by serial, else by the camera's name.
 
-    `names` are those that the user gave, by serial. InputError where none of the cameras is the rig's.
+    Parameters
+    ----------
+    rig
+        The calibrated rig.
+    discovery
+        The cameras that were found.
+    names
+        Names that the user gave them, by serial; they go before the cameras' own.
+
+    Raises
+    ------
+    InputError
+        Where none of the cameras is the rig's.
     """
     by_serial = {camera.serial: camera for camera in rig.cameras if camera.serial}
     found: dict[str, RigCamera] = {}
@@ -68,7 +80,27 @@ def rig_cameras_of(rig: Rig, discovery: Discovery, names: Mapping[str, str] | No
 class LiveSets:
     """The sets of an open source: iterate over it; the next set is captured while the last one is searched.
 
-    `cameras`: the rig's camera by serial number. CameraError where all cameras stay silent.
+    Parameters
+    ----------
+    source
+        The open source of the cameras.
+    cameras
+        The rig's camera by serial number (`rig_cameras_of`).
+    target_set
+        The targets to look for.
+    settings
+        How many sets, and how fast.
+    context
+        To stop.
+
+    Raises
+    ------
+    CameraError
+        While iterating: where all cameras stay silent three times in a row, or the source was closed.
+    InputError
+        While iterating: where a camera's images have another size than in the rig.
+    Cancelled
+        While iterating: where the context says so.
     """
 
     def __init__(
@@ -121,7 +153,7 @@ class LiveSets:
         return self._stop.is_set() or timed_out or (s.sets is not None and number >= s.sets)
 
     def _capture(self, pause_s: float) -> tuple[FrameSet, float]:
-        """A set with two cameras or more, and the seconds that it took."""
+        """A set with one image or more, and the seconds that it took."""
         self._stop.wait(pause_s)
         request = CaptureRequest(tuple(self._cameras), self._settings.timeout_s, 0)
         silent = 0
@@ -172,7 +204,7 @@ class LiveSets:
 
 
 def known_of(camera: RigCamera) -> DetectionSettings:
-    """What the rig says of a camera, for detection."""
+    """What the rig says of a camera, for detection: focal length, principal point and image size."""
     k = camera.intrinsics
     return DetectionSettings(float(k[0]), (float(k[2]), float(k[3])), camera.image_size)
 
@@ -195,7 +227,17 @@ def _check_size(camera: RigCamera, frame: Frame) -> None:
 
 
 def collected(cameras: list[int], found: list[Detections], ids: tuple[str, ...]) -> Observations:
-    """The detections of some cameras (indices into `ids`) as the observations of one set."""
+    """The detections of some cameras' images as the observations of one set.
+
+    Parameters
+    ----------
+    cameras
+        Index into `ids` of each image's camera.
+    found
+        What was found in each image.
+    ids
+        Ids of all cameras of the rig that take part.
+    """
     count = [len(one) for one in found]
     none: list[np.ndarray] = [np.empty((0, 2))]
     points = next((one.points for one in found if len(one)), DOTS)  # a part without targets names no family

@@ -40,7 +40,15 @@ _STILL_PX = 2.0  # what a target at rest may move from set to set and still coun
 
 
 class Measurer:
-    """Measures sets with a rig; it remembers what it needs of earlier ones: motion, noise, health."""
+    """Measures sets with a rig; it remembers what it needs of earlier ones: motion, noise, health.
+
+    Parameters
+    ----------
+    rig
+        The calibrated rig.
+    task
+        What to measure; None: every point that is seen, as no target has a layout then.
+    """
 
     def __init__(self, rig: Rig, task: Task | None = None) -> None:
         self.rig, self.task = rig, task or Task()
@@ -59,7 +67,10 @@ class Measurer:
 
     @on_one_blas_thread
     def measure(self, observed: ObservedSet) -> MeasuredSet:
-        """One set; cameras that the rig does not have are left out."""
+        """The points of one set in the rig's world, what the task asks for, and what contradicts.
+
+        Cameras that the rig does not have are left out.
+        """
         o = observed.observations
         in_rig = np.array([self._index.get(name, -1) for name in o.cameras], dtype=np.int64)
         rows = np.flatnonzero(in_rig[o.camera] >= 0)
@@ -218,7 +229,22 @@ class Measurer:
 def measure_sets(
     sets: Iterable[ObservedSet], measurer: Measurer, context: Context | None = None
 ) -> Iterator[MeasuredSet]:
-    """Measure sets as they come; the one seam of command line, window and Python."""
+    """Measure sets as they come; the one seam of command line, window and Python.
+
+    Parameters
+    ----------
+    sets
+        The observed sets, in the order of time.
+    measurer
+        Measures each, and learns from it.
+    context
+        To stop.
+
+    Raises
+    ------
+    Cancelled
+        Where the context says so; asked before every set.
+    """
     context = context or Context()
     for observed in sets:
         context.check()

@@ -15,7 +15,7 @@ class Motion:
     """Of values (n, w): `mean` velocities since the last set, those `now`, and their `change`.
 
     Per second (the change: per s^2); NaN where unknown. The velocity now is that of the parabola through the last three
-    sets; its `sd` (n,) is what the change itself changed meanwhile, or, with fewer sets, all of what is less known.
+    sets. Its `sd` (n,) is what the change itself changed since, or, with fewer sets, all of what is less known.
     """
 
     mean: FloatArray
@@ -26,7 +26,7 @@ class Motion:
     _passed: FloatArray
 
     def shared_by(self, group: IntArray) -> "Motion":
-        """The same, with the mean of their group's (n,) where a value's own is unknown."""
+        """The same, with the mean of their group's (n,) where a value's own velocity is unknown."""
         known = np.isfinite(self.now[:, 0])
         if known.all() or not known.any():
             return self
@@ -54,7 +54,17 @@ class Velocities:
         self._past: _Past | None = None
 
     def of(self, key: IntArray, value: FloatArray, at_s: FloatArray) -> Motion:
-        """The motion of values (n, w) at times (n,), keys (n,) all different."""
+        """The motion of some values by the sets kept before; unknown for values that were not in the last set.
+
+        Parameters
+        ----------
+        key
+            Number of each value, (n,), all different.
+        value
+            The values, (n, w).
+        at_s
+            When each was measured, (n,) s.
+        """
         n, w = value.shape
         x, at, (mean, acceleration, jerk, passed) = np.full((n, w), np.nan), np.full(n, np.nan), _unknown(n, w)
         past = self._past
@@ -83,7 +93,15 @@ class Velocities:
         return Motion(velocity, now, sd, change, jerk_now, dt)
 
     def keep(self, key: IntArray, value: FloatArray, at_s: FloatArray, motion: Motion) -> None:
-        """Remember a set with its motion for the next."""
+        """Remember a set with its motion for the next.
+
+        Parameters
+        ----------
+        key, value, at_s
+            The values (n, w) with their numbers and times (n,), as in `of`.
+        motion
+            Their motion, as `of` gave it.
+        """
         order = np.argsort(key, kind="stable")
         arrays = (motion.mean, motion.now, motion.sd, motion.change, motion._jerk, motion._passed)
         self._past = _Past(key[order], value[order], at_s[order], Motion(*(array[order] for array in arrays)))

@@ -53,13 +53,13 @@ class LocatedPoints(ByValue):
 
     @cached_property
     def covariance(self) -> FloatArray:
-        """Of each place by itself, (n, 3, 3) mm^2."""
+        """The covariance of each place by itself, (n, 3, 3) mm^2."""
         n, _, p = self.gradient.shape
         by_cameras = (self.gradient.reshape(3 * n, p) @ self.cameras).reshape(n, 3, p)
         return self.noise + by_cameras @ np.swapaxes(self.gradient, 1, 2)
 
     def joint(self, rows: Sequence[int]) -> FloatArray:
-        """The covariance (3k, 3k) of some places together."""
+        """The covariance (3k, 3k) in mm^2 of some places (k rows) together."""
         chosen = list(rows)
         gradient = self.gradient[chosen].reshape(3 * len(chosen), -1)
         joint = gradient @ self.cameras @ gradient.T
@@ -68,13 +68,29 @@ class LocatedPoints(ByValue):
         return joint
 
     def variance(self, rows: Sequence[int], derivative: FloatArray) -> float:
-        """Of a number with derivatives (k, 3) by some places."""
+        """Variance of a number that depends on some places.
+
+        Parameters
+        ----------
+        rows
+            The k places.
+        derivative
+            Derivatives of the number by them, (k, 3), in its own unit per mm.
+        """
         flat = derivative.ravel()
         return float(flat @ self.joint(rows) @ flat)
 
 
 class Layouts:
-    """The layouts of a target set as arrays, for observations that name their points as `points` does."""
+    """The layouts of a target set as arrays, for observations that name their points as `points` does.
+
+    Parameters
+    ----------
+    target_set
+        The targets; None: no target has a layout.
+    points
+        Names of points, in the observations' order.
+    """
 
     def __init__(self, target_set: TargetSet | None, points: tuple[str, ...]) -> None:
         self.points = points
@@ -88,7 +104,15 @@ class Layouts:
                     self.flat[row, column[name]] = place
 
     def of(self, target: IntArray, point: IntArray) -> FloatArray:
-        """Flat places (n, 2) of points, NaN where there is none."""
+        """Places (n, 2) in mm of points on their flat targets, NaN where the layouts have none.
+
+        Parameters
+        ----------
+        target
+            Each point's target, (n,).
+        point
+            Index of each point's name, (n,).
+        """
         if not len(self.ids):
             return np.full((len(target), 2), np.nan)
         row = np.searchsorted(self.ids, target).clip(max=len(self.ids) - 1)
@@ -106,9 +130,20 @@ def triangulate_places(
     wanted: frozenset[PointName],
     errors: PointErrors,
 ) -> LocatedPoints:
-    """The places of all targets and wanted points among features `target` (m,), `point` (m,).
+    """The places of all targets and wanted points, in mm in the rig's world, sorted by name.
 
     A target with a layout has its centre; one without has each of its points.
+
+    Parameters
+    ----------
+    target, point
+        Of each triangulated point, (m,): its target, and the index of its name in `layouts.points`.
+    layouts
+        The targets' layouts.
+    wanted
+        Points that are asked for by name, besides the centres.
+    errors
+        The triangulated points, and how they err.
     """
     checked, points = errors.checked, errors.checked.points
     usable = np.isfinite(points.points[:, 0]) & points.in_front & ~checked.contradicting

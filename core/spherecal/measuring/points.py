@@ -27,9 +27,9 @@ class MeasuredPoints(ByValue):
     """Points measured with a rig: `points_mm` (..., 3) in the world of rig.json or the user's frame, NaN for none.
 
     `covariance_mm2` (..., 3, 3): cameras (if the rig's covariance is there) and image noise, scale included; NaN
-    without a point. `views` (...) counts the cameras that a point rests on, 0 without a point; `used` says of each
-    camera which of its image points took part, (...); `contradicting` (...) marks points given up because their views
-    do not meet; `residuals_px` of each camera (..., 2) is predicted - observed.
+    without a point. `views` (...) counts the cameras that a point rests on, 0 without a point. `used` says of each
+    camera which of its image points took part, (...). `contradicting` (...) marks points given up because their views
+    do not meet. `residuals_px` of each camera (..., 2) is predicted - observed.
     """
 
     points_mm: FloatArray
@@ -46,9 +46,23 @@ class MeasuredPoints(ByValue):
 
 
 def project_points(rig: Rig, points_mm: ArrayLike, frame: UserFrame | None = None) -> dict[str, FloatArray]:
-    """Where each camera sees points (..., 3) of the rig's world, or of a `frame`: (..., 2) px, NaN for those behind it.
+    """Where each camera sees points: (..., 2) px by camera id, NaN for those behind it.
 
     One point (3,) gives (2,), the two ends of n bars (n, 2, 3) give (n, 2, 2).
+
+    Parameters
+    ----------
+    rig
+        The calibrated rig.
+    points_mm
+        Points (..., 3) in mm.
+    frame
+        The user's frame that they are given in; None for the rig's world.
+
+    Raises
+    ------
+    InputError
+        For an array of another shape, and for a frame of another rig.
     """
     rig = rig if frame is None else in_frame(rig, frame)
     points = last_axis(points_mm, 3, "points_mm")
@@ -61,14 +75,29 @@ def triangulate_points(
     sigma_px: float = DEFAULT_SIGMA_PX,
     frame: UserFrame | None = None,
 ) -> MeasuredPoints:
-    """Points from their images: for each camera (..., 2) px, the same place in all arrays the same point, NaN unseen.
+    """Points from their images, in mm, with their covariances.
 
-    `image_points` by camera id, or an array (cameras, ..., 2) in the order of the rig. (2,) of each camera gives one
-    point (3,), (n, 2) gives (n, 3), (n, 2, 2) the two ends of n bars (n, 2, 3). With three or more views a grossly
-    wrong one is left out. `sigma_px` is the standard uncertainty of an image coordinate; from 30 redundant observations
-    on, the residuals correct it. With a `frame` points and covariances are given in it, without the frame's own
-    uncertainty. InputError for a camera that the rig does not have, for arrays of another shape and for a frame of
-    another rig.
+    With three or more views a grossly wrong one is left out.
+
+    Parameters
+    ----------
+    rig
+        The calibrated rig.
+    image_points
+        For each camera (..., 2) px by its id, or an array (cameras, ..., 2) in the order of the rig. The same place in
+        all arrays is the same point, NaN where it is not seen. (2,) of each camera gives one point (3,), (n, 2) gives
+        (n, 3), (n, 2, 2) the two ends of n bars (n, 2, 3).
+    sigma_px
+        Standard uncertainty of an image coordinate, px; from 30 redundant observations on, the residuals correct it.
+    frame
+        The user's frame to give points and covariances in, without the frame's own uncertainty; None for the rig's
+        world.
+
+    Raises
+    ------
+    InputError
+        For a camera that the rig does not have, and a frame of another rig. For arrays of another shape, and a
+        `sigma_px` that is not above 0.
     """
     rig = rig if frame is None else in_frame(rig, frame)
     if not sigma_px > 0:

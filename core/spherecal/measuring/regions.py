@@ -39,9 +39,18 @@ class _Track:
 
 
 class RegionSearch:
-    """One camera's search; `turn` (0 to 1) says where in the second its whole images come.
+    """One camera's search for targets; `last_part` is the part of the last image that was searched.
 
-    The settings have the camera's focal length: without it a part's own size would be taken for it.
+    Parameters
+    ----------
+    detect
+        Finds the targets in an image or a part of one.
+    settings
+        What is known of the camera. It has the focal length: without it a part's own size would be taken for it.
+    turn
+        Where in the period its whole images come, 0 to 1.
+    period_s
+        How often the whole image is searched; 0: always.
     """
 
     def __init__(self, detect: Detect, settings: DetectionSettings, turn: float = 1.0, period_s: float = FULL_PERIOD_S):
@@ -52,7 +61,15 @@ class RegionSearch:
         self.last_part = 1.0  # of the image that was searched
 
     def find(self, image: NDArray, at_s: float) -> Detections:
-        """The targets in an image taken at `at_s`."""
+        """The targets in an image, in the coordinates of the whole image.
+
+        Parameters
+        ----------
+        image
+            A grey image (h, w).
+        at_s
+            When it was taken, s on the clock of the images before.
+        """
         parts = None if self._is_due(at_s) else self._parts(image.shape, at_s)
         if parts is None:
             found, self.last_part = self._detect(image, self._settings), 1.0

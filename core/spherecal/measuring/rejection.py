@@ -1,8 +1,8 @@
 """Views of one set that contradict the others: found and left out, for all points at once.
 
-`verify.outlying_views` triangulates every doubtful point once for each of its views, 1 to 2 ms a point: with a camera
+`verify.outlying_views` triangulates every doubtful point once for each of its views, 1 to 2 ms a point. With a camera
 that was knocked some hundred points of every set are doubtful. Here the cost without a view is the closed form of a
-deletion in least squares, v'Pv - v_i' (I - H_ii)^-1 v_i, with H the hat matrix of the point (whitened residuals v).
+deletion in least squares, v'Pv - v_i' (I - H_ii)^-1 v_i. H is the hat matrix of the point, v are whitened residuals.
 """
 
 from dataclasses import dataclass
@@ -32,10 +32,17 @@ class _Suspects:
 
 
 def reject_views(views: Views, expected_noise: float) -> CheckedPoints:
-    """The points without views that contradict the others; `expected_noise` in units of sigma.
+    """The points without views that contradict the others.
 
     With four or more views the one is left out without which the others agree best, with three only where that is
-    clear; of two that contradict, and of what still contradicts then, the point is given up.
+    clear. Of two that contradict, and of what still contradicts then, the point is given up.
+
+    Parameters
+    ----------
+    views
+        All views of the points.
+    expected_noise
+        Noise in units of sigma, which serves where the residuals are too few to estimate it.
     """
     kept = np.ones(len(views.uv), dtype=bool)
     given_up = np.zeros(views.n_features, dtype=bool)

@@ -54,8 +54,8 @@ class MeasuredValue:
 class BodyPose(ByValue):
     """A body's pose: x_world = rotation (3, 3) @ x_body + translation_mm (3,).
 
-    `covariance` (6, 6): of a small turn about the world's axes in rad (the true rotation is exp(turn) @ rotation), then
-    of the translation in mm. `left_out` names points that contradict the rest, `rms_mm` is of the points used.
+    `covariance` (6, 6): first a small turn about the world's axes in rad (the true rotation is exp(turn) @ rotation),
+    then the translation in mm. `left_out` names points that contradict the rest. `rms_mm` is that of the points used.
     """
 
     name: str
@@ -94,10 +94,10 @@ class CameraResidual:
 class MeasuredSet(ByValue):
     """One set measured: points (n,) with places (n, 3) mm and covariances (n, 3, 3) mm^2 in the rig's world.
 
-    `views` (n,) counts the cameras that a point rests on, `dots` (n,) the dots of its target that were used. `missing`:
-    bodies and values that could not be measured, and why. `skew_s` is the largest difference between the moments of
-    exposure, `speed_mm_s` (n,) that of the points (NaN where unknown), `latency_s` the time from the arrival of the
-    last image to the result.
+    `views` (n,) counts the cameras that a point rests on, `dots` (n,) the dots of its target that were used.
+    `speed_mm_s` (n,) is how fast the points move, NaN where unknown. `missing`: bodies and values that could not be
+    measured, and why. `skew_s` is the largest difference between the moments of exposure. `latency_s` is the time from
+    the arrival of the last image to the result.
     """
 
     number: int
@@ -120,7 +120,7 @@ class MeasuredSet(ByValue):
 
     @property
     def sigma_mm(self) -> FloatArray:
-        """Standard uncertainties (n, 3) along the world's axes."""
+        """Standard uncertainties (n, 3) of the points along the world's axes."""
         return np.sqrt(np.einsum("nii->ni", self.covariance_mm2))
 
     def index(self, name: PointName) -> int | None:
@@ -146,7 +146,10 @@ class CameraHealth:
 
 @dataclass(frozen=True)
 class Health:
-    """The rig while it measures: sets so far and every camera; `tests` are the newest tests over many sets."""
+    """The rig while it measures: sets so far and every camera.
+
+    `tests` are those of the newest test, be it over the last few sets or over many.
+    """
 
     sets: int
     cameras: tuple[CameraHealth, ...]

@@ -31,7 +31,13 @@ _ROWS_AT_ONCE = 20_000  # of a row group
 
 
 def check_table_kind(kind: TableKind) -> None:
-    """MissingPackage where Parquet is asked for and pyarrow is not installed."""
+    """Check that tables of a kind can be written here.
+
+    Raises
+    ------
+    MissingPackage
+        Where Parquet is asked for and pyarrow is not installed.
+    """
     if kind == "parquet":
         _pyarrow()
 
@@ -54,8 +60,28 @@ def write_series(
 ) -> int:
     """Write all sets into a series folder, whole or not at all; how many there were.
 
-    What ends the measurement early, Ctrl-C or a lost camera, is raised again once all sets so far are written. `seen`
-    is called with every set. OutputError where the folder cannot be written.
+    What ends the measurement early, Ctrl-C or a lost camera, is raised again once all sets so far are written. Before
+    the first set nothing is written.
+
+    Parameters
+    ----------
+    sets
+        The measured sets; they are written as they come.
+    measurer
+        What measures them: its rig and the health at the end go into series.json.
+    folder
+        The series folder; missing, empty, or an older series.
+    table
+        The form of the tables.
+    seen
+        Called with every set; None for nobody.
+
+    Raises
+    ------
+    MissingPackage
+        For Parquet without pyarrow.
+    OutputError
+        Where the folder cannot be written.
     """
     check_table_kind(table)
     count = 0
@@ -88,7 +114,7 @@ def write_series(
 
 
 class _NotWrittenError(Exception):
-    """A set could not be written: the folder is of no use."""
+    """A set could not be written: the folder cannot be used."""
 
     def __init__(self, cause: OSError) -> None:
         super().__init__(str(cause))

@@ -1,6 +1,6 @@
 """Measured sets to other programs of this computer: JSON lines over TCP on the loopback interface (docs/measuring.md).
 
-Only 127.0.0.1 is listened on, nothing that a client sends is read, and no client can hold up the measurement: each has
+Only 127.0.0.1 is listened on, and nothing that a client sends is read. No client can hold up the measurement: each has
 a bounded queue of its own, and one that does not keep up is dropped.
 """
 
@@ -67,9 +67,21 @@ class _Client:
 
 
 class MeasurementStream:
-    """Listens from the moment it is made; use it in a `with` block. InputError where the port cannot be had.
+    """Listens on 127.0.0.1 from the moment it is made; use it in a `with` block.
 
-    `port` 0 takes any free one; `port` then says which.
+    Parameters
+    ----------
+    port
+        The port; 0 takes any free one, and the attribute `port` then says which.
+    about
+        Further fields of the first line that a client gets; None for format and version alone.
+    queue_lines
+        Lines that may wait for a client before it is dropped.
+
+    Raises
+    ------
+    InputError
+        Where the port cannot be had.
     """
 
     def __init__(self, port: int, about: Mapping[str, Any] | None = None, queue_lines: int = QUEUE_LINES) -> None:

@@ -72,7 +72,7 @@ def rows_of(measured: MeasuredSet) -> Iterator[tuple[str, Row]]:
 
 
 def quaternion(body: BodyPose) -> np.ndarray:
-    """The rotation as w, x, y, z with w >= 0 (4,)."""
+    """The rotation from the body's frame to the world as w, x, y, z with w >= 0, (4,)."""
     from scipy.spatial.transform import Rotation
 
     x, y, z, w = Rotation.from_matrix(body.rotation).as_quat(canonical=True)
@@ -80,7 +80,15 @@ def quaternion(body: BodyPose) -> np.ndarray:
 
 
 def set_json(measured: MeasuredSet, health: Health | None = None) -> dict[str, Any]:
-    """One set as the stream has it; with the rig's health, the cameras that moved are named."""
+    """One set as the stream has it.
+
+    Parameters
+    ----------
+    measured
+        The set.
+    health
+        The rig's health, for the field `moved`: the cameras that moved. None: without this field.
+    """
     upper = np.triu_indices(3)
     document: dict[str, Any] = {
         "set": measured.number,

@@ -30,7 +30,13 @@ class PointName:
 
 
 def parse_point(text: str) -> PointName:
-    """`12` is the centre of target 12, `12/A` its point A; InputError for anything else."""
+    """The name of a point in a text: `12` is the centre of target 12, `12/A` its point A.
+
+    Raises
+    ------
+    InputError
+        For anything else.
+    """
     number, slash, point = text.strip().partition("/")
     if number.isdecimal() and int(number) < _MOST_TARGET and bool(slash) == bool(point):
         if not slash:
@@ -59,7 +65,20 @@ class Ruler:
 
 
 def parse_ruler(text: str, points: Literal[2, 3]) -> Ruler:
-    """`12,14` or `12,14=400.05` (mm) with two points, `12,13,14=90` (degrees) with three; InputError."""
+    """The ruler in a text: `12,14` or `12,14=400.05` (mm) with two points, `12,13,14=90` (degrees) with three.
+
+    Parameters
+    ----------
+    text
+        The points, and the nominal value after `=` if there is one.
+    points
+        How many points there must be: two for a distance, three for an angle.
+
+    Raises
+    ------
+    InputError
+        For anything else, and for a point that is there twice.
+    """
     what = Phrase("a-distance" if points == 2 else "an-angle")
     names, equals, nominal = text.partition("=")
     found = tuple(parse_point(name) for name in names.split(","))
@@ -97,7 +116,7 @@ class Body(ByValue):
 
     @property
     def places_mm(self) -> FloatArray:
-        """All places (n, 3)."""
+        """The places (n, 3) of all points in the body's frame."""
         return np.array([point.place_mm for point in self.points], dtype=float).reshape(-1, 3)
 
 
@@ -109,6 +128,11 @@ class Task(ByValue):
     need a temperature for their expansion. `exposure_sd_s`: the standard uncertainty of a camera's moment of exposure,
     None to take it from the set. `correct_exposure`: move image points of moving targets to the set's moment by the
     cameras' own exposure times; only for cameras whose times are exact, as with PTP.
+
+    Raises
+    ------
+    InputError
+        Where two bodies, or two bars, have one name.
     """
 
     target_set: TargetSet | None = None

@@ -81,9 +81,28 @@ def check(
     """Whether the rig still is as it was calibrated, by all that the session holds; nothing is calibrated.
 
     A bar whose marks too few cameras see together to test them still shows whether its lengths are measured right.
+    docs/verification.md says what OK, watch and recalibrate mean.
 
-    `known`: the ball as the calibration found it; `limit` of the bars' errors. InputError where the session has nothing
-    that three cameras of the rig see, and no length of a bar.
+    Parameters
+    ----------
+    session
+        Placements of the ball, poses of bars, or both.
+    rig
+        The calibration that is checked.
+    known
+        The ball as the calibration found it; None: its size is not compared.
+    limit
+        The limit of the bars' errors; None: 3.5 standard uncertainties.
+    context
+        For progress, and to stop.
+
+    Raises
+    ------
+    InputError
+        Where the session has nothing that three cameras of the rig see, and no length of a bar. Where its cameras are
+        not the rig's, by id, image size or serial number.
+    Cancelled
+        Where the context says so.
     """
     context = context or Context()
     session = observed(session, context)
@@ -198,7 +217,19 @@ def _of_the_rig(rig: Rig, consistency: Consistency) -> list[Finding]:
 
 
 def camera_state(test: CameraTest, rig: Rig, tolerance_mm: float | None) -> CheckedCamera:
-    """A camera's verdict: a move that shifts points by more than `tolerance_mm` is to be recalibrated."""
+    """A camera's verdict, with the reason.
+
+    A camera that moved is to be recalibrated or watched, by how far; one whose residuals have doubled is to be watched.
+
+    Parameters
+    ----------
+    test
+        The test of the camera.
+    rig
+        The calibration, for the residuals then.
+    tolerance_mm
+        A move that shifts a point by more is to be recalibrated; None: one of more than 0.1 px in its images.
+    """
     placed = rig.camera(test.id)
     before = placed.rms_px if placed is not None else None
     if test.moved:

@@ -75,9 +75,18 @@ def camera_entry(one: CheckedCamera) -> dict[str, Any]:
 
 
 def keep(profile: Path, check: Mapping[str, Any], temperature_c: float | None = None) -> str | None:
-    """Keep a check (its document) in the profile that it was made against; what to say of it, None for no profile.
+    """Keep a check in the profile that it was made against; what to say of it, None for no profile.
 
     A profile that cannot be written to does not spoil the check: the sentence says so.
+
+    Parameters
+    ----------
+    profile
+        The path that the check was made against; it need not be a profile.
+    check
+        The check's document, of `check_json`.
+    temperature_c
+        The rig's temperature in deg C; None where it is not known.
     """
     if not (profile.is_dir() and is_profile(profile)):
         return None

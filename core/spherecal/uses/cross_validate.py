@@ -26,9 +26,10 @@ STAGE = "cross-validation"
 class LeftOut:
     """One placement measured with the rig that the others gave.
 
-    `rms_px`: how well its image points agree with that rig (2-D rms of triangulated dots); `shape_rms_mm` how far its
-    dots then lie from where the whole session has them, after the best rigid motion; `length_error` the relative
-    difference in size; None where the others do not give a valid rig.
+    `rms_px`: how well its image points agree with that rig (2-D rms of triangulated dots). `shape_rms_mm`: how far its
+    dots then are from where the whole session has them, after the best rigid motion. `length_error`: the relative
+    difference in size. All three are None where the others do not give a valid rig, or fewer than four dots can be
+    compared.
     """
 
     placement: str
@@ -44,7 +45,21 @@ def cross_validate(
 ) -> tuple[Calibration, tuple[LeftOut, ...]]:
     """The calibration of the whole session, and every placement against the rig that the others give.
 
-    InputError with fewer than three placements.
+    Parameters
+    ----------
+    session
+        The session; it is calibrated once, and once more without each placement.
+    settings
+        How to calibrate.
+    context
+        For progress, and to stop.
+
+    Raises
+    ------
+    InputError
+        With fewer than three placements.
+    Cancelled
+        Where the context says so.
     """
     settings, context = settings or CalibrationSettings(), context or Context()
     if len(session.placements) < 3:

@@ -17,7 +17,19 @@ _ORDER: tuple[Verdict, ...] = ("ok", "watch", "recalibrate")
 
 
 def keep_health(profile: Path, health: Health, rig: Rig, temperature_c: float | None = None) -> str | None:
-    """Keep the health in the profile; what to say of it, None for no profile or too few sets to judge."""
+    """Keep the health in the profile; what to say of it, None for no profile or too few sets to judge.
+
+    Parameters
+    ----------
+    profile
+        The path that was measured with; it need not be a profile.
+    health
+        The rig's health over all sets.
+    rig
+        The rig that was measured with.
+    temperature_c
+        The rig's temperature in deg C; None where it is not known.
+    """
     if not (profile.is_dir() and is_profile(profile)) or health.sets < SLOW_SETS or not health.tests:
         return None
     active = open_profile(profile).active_id
@@ -31,7 +43,15 @@ def keep_health(profile: Path, health: Health, rig: Rig, temperature_c: float | 
 
 
 def health_document(health: Health, rig: Rig) -> dict[str, Any]:
-    """The health in the form of check.json: every camera that was tested, by its newest test."""
+    """The health in the form of check.json: every camera that was tested, by its newest test.
+
+    Parameters
+    ----------
+    health
+        The rig's health over all sets.
+    rig
+        The rig that was measured with, for its residuals and the tolerance of moves.
+    """
     tolerance = None if rig.length_map is None else rig.length_map.typical_mm
     named = {one.camera: one.moved for one in health.cameras if one.moved is not None}
     states = [

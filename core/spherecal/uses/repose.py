@@ -25,8 +25,26 @@ def repose(session: Session, rig: Rig, cameras: tuple[str, ...], context: Contex
     """The rig with the poses of some cameras calibrated again from the session's placements.
 
     The others stay exactly as they were (they are turned as one where the reference camera itself has moved). The
-    mended cameras' uncertainty holds that of the cameras they were hung on. InputError as `recalibrate`, and where the
-    reference camera moved and the session does not have all cameras of the rig.
+    mended cameras' uncertainty holds that of the cameras they were hung on.
+
+    Parameters
+    ----------
+    session
+        Placements of the ball that the mended cameras and others saw.
+    rig
+        The calibration so far.
+    cameras
+        Ids of the cameras that moved.
+    context
+        For progress, and to stop.
+
+    Raises
+    ------
+    InputError
+        As `recalibrate`; where the session has no placements; and where the reference camera moved and the session does
+        not have all cameras of the rig.
+    Cancelled
+        Where the context says so.
     """
     if not session.placements:
         raise InputError(Phrase("error-repair-needs-ball"))

@@ -65,7 +65,13 @@ AnyPath = str | os.PathLike[str]
 
 
 def load_session(folder: AnyPath) -> Session:
-    """The session in a folder; InputError names the file and the place in it that is not as it has to be."""
+    """The session in a folder.
+
+    Raises
+    ------
+    InputError
+        Names the file and the place in it that is wrong.
+    """
     return read_session(Path(folder))
 
 
@@ -85,11 +91,41 @@ def new_session(
 ) -> "NewSession":
     """A session folder made from the images, or synchronised videos, in another folder, and how they were read.
 
-    Camera and placement are taken from the paths, as cam1/0001.png, 0001/cam1.png or cam1_0001.png, or as `pattern`
-    says: "{camera}_{placement}.png". Images are copied unless they lie in `folder`; of videos up to `frames` still and
-    sharp ones are. `board`: the fields of session.json's `board`, as a mapping, as text
-    ("chessboard,rows=6,columns=9,pitch_mm=20") or in a JSON file. Focal length and pixel pitch are EXIF's unless
-    given, else a start value is assumed. InputError shows what was seen where names can be read in two ways.
+    Camera and placement are taken from the paths, as cam1/0001.png, 0001/cam1.png or cam1_0001.png, or by `pattern`.
+    Images are copied unless they are in `folder`; of videos still and sharp frames are.
+
+    Parameters
+    ----------
+    folder
+        The new session's folder.
+    images
+        The folder with the images or videos.
+    pattern
+        How the files are named, as "{camera}_{placement}.png"; None: it is recognised.
+    board
+        The fields of session.json's `board`, as a mapping, as text ("chessboard,rows=6,columns=9,pitch_mm=20") or in a
+        JSON file; None where the images show no board.
+    targets
+        The target set, or its targets.json; None where there is none.
+    sphere_diameter_mm
+        The ball's diameter; None where it is not known.
+    focal_length_mm, pixel_pitch_um
+        Of all cameras; None: EXIF's, else a start value is assumed.
+    lens_model
+        The lens model of all cameras; None for `brown`.
+    frames
+        How many frames of each video are taken at most.
+    context
+        For progress, and to stop.
+
+    Raises
+    ------
+    InputError
+        Shows what was seen where names can be read in two ways; also for images and numbers that cannot be used.
+    OutputError
+        Where the folder cannot be written, or has a session already.
+    Cancelled
+        Where the context says so.
     """
     from spherecal.files.new_session import Contents, StatedCameras, make_session
     from spherecal.methods.board_pattern import board_entry
@@ -120,9 +156,30 @@ def calibrate_session(
 ) -> Calibration:
     """The calibrated rig of a session or session folder, the same as `spherecal calibrate` writes.
 
-    `settings`, where given, replace `method`, `intrinsics` and `seed`. Ask `rig.quality.valid` before you use it: a
-    rig that could not be calibrated is a result too, whose findings say why. InputError for what cannot be used,
-    Cancelled where the context says so.
+    Ask `rig.quality.valid` before you use it: a rig that could not be calibrated is a result too, whose findings say
+    why.
+
+    Parameters
+    ----------
+    session
+        The session, or its folder.
+    method
+        The form of the ball, or another method; "auto" chooses.
+    intrinsics
+        "free" to estimate them, "fixed" to keep the priors.
+    seed
+        Of the random numbers of robust estimation; the same seed gives the same result.
+    settings
+        All that can be said of how to calibrate, in place of `method`, `intrinsics` and `seed`.
+    context
+        For progress, and to stop.
+
+    Raises
+    ------
+    InputError
+        For what cannot be used.
+    Cancelled
+        Where the context says so.
     """
     chosen = settings or CalibrationSettings(method=method, intrinsics=intrinsics, seed=seed)
     return calibrate(_session(session), chosen, context)
@@ -139,7 +196,23 @@ def calibrate_points(
 ) -> Calibration:
     """The rig that sees these image points: `Session.from_arrays` and `calibrate_session` in one.
 
-    `session`: what else `Session.from_arrays` takes. Without a scale lengths are arbitrary.
+    Parameters
+    ----------
+    observations, cameras, image_size
+        Image points, cameras and sizes of their images, as `Session.from_arrays` takes them.
+    settings
+        How to calibrate; None for the usual way.
+    context
+        For progress, and to stop.
+    **session
+        What else `Session.from_arrays` takes. Without a scale lengths are arbitrary.
+
+    Raises
+    ------
+    InputError
+        For what cannot be used.
+    Cancelled
+        Where the context says so.
     """
     return calibrate(Session.from_arrays(observations, cameras, image_size, **session), settings, context)
 
@@ -150,9 +223,26 @@ def verify_rig(
     context: Context | None = None,
     limit: LengthLimit | str | None = None,
 ) -> Verification:
-    """The check bars of a session measured with a rig; InputError where the session has nothing to measure.
+    """The check bars of a session measured with a rig.
 
-    `limit` of the length errors, such as "0.03+L/20000" in mm, is decided by ISO 14253-1.
+    Parameters
+    ----------
+    session
+        The session, or its folder.
+    rig
+        The rig, a rig.json or a result folder; of a path the points beside it give the volume where the rig has no map.
+    context
+        For progress, and to stop.
+    limit
+        The limit of the length errors, such as "0.03+L/20000" in mm, decided by ISO 14253-1; None to decide nothing by
+        it.
+
+    Raises
+    ------
+    InputError
+        Where the session has nothing to measure, and for a limit that cannot be read.
+    Cancelled
+        Where the context says so.
     """
     from spherecal.profile.source import corners_beside
 
@@ -171,8 +261,23 @@ def check_rig(
 ) -> "Check":
     """Whether a rig still is as it was calibrated, by one look at the ball or a bar: `spherecal check`.
 
-    `rig` as a path: a profile, result folder or rig.json; the ball is then compared with its points.csv. InputError
-    where three cameras see too little at once.
+    Parameters
+    ----------
+    session
+        The session, or its folder.
+    rig
+        The rig, or the path of a profile, result folder or rig.json; the ball is then compared with its points.csv.
+    limit
+        The limit of the bars' errors, such as "0.03+L/20000" in mm; None: 3.5 standard uncertainties.
+    context
+        For progress, and to stop.
+
+    Raises
+    ------
+    InputError
+        Where three cameras see too little at once.
+    Cancelled
+        Where the context says so.
     """
     from spherecal.profile.source import points_file
     from spherecal.uses.check import check
@@ -191,7 +296,30 @@ def recalibrate_cameras(
     settings: CalibrationSettings | None = None,
     context: Context | None = None,
 ) -> Calibration:
-    """The rig with some cameras calibrated again (`all` of them, `pose` or `intrinsics`), the others locked."""
+    """The rig with some cameras calibrated again, the others locked.
+
+    Parameters
+    ----------
+    session
+        The session, or its folder.
+    rig
+        The rig, a rig.json or a result folder.
+    cameras
+        Ids of the cameras to calibrate, or one id.
+    what
+        What of them: "all", "pose" or "intrinsics".
+    settings
+        How to calibrate; None for the usual way.
+    context
+        For progress, and to stop.
+
+    Raises
+    ------
+    InputError
+        For unknown cameras, and where fewer than two stay locked.
+    Cancelled
+        Where the context says so.
+    """
     from spherecal.uses.recalibrate import Selection, recalibrate
 
     chosen = Selection((cameras,) if isinstance(cameras, str) else tuple(cameras), what)
@@ -201,14 +329,46 @@ def recalibrate_cameras(
 def cross_validate_session(
     session: Session | AnyPath, settings: CalibrationSettings | None = None, context: Context | None = None
 ) -> "tuple[Calibration, tuple[LeftOut, ...]]":
-    """The calibration, and every placement against the rig that the others give; InputError for fewer than three."""
+    """The calibration, and every placement against the rig that the others give.
+
+    Parameters
+    ----------
+    session
+        The session, or its folder.
+    settings
+        How to calibrate; None for the usual way.
+    context
+        For progress, and to stop.
+
+    Raises
+    ------
+    InputError
+        For fewer than three placements.
+    Cancelled
+        Where the context says so.
+    """
     from spherecal.uses.cross_validate import cross_validate
 
     return cross_validate(_session(session), settings, context)
 
 
 def guide_next_placement(session: Session | AnyPath, context: Context | None = None) -> "Guidance":
-    """Where to put the ball next, and what stopping now would give; InputError where nothing can be planned yet."""
+    """Where to put the ball next, and what stopping now would give.
+
+    Parameters
+    ----------
+    session
+        The session recorded so far, or its folder.
+    context
+        For progress, and to stop.
+
+    Raises
+    ------
+    InputError
+        Where nothing can be planned yet.
+    Cancelled
+        Where the context says so.
+    """
     from spherecal.guidance.next_placement import advise
 
     context = context or Context()
@@ -220,7 +380,18 @@ def guide_next_placement(session: Session | AnyPath, context: Context | None = N
 
 
 def compare_rigs(a: Rig | AnyPath, b: Rig | AnyPath) -> "tuple[Comparison, Comparison]":
-    """What has changed from rig a to rig b: after the best similarity, and metric, without a change of scale."""
+    """What has changed from rig a to rig b: after the best similarity, and metric, without a change of scale.
+
+    Parameters
+    ----------
+    a, b
+        The earlier and the later rig, or paths: a profile, a calibration of its history, a result folder or a rig.json.
+
+    Raises
+    ------
+    InputError
+        Where the two cannot be compared.
+    """
     from spherecal.profile.compare import compare
     from spherecal.profile.source import volume_of
 
@@ -231,7 +402,18 @@ def compare_rigs(a: Rig | AnyPath, b: Rig | AnyPath) -> "tuple[Comparison, Compa
 def plan_bar_poses(rig: Rig | AnyPath, bars: "Sequence[RegisteredBar]") -> "PosePlan":
     """Where to lay bars to verify a rig (VDI/VDE 2634-1, reduced): seven lines over its volume.
 
-    `rig` as a path: a profile, result folder or rig.json, whose points then give the volume.
+    Parameters
+    ----------
+    rig
+        The rig, or the path of a profile, result folder or rig.json, whose points then give the volume where it has no
+        map. Without either it is where most cameras look.
+    bars
+        Bars of the registry, one at least.
+
+    Raises
+    ------
+    InputError
+        Where there is no rig at the path, or a rig of fewer than two cameras and no points.
     """
     from spherecal.profile.source import volume_of
     from spherecal.verify.pose_plan import BarMarks, plan_poses
@@ -250,11 +432,35 @@ def measure(
     table: "TableKind" = "csv",
     context: Context | None = None,
 ) -> "Series":
-    """All sets of a session, or of live cameras (`live_sets`), measured with a rig: points, values, bodies, health.
+    """All sets of a session, or of live cameras, measured with a rig: points, values, bodies, health.
 
-    `rig` may be a profile. Without a `task` all targets of the session's target set, and its bars. With `output` the
-    series is written there too, set by set, and whole at the end. InputError where nothing belongs to the rig,
-    MissingPackage for Parquet tables without pyarrow.
+    Parameters
+    ----------
+    recording
+        A session or its folder, or sets as `live_sets` gives them.
+    rig
+        The rig, or the path of a profile, result folder or rig.json.
+    task
+        What to measure. None: of a session all targets of its target set, and its bars; of other sets every point.
+    output
+        The series folder to write too, set by set, and whole at the end; None for none.
+    table
+        The form of its tables.
+    context
+        For progress, and to stop.
+
+    Raises
+    ------
+    InputError
+        Where nothing belongs to the rig.
+    OutputError
+        Where the series cannot be written.
+    CameraError
+        Where live cameras stay silent.
+    MissingPackage
+        For Parquet tables without pyarrow.
+    Cancelled
+        Where the context says so.
     """
     from spherecal.measuring.measurer import Measurer
     from spherecal.measuring.results import Series
@@ -285,8 +491,28 @@ def live_sets(
 ) -> "LiveSets":
     """The sets of the live cameras of an open source, for `measure`; targets are looked for around their last places.
 
-    Cameras are the rig's by serial number, or by the name that they have or that `names` gives by serial. InputError
-    where none is the rig's.
+    Parameters
+    ----------
+    source
+        The open source.
+    rig
+        The rig, or the path of a profile, result folder or rig.json. Cameras are the rig's by serial number, or by
+        name.
+    targets
+        The target set, or its targets.json.
+    settings
+        How many sets, and how fast; None for the usual.
+    names
+        Names by serial, which go before those that the cameras have.
+    context
+        For progress, and to stop.
+
+    Raises
+    ------
+    InputError
+        Where none of the cameras is the rig's.
+    Cancelled
+        Where the context says so.
     """
     from spherecal.measuring.live import LiveSets, rig_cameras_of
 
@@ -296,14 +522,35 @@ def live_sets(
 
 
 def load_body(path: AnyPath) -> "Body":
-    """The rigid body in a body.json; InputError names what is wrong in it."""
+    """The rigid body in a body.json.
+
+    Raises
+    ------
+    InputError
+        Names what is wrong in it.
+    """
     from spherecal.measuring.body_file import read_body
 
     return read_body(Path(path))
 
 
 def save_body(body: "Body", path: AnyPath) -> None:
-    """Write body.json, whole or not at all; InputError for a body whose points do not define its pose."""
+    """Write body.json, whole or not at all.
+
+    Parameters
+    ----------
+    body
+        The body.
+    path
+        The file; one that is there is replaced.
+
+    Raises
+    ------
+    InputError
+        For a body whose points do not define its pose.
+    OutputError
+        Where the file cannot be written.
+    """
     from spherecal.measuring.body_file import write_body
 
     write_body(body, Path(path))
@@ -313,7 +560,13 @@ def save_body(body: "Body", path: AnyPath) -> None:
 
 
 def load_rig(path: AnyPath) -> Rig:
-    """The rig in a rig.json, or in the result folder that holds one; with its covariance where that lies beside it."""
+    """The rig in a rig.json, or in the result folder that holds one; with its covariance where that is beside it.
+
+    Raises
+    ------
+    InputError
+        Where the file is not as docs/formats.md says.
+    """
     path = Path(path)
     return read_rig(path / "rig.json" if path.is_dir() else path)
 
@@ -321,8 +574,19 @@ def load_rig(path: AnyPath) -> Rig:
 def save_rig(rig: Rig, path: AnyPath, details: Mapping[str, Any] | None = None) -> None:
     """Write a rig.json (into a folder: under that name), and beside it the cameras' covariance, if the rig has it.
 
-    `details` go into its entry `software`. OutputError where it cannot be written, or where the covariance of another
-    rig is in the folder.
+    Parameters
+    ----------
+    rig
+        The rig.
+    path
+        The file, or a folder that is there.
+    details
+        What else its entry `software` is to say; None for name and version alone.
+
+    Raises
+    ------
+    OutputError
+        Where it cannot be written, or where the covariance of another rig is in the folder.
     """
     path = Path(path)
     path = path / "rig.json" if path.is_dir() else path
@@ -353,7 +617,29 @@ def write_report(
 ) -> None:
     """Write the report of a result folder: PDF, HTML, JSON or a calibration certificate (.xml), by the ending.
 
-    MissingPackage without matplotlib (the extra `report`).
+    Parameters
+    ----------
+    result
+        The result folder.
+    output
+        The file; its ending chooses the form.
+    session
+        The session's folder, for pictures of detections in the PDF; None: one beside the result, if it is its own.
+    page
+        The PDF's page, A4 or Letter.
+    issuer
+        The issuer.json with a certificate's statements, which a certificate needs (docs/verification.md, Reports).
+    language
+        en, de or zh_CN; a certificate is always in English.
+
+    Raises
+    ------
+    MissingPackage
+        Without matplotlib (the extra `report`).
+    InputError
+        For another ending, and for a folder or file that cannot be used.
+    OutputError
+        Where the report cannot be written.
     """
     with needing("matplotlib", Phrase("documents")):
         from spherecal.report.write_report import write_report as write
@@ -362,7 +648,13 @@ def write_report(
 
 
 def load_profile(folder: AnyPath) -> "Profile":
-    """The profile in a folder: a rig's calibrations over time, which is in use, and whether it is still good."""
+    """The profile in a folder: a rig's calibrations over time, which is in use, and whether it is still good.
+
+    Raises
+    ------
+    InputError
+        Where the folder is no profile.
+    """
     from spherecal.profile.store import open_profile
 
     return open_profile(Path(folder))
@@ -378,7 +670,32 @@ def save_to_profile(
     calibrated_at: datetime | None = None,
     apply: bool = False,
 ) -> str:
-    """Add a result folder to a profile (made where it is missing) and put it to use if asked to; its id there."""
+    """Add a result folder to a profile (made where it is missing) and put it to use if asked to; its id there.
+
+    Parameters
+    ----------
+    result
+        The result folder.
+    profile
+        The profile's folder.
+    note
+        What is to be remembered of the calibration.
+    session
+        The session's folder; None where it is not known.
+    temperature_c
+        The rig's temperature in deg C; None: the mean of the bar poses', if the session has them.
+    calibrated_at
+        When it was calibrated; None: when the last images were taken, else when rig.json was written.
+    apply
+        Put it to use, with the same note.
+
+    Raises
+    ------
+    InputError
+        Where result and session cannot be used or do not belong together. With `apply`, as `apply_calibration`.
+    OutputError
+        Where the profile cannot be written.
+    """
     from spherecal.profile.save import SaveOptions, prepare
     from spherecal.profile.store import add_entry, create_profile
 
@@ -391,31 +708,90 @@ def save_to_profile(
 
 
 def apply_calibration(profile: AnyPath, calibration: str, *, note: str = "", anyway: bool = False) -> "Profile":
-    """Put a calibration of a profile's history to use; `anyway`: although it is marked as not valid."""
+    """Put a calibration of a profile's history to use.
+
+    Parameters
+    ----------
+    profile
+        The profile's folder.
+    calibration
+        Its id there, as "0001".
+    note
+        Why; a calibration that is to be used with care needs one.
+    anyway
+        Although it is marked as not valid.
+
+    Raises
+    ------
+    InputError
+        Where there is none of this id, its file was changed, it is not valid, or a note is missing.
+    OutputError
+        Where the profile cannot be written.
+    """
     from spherecal.profile.store import apply, open_profile
 
     return apply(open_profile(Path(profile)), calibration, note, anyway)
 
 
 def load_bars(path: AnyPath | None = None) -> dict[str, RegisteredBar]:
-    """Your reference bars by serial: of the user's registry, or of the file given."""
+    """Your reference bars by serial: of the user's registry, or of the file given.
+
+    Raises
+    ------
+    InputError
+        Where the file is broken.
+    """
     return read_registry(_path(path))
 
 
 def save_bar(bar: RegisteredBar, path: AnyPath | None = None) -> None:
-    """Enter a bar into the registry, in place of one with its serial."""
+    """Enter a bar into the registry, in place of one with its serial.
+
+    Parameters
+    ----------
+    bar
+        The bar.
+    path
+        The registry's file; None for the user's own.
+
+    Raises
+    ------
+    InputError
+        Where the file is broken.
+    OutputError
+        Where it cannot be written.
+    """
     registry = _path(path) or registry_path()
     with changing_registry(registry):
         write_registry({**read_registry(registry), bar.serial: bar}, registry)
 
 
 def load_ball(path: AnyPath) -> BallProfile:
-    """The shape of a ball in a ball.json, or in the result folder that holds one."""
+    """The shape of a ball in a ball.json, or in the result folder that holds one.
+
+    Raises
+    ------
+    InputError
+        Where it is no ball.json.
+    """
     return read_ball(Path(path))
 
 
 def save_ball(ball: BallProfile, path: AnyPath) -> None:
-    """Write ball.json, whole or not at all."""
+    """Write ball.json, whole or not at all.
+
+    Parameters
+    ----------
+    ball
+        The ball's shape.
+    path
+        The file; one that is there is replaced.
+
+    Raises
+    ------
+    OutputError
+        Where the file cannot be written.
+    """
     write_file_whole(Path(path), ball_bytes(ball))
 
 
@@ -425,10 +801,21 @@ def save_ball(ball: BallProfile, path: AnyPath) -> None:
 def detect_targets(
     image: NDArray[Any] | AnyPath, targets: TargetSet | AnyPath | None = None, settings: DetectionSettings | None = None
 ) -> Detections:
-    """The coded targets in an image, dot by dot with standard uncertainties; an array (h, w) or (h, w, 3), or a file.
+    """The coded targets in an image, dot by dot with standard uncertainties in px.
 
-    `targets`: a target set or its targets.json; without one those that `spherecal targets sheet` prints unless asked
-    otherwise. Pixels have 8 or 16 bits, colours are in any order. InputError for another image.
+    Parameters
+    ----------
+    image
+        An array (h, w) or (h, w, 3), or an image file. Pixels have 8 or 16 bits, colours are in any order.
+    targets
+        A target set or its targets.json; None: those that `spherecal targets sheet` prints unless asked otherwise.
+    settings
+        What is known of the camera; None for usual values.
+
+    Raises
+    ------
+    InputError
+        For another image.
     """
     if targets is None or isinstance(targets, TargetSet):
         chosen = targets or make_target_set()
@@ -441,31 +828,98 @@ def detect_targets(
 def make_targets(
     count: int = 200, size_mm: float = 28.0, first_id: int = 1, *, dark_on_light: bool = False
 ) -> TargetSet:
-    """The targets with ids first_id, first_id + 1, ..., printed `size_mm` wide; InputError for ids there are not."""
+    """The targets with ids first_id, first_id + 1, ..., printed `size_mm` wide.
+
+    Parameters
+    ----------
+    count
+        How many.
+    size_mm
+        The width of a target as printed.
+    first_id
+        The first id, from 1 on.
+    dark_on_light
+        Dark dots on light paper; otherwise light dots on dark.
+
+    Raises
+    ------
+    InputError
+        For ids there are not, and for a width that is not above 0.
+    """
     return make_target_set(count, size_mm, "dark-on-light" if dark_on_light else "light-on-dark", first_id)
 
 
 def load_targets(path: AnyPath) -> TargetSet:
-    """The target set in a targets.json; InputError names what is wrong in it."""
+    """The target set in a targets.json.
+
+    Raises
+    ------
+    InputError
+        Names what is wrong in it.
+    """
     return read_target_set(Path(path))
 
 
 def save_targets(targets: TargetSet, path: AnyPath) -> None:
-    """Write targets.json, whole or not at all."""
+    """Write targets.json, whole or not at all.
+
+    Parameters
+    ----------
+    targets
+        The target set.
+    path
+        The file; one that is there is replaced.
+
+    Raises
+    ------
+    OutputError
+        Where the file cannot be written.
+    """
     write_target_set(Path(path), targets)
 
 
 def write_target_sheet(targets: TargetSet, path: AnyPath, page: "Page" = "A4") -> None:
-    """Write the stickers as a PDF to print."""
+    """Write the stickers as a PDF to print.
+
+    Parameters
+    ----------
+    targets
+        The target set; all its targets are printed.
+    path
+        The PDF file.
+    page
+        A4 or Letter.
+
+    Raises
+    ------
+    InputError
+        For another page, and where not even one sticker fits on it.
+    OutputError
+        Where the file cannot be written.
+    """
     from spherecal.targets.sheet import write_sheet
 
     write_sheet(Path(path), targets, page)
 
 
 def write_board_sheet(board: Mapping[str, Any] | str, path: AnyPath, page: str = "A4") -> str:
-    """Write a calibration board at full size as a PDF to print; the board as `--board` takes it.
+    """Write a calibration board at full size as a PDF to print; the board in one line, as `--board` takes it.
 
-    `board` as in `new_session`, `page` A4, Letter, A3, A2, A1 or A0. InputError where it does not fit on the page.
+    Parameters
+    ----------
+    board
+        The board, as in `new_session`.
+    path
+        The PDF file.
+    page
+        A4, Letter, A3, A2, A1 or A0.
+
+    Raises
+    ------
+    InputError
+        For a board or page that cannot be used, and where the board does not fit on the page.
+    OutputError
+        Where the file cannot be written.
     """
     from spherecal.files.json_file import JsonValue
     from spherecal.methods.board_pattern import board_entry, board_pattern
@@ -488,8 +942,29 @@ def simulate_session(
 ) -> "tuple[Session, Truth]":
     """A session of a simulated rig and the truth behind it; the same seed gives the same.
 
-    With a `folder` it is written there, with `images` as rendered images, which need a folder and take a while.
-    InputError for an unknown preset.
+    Parameters
+    ----------
+    preset
+        The rig's name.
+    seed
+        Of all random numbers.
+    options
+        What to simulate; None for the standard session, with `images` for that which images can show.
+    folder
+        The folder to write the session into; None to keep it in memory.
+    images
+        Render images, which need a folder and take a while; otherwise observations alone.
+    context
+        For progress while images are rendered, and to stop.
+
+    Raises
+    ------
+    InputError
+        For an unknown preset, images without a folder, and options that images cannot show.
+    OutputError
+        Where the folder cannot be written.
+    Cancelled
+        Where the context says so.
     """
     from spherecal_sim.render_session import render_session
     from spherecal_sim.session import simulate_session as simulate

@@ -1,4 +1,4 @@
-"""Verification of a calibrated rig with reference bars (21)."""
+"""Verification of a calibrated rig with reference bars, [Tao21] (21)."""
 
 from collections import defaultdict
 from dataclasses import dataclass, field, replace
@@ -55,7 +55,11 @@ STAGE = "verification"
 
 @dataclass(frozen=True)
 class VerifySettings:
-    """What else is known: the limit of the errors, the day (for certificates' expiry), the volume's corners in mm."""
+    """What else is known: the limit of the errors, the day (for certificates' expiry), the volume's corners in mm.
+
+    `limit` None: errors are judged by their uncertainty alone. `today` None: the day of the call. `corners_mm` are the
+    lowest and the highest corner (3,), for a rig without a map of lengths.
+    """
 
     limit: LengthLimit | None = None
     today: date | None = None
@@ -68,8 +72,25 @@ def verify(
 ) -> Verification:
     """Measure every certified length of the check bars in every pose with the rig, and judge the errors.
 
-    Works on the session's observations; InputError where it has none or where they do not belong to the rig's
-    cameras. What could not be measured, and why, is among the findings.
+    What could not be measured, and why, is among the findings. docs/verification.md says what is judged and how.
+
+    Parameters
+    ----------
+    session
+        Bars, their poses and the observations of their marks.
+    rig
+        The calibrated rig.
+    context
+        For progress, and to stop.
+    settings
+        What else is known; None: no limit, certificates of today, the volume of the rig's map.
+
+    Raises
+    ------
+    InputError
+        Where the session has no observations, or they do not belong to the rig's cameras.
+    Cancelled
+        Where the context says so.
     """
     context, settings = context or Context(), settings or VerifySettings()
     context.report(STAGE, 0.0, Phrase("triangulating"))
@@ -218,7 +239,20 @@ def _sigmas(observations: Observations, rig: Rig) -> tuple[FloatArray, float]:
 
 
 def views_of(observations: Observations, features: Features, camera: IntArray, rig: Rig) -> tuple[Views, float]:
-    """The observations as views of the rig's cameras `camera` (n,), and the noise to expect in units of their sigma."""
+    """The observations as views of the rig's cameras, and the noise to expect in units of their sigma.
+
+    Parameters
+    ----------
+    observations
+        Image points of the rig's cameras.
+    features
+        The features of these observations, which become the points.
+    camera
+        Index in the rig of each observation's camera, (n,).
+    rig
+        The calibration; where the observations have no sigmas, these are 1 px and its sigma0 is the noise (1 without
+        one).
+    """
     sigma, expected_noise = _sigmas(observations, rig)
     views = Views(
         features.of_observation,

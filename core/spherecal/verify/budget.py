@@ -49,7 +49,10 @@ class Contribution:
 
 @dataclass(frozen=True)
 class Budget:
-    """The uncertainty of a single measured error of one certified length (95.45 %)."""
+    """The uncertainty of a single measured error of one certified length (95.45 %), in mm.
+
+    `freedom` are the effective degrees of freedom; `expanded_mm` is `coverage_factor` times `combined_mm`.
+    """
 
     bar: str
     from_mark: str
@@ -83,8 +86,17 @@ def length_budgets(
     """A budget for each certified length, in the order they were first measured.
 
     The scatter between poses is pooled over all lengths in units of what the image noise explains (GUM 4.2.4): one
-    length's few poses would estimate it badly. It holds the image noise; without repeated poses that is used. What the
-    cameras' uncertainty `errors` adds to the scatter is taken off, since the budget has it already.
+    length's few poses would estimate it badly. It holds the image noise; without repeated poses that is used.
+
+    Parameters
+    ----------
+    measured
+        All measured lengths.
+    bars
+        The bars by id.
+    errors
+        How the points err; what the cameras' uncertainty adds to the scatter is taken off, since the budget has it
+        already. None: nothing is taken off.
     """
     groups: dict[tuple[str, str, str], list[MeasuredLength]] = {}
     for m in measured:
@@ -98,7 +110,20 @@ def pooled_scatter(
 ) -> tuple[float | None, int]:
     """Scatter about each length's mean over the image noise's standard uncertainty, and its degrees of freedom.
 
-    With the cameras' uncertainty given, without what that is expected to add from pose to pose.
+    Parameters
+    ----------
+    groups
+        Measured lengths, those of one certified length together; groups of one, or without noise, do not count.
+    errors_of
+        How the points err; what the cameras' uncertainty is expected to add from pose to pose is taken off, at most
+        three quarters of the squares. None: nothing is taken off.
+
+    Returns
+    -------
+    ratio
+        The scatter in units of the image noise; None where nothing was repeated.
+    freedom
+        Its degrees of freedom.
     """
     squares, by_cameras, freedom = 0.0, 0.0, 0
     for group in groups:
@@ -154,7 +179,15 @@ def _budget(group: Sequence[MeasuredLength], bar: Bar, ratio: float | None, free
 
 
 def combine(key: tuple[str, str, str], contributions: Sequence[Contribution]) -> Budget:
-    """The budget of independent contributions: Welch-Satterthwaite's degrees of freedom, Student's k for 95.45 %."""
+    """The budget of independent contributions: Welch-Satterthwaite's degrees of freedom, Student's k for 95.45 %.
+
+    Parameters
+    ----------
+    key
+        The certified length: bar, from mark, to mark.
+    contributions
+        Its contributions with their standard uncertainties in mm.
+    """
     combined = math.sqrt(math.fsum(c.standard_mm**2 for c in contributions))
     spread = math.fsum(c.standard_mm**4 / c.freedom for c in contributions)
     # k for a million degrees of freedom and for infinitely many agree to 2 in a million
@@ -164,7 +197,7 @@ def combine(key: tuple[str, str, str], contributions: Sequence[Contribution]) ->
 
 
 def certificate_freedom(coverage_factor: float) -> float:
-    """The degrees of freedom for which Student's factor for 95.45 % is the certificate's k; infinite for k = 2."""
+    """The degrees of freedom for which Student's factor for 95.45 % is the certificate's k; infinite up to k = 2.05."""
     if coverage_factor <= _NORMAL_FACTOR:
         return math.inf
     at_one = float(stdtrit(1.0, (1 + COVERAGE) / 2))
@@ -174,7 +207,7 @@ def certificate_freedom(coverage_factor: float) -> float:
 
 
 def resolution_mm(certified: BarLength) -> float:
-    """The last digit in which a certificate states a length: that of its length or its uncertainty, the finer one."""
+    """The last digit in mm in which a certificate states a length: that of its length or uncertainty, the finer one."""
     if certified.expanded_uncertainty_mm == 0:
         return 0.0
     return 10.0 ** -max(_decimals(certified.length_mm), _decimals(certified.expanded_uncertainty_mm))

@@ -1,7 +1,7 @@
 """Is every camera still where the rig says? A linear test of one placement's or some bar poses' observations.
 
 All cameras see the same points. Each camera is given a small turn and shift of its own while the points follow the
-others; how large these come out, against their own uncertainty (image noise and the calibration's covariance), says
+others. How large these come out, against their own uncertainty (image noise and the calibration's covariance), says
 whether the camera has moved. The one that explains most is named first and freed, then the others are tested again.
 """
 
@@ -32,8 +32,9 @@ _SAYS_NOTHING = 1e-20  # relative to the largest, of six parameters' normal equa
 class CameraTest:
     """One camera: points seen in common, its move if it had one, and whether that is more than chance.
 
-    `rms_px` of its residuals, `move_px` rms of what turn (3,) in rad and shift (3,) in mm of its frame change in its
-    image, `point_mm` the largest shift of a point that it brings about, `p` the probability of such a move by chance.
+    `rms_px` is that of its residuals. `turn_rad` (3,) and `shift_mm` (3,) are the move in its own frame. `move_px` is
+    the rms of what the move changes in its image, `point_mm` the largest shift of a point that it brings about. `p` is
+    the probability of such a move by chance, 0 for a camera that was named.
     """
 
     id: str
@@ -67,9 +68,21 @@ class Consistency:
 
 
 def examine_cameras(views: Views, rig: Rig, expected_noise: float, false_alarm: float = _FALSE_ALARM) -> Consistency:
-    """Test every camera of the rig that sees enough of the points; `expected_noise` of one coordinate, in sigmas.
+    """Test every camera of the rig that sees enough of the points: a chi-squared of six degrees of freedom for each.
 
-    `false_alarm`: the probability that any camera of an unchanged rig is named.
+    Points of fewer than three cameras say nothing and are left out; so are single views that contradict the others. The
+    procedure is that of docs/verification.md, Quick check.
+
+    Parameters
+    ----------
+    views
+        Views of points; their cameras are the rig's, in its order.
+    rig
+        The calibration, whose covariance counts where it has one.
+    expected_noise
+        Least noise of an image coordinate, in units of sigma; what the residuals show counts where that is more.
+    false_alarm
+        The probability that any camera of an unchanged rig is named.
     """
     views = _seen_by_three(views)
     keep = np.ones(len(views.uv), dtype=bool)
@@ -283,7 +296,17 @@ class _System:
 
 
 def camera_normal(views: Views, keep: BoolArray, rig: Rig) -> FloatArray:
-    """The normal matrix (cw, cw) of all cameras' parameters (rig.CameraCovariance's order), the points eliminated."""
+    """The normal matrix (c*w, c*w) of all cameras' parameters (rig.CameraCovariance's order), the points eliminated.
+
+    Parameters
+    ----------
+    views
+        Views of points; their cameras are the rig's, in its order, and weights are 1/sigma^2.
+    keep
+        Which views count, (n,).
+    rig
+        The calibration; its covariance says which intrinsics are parameters, without one none are.
+    """
     return _System.at(views, keep, rig, np.zeros((len(rig.cameras), 6))).whole
 
 
@@ -292,6 +315,13 @@ def noise_alone(checked: CheckedPoints, rig: Rig) -> float:
 
     That counts by itself in every budget: left in, it made the noise of bars' marks on rigs A 4 % too large. Without
     the cameras' covariance, or with too few residuals to estimate it, the noise as it is.
+
+    Parameters
+    ----------
+    checked
+        Triangulated points with the views they rest on, and their noise.
+    rig
+        The calibration that they were triangulated with.
     """
     points = len(np.unique(checked.views.feature[checked.kept]))
     redundancy = 2 * int(checked.kept.sum()) - 3 * points

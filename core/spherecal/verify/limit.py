@@ -34,13 +34,19 @@ class LengthLimit:
         return self.constant_mm + (0.0 if self.divisor is None else length_mm / self.divisor)
 
     def words(self) -> str:
-        """The limit as a formula."""
+        """The limit as a formula: `E = 0.03 mm + L/20000`."""
         tail = "" if self.divisor is None else f" + L/{self.divisor:g}"
         return f"E = {self.constant_mm:g} mm{tail}"
 
 
 def parse_limit(text: str) -> LengthLimit:
-    """The limit in a text such as `0.03+L/20000` (millimetres) or `30um + L/20000`; InputError for anything else."""
+    """The limit in a text such as `0.03+L/20000` (millimetres) or `30um + L/20000`.
+
+    Raises
+    ------
+    InputError
+        For any other text, and for numbers out of range.
+    """
     found = _LIMIT.fullmatch(text.replace(" ", ""))
     if found is not None:
         constant = float(found[1]) * (1.0 if found[2] in (None, "mm") else 1e-3)
@@ -86,7 +92,19 @@ class Acceptance:
 def judge_against(
     limit: LengthLimit, measured: "Sequence[MeasuredLength]", budgets: "Sequence[Budget]", comparable: bool
 ) -> Acceptance:
-    """Whether all measured errors keep the limit, doubt counted on either side (see RULE)."""
+    """Whether all measured errors keep the limit, doubt counted on either side: ISO 14253-1 (see RULE).
+
+    Parameters
+    ----------
+    limit
+        The largest permissible error E = A + L/K.
+    measured
+        Measured lengths with their errors.
+    budgets
+        The budget of each certified length, whose expanded uncertainty U is that of a single error.
+    comparable
+        Whether the rig has a scale; without one nothing is decided.
+    """
     rows = []
     for budget in budgets if comparable else ():
         own = [m for m in measured if m.key == budget.key]
@@ -110,8 +128,16 @@ def with_doubts(
 ) -> Acceptance:
     """The decision where the means of proof are in doubt: no pass; no fail by lengths alone that contradict their bar.
 
-    `doubts` are the findings' codes, `doubtful` the lengths (bar and marks) whose certificate or marks are wrong. A
-    camera that moved is an error of the rig: a fail remains.
+    A camera that moved is an error of the rig: a fail remains.
+
+    Parameters
+    ----------
+    acceptance
+        The decision by the lengths.
+    doubts
+        Codes of the findings that cast doubt.
+    doubtful
+        Lengths (bar, from mark, to mark) whose certificate or marks are wrong.
     """
     if acceptance.verdict == "pass" and doubts:
         return replace(acceptance, verdict="cannot tell", doubts=doubts)

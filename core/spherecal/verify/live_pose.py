@@ -16,9 +16,20 @@ from spherecal.verify.pose_plan import BarMarks
 def measured_ends(
     rig: Rig, bar: Bar, target_set: TargetSet | None, observations: Observations, placement: int = 0
 ) -> FloatArray | None:
-    """The places (2, 3) in mm of the bar's first and last mark in one placement of the observations.
+    """The places (2, 3) in mm of the bar's first and last mark in one placement, in the rig's world.
 
-    None where two cameras of the rig do not see both marks. The observations may hold other targets and cameras.
+    None where two cameras of the rig do not see both marks.
+
+    Parameters
+    ----------
+    rig, bar
+        The calibrated rig, and the bar in front of it.
+    target_set
+        The layouts of the targets, for marks that are targets' centres; None where the session has none.
+    observations
+        Image points; they may hold other targets and cameras.
+    placement
+        Index of the placement in the observations.
     """
     index = {camera.id: i for i, camera in enumerate(rig.cameras)}
     in_rig = np.array([index.get(name, -1) for name in observations.cameras], dtype=np.int64)

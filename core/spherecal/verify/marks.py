@@ -41,7 +41,18 @@ class MarkFinder:
     target_set: TargetSet | None
 
     def find(self, pose: int, mark: Mark) -> MarkPlace | Phrase:
-        """The place of a mark in the pose with this placement index, or why there is none."""
+        """The place of a mark in mm in one pose, or why there is none.
+
+        A point observed under the mark's name gives the place itself. Else, for the centre of a target, its layout is
+        laid over its dots.
+
+        Parameters
+        ----------
+        pose
+            Index of the pose among the observations' placements.
+        mark
+            The mark of the bar.
+        """
         names = self.observations.points
         of_target = np.flatnonzero((self.features.placement == pose) & (self.features.target == mark.target))
         found = of_target[self._usable(of_target)]
@@ -86,7 +97,15 @@ def _why_missing(mark: Mark, seen: int) -> Phrase:
 
 
 def centre_by_point(flat: FloatArray, points: FloatArray) -> FloatArray:
-    """Derivatives (k, 3, 3) of a target's centre by its k dots, by central differences."""
+    """Derivatives (k, 3, 3) of a target's centre by its k dots, by central differences.
+
+    Parameters
+    ----------
+    flat
+        The dots' places on the flat sticker, (k, 2) mm.
+    points
+        The same dots in space, (k, 3) mm.
+    """
     derivative = np.zeros((len(points), 3, 3))
     for i in range(len(points)):
         for axis in range(3):

@@ -38,16 +38,16 @@ class Views:
 
     @property
     def rotation(self) -> FloatArray:
-        """The cameras' rotations (c, 3, 3)."""
+        """The cameras' rotations (c, 3, 3) from the world to the camera."""
         return self.cameras.rotation
 
     @property
     def translation(self) -> FloatArray:
-        """The cameras' translations (c, 3)."""
+        """The cameras' translations (c, 3) from the world to the camera, mm."""
         return self.cameras.translation
 
     def triangulate(self, keep: BoolArray) -> Triangulation:
-        """The points from the views kept."""
+        """The points (m,) from the views to keep (n,); the residuals are those of all views."""
         return self._triangulate(self.feature, np.arange(len(self.uv)), keep, self.n_features)
 
     def _triangulate(self, feature: IntArray, rows: IntArray, keep: BoolArray, n_features: int) -> Triangulation:
@@ -77,9 +77,15 @@ class CheckedPoints:
 def triangulate_checked(views: Views, expected_noise: float) -> CheckedPoints:
     """The points without their grossly wrong views.
 
-    With three or more views, the view is left out without which the others agree; where two views, or three in more
-    than one way, contradict, none can be identified as wrong and the point is given up. `expected_noise`, in units of
-    sigma, serves where the residuals are too few to estimate it.
+    With three or more views, the view is left out without which the others agree. Where two views contradict, or three
+    in more than one way, none can be identified as wrong and the point is given up.
+
+    Parameters
+    ----------
+    views
+        All views of the points.
+    expected_noise
+        Noise in units of sigma, which serves where the residuals are too few to estimate it.
     """
     kept = np.ones(len(views.uv), dtype=bool)
     contradicting = np.zeros(views.n_features, dtype=bool)
@@ -126,7 +132,15 @@ def _redundancy(views: Views, points: Triangulation, kept: BoolArray) -> int:
 
 
 def robust_noise(views: Views, points: Triangulation, expected: float) -> float:
-    """The noise from the median residual, which grossly wrong views hardly move."""
+    """The noise in units of sigma from the median residual, which grossly wrong views hardly move.
+
+    Parameters
+    ----------
+    views, points
+        All views, and the points triangulated from them.
+    expected
+        What is returned where fewer than 30 observations are redundant.
+    """
     found = np.isfinite(points.residual[:, 0])
     redundancy = _redundancy(views, points, found)
     if redundancy < LEAST_REDUNDANCY:
@@ -136,7 +150,17 @@ def robust_noise(views: Views, points: Triangulation, expected: float) -> float:
 
 
 def weighted_noise(views: Views, points: Triangulation, kept: BoolArray, expected: float) -> float:
-    """sqrt(v'Pv / redundancy) of the views kept, or what was expected where they are too few."""
+    """The noise in units of sigma of the views kept: sqrt(v'Pv / redundancy).
+
+    Parameters
+    ----------
+    views, points
+        All views, and the points triangulated from them.
+    kept
+        Which views count, (n,).
+    expected
+        What is returned where fewer than 30 observations are redundant.
+    """
     redundancy = _redundancy(views, points, kept)
     if redundancy < LEAST_REDUNDANCY:
         return expected

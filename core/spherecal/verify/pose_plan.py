@@ -44,7 +44,7 @@ class BarMarks:
 
     @property
     def span_mm(self) -> float:
-        """From the first mark to the last."""
+        """How far the last mark is from the first."""
         return float(self.along_mm[-1])
 
     @staticmethod
@@ -52,6 +52,13 @@ class BarMarks:
         """The marks as the certified lengths place them, each length running towards its second mark.
 
         Marks that no chain of lengths joins to the longest one are left out.
+
+        Parameters
+        ----------
+        bar
+            The bar's id or serial.
+        lengths
+            Its certified lengths, one at least.
         """
         longest = max(lengths, key=lambda x: x.length_mm)
         place = {longest.from_mark: 0.0, longest.to_mark: longest.length_mm}
@@ -76,16 +83,16 @@ class MeasuringVolume:
 
     @property
     def diagonal_mm(self) -> float:
-        """The space diagonal."""
+        """The length of the space diagonal."""
         return 2 * float(np.linalg.norm(self.half))
 
     @property
     def sides_mm(self) -> FloatArray:
-        """The three sides, shortest first."""
+        """The three sides (3,), shortest first."""
         return np.sort(2 * self.half)
 
     def point(self, unit: FloatArray) -> FloatArray:
-        """A place (3,) given in half sides."""
+        """A place (3,) in mm in the world, given in half sides from the middle."""
         return self.middle + (unit * self.half) @ self.axes
 
     def unit(self, place_mm: FloatArray) -> FloatArray:
@@ -93,7 +100,7 @@ class MeasuringVolume:
         return (place_mm - self.middle) @ self.axes.T / self.half
 
     def directions(self) -> FloatArray:
-        """The seven lines' directions (7, 3) in the world."""
+        """The seven lines' directions (7, 3) in the world, of length 1: three edges, then four space diagonals."""
         along = np.vstack([np.eye(3), _DIAGONALS * self.half])
         return (along / np.linalg.norm(along, axis=1, keepdims=True)) @ self.axes
 
@@ -135,7 +142,7 @@ class PosePlan:
         return next((pose for pose in self.poses if pose.id not in done), None)
 
     def as_json(self) -> dict[str, Any]:
-        """The plan as data."""
+        """The plan as data for JSON, places in mm."""
         rounded = [np.round(x, 2).tolist() for x in (self.box.middle, self.box.half)]
         return {
             "volume": {"middle_mm": rounded[0], "half_mm": rounded[1], "axes": np.round(self.box.axes, 6).tolist()},
@@ -159,7 +166,15 @@ class PosePlan:
 
 
 def volume_box(rig: Rig, corners_mm: tuple[FloatArray, FloatArray]) -> MeasuringVolume:
-    """The box to verify: that of the rig's map of lengths, which lies as the cameras do, else the points' corners."""
+    """The box to verify: that of the rig's map of lengths, with its axes, else the box between two corners.
+
+    Parameters
+    ----------
+    rig
+        The calibrated rig.
+    corners_mm
+        Lowest and highest corner (3,) in the rig's world, for a rig without a usable map.
+    """
     found = rig.length_map
     if found is not None and len(found.places_mm) > 1 and len(found.directions) >= 3:
         middle, axes = found.places_mm.mean(axis=0), found.directions[:3]
@@ -175,7 +190,16 @@ def plan_poses(rig: Rig, bars: Sequence[BarMarks], corners_mm: tuple[FloatArray,
     """Poses of the bars on seven lines of the rig's volume, at least five lengths on each where the marks allow it.
 
     The bars take turns. A place counts when two cameras see every mark, and as good when three do. Then come poses for
-    cameras that these would not verify.
+    cameras that these would not verify. The lines are those of VDI/VDE 2634 part 1 (reduced), docs/verification.md.
+
+    Parameters
+    ----------
+    rig
+        The calibrated rig.
+    bars
+        The bars' marks, one bar at least.
+    corners_mm
+        Lowest and highest corner (3,) in the rig's world, as `volume_box` takes them.
     """
     box = volume_box(rig, corners_mm)
     poses: list[PlannedPose] = []
@@ -245,7 +269,15 @@ def _places(box: MeasuringVolume) -> FloatArray:
 
 
 def facing_cameras(rig: Rig, pose: PlannedPose) -> tuple[str, ...]:
-    """The cameras that see all of a planned bar and look at the side that its marks are on."""
+    """The cameras that see all of a planned bar and look at the side that its marks are on.
+
+    Parameters
+    ----------
+    rig
+        The rig of the plan.
+    pose
+        The planned pose; a camera counts up to 60 degrees off the direction that its marks face.
+    """
     middle = (pose.start_mm + pose.end_mm) / 2
     out = []
     for name in pose.cameras:
@@ -327,7 +359,15 @@ def _seen(
 
 
 def cameras_that_see(rig: Rig, points: FloatArray) -> np.ndarray:
-    """Which camera's image holds which of the points (n, 3): (cameras, n) of bool. Nothing is thought to hide them."""
+    """Which camera's image holds which of the points, 2 % off its edges: (cameras, n) of bool. Nothing hides them.
+
+    Parameters
+    ----------
+    rig
+        The calibrated rig.
+    points
+        Points (n, 3) in mm in the rig's world.
+    """
     seen = np.zeros((len(rig.cameras), len(points)), dtype=bool)
     for i, camera in enumerate(rig.cameras):
         x = points @ camera.rotation.T + camera.translation_mm
@@ -342,7 +382,7 @@ def cameras_that_see(rig: Rig, points: FloatArray) -> np.ndarray:
 
 
 def plan_words(plan: PosePlan) -> list[str]:
-    """The plan for people."""
+    """The plan for people, in English, line by line."""
     half = 2 * plan.box.half
     lines = [
         f"Volume {half[0]:.0f} x {half[1]:.0f} x {half[2]:.0f} mm, space diagonal {plan.box.diagonal_mm:.0f} mm.",
@@ -367,7 +407,7 @@ def plan_words(plan: PosePlan) -> list[str]:
 
 @dataclass(frozen=True)
 class PoseAnswer:
-    """Whether a bar lies where it was asked: distances of its ends and its turn, and what to do in words."""
+    """Whether a bar is where it was asked: distance of its middle, its turn, and what to do in words."""
 
     accepted: bool
     off_mm: float
@@ -382,7 +422,19 @@ ACCEPT_MM, ACCEPT_DEG = 150.0, 15.0
 def judge_pose(
     pose: PlannedPose, ends_mm: FloatArray | None, tolerance_mm: float = ACCEPT_MM, tolerance_deg: float = ACCEPT_DEG
 ) -> PoseAnswer:
-    """Whether the measured ends (2, 3) of the bar are where the plan wants them, either way round."""
+    """Whether the measured ends of the bar are where the plan wants them, either way round.
+
+    Parameters
+    ----------
+    pose
+        The planned pose.
+    ends_mm
+        Places of the first and the last mark, (2, 3) mm in the rig's world; None where they are not seen.
+    tolerance_mm
+        How far the bar's middle may be off.
+    tolerance_deg
+        How far its direction may be turned.
+    """
     if ends_mm is None or not np.isfinite(ends_mm).all():
         return PoseAnswer(False, np.inf, np.inf, "The bar is not found: two cameras must see both of its end marks.")
     wanted = np.stack([pose.start_mm, pose.end_mm])

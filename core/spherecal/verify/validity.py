@@ -39,7 +39,15 @@ _CONTRADICTION = 4.0
 
 
 def contradicted(decision: Decision, findings: Sequence[Finding]) -> Decision:
-    """The decision: inconsistent too where a camera is not where the calibration has it."""
+    """The decision: inconsistent too where a camera is not where the calibration has it.
+
+    Parameters
+    ----------
+    decision
+        The decision by the lengths.
+    findings
+        Of the verification; `camera-moved` and `camera-contradicts` name such cameras.
+    """
     cameras = tuple(dict.fromkeys(name for f in findings if f.code in _OF_THE_RIG for name in f.where))
     if not cameras:
         return decision
@@ -47,7 +55,17 @@ def contradicted(decision: Decision, findings: Sequence[Finding]) -> Decision:
 
 
 def certificate_doubts(bars: Sequence[Bar], today: date) -> list[Finding]:
-    """Certificates that have expired, or soon will; bars that never had one are named by `no-certificate` only once."""
+    """Findings on certificates that have expired, soon will, or are not valid yet, and on registered bars without one.
+
+    A bar with neither a serial nor a certificate is passed over.
+
+    Parameters
+    ----------
+    bars
+        The check bars.
+    today
+        The day of the verification.
+    """
     found = []
     for bar in bars:
         said = None if bar.serial is None and bar.certificate is None else expiry(bar.certificate, today)
@@ -68,7 +86,15 @@ _CERTIFICATES: dict[str, tuple[str, Severity]] = {
 
 
 def temperature_doubts(poses: Sequence[BarPose], bars: Mapping[str, Bar]) -> list[Finding]:
-    """Readings that differ by more than bars in one shop do."""
+    """Findings on readings that differ by more than bars in one shop do, 3 K: of one bar, and between bars.
+
+    Parameters
+    ----------
+    poses
+        Poses with their temperatures; those without, and of other bars, do not count.
+    bars
+        The check bars by id.
+    """
     by_bar: dict[str, list[BarPose]] = {}
     for pose in poses:
         if pose.bar in bars and pose.temperature_c is not None:
@@ -94,7 +120,7 @@ def temperature_doubts(poses: Sequence[BarPose], bars: Mapping[str, Bar]) -> lis
 
 
 def camera_doubts(consistency: Consistency) -> list[Finding]:
-    """Cameras that are no longer where the rig says."""
+    """Findings on cameras that are no longer where the rig says, one for each."""
     found = []
     for camera in consistency.moved:
         turn, shift = np.degrees(np.linalg.norm(camera.turn_rad)), np.linalg.norm(camera.shift_mm)
@@ -115,7 +141,15 @@ class _Mean:
 
 
 def bar_doubts(measured: Sequence[MeasuredLength], bars: Mapping[str, Bar]) -> list[Finding]:
-    """Single lengths that contradict the others of their bar, and bars that contradict one another."""
+    """Findings on single lengths that contradict the others of their bar, and on bars that contradict one another.
+
+    Parameters
+    ----------
+    measured
+        Measured lengths whose references have a stated uncertainty.
+    bars
+        The check bars by id, for their expansion.
+    """
     means = _means(measured)
     found, doubtful = [], _doubtful(means)
     for mean in doubtful:

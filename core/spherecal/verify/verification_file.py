@@ -111,7 +111,7 @@ class PoseRow:
 
 @dataclass(frozen=True)
 class ProcedureReport:
-    """All of it."""
+    """The procedure as read from verification.json: departures, bars, poses, budgets, and the limit if one was set."""
 
     title: str
     departures: tuple[Sentence, ...]

@@ -2,10 +2,10 @@
 
 A template holds fields:
 
-- `{name}` and `{name:.2f}`: a value, by Python's format; a sequence is joined by commas;
-- `{names:or}`: a sequence, joined as the table `lists` says; `{places:.0f}`: each with a format;
-- `{names:count}`: how many there are;
-- `{count#image|images}`: the plural form that goes with a number, or with a sequence's length;
+- `{name}` and `{name:.2f}`: a value, by Python's format. A sequence is joined by commas.
+- `{names:or}`: a sequence, joined as the table `lists` says. `{places:.0f}`: each with a format.
+- `{names:count}`: how many there are.
+- `{count#image|images}`: the plural form that goes with a number, or with a sequence's length.
 - `{text:capital}`: with a capital letter.
 
 In a hint `[...]` encloses what names options of the command line: it is left out where there are none, or buttons. A
@@ -62,7 +62,19 @@ def table(language: str) -> dict[str, Any]:
 
 
 def template(code: str, kind: str, part: Part, language: str) -> str | None:
-    """The words of a code; those of a kind go before those of all its kinds. None where there are none."""
+    """The words of a code; those of a kind go before those of all its kinds. None where there are none.
+
+    Parameters
+    ----------
+    code
+        What the finding is called.
+    kind
+        Which of the code's messages it is; empty for the only one.
+    part
+        Title, message or hint.
+    language
+        A language of LANGUAGES; what it lacks is in English.
+    """
     for one in dict.fromkeys((language, "en")):
         words = table(one).get(code, {})
         found = words.get(kind, {}).get(part, words.get(part)) if kind else words.get(part)
@@ -72,7 +84,15 @@ def template(code: str, kind: str, part: Part, language: str) -> str | None:
 
 
 def phrase(one: Phrase, language: str = "en") -> str:
-    """A phrase in words."""
+    """A phrase in words.
+
+    Parameters
+    ----------
+    one
+        The phrase with its values.
+    language
+        A language of LANGUAGES; what it lacks is in English.
+    """
     words = table(language)["phrases"].get(one.key) or table("en")["phrases"][one.key]
     return fill(words, one.values, language)
 
@@ -84,9 +104,23 @@ def hint_of(one: Phrase) -> Phrase | None:
 
 
 def fill(words: str, values: Mapping[str, Value], language: str = "en", *, with_options: bool | None = None) -> str:
-    """A template with its values; KeyError or ValueError for values that are not those of the template.
+    """A template with its values, in words.
 
-    `with_options`: whether to show what is in brackets; None where brackets are brackets.
+    Parameters
+    ----------
+    words
+        The template.
+    values
+        The values by name.
+    language
+        Decides plural forms, and how lists are joined.
+    with_options
+        Whether to show what is in brackets; None where brackets are brackets.
+
+    Raises
+    ------
+    KeyError, ValueError
+        For values that are not those of the template.
     """
     out = ""
     for piece in parsed(words, with_options):
@@ -101,7 +135,15 @@ def fill(words: str, values: Mapping[str, Value], language: str = "en", *, with_
 
 @cache
 def parsed(words: str, with_options: bool | None = None) -> tuple[str | Field, ...]:
-    """The literal text and the fields of a template, in their order."""
+    """The literal text and the fields of a template, in their order.
+
+    Parameters
+    ----------
+    words
+        The template.
+    with_options
+        Whether to keep what is in brackets; None where brackets are brackets.
+    """
     if with_options is not None:
         words = re.sub(r"[\[\]]", "", words) if with_options else _OPTIONS.sub("", words)
     pieces: list[str | Field] = []

@@ -51,7 +51,13 @@ def as_json(value: Value) -> Any:
 
 
 def from_json(document: Any) -> Value:
-    """The value that `as_json` wrote; ValueError for anything else."""
+    """The value that `as_json` wrote.
+
+    Raises
+    ------
+    ValueError
+        For anything else.
+    """
     if isinstance(document, list):
         return tuple(from_json(item) for item in document)
     if not isinstance(document, dict):

@@ -1,7 +1,8 @@
 """Arguments of kernels without reference counts.
 
-numba counts the references to every array of a tuple each time the tuple is passed on, atomically: with a `TracedScene`
-of twenty arrays that was half of a render's time on one core, and more where two threads share a scene's arrays.
+numba counts the references to every array of a tuple, atomically, each time the tuple is passed on. With a
+`TracedScene` of twenty arrays that was half of a render's time on one core, and more where two threads share a scene's
+arrays.
 """
 
 from typing import Any

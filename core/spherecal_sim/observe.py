@@ -104,7 +104,7 @@ def _facing(
 
 
 def _may_see(view: ObservingCameras, points: FloatArray) -> np.ndarray:
-    """Whether any of the points may lie in each camera's field of view, (cameras,), by their enclosing sphere."""
+    """Whether any of the points may be in each camera's field of view, (cameras,), by their enclosing sphere."""
     middle = points.mean(axis=0)
     radius = np.sqrt(((points - middle) ** 2).sum(axis=1).max())
     x = view.rotations @ middle + view.translations

@@ -34,7 +34,7 @@ def ideal_place(intrinsics, u, v, x, y):
     u, v
         The image point, px.
     x, y
-        Where to begin, as of a neighbouring point.
+        Where to begin, such as the result for a neighbouring point.
     """
     fu, fv, u0, v0, k1, k2, p1, p2, k3, k4, k5, k6, s1, s2, s3, s4 = intrinsics
     gx, gy = (u - u0) / fu, (v - v0) / fv

@@ -1,4 +1,4 @@
-"""Images of stickers on a ball as simulated cameras take them, markers or dots alike, and whole sessions of them."""
+"""Images of stickers on a ball as simulated cameras take them, with markers or dots, and whole sessions of them."""
 
 import json
 from dataclasses import dataclass

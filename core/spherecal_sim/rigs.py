@@ -152,7 +152,7 @@ _HALL_COLUMN_MM = 312.5
 
 
 def hall(n_cameras: int) -> RigDesign:
-    """Two rows of cameras over a lane; the ball is walked along it, one placement a camera unless asked otherwise.
+    """Two rows of cameras over a lane; the ball is walked along it, by default with one placement a camera.
 
     Raises
     ------

@@ -249,9 +249,9 @@ _WALL_CELLS = 100
 
 
 def _blobs(count: int, room: FloatArray, middle: FloatArray, rng: np.random.Generator) -> FloatArray:
-    """White discs on the walls, (count, 4): wall, two coordinates, radius; in groups, as of bolts and labels.
+    """White discs on the walls, (count, 4): wall, two coordinates, radius; in groups, like bolts and labels.
 
-    They gather where the cameras look past the ball, around `middle` (3,).
+    They are where the cameras look past the ball, around `middle` (3,).
     """
     wall = rng.integers(0, 6, count)
     first, second = np.where(wall < 2, 1, 0), np.where(wall >= 4, 1, 2)

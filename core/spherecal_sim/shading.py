@@ -23,7 +23,7 @@ from spherecal_sim.tracing import (
 def light(scene, ox, oy, oz, px, py, pz, nx, ny, nz):
     """Diffuse irradiance and gloss at a point, of all ring lights, falling off with distance.
 
-    The gloss is Blinn's, exponent 64: a highlight some 10 degrees wide, as of a satin film.
+    The gloss is Blinn's, exponent 64: a highlight some 10 degrees wide, like that of a satin film.
 
     Parameters
     ----------

@@ -11,7 +11,7 @@ from spherecal.base.kernels import AHEAD, njit
 
 
 def _itself(arrays: Any) -> Any:
-    """Arrays, or a tuple with arrays, without reference counts; valid while the caller holds them."""
+    """Arrays, or a tuple with arrays, without reference counts; valid while the caller keeps them."""
     return arrays
 
 
@@ -36,7 +36,7 @@ else:
         return value
 
     def _typed(typing_context: Any, arrays: Any) -> Any:
-        """Arrays, or a tuple with arrays, without reference counts; valid while the caller holds them."""
+        """Arrays, or a tuple with arrays, without reference counts; valid while the caller keeps them."""
 
         def codegen(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
             return _without_counts(context, builder, signature.args[0], arguments[0])

@@ -84,7 +84,7 @@ def find_sessions(folder: Path, output: Path) -> list[Path]:
 
 
 def _check_output(output: Path) -> None:
-    """Raise OutputError for a folder that holds something else than an earlier batch."""
+    """Raise OutputError for a folder that has something else than an earlier batch in it."""
     if output.is_dir() and (others := sorted(one.name for one in output.iterdir() if one.name not in _OURS)):
         raise OutputError(
             f"{output}: holds something else than an earlier batch ({shown_name(others[0])}) and is left as it is.",

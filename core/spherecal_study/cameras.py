@@ -48,7 +48,7 @@ def page(listed: list[Trial], results: Results, options: Options) -> StudyPage:
     listed, results
         The trials, and their results in the same order.
     options
-        What the study was asked.
+        Options of the study.
     """
     document = begin(
         TITLE,

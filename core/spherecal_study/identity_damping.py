@@ -1,7 +1,7 @@
 """Levenberg's adjustment with the identity as damping, as older programs have it: for comparison only.
 
-Damping that does not know the unknowns' units limits pixels, radians and lengths alike. Under it the claim of [Tao21]'s
-Table II, that poor points need spherical projection, can be seen. The product damps the diagonal.
+Such damping does not know the unknowns' units and limits pixels, radians and lengths by the same number. Under it the
+claim of [Tao21]'s Table II, that poor points need spherical projection, can be seen. The product damps the diagonal.
 """
 
 import numpy as np

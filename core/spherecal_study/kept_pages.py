@@ -10,7 +10,7 @@ ORDER = ("compare", "layouts", "path", "noise", "cameras", "rigB", "bar")
 
 @dataclass(frozen=True)
 class KeptPage:
-    """One study's page: PDF, a picture of each of its pages, its table paper / ours, and what was asked.
+    """One study's page: PDF, a picture of each of its pages, its table paper / ours, and its options.
 
     `compared` has rows `what`, `paper`, `ours`, `agrees` (None: no matter of agreeing), `why`. `options` has `runs`,
     `sigma_px` (None: rendered images), `seed`, `preset` (None: the paper's rig), or a recorded `session`.

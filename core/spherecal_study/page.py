@@ -21,7 +21,7 @@ Results = list[dict[str, Any]]
 
 @dataclass(frozen=True)
 class Options:
-    """What all studies may be asked: repetitions (seeds), image noise, the first seed, another rig.
+    """What all studies have as options: repetitions (seeds), image noise, the first seed, another rig.
 
     `sigma_px` None takes rendered images, by default of the demo's small rig. `known`: intrinsics are known before, as
     in Algorithm 1 of [Tao21], instead of the data sheets'. `paths`: xi1, xi2, TH_er in px (None: by the data), b.
@@ -92,7 +92,7 @@ def begin(title: str, options: Options, text: Sequence[str]) -> Document:
     title
         Title of the study.
     options
-        What the study was asked.
+        Options of the study.
     text
         Paragraphs on what was done.
     """

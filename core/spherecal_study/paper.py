@@ -84,7 +84,7 @@ def paper_table_text(kept: dict[str, KeptPage]) -> str:
 
 
 def _done(page: KeptPage) -> str:
-    """How many of the runs asked for are there; a series that was stopped goes on by the same command."""
+    """How many of the requested runs are there; a series that was stopped continues by the same command."""
     least = min((c["runs"] for c in page.compared), default=0)
     if least >= page.options["runs"]:
         return "complete"

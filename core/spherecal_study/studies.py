@@ -34,7 +34,7 @@ def run_study(
     name
         A key of `STUDIES`.
     options
-        What the study is asked.
+        Options of the study.
     folder
         Where the page goes. Results of trials are kept in `trials` below it, and taken from there if the study is run
         again.
@@ -101,7 +101,7 @@ def write_page(
     page
         The page.
     options
-        What the study was asked, as plain JSON.
+        Options of the study, as plain JSON.
     listed, results
         The trials, and their results in the same order.
     folder

@@ -226,8 +226,8 @@ class SessionFolder:
 def session_ids(names: Mapping[str, str]) -> dict[str, str]:
     """The ids that cameras get in a session, by serial, from the names they are to have.
 
-    A camera's own name may hold anything: what an id may not is replaced, and its serial number serves where two
-    cameras would get one id.
+    A camera's own name may have any characters: those that an id may not have are replaced. Where two cameras would get
+    one id, their serial numbers are used.
     """
     ids = {serial: as_id(name, as_id(serial, "camera")) for serial, name in names.items()}
     return {s: one if list(ids.values()).count(one) == 1 else as_id(s, one) for s, one in ids.items()}

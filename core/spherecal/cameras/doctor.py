@@ -28,7 +28,7 @@ _DARK, _BRIGHT = 0.2, 0.02  # dots need some contrast over noise; highlights on 
 
 @dataclass(frozen=True)
 class LinkReport:
-    """One camera after the test; `counters` hold what was counted during the test only."""
+    """One camera after the test; `counters` are what was counted during the test only."""
 
     serial: str
     state: CameraState

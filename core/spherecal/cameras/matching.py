@@ -76,7 +76,7 @@ class RoundKeeper:
 
 @dataclass(frozen=True)
 class Sighting(Generic[Item]):
-    """An image as matching sees it: whose, of which round, when exposed and how surely (s), and what it stands for."""
+    """An image as matching sees it: whose, of which round, when exposed and how surely (s), and what it refers to."""
 
     camera: str
     round: int | None
@@ -150,5 +150,5 @@ class SetMatcher(Generic[Item]):
         return tuple(serial for serial in self._modes if serial not in found)
 
     def kept(self) -> set[Item]:
-        """Everything that an image of this set may still stand for."""
+        """The items of all images that may still become part of the set."""
         return {s.item for s in self._found.values()} | {s.item for p in self._pulses for s in p.images.values()}

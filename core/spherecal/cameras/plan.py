@@ -51,7 +51,7 @@ class CapturePlan:
         serial
             Serial number of the camera.
         name
-            Name that the camera is to have in the session. An entry found by name must not have a serial number.
+            Name that the camera is to have in the session; only entries without a serial number are found by it.
         """
         by_serial = (entry for entry in self.cameras if str(entry.get("serial")) == serial)
         by_name = (entry for entry in self.cameras if entry.get("id") in (name, serial) and "serial" not in entry)

@@ -468,7 +468,7 @@ class _Service:
             self._set_up(slot, slot.settings)  # its ring is made anew
 
     def _note_slowness(self, slot: Slot, seconds: float) -> None:
-        """A camera that answers slowly holds up all others: ask it less often, and say so now and then."""
+        """A camera that answers slowly delays all others: check it less often, and report it from time to time."""
         now = time.perf_counter()
         slot.next_check_s = now + max(_CHECK_S, _SLOW_SHARE * seconds)
         slot.slowness_s = seconds

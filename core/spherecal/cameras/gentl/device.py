@@ -93,7 +93,7 @@ class Device:
         self._acquirer.add_callback(self._acquirer.Events.INCOMPLETE_BUFFER, Incomplete())
 
     def _prepare(self) -> None:
-        """Node maps, buffers, and how the driver is asked for images."""
+        """Set node maps, buffers, and how images are fetched from the driver."""
         self.features = NodeFeatures(self._acquirer.remote_device.node_map)
         stream = self._acquirer.data_streams[0]
         self._stream_features = NodeFeatures(stream.node_map)
@@ -235,7 +235,7 @@ class Device:
             self._guard(lambda: raw.parent.queue_buffer(raw, False))
 
     def waits(self) -> bool:
-        """Whether the driver holds an image; True too where it cannot say."""
+        """Whether an image waits in the driver; True too where it cannot say."""
         if not self._can_ask:
             return True
         try:

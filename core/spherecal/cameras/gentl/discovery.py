@@ -1,4 +1,4 @@
-"""Finding cameras: every producer file is tried in a process of its own, so that a broken one harms nobody."""
+"""Finding cameras: every producer file is tried in a process of its own, so that a broken one harms no other."""
 
 import multiprocessing
 import os

@@ -71,7 +71,7 @@ class NodeFeatures:
         return next((name for name in names if self.node(name) is not None), None)
 
     def node(self, name: str) -> Any | None:
-        """The node of this exact name; None where it does not exist, holds no value or is not implemented."""
+        """The node of this exact name; None where it does not exist, has no value or is not implemented."""
         if name not in self._nodes:
             self._nodes[name] = self._find(name)
         node = self._nodes[name]

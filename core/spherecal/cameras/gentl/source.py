@@ -306,7 +306,7 @@ class _Attempt:
         self._timeout_s = 0.0
 
     def run(self, timeout_s: float, context: Context) -> None:
-        """Wait until all are there, or nobody who is missing can be expected any more, or the time is over."""
+        """Wait until all images are there, no missing camera can be expected any more, or the time is over."""
         self._timeout_s = timeout_s
         self._service.listen(self._offer)
         if self._software:

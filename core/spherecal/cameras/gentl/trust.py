@@ -281,7 +281,8 @@ def _user_name(number: int) -> str:
 
 
 def _is_own_group(number: int) -> bool:
-    """Whether a group holds nobody but us and the administrator (as the one that many systems make for each user)."""
+    """Whether a group has no members but the user and the administrator, like the one that many systems make for a user.
+    """
     import grp
     import pwd
 

@@ -71,9 +71,9 @@ class ProducerControl:
     Parameters
     ----------
     cameras
-        The cameras to simulate; none is `simulated_cameras()`.
+        The cameras to simulate; an empty sequence is `simulated_cameras()`.
     name
-        Name of the shared memory; None is one that nobody uses.
+        Name of the shared memory; None is an unused one.
 
     Raises
     ------

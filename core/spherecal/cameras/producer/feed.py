@@ -81,7 +81,7 @@ class RigFeed:
     session_folder
         A session with images.
     name
-        Name of the shared memory. None is one that nobody uses, or with `running` the usual one.
+        Name of the shared memory. None is an unused one, or with `running` the usual one.
     scene
         Placement or bar pose to start with; None is the first one.
     running

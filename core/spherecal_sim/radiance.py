@@ -235,9 +235,9 @@ def trace_tile(scene, rotation, centre, intrinsics, marks, u_first, v_first, x, 
     u_first, v_first
         The tile's first pixel.
     x, y
-        Normalised coordinates of its first corner.
+        Normalised coordinates from which its first corner is sought.
     block
-        The cells, (TILE CELLS, TILE CELLS).
+        The cells, (TILE * CELLS, TILE * CELLS).
     """
     n = TILE + 1
     cx, cy = np.empty((n, n)), np.empty((n, n))

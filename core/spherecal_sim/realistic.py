@@ -145,7 +145,7 @@ _TRIES = 40
 def simulate_realistic(seed: int, options: RealisticOptions | None = None) -> tuple[Session, RealisticTruth]:
     """A recording of a random rig and its truth; the same seed gives the same.
 
-    A rig that the observations do not link is drawn another time, up to 40 times.
+    A rig that the observations do not link is drawn another time; the fortieth is taken as it is.
 
     Parameters
     ----------

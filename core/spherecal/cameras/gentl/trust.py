@@ -281,7 +281,7 @@ def _user_name(number: int) -> str:
 
 
 def _is_own_group(number: int) -> bool:
-    """Whether a group has no members but the user and the administrator, like the one that many systems make for a user.
+    """Whether a group has no members but the user and the administrator, like those that many systems make for users.
     """
     import grp
     import pwd

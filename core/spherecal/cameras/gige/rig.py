@@ -205,7 +205,7 @@ class CameraNetwork:
         length
             Packets lost in a row; 0 ends it.
         every
-            Packets from one loss to the next.
+            Packets from the beginning of one loss to that of the next.
         """
         self._rules(self.cameras[serial].port, *([f"numgen inc mod {every} < {length} drop"] if length else []))
 

@@ -30,8 +30,8 @@ def open_source(
     faults
         Faults of simulated cameras, as text (simulated/faults.py); for `simulated` only.
     ask
-        Says whether a driver file that was never allowed may be loaded (gentl/trust.py). It may be called in another
-        thread. None: nobody is asked.
+        Says whether a new or changed driver file may be loaded; it may be called in another thread. None: a new one is
+        allowed and remembered, a changed one refused (gentl/trust.py).
 
     Raises
     ------

@@ -63,9 +63,10 @@ def discover(
     context
         For progress, and to stop; None does neither.
     trust
-        The files that were allowed; others are not loaded but get a verdict that says so. None loads all.
+        Judges every file before it is loaded (see trust.py); a refused one gets a verdict that says so. None: all are
+        loaded.
     ask
-        Asked about new files (see trust.py); None: nobody is.
+        Asked about new and changed files. None: a new one is allowed and remembered, a changed one refused.
 
     Raises
     ------

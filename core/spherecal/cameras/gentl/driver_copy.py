@@ -149,7 +149,7 @@ def hold(path: str) -> None:
     Raises
     ------
     OSError
-        Where another program has it open for writing.
+        Where it cannot be opened, or is open for writing elsewhere.
     """
     if os.name != "nt":
         return

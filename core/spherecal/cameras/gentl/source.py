@@ -46,8 +46,8 @@ class GenicamSource:
     log_file
         Where the camera process writes what drivers print; None is `default_log_file()`.
     ask
-        Asked, in the thread that discovers, about driver files that were never allowed (see trust.py). None: nobody is
-        asked.
+        Asked, in the thread that discovers, about new and changed driver files. None: a new one is allowed and
+        remembered, a changed one refused (see trust.py).
 
     Raises
     ------

@@ -281,8 +281,7 @@ def _user_name(number: int) -> str:
 
 
 def _is_own_group(number: int) -> bool:
-    """Whether a group has no members but the user and the administrator, like those that many systems make for users.
-    """
+    """Whether a group has no members but the user and the administrator, as many systems make one for each user."""
     import grp
     import pwd
 

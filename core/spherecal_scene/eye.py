@@ -16,7 +16,7 @@ _LEAST_ZOOM, _MOST_ZOOM = 0.2, 40.0
 
 @dataclass(frozen=True, eq=False)
 class Eye:
-    """A parallel projection onto width x height px: what is in its middle, its axes, px for a mm."""
+    """A parallel projection onto width x height px: the place (3,) in its middle, its axes (3,), px for a mm."""
 
     middle: FloatArray
     right: FloatArray
@@ -32,13 +32,13 @@ class Eye:
 
     @property
     def towards(self) -> FloatArray:
-        """From the scene to the eye."""
+        """The direction from the scene to the eye, (3,), a unit vector."""
         return np.cross(self.right, self.up)
 
 
 @dataclass(frozen=True, eq=False)
 class View:
-    """How a scene was turned, moved and enlarged; `middle` (3,) mm lies in the middle of the picture."""
+    """How a scene was turned, moved and enlarged; `middle` (3,) mm is in the middle of the picture."""
 
     middle: FloatArray
     turn_deg: float
@@ -54,29 +54,67 @@ class View:
         return right, np.cross(towards, right)
 
     def eye(self, width: int, height: int) -> Eye:
-        """The projection onto a picture of this size."""
+        """The projection onto a picture of this size, at least 16 x 16 px.
+
+        Parameters
+        ----------
+        width, height
+            Size of the picture, px.
+        """
         return Eye(self.middle, *self.axes(), self.zoom * self.fitted, max(width, 16), max(height, 16))
 
     def turned(self, turn_deg: float, lift_deg: float) -> "View":
-        """Turned by so much, never past the poles."""
+        """The view after a turn, never past the poles.
+
+        Parameters
+        ----------
+        turn_deg
+            Turn about the height axis, deg.
+        lift_deg
+            By how much the eye is lifted, deg.
+        """
         lift = float(np.clip(self.lift_deg + lift_deg, -90, 90))
         return replace(self, turn_deg=self.turn_deg + turn_deg, lift_deg=lift)
 
     def moved(self, right_px: float, down_px: float) -> "View":
-        """Moved with the hand."""
+        """The view after the scene was moved by hand.
+
+        Parameters
+        ----------
+        right_px, down_px
+            How far the scene moves in the picture, px.
+        """
         right, up = self.axes()
         scale = self.zoom * self.fitted
         return replace(self, middle=self.middle - (right_px * right - down_px * up) / scale)
 
     def closer(self, factor: float, right_px: float = 0.0, down_px: float = 0.0) -> "View":
-        """Closer by a factor; what lies so far from the picture's middle keeps its place."""
+        """The view closer by a factor, within the limits of the zoom; one place of the picture stays where it is.
+
+        Parameters
+        ----------
+        factor
+            By how much the scene becomes larger.
+        right_px, down_px
+            The place that stays, from the picture's middle, px.
+        """
         zoom = float(np.clip(self.zoom * factor, _LEAST_ZOOM, _MOST_ZOOM))
         there = replace(self.moved(-right_px, -down_px), zoom=zoom)
         return there.moved(right_px, down_px)
 
 
 def fitting_view(places: FloatArray, side: str, width: float, height: float) -> View:
-    """The view from a side that shows all places (n, 3) in a picture of this size, px."""
+    """The view from a side that shows all places in a picture.
+
+    Parameters
+    ----------
+    places
+        What is to be seen, (n, 3) mm.
+    side
+        A key of `SIDES`.
+    width, height
+        Size of the picture, px.
+    """
     turn, lift = SIDES[side]
     view = View(np.zeros(3), turn, lift)
     right, up = view.axes()

@@ -28,7 +28,10 @@ _FLOOR_LINES = 14  # at most, along the longer side
 
 @dataclass(frozen=True)
 class CameraFigures:
-    """What is known of one camera: serial number, sensor px, rms px, standard uncertainty of its place mm."""
+    """What is known of one camera: serial number, sensor px, rms px, standard uncertainty of its place mm.
+
+    None: not known.
+    """
 
     serial: str = ""
     sensor_px: tuple[int, int] | None = None
@@ -38,7 +41,10 @@ class CameraFigures:
 
 @dataclass(frozen=True, eq=False)
 class SceneBar:
-    """A measured bar: its ends (3,) in the scene, error and expanded uncertainty of its length, mm."""
+    """A measured bar: its ends (3,) in the scene, error and expanded uncertainty of its length, mm.
+
+    `level` is `good` or `bad`, or `none` where the uncertainty is not known.
+    """
 
     name: str
     start: FloatArray
@@ -61,7 +67,7 @@ class MovedCamera:
 
 @dataclass(frozen=True, eq=False)
 class DrawnBall:
-    """A ball that is asked for: its centre (3,) and radius, and the centre (3,) from where it comes."""
+    """A ball that is wanted: its centre (3,) and radius, mm, and the centre (3,) from which it comes."""
 
     centre: FloatArray
     radius: float
@@ -73,10 +79,11 @@ class SceneData:
     """`scene` (report.rig_view), `points` (n, 3) in its frame, `sizes` (n,) of their residuals, 1 = `most_px`.
 
     `normals` (n, 3): outward from the ball, NaN where there is none; `names` (n,): placement, target and point.
-    `map_places` (m, 3) and `map_mm` (m,): what a length there is measured to in its worst direction, `map_k` the
-    coverage factor and `map_length_mm` the length; `links`: steps of the paths by which the cameras were joined.
-    `ellipsoids` (e, 3, 3): half axes by row, mm, of one standard deviation, at `ellipsoid_places` (e, 3).
-    `images` (height, width) uint8: the last image of a camera. `wanted`: where the ball should go next.
+    `map_places` (m, 3) and `map_mm` (m,): expanded uncertainty of a length there in its worst direction. `map_k` is its
+    coverage factor and `map_length_mm` the length. `links`: steps of the paths by which the cameras were joined.
+    `ellipsoids` (e, 3, 3): half axes by row, mm, of one standard deviation, at `ellipsoid_places` (e, 3). `images`
+    (height, width) uint8: the last image of each camera, by id. `origin_mm` (3,): the scene's origin in the world.
+    `wanted`: where the ball should go next.
     """
 
     scene: Any
@@ -101,13 +108,13 @@ class SceneData:
 
     @property
     def link_ends(self) -> list[tuple[FloatArray, FloatArray]]:
-        """The centres of the two cameras of each link."""
+        """The centres (3,) of the two cameras of each link."""
         centres = {camera.id: camera.centre for camera in self.scene.cameras}
         return [(centres[a], centres[b]) for a, b in self.links if a in centres and b in centres]
 
     @property
     def reference_axes(self) -> list[tuple[tuple[FloatArray, FloatArray], str]]:
-        """The axes x, y, z of the reference camera, which are those of the world: both ends, and the colour."""
+        """The axes x, y, z of the reference camera, which are those of the world: both ends (3,), and the colour."""
         camera = next((one for one in self.scene.cameras if one.id == getattr(self.scene, "reference", None)), None)
         if camera is None:
             return []
@@ -116,26 +123,26 @@ class SceneData:
 
     @property
     def map_range(self) -> tuple[float, float]:
-        """The least and the largest uncertainty, mm."""
+        """The least and the largest uncertainty of the map, mm; 0 and 1 without a map."""
         return (float(self.map_mm.min()), float(self.map_mm.max())) if len(self.map_mm) else (0.0, 1.0)
 
     def map_tints(self, dark: bool) -> list[tuple[int, int, int]]:
-        """The colours of the map's places."""
+        """The colours (red, green, blue; 0 to 255) of the map's places, for a dark or a light background."""
         low, high = self.map_range
         return ramp((self.map_mm - low) / ((high - low) or 1.0), dark)
 
     def tints(self, dark: bool) -> list[tuple[int, int, int]]:
-        """The colours of the points."""
+        """The colours (red, green, blue; 0 to 255) of the points, for a dark or a light background."""
         return ramp(self.sizes, dark)
 
     def box(self) -> tuple[float, float, float, float, float, float]:
-        """The box that holds 98 % of the points along each axis: x0 x1 y0 y1 z0 z1."""
+        """The box with 98 % of the points along each axis: x0 x1 y0 y1 z0 z1, mm."""
         inside = self.points if len(self.points) else self.map_places if len(self.map_places) else np.zeros((1, 3))
         low, high = np.percentile(inside, (1, 99), axis=0)
         return (low[0], high[0], low[1], high[1], low[2], high[2])
 
     def every_place(self) -> FloatArray:
-        """Places (n, 3) that the picture has to hold: cameras, frusta, balls, dots, bars, axes."""
+        """Places (n, 3) that must be in the picture: cameras, frusta, balls, dots, bars, axes."""
         parts = [np.vstack([camera.centre, camera.corners]) for camera in self.scene.cameras]
         for camera in self.scene.cameras:  # bodies and lenses lie behind the centre
             parts.append((camera.centre + _BODY * (camera.centre - camera.corners.mean(axis=0)))[None])
@@ -174,14 +181,14 @@ class SceneData:
 
     @cached_property
     def shift_factor(self) -> float:
-        """By how much the way of moved cameras is drawn longer than it is."""
+        """By how much the shift of moved cameras is drawn longer than it is: 1, 2 or 5 times a power of ten."""
         now = {camera.id: camera for camera in self.scene.cameras}
         ways = [np.abs(now[one.id].corners - one.corners).max() for one in self.moved if one.id in now]
         return round_factor(_SHIFT_PART * self.radius, float(max(ways, default=0.0)))
 
     @cached_property
     def dot_radius(self) -> float:
-        """How large to draw a dot: a little less than half the usual way to the next one of its placement."""
+        """Radius in mm with which a dot is drawn: a little less than half the usual distance to the next dot."""
         if len(self.points) < 2:
             return 0.01 * self.radius
         from scipy.spatial import KDTree
@@ -190,7 +197,15 @@ class SceneData:
         return float(np.clip(0.45 * np.median(ways), 2e-3 * self.radius, 0.02 * self.radius))
 
     def flat(self, side: str, places: FloatArray) -> FloatArray:
-        """Places in the plane of a view."""
+        """Places in the plane of one of the report's views, (n, 2) mm.
+
+        Parameters
+        ----------
+        side
+            `oblique`, `top`, `front` or `side`.
+        places
+            Places in the scene, (n, 3) mm.
+        """
         from spherecal.report.rig_view import FRONT, OBLIQUE, SIDE, TOP
 
         view = {"oblique": OBLIQUE, "top": TOP, "front": FRONT, "side": SIDE}[side]
@@ -199,7 +214,7 @@ class SceneData:
 
 @dataclass(frozen=True)
 class Floor:
-    """A rectangle at the height z with lines every `step` mm."""
+    """A rectangle at the height z with lines every `step` mm; all lengths in mm."""
 
     x0: float
     x1: float
@@ -209,7 +224,7 @@ class Floor:
     step: float
 
     def lines(self) -> FloatArray:
-        """Both ends of all lines, (n, 2, 3)."""
+        """Both ends of all lines, (n, 2, 3) mm."""
         xs = np.arange(self.x0, self.x1 + self.step / 2, self.step)
         ys = np.arange(self.y0, self.y1 + self.step / 2, self.step)
         along = [[(x, self.y0, self.z), (x, self.y1, self.z)] for x in xs]
@@ -218,7 +233,15 @@ class Floor:
 
 
 def round_factor(wanted: float, size: float) -> float:
-    """The largest of 1, 2, 5, 10, 20, ... by which `size` stays within `wanted`; 1 where it is larger already."""
+    """The largest of 1, 2, 5, 10, 20, ... by which `size` stays within `wanted`; 1 where it is larger already.
+
+    Parameters
+    ----------
+    wanted
+        The largest size wanted.
+    size
+        The size as it is, in the same unit.
+    """
     if size <= 0 or wanted <= size:
         return 1.0
     ratio = wanted / size
@@ -227,7 +250,15 @@ def round_factor(wanted: float, size: float) -> float:
 
 
 def ramp(sizes: FloatArray, dark: bool) -> list[tuple[int, int, int]]:
-    """Colours for sizes from 0 to 1."""
+    """Colours (red, green, blue; 0 to 255) for sizes from 0 to 1.
+
+    Parameters
+    ----------
+    sizes
+        Sizes, (n,); smaller and larger ones get the colours of 0 and 1.
+    dark
+        For a dark background, else a light one.
+    """
     table = np.array(_DARK if dark else _LIGHT, dtype=float)
     where = np.clip(sizes, 0, 1) * 2
     low = np.minimum(where.astype(int), 1)
@@ -239,7 +270,17 @@ def ramp(sizes: FloatArray, dark: bool) -> list[tuple[int, int, int]]:
 
 
 def scene_data(result: Any, links: tuple[tuple[str, str], ...] = (), most: int = 6000) -> SceneData | None:
-    """The scene of a result (report.result_folder); None without cameras."""
+    """The scene of a result; None without cameras.
+
+    Parameters
+    ----------
+    result
+        The result (report.result_folder).
+    links
+        Pairs of cameras that were joined, by id.
+    most
+        Points that are shown at most; of more, every k-th is.
+    """
     from spherecal.report.rig_view import make_scene
 
     if not result.rig.cameras:
@@ -340,9 +381,18 @@ def point_residuals(result: Any) -> FloatArray:
 
 
 def with_bars(data: SceneData, report: Any, places: Mapping[str, Any]) -> SceneData:
-    """With the measured bars (report.verification_file) where their marks (export.frame) are known.
+    """The scene with the measured bars whose marks' places are known.
 
-    A length whose error is larger than its expanded uncertainty is `bad`.
+    A length whose error is larger than its expanded uncertainty (k = 2) is `bad`.
+
+    Parameters
+    ----------
+    data
+        The scene.
+    report
+        The verification (report.verification_file); None: no bars.
+    places
+        Places of marks (export.frame) by pose and mark, `POSE/MARK`.
     """
     bars = []
     for row in report.measured if report is not None else ():
@@ -359,9 +409,15 @@ def with_bars(data: SceneData, report: Any, places: Mapping[str, Any]) -> SceneD
 
 
 def with_moved(data: SceneData, changes: Sequence[tuple[str, FloatArray, FloatArray]]) -> SceneData:
-    """With cameras that have moved: id, shift (3,) mm of the centre in the world, turn (3,) deg in the camera's axes.
+    """The scene with cameras that have moved.
 
-    What `data` shows is how they are now; before, they were where shift and turn are taken back.
+    Parameters
+    ----------
+    data
+        The scene with the cameras as they are now; before, they were where shift and turn are taken back.
+    changes
+        For each camera its id, the shift (3,) mm of its centre in the world, and the turn (3,) deg in its axes. Cameras
+        that the scene does not have are passed over.
     """
     from spherecal.geometry.rotation import exp_rotation
 
@@ -381,5 +437,13 @@ def with_moved(data: SceneData, changes: Sequence[tuple[str, FloatArray, FloatAr
 
 
 def with_images(data: SceneData, images: Mapping[str, Any]) -> SceneData:
-    """With the last image of each camera, (height, width) uint8."""
+    """The scene with the last image of each camera.
+
+    Parameters
+    ----------
+    data
+        The scene.
+    images
+        Images (height, width) by camera id, 0 to 255.
+    """
     return replace(data, images={name: np.asarray(image, dtype=np.uint8) for name, image in images.items()})

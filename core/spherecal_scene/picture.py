@@ -25,7 +25,15 @@ _IMAGE_PX = 480
 
 
 def scene_picture(result: Result, session: Session | None) -> ScenePicture | None:
-    """The scene of a result on white, with the last images of its session; None without cameras or renderer."""
+    """The scene of a result on white, with the last images of its session; None without cameras or renderer.
+
+    Parameters
+    ----------
+    result
+        The result.
+    session
+        The session that it is of; None: no images.
+    """
     data = scene_data(result) if can_render() else None
     if data is None:
         return None
@@ -45,7 +53,7 @@ def paper_style() -> SceneStyle:
 
 
 def named_places(data: SceneData) -> tuple[tuple[str, ...], FloatArray]:
-    """Cameras, placements and axes with their places (n, 3)."""
+    """Names of cameras, placements and axes, and their places (n, 3) mm."""
     found = [(one.id, one.centre) for one in data.scene.cameras]
     found += [(one.name, one.ball_centre) for one in data.scene.placements if one.ball_centre is not None]
     found += [(letter, tip) for ((_, tip), _), letter in zip(data.reference_axes, "xyz", strict=False)]
@@ -53,7 +61,10 @@ def named_places(data: SceneData) -> tuple[tuple[str, ...], FloatArray]:
 
 
 def last_images(session: Session) -> Mapping[str, NDArray[np.uint8]]:
-    """The last image of each camera, small; one that cannot be read is left out, as nothing depends on it."""
+    """The last image of each camera by id, small (height, width) uint8.
+
+    One that cannot be read is left out, as nothing depends on it.
+    """
     from spherecal.targets.images import read_image
 
     last = {camera: path for placement in session.placements for camera, path in placement.images.items()}

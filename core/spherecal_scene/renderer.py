@@ -1,8 +1,7 @@
-"""The process that renders a scene by pyvista, off the screen: nobody waits for VTK, or ends with it.
+"""The process that renders a scene by pyvista, off the screen: nothing waits for VTK, or ends with it.
 
-Without a graphics card a picture takes some 30 ms, and VTK lets nobody else run Python meanwhile. Pictures come back
-in shared memory. The window asks for the newest view only (spherecal_gui/tasks/scene_process.py), a report
-for one picture.
+Without a graphics card a picture takes some 30 ms, and VTK keeps Python's lock meanwhile. Pictures come back in shared
+memory. The window asks for the newest view only (spherecal_gui/tasks/scene_process.py), a report for one picture.
 """
 
 import contextlib
@@ -28,7 +27,7 @@ _FINE = 2  # at rest a picture is rendered so many times larger and averaged, wh
 
 @dataclass(frozen=True, eq=False)
 class RenderedFrame:
-    """A picture as the process says it: the number of the eye it was asked with, its size, how long it took."""
+    """A picture as the process reports it: the number of the eye that was sent for it, its size px, its time s."""
 
     number: int
     width: int
@@ -38,7 +37,7 @@ class RenderedFrame:
 
 
 class Stage:
-    """One pyvista plotter with a scene."""
+    """One pyvista plotter with a scene; making it fails where OpenGL does not work."""
 
     def __init__(self) -> None:
         import pyvista
@@ -56,7 +55,15 @@ class Stage:
         self._plotter.render()  # fails here and now where OpenGL does not work
 
     def show(self, data: SceneData, style: SceneStyle) -> None:
-        """Another scene, or the same in another style."""
+        """Show another scene, or the same in another style.
+
+        Parameters
+        ----------
+        data
+            The scene.
+        style
+            Colours, and what is shown.
+        """
         self._plotter.clear_actors()
         self._lines = []
         self._radius = data.radius
@@ -113,7 +120,15 @@ class Stage:
         self._plotter.add_mesh(made, texture=texture, lighting=False, show_scalar_bar=False, reset_camera=False)
 
     def picture(self, eye: Eye, fine: bool) -> Any:
-        """The picture, (height, width, 3) uint8."""
+        """The picture, (height, width, 3) uint8.
+
+        Parameters
+        ----------
+        eye
+            From where the scene is seen.
+        fine
+            Smooth the edges, which takes longer.
+        """
         factor = _FINE if fine else 1
         plotter = self._plotter
         size = [eye.width * factor, eye.height * factor]
@@ -135,12 +150,12 @@ class Stage:
         return pixels.reshape(h, factor, w, factor, 3).mean(axis=(1, 3), dtype=np.float32).round().astype(np.uint8)
 
     def close(self) -> None:
-        """Let go of the renderer."""
+        """Close the renderer."""
         self._plotter.close()
 
 
 def can_render() -> bool:
-    """Whether pyvista is there, and nobody asks to do without it."""
+    """Whether pyvista is installed, and SPHERECAL_3D does not ask for the painted view."""
     return os.environ.get("SPHERECAL_3D") not in _PLAIN and find_spec("pyvista") is not None
 
 
@@ -185,7 +200,17 @@ def serve(pipe: Connection) -> None:
 
 
 def render_once(data: SceneData, style: SceneStyle, eye: Eye) -> Any:
-    """One picture with smooth edges, (height, width, 3) uint8, from a process of its own; None where that fails."""
+    """One picture with smooth edges, (height, width, 3) uint8, from a process of its own; None where that fails.
+
+    Parameters
+    ----------
+    data
+        The scene.
+    style
+        Colours, and what is shown.
+    eye
+        From where the scene is seen.
+    """
     context = multiprocessing.get_context("spawn")
     ours, theirs = context.Pipe()
     process = context.Process(target=serve, args=(theirs,), daemon=True, name="spherecal-picture")

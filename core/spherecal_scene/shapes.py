@@ -1,4 +1,4 @@
-"""The shapes of a scene as triangles, lines and pictures: what is rendered and what a glTF file holds."""
+"""The shapes of a scene as triangles, lines and pictures: what is rendered and what a glTF file has."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
@@ -62,7 +62,7 @@ class Mesh:
 
 @dataclass(frozen=True, eq=False)
 class Lines:
-    """Straight lines: both ends (n, 2, 3), colours (n, 3) uint8, their width in px."""
+    """Straight lines: both ends (n, 2, 3) mm, colours (n, 3) uint8, their width in px."""
 
     ends: FloatArray
     colours: ByteArray
@@ -72,7 +72,7 @@ class Lines:
 
 @dataclass(frozen=True, eq=False)
 class Picture:
-    """Quadrilaterals with parts of one picture: corners (n, 4, 3), where these lie in it (n, 4, 2) from 0 to 1."""
+    """Quadrilaterals with parts of one picture: corners (n, 4, 3), their places in it (n, 4, 2) from 0 to 1."""
 
     corners: FloatArray
     uv: FloatArray
@@ -90,7 +90,15 @@ class Shapes:
 
 
 def scene_shapes(data: SceneData, style: SceneStyle) -> Shapes:
-    """Everything that the style shows of a scene."""
+    """Everything that the style shows of a scene.
+
+    Parameters
+    ----------
+    data
+        The scene.
+    style
+        Colours, and what is shown.
+    """
     shown = style.layers
     meshes = [*_cameras(data, style), *_balls(data, style), *_bars(data, style)]
     if "map" in shown and len(data.map_mm):
@@ -106,7 +114,15 @@ def scene_shapes(data: SceneData, style: SceneStyle) -> Shapes:
 
 
 def scene_lines(data: SceneData, style: SceneStyle) -> list[Lines]:
-    """Floor, frusta, volume, axes, what has moved, and the paths where they are shown."""
+    """Floor, frusta, volume, axes, what has moved, and the paths where they are shown.
+
+    Parameters
+    ----------
+    data
+        The scene.
+    style
+        Colours, and what is shown.
+    """
     lines = [_floor(data, style), _frusta(data, style), _box(data, style), *_axes(data), *_moved(data, style)]
     lines += [*_rings(data, style), *_wanted(data, style)]
     if "links" in style.layers and data.links:
@@ -120,13 +136,31 @@ def _same(tint: Sequence[int], count: int) -> ByteArray:
 
 
 def blended(first: Sequence[int], second: Sequence[int], share: float) -> Tint:
-    """The colour between two, `share` of the second."""
+    """The colour between two.
+
+    Parameters
+    ----------
+    first, second
+        Colours, 0 to 255.
+    share
+        Share of the second, 0 to 1.
+    """
     r, g, b = ((1 - share) * np.array(first) + share * np.array(second)).round().astype(int).tolist()
     return r, g, b
 
 
 def joined(meshes: Sequence[Mesh], smooth: bool, name: str = "") -> Mesh:
-    """Several meshes as one."""
+    """Several meshes as one.
+
+    Parameters
+    ----------
+    meshes
+        The meshes; none makes an empty one.
+    smooth
+        Normals of the result: smooth, else one for each face.
+    name
+        Name of the result.
+    """
     if not meshes:
         return Mesh(
             np.empty((0, 3)), np.empty((0, 3), dtype=np.int64), np.empty((0, 3), dtype=np.uint8), smooth, name=name
@@ -162,7 +196,7 @@ def _cameras(data: SceneData, style: SceneStyle) -> list[Mesh]:
 
 
 def body_of(camera: Any) -> tuple[FloatArray, FloatArray, float, float]:
-    """A camera's body: its corners (8, 3), axes by row, size and the length of its lens, mm of the scene."""
+    """A camera's body: its corners (8, 3), axes (3, 3) by row, size and the length of its lens, mm of the scene."""
     axes = camera_axes(camera)
     across, high = (float(np.linalg.norm(camera.corners[i] - camera.corners[0])) for i in (1, 3))
     depth = float(np.linalg.norm(camera.corners.mean(axis=0) - camera.centre))
@@ -174,7 +208,7 @@ def body_of(camera: Any) -> tuple[FloatArray, FloatArray, float, float]:
 
 
 def camera_axes(camera: Any) -> FloatArray:
-    """The camera's axes by row: right, down, forward."""
+    """The camera's axes (3, 3) by row: right, down, forward."""
     axes = getattr(camera, "axes", None)
     if axes is not None:
         return np.asarray(axes)
@@ -231,7 +265,15 @@ def _picture(data: SceneData) -> Picture | None:
 
 
 def shrunk(image: Any, longest: int) -> ByteArray:
-    """The image with every k-th row and column averaged over k by k, its longer side at most `longest` px."""
+    """The image with every k by k pixels averaged, (h, w) uint8.
+
+    Parameters
+    ----------
+    image
+        The image, (height, width).
+    longest
+        Longer side of the result at most, px.
+    """
     k = max(1, -(-max(image.shape) // longest))
     h, w = (side // k * k for side in image.shape)
     return image[:h, :w].reshape(h // k, k, w // k, k).mean(axis=(1, 3)).round().astype(np.uint8)
@@ -254,7 +296,15 @@ def _balls(data: SceneData, style: SceneStyle) -> list[Mesh]:
 
 
 def solid_balls(data: SceneData, layers: frozenset[str]) -> bool:
-    """Whether the balls are drawn as bodies: they would hide bars and the map, which lie inside them."""
+    """Whether the balls are drawn as bodies: they would hide bars and the map, which are inside them.
+
+    Parameters
+    ----------
+    data
+        The scene.
+    layers
+        Layers that are shown (LAYERS).
+    """
     return not data.bars and not ("map" in layers and len(data.map_mm))
 
 
@@ -356,7 +406,7 @@ def _map(data: SceneData, style: SceneStyle) -> Mesh:
 
 
 def map_step(places: FloatArray) -> float:
-    """The way from a place of the map to the next one, mm."""
+    """The distance from a place of the map to the next one, mm; 100 mm for a single place."""
     if len(places) < 2:
         return 100.0
     from scipy.spatial import KDTree
@@ -412,7 +462,7 @@ def rgb(name: str) -> Tint:
 
 
 def moved_frusta(data: SceneData) -> list[tuple[MovedCamera, FloatArray]]:
-    """Where each moved camera was, (5, 3) centre and corners, its way drawn longer by `shift_factor`."""
+    """Centre and corners (5, 3) mm where each moved camera was, its shift drawn longer by `shift_factor`."""
     now = {camera.id: np.vstack([camera.centre, camera.corners]) for camera in data.scene.cameras}
     factor = data.shift_factor
     return [

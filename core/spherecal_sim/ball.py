@@ -53,7 +53,15 @@ _LOBES = 12
 
 
 def random_bumps(amplitude_mm: float, rng: np.random.Generator) -> Bumps:
-    """Bumps whose largest height or depth is `amplitude_mm`."""
+    """Bumps whose largest height or depth is `amplitude_mm`.
+
+    Parameters
+    ----------
+    amplitude_mm
+        Largest height or depth, mm.
+    rng
+        Draws the bumps.
+    """
     axes = rng.normal(size=(_LOBES, 3))
     axes /= np.linalg.norm(axes, axis=1, keepdims=True)
     bumps = Bumps(axes, _LEGENDRE[np.arange(_LOBES) % 4] * rng.normal(size=(_LOBES, 1)))
@@ -66,8 +74,9 @@ class Ball:
     """A ball with its stickers.
 
     Sticker s: target id `targets[s]`, axes `frames[s]` (3, 3) with rows x right, y down, z into the ball, so that its
-    centre lies in direction `-frames[s, 2]`. Dot i: target id `dot_target[i]`, name `points[dot_point[i]]`, place
-    `dots_mm[i]` and outward normal `normals[i]`. Dots are sorted by target, then point.
+    centre is in direction `-frames[s, 2]`. Dot i: target id `dot_target[i]`, name `points[dot_point[i]]`, place
+    `dots_mm[i]` and outward normal `normals[i]`. Dots are sorted by target, then point. `layouts_mm` (targets, dots, 2)
+    are the stickers as printed.
     """
 
     radius_mm: float
@@ -94,10 +103,22 @@ def make_ball(
     bump_mm: float = 1.0,
     print_sd_mm: float = 0.0,
 ) -> Ball:
-    """A ball that carries the given targets of a set, spread evenly and turned at random in their planes.
+    """A ball with the given targets of a set, spread evenly and turned at random in their planes.
 
-    `print_sd_mm` is the standard deviation, per coordinate, of a dot's place on its flat sticker. The ball keeps the
-    stickers as printed in `layouts_mm` (targets, dots, 2).
+    Parameters
+    ----------
+    target_set
+        The set with the layouts of the targets.
+    targets
+        Ids of the targets on the ball; all have the points of the first one.
+    rng
+        Draws print, bumps and the stickers' places.
+    radius_mm
+        Radius of the ball, mm.
+    bump_mm
+        Largest height or depth of its bumps, mm.
+    print_sd_mm
+        Standard deviation, per coordinate, of a dot's place on its flat sticker, mm.
     """
     points = tuple(sorted(target_set.layouts[targets[0]]))
     layouts = np.array([[target_set.layouts[t][p] for p in points] for t in targets], dtype=float)
@@ -147,10 +168,19 @@ _NODES = 0.5 + 0.5 * np.array([-1.0, 1.0]) / np.sqrt(3.0)
 
 
 def wrap(radius_mm: float, bumps: Bumps, frames: FloatArray, flat_mm: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Bend sticker places (n, 2) in mm onto the ball: unit directions (n, 3) and places (n, 3) in the ball frame.
+    """Unit directions (n, 3) and places (n, 3) mm in the ball frame of flat sticker places bent onto the ball.
 
-    A dot at distance d from its sticker's centre is carried along the ball's normal section in the dot's
-    direction until the arc there is d long (exponential map). frames (n, 3, 3): each dot's sticker axes.
+    A dot at distance d from its sticker's centre is carried along the ball's normal section in the dot's direction
+    until the arc there is d long (exponential map).
+
+    Parameters
+    ----------
+    radius_mm, bumps
+        The ball's surface.
+    frames
+        Axes of each dot's sticker, (n, 3, 3), as in `Ball`.
+    flat_mm
+        Places on the stickers, (n, 2) mm.
     """
     length = np.hypot(flat_mm[:, 0], flat_mm[:, 1])
     along = flat_mm / np.where(length > 0, length, 1.0)[:, None]

@@ -18,7 +18,7 @@ _VIEW_LIMIT_DEG = 65.0  # beyond, dots are too slender to be measured
 
 @dataclass(frozen=True)
 class SimulatedRecording:
-    """A session of observations, the cameras as they are, and the true places of its features by their names.
+    """A session of observations, the simulated cameras as they are, and the true places of its features.
 
     `points_mm` (placements, points, 3) in the rig's frame: board points in their order, or the bar's marks.
     """
@@ -39,9 +39,29 @@ def simulate_board(
     sigma_px: float = 0.04,
     print_sd_mm: float = 0.0,
 ) -> SimulatedRecording:
-    """A board of dots held all over the volume, towards one camera after the other.
+    """A board of dots shown all over the volume, towards one simulated camera after the other.
 
-    `print_sd_mm` is what its dots are off by. The pitch of [Tao21]'s comparison is 33 mm.
+    Parameters
+    ----------
+    preset
+        Name of the rig.
+    seed
+        What all random parts follow from.
+    placements
+        How often the board is shown.
+    rows, columns
+        Dots of the board.
+    pitch_mm
+        Distance of neighbouring dots, mm; 33 mm is that of [Tao21]'s comparison.
+    sigma_px
+        Standard deviation of an image coordinate, px.
+    print_sd_mm
+        Standard deviation by which a dot is off its place in the board's plane, per coordinate, mm.
+
+    Raises
+    ------
+    InputError
+        For an unknown preset.
     """
     design = rig_design(preset)
     of_rig, of_board, of_places, of_noise = (np.random.default_rng(s) for s in np.random.SeedSequence(seed).spawn(4))
@@ -86,7 +106,28 @@ def simulate_waved_bar(
     sigma_px: float = 0.04,
     certificate_mm: float = 0.004,
 ) -> SimulatedRecording:
-    """A bar of marks waved all over the volume, seen from all around; its certificate is `certificate_mm` (k = 2)."""
+    """A bar of marks waved all over the volume, seen from all around.
+
+    Parameters
+    ----------
+    preset
+        Name of the rig.
+    seed
+        What all random parts follow from.
+    frames
+        Poses of the bar.
+    marks_mm
+        Places of the marks along the bar, mm.
+    sigma_px
+        Standard deviation of an image coordinate, px.
+    certificate_mm
+        Expanded uncertainty (k = 2) of its certified lengths, mm, which are off accordingly.
+
+    Raises
+    ------
+    InputError
+        For an unknown preset.
+    """
     design = rig_design(preset)
     of_rig, of_bar, of_places, of_noise = (np.random.default_rng(s) for s in np.random.SeedSequence(seed).spawn(4))
     cameras = build_cameras(design, of_rig)

@@ -15,10 +15,22 @@ _STEP_PX = 0.05  # of the numeric derivatives; the sampled ellipse is linear ove
 def dot_bounds(
     centres: FloatArray, outline_moments: FloatArray, exposure: NDArray[np.float32], kernel: FloatArray, sensor: Sensor
 ) -> FloatArray:
-    """Cramer-Rao bounds (n,) px, sqrt(var u + var v), of dots at (n, 2) px with area moments (n, 2, 2) px^2.
+    """Cramer-Rao bounds sqrt(var u + var v) of dots' centres, (n,) px; NaN where the window leaves the image.
 
     The model has nine parameters: centre, three of the ellipse, contrast, and a background plane; the blur is known.
-    The noise is the sensor's at the noise-free `exposure`. NaN where the window leaves the image.
+
+    Parameters
+    ----------
+    centres
+        The dots' centres, (n, 2) px.
+    outline_moments
+        Central moments of their outlines per area, (n, 2, 2) px^2.
+    exposure
+        Noise-free image (height, width), 1 = full scale.
+    kernel
+        Weights of the cells around a pixel (optics.pixel_kernel), (k, k).
+    sensor
+        The sensor, whose noise and digits count.
     """
     terms = separable(kernel)
     blur = len(kernel) / CELLS / 2

@@ -19,9 +19,9 @@ _CORNERS = np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
 
 @dataclass(frozen=True)
 class TrueDots:
-    """Dots in the world: surface place, outward normal and rim (n, RIM_POINTS, 3) of each, mm.
+    """Dots in the world: surface place (n, 3), outward normal (n, 3) and rim (n, RIM_POINTS, 3) of each, mm.
 
-    `sheets` (s, 4, 3) are the corners of the stickers that carry them.
+    `sheets` (s, 4, 3) are the corners of their stickers, mm.
     """
 
     target: IntArray
@@ -32,7 +32,15 @@ class TrueDots:
     sheets: FloatArray
 
     def moved(self, rotation: FloatArray, place: FloatArray) -> "TrueDots":
-        """The dots after `x' = rotation @ x + place`."""
+        """The dots after `x' = rotation @ x + place`.
+
+        Parameters
+        ----------
+        rotation
+            Rotation, (3, 3).
+        place
+            Shift, (3,) mm.
+        """
         return TrueDots(
             self.target,
             self.point,
@@ -47,11 +55,11 @@ class TrueDots:
 class DotTruth:
     """What an image shows of its dots, row by row; image points in px.
 
-    `uv`: the surface point at the dot's centre; `uv_rim`: the centre of the rim's plane, which on a ball lies
-    r^2 / 2R deeper; `uv_cen`: the centroid of the dot's outline in the image. `view_deg`: angle between the
-    surface normal and the line of sight. `fully_visible`: the whole rim shows. `gap_px`: distance to the nearest
-    other outline. `moments_px2` (n, 2, 2): the outline's central moments per area; `axes_px`: its long and short
-    diameter. `bound_px`: Cramer-Rao bound, 2-D, NaN where not asked for.
+    `uv` (n, 2): the surface point at the dot's centre. `uv_rim` (n, 2): the centre of the rim's plane, which on a ball
+    is r^2 / 2R deeper. `uv_cen` (n, 2): the centroid of the dot's outline in the image. `view_deg` (n,): angle between
+    the surface normal and the line of sight. `fully_visible` (n,): the whole rim shows. `gap_px` (n,): distance to the
+    nearest other outline. `moments_px2` (n, 2, 2): the outline's central moments per area; `axes_px` (n, 2): its long
+    and short diameter. `bound_px` (n,): Cramer-Rao bound, 2-D, NaN where it is not computed.
     """
 
     target: IntArray
@@ -71,7 +79,17 @@ class DotTruth:
 
 
 def ball_dots(ball: Ball, dot_radius_mm: float, half_sticker_mm: float) -> TrueDots:
-    """All dots of a ball, in the ball frame."""
+    """All dots of a ball, in the ball frame, mm.
+
+    Parameters
+    ----------
+    ball
+        The ball.
+    dot_radius_mm
+        Radius of a dot, mm.
+    half_sticker_mm
+        Half the side of a sticker, mm.
+    """
     n = len(ball.dots_mm)
     circle = _circle(dot_radius_mm)
     flat = ball.layouts_mm.reshape(-1, 1, 2) + circle
@@ -90,7 +108,15 @@ def ball_dots(ball: Ball, dot_radius_mm: float, half_sticker_mm: float) -> TrueD
 
 
 def bar_dots(scene: TracedScene, targets: tuple[int, ...]) -> TrueDots:
-    """All dots on the marks of a scene's bar, in the world."""
+    """All dots on the marks of a scene's bar, in the world, mm.
+
+    Parameters
+    ----------
+    scene
+        A scene with a bar (scene.bar_scene).
+    targets
+        Target ids of the bar's marks, in order.
+    """
     marks, dots = scene.mark_dots.shape[:2]
     flat = np.zeros((marks, dots, 1 + RIM_POINTS, 3))
     flat[..., :2] = scene.mark_dots[:, :, None] + np.concatenate([np.zeros((1, 2)), _circle(scene.dot_radius)])
@@ -127,7 +153,15 @@ class Outlines:
 
 
 def outline_dots(dots: TrueDots, station: Station) -> Outlines:
-    """The outlines of all dots that may touch the image: turned to the camera and near its field of view."""
+    """The outlines of all dots that may touch the image: turned to the camera and near its field of view.
+
+    Parameters
+    ----------
+    dots
+        The dots, in the world.
+    station
+        The simulated camera.
+    """
     rotation, translation, intrinsics = station.rotation, station.translation_mm, station.intrinsics
     x = dots.places @ rotation.T + translation
     corner = np.maximum(intrinsics[2:4], np.array(station.size) - intrinsics[2:4])
@@ -139,7 +173,19 @@ def outline_dots(dots: TrueDots, station: Station) -> Outlines:
 
 
 def see_dots(dots: TrueDots, outlines: Outlines, scene: TracedScene, station: Station) -> DotTruth:
-    """The truth about the dots whose centres lie in the image and show below 88 degrees unless something hides them."""
+    """The truth about the dots whose centres are in the image and seen below 88 degrees, hidden or not.
+
+    Parameters
+    ----------
+    dots
+        The dots, in the world.
+    outlines
+        Their outlines in this image (`outline_dots`).
+    scene
+        The scene, which may hide dots.
+    station
+        The simulated camera.
+    """
     rotation, translation, intrinsics = station.rotation, station.translation_mm, station.intrinsics
     uv = project(dots.places[outlines.dot] @ rotation.T + translation, intrinsics)
     view_deg = _view_angles(dots, station.centre_mm)[outlines.dot]

@@ -10,7 +10,16 @@ from spherecal_sim.ball import Ball, random_bumps
 def lens_misfit(uv: FloatArray, size: FloatArray, phases: FloatArray, amplitude_px: float) -> FloatArray:
     """A smooth field of about one period per image, (n, 2) px, of rms `amplitude_px` per axis.
 
-    uv (n, 2), image sizes (n, 2) px, and each row's camera phases (n, 4) in radians.
+    Parameters
+    ----------
+    uv
+        Image points, (n, 2) px.
+    size
+        Image size of each row's camera, (n, 2) px.
+    phases
+        Phases of each row's camera, (n, 4) rad.
+    amplitude_px
+        Rms per axis, px.
     """
     turns = 2 * np.pi * uv / size
     du = np.sin(turns[:, 0] + phases[:, 0]) * np.cos(turns[:, 1] + phases[:, 1])
@@ -19,9 +28,20 @@ def lens_misfit(uv: FloatArray, size: FloatArray, phases: FloatArray, amplitude_
 
 
 def shape_changes(ball: Ball, count: int, rms_mm: float, kind: str, rng: np.random.Generator) -> FloatArray:
-    """Displacements of the ball's dots in `count` placements, (count, dots, 3) mm, of the given 3-D rms.
+    """Displacements of the ball's dots in `count` placements, (count, dots, 3) mm.
 
-    `smooth` bends the ball (each coordinate a field of degree 2 to 5), `per-dot` moves every dot by itself.
+    Parameters
+    ----------
+    ball
+        The ball.
+    count
+        Placements.
+    rms_mm
+        Rms of a displacement (3-D), mm.
+    kind
+        `smooth` bends the ball (each coordinate a field of degree 2 to 5), `per-dot` moves every dot by itself.
+    rng
+        Draws the displacements.
     """
     if kind == "per-dot":
         return rng.normal(0.0, rms_mm / np.sqrt(3.0), (count, len(ball.dots_mm), 3))
@@ -38,10 +58,21 @@ _POOR_PX = (0.5, 3.0)
 def spoil(
     observations: Observations, sizes: FloatArray, fraction: float, rng: np.random.Generator
 ) -> tuple[Observations, BoolArray]:
-    """Observations of which a fraction is wrong, and which (n,); sizes (cameras, 2) px.
+    """Observations of which a fraction is wrong, and which are, (n,).
 
-    Half of the wrong ones come from targets that exchanged their ids in one image (all dots of both), 30 % are
-    0.5 to 3 px off in any direction, 20 % lie anywhere in the frame.
+    Half of the wrong ones come from targets that exchanged their ids in one image (all dots of both). 30 % are 0.5 to 3
+    px off in any direction, 20 % are anywhere in the frame.
+
+    Parameters
+    ----------
+    observations
+        The observations, which stay as they are.
+    sizes
+        Image sizes by camera, (cameras, 2) px.
+    fraction
+        Share of wrong observations.
+    rng
+        Draws which are wrong, and how.
     """
     n = len(observations)
     uv = observations.uv.copy()

@@ -9,5 +9,15 @@ _DEGREES = 5.0
 
 
 def heavy_noise(sd_px: FloatArray, rng: np.random.Generator, degrees: float = _DEGREES) -> FloatArray:
-    """Errors (n, 2) px of the standard deviations (n,) per coordinate, Student's t with so many degrees of freedom."""
+    """Errors (n, 2) px of given standard deviations, distributed by Student's t.
+
+    Parameters
+    ----------
+    sd_px
+        Standard deviation per coordinate, (n,) px.
+    rng
+        Draws the errors.
+    degrees
+        Degrees of freedom, more than 2.
+    """
     return sd_px[:, None] * np.sqrt((degrees - 2) / degrees) * rng.standard_t(degrees, (len(sd_px), 2))

@@ -17,11 +17,11 @@ _GRID = (28, 22)
 class TrueLens:
     """A lens and what it does to a point: Brown's or a fisheye's image, a fixed field, and shifts that go with depth.
 
-    `intrinsics` (16,): OpenCV's model; with `fisheye` (4,) only f and the principal point of them count and the angle
-    from the axis follows Kannala and Brandt. `field` (k, 2) px are coefficients of Chebyshev products over the
-    `region` (2, 2) of the normalised image. `coma_px` shifts a centre away from the axis at the image's corner,
-    `astigmatism_px` across it; both are those at the focused distance `focus_mm` and grow with the distance from it.
-    `defocus` is the relative growth of noise at twice the focused distance.
+    `intrinsics` (16,): OpenCV's model. With `fisheye` (4,) only f and the principal point of them count, and the angle
+    from the axis follows Kannala and Brandt. `field` (k, 2) px are coefficients of Chebyshev products over the `region`
+    (2, 2) of the normalised image. `coma_px` shifts a centre away from the axis at the image's corner, `astigmatism_px`
+    across it. They grow with the distance from the focused distance `focus_mm`. `defocus` is the relative growth of
+    noise at twice the focused distance.
     """
 
     size: tuple[int, int]
@@ -88,12 +88,26 @@ def random_field(
     radial_share: float,
     rng: np.random.Generator,
 ) -> FloatArray:
-    """Coefficients (k, 2) of a field of the given rms per axis that Brown's model and the pose cannot take up.
+    """Coefficients (k, 2) px of a field of the given rms per axis that Brown's model and the pose cannot follow.
 
     A smooth random field, decaying with the degree, and a share of higher radial orders (r^9, r^11). What the nine
-    estimated intrinsics or a turn of the camera explain in the region (2, 2) of normalised image points, its lowest
-    and highest corner, is taken out: there the camera's true pose and lens stay what they are. Outside the region
-    nothing is used and the field is held at its border.
+    estimated intrinsics or a turn of the camera explain in the region is taken out: there the camera's true pose and
+    lens stay what they are. Outside the region nothing is used and the field keeps the value of its border.
+
+    Parameters
+    ----------
+    size
+        Image size (width, height), px.
+    intrinsics
+        Intrinsics of the lens, (16,).
+    region
+        Lowest and highest corner of the region, (2, 2), in normalised image points (the frame at +-1).
+    rms_px
+        Rms of the field per axis, px.
+    radial_share
+        Share of the higher radial orders in its variance, 0 to 1.
+    rng
+        Draws the field.
     """
     low, high = region
     steps = [np.linspace(-1, 1, n) for n in _GRID]

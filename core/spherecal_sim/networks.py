@@ -1,8 +1,8 @@
 """Simulated close-range networks: many stations of one camera before one static scene, with their truth.
 
-Three kinds: `targets` (113 views of 150 targets, some views with 10 to 20 points), `building` (60 views, 26,321 points
-of natural features, 90,561 marks) and `sheet` (21 views of one plane of 100 dots). Every station is a camera of the
-session, all share one lens, and the scene is one placement. World in millimetres.
+Three kinds: `targets` (113 views of 150 targets, some views with 10 to 20 points), `building` and `sheet`. `building`
+has 60 views, 26,321 points of natural features and 90,561 marks; `sheet` has 21 views of one plane of 100 dots. Every
+station is a camera of the session, all share one lens, and the scene is one placement. World in millimetres.
 """
 
 from dataclasses import dataclass
@@ -42,12 +42,12 @@ class TrueNetwork:
 
     @property
     def centres_mm(self) -> FloatArray:
-        """Projection centres (c, 3)."""
+        """Projection centres (c, 3) mm."""
         return -np.einsum("nji,nj->ni", self.rotation, self.translation_mm)
 
     @property
     def size_mm(self) -> float:
-        """The diagonal of the scene's bounding box."""
+        """The diagonal of the scene's bounding box, mm."""
         return float(np.linalg.norm(np.ptp(self.points_mm, axis=0)))
 
 
@@ -81,7 +81,20 @@ class _Scene:
 
 
 def simulate_network(kind: str, seed: int) -> tuple[Session, TrueNetwork]:
-    """A session of a network and its truth; the same seed gives the same session. InputError for an unknown kind."""
+    """A session of a network and its truth; the same seed gives the same session.
+
+    Parameters
+    ----------
+    kind
+        One of `KINDS`.
+    seed
+        What all random parts follow from.
+
+    Raises
+    ------
+    InputError
+        For an unknown kind.
+    """
     makers = {"targets": _targets, "building": _building, "sheet": _sheet}
     if kind not in makers:
         raise InputError(f"There is no network {kind!r}.", f"Networks are {', '.join(KINDS)}.")

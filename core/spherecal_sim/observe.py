@@ -12,9 +12,9 @@ from spherecal_sim.truth import CameraMove, camera_pose
 
 @dataclass(frozen=True)
 class ObservingCameras:
-    """Cameras ready to look: poses (n, 3, 3), (n, 3), intrinsics (n, 16), image sizes (n, 2) px.
+    """Simulated cameras ready to look: poses (n, 3, 3), (n, 3) mm, intrinsics (n, 16), image sizes (n, 2) px.
 
-    `reach` (n,) is the largest tan of the angle from the axis that a frame can hold, with a margin for distortion.
+    `reach` (n,) is the largest tan of the angle from the axis that can be in a frame, with a margin for distortion.
     """
 
     rotations: FloatArray
@@ -25,12 +25,22 @@ class ObservingCameras:
 
     @property
     def centres(self) -> FloatArray:
-        """Projection centres in the world, (n, 3)."""
+        """Projection centres in the world, (n, 3) mm."""
         return -np.einsum("nji,nj->ni", self.rotations, self.translations)
 
 
 def look(cameras: tuple[TrueCamera, ...], move: CameraMove | None = None, placement: int = 0) -> ObservingCameras:
-    """The cameras as they are at a placement index."""
+    """The simulated cameras as they are at a placement index.
+
+    Parameters
+    ----------
+    cameras
+        The cameras.
+    move
+        A camera that was knocked; None: none was.
+    placement
+        Index of the placement.
+    """
     poses = [camera_pose(c, move, placement) for c in cameras]
     sizes = np.array([c.kind.image_size for c in cameras], dtype=float)
     intrinsics = np.array([c.intrinsics for c in cameras])
@@ -50,11 +60,21 @@ class Seen:
 def observe(
     view: ObservingCameras, points: FloatArray, normals: FloatArray | None, view_limit_deg: float = 60.0
 ) -> Seen:
-    """Which of the points (m, 3) each camera sees, and where; world frame, mm.
+    """Which of the points each simulated camera sees, and where.
 
-    A point on a surface with outward normals (m, 3) is seen at angles below the limit (on a convex body that implies
-    that nothing hides it); without normals it is seen from all around. It lies in front of the camera and its
-    image in the frame.
+    A point is seen where it is in front of the camera and its image in the frame. On a convex body the angle's limit
+    implies that nothing hides it.
+
+    Parameters
+    ----------
+    view
+        The simulated cameras.
+    points
+        Points in the world, (m, 3) mm.
+    normals
+        Outward normals of the surface there, (m, 3). None: points are seen from all around.
+    view_limit_deg
+        Angle between normal and line of sight below which a point is seen, deg.
     """
     camera, point = np.nonzero(_facing(view, points, normals, view_limit_deg))
     x = np.einsum("nij,nj->ni", view.rotations[camera], points[point]) + view.translations[camera]
@@ -84,7 +104,7 @@ def _facing(
 
 
 def _may_see(view: ObservingCameras, points: FloatArray) -> np.ndarray:
-    """Whether any of the points may lie in each camera's field of view, (cameras,), by their enclosing sphere."""
+    """Whether any of the points may be in each camera's field of view, (cameras,), by their enclosing sphere."""
     middle = points.mean(axis=0)
     radius = np.sqrt(((points - middle) ** 2).sum(axis=1).max())
     x = view.rotations @ middle + view.translations

@@ -18,7 +18,7 @@ Image = NDArray[np.uint8] | NDArray[np.uint16]
 class Psf:
     """A lens's point-spread function; its centroid is zero, so that it moves no image.
 
-    `size_px` is the standard deviation of `gaussian`, the radius of `disc` (defocus), and for `coma` the standard
+    `size_px` is the standard deviation of `gaussian` or the radius of `disc` (defocus). For `coma` it is the standard
     deviation of a core with a flare of twice the width and one sixth of the light to one side.
     """
 
@@ -97,9 +97,18 @@ def gather(
     margin: int,
     image: NDArray[np.float32],
 ) -> None:
-    """Add to `image` (rows, columns) the cells weighted by column x row around each pixel's centre.
+    """Add to `image` the cells weighted by column x row around each pixel's centre.
 
-    `cells` begin `margin` pixels above and to the left of the image.
+    Parameters
+    ----------
+    cells
+        Cells, CELLS x CELLS for each pixel.
+    column, row
+        Weights along both directions, (k,), a `KernelTerm`.
+    margin
+        The cells begin this number of pixels above and to the left of the image.
+    image
+        Image to add to, (rows, columns).
     """
     k = len(column)
     offset = margin * CELLS + CELLS // 2 - k // 2
@@ -119,7 +128,15 @@ def gather(
 
 
 def vignetting(intrinsics: FloatArray, size: tuple[int, int]) -> NDArray[np.float32]:
-    """Natural vignetting cos^4 of the angle from the axis, (height, width)."""
+    """Natural vignetting cos^4 of the angle from the axis, (height, width).
+
+    Parameters
+    ----------
+    intrinsics
+        Intrinsics, (16,); distortion is left out.
+    size
+        Image size (width, height), px.
+    """
     width, height = size
     x2 = ((np.arange(width) - intrinsics[2]) / intrinsics[0]) ** 2
     y2 = ((np.arange(height) - intrinsics[3]) / intrinsics[1]) ** 2
@@ -127,7 +144,17 @@ def vignetting(intrinsics: FloatArray, size: tuple[int, int]) -> NDArray[np.floa
 
 
 def expose(exposure: NDArray[np.float32], sensor: Sensor, rng: np.random.Generator) -> Image:
-    """Digits of an image of exposures (1 = full well): shot and read noise, gain, black level, clipping, rounding."""
+    """Grey values (height, width) of an image: shot and read noise, gain, black level, clipping, rounding.
+
+    Parameters
+    ----------
+    exposure
+        Noise-free image (height, width), 1 = full well.
+    sensor
+        The sensor.
+    rng
+        Draws the noise.
+    """
     electrons = np.clip(exposure, 0.0, None) * np.float32(sensor.full_well_e)
     if sensor.noise:
         deviation = np.sqrt(electrons + np.float32(sensor.read_noise_e**2))

@@ -1,7 +1,10 @@
 """The radiance of a scene on a grid of quarter pixels, as fine as each place needs it (numba kernels).
 
-Dots are sampled 16 x 16 times a pixel, edges 4 x 4 times, plain surfaces once; every cell belongs to all the pixels
+Dots are sampled 16 x 16 times a pixel, edges 4 x 4 times, plain surfaces once. Every cell belongs to all the pixels
 whose point-spread function reaches it, so neighbouring pixels share their samples.
+
+In all kernels `rotation` (3, 3) is world to camera, `centre` (3,) mm the projection centre, and `intrinsics` (16,)
+follow OpenCV's model. Values of four corners have the order of `bilinear`.
 """
 
 import numpy as np
@@ -22,7 +25,17 @@ _SAMPLES = 4  # a side of a cell of a dot: 16 x 16 a pixel
 
 @njit(nogil=True, cache=True)
 def ideal_place(intrinsics, u, v, x, y):
-    """Normalised ideal coordinates of an image point, by Newton's method from (x, y)."""
+    """Normalised ideal coordinates (x, y) of an image point, by Newton's method.
+
+    Parameters
+    ----------
+    intrinsics
+        Intrinsics, (16,).
+    u, v
+        The image point, px.
+    x, y
+        Where to begin, such as the result for a neighbouring point.
+    """
     fu, fv, u0, v0, k1, k2, p1, p2, k3, k4, k5, k6, s1, s2, s3, s4 = intrinsics
     gx, gy = (u - u0) / fu, (v - v0) / fv
     for _ in range(20):
@@ -46,7 +59,17 @@ def ideal_place(intrinsics, u, v, x, y):
 
 @njit(nogil=True, cache=True)
 def look_along(scene, rotation, centre, x, y):
-    """The surface seen along normalised coordinates (x, y), with its light: code, place, diffuse, gloss."""
+    """The surface seen along normalised coordinates, with its light: code, place (x, y) on it, diffuse, gloss.
+
+    Parameters
+    ----------
+    scene
+        The scene.
+    rotation, centre
+        Pose of the camera.
+    x, y
+        Normalised ideal coordinates.
+    """
     dx = rotation[0, 0] * x + rotation[1, 0] * y + rotation[2, 0]
     dy = rotation[0, 1] * x + rotation[1, 1] * y + rotation[2, 1]
     dz = rotation[0, 2] * x + rotation[1, 2] * y + rotation[2, 2]
@@ -58,7 +81,19 @@ def look_along(scene, rotation, centre, x, y):
 
 @njit(nogil=True, cache=True)
 def place_along(scene, code, rotation, centre, x, y):
-    """The place on the sticker `code`, known to show along normalised coordinates (x, y)."""
+    """The place (x, y) mm on a sticker that shows along normalised coordinates.
+
+    Parameters
+    ----------
+    scene
+        The scene.
+    code
+        Code of the sticker, known to show there.
+    rotation, centre
+        Pose of the camera.
+    x, y
+        Normalised ideal coordinates.
+    """
     dx = rotation[0, 0] * x + rotation[1, 0] * y + rotation[2, 0]
     dy = rotation[0, 1] * x + rotation[1, 1] * y + rotation[2, 1]
     dz = rotation[0, 2] * x + rotation[1, 2] * y + rotation[2, 2]
@@ -68,7 +103,15 @@ def place_along(scene, code, rotation, centre, x, y):
 
 @njit(nogil=True, cache=True)
 def bilinear(a, b, c, d, s, t):
-    """Between four corners: a at (0, 0), b at s = 1, c at t = 1, d at (1, 1)."""
+    """The value between four corners.
+
+    Parameters
+    ----------
+    a, b, c, d
+        Values at (0, 0), at s = 1, at t = 1, and at (1, 1).
+    s, t
+        Place between them, 0 to 1.
+    """
     return (a * (1 - s) + b * s) * (1 - t) + (c * (1 - s) + d * s) * t
 
 
@@ -83,10 +126,20 @@ def trace_band(
     v_first: int,
     cells: NDArray[np.float32],
 ) -> None:
-    """Fill `cells` (CELLS rows, CELLS columns) with the radiance of the pixels from (u_first, v_first) on.
+    """Fill `cells` with the radiance of the pixels from (u_first, v_first) on.
 
-    `marks` (rows, columns) says per pixel where EDGE or DENSE sampling is needed; rows and columns are multiples of
-    TILE. The camera looks from `centre` with world-to-camera `rotation`.
+    Parameters
+    ----------
+    scene
+        The scene.
+    rotation, centre, intrinsics
+        The camera.
+    marks
+        For each pixel (rows, columns) whether EDGE or DENSE sampling is needed; rows and columns are multiples of TILE.
+    u_first, v_first
+        The first pixel.
+    cells
+        To be filled, (CELLS rows, CELLS columns).
     """
     scene, rotation, centre, intrinsics = unowned((scene, rotation, centre, intrinsics))
     rows, columns = marks.shape
@@ -128,8 +181,15 @@ def trace_band(
 def is_plain(code, i, j):
     """Whether tile (i, j) shows one surface only.
 
-    What is convex fills a tile whose corners it fills; for a wall the neighbours must show it too, so that nothing
-    can begin inside the tile.
+    What is convex fills a tile whose corners it fills; for a wall the neighbours must show it too, so that nothing can
+    begin inside the tile.
+
+    Parameters
+    ----------
+    code
+        Codes of the surfaces at the tiles' corners, (rows + 1, columns + 1).
+    i, j
+        Row and column of the tile.
     """
     first = code[i, j]
     if first >= ARM:
@@ -143,7 +203,17 @@ def is_plain(code, i, j):
 
 @njit(nogil=True, cache=True)
 def fill_bilinear(block, a, b, c, d, n):
-    """Fill n x n cells from the values at the corners."""
+    """Fill n x n cells from the values at the corners.
+
+    Parameters
+    ----------
+    block
+        The cells, (n, n).
+    a, b, c, d
+        Values at the corners, in the order of `bilinear`.
+    n
+        Cells of a side.
+    """
     for k in range(n):
         t = (k + 0.5) / n
         for m in range(n):
@@ -152,7 +222,23 @@ def fill_bilinear(block, a, b, c, d, n):
 
 @njit(nogil=True, cache=True)
 def trace_tile(scene, rotation, centre, intrinsics, marks, u_first, v_first, x, y, block):
-    """The cells of one tile, pixel by pixel, from rays through the pixels' corners."""
+    """Fill the cells of one tile, pixel by pixel, from rays through the pixels' corners.
+
+    Parameters
+    ----------
+    scene
+        The scene.
+    rotation, centre, intrinsics
+        The camera.
+    marks
+        Sampling of each pixel, (TILE, TILE).
+    u_first, v_first
+        The tile's first pixel.
+    x, y
+        Normalised coordinates from which its first corner is sought.
+    block
+        The cells, (TILE * CELLS, TILE * CELLS).
+    """
     n = TILE + 1
     cx, cy = np.empty((n, n)), np.empty((n, n))
     code = np.empty((n, n), np.int64)
@@ -188,13 +274,35 @@ def trace_tile(scene, rotation, centre, intrinsics, marks, u_first, v_first, x, 
 
 @njit(nogil=True, cache=True)
 def corners(grid, k, m):
-    """The four values of a grid around the square (k, m)."""
+    """The four values of a grid around the square (k, m).
+
+    Parameters
+    ----------
+    grid
+        Values, (rows, columns).
+    k, m
+        Row and column of the square's first corner.
+    """
     return grid[k, m], grid[k, m + 1], grid[k + 1, m], grid[k + 1, m + 1]
 
 
 @njit(nogil=True, cache=True)
 def edge_pixel(scene, rotation, centre, x4, y4, samples, pixel):
-    """A pixel across an edge: samples x samples rays in each cell."""
+    """Fill a pixel across an edge, by rays through each cell.
+
+    Parameters
+    ----------
+    scene
+        The scene.
+    rotation, centre
+        Pose of the camera.
+    x4, y4
+        Normalised coordinates of the pixel's corners, (4,).
+    samples
+        Rays along a cell's side.
+    pixel
+        The cells, (CELLS, CELLS).
+    """
     n = CELLS * samples
     for k in range(CELLS):
         for m in range(CELLS):
@@ -212,10 +320,27 @@ def edge_pixel(scene, rotation, centre, x4, y4, samples, pixel):
 
 @njit(nogil=True, cache=True)
 def dense_pixel(scene, code, rotation, centre, x4, y4, places, d4, g4, pixel):
-    """A pixel wholly on one sticker: exact places on it at 3 x 3 nodes, between them quadratic, 4 x 4 samples a cell.
+    """Fill a pixel wholly on one sticker: exact places at 3 x 3 nodes, between them quadratic, 4 x 4 samples a cell.
 
     The four corners are known in all respects. Over one pixel (0.4 mm) of a 500 mm ball a place departs from the
     quadratic by 1e-6 mm.
+
+    Parameters
+    ----------
+    scene
+        The scene.
+    code
+        Code of the sticker.
+    rotation, centre
+        Pose of the camera.
+    x4, y4
+        Normalised coordinates of the pixel's corners, (4,).
+    places
+        Places x (4,) and y (4,) of the corners on the sticker, mm.
+    d4, g4
+        Diffuse light and gloss at the corners, (4,).
+    pixel
+        The cells, (CELLS, CELLS).
     """
     nodes = np.empty((2, 3, 3))
     for k in range(3):
@@ -264,9 +389,22 @@ def quadratic_weights(s):
 
 @njit(nogil=True, cache=True)
 def cell_albedo(paper, white, radius, dots, dirt, x, y):
-    """Mean albedo of a cell whose corners lie at the places x, y (4,) of a sticker.
+    """Mean albedo of a cell on a sticker.
 
     A sample on a rim counts with the part of it that the rim leaves inside: a linear ramp as wide as the sample.
+
+    Parameters
+    ----------
+    paper, white
+        Albedos of the sticker and of its dots.
+    radius
+        Radius of a dot, mm.
+    dots
+        Places of the dots on the sticker, (n, 2) mm.
+    dirt
+        Specks and scratches, (d, 6), as in `TracedScene`.
+    x, y
+        Places of the cell's corners on the sticker, (4,) mm.
     """
     ux, uy = (x[1] - x[0] + x[3] - x[2]) / 2 / _SAMPLES, (y[1] - y[0] + y[3] - y[2]) / 2 / _SAMPLES
     vx, vy = (x[2] - x[0] + x[3] - x[1]) / 2 / _SAMPLES, (y[2] - y[0] + y[3] - y[1]) / 2 / _SAMPLES

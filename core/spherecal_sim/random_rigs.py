@@ -21,9 +21,9 @@ _LENSES_MM = (2.8, 3.5, 4.0, 5.0, 6.0, 8.0, 12.0, 16.0, 25.0, 35.0, 50.0, 75.0)
 
 @dataclass(frozen=True)
 class RandomRig:
-    """A rig as built: cameras (c), which have fisheye lenses (c,), the measuring volume (2, 3) mm and its ball.
+    """A rig as built: simulated cameras (c), which are fisheyes (c,), the measuring volume (2, 3) mm and the ball.
 
-    `ball_box_mm` (2, 3) holds the ball's centres. `arrangement` is how the cameras are placed.
+    `ball_box_mm` (2, 3) is the box of the ball's centres. `arrangement` is how the cameras are placed.
     """
 
     arrangement: Arrangement
@@ -35,10 +35,15 @@ class RandomRig:
 
 
 def random_rig(rng: np.random.Generator, lenses: Literal["usual", "wide", "strong", "long"] = "usual") -> RandomRig:
-    """A rig whose cameras all see the middle of its volume.
+    """A rig whose simulated cameras all see the middle of its volume.
 
-    `usual` lenses let the ball fill a quarter to a half of the image, `wide` ones (100 degrees over the diagonal,
-    fisheyes) are near, `strong` ones have a barrel distortion of 10 to 15 % at the corner, `long` ones are far.
+    Parameters
+    ----------
+    rng
+        Draws the rig.
+    lenses
+        With `usual` lenses the ball fills a quarter to a half of the image. `wide` ones (100 degrees over the diagonal,
+        fisheyes) are near. `strong` ones have a barrel distortion of 10 to 15 % at the corner, `long` ones are far.
     """
     arrangement: Arrangement = rng.choice(get_args(Arrangement))
     n = int(rng.integers(6 if arrangement in ("walls", "ring") else 4, 17))

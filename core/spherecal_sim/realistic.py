@@ -30,11 +30,11 @@ Body = Literal["ball", "half", "plane"]
 class RealisticOptions:
     """What a recording suffers from; `draw_options` draws them. Sizes are those of one recording.
 
-    `misfit_px`: median over the cameras of the field that no model follows; `coma_px`, `astigmatism_px`: at the
-    image's corner; `defocus`: growth of noise away from the focused distance; `noise_px` a dot of 12 px has, smaller
-    ones more; `tail_degrees` of Student's t. `drift_mm`, `drift_rad`, `drift_focal`: from the first to the last
-    placement; `vibration_mm`, `vibration_rad`: from placement to placement. `flex_mm`: change of the ball's shape.
-    `few_cameras` see 8 to 20 dots in all. `body`: a ball, a ball with stickers on one half, or a plane.
+    `misfit_px`: median over the cameras of the field that no model follows. `coma_px`, `astigmatism_px`: at the image's
+    corner. `defocus`: growth of noise away from the focused distance. `noise_px`: of a dot of 12 px; smaller dots have
+    more. `tail_degrees`: degrees of freedom of Student's t. `drift_mm`, `drift_rad`, `drift_focal`: from the first to
+    the last placement. `vibration_mm`, `vibration_rad`: from placement to placement. `flex_mm`: change of the ball's
+    shape. `few_cameras` see 8 to 20 dots in all. `body`: a ball, a ball with stickers on one half, or a plane.
     """
 
     lenses: Lenses = "usual"
@@ -63,7 +63,7 @@ class RealisticOptions:
 
 
 def draw_options(rng: np.random.Generator) -> RealisticOptions:
-    """What a random workshop does: mostly usual, now and then at the edge of what there is."""
+    """What a random workshop does: mostly usual, sometimes at the limit of what is found in practice."""
 
     def log_uniform(low: float, high: float) -> float:
         return float(np.exp(rng.uniform(np.log(low), np.log(high))))
@@ -100,7 +100,8 @@ class RealisticTruth:
     """All that a realistic recording was made from: the rig and its lenses, body, placements, noise.
 
     `uv_true_px` (n, 2): image points without noise; `outlier` (n,): which were spoilt. Camera poses are those in the
-    middle of the recording. `sigma_px` (c,): each camera's noise of a sharp dot of 12 px. `few` (c,): seen little.
+    middle of the recording. `sigma_px` (c,): each camera's noise of a sharp dot of 12 px. `few` (c,): cameras that see
+    little.
     """
 
     seed: int
@@ -118,14 +119,22 @@ class RealisticTruth:
     outlier: BoolArray = field(default_factory=lambda: np.empty(0, dtype=bool))
 
     def points_mm(self, placement: int) -> FloatArray:
-        """The body's dots in the world at a placement index, (dots, 3)."""
+        """The body's dots in the world at a placement index, (dots, 3) mm."""
         shape = self.ball.dots_mm
         if self.shape_changes_mm is not None:
             shape = shape + self.shape_changes_mm[placement]
         return shape @ self.ball_rotations[placement].T + self.ball_places_mm[placement]
 
     def see(self, points: FloatArray, normals: FloatArray | None) -> tuple[IntArray, IntArray, FloatArray]:
-        """Camera, point and exact image (n, 2) px of points (m, 3) mm, at the middle of the recording."""
+        """Camera (n,), point (n,) and exact image (n, 2) px of what is seen in the middle of the recording.
+
+        Parameters
+        ----------
+        points
+            Points in the world, (m, 3) mm.
+        normals
+            Outward normals of the surface there, (m, 3). None: points are seen from all around.
+        """
         return _see(self.rig, self.lenses, points, normals)
 
 
@@ -136,7 +145,14 @@ _TRIES = 40
 def simulate_realistic(seed: int, options: RealisticOptions | None = None) -> tuple[Session, RealisticTruth]:
     """A recording of a random rig and its truth; the same seed gives the same.
 
-    Rigs that do not hang together are drawn another time.
+    A rig that the observations do not link is drawn another time; the fortieth is taken as it is.
+
+    Parameters
+    ----------
+    seed
+        What all random parts follow from.
+    options
+        What the recording suffers from; None draws it (`draw_options`).
     """
     of_options, of_rig, of_ball, of_places, of_lens, of_noise, of_faults = (
         np.random.default_rng(s) for s in np.random.SeedSequence(seed).spawn(7)
@@ -442,7 +458,16 @@ def random_lengths(
 ) -> FloatArray:
     """Ends (count or fewer, 2, 3) mm of random lengths in the volume, each end in three or more views.
 
-    Of a share of the volume's diagonal, drawn between the two given.
+    Parameters
+    ----------
+    truth
+        The recording's truth: its rig and lenses.
+    count
+        How many.
+    rng
+        Draws the lengths.
+    share
+        Shortest and longest length, as shares of the volume's diagonal.
     """
     low, high = truth.rig.volume_mm
     diagonal = float(np.linalg.norm(high - low))

@@ -1,4 +1,4 @@
-"""Images of a scene as a camera would take them, with the truth about every dot in them."""
+"""Images of a scene as a simulated camera takes them, with the truth about every dot in them."""
 
 from dataclasses import dataclass, replace
 
@@ -19,7 +19,7 @@ from spherecal_sim.tracing import TracedScene
 
 @dataclass(frozen=True)
 class Rendered:
-    """An image and the truth about its dots; `exposure` is the noise-free image in parts of full scale."""
+    """An image (height, width) and the truth about its dots; `exposure` is the noise-free image, 1 = full scale."""
 
     image: Image
     exposure: NDArray[np.float32]
@@ -37,7 +37,28 @@ def render_image(
     rng: np.random.Generator,
     context: Context | None = None,
 ) -> Rendered:
-    """The image that a camera takes of a scene already lit for it, and the truth about the scene's dots."""
+    """The image that a simulated camera takes of a scene, and the truth about the scene's dots.
+
+    Parameters
+    ----------
+    scene
+        The scene, lit for this camera (scene.lit_for).
+    dots
+        Its dots, in the world.
+    station
+        The simulated camera.
+    settings
+        Optics and sensor.
+    rng
+        Draws the noise.
+    context
+        To stop; None never stops.
+
+    Raises
+    ------
+    Cancelled
+        Where the context says so.
+    """
     context = context or Context()
     scene, station = _packed(scene), replace(station, rotation=np.ascontiguousarray(station.rotation))
     outlines = outline_dots(dots, station)

@@ -45,10 +45,33 @@ def render_session(
     options: SimulationOptions | None = None,
     settings: RenderSettings | None = None,
 ) -> Truth:
-    """Render a session folder with images, truth.json and truth_dots.csv, whole or not at all; returns the truth.
+    """Render a session folder with images, truth.json and truth_dots.csv, whole or not at all; its truth.
 
-    The same seed gives the same images, however many threads there are. InputError for an unknown preset or options
-    that images cannot show, OutputError where the folder cannot be written, Cancelled if the context says so.
+    The same seed gives the same images, however many threads there are.
+
+    Parameters
+    ----------
+    preset
+        Name of the rig.
+    seed
+        What all random parts follow from.
+    folder
+        Where the session is written.
+    context
+        For progress, and to stop; None does neither.
+    options
+        What is simulated; None is `RENDERED`.
+    settings
+        How images are made; None is `CLUTTERED`.
+
+    Raises
+    ------
+    InputError
+        For an unknown preset or options that images cannot show.
+    OutputError
+        Where the folder cannot be written.
+    Cancelled
+        Where the context says so.
     """
     context = context or Context()
     options, settings = options or RENDERED, settings or CLUTTERED
@@ -73,7 +96,19 @@ def render_placement(
     settings: RenderSettings | None = None,
     seed: int = 0,
 ) -> Rendered:
-    """One image of the ball: placement and camera by index, the noise from its own seed."""
+    """One image of the ball, with the truth about its dots.
+
+    Parameters
+    ----------
+    session, truth
+        A simulated session and its truth.
+    placement, camera
+        Indices of the placement and of the simulated camera.
+    settings
+        How images are made; None is `CLUTTERED`.
+    seed
+        What the noise follows from.
+    """
     settings = settings or CLUTTERED
     targets = _target_set(session)
     scene = lit_for(ball_scene(truth, targets, placement, settings), truth, camera, settings)
@@ -84,7 +119,17 @@ def render_placement(
 
 
 def station_at(camera: TrueCamera, truth: Truth, placement: int) -> Station:
-    """A camera as it is at a placement index; bar poses come after the last placement."""
+    """A simulated camera as it is at a placement.
+
+    Parameters
+    ----------
+    camera
+        The camera.
+    truth
+        The truth, with the move of a camera that was knocked.
+    placement
+        Index of the placement; bar poses come after the last one.
+    """
     rotation, translation = camera_pose(camera, truth.options.moved, placement)
     return Station(camera.id, rotation, translation, camera.intrinsics, camera.kind.image_size)
 
@@ -174,7 +219,22 @@ def _take(shot: _Shot) -> DotTruth:
 
 
 def write_png(path: Path, image: Image) -> None:
-    """Write a grey image of 8 or 16 bits as PNG; OutputError if that fails."""
+    """Write a grey image of 8 or 16 bits as PNG.
+
+    Parameters
+    ----------
+    path
+        The file, which is not there yet.
+    image
+        The image, (height, width).
+
+    Raises
+    ------
+    OutputError
+        Where the image cannot be encoded.
+    OSError
+        Where the file is there already or cannot be written.
+    """
     import cv2
 
     done, data = cv2.imencode(".png", image, [cv2.IMWRITE_PNG_COMPRESSION, 1])
@@ -212,7 +272,15 @@ _CACHE_VERSION = 1
 
 
 def demo_session(context: Context | None = None) -> Path:
-    """The folder of the demo's session, rendered on first use and then kept in the user's cache folder."""
+    """The folder of the demo's session, rendered on first use and then kept in the user's cache folder.
+
+    Raises
+    ------
+    OutputError
+        Where the folder cannot be written.
+    Cancelled
+        Where the context says so.
+    """
     folder = cache_folder(f"demo-{_CACHE_VERSION}")
     if (folder / SESSION.file).exists():
         return folder

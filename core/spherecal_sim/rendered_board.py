@@ -1,4 +1,4 @@
-"""Images of a printed board as a camera would take them, for studies and tests."""
+"""Images of a printed board as a simulated camera takes them, for studies and tests."""
 
 from dataclasses import dataclass
 
@@ -18,7 +18,7 @@ _BACKGROUND = 0.35
 
 @dataclass(frozen=True)
 class BoardCamera:
-    """A camera: intrinsics (16,), size (width, height) px, the lens's blur in px (standard deviation)."""
+    """A simulated camera: intrinsics (16,), size (width, height) px, the lens's blur in px (standard deviation)."""
 
     intrinsics: FloatArray
     size: tuple[int, int]
@@ -27,14 +27,22 @@ class BoardCamera:
 
 @dataclass(frozen=True)
 class Painted:
-    """A figure as an image, 0 black to 1 white; pixel (0, 0) has its corner at (0, 0) mm."""
+    """A figure as an image (height, width), 0 black to 1 white; pixel (0, 0) has its corner at (0, 0) mm."""
 
     grey: NDArray[np.float32]
     px_per_mm: float
 
 
 def paint(figure: Figure, px_per_mm: float) -> Painted:
-    """The figure as an image, its edges anti-aliased."""
+    """The figure as an image, its edges anti-aliased.
+
+    Parameters
+    ----------
+    figure
+        The figure.
+    px_per_mm
+        Resolution, px for a mm.
+    """
     width, height = (int(np.ceil(side * px_per_mm)) for side in figure.size_mm)
     out = np.ones((height, width), np.float32)
     for x, y, a, b, grey in figure.rectangles:
@@ -68,9 +76,24 @@ def render_board(
     noise_grey: float = 1.5,
     painted: Painted | None = None,
 ) -> NDArray[np.uint8]:
-    """The grey image (h, w) of a board; `x_camera = rotation @ x_figure + translation` of places (x, y, 0) mm, y down.
+    """The grey image (h, w) of a board.
 
-    `painted`: the figure, where it was painted before. Rays that meet the board from behind see the background.
+    Rays that meet the board from behind see the background.
+
+    Parameters
+    ----------
+    figure
+        What is printed on the board.
+    camera
+        The simulated camera.
+    rotation, translation
+        `x_camera = rotation @ x_figure + translation` of places (x, y, 0) mm, y down.
+    random
+        Draws the noise.
+    noise_grey
+        Standard deviation of the noise, grey values.
+    painted
+        The figure, where it was painted before; None: it is painted as fine as the image needs.
     """
     width, height = camera.size
     uv = [np.append(np.arange(-0.5, side, _NODES), side + _NODES) for side in camera.size]

@@ -1,4 +1,4 @@
-"""Images of stickers on a ball as cameras would take them, markers or dots alike, and whole sessions of such images."""
+"""Images of stickers on a ball as simulated cameras take them, with markers or dots, and whole sessions of them."""
 
 import json
 from dataclasses import dataclass
@@ -27,7 +27,7 @@ _LENS = (-0.1, 0.05, 0.0005, -0.0003, 0.0)
 
 @dataclass(frozen=True)
 class StickerBall:
-    """A ball of `radius_mm` with the stickers of a set, at unit vectors `places` (n, 3), x to the right at `right`."""
+    """A ball with the stickers of a set, at unit vectors `places` (n, 3), their x in the direction `right` (n, 3)."""
 
     targets: TargetSet
     radius_mm: float
@@ -37,7 +37,10 @@ class StickerBall:
 
 @dataclass(frozen=True)
 class StickerCamera:
-    """A camera: intrinsics (16,), size (width, height) px, `x_camera = rotation @ x_world + translation` in mm."""
+    """A simulated camera: intrinsics (16,), size (width, height) px and pose.
+
+    The pose is `x_camera = rotation @ x_world + translation` in mm.
+    """
 
     id: str
     intrinsics: FloatArray
@@ -47,7 +50,17 @@ class StickerCamera:
 
 
 def sticker_ball(targets: TargetSet, radius_mm: float, random: np.random.Generator) -> StickerBall:
-    """The stickers of a set spread evenly over a ball, each turned by chance."""
+    """The stickers of a set spread evenly over a ball, each turned at random.
+
+    Parameters
+    ----------
+    targets
+        The set; all its targets are on the ball.
+    radius_mm
+        Radius of the ball, mm.
+    random
+        Draws the turns.
+    """
     n = len(targets.layouts)
     z = 1 - (2 * np.arange(n) + 1) / n
     angle = np.arange(n) * np.pi * (3 - 5**0.5)
@@ -90,7 +103,27 @@ def render_stickers(
     blur_px: float = 0.6,
     noise_grey: float = 1.5,
 ) -> NDArray[np.uint8]:
-    """The grey image (h, w) of the ball with centre `place` (3,) mm, turned by `turn` (3, 3): ball to world."""
+    """The grey image (h, w) of the ball.
+
+    Parameters
+    ----------
+    ball
+        The ball.
+    painted
+        Its stickers (`painted_stickers`).
+    camera
+        The simulated camera.
+    turn
+        Rotation ball to world, (3, 3).
+    place
+        Centre of the ball in the world, (3,) mm.
+    random
+        Draws the noise.
+    blur_px
+        Standard deviation of the lens's blur, px.
+    noise_grey
+        Standard deviation of the noise, grey values.
+    """
     width, height = camera.size
     steps = [np.arange(side * _RAYS) / _RAYS - 0.5 + 0.5 / _RAYS for side in camera.size]
     uv = np.stack(np.meshgrid(*steps), axis=-1).reshape(-1, 2)
@@ -141,7 +174,7 @@ def _grey(ball: StickerBall, painted: NDArray[np.float32], at: FloatArray) -> ND
 
 
 def sticker_points(ball: StickerBall) -> dict[tuple[int, str], FloatArray]:
-    """The places (3,) mm of all points in the ball's own frame."""
+    """The places (3,) mm of all points in the ball's own frame, by target and point."""
     found = {}
     for i, (target, layout) in enumerate(ball.targets.layouts.items()):
         up, right = ball.places[i], ball.right[i]
@@ -161,7 +194,23 @@ def camera_ring(
     random: np.random.Generator,
     arc_deg: float = 140.0,
 ) -> list[StickerCamera]:
-    """Cameras on an arc about the volume, at two heights, each a little different."""
+    """Simulated cameras on an arc about the volume, at two heights, each a little different.
+
+    Parameters
+    ----------
+    count
+        How many.
+    size
+        Image size (width, height), px.
+    focal_px
+        Focal length, px; each camera's is up to 2 % off.
+    distance_mm
+        Distance from the volume's middle along the arc, mm.
+    random
+        Draws focal lengths and principal points.
+    arc_deg
+        The arc, deg.
+    """
     cameras = []
     for i in range(count):
         angle = np.radians(arc_deg * (i / max(count - 1, 1) - 0.5))
@@ -180,7 +229,23 @@ def camera_ring(
 def write_sticker_session(
     folder: Path, ball: StickerBall, cameras: list[StickerCamera], placements: int, random: np.random.Generator
 ) -> None:
-    """A session folder with rendered images; the scale is the longest distance of two points of each target."""
+    """Write a session folder with rendered images; the scale is a long distance on each target.
+
+    It is that of the points A and E, or of 0 and 2 where a target has no point A.
+
+    Parameters
+    ----------
+    folder
+        Where the session is written.
+    ball
+        The ball.
+    cameras
+        The simulated cameras.
+    placements
+        Placements, with the ball turned and moved at random.
+    random
+        Draws placements and noise.
+    """
     painted = painted_stickers(ball.targets)
     entries = []
     for p in range(placements):

@@ -1,6 +1,6 @@
 """Simulated rigs: the two of [Tao21], halls and domes; where their cameras are and aim, and what their lenses do.
 
-The world is the rig's frame: x along the rig, y across, z up, millimetres. docs/conventions.md holds for the rest.
+The world is the rig's frame: x along the rig, y across, z up, millimetres. For the rest see docs/conventions.md.
 """
 
 from dataclasses import dataclass, replace
@@ -40,10 +40,10 @@ SMALL = CameraKind("simulated 1.3 MP", (1280, 1024), 4.8, 8.0)
 
 @dataclass(frozen=True)
 class RigDesign:
-    """A rig as drawn: camera places and aims (n, 3), the image's upward direction (3,), and the volumes in use.
+    """A rig as drawn: camera places and aims (n, 3) mm, the image's upward direction (3,), and the volumes in use.
 
     `volume_mm` (2, 3) is the measuring volume's lowest and highest corner, `ball_box_mm` (2, 3) that of the ball's
-    centres; `walk` says that the ball is walked along x instead of put on a grid.
+    centres. `walk`: the ball is walked along x instead of put on a grid.
     """
 
     name: str
@@ -59,7 +59,7 @@ class RigDesign:
 
 @dataclass(frozen=True)
 class TrueCamera:
-    """A camera as it really is: 16 intrinsics and pose `x_camera = rotation @ x_world + translation_mm`."""
+    """A simulated camera as it really is: 16 intrinsics and pose `x_camera = rotation @ x_world + translation_mm`."""
 
     id: str
     kind: CameraKind
@@ -69,14 +69,20 @@ class TrueCamera:
 
     @property
     def centre_mm(self) -> FloatArray:
-        """The projection centre in the rig's frame, (3,)."""
+        """The projection centre in the rig's frame, (3,) mm."""
         return -self.rotation.T @ self.translation_mm
 
 
 def rig_design(preset: str) -> RigDesign:
-    """The drawing of a preset; InputError for names that are none.
+    """The drawing of a preset.
 
-    Also any `hallN` (N even, >= 6), `domeN` (N >= 3) and `wideN` (lenses with a field of N degrees, 60 to 160).
+    A preset is also any `hallN` (N even, >= 6), `domeN` (N >= 3) and `wideN` (lenses with a field of N degrees, 60 to
+    160).
+
+    Raises
+    ------
+    InputError
+        For an unknown name, or a number that is not possible.
     """
     if preset == "rigA":
         return _rig_a()
@@ -146,7 +152,13 @@ _HALL_COLUMN_MM = 312.5
 
 
 def hall(n_cameras: int) -> RigDesign:
-    """Two rows of cameras over a lane; the ball is walked along it, one placement a camera unless asked otherwise."""
+    """Two rows of cameras over a lane; the ball is walked along it, by default with one placement a camera.
+
+    Raises
+    ------
+    InputError
+        For an odd number of cameras, or fewer than 6.
+    """
     if n_cameras < 6 or n_cameras % 2:
         raise InputError(f"A hall has an even number of cameras, at least 6, not {n_cameras}.")
     columns = n_cameras // 2
@@ -169,7 +181,13 @@ def hall(n_cameras: int) -> RigDesign:
 
 
 def dome(n_cameras: int) -> RigDesign:
-    """Cameras spread evenly over the upper half of a sphere of 1200 mm, all aimed near its centre."""
+    """Cameras spread evenly over the upper half of a sphere of 1200 mm, all aimed near its centre.
+
+    Raises
+    ------
+    InputError
+        For fewer than 3 cameras.
+    """
     if n_cameras < 3:
         raise InputError(f"A dome has at least 3 cameras, not {n_cameras}.")
     i = np.arange(n_cameras)
@@ -190,7 +208,13 @@ def dome(n_cameras: int) -> RigDesign:
 
 
 def wide(field_deg: int) -> RigDesign:
-    """Rig A's frame with fisheye lenses whose field is so many degrees over the image's diagonal."""
+    """Rig A's frame with fisheye lenses of the given field over the image's diagonal.
+
+    Raises
+    ------
+    InputError
+        For a field of less than 60 or more than 160 degrees.
+    """
     if not 60 <= field_deg <= 160:
         raise InputError(f"A wide rig has lenses of 60 to 160 degrees, not {field_deg}.")
     plain = _rig_a()
@@ -211,7 +235,15 @@ _GOLDEN_ANGLE = np.pi * (3.0 - np.sqrt(5.0))
 
 
 def build_cameras(design: RigDesign, rng: np.random.Generator) -> tuple[TrueCamera, ...]:
-    """The cameras of a rig as built: mounted a little off the drawing, with lenses of their own."""
+    """The simulated cameras of a rig as built: mounted a little off the drawing, with lenses of their own.
+
+    Parameters
+    ----------
+    design
+        The drawing.
+    rng
+        Draws poses and lenses.
+    """
     n = len(design.places_mm)
     centres = design.places_mm + rng.normal(0.0, 4.0, (n, 3))
     tilts = exp_rotation(rng.normal(0.0, np.deg2rad(0.5), (n, 3)))
@@ -224,7 +256,17 @@ def build_cameras(design: RigDesign, rng: np.random.Generator) -> tuple[TrueCame
 
 
 def look_at(place: FloatArray, aim: FloatArray, up: FloatArray) -> FloatArray:
-    """World-to-camera rotation of a camera at `place` that looks at `aim`, its image's top towards `up`."""
+    """World-to-camera rotation (3, 3) of a camera that looks at a place.
+
+    Parameters
+    ----------
+    place
+        Where the camera is, (3,) mm.
+    aim
+        What it looks at, (3,) mm.
+    up
+        Direction of the image's top, (3,), not along the line of sight.
+    """
     z = (aim - place) / np.linalg.norm(aim - place)
     x = np.cross(z, up)
     x /= np.linalg.norm(x)
@@ -261,7 +303,7 @@ def _true_fisheye(kind: CameraKind, n: int, rng: np.random.Generator) -> FloatAr
 
 
 def nominal_intrinsics(kind: CameraKind) -> FloatArray:
-    """What a data sheet knows: nominal focal length, centred principal point, no distortion; (16,)."""
+    """The intrinsics (16,) of a data sheet: nominal focal length, centred principal point, no distortion."""
     c = np.zeros(N_INTRINSICS)
     width, height = kind.image_size
     c[:4] = kind.focal_length_px, kind.focal_length_px, (width - 1) / 2, (height - 1) / 2
@@ -279,10 +321,17 @@ _HEIGHT_MM = 150.0
 
 
 def ball_places(design: RigDesign, count: int, layout: Layout) -> FloatArray:
-    """Where the ball's centre is put, (count, 3) in the rig's frame.
+    """Where the ball's centre is put, (count, 3) mm in the rig's frame.
 
-    `spread` fills the rig's box (or walks along it), `heights` does so at heights +-150 mm, `row` keeps to x,
-    `clustered` stays within +-60 mm and `stacked` at the middle, one above the other.
+    Parameters
+    ----------
+    design
+        The rig.
+    count
+        Placements.
+    layout
+        `spread` fills the rig's box (or walks along it), `heights` does so at heights +-150 mm, `row` keeps to x.
+        `clustered` stays within +-60 mm and `stacked` at the middle, one above the other.
     """
     low, high = design.ball_box_mm
     middle, half = (low + high) / 2, (high - low) / 2
@@ -318,8 +367,15 @@ def _unit_grid(count: int) -> FloatArray:
 def ball_turns(count: int, turns: Turns, rng: np.random.Generator) -> FloatArray:
     """Rotations ball to world of the placements, (count, 3, 3).
 
-    `turned`: each differs from the one before by 30 to 60 degrees about a random axis, so that successive
-    placements share targets; `moved`: all equal; `random`: any.
+    Parameters
+    ----------
+    count
+        Placements.
+    turns
+        `turned`: each differs from the one before by 30 to 60 degrees about a random axis, so that successive
+        placements share targets. `moved`: all equal; `random`: any.
+    rng
+        Draws the rotations.
     """
     if turns == "moved":
         return np.tile(random_rotations(1, rng), (count, 1, 1))
@@ -335,7 +391,15 @@ def ball_turns(count: int, turns: Turns, rng: np.random.Generator) -> FloatArray
 
 
 def random_rotations(count: int, rng: np.random.Generator) -> FloatArray:
-    """Uniformly distributed rotations, (count, 3, 3), from normal quaternions."""
+    """Uniformly distributed rotations, (count, 3, 3), from normal quaternions.
+
+    Parameters
+    ----------
+    count
+        How many.
+    rng
+        Draws them.
+    """
     quaternions = rng.normal(size=(count, 4))
     w, x, y, z = (quaternions / np.sqrt((quaternions**2).sum(axis=1, keepdims=True))).T
     return np.stack(

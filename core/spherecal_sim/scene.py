@@ -17,10 +17,10 @@ from spherecal_sim.truth import TrueBarPose, Truth
 class RenderSettings:
     """How images are made; the defaults are a well-kept rig.
 
-    `exposure` 1 brings a white surface at the ball's usual distance to 80 % of full scale. `blobs` white discs lie on
-    the room's walls, `specks` and `scratches` are mean counts a sticker, `gloss` is the height of the highlight
-    (a white dot has 0.85). `psf_of` gives single cameras a point-spread function of their own. `bounds` adds each dot's
-    Cramer-Rao bound to the truth about it (about 1 ms a dot).
+    `exposure` 1 brings a white surface at the ball's usual distance to 80 % of full scale. `blobs` white discs are on
+    the room's walls, `specks` and `scratches` are mean counts a sticker, `gloss` is the height of the highlight (a
+    white dot has 0.85). `psf_of` gives single simulated cameras a point-spread function of their own. `bounds` adds
+    each dot's Cramer-Rao bound to the truth about it (about 1 ms a dot).
     """
 
     psf: Psf = field(default_factory=Psf)
@@ -52,7 +52,19 @@ _FULL_SCALE_OF_WHITE = 0.8  # leaves room for the highlight at the nominal expos
 
 
 def ball_scene(truth: Truth, targets: TargetSet, placement: int, settings: RenderSettings) -> TracedScene:
-    """The ball in a placement."""
+    """The ball in a placement.
+
+    Parameters
+    ----------
+    truth
+        The simulated session's truth.
+    targets
+        The target set, for the sizes and colours of stickers and dots.
+    placement
+        Index of the placement.
+    settings
+        How images are made.
+    """
     ball = truth.ball
     scene = _empty_scene(truth, targets, settings)
     dots = ball.layouts_mm
@@ -76,7 +88,19 @@ def ball_scene(truth: Truth, targets: TargetSet, placement: int, settings: Rende
 
 
 def bar_scene(truth: Truth, targets: TargetSet, pose: TrueBarPose, settings: RenderSettings) -> TracedScene:
-    """A bar in one of its poses, its marks at their places at the pose's temperature."""
+    """A bar in one of its poses, its marks at their places at the pose's temperature.
+
+    Parameters
+    ----------
+    truth
+        The simulated session's truth.
+    targets
+        The target set, with the layouts of the marks.
+    pose
+        The pose, with its bar and temperature.
+    settings
+        How images are made.
+    """
     bar = truth.bar(pose.bar)
     scene = _empty_scene(truth, targets, settings)
     points = truth.ball.points
@@ -136,9 +160,21 @@ def _empty_scene(truth: Truth, targets: TargetSet, settings: RenderSettings) -> 
 
 
 def lit_for(scene: TracedScene, truth: Truth, camera: int, settings: RenderSettings) -> TracedScene:
-    """The scene with its light scaled to the exposure of one camera.
+    """The scene with its light scaled to the exposure of one simulated camera.
 
-    A white surface that faces the camera where the ball's near side usually is comes to 80 % of full scale.
+    A white surface that faces the camera where the ball's near side usually is comes to 80 % of full scale times
+    `settings.exposure`.
+
+    Parameters
+    ----------
+    scene
+        The scene.
+    truth
+        The simulated session's truth.
+    camera
+        Index of the camera.
+    settings
+        How images are made.
     """
     level = settings.exposure * _FULL_SCALE_OF_WHITE / WHITE
     if not len(scene.lights):
@@ -213,9 +249,9 @@ _WALL_CELLS = 100
 
 
 def _blobs(count: int, room: FloatArray, middle: FloatArray, rng: np.random.Generator) -> FloatArray:
-    """White discs on the walls, (count, 4): wall, two coordinates, radius; in groups, as of bolts and labels.
+    """White discs on the walls, (count, 4): wall, two coordinates, radius; in groups, like bolts and labels.
 
-    They gather where the cameras look past the ball, around `middle` (3,).
+    They are where the cameras look past the ball, around `middle` (3,).
     """
     wall = rng.integers(0, 6, count)
     first, second = np.where(wall < 2, 1, 0), np.where(wall >= 4, 1, 2)
@@ -249,7 +285,7 @@ def _blob_grid(blobs: FloatArray, room: FloatArray) -> NDArray[np.int32]:
 
 
 def blob_places(scene: TracedScene) -> tuple[FloatArray, FloatArray]:
-    """Centres (b, 3) of the blobs in the world and their radii (b,)."""
+    """Centres (b, 3) of the blobs in the world and their radii (b,), mm."""
     wall = scene.blobs[:, 0].astype(int)
     rows = np.arange(len(wall))
     places = np.empty((len(wall), 3))

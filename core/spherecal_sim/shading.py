@@ -21,9 +21,20 @@ from spherecal_sim.tracing import (
 
 @njit(nogil=True, cache=False, forceinline=True)
 def light(scene, ox, oy, oz, px, py, pz, nx, ny, nz):
-    """Diffuse irradiance and gloss at a point with normal n, seen from o: all ring lights, falling off with distance.
+    """Diffuse irradiance and gloss at a point, of all ring lights, falling off with distance.
 
-    The gloss is Blinn's, exponent 64: a highlight some 10 degrees wide, as of a satin film.
+    The gloss is Blinn's, exponent 64: a highlight some 10 degrees wide, like that of a satin film.
+
+    Parameters
+    ----------
+    scene
+        The scene.
+    ox, oy, oz
+        From where the point is seen, mm.
+    px, py, pz
+        The point, mm.
+    nx, ny, nz
+        Unit normal of the surface there.
     """
     vx, vy, vz = ox - px, oy - py, oz - pz
     q = 1.0 / np.sqrt(vx * vx + vy * vy + vz * vz)
@@ -52,7 +63,17 @@ def light(scene, ox, oy, oz, px, py, pz, nx, ny, nz):
 
 @njit(nogil=True, cache=False, forceinline=True)
 def albedo(scene, code, x, y):
-    """Albedo of a surface at a place on it, hard edges."""
+    """Albedo of a surface at a place on it, hard edges.
+
+    Parameters
+    ----------
+    scene
+        The scene.
+    code
+        Code of the surface (tracing.py).
+    x, y
+        The place on it, mm.
+    """
     if code >= STICKER:
         return sticker_albedo(scene, scene.sticker_dots[code - STICKER], code - STICKER, x, y)
     if code >= MARK:
@@ -69,7 +90,19 @@ def albedo(scene, code, x, y):
 
 @njit(nogil=True, cache=False, forceinline=True)
 def sticker_albedo(scene, dots, dirt_index, x, y):
-    """Albedo of a sticker: paper, dots, and dirt on top."""
+    """Albedo of a sticker: paper, dots, and dirt on top.
+
+    Parameters
+    ----------
+    scene
+        The scene.
+    dots
+        Places of the sticker's dots, (n, 2) mm.
+    dirt_index
+        Row of the sticker in `scene.dirt`.
+    x, y
+        The place on the sticker, mm.
+    """
     value = scene.albedos[PAPER]
     for k in range(len(dots)):
         if (x - dots[k, 0]) ** 2 + (y - dots[k, 1]) ** 2 <= scene.dot_radius**2:
@@ -82,7 +115,15 @@ def sticker_albedo(scene, dots, dirt_index, x, y):
 
 @njit(nogil=True, cache=False, forceinline=True)
 def dirt_distance(dirt, x, y):
-    """Distance in mm from the edge of a speck or scratch, negative inside; no dirt has half width 0."""
+    """Distance in mm from the edge of a speck or scratch, negative inside; no dirt has half width 0.
+
+    Parameters
+    ----------
+    dirt
+        Segment ends, half width, albedo, (6,).
+    x, y
+        The place on the sticker, mm.
+    """
     if dirt[4] <= 0.0:
         return 1.0
     ax, ay = dirt[2] - dirt[0], dirt[3] - dirt[1]
@@ -93,7 +134,17 @@ def dirt_distance(dirt, x, y):
 
 @njit(nogil=True, cache=False, forceinline=True)
 def wall_albedo(scene, wall, x, y):
-    """Albedo of the room's walls with their white blobs."""
+    """Albedo of the room's walls with their white blobs.
+
+    Parameters
+    ----------
+    scene
+        The scene.
+    wall
+        Number of the wall, 0 to 5.
+    x, y
+        The two coordinates on it, mm.
+    """
     g = scene.blob_grid.shape[1]
     first = 1 if wall < 2 else 0
     second = 1 if wall >= 4 else 2

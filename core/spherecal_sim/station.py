@@ -7,7 +7,7 @@ from spherecal.base.arrays import FloatArray
 
 @dataclass(frozen=True)
 class Station:
-    """A camera at the moment of an image: world-to-camera pose, 16 intrinsics, image size (width, height) px."""
+    """A simulated camera at the moment of an image: world-to-camera pose, 16 intrinsics, image (width, height) px."""
 
     id: str
     rotation: FloatArray
@@ -17,5 +17,5 @@ class Station:
 
     @property
     def centre_mm(self) -> FloatArray:
-        """The projection centre in the world, (3,)."""
+        """The projection centre in the world, (3,) mm."""
         return -self.rotation.T @ self.translation_mm

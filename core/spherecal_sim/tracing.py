@@ -1,7 +1,8 @@
 """Rays against the simulated scene: the bumpy ball with its bent stickers, bars, an arm and the room (numba kernels).
 
-World frame, millimetres. A surface has a code: 0 to 5 the room's walls, ARM, BALL, BAR + p the bare face of bar p,
-MARK + m a bar's sticker, STICKER + s a sticker of the ball. Kernels take the `TracedScene` as one tuple of arrays.
+World frame, millimetres. A surface has a code: 0 to 5 the room's walls, ARM, BALL, BAR + p the bare face of bar p. MARK
++ m is a bar's sticker, STICKER + s a sticker of the ball. Kernels take the `TracedScene` as one tuple of arrays. A ray
+has an origin (ox, oy, oz) and a unit direction (dx, dy, dz).
 """
 
 from typing import NamedTuple
@@ -21,11 +22,11 @@ DOT, PAPER, BALL_SKIN, BAR_SKIN, ARM_SKIN, WALL, BLOB = range(7)
 class TracedScene(NamedTuple):
     """A scene as arrays for the kernels; what is absent has length zero, and `ball_radius` 0 means no ball.
 
-    Ball and stickers as in `Ball`, lobes transposed (3, k) and (6, k); `sticker_grid` (g, g, g, c) lists the stickers
+    Ball and stickers as in `Ball`, lobes transposed (3, k) and (6, k). `sticker_grid` (g, g, g, c) lists the stickers
     (or -1) near each cell of the cube of directions. Bar p: `bar_rotations[p]`, `bar_places[p]`, face rectangle
-    `bar_faces[p]` (x low, x high, half width); sticker m of all marks lies on bar `mark_bar[m]` at `mark_x[m]`.
-    `dirt` (stickers then marks, d, 6): segment ends, half width, albedo. `arms` (a, 7): ends and radius. `blobs`
-    (b, 4): wall, two coordinates, radius; `blob_grid` (6, g, g, c) lists those near each cell of a wall.
+    `bar_faces[p]` (x low, x high, half width); sticker m of all marks is on bar `mark_bar[m]` at `mark_x[m]`. `dirt`
+    (stickers then marks, d, 6): segment ends, half width, albedo. `arms` (a, 7): ends and radius. `blobs` (b, 4): wall,
+    two coordinates, radius; `blob_grid` (6, g, g, c) lists those near each cell of a wall.
     """
 
     ball_radius: float
@@ -60,7 +61,17 @@ class TracedScene(NamedTuple):
 # Fast sums let the loop run four lobes at a time; no cache and inlined as in adjust/kernel.py.
 @njit(nogil=True, cache=False, forceinline=True, fastmath={"reassoc", "contract"})
 def bump(axes, c, nx, ny, nz):
-    """Height of the ball's bumps in mm and its gradient (not yet tangential) at a unit direction."""
+    """Height of the ball's bumps in mm and its gradient (not yet tangential) at a unit direction.
+
+    Parameters
+    ----------
+    axes
+        Axes of the lobes, (3, k).
+    c
+        Their coefficients, (6, k) mm.
+    nx, ny, nz
+        The unit direction in the ball frame.
+    """
     h = gx = gy = gz = 0.0
     for k in range(axes.shape[1]):
         t = nx * axes[0, k] + ny * axes[1, k] + nz * axes[2, k]
@@ -78,10 +89,17 @@ _LAST_STEP_MM = 5e-3
 
 @njit(nogil=True, cache=False, forceinline=True)
 def hit_ball(scene, ox, oy, oz, dx, dy, dz):
-    """Distance along a ray in the ball frame to the ball's surface, or -1; and the bumps' gradient there.
+    """Distance along a ray to the ball's surface, or -1; and the bumps' gradient there.
 
-    Newton's method from the sphere that encloses the ball: seen from outside the distance from the surface falls
-    along a convex curve, so the steps never overshoot.
+    Newton's method from the sphere that encloses the ball: seen from outside the distance from the surface falls along
+    a convex curve, so the steps never overshoot.
+
+    Parameters
+    ----------
+    scene
+        The scene.
+    ox, oy, oz, dx, dy, dz
+        The ray in the ball frame.
     """
     b = ox * dx + oy * dy + oz * dz
     disc = b * b - (ox * ox + oy * oy + oz * oz - scene.ball_reach**2)
@@ -114,7 +132,17 @@ _NODES = (0.5 - 0.5 / np.sqrt(3.0), 0.5 + 0.5 / np.sqrt(3.0))  # of ball.wrap
 
 @njit(nogil=True, cache=False, forceinline=True)
 def flatten(scene, s, nx, ny, nz):
-    """Sticker coordinates in mm of the surface in unit direction n: the inverse of `ball.wrap`."""
+    """Sticker coordinates in mm of the surface in a unit direction: the inverse of `ball.wrap`.
+
+    Parameters
+    ----------
+    scene
+        The scene.
+    s
+        Number of the sticker.
+    nx, ny, nz
+        The unit direction in the ball frame.
+    """
     axes, coefficients = scene.lobe_axes, scene.lobe_coefficients
     f = scene.sticker_frames[s]
     ex = nx * f[0, 0] + ny * f[0, 1] + nz * f[0, 2]
@@ -145,7 +173,15 @@ def flatten(scene, s, nx, ny, nz):
 
 @njit(nogil=True, cache=False, forceinline=True)
 def sticker_at(scene, nx, ny, nz):
-    """The ball's sticker in unit direction n (or -1) and the place on it in mm."""
+    """The ball's sticker in a unit direction (or -1) and the place on it in mm.
+
+    Parameters
+    ----------
+    scene
+        The scene.
+    nx, ny, nz
+        The unit direction in the ball frame.
+    """
     g = scene.sticker_grid.shape[0]
     i = min(int((nx + 1) * 0.5 * g), g - 1)
     j = min(int((ny + 1) * 0.5 * g), g - 1)
@@ -169,7 +205,17 @@ def sticker_at(scene, nx, ny, nz):
 
 @njit(nogil=True, cache=False, forceinline=True)
 def place_on(scene, code, ox, oy, oz, dx, dy, dz):
-    """The place in mm on a sticker (code MARK + m or STICKER + s) that a ray known to hit it hits."""
+    """The place in mm on a sticker that a ray known to hit it hits.
+
+    Parameters
+    ----------
+    scene
+        The scene.
+    code
+        Code of the sticker: MARK + m or STICKER + s.
+    ox, oy, oz, dx, dy, dz
+        The ray in the world.
+    """
     if code < STICKER:
         m = code - MARK
         _, x, y, _ = hit_bar(scene, scene.mark_bar[m], ox, oy, oz, dx, dy, dz)
@@ -183,7 +229,15 @@ def place_on(scene, code, ox, oy, oz, dx, dy, dz):
 
 @njit(nogil=True, cache=False, forceinline=True)
 def in_ball_frame(scene, ox, oy, oz, dx, dy, dz):
-    """A ray of the world in the ball frame."""
+    """A ray of the world in the ball frame: origin and direction.
+
+    Parameters
+    ----------
+    scene
+        The scene.
+    ox, oy, oz, dx, dy, dz
+        The ray in the world.
+    """
     r, c = scene.ball_rotation, scene.ball_place
     qx, qy, qz = ox - c[0], oy - c[1], oz - c[2]
     return (
@@ -198,7 +252,15 @@ def in_ball_frame(scene, ox, oy, oz, dx, dy, dz):
 
 @njit(nogil=True, cache=False, forceinline=True)
 def hit_arm(arm, ox, oy, oz, dx, dy, dz):
-    """Distance along a ray to a capsule given by its ends and radius (7,), or -1."""
+    """Distance along a ray to a capsule, or -1.
+
+    Parameters
+    ----------
+    arm
+        Ends and radius of the capsule, (7,) mm.
+    ox, oy, oz, dx, dy, dz
+        The ray in the world.
+    """
     ax, ay, az = arm[3] - arm[0], arm[4] - arm[1], arm[5] - arm[2]
     px, py, pz = ox - arm[0], oy - arm[1], oz - arm[2]
     aa = ax * ax + ay * ay + az * az
@@ -228,7 +290,17 @@ def hit_arm(arm, ox, oy, oz, dx, dy, dz):
 
 @njit(nogil=True, cache=False, forceinline=True)
 def hit_bar(scene, p, ox, oy, oz, dx, dy, dz):
-    """Distance along a ray to the face of bar p or -1, the place (x, y) on it, and whether it is the marked side."""
+    """Distance along a ray to the face of a bar or -1, the place (x, y) on it, and whether it is the marked side.
+
+    Parameters
+    ----------
+    scene
+        The scene.
+    p
+        Number of the bar.
+    ox, oy, oz, dx, dy, dz
+        The ray in the world.
+    """
     r, o = scene.bar_rotations[p], scene.bar_places[p]
     dn = dx * r[0, 2] + dy * r[1, 2] + dz * r[2, 2]
     if abs(dn) < 1e-9:
@@ -246,7 +318,15 @@ def hit_bar(scene, p, ox, oy, oz, dx, dy, dz):
 
 @njit(nogil=True, cache=False, forceinline=True)
 def hit_room(scene, ox, oy, oz, dx, dy, dz):
-    """Distance along a ray to the room's walls from inside, and the wall: 0 x low, 1 x high, 2 y low .. 5 z high."""
+    """Distance along a ray to the room's walls from inside, and the wall: 0 x low, 1 x high, 2 y low .. 5 z high.
+
+    Parameters
+    ----------
+    scene
+        The scene.
+    ox, oy, oz, dx, dy, dz
+        The ray in the world.
+    """
     best, wall = 1e30, 0
     o, d = (ox, oy, oz), (dx, dy, dz)
     for axis in range(3):
@@ -260,7 +340,15 @@ def hit_room(scene, ox, oy, oz, dx, dy, dz):
 
 @njit(nogil=True, cache=False, forceinline=True)
 def trace(scene, ox, oy, oz, dx, dy, dz):
-    """The first surface on a ray with unit direction: code, place on it (x, y), point and normal in the world."""
+    """The first surface on a ray: code, place on it (x, y), point and normal in the world.
+
+    Parameters
+    ----------
+    scene
+        The scene.
+    ox, oy, oz, dx, dy, dz
+        The ray in the world.
+    """
     t, wall = hit_room(scene, ox, oy, oz, dx, dy, dz)
     code = wall
     nx = ny = nz = x = y = 0.0
@@ -311,7 +399,15 @@ def trace(scene, ox, oy, oz, dx, dy, dz):
 
 @njit(nogil=True, cache=False, forceinline=True)
 def arm_normal(arm, px, py, pz):
-    """Outward unit normal of a capsule at a point of its surface."""
+    """Outward unit normal of a capsule at a point of its surface.
+
+    Parameters
+    ----------
+    arm
+        Ends and radius of the capsule, (7,) mm.
+    px, py, pz
+        The point, mm.
+    """
     ax, ay, az = arm[3] - arm[0], arm[4] - arm[1], arm[5] - arm[2]
     s = ((px - arm[0]) * ax + (py - arm[1]) * ay + (pz - arm[2]) * az) / (ax * ax + ay * ay + az * az)
     s = min(max(s, 0.0), 1.0)
@@ -322,7 +418,15 @@ def arm_normal(arm, px, py, pz):
 
 @njit(nogil=True, cache=False, forceinline=True)
 def wall_place(wall, px, py, pz):
-    """Inward normal of a wall and the two coordinates of a point on it."""
+    """Inward normal of a wall and the two coordinates of a point on it.
+
+    Parameters
+    ----------
+    wall
+        Number of the wall, 0 to 5.
+    px, py, pz
+        The point, mm.
+    """
     side = -1.0 if wall % 2 else 1.0
     if wall < 2:
         return side, 0.0, 0.0, py, pz

@@ -17,7 +17,7 @@ from spherecal_sim.rigs import Layout, TrueCamera, Turns
 
 @dataclass(frozen=True)
 class CameraMove:
-    """A camera that was knocked: from placement index `from_placement` on it is shifted and rotated.
+    """A simulated camera that was knocked: from placement index `from_placement` on it is shifted and rotated.
 
     Shift and turn are of the given size, in directions `direction_shift`, `direction_turn` (unit, camera frame).
     """
@@ -34,7 +34,7 @@ class CameraMove:
 class SimulationOptions:
     """What to simulate; the defaults are the standard session of the method.
 
-    `placements` None takes the rig's own number. `blurred` gives single cameras a noise of their own, in px.
+    `placements` None takes the rig's own number. `blurred` gives single simulated cameras a noise of their own, in px.
     `shape_change_mm` is the rms of the 3-D displacement by which the ball's dots change from placement to placement.
     `mark_points` says whether a bar's marks are observed as points `centre` or as eight dots each.
     """
@@ -63,7 +63,7 @@ class SimulationOptions:
 
 @dataclass(frozen=True)
 class TrueBar:
-    """A bar: its marks lie at `x_mm` along it (m,) at the reference temperature; sticker axes are the bar's axes."""
+    """A bar: its marks are at `x_mm` along it (m,) at the reference temperature; sticker axes are the bar's axes."""
 
     id: str
     marks: tuple[str, ...]
@@ -88,8 +88,8 @@ class TrueBarPose:
 class Truth(ByValue):
     """All that a simulated session was made from.
 
-    Placement t carries the ball by `x_world = ball_rotations[t] @ x_ball + ball_places_mm[t]`; `shape_changes_mm`
-    (t, dots, 3) is added to the ball's dots before that. `uv_true_px` (n, 2) are the noise-free image points of the
+    In placement t the ball is at `x_world = ball_rotations[t] @ x_ball + ball_places_mm[t]`; `shape_changes_mm` (t,
+    dots, 3) is added to the ball's dots before that. `uv_true_px` (n, 2) are the noise-free image points of the
     observations, lens misfit included, `outlier` (n,) says which were spoilt.
     """
 
@@ -111,7 +111,7 @@ class Truth(ByValue):
     outlier: BoolArray
 
     def points_mm(self, placement: int) -> FloatArray:
-        """The ball's dots in the world at a placement index, (dots, 3)."""
+        """The ball's dots in the world at a placement index, (dots, 3) mm."""
         shape = self.ball.dots_mm
         if self.shape_changes_mm is not None:
             shape = shape + self.shape_changes_mm[placement]
@@ -123,7 +123,17 @@ class Truth(ByValue):
 
 
 def camera_pose(camera: TrueCamera, move: CameraMove | None, placement: int) -> tuple[FloatArray, FloatArray]:
-    """Rotation (3, 3) and translation (3,) of a camera at a placement index, after its move if it had one."""
+    """Rotation (3, 3) and translation (3,) mm of a simulated camera at a placement, after its move if it had one.
+
+    Parameters
+    ----------
+    camera
+        The camera.
+    move
+        A camera that was knocked; None: none was.
+    placement
+        Index of the placement.
+    """
     if move is None or move.camera != camera.id or placement < move.from_placement:
         return camera.rotation, camera.translation_mm
     turn = exp_rotation(move.turn_rad * np.array(move.direction_turn))
@@ -132,7 +142,20 @@ def camera_pose(camera: TrueCamera, move: CameraMove | None, placement: int) -> 
 
 
 def write_truth(truth: Truth, path: Path) -> None:
-    """Write truth.json: cameras, ball, placements, bars and noise; lengths in mm, world = the rig's frame."""
+    """Write truth.json: cameras, ball, placements, bars and noise; lengths in mm, world = the rig's frame.
+
+    Parameters
+    ----------
+    truth
+        What is written.
+    path
+        The file, which is not there yet.
+
+    Raises
+    ------
+    OSError
+        Where the file is there already or cannot be written.
+    """
     create(path, (json.dumps(_as_json(truth), indent=1) + "\n").encode())
 
 

@@ -1,7 +1,8 @@
 """Arguments of kernels without reference counts.
 
-numba counts the references to every array of a tuple each time the tuple is passed on, atomically: with a `TracedScene`
-of twenty arrays that was half of a render's time on one core, and more where two threads share a scene's arrays.
+numba counts the references to every array of a tuple, atomically, each time the tuple is passed on. With a
+`TracedScene` of twenty arrays that was half of a render's time on one core, and more where two threads share a scene's
+arrays.
 """
 
 from typing import Any
@@ -10,7 +11,7 @@ from spherecal.base.kernels import AHEAD, njit
 
 
 def _itself(arrays: Any) -> Any:
-    """Arrays, or a tuple with arrays, without reference counts; valid while the caller holds them."""
+    """Arrays, or a tuple with arrays, without reference counts; valid while the caller keeps them."""
     return arrays
 
 
@@ -35,7 +36,7 @@ else:
         return value
 
     def _typed(typing_context: Any, arrays: Any) -> Any:
-        """Arrays, or a tuple with arrays, without reference counts; valid while the caller holds them."""
+        """Arrays, or a tuple with arrays, without reference counts; valid while the caller keeps them."""
 
         def codegen(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
             return _without_counts(context, builder, signature.args[0], arguments[0])

@@ -1,8 +1,9 @@
 """Whether a figure of ours agrees with the paper's: stated tests, the same for all rows.
 
-The paper gives single values without their scatter. A value agrees where our 95 % interval of the mean lies within a
-factor `RATIO` of it, a limit where the interval lies on its right side, "always" and "never" where the interval of the
-share lies beyond `ALWAYS`; on the other side it differs. All else, and fewer than `LEAST_RUNS` runs, cannot tell.
+The paper gives single values without their scatter. A value agrees where our 95 % interval of the mean is within a
+factor `RATIO` of it, a limit where the interval is on its right side. "Always" and "never" agree where the interval of
+the share is beyond `ALWAYS`. A figure differs where the interval is on the other side. In all other cases, and with
+fewer than `LEAST_RUNS` runs, the test cannot tell.
 """
 
 from collections.abc import Sequence
@@ -39,7 +40,7 @@ class Estimate:
 
     @property
     def high(self) -> float:
-        """The upper end of the 95 % interval of the mean."""
+        """The upper end of the 95 % interval of the mean (Student's t)."""
         return self.mean + self._half
 
     @property
@@ -47,7 +48,15 @@ class Estimate:
         return float(t.ppf(_TAIL, self.n - 1)) * self.error if self.n > 1 else float("inf")
 
     def words(self, digits: int = 4, factor: float = 1.0) -> str:
-        """Mean and standard error, `0.0312 +- 0.0004`, so many digits after the point."""
+        """Mean and standard error, `0.0312 +- 0.0004`.
+
+        Parameters
+        ----------
+        digits
+            Digits after the point.
+        factor
+            Both are multiplied by it, as for another unit.
+        """
         if not self.n:
             return "not run"
         if self.n < 2:
@@ -66,40 +75,88 @@ def estimate(values: Sequence[float | None]) -> Estimate:
 
 
 def below(ours: Estimate, limit: float) -> Verdict:
-    """Whether the mean is below a limit of the paper."""
+    """Whether the mean is below a limit of the paper.
+
+    Parameters
+    ----------
+    ours
+        Our estimate.
+    limit
+        The limit, in the same unit.
+    """
     return _side(ours.n, ours.high < limit, ours.low >= limit)
 
 
 def above(ours: Estimate, limit: float) -> Verdict:
-    """Whether the mean is above a limit."""
+    """Whether the mean is above a limit of the paper.
+
+    Parameters
+    ----------
+    ours
+        Our estimate.
+    limit
+        The limit, in the same unit.
+    """
     return _side(ours.n, ours.low > limit, ours.high <= limit)
 
 
 def like(ours: Estimate, paper: float) -> Verdict:
-    """Whether the mean is the paper's value within the factor `RATIO`."""
+    """Whether the mean is the paper's value within the factor `RATIO`.
+
+    Parameters
+    ----------
+    ours
+        Our estimate.
+    paper
+        The paper's value, in the same unit.
+    """
     inside = ours.low > paper / RATIO and ours.high < paper * RATIO
     return _side(ours.n, inside, ours.high < paper / RATIO or ours.low > paper * RATIO)
 
 
 def always(count: int, n: int) -> Verdict:
-    """Whether something happened in more than `ALWAYS` of the runs."""
+    """Whether something happened in more than `ALWAYS` of the runs.
+
+    Parameters
+    ----------
+    count
+        Runs in which it happened.
+    n
+        All runs.
+    """
     low, high = share_interval(count, n)
     return _side(n, low > ALWAYS, high < ALWAYS)
 
 
 def never(count: int, n: int) -> Verdict:
-    """Whether something happened in fewer than 1 - `ALWAYS` of the runs."""
+    """Whether something happened in fewer than 1 - `ALWAYS` of the runs.
+
+    Parameters
+    ----------
+    count
+        Runs in which it happened.
+    n
+        All runs.
+    """
     return always(n - count, n)
 
 
 def ordered(steps: Sequence[Estimate]) -> Verdict:
-    """Whether figures stand in the paper's order: each next less the one before, run by run, is above 0."""
+    """Whether figures have the paper's order: the difference of each from the next, run by run, is above 0."""
     n = min((step.n for step in steps), default=0)
     return _side(n, all(step.low > 0 for step in steps), any(step.high < 0 for step in steps))
 
 
 def share_interval(count: int, n: int) -> tuple[float, float]:
-    """The 95 % interval of a share, after C. Clopper and E. Pearson (1934)."""
+    """The 95 % interval (low, high) of a share, after C. Clopper and E. Pearson (1934).
+
+    Parameters
+    ----------
+    count
+        Runs in which something happened.
+    n
+        All runs; for none the interval is 0 to 1.
+    """
     if n == 0:
         return 0.0, 1.0
     low = 0.0 if count == 0 else float(beta.ppf(1 - _TAIL, count, n - count + 1))

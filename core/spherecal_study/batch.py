@@ -55,7 +55,20 @@ class Batch:
 
 
 def find_sessions(folder: Path, output: Path) -> list[Path]:
-    """The session folders below a folder, by name; those below `output` are none of them. InputError without any."""
+    """The session folders below a folder, by name.
+
+    Parameters
+    ----------
+    folder
+        Where to look; it may be a session itself.
+    output
+        Folder of results, which is not searched.
+
+    Raises
+    ------
+    InputError
+        Where there is no such folder, or no session in it.
+    """
     if not folder.is_dir():
         raise InputError(f"{folder}: is no folder.", "Name the folder that holds the sessions.")
     ours = output.resolve()
@@ -71,7 +84,7 @@ def find_sessions(folder: Path, output: Path) -> list[Path]:
 
 
 def _check_output(output: Path) -> None:
-    """Raise OutputError for a folder that holds something else than an earlier batch."""
+    """Raise OutputError for a folder that has something else than an earlier batch in it."""
     if output.is_dir() and (others := sorted(one.name for one in output.iterdir() if one.name not in _OURS)):
         raise OutputError(
             f"{output}: holds something else than an earlier batch ({shown_name(others[0])}) and is left as it is.",
@@ -80,10 +93,31 @@ def _check_output(output: Path) -> None:
 
 
 def run_batch(folder: Path, output: Path, settings: Mapping[str, Any], workers: Workers, context: Context) -> Batch:
-    """Calibrate all sessions below `folder`; results go into `output/results`, a table page and CSV beside them.
+    """Calibrate all sessions below a folder; results go into `output/results`, a table page and CSV beside them.
 
-    `settings` are those of CalibrationSettings by name. A session that was done before, unchanged since, is not done
-    again; those that failed are. InputError where there is no session, OutputError where `output` cannot be written.
+    A session that was done before, unchanged since, is not done again; those that failed are.
+
+    Parameters
+    ----------
+    folder
+        Where the sessions are.
+    output
+        Where the results go: a new folder, an empty one, or that of an earlier batch.
+    settings
+        Settings of CalibrationSettings by name.
+    workers
+        Where the calibrations run.
+    context
+        For progress, and to stop.
+
+    Raises
+    ------
+    InputError
+        Where there is no session.
+    OutputError
+        Where `output` cannot be written or has something else in it.
+    Cancelled
+        Where the context says so.
     """
     sessions = find_sessions(folder, output)
     _check_output(output)
@@ -118,9 +152,9 @@ def run_batch(folder: Path, output: Path, settings: Mapping[str, Any], workers: 
 
 
 def fingerprint_of(folder: Path) -> str:
-    """Changes whenever session.json does or any file of the session is replaced; reads no images.
+    """A hash that changes whenever session.json does or any file of the session is replaced; reads no images.
 
-    What cannot be read, of a session that `calibrate_session` will refuse, counts by that alone.
+    A session.json that cannot be read, which `calibrate_session` will refuse, counts by its error.
     """
     try:
         digest = hashlib.sha256(read_below(folder, SESSION.file, _MOST_BYTES))
@@ -138,9 +172,20 @@ def fingerprint_of(folder: Path) -> str:
 
 
 def calibrate_session(session: str, output: str, fingerprint: str, settings: dict[str, Any]) -> Result:
-    """Calibrate one session folder and write its result, verified where it has check bars; what came of it as a row.
+    """Calibrate one session folder and write its result, verified where it has check bars; a row (see COLUMNS).
 
-    Whatever goes wrong is the row's message. `fingerprint` only tells changed sessions apart.
+    Whatever goes wrong is the row's message.
+
+    Parameters
+    ----------
+    session
+        The session folder.
+    output
+        Folder of the result.
+    fingerprint
+        Distinguishes a session that has changed; not used here.
+    settings
+        Settings of CalibrationSettings by name.
     """
     del fingerprint
     try:

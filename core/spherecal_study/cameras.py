@@ -27,7 +27,7 @@ _BAR = "A3A4"
 
 
 def trials(options: Options) -> list[Trial]:
-    """The cameras nearest to the rig's middle, four to all ten."""
+    """Calibrations with the cameras nearest to the rig's middle, four to all ten, free and rigid where possible."""
     return [
         Trial("ball", {**options.plain("rigA"), "seed": s, "cameras": n, "method": m})
         for m in _METHODS
@@ -41,7 +41,15 @@ def _counts(options: Options) -> range:
 
 
 def page(listed: list[Trial], results: Results, options: Options) -> StudyPage:
-    """The study's page."""
+    """The study's page: errors over the number of cameras, and the table paper / ours.
+
+    Parameters
+    ----------
+    listed, results
+        The trials, and their results in the same order.
+    options
+        Options of the study.
+    """
     document = begin(
         TITLE,
         options,

@@ -61,7 +61,7 @@ _SUB_BARS = ("A1A2", "A3A4", "B1B2", "B1B3", "B1B4")
 
 
 def trials(options: Options) -> list[Trial]:
-    """Every method with the paper's amounts."""
+    """Every method with the paper's number of placements and frames, or with as many as can be rendered."""
     return [_trial(name, options, s) for name in _rows(options) for s in options.seeds]
 
 
@@ -92,7 +92,15 @@ _COLUMNS = (
 
 
 def page(listed: list[Trial], results: Results, options: Options) -> StudyPage:
-    """The study's page."""
+    """The study's page: all methods by residuals, bars and time, and the table paper / ours.
+
+    Parameters
+    ----------
+    listed, results
+        The trials, and their results in the same order.
+    options
+        Options of the study.
+    """
     document = begin(
         TITLE,
         options,
@@ -121,17 +129,17 @@ def page(listed: list[Trial], results: Results, options: Options) -> StudyPage:
 
 
 def bars_sd(some: Results) -> Estimate:
-    """The standard deviation of bars within a run, each length about its own mean: mean over the runs."""
+    """The standard deviation of bars within a run, each length about its own mean, mm: mean over the runs."""
     return estimate([pooled_sd(list(r["bars"].values())) for r in some])
 
 
 def bars_mean(some: Results) -> Estimate:
-    """The size of the mean error of a length, mean over lengths and runs."""
+    """The size of the mean error of a length, mm, mean over lengths and runs."""
     return estimate([float(np.mean([abs(np.mean(e)) for e in r["bars"].values() if e])) for r in some if r["bars"]])
 
 
 def alone_um(some: Results) -> Estimate:
-    """The rms error of bars with perfect images in a run, mean over the runs."""
+    """The rms error of bars with perfect images in a run, um, mean over the runs."""
     return estimate([1e3 * pooled_rms([r["exact_errors_mm"]]) for r in some])
 
 

@@ -27,11 +27,21 @@ _ITERATIONS = 150
 
 
 def displaced_cases(session: Session, truth: Truth, start: StartValues, seed: int, damping: str) -> dict[str, Any]:
-    """How adjustments end whose points are displaced by so many percent of the ball's radius, with SPO and without.
+    """How adjustments end whose points are displaced by a share of the ball's radius, with SPO and without.
 
-    `start` has chained points. `damping`: `diagonal`, as the product has it, or `identity-mm`, Levenberg's with lengths
-    in millimetres. `cases` has each percentage with and without projection, and for the diagonal with points
-    triangulated from the cameras.
+    [Tao21] (22). `cases` has each percentage with and without projection, and for the diagonal with points triangulated
+    from the cameras.
+
+    Parameters
+    ----------
+    session, truth
+        The simulated session and its truth.
+    start
+        Start values with chained points.
+    seed
+        What the displacements follow from.
+    damping
+        `diagonal`, as the product has it, or `identity-mm`, Levenberg's with lengths in millimetres.
     """
     network, state, points = start.network, start.poses.state, start.points
     assert points is not None

@@ -1,7 +1,7 @@
 """Many independent trials through one executor: local processes, or an existing Dask cluster; resumable.
 
-A trial is a kind and its settings, both plain JSON; its result is JSON too and is kept in a file of its own as soon
-as it is there. So a study that was stopped goes on where it was, a killed worker costs nothing but time, and wherever a
+A trial is a kind and its settings, both plain JSON. Its result is JSON too and is kept in a file of its own as soon as
+it is there. So a study that was stopped continues where it was, and a killed worker costs nothing but time. Wherever a
 trial ran, its result is the same to the bit.
 """
 
@@ -53,11 +53,24 @@ class Trial:
 class Workers(Protocol):
     """Where trials run; `results` yields (number of the trial, result) in any order.
 
-    The result is None of a trial that took its worker down every time.
+    The result is None for a trial that ended its worker every time.
     """
 
     def results(self, trials: Sequence[Trial], context: Context) -> Iterator[tuple[int, Result | None]]:
-        """Run all and yield each result as it comes; Cancelled where the user stops."""
+        """Run all trials; each result with the number of its trial as it comes.
+
+        Parameters
+        ----------
+        trials
+            The trials.
+        context
+            To stop.
+
+        Raises
+        ------
+        Cancelled
+            Where the context says so.
+        """
         ...
 
 
@@ -70,7 +83,27 @@ def run_trials(
 ) -> list[Result]:
     """The results of all trials in their order; those already in `folder` are not run again, equal ones once.
 
-    `instead` gives the result (not kept) of a trial that always takes its worker down; InputError without it.
+    Parameters
+    ----------
+    trials
+        The trials.
+    folder
+        Where results are kept.
+    workers
+        Where trials run.
+    context
+        For progress, and to stop.
+    instead
+        Gives the result, which is not kept, of a trial that always ends its worker. None: such a trial is an error.
+
+    Raises
+    ------
+    InputError
+        Where a trial always ends its worker and there is no `instead`.
+    OutputError
+        Where the folder cannot be written.
+    Cancelled
+        Where the context says so.
     """
     try:
         folder.mkdir(parents=True, exist_ok=True)
@@ -96,7 +129,15 @@ def run_trials(
 
 
 def trial_file(folder: Path, trial: Trial) -> Path:
-    """Where the result of a trial is kept."""
+    """The file in which the result of a trial is kept.
+
+    Parameters
+    ----------
+    folder
+        Folder of all results.
+    trial
+        The trial.
+    """
     return folder / f"{trial.key}.json"
 
 
@@ -110,7 +151,15 @@ def _of_the_dead(trial: Trial, instead: Callable[[Trial], Result] | None) -> Res
 
 
 def kept_result(folder: Path, trial: Trial) -> Result | None:
-    """A result from an earlier run, None where there is none (or only a damaged one)."""
+    """A result from an earlier run, None where there is none (or only a damaged one).
+
+    Parameters
+    ----------
+    folder
+        Folder of all results.
+    trial
+        The trial.
+    """
     try:
         document = json.loads(trial_file(folder, trial).read_bytes())
     except (OSError, ValueError):
@@ -120,7 +169,10 @@ def kept_result(folder: Path, trial: Trial) -> Result | None:
 
 
 def run_here(trial: Trial) -> Result:
-    """One trial in this process, with BLAS in one thread: the last bits depend on the number of threads."""
+    """The result of one trial run in this process.
+
+    BLAS has one thread: the last bits depend on the number of threads.
+    """
     from spherecal_study.trials import KINDS
 
     with threadpool_limits(1):
@@ -129,13 +181,26 @@ def run_here(trial: Trial) -> Result:
 
 @dataclass(frozen=True)
 class LocalProcesses:
-    """Processes on this machine; 0 runs everything in this one."""
+    """Processes on this machine; with a `count` of 0 everything runs in this one."""
 
     count: int = 2
     run: Callable[[Trial], Result] = run_here
 
     def results(self, trials: Sequence[Trial], context: Context) -> Iterator[tuple[int, Result | None]]:
-        """Run all and yield each result as it comes; a worker that dies is replaced."""
+        """Run all trials; each result with the number of its trial as it comes. A worker that dies is replaced.
+
+        Parameters
+        ----------
+        trials
+            The trials.
+        context
+            To stop.
+
+        Raises
+        ------
+        Cancelled
+            Where the context says so.
+        """
         if self.count == 0:
             for number, trial in enumerate(trials):
                 context.check()
@@ -211,7 +276,24 @@ class DaskCluster:
     run: Callable[[Trial], Result] = run_here
 
     def results(self, trials: Sequence[Trial], context: Context) -> Iterator[tuple[int, Result | None]]:
-        """Run all and yield each result as it comes; the cluster repeats what a lost worker had in hand."""
+        """Run all trials; each result with the number of its trial as it comes.
+
+        The cluster repeats the trials of a lost worker.
+
+        Parameters
+        ----------
+        trials
+            The trials.
+        context
+            To stop.
+
+        Raises
+        ------
+        InputError
+            Where dask is not installed or no scheduler answers.
+        Cancelled
+            Where the context says so.
+        """
         client = self._client()
         from distributed import KilledWorker
 
@@ -261,5 +343,13 @@ def _wait_a_little(pending: set) -> None:
 
 
 def workers_for(count: int, cluster: str | None) -> Workers:
-    """A cluster where an address is given, else so many local processes."""
+    """A cluster where an address is given, else local processes.
+
+    Parameters
+    ----------
+    count
+        Local processes; 0 runs everything in this process.
+    cluster
+        Address of a Dask scheduler, or None.
+    """
     return DaskCluster(cluster) if cluster else LocalProcesses(count)

@@ -1,7 +1,7 @@
 """Levenberg's adjustment with the identity as damping, as older programs have it: for comparison only.
 
-Damping that does not know the unknowns' units holds pixels, radians and lengths alike; under it the claim of
-[Tao21]'s Table II, that poor points need spherical projection, can be seen. The product damps the diagonal.
+Such damping does not know the unknowns' units and limits pixels, radians and lengths by the same number. Under it the
+claim of [Tao21]'s Table II, that poor points need spherical projection, can be seen. The product damps the diagonal.
 """
 
 import numpy as np
@@ -23,7 +23,15 @@ ITERATIONS = 50
 
 
 def minimise_with_identity(problem: Problem, state: State, tolerance: float = 1e-8) -> Minimum:
-    """The state that Levenberg's method reaches in fifty steps (free form, no rows but observations)."""
+    """The state that Levenberg's method reaches in fifty steps (free form, no rows but observations).
+
+    Parameters
+    ----------
+    problem, state
+        What is adjusted, and where to begin.
+    tolerance
+        Relative decrease of the cost at which it has converged.
+    """
     with one_blas_thread():
         cost, growth = _cost(problem, state), 2.0
         costs = [cost]

@@ -1,4 +1,4 @@
-"""The pages of studies that a folder holds, for whoever shows them: the wizard, an index."""
+"""The pages of studies in a folder, for whatever shows them: the wizard, an index."""
 
 import json
 from dataclasses import dataclass
@@ -10,9 +10,9 @@ ORDER = ("compare", "layouts", "path", "noise", "cameras", "rigB", "bar")
 
 @dataclass(frozen=True)
 class KeptPage:
-    """One study's page: PDF, a picture of each of its pages, its table paper / ours, and what was asked.
+    """One study's page: PDF, a picture of each of its pages, its table paper / ours, and its options.
 
-    `compared` has rows `what`, `paper`, `ours`, `agrees` (None: no matter of agreeing), `why`; `options` has `runs`,
+    `compared` has rows `what`, `paper`, `ours`, `agrees` (None: no matter of agreeing), `why`. `options` has `runs`,
     `sigma_px` (None: rendered images), `seed`, `preset` (None: the paper's rig), or a recorded `session`.
     """
 

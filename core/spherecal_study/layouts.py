@@ -26,7 +26,7 @@ _METHODS = ("free", "rigid")
 
 
 def trials(options: Options) -> list[Trial]:
-    """Every number of placements, free and (from two on) rigid."""
+    """Calibrations with every number of placements from one to seven, free and (from two on) rigid."""
     return [
         Trial("ball", {**options.plain("rigA"), "seed": s, "method": m, **({"placements": n} if n != USUAL else {})})
         for m in _METHODS
@@ -37,7 +37,15 @@ def trials(options: Options) -> list[Trial]:
 
 
 def page(listed: list[Trial], results: Results, options: Options) -> StudyPage:
-    """The study's page."""
+    """The study's page: errors over the number of placements, and the table paper / ours.
+
+    Parameters
+    ----------
+    listed, results
+        The trials, and their results in the same order.
+    options
+        Options of the study.
+    """
     document = begin(
         TITLE,
         options,

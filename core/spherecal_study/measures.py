@@ -17,7 +17,10 @@ _BARS_SEED = 99
 
 
 def residual_figures(calibration: Calibration) -> dict[str, Any]:
-    """Means of absolute residuals and standard deviations in x and y, and their mean and root mean square length."""
+    """Mean absolute residuals and standard deviations in x and y, and their mean and root mean square length, px.
+
+    None where no observation was used.
+    """
     du = calibration.residuals_px[calibration.used]
     quality = calibration.rig.quality
     if not len(du):
@@ -31,7 +34,15 @@ def residual_figures(calibration: Calibration) -> dict[str, Any]:
 
 
 def outcome(calibration: Calibration, cpu_s: float) -> dict[str, Any]:
-    """Whether it is valid, how many cameras were placed, the seconds of each stage, the processor time of all."""
+    """Whether it is valid, how many cameras were placed, the seconds of each stage, the processor time of all.
+
+    Parameters
+    ----------
+    calibration
+        The calibration.
+    cpu_s
+        Its processor time, s.
+    """
     return {
         "valid": calibration.rig.quality.valid,
         "cameras": len(calibration.rig.cameras),
@@ -41,7 +52,17 @@ def outcome(calibration: Calibration, cpu_s: float) -> dict[str, Any]:
 
 
 def bar_figures(session: Session, calibration: Calibration) -> dict[str, Any]:
-    """Errors in mm of the check bars of a session by length, and the expanded uncertainty stated for each."""
+    """Errors in mm of the check bars of a session by length, and the stated standard uncertainty of each length, mm.
+
+    The latter is the root mean square of the combined standard uncertainties of a length in all poses.
+
+    Parameters
+    ----------
+    session
+        The session in which the bars are observed.
+    calibration
+        The calibration whose rig measures them.
+    """
     if not calibration.rig.cameras:
         return {"bars": {}, "bars_u_mm": {}}
     verification = verify(session, calibration.rig)
@@ -55,7 +76,15 @@ def bar_figures(session: Session, calibration: Calibration) -> dict[str, Any]:
 
 
 def calibration_only(truth: Truth, calibration: Calibration) -> dict[str, Any]:
-    """Errors in mm of forty bars of 100 to 500 mm whose image points are perfect: what the calibration alone does."""
+    """Errors in mm of forty bars of 100 to 500 mm whose image points are perfect: what the calibration alone does.
+
+    Parameters
+    ----------
+    truth
+        The simulated session's truth.
+    calibration
+        Its calibration; with fewer than two cameras there are no errors.
+    """
     exact = study_bars(replace(truth, sigma_px=np.zeros(len(truth.cameras))), np.random.default_rng(_BARS_SEED))
     o = exact.observations
     rig = calibration.rig
@@ -78,5 +107,5 @@ def calibration_only(truth: Truth, calibration: Calibration) -> dict[str, Any]:
 
 
 def all_errors(result: dict[str, Any]) -> list[float]:
-    """The errors of all bars of a trial's result in one list."""
+    """The errors of all bars of a trial's result in one list, mm."""
     return [float(error) for errors in result["bars"].values() for error in errors]

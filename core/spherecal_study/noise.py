@@ -1,4 +1,4 @@
-"""Table II: spherical projection against displaced points (22), on the paper's ten cameras."""
+"""Table II: spherical projection against displaced points, [Tao21] (22), on the paper's ten cameras."""
 
 from typing import Any
 
@@ -35,7 +35,15 @@ _Cases = list[dict[str, Any]]
 
 
 def page(listed: list[Trial], results: Results, options: Options) -> StudyPage:
-    """The study's page."""
+    """The study's page: which starts converge, final errors by camera, and the table paper / ours.
+
+    Parameters
+    ----------
+    listed, results
+        The trials, and their results in the same order.
+    options
+        Options of the study.
+    """
     document = begin(
         TITLE,
         options,

@@ -1,4 +1,4 @@
-"""What the pages of the studies share: the table paper / ours, plots over a number, figures of bars."""
+"""What the pages of the studies have in common: the table paper / ours, plots over a number, figures of bars."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -21,10 +21,10 @@ Results = list[dict[str, Any]]
 
 @dataclass(frozen=True)
 class Options:
-    """What all studies may be asked: repetitions (seeds), image noise, the first seed, another rig.
+    """What all studies have as options: repetitions (seeds), image noise, the first seed, another rig.
 
-    `sigma_px` None stands for rendered images, by default of the demo's small rig. `known`: intrinsics are known
-    before, as Algorithm 1 has them, instead of the data sheets'. `paths`: xi1, xi2, TH_er in px (None: by the data), b.
+    `sigma_px` None takes rendered images, by default of the demo's small rig. `known`: intrinsics are known before, as
+    in Algorithm 1 of [Tao21], instead of the data sheets'. `paths`: xi1, xi2, TH_er in px (None: by the data), b.
     """
 
     runs: int
@@ -40,11 +40,11 @@ class Options:
         return self.sigma_px is None
 
     def rig(self, of_the_paper: str) -> str:
-        """The preset to work on: what was asked for, else the paper's, or the demo's where images are rendered."""
+        """The preset of a study: the requested one, else the paper's, or the demo's where images are rendered."""
         return self.preset or ("demo" if self.images else of_the_paper)
 
     def plain(self, of_the_paper: str) -> dict[str, Any]:
-        """The settings that all trials of a study share, but for the seed."""
+        """The settings that all trials of a study have in common, but for the seed."""
         out: dict[str, Any] = {"preset": self.rig(of_the_paper), "sigma_px": self.sigma_px}
         if self.known:
             out["known"] = True
@@ -85,7 +85,17 @@ class Compared:
 
 
 def begin(title: str, options: Options, text: Sequence[str]) -> Document:
-    """A document with its title and what was done."""
+    """A document with its title and what was done.
+
+    Parameters
+    ----------
+    title
+        Title of the study.
+    options
+        Options of the study.
+    text
+        Paragraphs on what was done.
+    """
     document = Document("A4", f"SphereCal study: {title}", f"Study by SphereCal {__version__}")
     document.begin_section(title)
     document.y += 2.0
@@ -106,12 +116,26 @@ def begin(title: str, options: Options, text: Sequence[str]) -> Document:
 
 
 def with_seeds(listed: Sequence[Trial], results: Results) -> list[tuple[Trial, dict[str, Any]]]:
-    """Trials and their results, each with the seed it came from."""
+    """Trials and their results, each result with the seed of its trial.
+
+    Parameters
+    ----------
+    listed
+        The trials.
+    results
+        Their results, in the same order.
+    """
     return [(t, {**r, "seed": t.settings["seed"]}) for t, r in zip(listed, results, strict=True)]
 
 
 def pairs(one: Results, other: Results) -> list[tuple[dict[str, Any], dict[str, Any]]]:
-    """Results of two methods on the same seeds: a series that is not finished may lack some of either."""
+    """Results of two methods on the same seeds: a series that is not finished may lack some of either.
+
+    Parameters
+    ----------
+    one, other
+        Results with their seeds (`with_seeds`).
+    """
     by_seed = {r["seed"]: r for r in other}
     return [(r, by_seed[r["seed"]]) for r in one if r["seed"] in by_seed]
 
@@ -125,7 +149,15 @@ class StudyPage:
 
 
 def paper_table(document: Document, rows: Sequence[Compared]) -> StudyPage:
-    """The page with the table paper / ours at its end, the reasons below it."""
+    """The page with the table paper / ours at its end, the reasons below it.
+
+    Parameters
+    ----------
+    document
+        The page so far.
+    rows
+        Lines of the table.
+    """
     document.begin_section("Paper and ours", 40.0, new_page=False)
     columns = [
         Column("quantity", 46.0, "left"),
@@ -147,7 +179,17 @@ def paper_table(document: Document, rows: Sequence[Compared]) -> StudyPage:
 
 
 def table(document: Document, columns: Sequence[tuple[str, float]], rows: Sequence[Sequence[Any]]) -> None:
-    """A table: headings and widths; numbers with three significant digits."""
+    """Add a table to a document; numbers have three significant digits.
+
+    Parameters
+    ----------
+    document
+        The document.
+    columns
+        Headings and widths in mm; the first is left-aligned.
+    rows
+        Cells; None is shown as not known.
+    """
     heads = [Column(name, width, "left" if i == 0 else "right") for i, (name, width) in enumerate(columns)]
     document.table(heads, [[_cell(value) for value in row] for row in rows])
 
@@ -170,7 +212,25 @@ def curves(
     lines: Mapping[str, float] | None = None,
     errors: Mapping[str, Sequence[float]] | None = None,
 ) -> None:
-    """Curves over a number, each with its own mark; `lines` are levels of the paper, `errors` standard errors."""
+    """Add curves over a number to a document, each with its own mark.
+
+    Parameters
+    ----------
+    document
+        The document.
+    series
+        Values x and y by the curve's name.
+    x_label, y_label
+        Labels of the axes.
+    height
+        Height of the plot, mm.
+    log
+        Logarithmic y axis, else it begins at 0.
+    lines
+        Levels of the paper by name.
+    errors
+        Standard errors of y by the curve's name.
+    """
     axes = _axes(document.box(height), document)
     for number, (name, (x, y)) in enumerate(series.items()):
         style = {"color": SERIES[number % len(SERIES)], "marker": MARKS[number % len(MARKS)], "markersize": 3.5}
@@ -196,7 +256,27 @@ def columns_by_group(
     paper: Mapping[str, float] | None = None,
     errors: Mapping[str, Sequence[float]] | None = None,
 ) -> None:
-    """Columns side by side for each group; `paper` gives levels with their names, `errors` standard errors."""
+    """Add columns side by side for each group to a document.
+
+    Parameters
+    ----------
+    document
+        The document.
+    groups
+        Names of the groups.
+    series
+        Values, one for each group, by name.
+    y_label
+        Label of the y axis.
+    height
+        Height of the plot, mm.
+    log
+        Logarithmic y axis.
+    paper
+        Levels of the paper by name.
+    errors
+        Standard errors of the values by name.
+    """
     axes = _axes(document.box(height), document)
     width = 0.8 / max(len(series), 1)
     for number, (name, values) in enumerate(series.items()):
@@ -240,13 +320,13 @@ def _finish(axes: Axes, x_label: str, y_label: str) -> None:
 
 
 def mean(values: Sequence[float | None]) -> float:
-    """The mean of what is known; NaN without any."""
+    """The mean of the known values; NaN without any."""
     known = [v for v in values if v is not None and np.isfinite(v)]
     return float(np.mean(known)) if known else float("nan")
 
 
 def pooled_sd(lists: Sequence[Sequence[float]]) -> float:
-    """Standard deviation of errors over all runs, about the mean of each run."""
+    """Standard deviation of errors over all runs, about the mean of each run; NaN where no run has two."""
     arrays = [np.asarray(v, dtype=float) for v in lists if len(v) > 1]
     if not arrays:
         return float("nan")
@@ -254,7 +334,7 @@ def pooled_sd(lists: Sequence[Sequence[float]]) -> float:
 
 
 def pooled_rms(lists: Sequence[Sequence[float]]) -> float:
-    """Root mean square of errors over all runs."""
+    """Root mean square of errors over all runs; NaN without any."""
     arrays = [np.asarray(v, dtype=float) for v in lists if len(v)]
     return float(np.sqrt(np.mean(np.concatenate(arrays) ** 2))) if arrays else float("nan")
 

@@ -1,4 +1,4 @@
-"""The table of every figure of the paper beside ours, from the pages that a folder holds."""
+"""The table of every figure of the paper beside ours, from the pages in a folder."""
 
 from pathlib import Path
 
@@ -19,6 +19,11 @@ def write_paper(folder: Path) -> None:
     """Write `paper.md`: every line of the tables paper / ours of the studies run so far, and which are missing.
 
     Only studies on simulated observations of the paper's own rigs count; nothing is written where there is none.
+
+    Raises
+    ------
+    OutputError
+        Where the file cannot be written.
     """
     kept = {page.name: page for page in pages(folder) if _as_in_the_paper(page)}
     if kept:
@@ -34,7 +39,7 @@ def _as_in_the_paper(page: KeptPage) -> bool:
 
 
 def paper_table_text(kept: dict[str, KeptPage]) -> str:
-    """The page as Markdown."""
+    """The page as Markdown, of the pages by study."""
     lines = [
         "# The paper's figures and ours",
         "",
@@ -79,7 +84,7 @@ def paper_table_text(kept: dict[str, KeptPage]) -> str:
 
 
 def _done(page: KeptPage) -> str:
-    """How many of the runs asked for are there; a series that was stopped goes on by the same command."""
+    """How many of the requested runs are there; a series that was stopped continues by the same command."""
     least = min((c["runs"] for c in page.compared), default=0)
     if least >= page.options["runs"]:
         return "complete"

@@ -69,7 +69,15 @@ def _rigs(options: Options) -> tuple[str, ...]:
 
 
 def page(listed: list[Trial], results: Results, options: Options) -> StudyPage:
-    """The study's page."""
+    """The study's page: paths, starts and results of each search, the graph, and the table paper / ours.
+
+    Parameters
+    ----------
+    listed, results
+        The trials, and their results in the same order.
+    options
+        Options of the study.
+    """
     document = begin(
         TITLE,
         options,
@@ -214,7 +222,17 @@ def _over(one: float | None, other: float | None) -> float | None:
 def draw_graph(
     document: Document, opt: dict[str, Any], first: dict[str, Any], view: str = "Cameras from above"
 ) -> None:
-    """Cameras, all edges, and those of either search's paths."""
+    """Add a drawing of the camera graph to a document: cameras, all edges, and those of two searches' paths.
+
+    Parameters
+    ----------
+    document
+        The document.
+    opt, first
+        Results of trials (trials.paths): of OPT, whose cameras and edges are drawn, and of none-OPT.
+    view
+        From where the cameras are seen, for the caption.
+    """
     box = document.box(78.0)
     axes = document.sheet.axes(box.inset(10.0, 2.0, 10.0, 4.0))
     places = np.array(opt["places"])[:, :2]

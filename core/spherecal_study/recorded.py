@@ -27,8 +27,23 @@ def recorded(
 ) -> dict[str, Any]:
     """Calibrate a session without some of it (as `calibrate --leave-out`); residuals, check bars, cameras' centres.
 
-    `fingerprint` distinguishes recordings that are at one place one after the other. A part that cannot be calibrated
-    at all gives an invalid result with its `message`.
+    A part that cannot be calibrated at all gives an invalid result with its `message`.
+
+    Parameters
+    ----------
+    session
+        The session folder.
+    fingerprint
+        Distinguishes recordings that are at one place one after the other; not used here.
+    method, search
+        As in CalibrationSettings.
+    without
+        What is left out, as `placement:P1` or `camera:C01`; None: nothing.
+
+    Raises
+    ------
+    InputError
+        Where the session cannot be read.
     """
     del fingerprint
     loaded = detected(Path(session))
@@ -52,7 +67,13 @@ def recorded(
 
 
 def detected(folder: Path) -> Session:
-    """A session with observations: its own, or those found in its images once and then kept in the user's cache."""
+    """A session with observations: its own, or those found in its images once and then kept in the user's cache.
+
+    Raises
+    ------
+    InputError
+        Where the session or an image cannot be read.
+    """
     session = read_session(folder)
     if session.observations is not None:
         return session
@@ -71,7 +92,17 @@ def detected(folder: Path) -> Session:
 
 
 def apart_mm(centres: dict[str, list[float]], whole: dict[str, list[float]]) -> float | None:
-    """How far (rms) cameras stand from where the whole recording has them, after the best rigid motion."""
+    """How far (rms) cameras are from where the whole recording has them, mm, after the best rigid motion.
+
+    None for fewer than three common cameras.
+
+    Parameters
+    ----------
+    centres
+        Centres (3,) mm by camera.
+    whole
+        Those of the whole recording.
+    """
     common = sorted(set(centres) & set(whole))
     if len(common) < 3:
         return None
@@ -81,7 +112,15 @@ def apart_mm(centres: dict[str, list[float]], whole: dict[str, list[float]]) -> 
 
 
 def seen_along_the_thinnest(centres: dict[str, list[float]], ids: list[str]) -> FloatArray:
-    """Places (c,2) of cameras in the plane in which they spread most; NaN for those that were not placed."""
+    """Places (c, 2) of cameras in the plane in which they spread most; NaN for those that were not placed.
+
+    Parameters
+    ----------
+    centres
+        Centres (3,) by camera.
+    ids
+        All cameras, in the order of the result.
+    """
     known = np.array(list(centres.values()))
     axes = np.linalg.svd(known - known.mean(axis=0))[2][:2]
     nowhere = [np.nan] * 3

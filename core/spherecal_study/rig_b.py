@@ -23,7 +23,7 @@ _WAYS = {"tao2021": "as in the paper", "free": "free", "auto": "rigid where poss
 
 
 def trials(options: Options) -> list[Trial]:
-    """Rigs A and B by each form."""
+    """Calibrations of rigs A and B by each form."""
     return [
         Trial("ball", {**options.plain(rig), "preset": rig, "seed": s, "method": m})
         for rig in ("rigA", "rigB")
@@ -33,7 +33,15 @@ def trials(options: Options) -> list[Trial]:
 
 
 def page(listed: list[Trial], results: Results, options: Options) -> StudyPage:
-    """The study's page."""
+    """The study's page: residuals and bars of both rigs, and the table paper / ours.
+
+    Parameters
+    ----------
+    listed, results
+        The trials, and their results in the same order.
+    options
+        Options of the study.
+    """
     document = begin(
         TITLE,
         options,

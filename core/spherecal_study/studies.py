@@ -29,9 +29,30 @@ def run_study(
 ) -> Path:
     """Run a study and write its page (see `write_page`) and the index of all pages into the folder; the page's path.
 
-    Results of trials are kept in `trials` and taken from there if the study is run again; with `kept_only` nothing is
-    run and the page shows what is there. InputError where a study cannot be had on images or on another rig, or where
-    nothing is kept.
+    Parameters
+    ----------
+    name
+        A key of `STUDIES`.
+    options
+        Options of the study.
+    folder
+        Where the page goes. Results of trials are kept in `trials` below it, and taken from there if the study is run
+        again.
+    workers
+        Where the trials run.
+    context
+        For progress, and to stop.
+    kept_only
+        Run nothing; the page shows the results that are kept.
+
+    Raises
+    ------
+    InputError
+        Where a study is not possible on images or on another rig, or nothing is kept.
+    OutputError
+        Where the folder cannot be written.
+    Cancelled
+        Where the context says so.
     """
     _check(name, options)
     study = STUDIES[name]
@@ -68,9 +89,28 @@ def _check(name: str, options: Options) -> None:
 def write_page(
     name: str, title: str, page: StudyPage, options: dict[str, Any], listed: list[Trial], results: Results, folder: Path
 ) -> Path:
-    """Write `NAME.pdf`, pictures `NAME-1.png` .. of its pages, `NAME.json` with all results, and `paper.md`.
+    """Write a study's page in all its forms; the path of its PDF.
 
-    To be called within `report_style`.
+    They are `NAME.pdf`, pictures `NAME-1.png` .. of its pages, `NAME.json` with all results, and `paper.md`. To be
+    called within `report_style`.
+
+    Parameters
+    ----------
+    name, title
+        Name and title of the study.
+    page
+        The page.
+    options
+        Options of the study, as plain JSON.
+    listed, results
+        The trials, and their results in the same order.
+    folder
+        Where the files go.
+
+    Raises
+    ------
+    OutputError
+        Where a file cannot be written.
     """
     figures = [
         {"kind": t.kind, "settings": dict(t.settings), "result": r} for t, r in zip(listed, results, strict=True)

@@ -56,8 +56,28 @@ def ball(
 ) -> dict[str, Any]:
     """One calibration with the ball: residuals, bars, errors of the calibration alone.
 
-    Here and below, `sigma_px` None takes rendered images instead of simulated observations, `known` gives the true
-    intrinsics as known before, and `paths` are xi1, xi2, TH_er and b.
+    Parameters
+    ----------
+    preset, seed
+        The simulated rig and session.
+    sigma_px
+        Standard deviation of an image coordinate, px; None takes rendered images.
+    placements
+        Placements of the ball.
+    layout
+        Where the ball is put (`rigs.ball_places`).
+    method, search
+        As in CalibrationSettings.
+    spherical
+        Whether `tao2021` moves points onto spheres (SPO).
+    cameras
+        How many cameras are used, those nearest to the rig's middle; None is all.
+    print_sd_mm
+        Standard deviation by which a dot is off its sticker's pattern, per coordinate, mm.
+    known
+        Whether the true intrinsics are known before, else those of the data sheets.
+    paths
+        xi1, xi2, TH_er in px (None: by the data) and b; None leaves all to the method.
     """
     session, truth = _session(preset, seed, sigma_px, placements, layout, print_sd_mm)
     session = _with_known(session, truth.cameras) if known else session
@@ -87,7 +107,20 @@ def board(
 ) -> dict[str, Any]:
     """One calibration of the same rig with a plane board, its bars those of the ball's session.
 
-    Without `joint` the cameras stay as they were chained, as in the paper.
+    Parameters
+    ----------
+    preset, seed
+        The simulated rig and session.
+    sigma_px
+        Standard deviation of an image coordinate, px; None takes rendered images.
+    placements
+        How often the board is shown.
+    print_sd_mm
+        Standard deviation by which a dot is off its place, per coordinate, mm.
+    joint
+        Adjust all together; else the cameras stay as they were chained, as in the paper.
+    known
+        Whether the true intrinsics are known before, else those of the data sheets.
     """
     if sigma_px is None:
         session = rendered_board(preset, seed, placements, print_sd_mm)
@@ -101,7 +134,19 @@ def bar(
 ) -> dict[str, Any]:
     """One calibration of the same rig with a waved bar, its check bars those of the ball's session.
 
-    Without `joint` pairs of cameras are adjusted alone and chained; intrinsics that are `known` are then kept.
+    Parameters
+    ----------
+    preset, seed
+        The simulated rig and session.
+    sigma_px
+        Standard deviation of an image coordinate, px; None takes rendered images.
+    frames
+        Poses of the bar.
+    joint
+        Adjust all together; else pairs of cameras are adjusted alone and chained.
+    known
+        Whether the true intrinsics are known before, else those of the data sheets; without `joint` known ones are
+        fixed.
     """
     if sigma_px is None:
         session = rendered_waved_bar(preset, seed, frames)
@@ -127,7 +172,19 @@ def _rival(
 
 
 def wand(preset: str, seed: int, sigma_px: float, frames: int, known: bool = False) -> dict[str, Any]:
-    """One calibration with a waved bar, against the truth and its bound."""
+    """One calibration with a waved bar, against the truth and its bound.
+
+    Parameters
+    ----------
+    preset, seed
+        The simulated rig and recording.
+    sigma_px
+        Standard deviation of an image coordinate, px.
+    frames
+        Poses of the bar.
+    known
+        Whether the true intrinsics are known before, else those of the data sheets.
+    """
     recording = simulate_waved_bar(preset, seed, frames, sigma_px=sigma_px)
     session = _with_known(recording.session, recording.cameras) if known else recording.session
     calibration, cpu_s = _timed(session, CalibrationSettings(method="bar"))
@@ -142,7 +199,21 @@ def paths(
     known: bool = False,
     paths: PathNumbers | None = None,
 ) -> dict[str, Any]:
-    """The graph, the paths of one search, and how good the start is that they give, chained without more ado."""
+    """The graph, the paths of one search, and how good the chained start is, before anything else is done with it.
+
+    Parameters
+    ----------
+    preset, seed
+        The simulated rig and session.
+    sigma_px
+        Standard deviation of an image coordinate, px; None takes rendered images.
+    search
+        As in CalibrationSettings.
+    known
+        Whether the true intrinsics are known before, else those of the data sheets.
+    paths
+        xi1, xi2, TH_er in px (None: by the data) and b; None leaves all to the method.
+    """
     session, truth = _session(preset, seed, sigma_px, None, "spread")
     session = _with_known(session, truth.cameras) if known else session
     return {
@@ -152,10 +223,19 @@ def paths(
 
 
 def path_figures(session: Session, search: Search, numbers: PathNumbers | None = None) -> dict[str, Any]:
-    """What `paths` says of a session with observations, but for the cameras' places.
+    """The result of `paths` for a session with observations, but for the cameras' places.
 
-    `count_share`: the median share of the term xi2 / N in an edge's weight; `changed_by_count`: of how many cameras the
-    path is another one without that term. A path over an edge that the graph refuses has no length.
+    `count_share`: the median share of the term xi2 / N in an edge's weight, [Tao21] (12). `changed_by_count`: of how
+    many cameras the path is another one without that term. A path over an edge that the graph refuses has no length.
+
+    Parameters
+    ----------
+    session
+        The session.
+    search
+        As in CalibrationSettings.
+    numbers
+        xi1, xi2, TH_er in px (None: by the data) and b; None leaves all to the method.
     """
     network, local, known = _local(session, search, numbers)
     rotation, translation = chain_poses(local.paths, local.triples, local.graph.scale, len(known))
@@ -185,13 +265,40 @@ def path_figures(session: Session, search: Search, numbers: PathNumbers | None =
 
 
 def recorded_paths(session: str, fingerprint: str, search: Search) -> dict[str, Any]:
-    """The graph, paths and start of a recorded session; see `recorded`."""
+    """The graph, paths and start of a recorded session (see `path_figures`).
+
+    Parameters
+    ----------
+    session
+        The session folder.
+    fingerprint
+        Distinguishes recordings that are at one place one after the other; not used here.
+    search
+        As in CalibrationSettings.
+
+    Raises
+    ------
+    InputError
+        Where the session cannot be read.
+    """
     del fingerprint
     return path_figures(detected(Path(session)), search)
 
 
 def displaced(preset: str, seed: int, sigma_px: float, damping: str, known: bool = False) -> dict[str, Any]:
-    """How adjustments end whose start points are displaced (22); see displacement.py."""
+    """How adjustments end whose start points are displaced, [Tao21] (22); see displacement.py.
+
+    Parameters
+    ----------
+    preset, seed
+        The simulated rig and session.
+    sigma_px
+        Standard deviation of an image coordinate, px; None takes rendered images.
+    damping
+        `diagonal` or `identity-mm` (`displaced_cases`).
+    known
+        Whether the true intrinsics are known before, else those of the data sheets.
+    """
     session, truth = _session(preset, seed, sigma_px, 4, "spread")
     session = _with_known(session, truth.cameras) if known else session
     session = observed(session, Context())
@@ -226,7 +333,15 @@ def _with_bars(session: Session, preset: str, seed: int, sigma_px: float | None)
 
 
 def some_cameras(session: Session, truth: Truth, count: int) -> tuple[Session, Truth]:
-    """The session of the `count` cameras nearest to the rig's middle: they overlap most."""
+    """The session and truth of the cameras nearest to the rig's middle: they overlap most.
+
+    Parameters
+    ----------
+    session, truth
+        A simulated session and its truth.
+    count
+        How many cameras.
+    """
     centres = np.array([c.centre_mm for c in truth.cameras])
     off = np.linalg.norm(centres - centres.mean(axis=0), axis=1)
     kept = np.sort(np.argsort(off, kind="stable")[:count])
@@ -284,7 +399,7 @@ def _with_known(session: Session, cameras: Sequence[TrueCamera]) -> Session:
 
 
 def by_camera(calibration: Calibration) -> dict[str, Any]:
-    """Means of absolute residuals and standard deviations in x and y, camera by camera in the rig's order."""
+    """Mean absolute residuals and standard deviations in x and y, px, by camera in the rig's order."""
     o = calibration.observations
     rows = {c.id: calibration.used & (o.camera == o.cameras.index(c.id)) for c in calibration.rig.cameras}
     residuals = {name: calibration.residuals_px[own] for name, own in rows.items() if own.any()}

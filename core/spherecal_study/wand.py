@@ -30,7 +30,7 @@ _FRAMES = (300, 1000, 3000)
 
 
 def trials(options: Options) -> list[Trial]:
-    """300, 1,000 and 3,000 frames of a bar of 300 mm in rig A."""
+    """Calibrations with 300, 1,000 and 3,000 frames of a bar of 300 mm in rig A."""
     return [Trial("wand", {**_plain(options), "seed": s, "frames": n}) for n in _FRAMES for s in options.seeds]
 
 
@@ -43,6 +43,15 @@ def errors_and_bounds(recording: SimulatedRecording, calibration: Calibration, s
 
     The bound is that of Cramer and Rao: the covariance of the adjustment at the noise that was simulated. Lengths in
     mm, focal lengths in px, the scale relative.
+
+    Parameters
+    ----------
+    recording
+        The simulated recording.
+    calibration
+        Its calibration.
+    sigma_px
+        Standard deviation of an image coordinate that was simulated, px.
     """
     f = calibration.features
     truth = recording.points_mm[f.placement, f.target - 1]
@@ -74,7 +83,15 @@ def _rms(vectors: FloatArray) -> float:
 
 
 def page(listed: list[Trial], results: Results, options: Options) -> StudyPage:
-    """The study's page."""
+    """The study's page: errors beside their bounds, over the number of frames, and the table paper / ours.
+
+    Parameters
+    ----------
+    listed, results
+        The trials, and their results in the same order.
+    options
+        Options of the study.
+    """
     document = begin(
         TITLE,
         options,

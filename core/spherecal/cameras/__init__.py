@@ -1,4 +1,4 @@
 """Live cameras: one protocol (protocol.py), and behind it GenICam cameras, recorded sessions or a simulated rig.
 
-GenICam runs in a process of its own (genicam_source.py); `harvesters` and `genicam` are imported nowhere else.
+GenICam runs in a process of its own (gentl/child.py); `harvesters` and `genicam` are imported by gentl only.
 """

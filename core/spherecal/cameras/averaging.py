@@ -23,9 +23,10 @@ _FOR_AFFINE = 6  # dots; fewer only show shifts
 class Stillness:
     """What the dots of one camera did while N images were taken.
 
-    `motion_px`: standard deviation, per axis, of the common motion (shift, turn, stretch) of all dots, the dots' own
-    noise taken out. `noise_px`: standard deviation, per axis, of one dot in one image: the camera's noise floor;
-    None where fewer than `_FOR_AFFINE` dots were seen. `motion_px` is None without any dot: nothing can be said.
+    `motion_px`: standard deviation, per axis, of the common motion (shift, turn, stretch) of all dots, without the
+    dots' own noise. It is None where no dot was found in all images: then nothing can be said. `noise_px`: standard
+    deviation, per axis, of one dot in one image, the camera's noise floor. It is None where fewer than `_FOR_AFFINE`
+    dots were seen.
     """
 
     camera: str
@@ -62,8 +63,30 @@ def take_averaged(
 ) -> AveragedSet:
     """Take `count` sets and average them; taken again, as often as the request allows, if the scene moved.
 
-    `detector` None leaves stillness untested. A camera that is missing in one of the sets is missing in the average.
-    `known` tells by serial what detection may know of a camera. The images are 16 bits deep, see `average`.
+    The images are 16 bits deep (see `average`), but those of a single set as they are. A camera that is missing in one
+    of the sets is missing in the average.
+
+    Parameters
+    ----------
+    source
+        Source with open cameras.
+    count
+        Sets of one average.
+    detector
+        Finds the dots by which motion is noticed; None leaves stillness untested.
+    request
+        As for a single set; None is `CaptureRequest()`.
+    context
+        For progress, and to stop; None does neither.
+    known
+        By serial, what detection may know of a camera.
+
+    Raises
+    ------
+    CameraError
+        Where no camera is open, or a requested one is not.
+    Cancelled
+        Where the context says so.
     """
     request, context = request or CaptureRequest(), context or Context()
     tries = 0
@@ -139,7 +162,15 @@ def _examine(
 
 
 def stillness(camera: str, detections: Sequence[Detections]) -> Stillness:
-    """Compare the dots that all images of a camera show."""
+    """Motion and noise of the dots that all images of a camera show.
+
+    Parameters
+    ----------
+    camera
+        Serial number, for the result.
+    detections
+        The dots found in each image; with fewer than two images nothing can be said.
+    """
     tables = [{(int(t), int(p)): uv for t, p, uv in zip(d.target, d.point, d.uv, strict=True)} for d in detections]
     common = sorted(set.intersection(*(set(table) for table in tables))) if tables else []
     if not common or len(tables) < 2:

@@ -55,7 +55,19 @@ class SessionCamera:
 class SessionFolder:
     """A session folder being captured.
 
-    `start` makes a new one or takes up an earlier capture; after every `add` the folder can be calibrated.
+    `start` makes a new one or continues an earlier capture; after every `add` the folder can be calibrated.
+
+    Parameters
+    ----------
+    folder, plan, cameras
+        Where to write, what to take, and the cameras of the session.
+    source
+        Its kind and label are noted; images come by `add`.
+
+    Raises
+    ------
+    InputError
+        For ids that cannot name files, or two cameras with one id.
     """
 
     def __init__(
@@ -71,7 +83,13 @@ class SessionFolder:
     def start(self, take_up: bool) -> None:
         """Make the folder, or with `take_up` go on with the sets that an earlier capture by the same cameras lacks.
 
-        OutputError for a folder that holds something else; recordings are never replaced.
+        Raises
+        ------
+        OutputError
+            For a folder that has something else in it, since recordings are never replaced; and where it cannot be
+            written.
+        InputError
+            Where the earlier capture was by other cameras, or its capture.json cannot be read.
         """
         try:
             held = sorted(entry.name for entry in self.folder.iterdir()) if self.folder.is_dir() else []
@@ -104,11 +122,24 @@ class SessionFolder:
 
     @property
     def to_take(self) -> tuple[PlannedSet, ...]:
-        """The planned sets that are not there yet."""
+        """The planned sets that are not there yet, in the plan's order."""
         return tuple(planned for planned in self.plan.sets if planned.id not in self._images)
 
     def add(self, planned: PlannedSet, taken: FrameSet, stillness: Mapping[str, Stillness] | None = None) -> None:
-        """Write a set: its images first, each whole, then the metadata that name them. OutputError if that fails."""
+        """Write a set: its images first, each whole, then the metadata that name them.
+
+        Parameters
+        ----------
+        planned, taken
+            The set of the plan, and its images.
+        stillness
+            What was found on motion, by serial; None where it was not tested.
+
+        Raises
+        ------
+        OutputError
+            Where an image or the metadata cannot be written.
+        """
         folder = f"{'placements' if planned.bar is None else 'bars'}/{planned.id}"
         names = {serial: self._by_serial[serial].id for serial in taken.frames}
         images = {name: f"{folder}/{name}.png" for name in names.values()}
@@ -195,8 +226,8 @@ class SessionFolder:
 def session_ids(names: Mapping[str, str]) -> dict[str, str]:
     """The ids that cameras get in a session, by serial, from the names they are to have.
 
-    A camera's own name may hold anything: what an id may not is replaced, and its serial number serves where two
-    cameras would get one id.
+    A camera's own name may have any characters: those that an id may not have are replaced. Where two cameras would get
+    one id, their serial numbers are used.
     """
     ids = {serial: as_id(name, as_id(serial, "camera")) for serial, name in names.items()}
     return {s: one if list(ids.values()).count(one) == 1 else as_id(s, one) for s, one in ids.items()}
@@ -219,7 +250,7 @@ def _image(image: JsonValue) -> str:
 
 
 def png(frame: Frame) -> bytes:
-    """The image as a PNG file of 8 or 16 bits."""
+    """The image as the bytes of a PNG file of 8 or 16 bits."""
     data = io.BytesIO()
     Image.fromarray(frame.image).save(data, "PNG", compress_level=1)
     return data.getvalue()

@@ -35,24 +35,40 @@ class CameraClock:
 
     @property
     def uncertainty_s(self) -> float:
-        """How far a time from `host_time` may be off."""
+        """How far a time from `host_time` may be off, s."""
         return UNLATCHED_S if self._latch is None else self._latch[2]
 
     def latch(self, before_s: float, after_s: float, stamp_ns: int) -> None:
-        """The camera's clock stood at `stamp_ns` at some moment between two of our times."""
+        """Note that the camera's clock showed `stamp_ns` at some moment between two times of the computer.
+
+        Parameters
+        ----------
+        before_s, after_s
+            The computer's times, s of perf_counter.
+        stamp_ns
+            The camera's time, ns.
+        """
         middle = (before_s + after_s) / 2
         self._latch = (middle, middle - stamp_ns * 1e-9, (after_s - before_s) / 2 + _LATCH_LIFE_S * _DRIFT_PER_S / 2)
 
     def camera_ns(self, host_s: float) -> int | None:
-        """The camera's time at a moment of ours; None where the clocks were not compared."""
+        """The camera's time (ns) at a moment of the computer's (s); None where the clocks were not compared."""
         return None if self._latch is None else round((host_s - self._latch[1]) * 1e9)
 
     def latch_is_old(self, now_s: float) -> bool:
-        """Whether the clocks may have parted since the last latch, or there was none."""
+        """Whether the clocks may have drifted apart since the last latch, or there was none."""
         return self._latch is None or now_s - self._latch[0] > _LATCH_LIFE_S
 
     def host_time(self, stamp_ns: int | None, arrived_s: float) -> float:
-        """The computer's time of a stamp on an image that arrived at `arrived_s`; without a stamp, its arrival."""
+        """The computer's time (s) of a camera's time stamp; without a stamp that can be trusted, the arrival.
+
+        Parameters
+        ----------
+        stamp_ns
+            Time stamp of the image, ns; None or 0 where it has none.
+        arrived_s
+            When the image arrived, s of perf_counter; the result is never later.
+        """
         if not stamp_ns or not self.trusted:
             return arrived_s
         stamp_s = stamp_ns * 1e-9

@@ -28,7 +28,7 @@ _DARK, _BRIGHT = 0.2, 0.02  # dots need some contrast over noise; highlights on 
 
 @dataclass(frozen=True)
 class LinkReport:
-    """One camera after the test; `counters` hold what was counted during the test only."""
+    """One camera after the test; `counters` are what was counted during the test only."""
 
     serial: str
     state: CameraState
@@ -60,14 +60,33 @@ class Examination:
 
     @property
     def well(self) -> bool:
-        """Whether all is well."""
+        """Whether no finding is an error or a warning."""
         return all(finding.severity == "info" for finding in self.findings)
 
 
 def examine(
     source: CameraSource, seconds: float = 5.0, rate_hz: float = 5.0, context: Context | None = None
 ) -> Examination:
-    """Watch the open cameras for some seconds at a live rate, then take sets; blocking, with progress."""
+    """What is found when the open cameras are watched for some seconds at a live rate and sets are taken; blocking.
+
+    Parameters
+    ----------
+    source
+        Source with open cameras.
+    seconds
+        How long to watch, s.
+    rate_hz
+        Rate of the live view, Hz.
+    context
+        For progress, and to stop; None does neither.
+
+    Raises
+    ------
+    CameraError
+        Where no camera is open.
+    Cancelled
+        Where the context says so.
+    """
     context = context or Context()
     source.start_live(rate_hz)
     try:
@@ -193,7 +212,24 @@ def _judge_trigger(trigger: TriggerReport) -> tuple[Finding, ...]:
 
 
 def covered_camera(source: CameraSource, before: dict[str, float], context: Context | None = None) -> str | None:
-    """The serial of the one camera whose image is dark now and was not when `before` was taken; else None."""
+    """The serial of the one camera whose image is dark now and was not when `before` was taken; else None.
+
+    Parameters
+    ----------
+    source
+        Source with open cameras.
+    before
+        Brightness by serial, from `brightness`.
+    context
+        To stop; None never stops.
+
+    Raises
+    ------
+    CameraError
+        Where no camera is open.
+    Cancelled
+        Where the context says so.
+    """
     now = brightness(source, context)
     # parts of all cameras' usual change, so that a cloud before the sun covers nobody
     ratios = {serial: now[serial] / before[serial] for serial in now if before.get(serial)}
@@ -205,7 +241,24 @@ def covered_camera(source: CameraSource, before: dict[str, float], context: Cont
 
 
 def brightness(source: CameraSource, context: Context | None = None) -> dict[str, float]:
-    """The mean grey value of each camera's image over its darkest pixels, by serial."""
+    """The mean grey value of each camera's image over its darkest pixels, by serial.
+
+    The darkest pixels are the first percentile. Cameras without an image are left out.
+
+    Parameters
+    ----------
+    source
+        Source with open cameras.
+    context
+        To stop; None never stops.
+
+    Raises
+    ------
+    CameraError
+        Where no camera is open.
+    Cancelled
+        Where the context says so.
+    """
     taken = source.capture_set(CaptureRequest(retries=1), context)
     means = {}
     for serial, frame in taken.frames.items():

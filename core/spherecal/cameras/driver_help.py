@@ -17,7 +17,7 @@ Trouble = Literal["no-driver", "not-allowed", "not-loaded", "no-cameras", "other
 
 @dataclass(frozen=True)
 class LocalAddress:
-    """An address of this computer and the network interface that has it (empty where the system does not tell)."""
+    """An address of this computer and the network interface that has it (empty where the system does not name it)."""
 
     interface: str
     address: str
@@ -27,7 +27,8 @@ class LocalAddress:
 class DriverTrouble:
     """One reason: the driver's file with its own words, or a camera with the address that would reach it.
 
-    `beside` is an address for this computer in the camera's network, such as 192.168.7.254/24, `local` what it has.
+    `beside` is an address for this computer in the camera's network, such as 192.168.7.254/24; `local` are the
+    addresses that it has.
     """
 
     kind: Trouble
@@ -47,9 +48,18 @@ class NoCameras(CameraError):
 def driver_troubles(
     discovery: Discovery, answering: Iterable[NetworkCamera] = (), local: Sequence[LocalAddress] = ()
 ) -> tuple[DriverTrouble, ...]:
-    """What is in the way; `answering` are cameras that a broadcast found, `local` this computer's addresses.
+    """Why no camera was found, or not all.
 
-    A driver without cameras is only in the way where no driver has any.
+    A driver without cameras is only a reason where no driver has any.
+
+    Parameters
+    ----------
+    discovery
+        What the drivers found.
+    answering
+        Cameras that a broadcast found (`answering_cameras`).
+    local
+        This computer's addresses.
     """
     found: list[DriverTrouble] = []
     if not discovery.producers:
@@ -91,7 +101,15 @@ def local_addresses() -> tuple[LocalAddress, ...]:
 
 
 def answering_cameras(local: Sequence[LocalAddress], seconds: float = 0.7) -> tuple[NetworkCamera, ...]:
-    """The GigE cameras that answer to a broadcast from these addresses, of whatever subnet; blocking."""
+    """The GigE cameras that answer to a broadcast from these addresses, of whatever subnet; blocking.
+
+    Parameters
+    ----------
+    local
+        This computer's addresses; interfaces that cannot be used are passed over.
+    seconds
+        How long to wait for answers at each, s.
+    """
     found: dict[str, NetworkCamera] = {}
     for where in {one.interface: one for one in local}.values() if os.name == "posix" else local:
         try:

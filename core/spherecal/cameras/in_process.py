@@ -51,7 +51,13 @@ class Staged(Protocol):
         ...
 
     def show(self, pose: str) -> None:
-        """Let the cameras see another placement or bar pose; InputError if there is no such id."""
+        """Let the cameras see another placement or bar pose, by its id.
+
+        Raises
+        ------
+        InputError
+            Where there is no such id.
+        """
         ...
 
 
@@ -64,7 +70,7 @@ class NoImage(Exception):
 
 
 class InProcessSource(ABC):
-    """Base of sources without hardware; what is derived gives `camera_infos` and `take_image`."""
+    """Base of sources without hardware; a derived class gives `camera_infos` and `take_image`."""
 
     kind: SourceKind
     label: str
@@ -88,14 +94,31 @@ class InProcessSource(ABC):
 
     @abstractmethod
     def camera_infos(self) -> tuple[CameraInfo, ...]:
-        """The cameras that there are."""
+        """The cameras of the source."""
 
     @abstractmethod
     def take_image(self, serial: str, settings: CameraSettings, number: int, attempt: int, timeout_s: float) -> Frame:
-        """An image of a camera for set `number` (0: live view); NoImage where it does not deliver."""
+        """An image of a camera for a set or for the live view.
+
+        Parameters
+        ----------
+        serial, settings
+            The camera, and its settings.
+        number
+            Number of the set; 0 is the live view.
+        attempt
+            Number of the try, from 1.
+        timeout_s
+            How long the caller waits for the image, s.
+
+        Raises
+        ------
+        NoImage
+            Where the camera does not deliver.
+        """
 
     def triggered(self, exposed_s: Mapping[str, float]) -> None:  # noqa: B027 - a scene at rest needs nothing
-        """A set is to be taken, each camera's image (by serial) exposed at a moment of perf_counter.
+        """A set is to be taken, each camera's image (by serial) exposed at a moment of perf_counter (s).
 
         For sources whose scene moves: `take_image` is called when a thread is free, which may be much later.
         """
@@ -103,14 +126,33 @@ class InProcessSource(ABC):
     # --- the protocol ------------------------------------------------------------------------------------------------
 
     def discover(self, context: Context | None = None) -> Discovery:
-        """The cameras of the recording or the simulated rig."""
+        """The cameras of the recording or the simulated rig.
+
+        Raises
+        ------
+        Cancelled
+            Where the context says so.
+        """
         if context is not None:
             context.check()
         infos = tuple(sorted(self.camera_infos(), key=lambda info: info.serial))
         return Discovery(infos, (ProducerVerdict(self.label, True, f"{counted(len(infos), 'camera')}.", "", infos),))
 
     def open(self, serials: Iterable[str], settings: Mapping[str, CameraSettings]) -> tuple[SetupReport, ...]:
-        """Open exactly these cameras."""
+        """Open exactly these cameras; a report of each.
+
+        Parameters
+        ----------
+        serials
+            Serial numbers of the cameras.
+        settings
+            Settings by serial; cameras that are not in it have the defaults.
+
+        Raises
+        ------
+        CameraError
+            Where the source has no such camera, or none was named.
+        """
         wanted = tuple(dict.fromkeys(serials))
         known = {info.serial for info in self.camera_infos()}
         if not wanted:
@@ -129,7 +171,13 @@ class InProcessSource(ABC):
         return tuple(self._report(serial) for serial in wanted)
 
     def apply(self, settings: Mapping[str, CameraSettings]) -> tuple[SetupReport, ...]:
-        """Set up open cameras anew."""
+        """Give open cameras new settings, by serial; a report of each.
+
+        Raises
+        ------
+        CameraError
+            Where a camera is not open.
+        """
         with self._lock:
             for serial, new in settings.items():
                 if serial not in self._settings:
@@ -159,7 +207,13 @@ class InProcessSource(ABC):
         return SetupReport(serial, features, size)
 
     def start_live(self, rate_hz: float = 5.0) -> None:
-        """Keep fresh images coming, by one thread for all cameras."""
+        """Keep fresh images coming at `rate_hz`, by one thread for all cameras.
+
+        Raises
+        ------
+        CameraError
+            Where no camera is open.
+        """
         if not self._settings:
             raise CameraError(Phrase("error-none-open"))
         self.stop_live()
@@ -196,16 +250,39 @@ class InProcessSource(ABC):
             self._live_end.wait(max(period_s - (time.perf_counter() - began), _PAUSE_S))
 
     def latest(self, serial: str) -> Frame | None:
-        """The camera's newest image."""
+        """The camera's newest image, None if there was none yet."""
         return self._latest.get(serial)
 
     def preview(self, serial: str, step: int = 5) -> Frame | None:
-        """The camera's newest image in small."""
+        """The camera's newest image in small, None if there was none yet.
+
+        Parameters
+        ----------
+        serial
+            Serial number of the camera.
+        step
+            Distance of the pixels and lines that are kept, px.
+        """
         frame = self._latest.get(serial)
         return None if frame is None else replace(frame, image=frame.image[::step, ::step])
 
     def capture_set(self, request: CaptureRequest | None = None, context: Context | None = None) -> FrameSet:
-        """Take one set."""
+        """Take one set, with exposures 1 ms apart from one camera to the next.
+
+        Parameters
+        ----------
+        request
+            Which cameras, how long to wait and how often to try again; None is `CaptureRequest()`.
+        context
+            To stop; None never stops.
+
+        Raises
+        ------
+        CameraError
+            Where no camera is open, or a requested one is not.
+        Cancelled
+            Where the context says so.
+        """
         request, context = request or CaptureRequest(), context or Context()
         if not self._settings:
             raise CameraError(Phrase("error-none-open"))
@@ -259,19 +336,19 @@ class InProcessSource(ABC):
         return frames, tuple(missing)
 
     def statuses(self) -> dict[str, CameraStatus]:
-        """The state of every open camera."""
+        """The state of every open camera, by serial."""
         with self._lock:
             return dict(self._statuses)
 
     def take_events(self) -> Sequence[CameraEvent]:
-        """The events since the last call."""
+        """The events since the last call, oldest first."""
         with self._lock:
             events = list(self._events)
             self._events.clear()
         return events
 
     def close(self) -> None:
-        """End the live view and let go of everything."""
+        """End the live view and release everything."""
         self.stop_live()
         if self._pool is not None:
             self._pool.shutdown(cancel_futures=True)
@@ -288,13 +365,13 @@ class InProcessSource(ABC):
     # --- for what is derived -----------------------------------------------------------------------------------------
 
     def next_frame_id(self, serial: str) -> int:
-        """The camera's own counter of images."""
+        """The next number of the camera's own counter of images, from 1."""
         with self._lock:
             self._frame_ids[serial] = self._frame_ids.get(serial, 0) + 1
             return self._frame_ids[serial]
 
     def stamp_ns(self) -> int:
-        """The clock that all these cameras share."""
+        """The time of the clock that all these cameras share, in ns since the source was made."""
         return int((time.perf_counter() - self._began_s) * 1e9)
 
     def _deliver(self, frame: Frame) -> None:

@@ -1,6 +1,7 @@
-"""Makers of cameras, the package that has each one's driver, and where its .cti files lie once it is installed.
+"""Makers of cameras, the package that has each one's driver, and where its .cti files are once it is installed.
 
-Installers also name these folders in GENICAM_GENTL64_PATH. Where a maker's file name is not known for certain, `*.cti`.
+Installers also name these folders in GENICAM_GENTL64_PATH. Where a maker's file name is not known for certain, it is
+`*.cti`.
 """
 
 from dataclasses import dataclass
@@ -18,7 +19,7 @@ class Maker:
     macos: tuple[str, ...] = ()
 
     def folders(self, system: str) -> tuple[str, ...]:
-        """The folders on a system by Python's name of it (`linux`, `win32`, `darwin`)."""
+        """The folders on a system, by Python's name of it (`linux`, `win32`, `darwin`)."""
         return {"linux": self.linux, "win32": self.windows, "darwin": self.macos}.get(system, ())
 
 
@@ -104,6 +105,6 @@ _LAST = {"darwin": ("/Library/Application Support/*/cti",)}
 
 
 def driver_folders(system: str) -> tuple[str, ...]:
-    """Where drivers lie on a system, with `*`, in the order in which they are tried."""
+    """The folders of drivers on a system, with `*`, in the order in which they are tried."""
     own = [folder for maker in (*MAKERS, ANY_MAKER) for folder in maker.folders(system)]
     return (*_FIRST.get(system, ()), *own, *_LAST.get(system, ()))

@@ -18,7 +18,7 @@ _PULSES_KEPT = 4
 
 
 class RoundKeeper:
-    """Assigns the images of one camera with software trigger to trigger rounds."""
+    """Assigns the images of one camera with software or scheduled trigger to trigger rounds."""
 
     def __init__(self) -> None:
         self._rounds: deque[tuple[int, float]] = deque(maxlen=_ROUNDS_KEPT)
@@ -26,7 +26,15 @@ class RoundKeeper:
         self._last: tuple[int | None, int | None] | None = None
 
     def triggered(self, round_number: int, at_s: float) -> None:
-        """A trigger was sent to the camera at this time; round 0 belongs to no set."""
+        """Note that a trigger was sent to the camera, or is to take effect, at a moment.
+
+        Parameters
+        ----------
+        round_number
+            Number of the round; 0 belongs to no set.
+        at_s
+            The moment, s of perf_counter.
+        """
         self._rounds.append((round_number, at_s))
 
     def assign(
@@ -34,8 +42,17 @@ class RoundKeeper:
     ) -> int | None:
         """The round of an image: the last one triggered before its exposure; None for live view and repetitions.
 
-        The frame id and the time stamp of the image before are a repeated delivery; where a driver has no ids it may
-        give every image the id 0.
+        An image with the frame id and the time stamp of the one before is a repeated delivery. Where a driver has no
+        ids it may give every image the id 0.
+
+        Parameters
+        ----------
+        taken_s, uncertainty_s
+            The moment of exposure and how far it may be off, s.
+        frame_id
+            The camera's number of the image; None where it has none.
+        stamp_ns
+            The camera's time stamp, ns; None where it has none.
         """
         now = (frame_id, stamp_ns)
         if now == self._last and (frame_id or stamp_ns):
@@ -59,7 +76,7 @@ class RoundKeeper:
 
 @dataclass(frozen=True)
 class Sighting(Generic[Item]):
-    """An image as matching sees it: whose, of which round, when exposed and how surely, and what it stands for."""
+    """An image as matching sees it: whose, of which round, when exposed and how surely (s), and what it refers to."""
 
     camera: str
     round: int | None
@@ -80,7 +97,14 @@ class _Pulse(Generic[Item]):
 class SetMatcher(Generic[Item]):
     """Collects one set: images of one trigger round, of one pulse, or exposed after `started_s` where cameras run free.
 
-    `modes` names the cameras that are wanted and how each is triggered.
+    Parameters
+    ----------
+    modes
+        The cameras that are wanted, by serial, and how each is triggered.
+    round_number
+        The trigger round of the set.
+    started_s
+        When the set was begun, s; images of a hardware trigger exposed before it are not taken either.
     """
 
     def __init__(self, modes: Mapping[str, TriggerMode], round_number: int, started_s: float) -> None:
@@ -116,7 +140,7 @@ class SetMatcher(Generic[Item]):
         return True
 
     def images(self) -> dict[str, Sighting[Item]]:
-        """The images of the set as it is: those of the fullest pulse, and all others."""
+        """The images of the set as it is, by serial: those of the fullest pulse, and all others."""
         best = max(self._pulses, key=lambda pulse: len(pulse.images), default=None)
         return self._found | (best.images if best else {})
 
@@ -126,5 +150,5 @@ class SetMatcher(Generic[Item]):
         return tuple(serial for serial in self._modes if serial not in found)
 
     def kept(self) -> set[Item]:
-        """Everything that an image of this set may still stand for."""
+        """The items of all images that may still become part of the set."""
         return {s.item for s in self._found.values()} | {s.item for p in self._pulses for s in p.images.values()}

@@ -34,7 +34,7 @@ class PlannedSet:
 class CapturePlan:
     """Sets in order, the target set, the fields of session.json that do not come from cameras, and cameras it knows.
 
-    `bars` with their certified lengths, those that `fields` names by their serial alone included.
+    `bars` are those of `fields` with their certified lengths, also where `fields` has the serial number alone.
     """
 
     sets: tuple[PlannedSet, ...]
@@ -44,14 +44,37 @@ class CapturePlan:
     bars: tuple[Bar, ...] = ()
 
     def camera(self, serial: str, name: str) -> dict[str, Any] | None:
-        """What the plan says about a camera, by serial number, else by name."""
+        """The plan's entry of a camera, by serial number, else by name; None where it has none.
+
+        Parameters
+        ----------
+        serial
+            Serial number of the camera.
+        name
+            Name that the camera is to have in the session; only entries without a serial number are found by it.
+        """
         by_serial = (entry for entry in self.cameras if str(entry.get("serial")) == serial)
         by_name = (entry for entry in self.cameras if entry.get("id") in (name, serial) and "serial" not in entry)
         return next(by_serial, None) or next(by_name, None)
 
 
 def simple_plan(placements: int, targets: Path | None, diameter_mm: float | None) -> CapturePlan:
-    """Only placements P1, P2, ...; no scale, no bars."""
+    """Only placements P1, P2, ...; no scale, no bars.
+
+    Parameters
+    ----------
+    placements
+        How many.
+    targets
+        File of the target set; None where the plan has none.
+    diameter_mm
+        Nominal diameter of the ball, mm; None where it is not known.
+
+    Raises
+    ------
+    InputError
+        For less than one placement, or a target set that cannot be read.
+    """
     if placements < 1:
         raise InputError(Phrase("error-placements-needed", {"placements": placements}))
     width = len(str(placements))
@@ -61,7 +84,7 @@ def simple_plan(placements: int, targets: Path | None, diameter_mm: float | None
 
 
 def plan_of(session: Session) -> CapturePlan:
-    """The plan by which a session was recorded."""
+    """The plan by which a session was recorded, without its cameras."""
     document = session_json(session, session.folder)
     placements = tuple(PlannedSet(place.id) for place in session.placements)
     poses = tuple(PlannedSet(pose.id, pose.bar, pose.temperature_c) for pose in session.bar_poses)
@@ -72,8 +95,12 @@ def plan_of(session: Session) -> CapturePlan:
 def read_plan(path: Path) -> CapturePlan:
     """The plan in a file with the form of session.json; its images do not matter, and it needs no cameras.
 
-    A recorded session serves as the plan of the next one; cameras in it give theirs their priors.
-    InputError where the file is not as the interface says.
+    A recorded session, also its folder, serves as the plan of the next one; cameras in it give theirs their priors.
+
+    Raises
+    ------
+    InputError
+        Where the file is not as the interface says, or has neither placements nor bar poses.
     """
     if path.is_dir():
         path = path / "session.json"
@@ -97,9 +124,21 @@ def read_plan(path: Path) -> CapturePlan:
 
 
 def check_marks(plan: CapturePlan, path: Path) -> None:
-    """InputError for a bar's mark that is no target of the plan's set: no live camera could ever find it.
+    """Check that every bar's mark is a target of the plan's set: no live camera could find another one.
 
     Images may be taken for another program's targets all the same; hence read_plan does not ask.
+
+    Parameters
+    ----------
+    plan
+        The plan; one without a target set is not checked.
+    path
+        File that an error is to name.
+
+    Raises
+    ------
+    InputError
+        For a mark that is no target of the set.
     """
     if plan.target_set is None:
         return
@@ -142,7 +181,24 @@ def _about(words: Words, read: Path, given: Path) -> Words:
 def camera_spec_json(
     name: str, serial: str, model: str, size: tuple[int, int], pitch_um: float | None, focal_mm: float | None
 ) -> dict[str, Any]:
-    """A real camera as session.json has it; CameraError where nothing is known of its lens."""
+    """A real camera as session.json has it.
+
+    Parameters
+    ----------
+    name, serial, model
+        Its id in the session, serial number and model.
+    size
+        Width and height of its images, px.
+    pitch_um
+        Pixel pitch, um; None where it is not known.
+    focal_mm
+        Focal length, mm; None where it is not known.
+
+    Raises
+    ------
+    CameraError
+        Where pixel pitch or focal length is not known.
+    """
     if pitch_um is None or focal_mm is None:
         raise CameraError(Phrase("error-lens-unknown", {"camera": name}))
     return {
@@ -157,6 +213,14 @@ def camera_spec_json(
 
 
 def recorded_camera_json(camera: CameraSpec, session: Session, serial: str) -> dict[str, Any]:
-    """A camera of a recorded or simulated session as session.json has it."""
+    """A camera of a recorded or simulated session as session.json has it.
+
+    Parameters
+    ----------
+    camera, session
+        The camera, and the session that has it.
+    serial
+        Serial number that the entry gets.
+    """
     entries = session_json(session, session.folder)["cameras"]
     return {**next(entry for entry in entries if entry["id"] == camera.id), "serial": serial}

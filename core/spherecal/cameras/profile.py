@@ -28,7 +28,10 @@ from spherecal.files.json_file import JsonValue, unique
 
 @dataclass(frozen=True)
 class CameraDescription:
-    """One camera: the name people know it by, its settings, and of its lens and sensor what a session needs."""
+    """One camera: the name people know it by, its settings, and of its lens and sensor what a session needs.
+
+    None: the user has not said it.
+    """
 
     serial: str
     name: str | None = None
@@ -53,11 +56,11 @@ class CameraProfile:
         return {serial: entry.settings for serial, entry in self.cameras.items()}
 
     def serial_of(self, name: str) -> str | None:
-        """The serial number of a camera by its name."""
+        """The serial number of a camera by its name, None where no camera has it."""
         return next((serial for serial, entry in self.cameras.items() if entry.name == name), None)
 
     def with_entry(self, entry: CameraDescription) -> "CameraProfile":
-        """The profile with one camera's entry exchanged or added."""
+        """The profile with one camera's entry replaced or added."""
         return replace(self, cameras={**self.cameras, entry.serial: entry})
 
 
@@ -69,7 +72,13 @@ def default_profile_path() -> Path:
 
 
 def read_profile(path: Path) -> CameraProfile:
-    """The profile in a file, an empty one where there is no such file; InputError where it cannot be read."""
+    """The profile in a file, an empty one where there is no such file.
+
+    Raises
+    ------
+    InputError
+        Where the file cannot be read.
+    """
     if not path.exists():
         return CameraProfile()
     return CAMERAS.read(path)
@@ -136,11 +145,24 @@ CAMERAS = Format(
 
 
 def write_profile(path: Path, profile: CameraProfile) -> None:
-    """Write the profile whole; OutputError if that fails."""
+    """Write the profile whole.
+
+    Parameters
+    ----------
+    path
+        The file; its folder is made where it is missing.
+    profile
+        What to write.
+
+    Raises
+    ------
+    OutputError
+        Where the file cannot be written.
+    """
     path.parent.mkdir(parents=True, exist_ok=True)
     write_file_whole(path, (json.dumps(CAMERAS.document(profile), indent=1) + "\n").encode())
 
 
 def settings_json(settings: CameraSettings) -> dict[str, Any]:
-    """All settings, as they stand in the profile; what is None is left out."""
+    """All settings as in the profile's file; those that are None are left out."""
     return _SETTINGS.entry(settings)

@@ -6,14 +6,15 @@ in the same way::
     with open_source("simulated:demo") as source:            # spherecal.cameras.sources
         discovery = source.discover()
         source.open(discovery.serials, {})                   # {}: default settings for all
+
         source.start_live(5.0)
         frame = source.latest(discovery.serials[0])          # newest frame or None, never waits
         taken = source.capture_set(CaptureRequest())         # waits: call it in a worker thread
 
-Cameras are named by serial number everywhere; names for people are in the camera profile (profile.py). Times ending
-in `_s` are seconds of `time.perf_counter()`, which all processes of a machine share. Methods may be called from any
-thread. `latest`, `preview`, `statuses` and `take_events` never wait; the others may, and raise `CameraError`.
-The data types are part of the protocol: fields may be added, with a default, but not renamed.
+Cameras are named by serial number everywhere; names for people are in the camera profile (profile.py). Times ending in
+`_s` are seconds of `time.perf_counter()`, which all processes of a machine share. Methods may be called from any
+thread. `latest`, `preview`, `statuses` and `take_events` never wait; the others may, and raise `CameraError`. The data
+types are part of the protocol: fields may be added, with a default, but not renamed.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
@@ -70,8 +71,8 @@ class CameraState(StrEnum):
 class CameraInfo:
     """A camera as it was found; `producer` is the file (or source) that reaches it.
 
-    `image_size` (width, height) px is None until the camera has been opened; `access` is `free`, `busy` (held by
-    another program), `unreachable` or `unknown`. `address` is an IP address or a bus place where one is known.
+    `image_size` (width, height) in px is None until the camera has been opened. `access` is `free`, `busy` (another
+    program has it), `unreachable` or `unknown`. `address` is an IP address or a bus place where one is known.
     """
 
     serial: str
@@ -119,7 +120,7 @@ class Discovery:
         return tuple(camera.serial for camera in self.cameras)
 
     def camera(self, serial: str) -> CameraInfo | None:
-        """The camera with this serial number."""
+        """The camera with this serial number, None where there is none."""
         return next((camera for camera in self.cameras if camera.serial == serial), None)
 
 
@@ -244,9 +245,9 @@ class CaptureRequest:
 class FrameSet:
     """Images that belong together, by serial; `missing` names the cameras that did not deliver in any try.
 
-    `spread_s` is the largest difference between the moments of exposure, None for fewer than two images; by the
-    cameras' time stamps where all share a clock (`common_clock`), else as well as this computer knows them.
-    `late` names the cameras for which a try was repeated.
+    `spread_s` is the largest difference between the moments of exposure, None for fewer than two images. It is taken
+    from the cameras' time stamps where all share a clock (`common_clock`), else from the computer's time as well as it
+    is known. `late` names the cameras for which a try was repeated.
     """
 
     number: int
@@ -272,8 +273,8 @@ class Counters:
     """What was counted since the camera was opened.
 
     `delivered` whole images, `incomplete` images with parts missing, `underrun` images the driver had no buffer for,
-    `overwritten` images that nobody fetched in time, `reopened` returns after a loss. `rate_hz` is the present rate
-    of whole images, `wanted_hz` the one asked for (None: none in particular).
+    `overwritten` images that nobody fetched in time, `reopened` returns after a loss. `rate_hz` is the present rate of
+    whole images, `wanted_hz` the requested one (None: none in particular).
     """
 
     delivered: int = 0
@@ -337,23 +338,54 @@ class CameraSource(Protocol):
         ...
 
     def discover(self, context: Context | None = None) -> Discovery:
-        """Look for cameras; may take seconds. Cameras that are open stay so."""
+        """The cameras that can be found now; may take seconds. Cameras that are open stay so.
+
+        Raises
+        ------
+        CamerasNotInstalled
+            Where the packages for GenICam cameras are missing.
+        Cancelled
+            Where the context says so.
+        """
         ...
 
     def open(self, serials: Iterable[str], settings: Mapping[str, CameraSettings]) -> tuple[SetupReport, ...]:
-        """Open and set up exactly these cameras (others are closed); `settings` by serial, defaults where absent.
+        """Open and set up exactly these cameras (others are closed); the report of each that could be opened.
 
-        One that cannot be opened now does not raise: its state says why, and it is opened when it returns.
-        CameraError where no such camera was ever found, or none at all was named.
+        A camera that cannot be opened now does not raise: its state says why, and it is opened when it returns.
+
+        Parameters
+        ----------
+        serials
+            Serial numbers of the cameras.
+        settings
+            Settings by serial; cameras that are not in it have the defaults.
+
+        Raises
+        ------
+        CameraError
+            Where a camera was never found, or none was named.
         """
         ...
 
     def apply(self, settings: Mapping[str, CameraSettings]) -> tuple[SetupReport, ...]:
-        """Set up open cameras anew, live or not; kept for every later opening."""
+        """Set up open cameras with new settings, by serial, live or not; they are kept for every later opening.
+
+        Raises
+        ------
+        CameraError
+            Where a camera is not open.
+        """
         ...
 
     def start_live(self, rate_hz: float = 5.0) -> None:
-        """Keep fresh images coming for `latest`; cameras with software trigger are triggered at `rate_hz`."""
+        """Keep fresh images coming for `latest`; cameras with software trigger are triggered at `rate_hz`.
+
+        Raises
+        ------
+        CameraError
+            Where no camera is open.
+        """
         ...
 
     def stop_live(self) -> None:
@@ -365,13 +397,35 @@ class CameraSource(Protocol):
         ...
 
     def preview(self, serial: str, step: int = 5) -> Frame | None:
-        """As `latest`, but only every `step`-th pixel of every `step`-th line: for tiles, at a fraction of the cost."""
+        """As `latest`, but only every `step`-th pixel of every `step`-th line: for tiles, at a fraction of the cost.
+
+        Parameters
+        ----------
+        serial
+            Serial number of the camera.
+        step
+            Distance of the pixels that are kept, px.
+        """
         ...
 
     def capture_set(self, request: CaptureRequest | None = None, context: Context | None = None) -> FrameSet:
         """Take one set of images exposed after this call; complete or not, it says who is missing.
 
-        Works with and without live view. Cancelled if the context says so.
+        Works with and without live view.
+
+        Parameters
+        ----------
+        request
+            Which cameras, how long to wait and how often to try again; None is `CaptureRequest()`.
+        context
+            To stop; None never stops.
+
+        Raises
+        ------
+        CameraError
+            Where no camera is open, or a requested one is not.
+        Cancelled
+            Where the context says so.
         """
         ...
 
@@ -417,5 +471,13 @@ def session_behind(source: object) -> "Session | None":
 
 
 def features_of(source: object, serial: str) -> tuple[FeatureReport, ...]:
-    """The features of an open camera, empty where the source lists none."""
+    """The features of a camera with their present values; empty for sources that cannot list them.
+
+    Parameters
+    ----------
+    source
+        The source that has the camera open.
+    serial
+        Serial number of the camera.
+    """
     return source.describe(serial) if isinstance(source, Described) else ()

@@ -18,7 +18,10 @@ _KEPT = 32  # decoded images
 class ReplaySource(InProcessSource):
     """The cameras of a session folder with images; settings of exposure and gain have no effect on recorded images.
 
-    InputError for a folder that is no session, or one without images.
+    Raises
+    ------
+    InputError
+        For a folder that is no session, or one without images.
     """
 
     kind: SourceKind = "replay"
@@ -42,11 +45,17 @@ class ReplaySource(InProcessSource):
 
     @property
     def shown(self) -> str:
-        """The id of what is shown."""
+        """The id of the placement or bar pose that is shown."""
         return self._shown
 
     def show(self, pose: str) -> None:
-        """Show the images of another placement or bar pose."""
+        """Show the images of another placement or bar pose, by its id.
+
+        Raises
+        ------
+        InputError
+            Where there is no such id among those with images.
+        """
         if pose not in self._images:
             raise InputError(Phrase("error-no-recorded-pose", {"pose": repr(pose), "names": list(self._images)}))
         self._shown = pose
@@ -69,7 +78,22 @@ class ReplaySource(InProcessSource):
         )
 
     def take_image(self, serial: str, settings: CameraSettings, number: int, attempt: int, timeout_s: float) -> Frame:
-        """The recorded image."""
+        """The recorded image, cut to the settings' region.
+
+        Parameters
+        ----------
+        serial, settings
+            The camera, and its settings; only `region` has an effect.
+        number, attempt, timeout_s
+            Not used.
+
+        Raises
+        ------
+        NoImage
+            Where the recording of the pose has no image of this camera.
+        InputError
+            Where the image file cannot be read.
+        """
         pose = self._shown
         path = self._images[pose].get(self._ids[serial].id)
         if path is None:

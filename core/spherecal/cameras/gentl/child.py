@@ -1,7 +1,7 @@
 """The camera process: one round-robin loop that owns Harvesters and every camera.
 
-One thread for all cameras, since genicam keeps Python's lock in every call: with a thread a camera the process is late
-by 116 ms at the 95th percentile, in one loop by 5 ms (12 cameras at 15 frames/s).
+There is one thread for all cameras, since genicam keeps Python's lock in every call. With a thread for each camera the
+process is late by 116 ms at the 95th percentile, in one loop by 5 ms (12 cameras at 15 frames/s).
 """
 
 import faulthandler
@@ -73,7 +73,17 @@ LOADING, OPENING, SETTING_UP, READING, TRIGGERING, CHECKING = range(1, 7)
 
 
 def run(connection: Connection, touch_name: str, log_file: str | None) -> None:
-    """Serve one program until it quits or is gone."""
+    """Serve one program until it quits or is gone.
+
+    Parameters
+    ----------
+    connection
+        The pipe to the program.
+    touch_name
+        Name of the shared memory of the program's `TouchMark`.
+    log_file
+        Where the drivers' output goes; None: nowhere.
+    """
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the program's; it ends us
     _die_with_parent()
     _give_way()
@@ -458,7 +468,7 @@ class _Service:
             self._set_up(slot, slot.settings)  # its ring is made anew
 
     def _note_slowness(self, slot: Slot, seconds: float) -> None:
-        """A camera that answers slowly holds up all others: ask it less often, and say so now and then."""
+        """A camera that answers slowly delays all others: check it less often, and report it from time to time."""
         now = time.perf_counter()
         slot.next_check_s = now + max(_CHECK_S, _SLOW_SHARE * seconds)
         slot.slowness_s = seconds

@@ -41,7 +41,20 @@ class DeviceLost(Exception):
 
 
 class Device:
-    """An open camera. Methods raise DeviceLost where it does not answer; `close` never raises."""
+    """An open camera; `close` never raises.
+
+    Parameters
+    ----------
+    producer, listed
+        The loaded driver, and the camera as it lists it.
+    serial, settings
+        Its serial number, and what `set_up` is to write.
+
+    Raises
+    ------
+    DeviceLost
+        From most methods, where the camera does not answer.
+    """
 
     def __init__(self, producer: Producer, listed: Any, serial: str, settings: CameraSettings) -> None:
         from harvesters.core import Callback
@@ -80,7 +93,7 @@ class Device:
         self._acquirer.add_callback(self._acquirer.Events.INCOMPLETE_BUFFER, Incomplete())
 
     def _prepare(self) -> None:
-        """Node maps, buffers, and how the driver is asked for images."""
+        """Set node maps, buffers, and how images are fetched from the driver."""
         self.features = NodeFeatures(self._acquirer.remote_device.node_map)
         stream = self._acquirer.data_streams[0]
         self._stream_features = NodeFeatures(stream.node_map)
@@ -95,7 +108,7 @@ class Device:
     # --- setting up --------------------------------------------------------------------------------------------------
 
     def set_up(self, settings: CameraSettings) -> SetupReport:
-        """Write all features; images are stopped meanwhile."""
+        """Write all features and report each; images are stopped meanwhile."""
         was_acquiring = self._acquiring
         self.acquire(False)
         self.settings = settings
@@ -111,7 +124,7 @@ class Device:
         return report
 
     def image_bytes(self) -> int:
-        """Room that an image takes in the ring: 2 bytes a pixel where there are more than 8 bits."""
+        """Bytes that an image needs in the ring: 2 a pixel where there are more than 8 bits."""
         width, height = self.features.number("width") or 0, self.features.number("height") or 0
         deep = significant_bits(self._pixel_format) > 8
         size = int(width * height) * (2 if deep else 1)
@@ -136,7 +149,7 @@ class Device:
         return tuple(found)
 
     def indicate(self, on: bool) -> tuple[FeatureReport, ...]:
-        """Switch the camera's own light on or off; empty where it has none that can be switched now."""
+        """Switch the camera's own light on or off; the report is empty where it has none that can be switched now."""
         try:
             got = self.features.write(_LIGHT, "Active" if on else "Inactive")
         except FeatureError:
@@ -144,7 +157,7 @@ class Device:
         return (FeatureReport("light", _LIGHT, got=str(got)),)
 
     def use_ring(self, ring: Ring) -> None:
-        """Where images go from now on."""
+        """Write images into this ring from now on; the one before is closed."""
         if self._ring is not None:
             self._ring.close()
         self._ring = ring
@@ -170,7 +183,13 @@ class Device:
         self._acquiring = on
 
     def trigger(self, round_number: int) -> None:
-        """Take one image by software; FeatureError where the camera does not do it."""
+        """Take one image by software, for this trigger round.
+
+        Raises
+        ------
+        FeatureError
+            Where the camera does not do it.
+        """
         name = self.features.name("software trigger")
         if name is None:
             raise FeatureError("the camera has no software trigger")
@@ -179,7 +198,20 @@ class Device:
         self.features.execute(name)
 
     def schedule(self, round_number: int, at_s: float) -> int:
-        """Expect an image of a moment to come: that moment by the camera's clock, in ns. FeatureError where unknown."""
+        """Expect an image at a future moment; that moment by the camera's clock, in ns.
+
+        Parameters
+        ----------
+        round_number
+            The image's trigger round.
+        at_s
+            The moment, s of perf_counter.
+
+        Raises
+        ------
+        FeatureError
+            Where the camera's clock is not synchronised or cannot be read.
+        """
         if not self.common_clock:
             raise FeatureError("its clock is not synchronised (IEEE 1588)")
         at_ns = self._clock.camera_ns(at_s)
@@ -190,7 +222,7 @@ class Device:
         return at_ns
 
     def pump(self) -> FrameMeta | None:
-        """Copy out one image if one waits; None if there is none."""
+        """Copy one waiting image into the ring and describe it; None if none waits or it is `unreadable`."""
         if not self._acquiring or self._ring is None:
             return None
         raw = self._fetch()
@@ -203,7 +235,7 @@ class Device:
             self._guard(lambda: raw.parent.queue_buffer(raw, False))
 
     def waits(self) -> bool:
-        """Whether the driver holds an image; True too where it cannot say."""
+        """Whether an image waits in the driver; True too where it cannot say."""
         if not self._can_ask:
             return True
         try:
@@ -304,10 +336,15 @@ class Device:
     # --- health ------------------------------------------------------------------------------------------------------
 
     def check(self) -> None:
-        """Raise DeviceLost if the camera does not answer, or not as it must: a register is read past all caches.
+        """Read a register past all caches, to notice a camera that does not answer as it must.
 
-        (Access status would be cheaper, but tells of losses with some producers only: harvesters issue 272.) A code
-        that genicam does not know passes for success, and the value is whatever lay in memory.
+        Access status would be cheaper, but shows losses with some producers only (harvesters issue 272). genicam takes
+        a code that it does not know for success: the value is then whatever was in memory.
+
+        Raises
+        ------
+        DeviceLost
+            Where the camera does not answer, or its width is not what it was.
         """
         node = self.features.node(self.features.name("width") or "")
         if node is None or self._width is None:
@@ -317,7 +354,7 @@ class Device:
             raise DeviceLost(f"its width reads as {width} instead of {self._width}")
 
     def read_temperature(self) -> None:
-        """Read the temperature, if there is one to read."""
+        """Read the temperature (degrees Celsius) into `temperature_c`, if there is one to read."""
         name = self.features.name("temperature")
         if name is None:
             return
@@ -328,7 +365,7 @@ class Device:
         self.temperature_c = value
 
     def read_clock_state(self) -> None:
-        """Note whether the camera's clock is one with others' (IEEE 1588)."""
+        """Note whether the camera's clock is synchronised with others' (IEEE 1588)."""
         latch, state = self.features.name("clock latch"), self.features.name("clock state")
         if state is None:
             return
@@ -338,7 +375,7 @@ class Device:
         self.common_clock = str(self.features.read(state)) in _SYNCHRONISED
 
     def latch_clock(self) -> None:
-        """Compare the camera's clock with ours, where it lets itself be read."""
+        """Compare the camera's clock with the computer's, where it can be read and the last comparison is old."""
         command, value = self.features.name("time stamp latch"), self.features.name("latched time")
         if command is None or value is None or not self._clock.latch_is_old(time.perf_counter()):
             return
@@ -356,7 +393,7 @@ class Device:
             self._clock.latch(before, after, int(ticks * 1e9 / rate) if rate else ticks)
 
     def counters(self, wanted_hz: float | None) -> Counters:
-        """What was counted since opening."""
+        """What was counted since opening, with the rate of the last two seconds."""
         now = time.perf_counter()
         self._arrivals = [at for at in self._arrivals if now - at <= _RATE_WINDOW_S]
         span = min(_RATE_WINDOW_S, max(now - self.acquiring_since_s, 0.1))
@@ -366,7 +403,7 @@ class Device:
         )
 
     def close(self) -> None:
-        """Let go of the camera; the first attempt fails where it was lost, the second one works."""
+        """Release the camera; the first attempt fails where it was lost, the second one works."""
         for _ in range(2):
             with suppress(Exception):
                 self._acquirer.destroy()

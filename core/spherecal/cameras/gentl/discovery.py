@@ -1,4 +1,4 @@
-"""Finding cameras: every producer file is tried in a process of its own, so that a broken one harms nobody."""
+"""Finding cameras: every producer file is tried in a process of its own, so that a broken one harms no other."""
 
 import multiprocessing
 import os
@@ -29,8 +29,8 @@ _LOOK_S = 0.05
 def producer_files(own: Iterable[str] = ()) -> tuple[str, ...]:
     """All producer files (.cti): the user's own list (files or folders), the environment's folders, makers' folders.
 
-    Each once, by its real path; what the user names is kept even where it does not exist,
-    so that its absence is reported.
+    Each once, by its real path; what the user names is kept even where it does not exist, so that its absence is
+    reported.
     """
     named = [entry for entry in own if entry]
     folders = [folder for folder in os.environ.get(ENVIRONMENT, "").split(os.pathsep) if folder]
@@ -54,10 +54,26 @@ def producer_files(own: Iterable[str] = ()) -> tuple[str, ...]:
 def discover(
     files: Sequence[str], context: Context | None = None, trust: TrustStore | None = None, ask: Ask | None = None
 ) -> Discovery:
-    """Try every producer file in a process of its own; CamerasNotInstalled where the packages for cameras are missing.
+    """Every camera that the producer files reach; each file is tried in a process of its own.
 
-    With `trust`, files that were not allowed are not loaded but get a verdict that says so; `ask` is asked about new
-    ones (see trust.py).
+    Parameters
+    ----------
+    files
+        Producer files (.cti).
+    context
+        For progress, and to stop; None does neither.
+    trust
+        Judges every file before it is loaded (see trust.py); a refused one gets a verdict that says so. None: all are
+        loaded.
+    ask
+        Asked about new and changed files. None: a new one is allowed and remembered, a changed one refused.
+
+    Raises
+    ------
+    CamerasNotInstalled
+        Where the packages for cameras are missing.
+    Cancelled
+        Where the context says so.
     """
     check_packages()
     context = context or Context()
@@ -136,7 +152,13 @@ def _other_maker(one: CameraInfo, other: CameraInfo) -> bool:
 
 
 def check_packages() -> None:
-    """Raise CamerasNotInstalled unless harvesters and genicam can be loaded."""
+    """Check that harvesters and genicam can be loaded.
+
+    Raises
+    ------
+    CamerasNotInstalled
+        Where they cannot.
+    """
     try:
         import genicam.gentl  # noqa: F401
         import harvesters.core  # noqa: F401
@@ -233,7 +255,15 @@ def end_word(code: int | None) -> str:
 
 
 def probe(driver: tuple[str, str, str], connection: Connection) -> None:
-    """In the probe process: load the file and send a verdict."""
+    """Load a driver in the probe process, send a verdict (`Probed`), and end the process.
+
+    Parameters
+    ----------
+    driver
+        The file it is known by, the file to load, and its SHA-256, empty for the program's own files.
+    connection
+        Where the verdict goes.
+    """
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     silent = os.open(os.devnull, os.O_WRONLY)
     os.dup2(silent, 1)

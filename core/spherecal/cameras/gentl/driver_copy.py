@@ -1,9 +1,9 @@
 """The file that was looked at is the file that is loaded: a driver's private copy, with its neighbours beside it.
 
-A driver is found by a path, and what lies there may be exchanged between looking and loading. So its contents are
-copied into a folder of ours while they are hashed, and the copy is loaded. Drivers need their neighbours (genicam's
-harvesters, issue 200), often by `$ORIGIN/../..`: the copy stands in the same place of a tree in which everything else
-is a link to the real thing.
+A driver is found by a path, and the file there may be exchanged between looking and loading. So its contents are copied
+into a folder of the program's own while they are hashed, and the copy is loaded. Drivers need their neighbours
+(genicam's harvesters, issue 200), often by `$ORIGIN/../..`. Therefore the copy has the same place in a tree in which
+everything else is a link to the original.
 """
 
 import atexit
@@ -30,7 +30,13 @@ class NotTheSame(Exception):
 
 
 def hash_of(path: str) -> str:
-    """The SHA-256 of a regular file; OSError where it cannot be read, is a link or none."""
+    """The SHA-256 of a regular file.
+
+    Raises
+    ------
+    OSError
+        Where it cannot be read, is a link, no regular file or larger than 1 GiB.
+    """
     digest = hashlib.sha256()
     with open(_opened(path), "rb") as file:
         while chunk := file.read(_CHUNK):
@@ -49,9 +55,23 @@ def _opened(path: str) -> int:
 
 
 def private_copy(real: str, sha256: str) -> str:
-    """The path of a copy of the file `real` that has this hash; NotTheSame where its contents are others.
+    """The path of a copy of a driver file, with links to its neighbours; on Windows the file's own path.
 
-    OSError where it cannot be made. On Windows, where a file that is held open cannot be exchanged, the path itself.
+    On Windows a file that is held open (`hold`) cannot be exchanged.
+
+    Parameters
+    ----------
+    real
+        Real path of the file.
+    sha256
+        SHA-256 that its contents must have.
+
+    Raises
+    ------
+    NotTheSame
+        Where its contents are others.
+    OSError
+        Where the copy cannot be made.
     """
     if os.name == "nt":
         return real
@@ -106,7 +126,7 @@ def _runs(process: int) -> bool:
 
 
 def _link_neighbours(tree: Path, relative: Path) -> None:
-    """Beside the copy, and beside each folder above it, links to what lies there in truth."""
+    """Beside the copy, and beside each folder above it, links to the original files and folders there."""
     for above in (relative, *relative.parents[:-1]):
         with suppress(OSError), os.scandir(Path("/") / above.parent) as scan:
             for number, entry in enumerate(scan):
@@ -124,7 +144,13 @@ def _remove_copies() -> None:
 
 
 def hold(path: str) -> None:
-    """On Windows, keep a file from being written, renamed or removed for as long as this process lives."""
+    """On Windows, keep a file from being written, renamed or removed for as long as this process lives.
+
+    Raises
+    ------
+    OSError
+        Where it cannot be opened, or is open for writing elsewhere.
+    """
     if os.name != "nt":
         return
     import ctypes

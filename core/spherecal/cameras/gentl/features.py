@@ -48,7 +48,12 @@ class FeatureError(Exception):
 class NodeFeatures:
     """The features of one node map; nodes are looked up once.
 
-    `offline` takes a description without a camera, whose nodes have no access mode.
+    Parameters
+    ----------
+    node_map
+        Node map of genicam.
+    offline
+        For a description without a camera, whose nodes have no access mode.
     """
 
     def __init__(self, node_map: Any, offline: bool = False) -> None:
@@ -62,11 +67,11 @@ class NodeFeatures:
         return self.first(NAMES[feature])
 
     def first(self, names: Iterable[str]) -> str | None:
-        """The first of these names that the camera implements."""
+        """The first of these names that the camera implements; None where it has none."""
         return next((name for name in names if self.node(name) is not None), None)
 
     def node(self, name: str) -> Any | None:
-        """The node of this exact name; None where it does not exist, holds no value or is not implemented."""
+        """The node of this exact name; None where it does not exist, has no value or is not implemented."""
         if name not in self._nodes:
             self._nodes[name] = self._find(name)
         node = self._nodes[name]
@@ -109,7 +114,7 @@ class NodeFeatures:
             return None
 
     def number(self, feature: str) -> float | None:
-        """The value of one of our features as a number."""
+        """The value of one of our features as a number; None where it cannot be read or is none."""
         value = self.read(self.name(feature))
         return float(value) if isinstance(value, int | float) else None
 
@@ -118,7 +123,15 @@ class NodeFeatures:
         return _text_of(self.node(name), "unit").strip().lower()
 
     def limit(self, name: str, which: str) -> float | None:
-        """The present `min` or `max` of a number by its exact name; None where it has none."""
+        """The present limit of a number; None where it has none.
+
+        Parameters
+        ----------
+        name
+            Exact name of the node.
+        which
+            `min` or `max`.
+        """
         try:
             value = getattr(self.node(name), which, None)
         except Exception:
@@ -130,7 +143,7 @@ class NodeFeatures:
         return isinstance(self.limit(name, "min"), int)
 
     def choices(self, name: str) -> tuple[str, ...]:
-        """What an enumeration offers now."""
+        """The entries that an enumeration offers now; empty where it cannot be read."""
         node = self.node(name)
         try:
             return tuple(node.symbolics) if node is not None else ()
@@ -138,14 +151,34 @@ class NodeFeatures:
             return ()
 
     def meant(self, name: str, value: Any) -> Any:
-        """A wanted value in the camera's own words and steps: `Off` may be False or `Disabled`, 11 may be 8."""
+        """A wanted value in the camera's own words and steps: `Off` may be False or `Disabled`, 11 may be 8.
+
+        Parameters
+        ----------
+        name
+            Exact name of the node.
+        value
+            The wanted value.
+        """
         node = self.node(name)
         return value if node is None else _fit(node, value)
 
     def write(self, name: str, value: Any) -> Any:
-        """Write a node, in the camera's own words and steps (`meant`); the value that it then has, or FeatureError.
+        """Write a node, in the camera's own words and steps (`meant`); the value that it then has.
 
-        One that has the value already is left alone, and so may be read-only.
+        A node that has the value already is not written, and so may be read-only.
+
+        Parameters
+        ----------
+        name
+            Exact name of the node.
+        value
+            The wanted value.
+
+        Raises
+        ------
+        FeatureError
+            Where the camera does not have it, or does not take the value.
         """
         node = self.node(name)
         if node is None:
@@ -165,7 +198,13 @@ class NodeFeatures:
             raise FeatureError(plain(error)) from error
 
     def execute(self, name: str) -> None:
-        """Run a command; FeatureError if it cannot be run."""
+        """Run a command.
+
+        Raises
+        ------
+        FeatureError
+            Where the camera does not have it, or it cannot be run.
+        """
         node = self.node(name)
         if node is None:
             raise FeatureError("the camera does not have it")
@@ -175,7 +214,15 @@ class NodeFeatures:
             raise FeatureError(plain(error)) from error
 
     def is_done_late(self, name: str, most_s: float) -> bool:
-        """Wait until a command that was run is done, at most so long; whether it was done, but not at once."""
+        """Wait until a command that was run is done; whether it was done, but not at once.
+
+        Parameters
+        ----------
+        name
+            Exact name of the command.
+        most_s
+            Longest time to wait, s; after it the result is False.
+        """
         node, until, late = self.node(name), time.monotonic() + most_s, False
         with suppress(Exception):  # a command that cannot be read back counts as done at once
             while node is not None and not node.is_done():
@@ -252,7 +299,7 @@ def plain(error: BaseException) -> str:
 
 
 def error_id(error: BaseException) -> int | None:
-    """The GenTL code that genicam writes into its texts, `(ID: -1010)`."""
+    """The GenTL code that genicam writes into its texts, `(ID: -1010)`; None where there is none."""
     _, found, rest = str(error).rpartition("(ID: ")
     digits = rest.split(")", 1)[0]
     return int(digits) if found and digits.lstrip("-").isdigit() else None

@@ -10,7 +10,7 @@ _TRIES = 3  # an image may be overwritten while it is copied; the next one is ne
 
 
 class FrameStore:
-    """Owns all rings, and so survives the camera process. Reading waits for nobody."""
+    """All rings of images, which survive the camera process. Reading does not wait for anything."""
 
     def __init__(self) -> None:
         self._rings: dict[str, Ring] = {}
@@ -18,7 +18,20 @@ class FrameStore:
         self._mailbox: dict[str, tuple[FrameMeta, Frame]] = {}
 
     def ring_for(self, serial: str, image_bytes: int) -> UseRing:
-        """A ring that the camera's images fit into; CameraError where there is no room for one."""
+        """A ring that the camera's images fit into, made where there is none.
+
+        Parameters
+        ----------
+        serial
+            Serial number of the camera.
+        image_bytes
+            Bytes of its largest image.
+
+        Raises
+        ------
+        CameraError
+            Where there is no shared memory for one.
+        """
         ring = self._rings.get(serial)
         if ring is None or ring.slot_bytes < image_bytes:
             made = Ring(shared_memory_name(), SLOTS, max(image_bytes, 1), create=True)
@@ -32,7 +45,7 @@ class FrameStore:
         return [UseRing(serial, ring.name, ring.slots, ring.slot_bytes) for serial, ring in self._rings.items()]
 
     def keep_only(self, serials: Iterable[str]) -> None:
-        """Free what belongs to other cameras."""
+        """Free the rings and images of all other cameras."""
         kept = set(serials)
         for serial in [s for s in self._rings if s not in kept]:
             self._rings.pop(serial).unlink()
@@ -40,11 +53,19 @@ class FrameStore:
             self._mailbox.pop(serial, None)
 
     def announce(self, meta: FrameMeta) -> None:
-        """A new image stands in its ring."""
+        """Note the newest image of a camera; its pixels are in its ring."""
         self._newest[meta.serial] = meta
 
     def read(self, meta: FrameMeta, step: int = 1) -> Frame | None:
-        """A copy of an image (or of every `step`-th pixel), None if it has been overwritten."""
+        """A copy of an image, None if it has been overwritten.
+
+        Parameters
+        ----------
+        meta
+            The image as the camera process announced it.
+        step
+            Only every `step`-th pixel of every `step`-th line is copied.
+        """
         ring = self._rings.get(meta.serial)
         if ring is None or ring.name != meta.ring:
             return None
@@ -69,7 +90,7 @@ class FrameStore:
         )
 
     def latest(self, serial: str) -> Frame | None:
-        """The newest image of a camera, copied once however often it is asked for."""
+        """The newest image of a camera, copied once however often it is requested; None if there was none yet."""
         for _ in range(_TRIES):
             meta = self._newest.get(serial)
             kept = self._mailbox.get(serial)
@@ -83,7 +104,15 @@ class FrameStore:
         return kept[1] if kept else None
 
     def preview(self, serial: str, step: int) -> Frame | None:
-        """The newest image with every `step`-th pixel of every `step`-th line; only these are copied."""
+        """The newest image in small, None if there was none yet; only the pixels that it has are copied.
+
+        Parameters
+        ----------
+        serial
+            Serial number of the camera.
+        step
+            Every `step`-th pixel of every `step`-th line is in it.
+        """
         for _ in range(_TRIES):
             meta = self._newest.get(serial)
             frame = None if meta is None else self.read(meta, step)

@@ -35,7 +35,16 @@ class _Collected(logging.Handler):
 class Producer:
     """One loaded producer file.
 
-    Harvesters says nothing when a file does not load and lists no devices: `problem` holds what it logged.
+    Harvesters says nothing when a file does not load and lists no devices: `problem` is what it logged.
+
+    Parameters
+    ----------
+    file
+        The file it is known by.
+    load
+        The file to load; empty is `file` itself.
+    sha256
+        SHA-256 that the loaded file must have; empty is not checked.
     """
 
     def __init__(self, file: str, load: str = "", sha256: str = "") -> None:
@@ -84,7 +93,10 @@ class Producer:
         return list(self._harvester.device_info_list)
 
     def find(self, serial: str) -> Any | None:
-        """The listed device of this serial number; that which can be opened, where two interfaces list it."""
+        """The listed device of this serial number, None where there is none.
+
+        Where two interfaces list it, it is the one that can be opened.
+        """
         found = [device for device in self.devices() if serial in _names(device)]
         return min(found, key=lambda device: _PREFERRED.index(access_of(device)), default=None)
 
@@ -93,9 +105,14 @@ class Producer:
         return self._harvester.create(device)
 
     def act(self, at_ns: int) -> None:
-        """Send an action command for a moment of the cameras' common clock; FeatureError where the driver has none.
+        """Send an action command for a moment (ns) of the cameras' common clock.
 
         The features are those that the standard names for a producer or its interfaces.
+
+        Raises
+        ------
+        FeatureError
+            Where the driver has none, or does not take a value.
         """
         sent = False
         for module in (*self._harvester._systems, *self._harvester._ifaces):
@@ -116,7 +133,7 @@ class Producer:
             raise FeatureError("its driver sends no action commands")
 
     def infos(self) -> tuple[CameraInfo, ...]:
-        """The listed devices in words, each once; those with the serial number of another have more of a name."""
+        """The listed devices in words, each once; where several have one serial number, their names have more parts."""
         alike: dict[str, list[Any]] = {}
         for device in self.devices():
             alike.setdefault(serial_of(device), []).append(device)
@@ -150,7 +167,10 @@ def serial_of(device: Any) -> str:
 
 
 def clean(text: Any) -> str:
-    """A driver's text on one line. Texts of other encodings than UTF-8 are taken for Latin-1, as older cameras have."""
+    """A driver's text on one line, without characters that cannot be printed.
+
+    Texts that are not UTF-8 are taken for Latin-1, as older cameras have.
+    """
     raw = str(text or "").encode("utf-8", "surrogateescape")
     try:
         plain_text = raw.decode("utf-8")
@@ -187,7 +207,7 @@ def _told_apart(devices: Sequence[Any]) -> list[tuple[str, Any]]:
 
 
 def access_of(device: Any) -> str:
-    """Whether a device can be opened now, as far as its producer says."""
+    """Whether a device can be opened now, as far as its producer says: `free`, `busy`, `unreachable` or `unknown`."""
     try:
         status = device.module.access_status
     except Exception:

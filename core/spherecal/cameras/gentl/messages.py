@@ -39,7 +39,7 @@ class Open:
 
 @dataclass(frozen=True)
 class Apply:
-    """Set up cameras anew; answered by `Answer`."""
+    """Give cameras new settings; answered by `Answer`."""
 
     request: int
     settings: dict[str, CameraSettings]
@@ -115,7 +115,7 @@ class Hello:
 
 @dataclass(frozen=True)
 class Working:
-    """What is done now and may keep the process silent for so long; without it silence means that it hangs."""
+    """What is done now and may keep the process silent for so long (s); without it silence means that it hangs."""
 
     what: str
     allow_s: float
@@ -167,7 +167,7 @@ class Triggered:
 
 @dataclass(frozen=True)
 class FrameMeta:
-    """An image that stands in slot `slot` of its camera's ring under the number `sequence`."""
+    """An image that is in slot `slot` of its camera's ring under the number `sequence`."""
 
     serial: str
     ring: str

@@ -22,7 +22,7 @@ _FOLDER = Path("/dev/shm")
 
 
 def shared_memory_name() -> str:
-    """A new name that tells which process made it: namespace of process ids, process id, random part."""
+    """A new name that says which process made it: namespace of process ids, process id, random part."""
     return f"{_PREFIX}-{_namespace()}-{os.getpid()}-{secrets.token_hex(4)}"
 
 
@@ -34,7 +34,10 @@ def _namespace() -> int:
 
 
 def remove_orphans() -> list[str]:
-    """Remove the shared memory of programs that were killed together with Python's own cleaner; the names removed."""
+    """Remove the shared memory of programs that were killed together with Python's own cleaner; the names removed.
+
+    Only on systems that list it in /dev/shm.
+    """
     removed = []
     if not _FOLDER.is_dir():  # Windows frees it by itself, macOS does not list it
         return removed
@@ -48,7 +51,26 @@ def remove_orphans() -> list[str]:
 
 
 class Ring:
-    """Shared memory for the last `slots` images of a camera; the program makes it, the camera process attaches."""
+    """Shared memory for the last `slots` images of a camera; the program makes it, the camera process attaches.
+
+    Parameters
+    ----------
+    name
+        Name of the shared memory.
+    slots
+        Images that fit into it.
+    slot_bytes
+        Bytes of the largest image.
+    create
+        Make it, else attach to it.
+
+    Raises
+    ------
+    CameraError
+        Where the system has no room for a new one.
+    OSError
+        Where there is none of this name to attach to, or one of it already.
+    """
 
     def __init__(self, name: str, slots: int, slot_bytes: int, create: bool) -> None:
         self.name, self.slots, self.slot_bytes = name, slots, slot_bytes
@@ -79,7 +101,7 @@ class Ring:
         return slot, self._sequence
 
     def continue_after(self, sequence: int) -> None:
-        """Number images on from here, so that those of an earlier process are not taken for new ones."""
+        """Number images on from this number, so that those of an earlier process are not taken for new ones."""
         self._sequence = sequence
 
     def last(self) -> int:
@@ -87,7 +109,19 @@ class Ring:
         return max(int(head[0]) for head in self._heads)
 
     def read(self, slot: int, sequence: int, height: int, width: int, deep: bool, step: int = 1) -> GreyPixels | None:
-        """A copy of an image, or of every `step`-th pixel of it; None if it has been overwritten meanwhile."""
+        """A copy of an image (h, w); None if it has been overwritten meanwhile, or cannot be in the ring.
+
+        Parameters
+        ----------
+        slot, sequence
+            Its slot, and its number.
+        height, width
+            Its size, px.
+        deep
+            Whether it has 16 bits a pixel, else 8.
+        step
+            Only every `step`-th pixel of every `step`-th line is copied.
+        """
         heads, bodies = self._heads, self._bodies
         if not bodies:  # closed meanwhile
             return None
@@ -103,13 +137,13 @@ class Ring:
         return image if head[0] == sequence else None
 
     def close(self) -> None:
-        """Let go of the memory."""
+        """Release the memory in this process."""
         self._heads, self._bodies = [], []
         with suppress(BufferError):  # a reader still copies: freed with its array
             self._memory.close()
 
     def unlink(self) -> None:
-        """Remove the memory; what processes have attached lives until they let go."""
+        """Remove the memory; processes that are attached keep theirs until they close it."""
         self.close()
         with suppress(FileNotFoundError):
             self._memory.unlink()
@@ -140,7 +174,15 @@ class TouchMark:
         self._cells = np.frombuffer(_buffer(self._memory), np.int32)
 
     def set(self, camera: int, action: int) -> None:
-        """About to do `action` with the camera of this number (-1: none)."""
+        """Note what is about to be done.
+
+        Parameters
+        ----------
+        camera
+            Number of the camera; -1: none.
+        action
+            Index into `child.ACTIONS`.
+        """
         self._cells[0], self._cells[1] = camera + 1, action
 
     def get(self) -> tuple[int, int]:
@@ -148,7 +190,7 @@ class TouchMark:
         return int(self._cells[0]) - 1, int(self._cells[1])
 
     def close(self) -> None:
-        """Let go of the memory."""
+        """Release the memory in this process."""
         self._cells = np.empty(0, np.int32)
         with suppress(BufferError):
             self._memory.close()

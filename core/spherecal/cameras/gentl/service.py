@@ -81,7 +81,18 @@ def _admit_unasked(file: str) -> Admitted | Refusal:
 class CameraService:
     """One camera process and what is known about its cameras. Thread-safe; `close` it.
 
-    `gate` says, before every start of the process, what to load for a driver file, or why not.
+    Parameters
+    ----------
+    log_file
+        Where the process writes what drivers print; None: nowhere.
+    gate
+        Says, before every start of the process, what to load for a driver file, or why not. None loads what was allowed
+        before.
+
+    Raises
+    ------
+    CameraError
+        From methods that wait for an answer, where the process does not give one or the service is closed.
     """
 
     def __init__(self, log_file: Path | None = None, gate: Gate | None = None) -> None:
@@ -120,7 +131,7 @@ class CameraService:
         return process.pid if process is not None else None
 
     def open(self, cameras: Iterable[RequestedCamera]) -> tuple[SetupReport, ...]:
-        """Keep exactly these cameras open."""
+        """Keep exactly these cameras open; a report of each that could be opened."""
         with self._lock:
             self._wanted = {camera.serial: camera for camera in cameras}
             self._left_out.clear()
@@ -131,29 +142,45 @@ class CameraService:
         return self._ask(lambda request: Open(request, self._admitted())).reports
 
     def apply(self, settings: Mapping[str, CameraSettings]) -> tuple[SetupReport, ...]:
-        """Set up cameras anew and remember it."""
+        """Give cameras new settings, by serial, and keep them for later openings; a report of each that is open."""
         with self._lock:
             for serial, new in settings.items():
                 self._wanted[serial] = replace(self._wanted[serial], settings=new)
         return self._ask(lambda request: Apply(request, dict(settings))).reports
 
     def describe(self, serial: str) -> tuple[FeatureReport, ...]:
-        """All features of an open camera."""
+        """All features of an open camera; empty while it is lost."""
         return self._ask(lambda request: Describe(request, serial)).features
 
     def indicate(self, serial: str, on: bool) -> bool:
-        """Switch an open camera's own light; whether it has one that can be switched."""
+        """Switch an open camera's own light; whether it has one that can be switched.
+
+        Parameters
+        ----------
+        serial
+            Serial number of the camera.
+        on
+            On or off.
+        """
         return bool(self._ask(lambda request: Indicate(request, serial, on)).features)
 
     def acquire(self, on: bool, live_hz: float | None) -> None:
-        """Let cameras send images or not, and trigger them at a rate for a live view."""
+        """Let cameras send images or not, and trigger them for a live view.
+
+        Parameters
+        ----------
+        on
+            Whether images are to come.
+        live_hz
+            Rate of the triggers, Hz; None triggers nothing.
+        """
         with self._lock:
             self._acquiring, self._live_hz = on, live_hz
             self._tell(Acquire(on))
             self._tell(Live(live_hz))
 
     def pause_live(self, paused: bool) -> None:
-        """Hold back the triggers of the live view while a set is taken."""
+        """Stop the triggers of the live view while a set is taken, or begin them again."""
         self._tell(Live(None if paused else self._live_hz))
 
     @property
@@ -162,7 +189,15 @@ class CameraService:
         return self._acquiring
 
     def trigger(self, round_number: int, serials: Iterable[str]) -> None:
-        """Trigger cameras once; `refusals` tells later who did not take it."""
+        """Trigger cameras once; `refusals` says later which did not take it.
+
+        Parameters
+        ----------
+        round_number
+            Number of the trigger round.
+        serials
+            Serial numbers of the cameras.
+        """
         self._tell(Trigger(round_number, tuple(serials)))
 
     def is_triggered(self, round_number: int) -> bool:
@@ -171,13 +206,16 @@ class CameraService:
             return round_number in self._triggered
 
     def refusals(self, round_number: int) -> dict[str, str]:
-        """The cameras that refused a trigger round, and why."""
+        """The cameras that refused a trigger round, and why; empty for a round not reported yet, or long ago."""
         with self._lock:
             known = self._triggered.get(round_number)
             return dict(known.refused) if known else {}
 
     def listen(self, listener: Callable[[FrameMeta], None] | None) -> None:
-        """Call this in the service's thread with every image that arrives; it may copy it, nothing slower."""
+        """Call a function in the service's thread with every image that arrives; it may copy it, nothing slower.
+
+        None: call nothing any more.
+        """
         self._listener = listener
 
     def trigger_modes(self) -> dict[str, TriggerMode]:
@@ -354,7 +392,7 @@ class CameraService:
             self._changed.wait(_PAUSE_S)
 
     def _let_in_again(self) -> None:
-        """Try left out cameras anew when their time is over."""
+        """Try left out cameras again when their time is over."""
         if not self._left_out:
             return
         with self._lock:

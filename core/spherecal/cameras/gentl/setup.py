@@ -62,7 +62,19 @@ _SOFTWARE = ("Software", "TriggerSoftware", "SoftwareTrigger")
 
 
 def set_up(serial: str, features: NodeFeatures, settings: CameraSettings) -> SetupReport:
-    """Write all features of a camera that is open and not acquiring; reports each, raises nothing of the camera's."""
+    """Write all features of a camera that is open and not acquiring; a report of each.
+
+    What the camera refuses is in the report and raises nothing.
+
+    Parameters
+    ----------
+    serial
+        Serial number, for the report.
+    features
+        The camera's features.
+    settings
+        What is wanted.
+    """
     began = time.perf_counter()
     reports: list[FeatureReport] = []
     for name, values in _NEUTRAL:
@@ -95,7 +107,7 @@ def describe(features: NodeFeatures) -> tuple[FeatureReport, ...]:
 
 
 def image_size(features: NodeFeatures) -> tuple[int, int] | None:
-    """Width and height of the images that the camera will send."""
+    """Width and height (px) of the images that the camera will send; None where it does not say."""
     width, height = features.number("width"), features.number("height")
     return None if width is None or height is None else (int(width), int(height))
 
@@ -148,7 +160,15 @@ def _exposure(features: NodeFeatures, wanted_us: float) -> FeatureReport:
 
 
 def exposure_unit_us(features: NodeFeatures, name: str) -> float | None:
-    """Microseconds of one step of the camera's exposure; None where it does not say."""
+    """Microseconds of one step of the camera's exposure; None where it does not say.
+
+    Parameters
+    ----------
+    features
+        The camera's features.
+    name
+        Its own name of the exposure.
+    """
     if name == "ExposureTimeRaw":
         base = features.read("ExposureTimeBaseAbs")  # of older Basler cameras
         known = float(base) if isinstance(base, int | float) and base > 0 else None
@@ -157,7 +177,7 @@ def exposure_unit_us(features: NodeFeatures, name: str) -> float | None:
 
 
 def exposure_us(features: NodeFeatures) -> float | None:
-    """The present exposure."""
+    """The present exposure, us; None where it cannot be read."""
     name, value = features.name("exposure"), features.number("exposure")
     return None if name is None or value is None else value * (exposure_unit_us(features, name) or 1.0)
 
@@ -202,7 +222,7 @@ def _gain_scale(features: NodeFeatures, name: str) -> str:
 
 
 def gain_db(features: NodeFeatures) -> float | None:
-    """The present gain; None where the camera has none, or has it in units of its own."""
+    """The present gain, dB; None where the camera has none, or has it in units of its own."""
     name, value = features.name("gain"), features.number("gain")
     if name is None or value is None:
         return None

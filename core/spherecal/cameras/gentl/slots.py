@@ -17,7 +17,15 @@ _INCOMPLETE_S = 5.0  # how long incomplete images are remembered
 
 
 class Slot:
-    """A camera that is to be kept open: its device, if it is there, and what was last said about it."""
+    """A camera that is to be kept open: its device, if it is there, and what was last said about it.
+
+    Parameters
+    ----------
+    number
+        Its number in the program's list.
+    wanted
+        What the program requested.
+    """
 
     def __init__(self, number: int, wanted: RequestedCamera) -> None:
         self.number = number
@@ -42,7 +50,15 @@ class Slot:
 
 
 def assess(slot: Slot, device: Device, now: float) -> tuple[CameraState, str, str]:
-    """What state an open camera is in."""
+    """The state of an open camera, its cause and its remedy, in words.
+
+    Parameters
+    ----------
+    slot, device
+        The camera, and its open device.
+    now
+        s of perf_counter.
+    """
     if not device.acquiring:
         return CameraState.CONNECTED, "", ""
     if device.unreadable:
@@ -58,14 +74,22 @@ def assess(slot: Slot, device: Device, now: float) -> tuple[CameraState, str, st
 
 
 def attach(ring: UseRing) -> Ring:
-    """The ring that the program has made, numbering on after what stands in it."""
+    """The ring that the program has made; images are numbered on after those in it."""
     attached = Ring(ring.name, ring.slots, ring.slot_bytes, create=False)
     attached.continue_after(attached.last())
     return attached
 
 
 def why_not_opened(error: Exception, access: str) -> tuple[CameraState, str, str]:
-    """Why a camera could not be opened, by the driver's error."""
+    """The state, cause and remedy of a camera that could not be opened, by the driver's error.
+
+    Parameters
+    ----------
+    error
+        What the driver, or genicam, raised.
+    access
+        What the driver said before, see `access_of`.
+    """
     text = plain(error)
     if "genapi" in type(error).__module__:
         return words.no_description(text)

@@ -37,9 +37,22 @@ _DRAIN_S = 0.5  # for cameras without time stamps: a late image must not pass fo
 
 
 class GenicamSource:
-    """GenICam cameras; `producers` are the user's own .cti files or folders, tried before those of the system.
+    """GenICam cameras behind the protocol (see `CameraSource`).
 
-    `ask` is asked, in the thread that discovers, about driver files that were never allowed (see trust.py).
+    Parameters
+    ----------
+    producers
+        The user's own .cti files or folders, tried before those of the system.
+    log_file
+        Where the camera process writes what drivers print; None is `default_log_file()`.
+    ask
+        Asked, in the thread that discovers, about new and changed driver files. None: a new one is allowed and
+        remembered, a changed one refused (see trust.py).
+
+    Raises
+    ------
+    InputError
+        Where the list of allowed drivers is damaged.
     """
 
     kind: SourceKind = "genicam"
@@ -57,7 +70,7 @@ class GenicamSource:
 
     @property
     def label(self) -> str:
-        """Empty for real cameras; says so where any of them is one of the simulated producer."""
+        """Empty for real cameras; says so where any of them is a simulated camera of the simulated producer."""
         cameras = self._discovery.cameras if self._discovery is not None else ()
         simulated = any(Path(camera.producer).name == CTI_FILE for camera in cameras)
         return "SIMULATED: cameras of the simulated producer, no real ones" if simulated else ""
@@ -65,7 +78,15 @@ class GenicamSource:
     # --- finding and opening -----------------------------------------------------------------------------------------
 
     def discover(self, context: Context | None = None) -> Discovery:
-        """Look through all producer files, each in a process of its own."""
+        """The cameras of all producer files, each tried in a process of its own.
+
+        Raises
+        ------
+        CamerasNotInstalled
+            Where the packages for cameras are missing.
+        Cancelled
+            Where the context says so.
+        """
         self._discovery = discover(producer_files(self._own), context, self._look_again(), self._ask)
         return self._discovery
 
@@ -74,7 +95,20 @@ class GenicamSource:
         return self._trust
 
     def open(self, serials: Iterable[str], settings: Mapping[str, CameraSettings]) -> tuple[SetupReport, ...]:
-        """Open and set up exactly these cameras."""
+        """Open and set up exactly these cameras; a report of each that could be opened.
+
+        Parameters
+        ----------
+        serials
+            Serial numbers of the cameras.
+        settings
+            Settings by serial; cameras that are not in it have the defaults.
+
+        Raises
+        ------
+        CameraError
+            Where a camera is not found, none was named, or the camera process does not answer.
+        """
         wanted = list(dict.fromkeys(serials))
         if not wanted:
             raise CameraError(Phrase("error-no-camera-named"))
@@ -94,7 +128,13 @@ class GenicamSource:
         )
 
     def apply(self, settings: Mapping[str, CameraSettings]) -> tuple[SetupReport, ...]:
-        """Set up open cameras anew."""
+        """Give open cameras new settings, by serial; a report of each that can be reached.
+
+        Raises
+        ------
+        CameraError
+            Where a camera is not open.
+        """
         service = self._opened()
         for serial in settings:
             if serial not in service.settings():
@@ -110,7 +150,20 @@ class GenicamSource:
         return self._opened().describe(serial)
 
     def indicate(self, serial: str, on: bool) -> bool:
-        """Switch a camera's own light on or off, to find the camera in the rig; whether it has one."""
+        """Switch a camera's own light, to find the camera in the rig; whether it has one.
+
+        Parameters
+        ----------
+        serial
+            Serial number of the camera.
+        on
+            On or off.
+
+        Raises
+        ------
+        CameraError
+            Where no camera is open.
+        """
         return self._opened().indicate(serial, on)
 
     def _opened(self) -> CameraService:
@@ -120,13 +173,19 @@ class GenicamSource:
 
     @property
     def service_pid(self) -> int | None:
-        """The process id of the camera process."""
+        """The process id of the camera process, None while there is none."""
         return self._service.pid if self._service is not None else None
 
     # --- live --------------------------------------------------------------------------------------------------------
 
     def start_live(self, rate_hz: float = 5.0) -> None:
-        """Keep fresh images coming."""
+        """Keep fresh images coming, triggered at `rate_hz`.
+
+        Raises
+        ------
+        CameraError
+            Where no camera is open.
+        """
         self._live_hz = rate_hz
         self._opened().acquire(True, rate_hz)
 
@@ -137,25 +196,48 @@ class GenicamSource:
             self._service.acquire(False, None)
 
     def latest(self, serial: str) -> Frame | None:
-        """The camera's newest image."""
+        """The camera's newest image, None if there was none yet."""
         return self._service.frames.latest(serial) if self._service is not None else None
 
     def preview(self, serial: str, step: int = 5) -> Frame | None:
-        """The camera's newest image in small."""
+        """The camera's newest image in small, None if there was none yet.
+
+        Parameters
+        ----------
+        serial
+            Serial number of the camera.
+        step
+            Every `step`-th pixel of every `step`-th line is in it.
+        """
         return self._service.frames.preview(serial, step) if self._service is not None else None
 
     def statuses(self) -> dict[str, CameraStatus]:
-        """The state of every open camera."""
+        """The state of every open camera, by serial."""
         return self._service.status_log.statuses() if self._service is not None else {}
 
     def take_events(self) -> Sequence[CameraEvent]:
-        """The events since the last call."""
+        """The events since the last call, oldest first."""
         return self._service.status_log.take_events() if self._service is not None else ()
 
     # --- sets --------------------------------------------------------------------------------------------------------
 
     def capture_set(self, request: CaptureRequest | None = None, context: Context | None = None) -> FrameSet:
-        """Take one set; tried again as often as the request says while a camera is missing."""
+        """Take one set; tried again as often as the request says while a camera is missing.
+
+        Parameters
+        ----------
+        request
+            Which cameras, how long to wait and how often to try again; None is `CaptureRequest()`.
+        context
+            To stop; None never stops.
+
+        Raises
+        ------
+        CameraError
+            Where no camera is open, or a requested one is not.
+        Cancelled
+            Where the context says so.
+        """
         request, context = request or CaptureRequest(), context or Context()
         service = self._opened()
         settings = service.settings()
@@ -224,7 +306,7 @@ class _Attempt:
         self._timeout_s = 0.0
 
     def run(self, timeout_s: float, context: Context) -> None:
-        """Wait until all are there, or nobody who is missing can be expected any more, or the time is over."""
+        """Wait until all images are there, no missing camera can be expected any more, or the time is over."""
         self._timeout_s = timeout_s
         self._service.listen(self._offer)
         if self._software:

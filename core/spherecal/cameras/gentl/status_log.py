@@ -24,26 +24,34 @@ class StatusLog:
         self._events: deque[CameraEvent] = deque(maxlen=_EVENTS_KEPT)
 
     def keep_only(self, serials: Iterable[str]) -> None:
-        """The cameras that are wanted from now on; what is known of them stays."""
+        """Keep these cameras only; what is known of them stays."""
         now = time.perf_counter()
         with self._lock:
             fresh = {serial: CameraStatus(serial, CameraState.FOUND, since_s=now) for serial in serials}
             self._statuses = {serial: self._statuses.get(serial, new) for serial, new in fresh.items()}
 
     def statuses(self) -> dict[str, CameraStatus]:
-        """The state of every wanted camera."""
+        """The state of every wanted camera, by serial."""
         with self._lock:
             return dict(self._statuses)
 
     def take_events(self) -> list[CameraEvent]:
-        """The events since the last call."""
+        """The events since the last call, oldest first."""
         with self._lock:
             events = list(self._events)
             self._events.clear()
         return events
 
     def set_state(self, serial: str, state: CameraState, cause: str = "", remedy: str = "") -> None:
-        """Note a camera's state, and make an event of it if it has changed."""
+        """Note a camera's state, and make an event of it if it has changed.
+
+        Parameters
+        ----------
+        serial
+            Serial number of the camera; one that is not kept is passed over.
+        state, cause, remedy
+            The state, why, and what to do; empty where all is well.
+        """
         with self._lock:
             status = self._statuses.get(serial)
             if status is None or (status.state, status.cause) == (state, cause):
@@ -61,7 +69,19 @@ class StatusLog:
         camera: str | None = None,
         status: CameraStatus | None = None,
     ) -> None:
-        """Note that something happened."""
+        """Note that something happened, and log it.
+
+        Parameters
+        ----------
+        kind
+            What it is about.
+        message, hint
+            What happened and what to do, in words.
+        camera
+            Serial number; None for all cameras.
+        status
+            The camera's new state, for a change of it.
+        """
         with self._lock:
             self._events.append(CameraEvent(kind, message, hint, camera, time.perf_counter(), status))
         well = kind == EventKind.SERVICE_BACK or (status is not None and status.state.usable)
@@ -78,7 +98,15 @@ class StatusLog:
                     self._statuses[serial] = replace(status, counters=own, temperature_c=warm)
 
     def add(self, serial: str, overwritten: int = 0, reopened: int = 0) -> None:
-        """Count an image that could not be fetched in time, or a return after a loss."""
+        """Count images that could not be fetched in time, or returns after a loss.
+
+        Parameters
+        ----------
+        serial
+            Serial number of the camera.
+        overwritten, reopened
+            By how much the two counters grow.
+        """
         with self._lock:
             status = self._statuses.get(serial)
             if status is not None:

@@ -1,10 +1,10 @@
 """Driver files are code: which ones were allowed, by the hash of their contents, and who is asked about new ones.
 
-Our own (the environment's packages, the simulated producer) need no leave. Any other file is asked about once, where
-somebody can be asked; its hash is kept in `drivers.json` in the user's configuration folder. Where nobody can (in a
-script) a new file that somebody chose, by name, by GENICAM_GENTL64_PATH or by installing its maker's driver, is loaded,
-kept and reported; one whose contents have changed since it was allowed, that others could exchange, or that cannot be
-read, is not. What is loaded is a private copy of what was looked at (driver_copy.py).
+Our own (the environment's packages, the simulated producer) need no permission. Any other file is asked about once,
+where somebody can be asked; its hash is kept in `drivers.json` in the user's configuration folder. In a script nobody
+can be asked: a new file that somebody chose is loaded, kept and reported. It is chosen by name, by GENICAM_GENTL64_PATH
+or by installing its maker's driver. A file is not loaded whose contents have changed since it was allowed, that others
+could exchange, or that cannot be read. What is loaded is a private copy of what was looked at (driver_copy.py).
 """
 
 import json
@@ -32,7 +32,7 @@ log = logging.getLogger("spherecal")
 
 @dataclass(frozen=True)
 class Driver:
-    """A driver file as it stands: its real path, the hash of its contents ("" where it cannot be read), its state."""
+    """A driver file as it is now: its real path, the hash of its contents ("" where it cannot be read), its state."""
 
     file: str
     sha256: str
@@ -71,7 +71,18 @@ DRIVERS = Format(
 
 
 class TrustStore:
-    """The files that were allowed: real path -> hash, in `path`. Reading a damaged list raises InputError."""
+    """The files that were allowed: real path -> hash.
+
+    Parameters
+    ----------
+    path
+        File of the list; None is `default_trust_path()`.
+
+    Raises
+    ------
+    InputError
+        Where the list is damaged.
+    """
 
     def __init__(self, path: Path | None = None) -> None:
         self.path = path or default_trust_path()
@@ -82,7 +93,7 @@ class TrustStore:
         return dict(self._allowed)
 
     def look(self, file: str) -> Driver:
-        """A driver file as it stands now."""
+        """A driver file as it is now, with its state."""
         real = os.path.realpath(file)
         if is_own(real):
             return Driver(real, "", "own")
@@ -98,7 +109,7 @@ class TrustStore:
         return Driver(real, digest, "new" if known is None else "known" if known == digest else "changed")
 
     def allow(self, driver: Driver) -> None:
-        """Remember this file with these contents; a list that cannot be written costs only the remembering."""
+        """Remember this file with these contents; a list that cannot be written is logged and raises nothing."""
         self._allowed[driver.file] = driver.sha256
         self._write()
 
@@ -119,7 +130,17 @@ class TrustStore:
 
 
 def refusal(store: TrustStore, file: str, ask: Ask | None) -> Refusal | None:
-    """None where a driver may be loaded; asks about a new or changed one, and remembers the answer yes."""
+    """Why a driver may not be loaded; None where it may. Asks about a new or changed one, and remembers the answer yes.
+
+    Parameters
+    ----------
+    store
+        The files that were allowed.
+    file
+        The driver file.
+    ask
+        Asked about a new or changed file. None: a new one is allowed and remembered, a changed one refused.
+    """
     return _refusal(store, store.look(file), ask)
 
 
@@ -133,7 +154,17 @@ class Admitted:
 
 
 def admit(store: TrustStore, file: str, ask: Ask | None) -> Admitted | Refusal:
-    """What to load for a driver file: a private copy of what was looked at and allowed; else why not."""
+    """What to load for a driver file, a private copy of what was looked at and allowed; else why it is not loaded.
+
+    Parameters
+    ----------
+    store
+        The files that were allowed.
+    file
+        The driver file.
+    ask
+        Asked about a new or changed file. None: a new one is allowed and remembered, a changed one refused.
+    """
     driver = store.look(file)
     if (reason := _refusal(store, driver, ask)) is not None:
         return reason
@@ -148,7 +179,15 @@ def admit(store: TrustStore, file: str, ask: Ask | None) -> Admitted | Refusal:
 
 
 def admit_again(store: TrustStore, file: str) -> Admitted | Refusal:
-    """As `admit`, where nobody is asked: only what was allowed before, with the same contents, is loaded."""
+    """As `admit`, where nobody is asked: only what was allowed before, with the same contents, is loaded.
+
+    Parameters
+    ----------
+    store
+        The files that were allowed.
+    file
+        The driver file.
+    """
     if store.look(file).state in ("own", "known"):
         return admit(store, file, lambda _: False)
     return Refusal("This driver is not the one that was allowed, so it is not loaded.", "Look for cameras again.")
@@ -209,10 +248,10 @@ def _is_built(real: str, digest: str) -> bool:
 
 
 def who_may_change(real: str) -> str:
-    """Who else than we and the administrator may exchange a file, in words; empty where nobody can.
+    """Who except the user and the administrator may exchange a file, in words; empty where nobody can.
 
-    The file and every folder above it count: who may write a folder can rename what is in it. Windows decides by
-    access lists, which are not looked at.
+    The file and every folder above it count: who may write a folder can rename what is in it. Access lists of Windows
+    are not looked at: there the result is always empty.
     """
     if os.name == "nt":
         return ""
@@ -242,7 +281,7 @@ def _user_name(number: int) -> str:
 
 
 def _is_own_group(number: int) -> bool:
-    """Whether a group holds nobody but us and the administrator (as the one that many systems make for each user)."""
+    """Whether a group has no members but the user and the administrator, as many systems make one for each user."""
     import grp
     import pwd
 

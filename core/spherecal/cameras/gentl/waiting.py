@@ -19,12 +19,12 @@ class Waiter:
                 self._selector.register(thing, selectors.EVENT_READ)
 
     def ready(self, timeout_s: float) -> list[Any]:
-        """Those that can be read (a sentinel: has ended), after at most so long."""
+        """The connections that can be read and the sentinels of ended processes, after at most `timeout_s`."""
         if self._selector is None:
             return wait(self._things, timeout=max(timeout_s, 0.0))
         return [key.fileobj for key, _ in self._selector.select(max(timeout_s, 0.0))]
 
     def close(self) -> None:
-        """Free the system's part of it."""
+        """Free the system's resources."""
         if self._selector is not None:
             self._selector.close()

@@ -27,7 +27,7 @@ Check = Callable[[Any], Any]
 
 
 class WireError(Exception):
-    """What came is no message."""
+    """Received data are no message."""
 
 
 def pack(message: Any) -> bytes:
@@ -48,7 +48,20 @@ def _plain(value: Any) -> Any:
 
 
 def unpack(data: bytes, kinds: tuple[type, ...]) -> Any:
-    """The message in bytes, which must be one of these dataclasses with right fields; WireError for anything else."""
+    """The message in some bytes.
+
+    Parameters
+    ----------
+    data
+        A message as `pack` makes it.
+    kinds
+        The dataclasses that it may be.
+
+    Raises
+    ------
+    WireError
+        For anything else, or fields that are not right.
+    """
     try:
         name, fields = json.loads(data)
     except (ValueError, TypeError, RecursionError) as error:
@@ -157,14 +170,30 @@ def _dataclass_check(kind: type) -> Check:
 
 
 class Inbox:
-    """The messages that come through a connection; a message that is cut short keeps nobody waiting."""
+    """The messages that come through a connection; a message that is cut short does not block.
+
+    Parameters
+    ----------
+    connection
+        End of a pipe.
+    kinds
+        The dataclasses that messages may be.
+    """
 
     def __init__(self, connection: Any, kinds: tuple[type, ...]) -> None:
         self._connection, self._kinds = connection, kinds
         self._waiting = bytearray()
 
     def messages(self) -> Iterator[Any]:
-        """What is there now, after the connection was found readable. EOFError at its end, WireError for nonsense."""
+        """The whole messages that are there now, after the connection was found readable.
+
+        Raises
+        ------
+        EOFError
+            At the connection's end.
+        WireError
+            For data that are no message.
+        """
         if os.name == "nt":  # pipes of Windows hand over whole messages
             yield unpack(self._connection.recv_bytes(MOST_BYTES), self._kinds)
             return

@@ -1,4 +1,7 @@
-"""States of cameras in words: what the driver says, what that means, what to do."""
+"""States of cameras in words: what the driver says, what that means, what to do.
+
+All but `slow` return the state, its cause and its remedy.
+"""
 
 from spherecal.cameras.protocol import CameraState
 
@@ -19,13 +22,13 @@ def not_listed() -> tuple[CameraState, str, str]:
 
 
 def busy(driver_text: str = "") -> tuple[CameraState, str, str]:
-    """A camera that another program holds."""
+    """A camera that another program has open."""
     said = f" ({driver_text})" if driver_text else ""
     return CameraState.BUSY, f"Another program holds the camera{said}.", _BUSY
 
 
 def unreachable(driver_text: str) -> tuple[CameraState, str, str]:
-    """A camera that is listed but does not let itself be opened."""
+    """A camera that is listed but cannot be opened."""
     cause = f"The camera is seen, but cannot be reached ({driver_text})."
     remedy = (
         "Mostly two devices share an IP address, or the camera is in another subnet than this computer's network card: "
@@ -53,7 +56,15 @@ def no_description(problem: str) -> tuple[CameraState, str, str]:
 
 
 def no_producer(file: str, problem: str) -> tuple[CameraState, str, str]:
-    """A camera whose producer file did not load."""
+    """A camera whose producer file did not load.
+
+    Parameters
+    ----------
+    file
+        The producer file.
+    problem
+        Why it did not load, in the loader's words.
+    """
     return (
         CameraState.ERROR,
         f"The driver {file} could not be loaded ({problem}).",
@@ -62,7 +73,7 @@ def no_producer(file: str, problem: str) -> tuple[CameraState, str, str]:
 
 
 def no_trigger(hardware: bool) -> tuple[CameraState, str, str]:
-    """A camera that waits."""
+    """A camera that waits for a hardware trigger, or does not answer software triggers."""
     if hardware:
         remedy = "Check the trigger box, its cable and the input that `trigger source` names."
         return CameraState.NO_TRIGGER, "No hardware trigger comes.", remedy
@@ -98,7 +109,15 @@ def left_out(times: int) -> tuple[CameraState, str, str]:
 
 
 def slow(serial: str, seconds: float) -> tuple[str, str]:
-    """A camera that answers late: message and hint."""
+    """A camera that answers late: message and hint.
+
+    Parameters
+    ----------
+    serial
+        Serial number of the camera.
+    seconds
+        How long it took, s.
+    """
     return (
         f"Camera {serial} took {seconds:.1f} s to answer; all cameras wait meanwhile.",
         "Check its cable and the load of its line; a camera that loses connection begins like this.",

@@ -1,4 +1,4 @@
-"""A rig of GigE Vision cameras in this machine, steered from the program that wants it."""
+"""A rig of simulated GigE Vision cameras in this machine, steered from the program that wants it."""
 
 import json
 import mmap
@@ -26,7 +26,7 @@ _END_S = 10.0
 
 @dataclass(frozen=True)
 class GigeCamera:
-    """A camera to simulate: serial number (at most 15 characters), size in px."""
+    """A camera to simulate: serial number (1 to 15 plain characters), size in px."""
 
     serial: str
     width: int = 2448
@@ -34,11 +34,23 @@ class GigeCamera:
 
 
 class GigeRig:
-    """Cameras that speak GigE Vision, each in a network namespace of its own, on one switch with a computer.
+    """Simulated cameras that speak GigE Vision, each in a network namespace of its own, on one switch with a computer.
 
-    `inside(command)` runs a command on that computer. Everything ends with `close`, or with this process. InputError
-    where this machine cannot do it (not Linux, no namespaces, no compiler, no libaravis) or for an impossible rig,
-    OutputError where a part of it does not start.
+    `inside(command)` runs a command on that computer. Everything ends with `close`, or with this process.
+
+    Parameters
+    ----------
+    cameras
+        The cameras to simulate, 1 to `MOST_CAMERAS`.
+    mtu
+        Largest packet of the network, bytes (576 to 9216).
+
+    Raises
+    ------
+    InputError
+        Where this machine cannot do it (not Linux, no namespaces, no compiler, no libaravis), or for an impossible rig.
+    OutputError
+        Where a part of the rig does not start.
     """
 
     def __init__(self, cameras: Sequence[GigeCamera], mtu: int = 1500) -> None:
@@ -82,7 +94,7 @@ class GigeRig:
         self.close()
 
     def close(self) -> None:
-        """Switch the rig off; its namespaces go with it."""
+        """Switch the rig off; its namespaces end with it."""
         if self._process.stdin is not None:
             with suppress(OSError):  # a line that was never read is still held
                 self._process.stdin.close()
@@ -99,18 +111,27 @@ class GigeRig:
 
     @property
     def serials(self) -> tuple[str, ...]:
-        """The cameras."""
+        """The simulated cameras' serial numbers."""
         return tuple(self._pictures)
 
     def inside(self, command: Sequence[str] = (), computer: str = "client") -> list[str]:
-        """The command that runs `command` on the rig's computer or its `second`, in whatever process it is started."""
+        """The command that runs `command` on a computer of the rig, in whatever process it is started.
+
+        Parameters
+        ----------
+        command
+            Program and arguments.
+        computer
+            `client`, the rig's computer, or `second`.
+        """
         user = [] if os.geteuid() == 0 else [f"--user=/proc/{self.pid}/ns/user", "--preserve-credentials"]
         return ["nsenter", *user, f"--net=/proc/{self.pid}/fd/{self._computers[computer]}", *command]
 
     def shell(self, command: str) -> list[str]:
-        """The command that runs a shell's command there; all of it ends when the process that starts it ends.
+        """The command that runs a shell's command on the rig's computer; all of it ends when its starter ends.
 
-        It has process numbers of its own, where this machine allows that: then also what it has started ends.
+        It has process numbers of its own, where this machine allows that: then the processes that it has started end
+        too.
         """
         alone = ["unshare", "--pid", "--fork", "--kill-child", "--mount-proc"]
         try:
@@ -124,7 +145,10 @@ class GigeRig:
 
     @contextmanager
     def entered(self, computer: str = "client") -> Iterator[None]:
-        """The calling thread, and what it starts meanwhile, is on the rig's computer; only as root."""
+        """The calling thread, and what it starts meanwhile, is on a computer of the rig; only as root.
+
+        The computers are `client` and `second`.
+        """
         network = NetworkNamespace(
             os.open(f"/proc/{self.pid}/fd/{self._computers[computer]}", os.O_RDONLY | os.O_CLOEXEC)
         )
@@ -135,11 +159,37 @@ class GigeRig:
             os.close(network.file)
 
     def set_image(self, serial: str, image: NDArray[np.uint8]) -> None:
-        """What a camera sees from the next frame on, of its own size."""
+        """Set what a simulated camera sees from the next frame on.
+
+        Parameters
+        ----------
+        serial
+            Serial number of the camera.
+        image
+            Of the camera's size, (height, width).
+
+        Raises
+        ------
+        InputError
+            Where the image has another size or type.
+        """
         self._pictures[serial].put(image)
 
     def fault(self, name: str, *words: str | float) -> None:
-        """A fault by its name in `FAULTS`; OutputError where it cannot be made here."""
+        """Make a fault.
+
+        Parameters
+        ----------
+        name
+            Its name in `FAULTS`.
+        words
+            What `FAULTS` says for it.
+
+        Raises
+        ------
+        OutputError
+            Where the fault cannot be made here, or the rig has ended.
+        """
         self._ask([name, *words])
 
     def _ask(self, request: Any) -> dict[str, Any]:

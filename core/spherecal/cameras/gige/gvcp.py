@@ -31,23 +31,41 @@ class NetworkCamera:
 
 
 class Gvcp:
-    """Registers of one camera from a socket of one's own."""
+    """Registers of one camera, through a socket of its own."""
 
     def __init__(self, address: str) -> None:
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self._socket.connect((address, PORT))
 
     def close(self) -> None:
-        """Give the socket back."""
+        """Close the socket."""
         self._socket.close()
 
     def read(self, register: int, seconds: float) -> int | None:
-        """The register's value; None where no answer comes in this time."""
+        """The register's value; None where no answer comes in time.
+
+        Parameters
+        ----------
+        register
+            Its address.
+        seconds
+            How long to wait, s.
+        """
         answer = self._ask(_READ, struct.pack(">I", register), _READ_ANSWER, seconds)
         return None if answer is None or len(answer) < 4 else struct.unpack(">I", answer[:4])[0]
 
     def write(self, register: int, value: int, seconds: float) -> bool:
-        """Whether the camera confirmed it in this time."""
+        """Whether the camera confirmed the new value in time.
+
+        Parameters
+        ----------
+        register
+            Its address.
+        value
+            What to write, 32 bits.
+        seconds
+            How long to wait, s.
+        """
         return self._ask(_WRITE, struct.pack(">II", register, value), _WRITE_ANSWER, seconds) is not None
 
     def _ask(self, command: int, payload: bytes, wanted: int, seconds: float) -> bytes | None:
@@ -68,9 +86,21 @@ class Gvcp:
 
 
 def search(interface: str, seconds: float = 0.7, address: str = "") -> list[NetworkCamera]:
-    """The cameras that answer to a broadcast on an interface, of whatever subnet; OSError where it cannot be sent.
+    """The cameras that answer to a broadcast on an interface, of whatever subnet, sorted by serial number and address.
 
-    Systems other than Linux choose the interface by its own `address`.
+    Parameters
+    ----------
+    interface
+        Name of the network interface.
+    seconds
+        How long to wait for answers, s.
+    address
+        The interface's own address, by which systems other than Linux choose it.
+
+    Raises
+    ------
+    OSError
+        Where the broadcast cannot be sent.
     """
     found: dict[tuple[str, str], NetworkCamera] = {}
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as asking:

@@ -64,7 +64,10 @@ class Stagger:
 
 @dataclass(frozen=True)
 class LineExamination:
-    """One line with its cameras: bytes a second that they want and it carries, proposed delays, what is wrong."""
+    """One line with its cameras: bytes a second that they want and it carries, proposed delays, what is wrong.
+
+    `carried_bytes_s` is None where the line does not say its speed.
+    """
 
     line: NetworkLine
     cameras: tuple[NetworkCamera, ...]
@@ -75,7 +78,15 @@ class LineExamination:
 
 
 def load_of(features: Sequence[FeatureReport], rate_hz: float) -> CameraLoad | None:
-    """What a camera that describes itself so is to send at this rate; None where it does not say enough."""
+    """What a camera is to send, from its features; None where they do not say its size.
+
+    Parameters
+    ----------
+    features
+        The camera's features with their present values.
+    rate_hz
+        Images a second.
+    """
     reported = {feature.feature: feature.got for feature in features}
     try:
         pixels = int(reported["width"]) * int(reported["height"])
@@ -156,7 +167,17 @@ def _number(file: Path) -> int | None:
 
 
 def assess(line: NetworkLine, cameras: Sequence[NetworkCamera], loads: Mapping[str, CameraLoad]) -> LineExamination:
-    """One line with the cameras that answered on it."""
+    """One line with the cameras that answered on it: its load, proposed delays and what is wrong.
+
+    Parameters
+    ----------
+    line
+        The line.
+    cameras
+        The cameras on it.
+    loads
+        What cameras are to send, by serial number; a camera that is not in it sends nothing.
+    """
     sending = {camera.serial: loads[camera.serial] for camera in cameras if camera.serial in loads}
     wanted = sum(wire_bytes(load) * load.rate_hz for load in sending.values())
     carried = None if line.mbit_s is None else line.mbit_s * 1e6 / 8
@@ -180,10 +201,17 @@ def wire_bytes(load: CameraLoad) -> int:
 
 
 def stagger(loads: Mapping[str, CameraLoad], mbit_s: float) -> tuple[Stagger, ...]:
-    """Delays (GevSCPD, GevSCFTD) with which these cameras, triggered together, share a line of this speed.
+    """Delays (GevSCPD, GevSCFTD) with which these cameras, triggered together, share a line.
 
-    Each leaves room for one packet of every other after each of its own, and they begin one packet apart, so that no
+    Each camera leaves room for one packet of every other after each of its own, and they begin one packet apart. So no
     switch has to keep more than a packet of each; a tenth of the line stays free.
+
+    Parameters
+    ----------
+    loads
+        What the cameras are to send, by serial number.
+    mbit_s
+        Speed of the line, Mbit/s.
     """
     packet_s = max((load.packet_size + _ON_WIRE) * 8 / (mbit_s * 1e6 * _USABLE) for load in loads.values())
     return tuple(
@@ -222,7 +250,7 @@ _WIDEST, _NARROWEST = 8, 29
 
 
 def free_beside(camera: NetworkCamera) -> str:
-    """An address for this computer in the camera's network."""
+    """An address for this computer in the camera's network, with its prefix length, such as 192.168.7.254/24."""
     try:
         network = ipaddress.ip_interface(f"{camera.address}/{camera.mask}").network
     except ValueError:  # the camera's own word, which may be anything

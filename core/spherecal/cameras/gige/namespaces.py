@@ -1,4 +1,4 @@
-"""Network namespaces of our own: made, entered, and gone with the last process that holds them."""
+"""Network namespaces of our own: made, entered, and gone with the last process that uses them."""
 
 import ctypes
 import os
@@ -44,7 +44,7 @@ def isolated(command: Sequence[str]) -> list[str]:
 
 
 def why_not() -> str | None:
-    """Why there can be no namespaces here, or None where they work; takes some milliseconds."""
+    """Why there can be no namespaces here, None where they work; takes some milliseconds."""
     if not hasattr(_libc, "setns"):
         return "network namespaces are a part of Linux only"
     if missing := missing_packages():
@@ -69,19 +69,25 @@ def why_not() -> str | None:
 
 
 class NetworkNamespace:
-    """A network namespace, held open by this object; only for the thread that made it."""
+    """A network namespace, kept open by this object; only for the thread that made it."""
 
     def __init__(self, file: int) -> None:
         self.file = file
 
     @classmethod
     def own(cls) -> "NetworkNamespace":
-        """The calling thread's."""
+        """The calling thread's network namespace."""
         return cls(os.open(_OWN, os.O_RDONLY | os.O_CLOEXEC))
 
     @classmethod
     def new(cls) -> "NetworkNamespace":
-        """An empty one, its loopback up."""
+        """An empty network namespace, its loopback up.
+
+        Raises
+        ------
+        CommandError
+            Where the system refuses it.
+        """
         with _elsewhere():
             if _libc.unshare(_NEW_NETWORK) != 0:
                 raise CommandError(os.strerror(ctypes.get_errno()))
@@ -91,7 +97,13 @@ class NetworkNamespace:
 
     @contextmanager
     def entered(self) -> Iterator[None]:
-        """The calling thread is in it; sockets made meanwhile stay there."""
+        """The calling thread is in the namespace; sockets made meanwhile stay there.
+
+        Raises
+        ------
+        CommandError
+            Where the system refuses it.
+        """
         with _elsewhere():
             self._enter()
             yield
@@ -101,7 +113,20 @@ class NetworkNamespace:
             raise CommandError(os.strerror(ctypes.get_errno()))
 
     def run(self, *command: str, data: str | None = None) -> str:
-        """What a command in it prints; CommandError where it fails."""
+        """What a command in the namespace prints.
+
+        Parameters
+        ----------
+        command
+            Program and arguments.
+        data
+            Its standard input; None: as the calling process.
+
+        Raises
+        ------
+        CommandError
+            Where it fails.
+        """
         done = subprocess.run(
             self.inside(command),
             input=data,
@@ -117,7 +142,7 @@ class NetworkNamespace:
         return done.stdout
 
     def inside(self, command: Sequence[str]) -> list[str]:
-        """The command that runs `command` in it; its process must inherit `file`."""
+        """The command that runs `command` in the namespace; its process must inherit `file`."""
         return ["nsenter", f"--net=/proc/self/fd/{self.file}", *command]
 
 

@@ -1,7 +1,7 @@
-"""The GigE rig from inside its namespaces: a switch, a computer, a second computer, and cameras, with their faults.
+"""The GigE rig from inside its namespaces: a switch, two computers, and simulated cameras, with their faults.
 
-Run as a program by `control.py`, as the first process of a process namespace: whatever it starts ends with it, and it
-ends with its standard input, so that nothing stays even if the program that asked is killed. Requests and answers are
+Run as a program by `control.py`, as the first process of a process namespace. Whatever it starts ends with it, and it
+ends with its standard input: nothing stays even if the program that started it is killed. Requests and answers are
 lines of JSON.
 """
 
@@ -32,7 +32,7 @@ _BURST_BYTES, _QUEUE_MS = 32_000, 50
 
 @dataclass
 class Camera:
-    """One camera: its place in the network and its program, None while it has no power."""
+    """One simulated camera: its place in the network and its program, None while it has no power."""
 
     serial: str
     width: int
@@ -60,7 +60,22 @@ class Camera:
 
 
 class CameraNetwork:
-    """The switch in this process's own namespace; everything else in namespaces of its own."""
+    """The switch in this process's own namespace; everything else in namespaces of its own.
+
+    Parameters
+    ----------
+    server
+        The program that is one simulated camera.
+    mtu
+        Largest packet, bytes.
+    cameras
+        For each camera `serial`, `width`, `height` and `pictures`, the file descriptor of what it sees.
+
+    Raises
+    ------
+    CommandError
+        From all methods, where a command that changes the network fails.
+    """
 
     def __init__(self, server: str, mtu: int, cameras: list[dict[str, Any]]) -> None:
         self._server, self._mtu = server, mtu
@@ -168,16 +183,42 @@ class CameraNetwork:
             self._ask_nft(f"add rule netdev faults {port} {rule}")
 
     def loss(self, serial: str, percent: float) -> None:
-        """A share of the packets that the camera sends is lost at random, whatever they are; 0 ends it."""
+        """A share of the packets that the camera sends is lost at random, whatever they are.
+
+        Parameters
+        ----------
+        serial
+            Serial number of the camera.
+        percent
+            The share, percent, in steps of 0.01; 0 ends it.
+        """
         parts = round(percent * 100)
         self._rules(self.cameras[serial].port, *([f"numgen random mod 10000 < {parts} drop"] if parts else []))
 
     def burst(self, serial: str, length: int, every: int) -> None:
-        """Of every so many packets this many one after another are lost; length 0 ends it."""
+        """Some of the packets that the camera sends are lost, one after another.
+
+        Parameters
+        ----------
+        serial
+            Serial number of the camera.
+        length
+            Packets lost in a row; 0 ends it.
+        every
+            Packets from the beginning of one loss to that of the next.
+        """
         self._rules(self.cameras[serial].port, *([f"numgen inc mod {every} < {length} drop"] if length else []))
 
     def thin(self, where: str, mbit_s: float) -> None:
-        """The camera's cable, or the computer's (`line`), carries so much; 0 ends it."""
+        """A cable carries less.
+
+        Parameters
+        ----------
+        where
+            Serial number of the camera whose cable it is, or `line` for the computer's.
+        mbit_s
+            What it carries, Mbit/s; 0 ends it.
+        """
         network, device = (self._switch, "client") if where == "line" else (self.cameras[where].network, "eth0")
         if not mbit_s:
             network.run("tc", "qdisc", "delete", "dev", device, "root")
@@ -199,7 +240,17 @@ class CameraNetwork:
         )
 
     def latency(self, serial: str, ms: float, jitter_ms: float = 0.0) -> None:
-        """Packets of the camera arrive so much later, in another order with jitter; needs the netem module."""
+        """Packets of the camera arrive later, in another order with jitter; needs the netem module.
+
+        Parameters
+        ----------
+        serial
+            Serial number of the camera.
+        ms
+            By how much, ms; 0 ends it.
+        jitter_ms
+            How far the delays differ, ms.
+        """
         network = self.cameras[serial].network
         if not ms:
             network.run("tc", "qdisc", "delete", "dev", "eth0", "root")
@@ -226,7 +277,13 @@ class CameraNetwork:
             self._start(self.cameras[serial])
 
     def seize(self, serial: str) -> None:
-        """A program on the second computer gets control, as after a broken line; returns when it has it."""
+        """A program on the second computer gets control, as after a broken line; returns when it has it.
+
+        Raises
+        ------
+        CommandError
+            Where the camera does not give control away within 20 s.
+        """
         camera = self.cameras[serial]
         self.release(serial)  # one that the camera has forgotten, as after a loss of power, is of no use
         self._rules("client", f"ip daddr {camera.address} udp dport 3956 drop")
@@ -243,12 +300,18 @@ class CameraNetwork:
         self._held[serial] = _Holder(control)
 
     def release(self, serial: str) -> None:
-        """The second computer's program lets go."""
+        """The second computer's program releases the camera."""
         if holder := self._held.pop(serial, None):
             holder.end()
 
     def conflict(self, serial: str, other: str) -> None:
-        """The camera starts with the address of another one."""
+        """The camera starts with the address of another one.
+
+        Parameters
+        ----------
+        serial, other
+            Serial numbers of both.
+        """
         self._readdress(serial, self.cameras[other].address)
 
     def subnet(self, serial: str) -> None:
@@ -292,7 +355,7 @@ class _Holder:
 
 
 def main() -> None:
-    """Build the rig that the first line asks for, then obey until there are no more lines."""
+    """Build the rig that the first line describes, then obey until there are no more lines."""
     say: Callable[[dict[str, Any]], None] = lambda answer: print(json.dumps(answer), flush=True)  # noqa: E731
     if os.getpid() != 1:  # it would build its bridge in the computer's own network
         say({"error": "the simulated rig runs in namespaces of its own only: spherecal cameras simulate-gige"})

@@ -59,9 +59,22 @@ _FAKE_CAMERA = _Product(
 def build_producer(folder: Path | None = None, aravis: bool = False) -> Path:
     """The path of a producer's .cti, built on first use: of simulated cameras, or of real ones on libaravis.
 
-    It is kept in the user's cache folder under a hash of its sources and the compiler's name, alone in its folder, so
-    that this folder can stand in GENICAM_GENTL64_PATH. With `folder`, a copy is put there. InputError where there is
-    no C++ compiler or no libaravis-dev, OutputError where building fails or the folder cannot be written.
+    It is kept in the user's cache folder under a hash of its sources and the compiler's name, alone in its folder. So
+    this folder can be named in GENICAM_GENTL64_PATH.
+
+    Parameters
+    ----------
+    folder
+        Where a copy is put, whose path is then the result; None: no copy.
+    aravis
+        The producer for real cameras on libaravis, else that of simulated cameras.
+
+    Raises
+    ------
+    InputError
+        Where there is no C++ compiler or no libaravis-dev.
+    OutputError
+        Where building fails or the folder cannot be written.
     """
     product = _OF_ARAVIS if aravis else _SIMULATED
     kept = _built(product)
@@ -72,19 +85,43 @@ def build_producer(folder: Path | None = None, aravis: bool = False) -> Path:
 
 
 def build_fake_camera() -> Path:
-    """The program that is one GigE Vision camera in this machine, built on first use; errors as `build_producer`."""
+    """The program that is one simulated GigE Vision camera in this machine, built on first use.
+
+    Raises
+    ------
+    InputError
+        Where there is no C++ compiler or no libaravis-dev.
+    OutputError
+        Where building fails.
+    """
     return _built(_FAKE_CAMERA)
 
 
 def built_producers() -> list[Path]:
-    """The files that were built on this machine so far."""
+    """The producer files (.cti) that were built on this machine so far."""
     return sorted(file for name in (CTI_FILE, ARAVIS_CTI_FILE) for file in _cache_folder().glob(f"*/{name}"))
 
 
 def compile_command(
     compiler: str, source: Path, include: Path, output: Path, library: bool = True, flags: Sequence[str] = ()
 ) -> list[str]:
-    """The command that builds a .cti or a program. The one for Microsoft's `cl` has never been run by us."""
+    """The command that builds a .cti or a program. The one for Microsoft's `cl` has never been run by us.
+
+    Parameters
+    ----------
+    compiler
+        Name or path of the compiler.
+    source
+        The C++ file.
+    include
+        Folder of the generated header; `cl` writes its object file there.
+    output
+        What is built.
+    library
+        A shared library, else a program; has no effect with `cl`.
+    flags
+        Further options for compiler and linker; not used with `cl`.
+    """
     if Path(compiler).stem.lower() in ("cl", "clang-cl"):
         plain = ["/nologo", "/std:c++17", "/O2", "/EHsc", "/LD", "/utf-8", f"/I{include}"]
         return [compiler, *plain, str(source), f"/Fe:{output}", f"/Fo:{include / 'producer.obj'}"]
@@ -98,7 +135,13 @@ def compile_command(
 
 
 def aravis_flags() -> list[str]:
-    """What the compiler needs for libaravis; InputError where its files for building are not there."""
+    """What the compiler needs for libaravis.
+
+    Raises
+    ------
+    InputError
+        Where pkg-config or libaravis's files for building are missing.
+    """
     if (tool := shutil.which("pkg-config")) is None:
         raise _no_aravis("pkg-config")
     # Debian's libaravis-dev names packages that it does not bring, so that `--cflags aravis-0.8` alone fails

@@ -63,11 +63,24 @@ def simulated_cameras(count: int = 12) -> tuple[SimulatedCamera, ...]:
 
 
 class ProducerControl:
-    """The rig the simulated cameras belong to: makes their shared memory and takes it away when closed.
+    """The rig to which the simulated cameras belong: makes their shared memory and removes it when closed.
 
-    Every program that loads the .cti with `environment` set sees these cameras. Closing unplugs them all. Methods take
-    a serial number; `times` is how often a fault happens, None until `clear_faults`. InputError for serials that do
-    not exist.
+    Every program that loads the .cti with `environment` set sees these cameras. Closing unplugs them all. Methods that
+    take a serial number raise InputError where no simulated camera has it.
+
+    Parameters
+    ----------
+    cameras
+        The cameras to simulate; an empty sequence is `simulated_cameras()`.
+    name
+        Name of the shared memory; None is an unused one.
+
+    Raises
+    ------
+    InputError
+        For cameras that cannot be simulated, or a name that a running program uses.
+    OutputError
+        Where the system refuses the memory.
     """
 
     def __init__(self, cameras: Sequence[SimulatedCamera] = (), name: str | None = None) -> None:
@@ -85,7 +98,15 @@ class ProducerControl:
 
     @classmethod
     def attached(cls, name: str | None = None) -> Self:
-        """Steer the cameras of another running program (default: those of `spherecal cameras simulate-producer`)."""
+        """Steer the simulated cameras of another running program.
+
+        Without a name these are the cameras of `spherecal cameras simulate-producer`.
+
+        Raises
+        ------
+        InputError
+            Where there are none, or they are of another version.
+        """
         control = cls.__new__(cls)
         control._region = attach(name or default_name())
         control._index = {record["serial"].decode(): i for i, record in enumerate(control._region.devices)}
@@ -102,7 +123,7 @@ class ProducerControl:
         self.close()
 
     def close(self) -> None:
-        """Switch the rig off: clients see every camera lost, and the shared memory goes when the last lets go of it."""
+        """Switch the rig off: clients see every camera lost, and the shared memory is freed when the last closes it."""
         if self._owner:
             for serial in self.serials:
                 self.unplug(serial)
@@ -116,23 +137,43 @@ class ProducerControl:
 
     @property
     def environment(self) -> dict[str, str]:
-        """The variables that lead a program to these cameras: this region, and the folder of the built producer."""
+        """The variables that lead a program to these cameras: this region, and the folder of the built producer.
+
+        Raises
+        ------
+        InputError
+            Where the producer has to be built and there is no compiler.
+        OutputError
+            Where it cannot be built.
+        """
         from spherecal.cameras.producer.build import DISCOVERY_VARIABLE, build_producer
 
         return {REGION_VARIABLE: self.name, DISCOVERY_VARIABLE: str(build_producer().parent)}
 
     @property
     def serials(self) -> tuple[str, ...]:
-        """The cameras, in the order in which they are listed."""
+        """The simulated cameras' serial numbers, in the order in which they are listed."""
         return tuple(self._index)
 
     # ---- pictures ----
 
     def set_image(self, serial: str, image: NDArray[Any]) -> int:
-        """Give a camera what it sees from its next exposure on; returns the image's number (1, 2, ...).
+        """Set what a camera sees from its next exposure on; the image's number (1, 2, ...).
 
-        The picture is as large as the sensor, (height, width), uint8 for 8 source bits, else uint16 with the values
-        in its low bits. InputError otherwise.
+        Parameters
+        ----------
+        serial
+            Serial number of the camera.
+        image
+            As large as the sensor, (height, width). It is uint8 for 8 source bits, else uint16 with the values in its
+            low bits.
+
+        Raises
+        ------
+        InputError
+            For an image of another size or type.
+        OutputError
+            Where the shared memory is full.
         """
         record, index = self._record(serial), self._index[serial]
         shape = int(record["sensor_height"]), int(record["sensor_width"])
@@ -150,16 +191,30 @@ class ProducerControl:
         return number
 
     def set_images(self, images: Mapping[str, NDArray[Any]]) -> None:
-        """Give several cameras their pictures; the others keep theirs."""
+        """Set what several cameras see, by serial number; the others keep theirs.
+
+        Raises
+        ------
+        InputError
+            For an image of another size or type.
+        """
         for serial, image in images.items():
             self.set_image(serial, image)
 
     def show_pattern(self, serial: str) -> None:
-        """Back to the built-in moving ramp with the frame number."""
+        """Show the built-in moving ramp with the frame number again."""
         self._record(serial)["image_published"] = 0
 
     def expose_by(self, serial: str, reference_us: float) -> None:
-        """Let exposure and gain change the brightness: pictures are as given at `reference_us` and 0 dB; 0: never."""
+        """Let exposure and gain change the brightness: images are as given at `reference_us` and 0 dB.
+
+        Parameters
+        ----------
+        serial
+            Serial number of the camera.
+        reference_us
+            Exposure time at which images are as given, us; 0: exposure and gain change nothing.
+        """
         self._record(serial)["exposure_reference_us"] = reference_us
 
     # ---- the world around the cameras ----
@@ -171,21 +226,45 @@ class ProducerControl:
         header["line_pulses"] += 1
 
     def set_temperature(self, serial: str, temperature_c: float) -> None:
-        """What DeviceTemperature reads."""
+        """Set what DeviceTemperature reads.
+
+        Parameters
+        ----------
+        serial
+            Serial number of the camera.
+        temperature_c
+            Temperature, degrees Celsius.
+        """
         self._record(serial)["temperature_c"] = temperature_c
 
     def set_clock_offset(self, serial: str, seconds: float) -> None:
-        """How far a camera's clock is from that of the others (default 0, as synchronised by PTP)."""
+        """Set how far a camera's clock is from that of the others (at first 0, as synchronised by PTP).
+
+        Parameters
+        ----------
+        serial
+            Serial number of the camera.
+        seconds
+            Camera minus others, s.
+        """
         self._record(serial)["clock_offset_ns"] = round(seconds * 1e9)
 
     def set_link(self, serial: str, bytes_per_s: float) -> None:
-        """The speed of a camera's link; 0 is without limit, 118e6 what Gigabit Ethernet gives."""
+        """Set the speed of a camera's link.
+
+        Parameters
+        ----------
+        serial
+            Serial number of the camera.
+        bytes_per_s
+            Bytes a second; 0 is without limit, 118e6 what Gigabit Ethernet gives.
+        """
         self._record(serial)["link_bytes_per_s"] = bytes_per_s
 
     # ---- faults ----
 
     def unplug(self, serial: str) -> None:
-        """Pull the cable: open handles are dead for good, the camera is gone until `plug`."""
+        """Pull the cable: handles that are open never work again, the camera is gone until `plug`."""
         _unplug(self._record(serial), layout.FOR_EVER)
 
     def plug(self, serial: str) -> None:
@@ -193,35 +272,103 @@ class ProducerControl:
         self._record(serial)["unplugged_until_ns"] = 0
 
     def power_cycle(self, serial: str, seconds: float = 1.0) -> None:
-        """The camera is gone for some seconds and comes back with its start-up settings."""
+        """The camera is gone for some time and comes back with its start-up settings.
+
+        Parameters
+        ----------
+        serial
+            Serial number of the camera.
+        seconds
+            How long, s.
+        """
         record = self._record(serial)
         _unplug(record, time.monotonic_ns() + round(seconds * 1e9))
         record["powered"] = 0
 
     def refuse_opening(self, serial: str, code: int = ACCESS_DENIED) -> None:
-        """Opening fails: another program has it (ACCESS_DENIED), an address conflict (NOT_AVAILABLE); 0 is no fault."""
+        """Opening fails.
+
+        Parameters
+        ----------
+        serial
+            Serial number of the camera.
+        code
+            ACCESS_DENIED where another program has it open, NOT_AVAILABLE for an address conflict; 0 is no fault.
+        """
         self._record(serial)["open_error"] = code
 
     def fail_reads(self, serial: str, times: int | None = 1, code: int = IO_ERROR, feature: str | None = None) -> None:
-        """Register reads fail, of one feature (by its GenICam name) or of any."""
+        """Register reads fail, of one feature or of any.
+
+        Parameters
+        ----------
+        serial
+            Serial number of the camera.
+        times
+            How often; None: until `clear_faults`.
+        code
+            GenTL's error code.
+        feature
+            GenICam name of the feature; None: any.
+
+        Raises
+        ------
+        InputError
+            Where there is no register of this name.
+        """
         record = self._record(serial)
         record["read_error"] = code
         record["read_error_address"] = layout.ANY_ADDRESS if feature is None else feature_address(feature)
         record["read_error_count"] = _count(times)
 
     def fail_writes(self, serial: str, times: int | None = 1, code: int = IO_ERROR, feature: str | None = None) -> None:
-        """Register writes and commands fail, of one feature or of any."""
+        """Register writes and commands fail, of one feature or of any.
+
+        Parameters
+        ----------
+        serial
+            Serial number of the camera.
+        times
+            How often; None: until `clear_faults`.
+        code
+            GenTL's error code.
+        feature
+            GenICam name of the feature; None: any.
+
+        Raises
+        ------
+        InputError
+            Where there is no register of this name.
+        """
         record = self._record(serial)
         record["write_error"] = code
         record["write_error_address"] = layout.ANY_ADDRESS if feature is None else feature_address(feature)
         record["write_error_count"] = _count(times)
 
     def delay_registers(self, serial: str, seconds: float) -> None:
-        """Every register access takes this long (0: none)."""
+        """Every register access takes some time.
+
+        Parameters
+        ----------
+        serial
+            Serial number of the camera.
+        seconds
+            How long, s; 0 is no delay.
+        """
         self._record(serial)["port_delay_us"] = round(seconds * 1e6)
 
     def fail_stream(self, serial: str, times: int | None = 1, code: int = IO_ERROR) -> None:
-        """Waiting for a frame fails with this code."""
+        """Waiting for a frame fails.
+
+        Parameters
+        ----------
+        serial
+            Serial number of the camera.
+        times
+            How often; None: until `clear_faults`.
+        code
+            GenTL's error code.
+        """
         record = self._record(serial)
         record["event_error"] = code
         record["event_error_count"] = _count(times)
@@ -231,25 +378,67 @@ class ProducerControl:
         self._record(serial)["crash_count"] = 1
 
     def spoil_frames(self, serial: str, times: int | None = 1) -> None:
-        """Frames arrive incomplete: the lower half is missing."""
+        """Frames arrive incomplete: the lower half is missing.
+
+        Parameters
+        ----------
+        serial
+            Serial number of the camera.
+        times
+            How often; None: until `clear_faults`.
+        """
         self._record(serial)["incomplete_count"] = _count(times)
 
     def lose_frames(self, serial: str, times: int | None = 1) -> None:
-        """Frames are exposed and lost on the way: their frame numbers are left out."""
+        """Frames are exposed and lost on the way: their frame numbers are left out.
+
+        Parameters
+        ----------
+        serial
+            Serial number of the camera.
+        times
+            How often; None: until `clear_faults`.
+        """
         self._record(serial)["lost_frame_count"] = _count(times)
 
     def drop_triggers(self, serial: str, times: int | None = 1) -> None:
-        """Triggers do not reach the camera: no frame, and no gap in the frame numbers."""
+        """Triggers do not reach the camera: no frame, and no gap in the frame numbers.
+
+        Parameters
+        ----------
+        serial
+            Serial number of the camera.
+        times
+            How often; None: until `clear_faults`.
+        """
         self._record(serial)["dropped_trigger_count"] = _count(times)
 
     def delay_frames(self, serial: str, seconds: float, times: int | None = 1) -> None:
-        """Frames arrive late, with the time stamp of their exposure; those behind them wait."""
+        """Frames arrive late, with the time stamp of their exposure; those behind them wait.
+
+        Parameters
+        ----------
+        serial
+            Serial number of the camera.
+        seconds
+            How late, s.
+        times
+            How often; None: until `clear_faults`.
+        """
         record = self._record(serial)
         record["late_ms"] = round(seconds * 1e3)
         record["late_count"] = _count(times)
 
     def pad_lines(self, serial: str, padding_bytes: int) -> None:
-        """Every line ends with so many bytes of padding; to be set while the camera does not stream."""
+        """Every line of an image ends with padding; to be set while the camera does not stream.
+
+        Parameters
+        ----------
+        serial
+            Serial number of the camera.
+        padding_bytes
+            Bytes of padding; 0 is none.
+        """
         self._record(serial)["padding_bytes"] = padding_bytes
 
     def clear_faults(self, serial: str | None = None) -> None:
@@ -262,18 +451,18 @@ class ProducerControl:
     # ---- what happened ----
 
     def counters(self, serial: str) -> RegionCounters:
-        """What a camera has counted."""
+        """What a camera has counted since its region was made."""
         record = self._record(serial)
         return RegionCounters(*(int(record[name]) for name in layout.COUNTERS))
 
     def settings(self, serial: str) -> dict[str, int | float | str]:
-        """What stands in a camera's registers now (all zero before its first opening)."""
+        """The present values of a camera's registers, by name (all zero before its first opening)."""
         registers = self._record(serial)["registers"]
         values = {name: registers[name].item() for name in layout.REGISTERS.names or ()}
         return {name: v.decode() if isinstance(v, bytes) else v for name, v in values.items()}
 
     def open_by(self, serial: str) -> int | None:
-        """The process that has the camera open, as far as it reported: one that was killed stays named."""
+        """The id of the process that has the camera open, None for none; one that was killed stays named."""
         return int(self._record(serial)["open_by_pid"]) or None
 
     def _record(self, serial: str) -> Any:
@@ -284,7 +473,13 @@ class ProducerControl:
 
 @cache
 def feature_address(feature: str) -> int:
-    """The register behind a feature of device.xml; InputError if there is none of that name."""
+    """The address of the register behind a feature of device.xml.
+
+    Raises
+    ------
+    InputError
+        Where there is no register of that name.
+    """
     namespace = "{http://www.genicam.org/GenApi/Version_1_1}"
     root = ElementTree.parse(Path(__file__).with_name("device.xml")).getroot()
     nodes = {node.get("Name"): node for node in root}

@@ -16,7 +16,18 @@ from spherecal.targets.images import read_image
 
 
 class SessionScenes:
-    """What the cameras of a session folder see in each placement and bar pose. InputError where there are no images."""
+    """What the cameras of a session folder see in each placement and bar pose.
+
+    Parameters
+    ----------
+    session_folder
+        A session with images.
+
+    Raises
+    ------
+    InputError
+        For a folder that is no session, or one without images.
+    """
 
     def __init__(self, session_folder: Path) -> None:
         session = read_session(session_folder)
@@ -32,9 +43,12 @@ class SessionScenes:
         return tuple(self._images)
 
     def images(self, scene: str) -> dict[str, NDArray[Any]]:
-        """What each camera sees, by serial number; black where it has no image.
+        """What each camera sees, by serial number, (height, width); black where it has no image.
 
-        InputError for an unknown scene, or an image that cannot be read or is not of the size that the session names.
+        Raises
+        ------
+        InputError
+            For an unknown scene, or an image that cannot be read or is not of the size that the session names.
         """
         if scene not in self._images:
             raise InputError(f"There is no scene {scene!r}; there are {', '.join(self._images)}.")
@@ -60,9 +74,23 @@ class SessionScenes:
 class RigFeed:
     """One simulated camera for each camera of a session, under its serial number or, without one, its id.
 
-    Starts with `scene`, else the first one. `control` steers the cameras (faults, counters). With `running`, the
-    cameras of that name belong to another program and stay when this is closed. InputError for a session without
-    images, with more than 16 cameras, or whose images are not of the size the session names.
+    `control` steers the simulated cameras (faults, counters).
+
+    Parameters
+    ----------
+    session_folder
+        A session with images.
+    name
+        Name of the shared memory. None is an unused one, or with `running` the usual one.
+    scene
+        Placement or bar pose to start with; None is the first one.
+    running
+        The simulated cameras of that name belong to another program and stay when this is closed.
+
+    Raises
+    ------
+    InputError
+        For a session without images, with more than 16 cameras, or whose images are not of the size that it names.
     """
 
     def __init__(
@@ -87,7 +115,7 @@ class RigFeed:
         self.close()
 
     def close(self) -> None:
-        """Switch the rig off."""
+        """Switch the rig off; simulated cameras of another program stay."""
         self.control.close()
 
     @property
@@ -98,8 +126,12 @@ class RigFeed:
     def show(self, scene: str) -> None:
         """Let every camera see this scene from its next exposure on; one without an image of it sees black.
 
-        All images are read before the first is shown, so that the scene changes within milliseconds. InputError for
-        an unknown scene or an image that cannot be read.
+        All images are read before the first is shown, so that the scene changes within milliseconds.
+
+        Raises
+        ------
+        InputError
+            For an unknown scene or an image that cannot be read.
         """
         images = self._scenes.images(scene)
         self.control.set_images(images)
@@ -114,7 +146,7 @@ class RigFeed:
 
 
 def serial_of(camera: CameraSpec) -> str:
-    """The serial number a camera of a session has when it is simulated."""
+    """The serial number that a camera of a session has when it is simulated: its own, else its id."""
     return camera.serial or camera.id
 
 

@@ -1,4 +1,4 @@
-"""The shared memory region itself: made by one controller, found by name by cameras and other controllers."""
+"""The shared memory region itself: made by one controller, found by name by simulated cameras and other controllers."""
 
 import mmap
 import os
@@ -17,7 +17,7 @@ REGION_VARIABLE = "SPHERECAL_GENTL_REGION"
 
 
 def default_name() -> str:
-    """The name under which the cameras look: SPHERECAL_GENTL_REGION, or else one for each user."""
+    """The name under which simulated cameras look: SPHERECAL_GENTL_REGION, or else one for each user."""
     asked = os.environ.get(REGION_VARIABLE, "")
     if asked not in ("", "-"):
         return asked
@@ -42,18 +42,26 @@ class SharedRegion:
 
     @property
     def devices(self) -> NDArray[Any]:
-        """One record a camera."""
+        """The records of the simulated cameras, one for each."""
         return self._devices
 
     def slot(self, device: int, image: int) -> NDArray[np.uint8]:
-        """The bytes in which image number `image` of a camera lies (two slots take turns)."""
+        """The bytes of one image of a camera (two slots take turns).
+
+        Parameters
+        ----------
+        device
+            Index of the camera.
+        image
+            Number of the image.
+        """
         assert self._bytes is not None
         size = int(self._header["slot_bytes"][0])
         start = layout.IMAGES_AT + (2 * device + image % 2) * size
         return self._bytes[start : start + size]
 
     def close(self) -> None:
-        """Unmap; the maker also takes the name away. No view of the memory may be held any more."""
+        """Unmap; the maker also removes the name. No view of the memory may be in use any more."""
         if isinstance(self._memory, shared_memory.SharedMemory):
             with suppress(FileNotFoundError):
                 self._memory.unlink()  # first: it must not stay behind whatever closing finds
@@ -64,7 +72,21 @@ class SharedRegion:
 def create(name: str, device_count: int, slot_bytes: int) -> SharedRegion:
     """A new region of zeroes with its header filled. One left over by a program that ended is replaced.
 
-    InputError if a running program holds the name, OutputError where the system refuses the memory.
+    Parameters
+    ----------
+    name
+        Name of the shared memory.
+    device_count
+        Simulated cameras.
+    slot_bytes
+        Bytes of the largest image.
+
+    Raises
+    ------
+    InputError
+        Where a running program uses the name.
+    OutputError
+        Where the system refuses the memory.
     """
     total = layout.IMAGES_AT + 2 * device_count * slot_bytes
     _clear_leftover(name)
@@ -83,7 +105,13 @@ def create(name: str, device_count: int, slot_bytes: int) -> SharedRegion:
 
 
 def attach(name: str) -> SharedRegion:
-    """The region a running controller made; InputError if there is none, or one of another version."""
+    """The region that a running controller made.
+
+    Raises
+    ------
+    InputError
+        Where there is none, or one of another version.
+    """
     try:
         memory = _open(name)
     except (OSError, ValueError) as error:

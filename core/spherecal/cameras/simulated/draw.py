@@ -1,6 +1,6 @@
 """Fast drawing of the simulated ball or bar: every dot an ellipse with soft edges at its exact place.
 
-15 to 60 ms an image where the renderer of spherecal_sim takes a second; without clutter, dirt and gloss.
+It takes 15 to 60 ms an image where the renderer of spherecal_sim takes a second; without clutter, dirt and gloss.
 """
 
 from dataclasses import dataclass
@@ -24,14 +24,28 @@ _EVERY = 4  # of the rim's points: 8 give an ellipse's axes
 
 @dataclass(frozen=True)
 class Solid:
-    """What carries the dots: a ball (centre (3,), radius mm) or a bar's face (corners (4, 3)), in the world."""
+    """The body with the dots: a ball (centre (3,), radius) or a bar's face (corners (4, 3)), mm, in the world."""
 
     ball: tuple[FloatArray, float] | None = None
     face: FloatArray | None = None
 
 
 def draw(solid: Solid, dots: TrueDots, station: Station, blur_px: float, white: float) -> NDArray[np.float32]:
-    """The noise-free image (h, w), 1 = full scale; a white dot that faces the camera comes to `white`."""
+    """The noise-free image (h, w), 1 = full scale.
+
+    Parameters
+    ----------
+    solid
+        The body with the dots.
+    dots
+        The dots, in the world.
+    station
+        The camera.
+    blur_px
+        Standard deviation of the blur, px.
+    white
+        Grey value of a white dot that faces the camera, 1 = full scale.
+    """
     width, height = station.size
     image = np.full((height, width), _BACKGROUND * white, np.float32)
     level = white / _WHITE
@@ -69,7 +83,7 @@ def _image_points(points: FloatArray, station: Station) -> FloatArray:
 def _ellipses(rims: FloatArray, station: Station) -> tuple[FloatArray, FloatArray]:
     """Centres (n, 2) and conjugate half axes (n, 2, 2) px of circles given by even points (n, m, 3) of their rims.
 
-    The mean of the rim's image points lies half as far from the image of the circle's centre as the ellipse's centre.
+    The mean of the rim's image points is half as far from the image of the circle's centre as the ellipse's centre.
     """
     uv = _image_points(rims, station)
     angle = 2 * np.pi * np.arange(rims.shape[1]) / rims.shape[1]
@@ -181,9 +195,20 @@ _NOISE_BLOCK = np.random.default_rng(20).standard_normal(1 << 20).astype(np.floa
 def digitise(
     picture: NDArray[np.float32], bits: int, gain: float, rng: np.random.Generator
 ) -> NDArray[np.uint8] | NDArray[np.uint16]:
-    """Digits of a picture (1 = full scale): shot and read noise of a 3.45 um sensor, gain, black level, clipping.
+    """Grey values (h, w) of a noise-free image: shot and read noise of a 3.45 um sensor, gain, black level, clipping.
 
-    The noise is read from a block from a random place on, which is several times as fast as new random numbers.
+    The noise is read from a block at a random place, which is several times as fast as new random numbers.
+
+    Parameters
+    ----------
+    picture
+        Noise-free image (h, w), 1 = full scale.
+    bits
+        Bits of the result: uint8 up to 8, else uint16.
+    gain
+        Factor on the signal.
+    rng
+        Chooses the place in the block of noise.
     """
     start = int(rng.integers(len(_NOISE_BLOCK)))
     out: NDArray[np.uint8] | NDArray[np.uint16]

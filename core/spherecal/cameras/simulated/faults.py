@@ -12,11 +12,11 @@ _USUAL: dict[str, float] = {"lose": 0.0, "delay": 2.0, "drop": 0.0, "blur": 3.0,
 
 @dataclass(frozen=True)
 class SimulatedFault:
-    """What goes wrong with a camera (its id or serial) from set `first_set` to `last_set` (None: for good).
+    """What goes wrong with a simulated camera (its id or serial) from set `first_set` to `last_set` (None: for good).
 
-    `lose`: it is unplugged; `delay`: its images come `amount` s late; `drop`: it ignores the first trigger of each
-    set; `blur`: its lens is out of focus by `amount` px; `dim`: its images have `amount` times the light; `bump`: it
-    is turned by `amount` degrees. `first_set` 0 includes the live view before the first set.
+    `lose`: it is unplugged. `delay`: its images come `amount` s late. `drop`: it ignores the first trigger of each set.
+    `blur`: its lens is out of focus by `amount` px. `dim`: its images have `amount` times the light. `bump`: it is
+    turned by `amount` degrees. `first_set` 0 includes the live view before the first set.
     """
 
     kind: FaultKind
@@ -31,12 +31,18 @@ class SimulatedFault:
         return _USUAL[self.kind] if self.amount is None else self.amount
 
     def active(self, number: int) -> bool:
-        """Whether it is there at a set's number."""
+        """Whether it is there in the set of this number."""
         return number >= self.first_set and (self.last_set is None or number <= self.last_set)
 
 
 def parse_fault(text: str) -> SimulatedFault:
-    """A fault written as KIND:CAMERA[:AMOUNT][@FIRST[-LAST]], such as `lose:C03@2-3`; InputError if it is not."""
+    """A fault written as KIND:CAMERA[:AMOUNT][@FIRST[-LAST]], such as `lose:C03@2-3`.
+
+    Raises
+    ------
+    InputError
+        Where the text is not of this form.
+    """
     body, _, sets = text.partition("@")
     kind, _, rest = body.partition(":")
     camera, _, amount = rest.partition(":")

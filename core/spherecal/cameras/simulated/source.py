@@ -23,9 +23,25 @@ _WARM_C = 41.0
 
 
 class SimulatedSource(InProcessSource):
-    """The cameras of a preset rig; `rendered` takes the renderer (1 s an image) instead of fast drawing.
+    """The simulated cameras of a preset rig.
 
     `stage` moves ball and bars; `faults` may be exchanged at any time, as by `inject` and `heal`.
+
+    Parameters
+    ----------
+    preset, seed
+        The rig, and what its random parts and the images' noise follow from.
+    faults
+        What goes wrong.
+    rendered
+        Render the images (1 s each) instead of fast drawing.
+    stage
+        What the cameras look at; None makes one of `preset` and `seed`.
+
+    Raises
+    ------
+    InputError
+        For an unknown preset, or a fault of a camera that the rig does not have.
     """
 
     kind: SourceKind = "simulated"
@@ -55,7 +71,7 @@ class SimulatedSource(InProcessSource):
 
     @property
     def session(self) -> Session:
-        """What the simulated rig is calibrated from, without observations."""
+        """The session by which the simulated rig is calibrated, without observations."""
         return self.stage.session
 
     @property
@@ -69,11 +85,23 @@ class SimulatedSource(InProcessSource):
         return self.stage.shown
 
     def show(self, pose: str) -> None:
-        """Put the ball to a placement, or a bar into a pose."""
+        """Put the ball to a placement, or a bar into a pose.
+
+        Raises
+        ------
+        InputError
+            Where there is no such id.
+        """
         self.stage.show(pose)
 
     def inject(self, fault: SimulatedFault) -> None:
-        """Let something go wrong."""
+        """Add a fault.
+
+        Raises
+        ------
+        InputError
+            Where the rig does not have its camera.
+        """
         serial = fault.camera if fault.camera in self._index else PREFIX + fault.camera
         if serial not in self._index:
             known = ", ".join(camera.id for camera in self.stage.truth.cameras)
@@ -81,7 +109,7 @@ class SimulatedSource(InProcessSource):
         self.faults = (*self.faults, replace(fault, camera=serial))
 
     def heal(self, camera: str) -> None:
-        """Take all faults of a camera away."""
+        """Take all faults of a camera (its id or serial) away."""
         self.faults = tuple(fault for fault in self.faults if fault.camera not in (camera, PREFIX + camera))
 
     # --- images ------------------------------------------------------------------------------------------------------
@@ -104,11 +132,28 @@ class SimulatedSource(InProcessSource):
         )
 
     def triggered(self, exposed_s: Mapping[str, float]) -> None:
-        """Keep what is there at the cameras' moments: drawing takes longer than a trigger."""
+        """Keep what is there at the cameras' moments of exposure (s, by serial): drawing takes too long for that."""
         self._exposed = {serial: self.stage.at(moment) for serial, moment in exposed_s.items()}
 
     def take_image(self, serial: str, settings: CameraSettings, number: int, attempt: int, timeout_s: float) -> Frame:
-        """Draw or render one image with what is wrong with the camera now."""
+        """One image, drawn or rendered with the faults that the simulated camera has now.
+
+        Parameters
+        ----------
+        serial, settings
+            The camera, and its settings.
+        number
+            Number of the set; 0 is the live view.
+        attempt
+            Number of the try, from 1.
+        timeout_s
+            How long the caller waits for the image, s.
+
+        Raises
+        ------
+        NoImage
+            Where a fault keeps the image away.
+        """
         faults = {
             fault.kind: fault for fault in self.faults if fault.camera == serial and fault.active(self._now(number))
         }

@@ -37,7 +37,10 @@ Path = Callable[[float], tuple[Vector, Vector]]
 
 @dataclass(frozen=True)
 class StageView:
-    """How one camera sees: blur (standard deviation, px), brightness (1 = as exposed well), a knock."""
+    """How one simulated camera sees: blur (standard deviation, px), brightness (1 = as exposed well), a knock.
+
+    The knock is a turn (rotation vector, rad) and a shift (mm) in the camera's frame.
+    """
 
     blur_px: float = SHARP_PX
     brightness: float = 1.0
@@ -54,7 +57,15 @@ class ArtefactPose:
     turn_rad: Vector = (0.0, 0.0, 0.0)
 
     def moved(self, shift_mm: Vector, turn_deg: Vector) -> "ArtefactPose":
-        """The same, moved on."""
+        """The same, with a further movement.
+
+        Parameters
+        ----------
+        shift_mm
+            Shift, mm, in the rig's frame.
+        turn_deg
+            Rotation vector, deg, in the rig's frame; the place is not turned with it.
+        """
         turn = exp_rotation(np.deg2rad(np.asarray(turn_deg, float))) @ exp_rotation(np.array(self.turn_rad))
         shift = np.array(self.shift_mm) + np.asarray(shift_mm, float)
         return ArtefactPose(self.shown, _vector(shift), _vector(log_rotation(turn)))
@@ -63,7 +74,19 @@ class ArtefactPose:
 class Stage:
     """A simulated rig with its ball and bars; `poses` names everything that can be shown.
 
-    InputError for an unknown preset. The ball's rotation and place are those of a placement, after `move`.
+    Parameters
+    ----------
+    preset
+        Name of the rig.
+    seed
+        What its random parts follow from.
+    options
+        What else is simulated; None is that of rendered sessions with two bar poses.
+
+    Raises
+    ------
+    InputError
+        For an unknown preset.
     """
 
     def __init__(self, preset: str, seed: int = 1, options: SimulationOptions | None = None) -> None:
@@ -87,19 +110,33 @@ class Stage:
         return self._artefact.shown
 
     def show(self, pose: str) -> None:
-        """Put the ball to a placement, or a bar into one of its poses; forgets movements by hand."""
+        """Put the ball to a placement, or a bar into one of its poses; forgets movements by hand.
+
+        Raises
+        ------
+        InputError
+            Where there is no such id.
+        """
         if pose not in self.poses:
             raise InputError(Phrase("error-no-simulated-pose", {"pose": repr(pose), "names": list(self.poses)}))
         with self._lock:
             self._artefact, self._path = ArtefactPose(pose), None
 
     def move(self, shift_mm: Vector, turn_deg: Vector = (0, 0, 0)) -> None:
-        """Shift and turn (rotation vector) the ball or bar by hand, in the rig's frame."""
+        """Move the ball or bar by hand, in the rig's frame.
+
+        Parameters
+        ----------
+        shift_mm
+            Shift, mm.
+        turn_deg
+            Rotation vector, deg.
+        """
         with self._lock:
             self._artefact = self._artefact.moved(shift_mm, turn_deg)
 
     def carry(self, path: Path) -> None:
-        """Carry the ball or bar along a path, from where it is, until something else is shown."""
+        """Carry the ball or bar along a path, from its present place, until something else is shown."""
         with self._lock:
             self._path = path
 
@@ -114,7 +151,19 @@ class Stage:
     def picture(
         self, camera: int, view: StageView, rendered: bool = False, artefact: ArtefactPose | None = None
     ) -> NDArray[np.float32]:
-        """The noise-free image of a camera by index, (h, w), 1 = full scale; of `artefact`, or what is there now."""
+        """The noise-free image (h, w) of a simulated camera, 1 = full scale.
+
+        Parameters
+        ----------
+        camera
+            Index of the camera.
+        view
+            How it sees.
+        rendered
+            Rendered, else drawn; rendered images do not follow `blur_px`.
+        artefact
+            What it looks at; None is what is there now.
+        """
         artefact = artefact or self.at()
         station, shown = self._station(camera, view), artefact.shown
         white = _FULL_SCALE_OF_WHITE * view.brightness

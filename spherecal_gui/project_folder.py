@@ -26,7 +26,7 @@ from spherecal.base.filesystem import (
 )
 from spherecal.base.messages.values import Phrase
 from spherecal.files.codec import (
-    Format,
+    FileFormat,
     Kind,
     boolean,
     choice,
@@ -102,7 +102,7 @@ _FLAW = record(
     field("cameras", items("The cameras.", text(""))),
     field("kept", boolean("Whether somebody keeps it so.")),
 )
-WIZARD = Format(
+WIZARD = FileFormat(
     "spherecal/wizard",
     FILE,
     "Where the wizard is in a project.",

@@ -15,7 +15,7 @@ from spherecal.base.errors import InputError
 from spherecal.base.messages.values import Phrase
 from spherecal.data.rig import BallShape, RigScale
 from spherecal.files.codec import (
-    Format,
+    FileFormat,
     choice,
     date,
     field,
@@ -111,7 +111,7 @@ _DOT = record(
     ),
 )
 _DOTS = items("The dots in the ball's own frame.", _DOT, least=LEAST_DOTS).checked(_check_dots)
-BALL = Format(
+BALL = FileFormat(
     "spherecal/ball",
     BALL_FILE,
     "The shape of one ball as a calibration found it, for later ones.",

@@ -19,7 +19,7 @@ from spherecal.data.session import Bar, BarLength, Certificate, Mark
 from spherecal.files.atomic import make_parent, write_file_whole
 from spherecal.files.codec import (
     Field,
-    Format,
+    FileFormat,
     Kind,
     date,
     entries,
@@ -318,7 +318,7 @@ _BAR = record(
     *FIGURES,
     check=lambda bar, f: read_lengths(f["lengths"], bar.marks),
 )
-BARS = Format(
+BARS = FileFormat(
     "spherecal/bars",
     "bars.json",
     "The owner's reference bars, in the user's settings; `SPHERECAL_BARS` names another file.",

@@ -11,7 +11,7 @@ from spherecal.base.errors import InputError
 from spherecal.base.messages.values import Phrase
 from spherecal.files.atomic import write_file_whole
 from spherecal.files.codec import (
-    Format,
+    FileFormat,
     Kind,
     Schema,
     choice,
@@ -175,7 +175,7 @@ _FORMS = [
     given("polarity", "targets", "dot_diameter_mm", dot_diameter_mm=positive("").schema),
     given("dictionary", family={"const": "aruco"}, dot_diameter_mm={"enum": [0, None]}),
 ]
-TARGETS = Format(
+TARGETS = FileFormat(
     "spherecal/targets",
     "targets.json",
     "The stickers: the places of the dots of every target.",

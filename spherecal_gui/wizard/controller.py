@@ -3,7 +3,6 @@
 import shlex
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 from PySide6.QtCore import QCoreApplication
 
@@ -21,8 +20,8 @@ translate = QCoreApplication.translate
 class Controller(FrameControl):
     """The open project and all that can be done with it; here: what is written."""
 
-    def _save(self, work: Callable[[Context], Any], message: str) -> bool:
-        def done(what: Any) -> None:
+    def _save(self, work: Callable[[Context], Path | str], message: str) -> bool:
+        def done(what: Path | str) -> None:
             if self.project is not None:
                 self._update(changes.with_saved(self.project))
             self.tell("good", message.format(what=what))

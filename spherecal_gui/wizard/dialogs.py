@@ -11,6 +11,7 @@ from PySide6.QtWidgets import QDialog, QMessageBox, QTextBrowser, QVBoxLayout, Q
 
 import spherecal
 from spherecal.base.resources import resource_path
+from spherecal.support.licences import LGPL_NOTE, parts
 from spherecal_gui import languages
 from spherecal_gui.tasks.driver_question import DriverQuestion
 from spherecal_gui.widgets.basic import plain
@@ -95,8 +96,6 @@ def versions() -> list[tuple[str, str]]:
 
 def about_dialog(parent: QWidget) -> QDialog:
     """Versions and licence; the parts of others with theirs, and what the LGPL asks to be said about Qt."""
-    from spherecal.support.licences import LGPL_NOTE, parts  # reads some forty files
-
     rows = "".join(f"<tr><td>{name}&nbsp;&nbsp;</td><td>{version}</td></tr>" for name, version in versions())
     licence = translate("About", "Free software under the Apache License 2.0.")
     what = translate("About", "Calibration of multi-camera measuring rigs with an imperfect ball.")
@@ -104,7 +103,7 @@ def about_dialog(parent: QWidget) -> QDialog:
     known = "".join(
         f"<tr><td>{escape(part.name)}&nbsp;&nbsp;</td><td>{escape(part.version)}&nbsp;&nbsp;</td>"
         f"<td>{escape(part.licence)}</td></tr>"
-        for part in parts()
+        for part in parts()  # reads some forty files
     )
     html += f"<hr><p>{escape(LGPL_NOTE)}</p><table>{known}</table>"
     html += "<p><code>spherecal licences --texts FILE</code></p>"  # all texts, the LGPL's and the GPL's among them

@@ -2,18 +2,15 @@
 
 from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from PySide6.QtCore import QCoreApplication
 from PySide6.QtWidgets import QWidget
 
+from spherecal_gui.pages.limits_dialog import LimitsDialog
 from spherecal_gui.presenters.limits import load_limits
 from spherecal_gui.project_folder import profile_shown
 from spherecal_gui.widgets.basic import Banner
 from spherecal_gui.wizard.controller import Controller
-
-if TYPE_CHECKING:
-    from spherecal_gui.pages.limits_dialog import LimitsDialog
 
 translate = QCoreApplication.translate
 
@@ -26,9 +23,8 @@ def take_over_limits(controller: Controller, banner: Banner) -> None:
         banner.tell("bad", damaged)
 
 
-def show_limits(controller: Controller, projects: Path, window: QWidget, redraw: Callable[[], None]) -> "LimitsDialog":
+def show_limits(controller: Controller, projects: Path, window: QWidget, redraw: Callable[[], None]) -> LimitsDialog:
     """The limits over the window, which is drawn anew when some were changed."""
-    from spherecal_gui.pages.limits_dialog import LimitsDialog
 
     def changed(lines: list[str]) -> None:
         for line in lines:

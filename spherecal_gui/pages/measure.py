@@ -36,7 +36,17 @@ class DeviationChart(Chart):
     """A value over the newest sets with its expanded uncertainty: the deviation from nominal, or from its mean."""
 
     def show_values(self, times: FloatArray, off: FloatArray, expanded: FloatArray, unit: str) -> None:
-        """Show deviations (n,) with their expanded uncertainties (n,)."""
+        """Show deviations with their expanded uncertainties.
+
+        Parameters
+        ----------
+        times
+            Of the sets, (n,) s.
+        off, expanded
+            Deviations and their expanded uncertainties (k = 2), (n,) in the value's unit.
+        unit
+            The value's name and unit, written beside the axis.
+        """
         c = theme.now()
         self.clear()
         self.dress()

@@ -181,7 +181,15 @@ class ResultsPage(Page):
         self.refresh()
 
     def show_camera(self, camera: str, placement: str | None = None) -> None:
-        """Show a camera's residuals and mark it in the scene."""
+        """Show a camera's residuals and mark it in the scene.
+
+        Parameters
+        ----------
+        camera
+            Its id.
+        placement
+            Whose residuals are shown; None for those of all placements.
+        """
         result = self.controller.result
         if result is None:
             return

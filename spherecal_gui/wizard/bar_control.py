@@ -96,7 +96,15 @@ class BarControl(SetControl):
         return pose in self.staged_poses or (bool(self.staged_poses) and self.planned_pose(pose) is not None)
 
     def look_at_bar(self, pose: str, sights: "dict[str, Sight]") -> bool:
-        """Work out where the bar lies now, beside the window; whether that was begun."""
+        """Work out where the bar lies now, beside the window; whether that was begun.
+
+        Parameters
+        ----------
+        pose
+            The pose that is laid, by id.
+        sights
+            The newest examined images by camera name.
+        """
         planned, outcome, connection = self.planned_pose(pose), self.outcome, self.connection
         if planned is None or outcome is None or connection is None or self.looker.running is not None:
             return False

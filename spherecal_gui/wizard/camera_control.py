@@ -69,7 +69,22 @@ class CameraControl(ProjectControl):
         self._held = ExitStack()
 
     def new_project(self, source: str, parent: Path, bench: str = "") -> None:
-        """Begin a calibration in a new folder; OutputError where it cannot be made."""
+        """Begin a calibration in a new folder.
+
+        Parameters
+        ----------
+        source
+            Where the images come from: `genicam`, `replay:FOLDER` or `simulated:RIG`, with faults after a plus sign.
+        parent
+            The folder in which the new one is made.
+        bench
+            The file that describes targets, ball and bars; empty where the source does.
+
+        Raises
+        ------
+        OutputError
+            Where the folder cannot be made.
+        """
         self.close_project()
         limit = limits.now().verification_limit
         project = Project(new_folder(parent, datetime.now()), source, bench, limit=limit)
@@ -78,7 +93,13 @@ class CameraControl(ProjectControl):
         self._is_new = True
 
     def new_check(self, like: Project) -> None:
-        """Begin a check with the cameras and the bench of an earlier calibration; OutputError, as above."""
+        """Begin a check with the cameras and the bench of an earlier calibration.
+
+        Raises
+        ------
+        OutputError
+            Where the folder cannot be made.
+        """
         self.close_project()
         folder = new_folder(like.folder.parent, datetime.now(), "check")
         project = Project(folder, like.source, like.bench, placements=("P1",), purpose="check")
@@ -89,7 +110,12 @@ class CameraControl(ProjectControl):
     def new_verification(self, like: Project) -> None:
         """Begin a verification of the calibration in use, with the cameras and the bench of an earlier project.
 
-        InputError where no calibration is in use, OutputError as above.
+        Raises
+        ------
+        InputError
+            Where no calibration is in use.
+        OutputError
+            Where the folder cannot be made.
         """
         from spherecal_gui.in_use import result_of  # needs scipy
 
@@ -115,9 +141,14 @@ class CameraControl(ProjectControl):
             self.new_project(like.source, like.folder.parent, like.bench)
 
     def open_project(self, folder: Path) -> None:
-        """Go on with a project where it was left; InputError where the folder holds none, OutputError where it is open.
+        """Go on with a project where it was left.
 
-        Two windows with one project would each write over what the other has done.
+        Raises
+        ------
+        InputError
+            Where the folder holds none.
+        OutputError
+            Where it is open already: two windows would each write over what the other has done.
         """
         self.close_project()
         if is_project(folder):
@@ -295,7 +326,15 @@ class CameraControl(ProjectControl):
 
     @staticmethod
     def masks_of(project: Project, camera: str) -> tuple[Rectangle, ...]:
-        """The parts of a camera's image in which nothing is a target."""
+        """The parts of a camera's image in which nothing is a target: left, top, width and height in px.
+
+        Parameters
+        ----------
+        project
+            Whose masks are meant.
+        camera
+            Its name.
+        """
         return tuple(rectangle for name, rectangle in project.masks if name == camera)
 
     def _masks_by_serial(self, project: Project) -> dict[str, tuple[Rectangle, ...]]:

@@ -185,19 +185,41 @@ class ComputeControl(BarControl):
         return tuple(self.check_found.to_repair) if self.check_found is not None else ()
 
     def repair(self, option: str, value: str) -> None:
-        """Ask for a repair at the next calibration: leave out, split, swap; nothing on disk is touched by it."""
+        """Ask for a repair at the next calibration; no image on disk is touched by it.
+
+        Parameters
+        ----------
+        option
+            Of the command line: `--leave-out`, `--split` or `--swap`.
+        value
+            What it is asked for, such as C05@P3.
+        """
         if self.project is not None and self.runner.running is None:
             self._update(changes.with_repair(self.project, option, value))
             self.result_changed.emit()
 
     def take_back(self, option: str, value: str) -> None:
-        """Do without a repair."""
+        """No longer ask for a repair.
+
+        Parameters
+        ----------
+        option, value
+            As for `repair`.
+        """
         if self.project is not None and self.runner.running is None:
             self._update(changes.without_repair(self.project, option, value))
             self.result_changed.emit()
 
     def image_path(self, set_id: str, camera: str) -> Path | None:
-        """The image that a camera took of a placement."""
+        """The image that a camera took of a set; None where it took none.
+
+        Parameters
+        ----------
+        set_id
+            A placement or a pose of a bar.
+        camera
+            Its name.
+        """
         folder = self._folder_of(set_id)
         return folder.images(set_id).get(camera) if folder is not None else None
 

@@ -32,7 +32,7 @@ translate = QCoreApplication.translate
 class ProjectControl(QObject):
     """The open project and the one piece of work that runs; what all parts of the controller build on.
 
-    `changed` when the workflow's state may be another, `said` (kind, what, what to do) when people should know,
+    `changed` when the workflow's state may be another, `said` (kind, what, what to do) when people should know.
     `logged` for the log pane, `taken` when a set was taken, `result_changed` when there is another result.
     """
 
@@ -123,7 +123,17 @@ class ProjectControl(QObject):
         self.logged.emit(f"{datetime.now():%H:%M:%S}  {text}")
 
     def tell(self, kind: str, text: str, hint: str = "") -> None:
-        """Something that people should know: kind is `good`, `bad` or `info`."""
+        """Say something that people should know.
+
+        Parameters
+        ----------
+        kind
+            `good`, `bad` or `info`.
+        text
+            What it is.
+        hint
+            What to do about it; empty for nothing.
+        """
         self.note(f"{text} {hint}".strip())
         self.said.emit(kind, text, hint)
 

@@ -98,7 +98,15 @@ class SetControl(TuneControl):
             self.live.forget()
 
     def take(self, set_id: str, step: str) -> bool:
-        """Take a set (again); False where that is not possible now."""
+        """Take a set, or take it again; False where that is not possible now.
+
+        Parameters
+        ----------
+        set_id
+            A placement or a pose of a bar.
+        step
+            Id of the step that takes it, for which a failure is noted.
+        """
         folder = self._folder_of(set_id)
         if self.connection is None or folder is None or self.project is None:
             return False

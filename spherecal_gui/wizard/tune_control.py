@@ -30,7 +30,15 @@ class Indicating(Protocol):
     """A source whose cameras may have a light of their own."""
 
     def indicate(self, serial: str, on: bool) -> bool:
-        """Switch a camera's own light; whether it has one that can be switched."""
+        """Switch a camera's own light; whether it has one that can be switched.
+
+        Parameters
+        ----------
+        serial
+            Which camera.
+        on
+            Whether it is lit.
+        """
         ...
 
 
@@ -79,7 +87,19 @@ class TuneControl(CameraControl):
         return ""
 
     def set_camera(self, serial: str, name: str, exposure_us: float, gain_db: float) -> bool:
-        """Give a camera a name, an exposure and a gain; those of real cameras are kept in the camera profile."""
+        """Give a camera a name, an exposure and a gain; whether that was begun.
+
+        Those of real cameras are kept in the camera profile. A name that it cannot have now is left as it is.
+
+        Parameters
+        ----------
+        serial
+            Which camera.
+        name
+            The name it is to have.
+        exposure_us, gain_db
+            Exposure in µs and gain in dB.
+        """
         connection = self.connection
         if connection is None or self.runner.running:
             return False
@@ -120,7 +140,15 @@ class TuneControl(CameraControl):
         return "" if self._real else translate("Connect", "Simulated cameras are all exposed at the same moment.")
 
     def name_camera(self, serial: str, name: str) -> None:
-        """Give a camera another name; the window says why it cannot have it."""
+        """Give a camera another name; the window says why it cannot have it.
+
+        Parameters
+        ----------
+        serial
+            Which camera.
+        name
+            The name it is to have.
+        """
         connection = self.connection
         if connection is None:
             return
@@ -146,7 +174,15 @@ class TuneControl(CameraControl):
         return self.connection is not None and isinstance(self.connection.source, Indicating)
 
     def blink(self, serial: str, answered: Callable[[bool], None]) -> None:
-        """Let a camera's own light blink for some seconds; `answered` with whether it has one."""
+        """Let a camera's own light blink for some seconds.
+
+        Parameters
+        ----------
+        serial
+            Which camera.
+        answered
+            Is called at the end, in the window's thread, with whether the camera has such a light.
+        """
         source = self.connection.source if self.connection is not None else None
         if not isinstance(source, Indicating):
             answered(False)
@@ -168,7 +204,15 @@ class TuneControl(CameraControl):
     # --- masks -------------------------------------------------------------------------------------------------------
 
     def mask(self, serial: str, rectangle: Rectangle) -> None:
-        """Nothing in this part of a camera's image is a target from now on, in what was taken as well."""
+        """Nothing in this part of a camera's image is a target from now on, in what was taken as well.
+
+        Parameters
+        ----------
+        serial
+            Which camera.
+        rectangle
+            Left, top, width and height in px.
+        """
         if self.project is not None and self.connection is not None:
             self._with_masks(changes.with_mask(self.project, self.connection.names[serial], rectangle))
 

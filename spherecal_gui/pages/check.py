@@ -112,7 +112,7 @@ class CheckPage(Page):
         self.why_not.setText(why)
         self.why_not.setVisible(repaired and not in_use and bool(why))
         self.mended.setText("")
-        if repaired:
+        if there and found is not None and after is not None:
             text, level = repaired_text(found, after, in_use)
             self.mended.setText(text)
             set_level(self.mended, level)
@@ -160,6 +160,8 @@ class CheckPage(Page):
 
     def _fill(self) -> None:
         found = self.controller.check_after or self.controller.check_found
+        if found is None:
+            return
         rows: list[list[tuple[str, Cell, str]]] = [
             [
                 (one.camera, one.camera, one.level),

@@ -237,12 +237,12 @@ class VerifyPage(ScalePage):
             part.setVisible(not shown)
         for part in (self.limit, self.limit_label):  # beside the poses there is no room for it from afar
             part.setVisible(shown or not theme.is_far())
-        result = self.controller.result
-        if shown and result is not None:
+        bars = self.controller.result.bars if self.controller.result is not None else None
+        if shown and bars is not None:
             state = self.state
             measuring = self.controller.runner.running == "verify" and not self.is_taking_pose
             stale = state is not None and state.status is Status.STALE
-            self.outcome.show_bars(result.bars, stale)
+            self.outcome.show_bars(bars, stale)
             if self.controller.outcome is not self._drawn:
                 self._drawn = self.controller.outcome
                 self.outcome.show_rig(verified_scene(self._drawn) if self._drawn is not None else None)
@@ -335,13 +335,13 @@ class VerifyPage(ScalePage):
         if self.tabs.indexOf(self.view) < 0:
             self.tabs.insertTab(0, self.view, self.tr("Where"))
             self.tabs.setCurrentIndex(0)
-        guide = self.guide
+        guide, planned = self.guide, self.controller.planned_pose(self.current)
         self.view.show_guide(guide)
         text, level = (guide.text, guide.level) if guide is not None else ("", "none")
         if self.is_taking:
             text, level = self.tr("Hold still: images are being captured"), "caution"
-        elif guide is None:
-            text = lay_text(self.controller.planned_pose(self.current))
+        elif guide is None and planned is not None:
+            text = lay_text(planned)
         if not self.shows_outcome:
             self.say(f"{self.current} · {text}", level)
 

@@ -115,7 +115,7 @@ class BarControl(SetControl):
         still = all(sight.still for sight in seeing) if seeing else None
 
         def seen(ends: FloatArray | None) -> None:
-            if self.outcome is outcome and outcome.planes is not None:
+            if self.outcome is outcome and outcome.planes is not None and outcome.plan is not None:
                 self.lying_ends = ends
                 self.guide = bar_guide(outcome.planes, outcome.plan, planned, ends, still)
                 self.bar_seen.emit()

@@ -5,6 +5,7 @@ import os
 from dataclasses import replace
 from datetime import UTC, datetime, timedelta
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -88,7 +89,8 @@ def test_a_name_that_cannot_be_changed_says_why_and_is_not_edited(wall):
 
 def test_the_controller_refuses_a_name_that_another_camera_has(monkeypatch):
     controller, said, done = Controller(), [], []
-    controller.connection = SimpleNamespace(names={"S1": "C1", "S2": "C2"})
+    connection: Any = SimpleNamespace(names={"S1": "C1", "S2": "C2"})
+    controller.connection = connection
     controller.said.connect(lambda *one: said.append(one[1]))
     monkeypatch.setattr(controller, "why_not_renamed", lambda _: "")
     monkeypatch.setattr(controller, "settings_of", lambda _: CameraSettings())
@@ -391,7 +393,9 @@ def test_advice_is_gone_once_other_placements_are_there(monkeypatch, tmp_path):
     controller.guidance_changed.connect(lambda: told.append(controller.guidance))
     monkeypatch.setattr(controller, "_ask", lambda dots, coarse: asked.append(sorted(dots)))
     controller.project = Project(tmp_path / "p", "simulated:demo", taken={"P1": "a", "P2": "b"})
-    controller.connection, controller._recorded = SimpleNamespace(plan=None), SimpleNamespace()
+    connection: Any = SimpleNamespace(plan=None)
+    recorded: Any = SimpleNamespace()
+    controller.connection, controller._recorded = connection, recorded
     monkeypatch.setattr(type(controller), "dots", property(lambda _: {"P1": {}, "P2": {}, "P3": {}}))
     controller._plan_next()
     monkeypatch.setattr(controller, "guidance", "move it left")
@@ -414,9 +418,10 @@ def test_why_a_repair_cannot_be_used_is_in_sight(qtbot, tmp_path):
         checked=checked,
         repaired=repaired,
     )
-    controller.check_found = controller.check_after = SimpleNamespace(
+    found: Any = SimpleNamespace(
         verdict="recalibrate", to_repair=("C03",), cameras=(), findings=(), untested=(), balls=(), tolerance_mm=None
     )
+    controller.check_found = controller.check_after = found
     page = CheckPage(controller)
     qtbot.addWidget(page)
     page.enter(Step("check", "check"))

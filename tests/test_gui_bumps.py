@@ -10,6 +10,7 @@ os.environ.setdefault("QT_QPA_PLATFORM", "offscreen")
 pytest.importorskip("PySide6.QtWidgets", reason="Qt cannot be loaded here", exc_type=ImportError)
 
 from spherecal.cameras.simulated.faults import SimulatedFault
+from spherecal.cameras.simulated.source import SimulatedSource
 from spherecal_gui.pages.look import LookPage
 from spherecal_gui.presenters.look import bump_text, tile_state
 from spherecal_gui.tasks.bump_watch import BUMP_PX, BumpWatch
@@ -115,7 +116,9 @@ def test_a_bump_on_the_wall_is_said_at_once(qtbot, tmp_path, monkeypatch):
     assert page.fixed.isHidden()
     seen = controller.live.rounds
     pump(lambda: controller.live.rounds > seen + 8)
-    controller.connection.source.inject(SimulatedFault("bump", "C03"))
+    source = controller.connection.source
+    assert isinstance(source, SimulatedSource)
+    source.inject(SimulatedFault("bump", "C03"))
     pump(lambda: page.summary.text().startswith("C03 was moved."))
     assert window.banner.isHidden(), "the page says it"
     pump(lambda: window.rail.item("look").level == "bad")

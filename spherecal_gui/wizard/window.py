@@ -4,7 +4,6 @@ import time
 from collections.abc import Callable, Mapping
 from datetime import datetime
 from pathlib import Path
-from typing import Any
 
 from PySide6.QtCore import Qt, QTimer
 from PySide6.QtGui import QCloseEvent, QFocusEvent, QGuiApplication, QKeyEvent, QKeySequence, QShortcut, QShowEvent
@@ -130,8 +129,16 @@ class WizardWindow(WindowFrame):
         bench = (self.bench or (str(own) if own.is_file() else "")) if source == "genicam" else ""
         self._try(lambda: self.controller.new_project(source, self.projects, bench))
 
-    def new_board_project(self, board: dict[str, Any], source: str = "genicam") -> None:
-        """A new calibration with a board in place of the ball."""
+    def new_board_project(self, board: dict[str, object], source: str = "genicam") -> None:
+        """A new calibration with a board in place of the ball.
+
+        Parameters
+        ----------
+        board
+            As session.json has it.
+        source
+            Where the images come from, as for `new_project`.
+        """
         self._try(lambda: self.controller.new_project(source, self.projects, str(write_bench(self.projects, board))))
 
     def new_check(self, like: str) -> None:
@@ -406,7 +413,7 @@ class WizardWindow(WindowFrame):
 
     def offer_bundle(self) -> QDialog | None:
         """Show what a support bundle would hold and what is replaced in it; it is written once somebody agrees."""
-        from spherecal_gui.tasks.bundle import bundle_files, contents_text
+        from spherecal_gui.tasks.bundle import bundle_files, contents_text  # loads the calibration
 
         try:
             _, contents = bundle_files(*self._bundle_of(""))
@@ -422,7 +429,7 @@ class WizardWindow(WindowFrame):
 
         `trouble`: what went wrong inside the program.
         """
-        from spherecal_gui.tasks.bundle import make_bundle
+        from spherecal_gui.tasks.bundle import make_bundle  # loads the calibration
 
         output = self.projects / f"support-{datetime.now():%Y-%m-%d-%H%M%S}.zip"
         try:

@@ -51,13 +51,23 @@ _FOLDERS = ("result", "repair", "verification", "placements", "bars", "removed",
 CAPTURE = "capture.json"  # spherecal.cameras.capture, which takes a second to import
 _MOST_BYTES = 64 << 20
 
+Document = dict[str, Any]  # a JSON object, such as session.json: json itself gives Any
+
 
 def _purpose(text: str) -> Purpose:
     return next((one for one in get_args(Purpose) if one == text), "calibrate")
 
 
-def _artefacts(target_set: str = "", ball: str = "", scale: str = "", **others: Any) -> Artefacts:
-    return Artefacts(target_set, ball, scale, **others)
+def _artefacts(
+    target_set: str = "",
+    ball: str = "",
+    scale: str = "",
+    scale_bar: str | None = None,
+    check_bars: tuple[str, ...] = (),
+    check: str = "",
+    board: bool = False,
+) -> Artefacts:
+    return Artefacts(target_set, ball, scale, scale_bar, check_bars, check, board)
 
 
 def _mask(camera: str, rectangle: Rectangle) -> tuple[str, Rectangle]:
@@ -211,7 +221,7 @@ def new_folder(parent: Path, now: datetime, purpose: str = "calibration") -> Pat
 _BOARD_PLACEMENTS = 12  # each of six cameras around a volume then sees the board four times, two at a time
 
 
-def write_bench(projects: Path, board: Mapping[str, Any]) -> Path:
+def write_bench(projects: Path, board: Mapping[str, object]) -> Path:
     """The description of a bench with nothing but a board on it, among the projects; one file for each board."""
     placements = [{"id": f"P{number:02d}"} for number in range(1, _BOARD_PLACEMENTS + 1)]
     document = {"format": "spherecal/session", "version": 1, "board": dict(board), "placements": placements}

@@ -6,7 +6,6 @@ from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 from spherecal.base.errors import InputError, OutputError
 from spherecal.base.filesystem import (
@@ -25,6 +24,8 @@ from spherecal.cameras.averaging import Stillness
 from spherecal.cameras.capture import SessionCamera, SessionFolder
 from spherecal.cameras.plan import CapturePlan, PlannedSet
 from spherecal.cameras.protocol import CameraSource, FrameSet
+from spherecal.files.target_set_file import target_set_bytes
+from spherecal_gui.project_folder import Document
 
 _REMOVED = "removed"
 _RETAKING = "retaking"
@@ -48,12 +49,10 @@ class RecordedSession(SessionFolder):
             self._end_retakes()
         self.folder.mkdir(parents=True, exist_ok=True)
         if self.plan.target_set is not None:
-            from spherecal.files.target_set_file import target_set_bytes
-
             write_below(self.folder, "targets.json", target_set_bytes(self.plan.target_set))
         self._write_metadata()
 
-    def document(self) -> dict[str, Any]:
+    def document(self) -> Document:
         """What session.json says now."""
         return self._session()
 
@@ -137,7 +136,7 @@ class RecordedSession(SessionFolder):
             raise OutputError(error.parts[0], Phrase("error-free-disk-again")) from error
         self._trash.append((set_id, aside))
 
-    def _forget(self, entry: dict[str, Any]) -> None:
+    def _forget(self, entry: Document) -> None:
         """Take a set out of the metadata; where the disk refuses, nothing has changed."""
         self._sets.remove(entry)
         images = self._images.pop(entry["id"])

@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 from PySide6.QtCore import QCoreApplication
@@ -12,6 +12,10 @@ from spherecal.base.errors import InputError
 from spherecal.geometry.user_frame import FrameDefinition, UserFrame, turn_matrix
 from spherecal_gui.texts import error_text
 from spherecal_scene.model import SceneData, scene_data
+
+if TYPE_CHECKING:  # imports scipy.optimize
+    from spherecal.export.frame import Place
+    from spherecal.report.result_folder import Result
 
 translate = QCoreApplication.translate
 
@@ -56,7 +60,9 @@ def turn_word(turn: str) -> str:
 class FrameChoice:
     """What is chosen, the frame that it gives, and how that looks; knows no widgets."""
 
-    def __init__(self, result: Any, places: Mapping[str, Any], definition: FrameDefinition | None = None) -> None:
+    def __init__(
+        self, result: "Result", places: "Mapping[str, Place]", definition: FrameDefinition | None = None
+    ) -> None:
         self.rig = result.rig
         self.places = places
         self.definition = self._without_missing(definition or FrameDefinition())
@@ -143,7 +149,7 @@ class FrameChoice:
         self._make()
 
     def _make(self) -> None:
-        from spherecal.export.frame import frame_of
+        from spherecal.export.frame import frame_of  # imports scipy.optimize
 
         try:
             self.frame, self.problem = frame_of(self.definition, self.places, self.rig), ""
@@ -220,4 +226,5 @@ class FrameChoice:
         assert self.scene is not None
         shape = self.scene.scene.cameras[0]
         camera, axes = self.rig.camera(shape.id), self.scene.scene.axes
+        assert camera is not None
         return (places_mm - camera.centre_mm) @ axes.T + shape.centre

@@ -2,13 +2,20 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from PySide6.QtCore import QCoreApplication
 
 from spherecal.base.arrays import FloatArray
 from spherecal_gui.presenters.coverage import Level
+from spherecal_scene.model import SceneData
+
+if TYPE_CHECKING:  # imports scipy
+    from spherecal.data.rig import PlacedSphere, Rig
+    from spherecal.guidance.next_placement import Candidate
+    from spherecal.guidance.next_placement import Guidance as Advised
+    from spherecal_gui.tasks.ghost import Ghost, ToGo
 
 translate = QCoreApplication.translate
 
@@ -53,8 +60,8 @@ class Guidance:
     tip_towards: str = ""
     up: FloatArray = field(default_factory=lambda: np.array([0.0, 0.0, 1.0]))
     views: FloatArray = field(default_factory=lambda: np.empty((0, 2)))
-    ghost: Any = None
-    scene: Any = None
+    ghost: "Ghost | None" = None
+    scene: SceneData | None = None
     coarse: bool = False
 
     @property
@@ -63,13 +70,13 @@ class Guidance:
         return bool(np.hypot(self.away_mm, self.up_mm) < _SAME_PLACE * self.radius_mm)
 
 
-def guidance_of(found: Any, rig: Any, spheres: Sequence[Any]) -> Guidance | None:
+def guidance_of(found: "Advised", rig: "Rig", spheres: "Sequence[PlacedSphere]") -> Guidance | None:
     """The engine's answer (guidance.next_placement) as the window shows it; None where nothing helps.
 
     `spheres` (rig.PlacedSphere): the ball at every placement so far, in the order in which they were taken; the last
     one is where it stands now.
     """
-    from spherecal.report.rig_view import TOP, choose_axes
+    from spherecal.report.rig_view import TOP, choose_axes  # imports scipy
 
     best = found.best
     if best is None or not spheres:
@@ -110,9 +117,9 @@ def guidance_of(found: Any, rig: Any, spheres: Sequence[Any]) -> Guidance | None
     )
 
 
-def _views_above(rig: Any, axes: FloatArray) -> FloatArray:
+def _views_above(rig: "Rig", axes: FloatArray) -> FloatArray:
     """The cameras' directions of view from above, unit vectors (c, 2); (0, 0) for one that looks straight down."""
-    from spherecal.report.rig_view import TOP
+    from spherecal.report.rig_view import TOP  # imports scipy
 
     views = TOP.flat(np.array([camera.rotation[2] for camera in rig.cameras]) @ axes.T)
     long = np.linalg.norm(views, axis=1, keepdims=True)
@@ -126,7 +133,7 @@ def _camera_towards(names: tuple[str, ...], cameras: FloatArray, start: FloatArr
     return names[int(np.argmax(along))]
 
 
-def _turn(best: Any, axes: FloatArray) -> tuple[float, FloatArray | None, str]:
+def _turn(best: "Candidate", axes: FloatArray) -> tuple[float, FloatArray | None, str]:
     """The turn about the upright axis, or which way the top goes."""
     if best.axis is None:
         return 0.0, None, ""
@@ -178,7 +185,7 @@ def advice_text(shown: Guidance, planned_taken: bool) -> str:
     return move_text(shown)
 
 
-def to_go_text(to_go: Any) -> tuple[str, Level]:
+def to_go_text(to_go: "ToGo") -> tuple[str, Level]:
     """How far the ball still is from where it should go (tasks.ghost.ToGo)."""
     if to_go.near:
         return translate("Guidance", "In place"), "good"

@@ -2,7 +2,7 @@
 
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from math import ceil
 from pathlib import Path
 
@@ -27,6 +27,7 @@ from spherecal.profile.limits_file import (
     with_pin,
     write_limits,
 )
+from spherecal.verify.limit import parse_limit
 from spherecal_gui import limits as in_use
 from spherecal_gui.texts import error_text
 
@@ -107,8 +108,6 @@ def limit_fields() -> list[LimitField]:
 
 def limit_problems(limits: Limits) -> dict[str, str]:
     """What cannot be saved and why, by the limit's name."""
-    from spherecal.verify.limit import parse_limit
-
     found = {}
     for ageing, stale in PAIRS:
         if getattr(limits, ageing) > getattr(limits, stale):
@@ -297,9 +296,7 @@ class LimitsDesk:
         self.kept = kept
 
     def _into_profile(self, limits: Limits) -> None:
-        from dataclasses import asdict
-
-        from spherecal.profile.store import set_limits
+        from spherecal.profile.store import set_limits  # imports scipy
 
         if self.differs_in_profile(limits):
             set_limits(self._profile, **asdict(limits.validity))
@@ -308,7 +305,7 @@ class LimitsDesk:
         """Whether the rig's profile has other ages or temperatures; InputError where it cannot be read."""
         if not (self._profile / "profile.json").is_file():
             return False
-        from spherecal.profile.store import open_profile
+        from spherecal.profile.store import open_profile  # imports scipy
 
         return open_profile(self._profile).limits != limits.validity
 

@@ -2,12 +2,16 @@
 
 from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING
 
 from PySide6.QtCore import QCoreApplication
 
 from spherecal_gui.presenters.coverage import Level
 from spherecal_gui.texts import camera_details, camera_trouble
+
+if TYPE_CHECKING:  # imports scipy, OpenCV and the kernels
+    from spherecal.cameras.protocol import CameraStatus
+    from spherecal_gui.tasks.live import Sight
 
 translate = QCoreApplication.translate
 
@@ -52,7 +56,7 @@ class Expected:
 NOTHING_EXPECTED = Expected()
 
 
-def figures_text(serial: str, status: Any, exposure_us: float) -> str:
+def figures_text(serial: str, status: "CameraStatus | None", exposure_us: float) -> str:
     """A camera's serial number, images a second, exposure, temperature, as far as they are known."""
     parts = [serial]
     if status is not None and status.counters.rate_hz:
@@ -65,8 +69,8 @@ def figures_text(serial: str, status: Any, exposure_us: float) -> str:
 
 def tile_state(
     name: str,
-    status: Any,
-    sight: Any,
+    status: "CameraStatus | None",
+    sight: "Sight | None",
     expected: Expected = NOTHING_EXPECTED,
     has_image: bool = False,
     bumped_px: float | None = None,
@@ -93,13 +97,13 @@ def tile_state(
     return TileState(name, level, word or _all_well(sight), len(sight.dots), summed=summed.format(camera=name))
 
 
-def usual_light(sights: Iterable[Any]) -> float | None:
+def usual_light(sights: "Iterable[Sight]") -> float | None:
     """The middle brightness of the cameras; None with fewer than three, of which none is the odd one."""
     found = sorted(sight.brightness for sight in sights)
     return found[len(found) // 2] if len(found) > _FEW else None
 
 
-def _light(sight: Any, usual: float | None = None) -> tuple[Level, str, str]:
+def _light(sight: "Sight", usual: float | None = None) -> tuple[Level, str, str]:
     if sight.saturated > CLIPPED:
         word = translate("Look", "too bright: {share} % clipped. Shorten the exposure.")
         word = word.format(share=round(100 * sight.saturated))
@@ -113,7 +117,7 @@ def _light(sight: Any, usual: float | None = None) -> tuple[Level, str, str]:
     return "good", "", ""
 
 
-def _focus(sight: Any) -> tuple[Level, str, str]:
+def _focus(sight: "Sight") -> tuple[Level, str, str]:
     if sight.blur_px is None or sight.blur_px <= SOFT_PX:
         return "good", "", ""
     word = translate("Look", "Out of focus ({blur:.1f} px). Turn the focus ring until this falls.")
@@ -121,7 +125,7 @@ def _focus(sight: Any) -> tuple[Level, str, str]:
     return "bad" if sight.blur_px > BLURRED_PX else "caution", word.format(blur=sight.blur_px), summed
 
 
-def _all_well(sight: Any) -> str:
+def _all_well(sight: "Sight") -> str:
     parts = []
     if sight.blur_px is not None:
         parts.append(translate("Look", "Focus {blur:.1f} px").format(blur=sight.blur_px))

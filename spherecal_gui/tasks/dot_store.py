@@ -25,7 +25,7 @@ class DotStore:
 
     def save(self, set_id: str, taken: str, dots: Mapping[str, Dots]) -> None:
         """Keep the dots of a set; where the disk refuses they are found again in the images."""
-        arrays: dict[str, Any] = {"taken": np.array(taken)}
+        arrays: dict[str, Any] = {"taken": np.array(taken)}  # Any: savez has a keyword that is no array
         for camera, one in dots.items():
             arrays |= {f"{camera}/{key}": getattr(one, key) for key in ("target", "point", "uv")}
             arrays[f"{camera}/size"] = np.array(one.image_size)
@@ -52,7 +52,7 @@ class DotStore:
             return None  # not ours, or damaged: the dots are found again in the images
 
 
-def _kept(kept: Any, camera: str) -> Dots:
+def _kept(kept: Mapping[str, np.ndarray], camera: str) -> Dots:
     width, height = kept[f"{camera}/size"]
     target, point, uv = (kept[f"{camera}/{key}"] for key in ("target", "point", "uv"))
     return Dots(target, point, uv, (int(width), int(height)))

@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -10,9 +10,14 @@ from spherecal.base.arrays import FloatArray, IntArray
 from spherecal.geometry.camera import image_reach, project
 from spherecal.geometry.posed import PosedCameras
 from spherecal.geometry.rotation import exp_rotation, log_rotation
+from spherecal.geometry.sphere import fit_sphere
 from spherecal.geometry.transform import fit_similarity
 from spherecal.geometry.triangulation import triangulate
 from spherecal_gui.presenters.coverage import Dots, SetDots
+
+if TYPE_CHECKING:  # the simulator, and what only reads results needs
+    from spherecal.cameras.simulated.stage import Stage
+    from spherecal.data.rig import Calibration, Rig
 
 _OUTLINE = 72  # points of an outline
 # Dots that must be known again for the ball's turn: three define it, and a few may be wrong.
@@ -37,7 +42,7 @@ class Lenses:
     size: FloatArray
 
     @staticmethod
-    def of(rig: Any) -> "Lenses":
+    def of(rig: "Rig") -> "Lenses":
         """Those of a calibrated rig."""
         cameras = rig.cameras
         return Lenses(
@@ -105,7 +110,7 @@ def keys_of(target: IntArray, point: IntArray) -> IntArray:
     return np.asarray(target, dtype=np.int64) * 64 + np.asarray(point, dtype=np.int64)
 
 
-def body_of(calibration: Any, last: str, up: FloatArray) -> Body | None:
+def body_of(calibration: "Calibration", last: str, up: FloatArray) -> Body | None:
     """The ball as it stood at a placement, with the dots that other placements have shown of it as well."""
     spheres = {sphere.placement: sphere for sphere in calibration.spheres}
     if last not in spheres:
@@ -168,8 +173,6 @@ def live_points(lenses: Lenses, dots: Mapping[str, Dots]) -> tuple[IntArray, Flo
 
 def _middle(points: FloatArray, radius_mm: float) -> FloatArray | None:
     """The middle of a ball of known radius of which these points (n, 3) are seen; three steps of Gauss and Newton."""
-    from spherecal.geometry.sphere import fit_sphere
-
     start = fit_sphere(points)
     if start is None:
         return None
@@ -279,7 +282,7 @@ def turn_of(axis: FloatArray | None, turn_deg: float) -> FloatArray:
     return np.eye(3) if axis is None else exp_rotation(np.deg2rad(turn_deg) * np.asarray(axis))
 
 
-def stage_ball(stage: Any, ghost: Ghost, lying: Lying | None) -> None:
+def stage_ball(stage: "Stage", ghost: Ghost, lying: Lying | None) -> None:
     """Move the ball of a simulated rig (cameras.simulated.stage) from where it is seen to the ghost, as hands would.
 
     The cameras are known no better than they are: the way is the one that they show, from what they see now.

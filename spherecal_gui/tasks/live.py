@@ -18,6 +18,7 @@ from spherecal.targets.images import balance_mosaic
 from spherecal.targets.masks import Rectangle
 from spherecal_gui.presenters.coverage import Dots
 from spherecal_gui.tasks.bump_watch import BumpWatch
+from spherecal_gui.tasks.jobs import detector_of
 from spherecal_gui.tasks.warm_up import WarmUp
 
 _PAUSE_S = 0.02
@@ -60,8 +61,6 @@ class Connection:
 
     def detector(self) -> Detector | BoardDetector | None:
         """What finds in images what calibrates."""
-        from spherecal_gui.tasks.jobs import detector_of
-
         return detector_of(self.plan)
 
     def info(self, serial: str) -> CameraInfo | None:

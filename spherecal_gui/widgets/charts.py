@@ -29,7 +29,7 @@ def _text(text: str, colour: str, size: float, anchor: tuple[float, float] = (0.
     return item
 
 
-def _write_by_locale(axis: Any) -> None:
+def _write_by_locale(axis: Any) -> None:  # Any: pyqtgraph has no types, and a method is put in place of its own
     """The axis writes its numbers as the language does."""
     plainly = axis.tickStrings
     axis.tickStrings = lambda *given: [languages.by_locale(text) for text in plainly(*given)]
@@ -64,7 +64,7 @@ class Chart(pg.PlotWidget):
         self.dress()
 
     @property
-    def plot_item(self) -> Any:
+    def plot_item(self) -> Any:  # pyqtgraph has no types
         """The plot inside."""
         return self.getPlotItem()
 

@@ -340,6 +340,6 @@ def _rgb(name: str) -> tuple[int, int, int]:
 
 def make_scene_view(parent: QWidget | None = None) -> SceneView:
     """The view of pyvista, painted where that does not work; SPHERECAL_3D=painted asks for the painted one."""
-    from spherecal_gui.widgets.rendered_scene import RenderedScene
+    from spherecal_gui.widgets.rendered_scene import RenderedScene  # which imports this module
 
     return RenderedScene(parent)

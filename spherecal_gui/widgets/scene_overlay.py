@@ -1,7 +1,5 @@
 """Names, axis letters, scale, legend, the cube of views and the figures under the mouse, painted over every scene."""
 
-from typing import Any
-
 import numpy as np
 from PySide6.QtCore import QCoreApplication, QLineF, QPointF, QRectF, QSizeF, Qt
 from PySide6.QtGui import QColor, QLinearGradient, QPainter, QPen, QPolygonF, QTransform
@@ -232,7 +230,7 @@ class Overlay:
 
 def _named(data: SceneData) -> tuple[list[str], list[FloatArray], list[str]]:
     """Cameras by their bodies, balls by their names, bars by theirs."""
-    found: list[tuple[str, Any, str]] = [(one.id, one.centre, "camera") for one in data.scene.cameras]
+    found: list[tuple[str, FloatArray, str]] = [(one.id, one.centre, "camera") for one in data.scene.cameras]
     for placement in data.scene.placements:
         if placement.ball_centre is not None:
             found.append((placement.name, placement.ball_centre + np.array([0, 0, placement.ball_radius]), "ball"))

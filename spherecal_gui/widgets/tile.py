@@ -1,7 +1,7 @@
 """A camera's live image with what matters about it, and the wall of all cameras."""
 
 import time
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from PySide6.QtCore import QEvent, QObject, QPointF, QRectF, QSize, Qt, Signal
@@ -11,6 +11,9 @@ from PySide6.QtWidgets import QGridLayout, QLineEdit, QToolTip, QWidget
 from spherecal_gui import languages, theme
 from spherecal_gui.presenters.look import TileState
 from spherecal_gui.widgets.basic import MARKS, plain
+
+if TYPE_CHECKING:  # imports scipy
+    from spherecal_gui.tasks.ghost import Drawn
 
 _LEAST_MASK_PX = 6.0  # of the widget: less is a click with a trembling hand
 _TWO_LINES_PT = 175  # a tile that is less high keeps its room for the image
@@ -55,7 +58,7 @@ class CameraTile(QWidget):
         self._dots = np.empty((0, 2))
         self._shown: float | None = None
         self.masking = False
-        self._ghost: Any = None
+        self._ghost: Drawn | None = None
         self._near = False
         self._covered: tuple[np.ndarray | None, np.ndarray | None] = (None, None)
         self._need = ""
@@ -107,7 +110,7 @@ class CameraTile(QWidget):
             self._masks = masks
             self.update()
 
-    def show_ghost(self, drawn: Any, near: bool) -> None:
+    def show_ghost(self, drawn: "Drawn | None", near: bool) -> None:
         """Show where the ball should go and where it is (tasks.ghost.Drawn; None: neither)."""
         if drawn is not self._ghost or near != self._near:
             self._ghost, self._near = drawn, near

@@ -77,7 +77,15 @@ class RecordedSession(SessionFolder):
         self.plan = replace(self.plan, sets=(*taken.values(), *planned.values()))
 
     def plan_anew(self, set_id: str, temperature_c: float | None) -> None:
-        """The set is to be taken (again), the bar being as warm as this."""
+        """The set is to be taken (again), the bar being as warm as this.
+
+        Parameters
+        ----------
+        set_id
+            The set.
+        temperature_c
+            The bar's temperature; None: it is not known.
+        """
         sets = tuple(replace(one, temperature_c=temperature_c) if one.id == set_id else one for one in self.plan.sets)
         self.plan = replace(self.plan, sets=sets)
 
@@ -100,7 +108,22 @@ class RecordedSession(SessionFolder):
         return {camera: self.folder / path for camera, path in self._images.get(set_id, {}).items()}
 
     def add(self, planned: PlannedSet, taken: FrameSet, stillness: Mapping[str, Stillness] | None = None) -> None:
-        """Write a set; one of the same id that was there is put aside first, and back where the new one fails."""
+        """Write a set; one of the same id that was there is put aside first, and back where the new one fails.
+
+        Parameters
+        ----------
+        planned
+            The set, as it is planned.
+        taken
+            What the cameras delivered.
+        stillness
+            By serial number how much the scene moved; None: not tested.
+
+        Raises
+        ------
+        OutputError
+            Where the disk refuses; the set that was there is brought back.
+        """
         if planned.id not in self._images:
             super().add(planned, taken, stillness)
             return
@@ -117,7 +140,18 @@ class RecordedSession(SessionFolder):
     def remove(self, set_id: str, retaking: bool = False) -> None:
         """Put a set aside, images and all; `undo` brings the last one back.
 
-        Of one that is being taken again this is noted: if the program ends before the new one is there, it comes back.
+        Parameters
+        ----------
+        set_id
+            The set; one that was not taken is left as it is.
+        retaking
+            It is being taken again. This is noted, so that it comes back if the program ends before the new one is
+            there.
+
+        Raises
+        ------
+        OutputError
+            Where the disk refuses.
         """
         entry = next((one for one in self._sets if one["id"] == set_id), None)
         if entry is None:

@@ -52,7 +52,15 @@ class RigPlanes:
 
     @staticmethod
     def of(rig: "Rig", middle: FloatArray) -> "RigPlanes":
-        """Upright as the rig stands."""
+        """Upright as the rig stands.
+
+        Parameters
+        ----------
+        rig
+            The calibrated rig.
+        middle
+            Origin (3,) of both planes, mm in the rig's world.
+        """
         from spherecal.report.rig_view import choose_axes  # imports scipy
 
         centres = np.array([camera.centre_mm for camera in rig.cameras])
@@ -70,7 +78,21 @@ class RigPlanes:
 def bar_guide(
     planes: RigPlanes, plan: "PosePlan", pose: "PlannedPose", ends_mm: FloatArray | None, still: bool | None
 ) -> BarGuide:
-    """What to do about a pose (verify.pose_plan), the bar's ends being where they were seen."""
+    """What to do about a pose, the bar's ends being where they were seen.
+
+    Parameters
+    ----------
+    planes
+        The planes in which the rig is shown.
+    plan
+        The plan of which the pose is; its volume is drawn.
+    pose
+        The pose to lay.
+    ends_mm
+        First and last mark (2, 3), mm in the rig's world; None where they were not found.
+    still
+        Whether the cameras that see the bar see it at rest; None: none sees it.
+    """
     from spherecal.verify.pose_plan import judge_pose  # imports scipy
 
     answer = judge_pose(pose, ends_mm)

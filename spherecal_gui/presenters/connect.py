@@ -58,7 +58,15 @@ class DrawnBench:
 
 
 def camera_lines(connection: "Connection | None", expected: tuple[str, ...]) -> list[CameraLine]:
-    """The cameras of the rig; those that were expected and are missing come first."""
+    """The cameras of the rig; those that were expected and are missing come first.
+
+    Parameters
+    ----------
+    connection
+        The open cameras; None: nothing is connected, and there are no lines.
+    expected
+        Serial numbers of the cameras that the project has.
+    """
     if connection is None:
         return []
     missing = [
@@ -98,7 +106,17 @@ def _health(status: CameraStatus | None) -> tuple[str, Level]:
 
 
 def connect_summary(lines: list[CameraLine], searching: bool, failure: str) -> tuple[str, Level]:
-    """How many of how many, or what is in the way."""
+    """How many of how many, or what is in the way.
+
+    Parameters
+    ----------
+    lines
+        The cameras.
+    searching
+        Whether cameras are being looked for.
+    failure
+        Why connecting failed; empty: it did not.
+    """
     if searching:
         return translate("Connect", "Looking for cameras"), "none"
     if failure:
@@ -128,7 +146,15 @@ def lengths_texts(bar: Bar) -> list[str]:
 
 
 def bars_with_nominal(connection: "Connection | None", bars: Collection[str]) -> list[Bar]:
-    """Those of these bars that have nominal lengths."""
+    """Those of these bars that have nominal lengths.
+
+    Parameters
+    ----------
+    connection
+        What is connected; None: there are no bars.
+    bars
+        Ids of the bars to choose among.
+    """
     known = connection.plan.bars if connection is not None else ()
     return [bar for bar in known if bar.id in bars and any(one.nominal_mm is not None for one in bar.lengths)]
 
@@ -183,7 +209,15 @@ def recording_text(source: str) -> str:
 
 
 def bench_rows(connection: "Connection | None", confirmed: Artefacts | None) -> list[BenchRow]:
-    """What the source or the chosen file says is on the bench."""
+    """What the source or the chosen file says is on the bench.
+
+    Parameters
+    ----------
+    connection
+        What is connected; None: nothing.
+    confirmed
+        What somebody has confirmed; None: nobody has, and the rows show what the connection says.
+    """
     artefacts = confirmed
     if artefacts is None and connection is not None:
         artefacts = artefacts_of(connection.plan)

@@ -25,7 +25,15 @@ _AXIS_LENGTH = 1.6  # of a camera's frustum in the picture
 
 
 def place_text(name: str, kind: str) -> str:
-    """A place as it stands in a list."""
+    """A place as it stands in a list.
+
+    Parameters
+    ----------
+    name
+        The place's name.
+    kind
+        `ball`, `mark` or `point`.
+    """
     texts = {
         "ball": translate("Frame", "{name}: the ball's centre"),
         "mark": translate("Frame", "{name}: mark of a bar"),
@@ -34,7 +42,15 @@ def place_text(name: str, kind: str) -> str:
 
 
 def frame_words(definition: FrameDefinition | None, reference: str | None) -> str:
-    """In which frame exports are given, for the page."""
+    """In which frame exports are given, for the page.
+
+    Parameters
+    ----------
+    definition
+        The user's frame; None: that of the reference camera.
+    reference
+        Id of the reference camera; None where there is none.
+    """
     camera = translate("Frame", "the reference camera's frame ({camera})").format(camera=reference or "-")
     if definition is None:
         return camera
@@ -102,7 +118,15 @@ class FrameChoice:
         return bool(self._before)
 
     def choose(self, role: Role, name: str | None) -> None:
-        """Another place for a role; None as the origin is the reference camera. A new origin suggests the others."""
+        """Another place for a role; a new origin suggests the others.
+
+        Parameters
+        ----------
+        role
+            `origin`, `x` or `xy`.
+        name
+            The place; None as the origin is the reference camera.
+        """
         made = replace(self.definition, **{role: name})
         if role == "origin" and name is None:
             made = replace(made, x=None, xy=None)

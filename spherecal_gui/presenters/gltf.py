@@ -23,7 +23,15 @@ _Entry = dict[str, object]  # a JSON object of the file
 
 
 def scene_glb(data: SceneData, style: SceneStyle) -> bytes:
-    """The file's bytes; the same scene gives the same bytes."""
+    """The file's bytes; the same scene gives the same bytes.
+
+    Parameters
+    ----------
+    data
+        The scene.
+    style
+        Colours, and the layers that are written.
+    """
     made = _Maker()
     shapes = scene_shapes(data, style)
     for mesh in shapes.meshes:

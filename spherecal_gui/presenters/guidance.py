@@ -36,12 +36,16 @@ class Guidance:
     """One piece of advice, seen from above: places in mm in one plane.
 
     `now_mm` and `next_mm`: what a length of 500 mm is measured to (k = 2) when stopping now and after the next
-    placement (None: not known). `names` of `cameras` (c, 2); `taken_names` of `taken` (t, 2), where the ball was;
-    `place` (2,) where to put it, `away_mm` from the last place towards camera `towards` and `up_mm` higher;
-    `turn_deg` about the upright axis (counter-clockwise seen from above) or, where `tip` (2,) is there, its top that
-    way, towards camera `tip_towards`. `up` (3,) is upright in the rig's frame, `views` (c, 2) the cameras' unit
-    directions of view from above. `ghost` (tasks.ghost) is the ball there as the cameras would see it, `scene`
-    (presenters.scene) the whole in space. `coarse`: a first answer; the lengths are still being worked out.
+    placement (None: not known). `coarse`: a first answer; the lengths are still being worked out.
+
+    `names` of `cameras` (c, 2) and their unit directions of view `views` (c, 2); `taken_names` of `taken` (t, 2), where
+    the ball was. `place` (2,) is where to put it, `away_mm` from the last place towards camera `towards` and `up_mm`
+    higher. `up` (3,) is upright in the rig's frame.
+
+    `turn_deg` is about the upright axis, counter-clockwise seen from above. Where `tip` (2,) is there, the ball's top
+    goes that way instead, towards camera `tip_towards`.
+
+    `ghost` is the ball there as the cameras would see it, `scene` the whole in space.
     """
 
     now_mm: float | None
@@ -71,10 +75,16 @@ class Guidance:
 
 
 def guidance_of(found: "Advised", rig: "Rig", spheres: "Sequence[PlacedSphere]") -> Guidance | None:
-    """The engine's answer (guidance.next_placement) as the window shows it; None where nothing helps.
+    """The engine's answer as the window shows it; None where nothing helps.
 
-    `spheres` (rig.PlacedSphere): the ball at every placement so far, in the order in which they were taken; the last
-    one is where it stands now.
+    Parameters
+    ----------
+    found
+        The engine's answer.
+    rig
+        The cameras as they are known so far.
+    spheres
+        The ball at every placement so far, in the order in which they were taken; the last is where it stands now.
     """
     from spherecal.report.rig_view import TOP, choose_axes  # imports scipy
 
@@ -170,14 +180,30 @@ def move_text(shown: Guidance) -> str:
 
 
 def is_enough(shown: Guidance, planned_taken: bool) -> bool:
-    """Whether all that was planned is taken and one more placement would not be worth it."""
+    """Whether all that was planned is taken and one more placement would not be worth it.
+
+    Parameters
+    ----------
+    shown
+        The advice.
+    planned_taken
+        Whether all that was planned is captured.
+    """
     if not planned_taken or shown.coarse or shown.now_mm is None or shown.next_mm is None:
         return False
     return shown.next_mm > (1 - WORTH) * shown.now_mm
 
 
 def advice_text(shown: Guidance, planned_taken: bool) -> str:
-    """Where to put the ball next; "Enough" where all that was planned is taken and no move is worth a tenth."""
+    """Where to put the ball next; "Enough" where all that was planned is taken and no move is worth a tenth.
+
+    Parameters
+    ----------
+    shown
+        The advice.
+    planned_taken
+        Whether all that was planned is captured.
+    """
     if is_enough(shown, planned_taken):
         return translate("Guidance", "Enough.")
     if not planned_taken and is_enough(shown, True):
@@ -208,7 +234,15 @@ def now_text(shown: Guidance) -> tuple[str, Level]:
 
 
 def next_text(shown: Guidance, planned_taken: bool = False) -> str:
-    """What the next placement would give, or one more than was planned."""
+    """What the next placement would give, or one more than was planned.
+
+    Parameters
+    ----------
+    shown
+        The advice.
+    planned_taken
+        Whether all that was planned is captured, so that the next one is one more.
+    """
     if shown.next_mm is None or not np.isfinite(shown.next_mm):
         return ""
     text = translate("Guidance", "With this placement: {mm:.3f} mm")

@@ -57,7 +57,17 @@ NOTHING_EXPECTED = Expected()
 
 
 def figures_text(serial: str, status: "CameraStatus | None", exposure_us: float) -> str:
-    """A camera's serial number, images a second, exposure, temperature, as far as they are known."""
+    """A camera's serial number, images a second, exposure, temperature, as far as they are known.
+
+    Parameters
+    ----------
+    serial
+        Serial number.
+    status
+        State and counters; None: not known.
+    exposure_us
+        Exposure in µs.
+    """
     parts = [serial]
     if status is not None and status.counters.rate_hz:
         parts.append(translate("Look", "{rate:.0f} fps").format(rate=status.counters.rate_hz))
@@ -77,7 +87,20 @@ def tile_state(
 ) -> TileState:
     """What to say about a camera: its own trouble first, then light, then focus, then that all is well.
 
-    `bumped_px`: it was moved by so much.
+    Parameters
+    ----------
+    name
+        What the camera is called.
+    status
+        Its state; None: not known.
+    sight
+        Its newest examined image; None: none was examined yet.
+    expected
+        What images of all cameras should show.
+    has_image
+        Whether an image has arrived.
+    bumped_px
+        By how much the camera was moved, px; None: it was not.
     """
     if status is not None and not status.state.usable:
         return TileState(name, "bad", camera_trouble(status), details=camera_details(status))
@@ -161,7 +184,15 @@ def warm_up_text(cameras: dict[str, float]) -> str:
 
 
 def summary(states: list[TileState], have_images: bool = False) -> tuple[str, Level]:
-    """The whole wall in one sentence; `have_images`: every camera has sent one."""
+    """The whole wall in one sentence.
+
+    Parameters
+    ----------
+    states
+        The cameras' tiles.
+    have_images
+        Whether every camera has sent an image.
+    """
     bad = [state.name for state in states if state.level == "bad"]
     unsure = [state.name for state in states if state.level == "caution"]
     waiting = [state.name for state in states if state.level == "none"]

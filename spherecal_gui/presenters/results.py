@@ -155,7 +155,15 @@ def bar_verdict(bars: "BarReport") -> VerdictText:
 
 
 def camera_rows(result: "Result", compared: "Compared | None" = None) -> list[CameraRow]:
-    """All cameras, those that could not be placed and the largest rms first; with the change since another result."""
+    """All cameras, those that could not be placed and the largest rms first; with the change since another result.
+
+    Parameters
+    ----------
+    result
+        The result.
+    compared
+        The comparison with the calibration in use; None: there is none.
+    """
     rows = []
     contradicting = ~result.residuals.used & ~_seen_by_one(result)
     changes = {one.id: one for one in compared.comparison.cameras} if compared is not None else {}
@@ -233,7 +241,17 @@ def compared_text(compared: "Compared | None") -> tuple[str, Level]:
 
 
 def residuals_of(result: "Result", camera: str, placement: str | None = None) -> CameraResiduals | None:
-    """The residuals of a placed camera, of one placement or of all."""
+    """The residuals of a placed camera, of one placement or of all; None where it was not placed or saw nothing.
+
+    Parameters
+    ----------
+    result
+        The result.
+    camera
+        Id of the camera.
+    placement
+        The placement to show; None, or one at which the camera saw nothing: all.
+    """
     placed = result.rig.camera(camera)
     rows = result.residuals.rows_of.get(camera)
     if placed is None or rows is None:
@@ -253,7 +271,15 @@ def residuals_of(result: "Result", camera: str, placement: str | None = None) ->
 
 
 def residual_text(result: "Result", shown: CameraResiduals) -> str:
-    """How large a camera's residuals are: mean and largest, in px and, where there is a scale, in mm at the ball."""
+    """How large a camera's residuals are: mean and largest, in px and, where there is a scale, in mm at the ball.
+
+    Parameters
+    ----------
+    result
+        The result.
+    shown
+        The residuals of a camera that was placed.
+    """
     lengths = np.linalg.norm(shown.du_dv[shown.used], axis=1)
     if not len(lengths):
         return ""
@@ -279,7 +305,15 @@ _BENCH = ("no-scale", "target-distance", "ball-diameter")
 
 
 def advice(result: "Result", placements: tuple[str, ...]) -> list[Advice]:
-    """The findings, errors first, each with what can be done at once."""
+    """The findings, errors first, each with what can be done at once.
+
+    Parameters
+    ----------
+    result
+        The result.
+    placements
+        Ids of the placements that can be retaken.
+    """
     levels: dict[str, Level] = {"error": "bad", "warning": "caution", "info": "none"}
     cameras = set(result.camera_ids)
     found = []
@@ -335,7 +369,15 @@ def _repair(repair: AdvisedRepair) -> Action:
 
 
 def repair_text(option: str, value: str) -> str:
-    """What a repair does, on its button."""
+    """What a repair does, on its button.
+
+    Parameters
+    ----------
+    option
+        `--leave-out`, `--split` or `--swap`.
+    value
+        What the option is given, such as `C05@P3`.
+    """
     first, at, second = value.rpartition("@")
     if option == "--swap":
         text = translate("Results", "Exchange {cameras} at {place}") if at else translate("Results", "Exchange {place}")

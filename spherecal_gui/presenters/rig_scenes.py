@@ -52,7 +52,17 @@ def rig_scene(rig: "Rig") -> SceneData | None:
 
 
 def next_scene(rig: "Rig", spheres: "Sequence[PlacedSphere]", centre_mm: ArrayLike) -> SceneData | None:
-    """The rig as it is known so far, the ball where it was (rig.PlacedSphere) and where it should go next."""
+    """The rig as it is known so far, the ball where it was and where it should go next.
+
+    Parameters
+    ----------
+    rig
+        The cameras as they are known so far.
+    spheres
+        The ball at every placement so far; the last one is where it stands now.
+    centre_mm
+        Centre (3,) of the ball where it should go, mm in the rig's world.
+    """
     from spherecal.report.rig_view import DrawnPlacement  # imports scipy
 
     data = rig_scene(rig)
@@ -71,7 +81,15 @@ def next_scene(rig: "Rig", spheres: "Sequence[PlacedSphere]", centre_mm: ArrayLi
 
 
 def check_scene(rig: "Rig", found: "Check | KeptCheck") -> SceneData | None:
-    """The calibration in use, and those cameras that a check (uses.check) found moved where they are now."""
+    """The calibration in use, and those cameras that a check found moved where they are now.
+
+    Parameters
+    ----------
+    rig
+        The calibration in use.
+    found
+        The check; of one that was read again, no camera is moved, as directions are not kept.
+    """
     from spherecal.geometry.rotation import exp_rotation  # imports scipy
 
     moved = {one.test.id: one.test for one in found.cameras if one.test.moved}

@@ -24,7 +24,17 @@ class DotStore:
         self._root = folder
 
     def save(self, set_id: str, taken: str, dots: Mapping[str, Dots]) -> None:
-        """Keep the dots of a set; where the disk refuses they are found again in the images."""
+        """Keep the dots of a set; where the disk refuses they are found again in the images.
+
+        Parameters
+        ----------
+        set_id
+            The set.
+        taken
+            The moment at which it was taken.
+        dots
+            Its dots by camera.
+        """
         arrays: dict[str, Any] = {"taken": np.array(taken)}  # Any: savez has a keyword that is no array
         for camera, one in dots.items():
             arrays |= {f"{camera}/{key}": getattr(one, key) for key in ("target", "point", "uv")}
@@ -37,7 +47,15 @@ class DotStore:
             return
 
     def load(self, set_id: str, taken: str) -> dict[str, Dots] | None:
-        """The dots of this taking of a set; None where there are none."""
+        """The dots of this taking of a set; None where there are none.
+
+        Parameters
+        ----------
+        set_id
+            The set.
+        taken
+            The moment at which it was taken.
+        """
         try:
             data = read_below(self._root, f"wizard/{set_id}.npz", _MOST_BYTES)
             with zipfile.ZipFile(io.BytesIO(data)) as packed:

@@ -35,7 +35,24 @@ _COARSE_DOTS = 160
 def plan_coarse(
     document: Document, target_set: TargetSet | None, dots: Mapping[str, SetDots], context: Context
 ) -> Guidance | None:
-    """A first answer, from a few dots and by geometry alone; None where they give nothing to plan with."""
+    """A first answer, from a few dots and by geometry alone; None where they give nothing to plan with.
+
+    Parameters
+    ----------
+    document
+        The session as session.json has it.
+    target_set
+        The targets on the ball; None where the session has none.
+    dots
+        The dots by placement and camera.
+    context
+        Progress and cancelling.
+
+    Raises
+    ------
+    Cancelled
+        When somebody has stopped it.
+    """
     from spherecal.calibrate import calibrate
     from spherecal.guidance.next_placement import first_guess
     from spherecal.methods.settings import CalibrationSettings
@@ -60,7 +77,21 @@ def plan_next(
 ) -> Guidance | None:
     """Where to put the ball next; None where the placements so far give nothing to plan with.
 
-    `document` is the session as session.json has it, `dots` by placement and camera.
+    Parameters
+    ----------
+    document
+        The session as session.json has it.
+    target_set
+        The targets on the ball; None where the session has none.
+    dots
+        The dots by placement and camera.
+    context
+        Progress and cancelling.
+
+    Raises
+    ------
+    Cancelled
+        When somebody has stopped it.
     """
     from spherecal.calibrate import calibrate
     from spherecal.guidance.next_placement import advise
@@ -94,7 +125,17 @@ def _shown(
 
 
 def session_of_dots(document: Document, target_set: TargetSet | None, dots: Mapping[str, SetDots]) -> "Session":
-    """A session with these dots as its observations; the reader of sessions checks all the rest."""
+    """A session with these dots as its observations; the reader of sessions checks all the rest.
+
+    Parameters
+    ----------
+    document
+        The session as session.json has it.
+    target_set
+        The targets on the ball; None where the session has none.
+    dots
+        The dots by placement and camera; other placements are left out.
+    """
     placements = [one["id"] for one in document["placements"] if one["id"] in dots]
     cameras = [camera["id"] for camera in document["cameras"]]
     bare = {key: value for key, value in document.items() if key not in ("bars", "bar_poses", "target_set")}
@@ -109,7 +150,19 @@ def session_of_dots(document: Document, target_set: TargetSet | None, dots: Mapp
 def observations_of(
     placements: list[str], cameras: list[str], dots: Mapping[str, SetDots], target_set: TargetSet | None
 ) -> Observations:
-    """The dots of these placements and cameras, or the corners of markers, as one table (network.observations)."""
+    """The dots of these placements and cameras, or the corners of markers, as one table.
+
+    Parameters
+    ----------
+    placements
+        Ids of the placements; each is a key of `dots`.
+    cameras
+        Names of the cameras.
+    dots
+        The dots by placement and camera.
+    target_set
+        The targets; None counts as targets of dots.
+    """
     shots = [(p, c, dots[name].get(camera)) for p, name in enumerate(placements) for c, camera in enumerate(cameras)]
     found = [(p, c, one) for p, c, one in shots if one is not None and len(one)]
     count = [len(one) for _, _, one in found]

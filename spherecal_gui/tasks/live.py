@@ -31,8 +31,9 @@ _STRIDE = 8
 class Sight:
     """What is known of a camera's newest examined image.
 
-    `blur_px` is the median standard deviation of the dots' edges (None without dots), `saturated` the share of pixels
-    at full scale, `brightness` the mean over full scale; `motion_px` how much the scene moved over the last images.
+    `blur_px` is the median standard deviation of the dots' edges (None without dots). `saturated` is the share of
+    pixels at full scale, `brightness` the mean over full scale. `motion_px` says how much the scene moved over the last
+    images.
     """
 
     frame: Frame
@@ -168,7 +169,19 @@ def _known(camera: SessionCamera) -> DetectionSettings:
 
 
 def wait_for_sight(view: LiveView, serial: str, seconds: float) -> Sight | None:
-    """The camera's first examined image, waiting at most this long (for commands and tests, never for the window)."""
+    """The camera's first examined image; for commands and tests, never for the window.
+
+    None where there was none in this time.
+
+    Parameters
+    ----------
+    view
+        The live view, started.
+    serial
+        The camera's serial number.
+    seconds
+        How long to wait at most.
+    """
     until = time.perf_counter() + seconds
     while time.perf_counter() < until and view.sight(serial) is None and view.problem is None:
         time.sleep(_PAUSE_S)

@@ -55,9 +55,27 @@ class Outcome:
 
 
 def read_outcome(folder: Path, session: Path, profile: Path, bars: "Sequence[Bar]", context: Context) -> Outcome:
-    """The result in a folder with all that can be said about it; InputError where it cannot be read.
+    """The result in a folder with all that can be said about it.
 
-    `bars` (session.model) are those on the bench.
+    Parameters
+    ----------
+    folder
+        The result.
+    session
+        The session that it came from.
+    profile
+        The rig's profile; it may not be there.
+    bars
+        The bars on the bench.
+    context
+        Progress and cancelling.
+
+    Raises
+    ------
+    InputError
+        Where the result cannot be read.
+    Cancelled
+        When somebody has stopped it.
     """
     from spherecal.report.result_folder import read_result
 

@@ -110,7 +110,21 @@ class Runner(QObject):
         on_failed: Callable[[BaseException], None],
         on_cancelled: Callable[[], None] | None = None,
     ) -> bool:
-        """Start work; False where something runs already. The callbacks are called in the window's thread."""
+        """Start work; False where something runs already.
+
+        Parameters
+        ----------
+        name
+            What the work is called.
+        work
+            Runs in a thread of its own.
+        on_done
+            Called with the result of the work, in the window's thread, as the other two are.
+        on_failed
+            Called with the error.
+        on_cancelled
+            Called when the work was stopped; None: nothing is.
+        """
         if self.task is not None:
             return False
         self._on_done, self._on_failed, self._on_cancelled = on_done, on_failed, on_cancelled

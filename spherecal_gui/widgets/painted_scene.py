@@ -1,7 +1,7 @@
 """The rig painted by Qt alone, from the same shapes as the rendered one and with the same names and legend.
 
-Stands in for pyvista where that is not installed (it is 275 MB of libraries, too much for the installer) or where
-OpenGL does not work, and until the first rendered picture is there. 6000 dots, 12 cameras: some 15 ms a picture.
+Stands in for pyvista where that is not installed, where OpenGL does not work, and until the first rendered picture is
+there. The libraries of pyvista are 275 MB, too much for the installer. 6000 dots, 12 cameras: some 15 ms a picture.
 """
 
 import numpy as np
@@ -37,7 +37,17 @@ class PaintedScene(SceneView):
         super().scene_changed()
 
     def paint_rig(self, painter: QPainter, data: SceneData, eye: Eye) -> None:
-        """Back to front as far as that matters: floor, balls with their dots, cameras, lines."""
+        """Back to front as far as that matters: floor, balls with their dots, cameras, lines.
+
+        Parameters
+        ----------
+        painter
+            Of the widget, or of a picture.
+        data
+            The scene.
+        eye
+            From where it is looked at.
+        """
         self._lines = self._lines or scene_lines(data, self.style_of_now())
         floor, *lines = self._lines
         _draw_lines(painter, eye, floor.ends, floor.colours, floor.width)

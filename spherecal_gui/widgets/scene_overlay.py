@@ -52,7 +52,23 @@ class Overlay:
         marked: str | None,
         hovered: SceneItem | None,
     ) -> None:
-        """Everything, over the picture of the rig."""
+        """Everything, over the picture of the rig.
+
+        Parameters
+        ----------
+        painter
+            Of the view.
+        data
+            The scene.
+        eye
+            From where it is looked at.
+        layers
+            The layers that are shown, of `spherecal_scene.shapes.LAYERS`.
+        marked
+            Id of the camera that stands out; None: none does.
+        hovered
+            What is under the mouse; None: nothing.
+        """
         self._names(painter, data, eye, marked)
         self._scale(painter, data, eye)
         self._legend(painter, data, layers)
@@ -197,7 +213,15 @@ class Overlay:
         return found
 
     def side_at(self, place: QPointF, eye: Eye) -> str | None:
-        """The side of the cube under the mouse."""
+        """The side of the cube under the mouse; None: the mouse is beside it.
+
+        Parameters
+        ----------
+        place
+            The mouse, in the view's coordinates.
+        eye
+            From where the scene is looked at.
+        """
         faces = [face for face in self._faces(eye) if face[2] > 0.02]
         inside = [face for face in faces if face[1].containsPoint(place, Qt.FillRule.OddEvenFill)]
         return max(inside, key=lambda face: face[2])[0] if inside else None

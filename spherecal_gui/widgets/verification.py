@@ -92,7 +92,15 @@ class VerificationView(QSplitter):
         self.panel.show_scene(data)
 
     def show_bars(self, bars: "BarReport", stale: bool) -> None:
-        """Show a verification (report.verification_file)."""
+        """Show a verification.
+
+        Parameters
+        ----------
+        bars
+            The verification.
+        stale
+            Whether it is out of date.
+        """
         verdict = bar_verdict(bars)
         word = f"{verdict.word}  {self.tr('(out of date)')}" if stale else verdict.word
         self.words: tuple[str, Level] = (word, "caution" if stale else verdict.level)

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from spherecal.data.session import Bar, Certificate
     from spherecal.files.bar_registry import RegisteredBar
 
-# Imported inside functions: sessions and bars take 20 ms, for which the window does not wait.
+# Imported inside functions: sessions and bars take 15 ms, for which the window does not wait.
 
 translate = QCoreApplication.translate
 

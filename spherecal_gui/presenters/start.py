@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 from PySide6.QtCore import QCoreApplication
 
 from spherecal.base.errors import SpherecalError
+from spherecal.profile.checks import last_check
 from spherecal_gui.last_verification import last_verification
 from spherecal_gui.presenters.coverage import Level
 from spherecal_gui.project import VERIFIED, Project, usable
@@ -173,7 +174,6 @@ def _short_age(calibrated: datetime) -> str:
 
 def _judged(kept: "Profile", entry: "Entry") -> list[tuple[Level, str]]:
     """What there is to say of the calibration in use, what was measured of it before how old it is."""
-    from spherecal.profile.checks import last_check  # imported in any case by the next one
     from spherecal.profile.validity import validity  # imports scipy
 
     verdict = _last_verdict(kept, entry)

@@ -51,13 +51,23 @@ _FOLDERS = ("result", "repair", "verification", "placements", "bars", "removed",
 CAPTURE = "capture.json"  # spherecal.cameras.capture, which takes a second to import
 _MOST_BYTES = 64 << 20
 
+Document = dict[str, Any]  # a JSON object, such as session.json: json itself gives Any
+
 
 def _purpose(text: str) -> Purpose:
     return next((one for one in get_args(Purpose) if one == text), "calibrate")
 
 
-def _artefacts(target_set: str = "", ball: str = "", scale: str = "", **others: Any) -> Artefacts:
-    return Artefacts(target_set, ball, scale, **others)
+def _artefacts(
+    target_set: str = "",
+    ball: str = "",
+    scale: str = "",
+    scale_bar: str | None = None,
+    check_bars: tuple[str, ...] = (),
+    check: str = "",
+    board: bool = False,
+) -> Artefacts:
+    return Artefacts(target_set, ball, scale, scale_bar, check_bars, check, board)
 
 
 def _mask(camera: str, rectangle: Rectangle) -> tuple[str, Rectangle]:
@@ -200,7 +210,17 @@ def _as_on_disk(project: Project) -> Project:
 
 
 def new_folder(parent: Path, now: datetime, purpose: str = "calibration") -> Path:
-    """A folder that is not there yet, named by what it is for, the day and the time."""
+    """A folder that is not there yet, named by what it is for, the day and the time.
+
+    Parameters
+    ----------
+    parent
+        Where projects are kept.
+    now
+        The day and the time.
+    purpose
+        What it is for; its name begins so.
+    """
     base = parent / f"{purpose}-{now:%Y-%m-%d-%H%M}"
     folder, number = base, 2
     while folder.exists():
@@ -211,8 +231,21 @@ def new_folder(parent: Path, now: datetime, purpose: str = "calibration") -> Pat
 _BOARD_PLACEMENTS = 12  # each of six cameras around a volume then sees the board four times, two at a time
 
 
-def write_bench(projects: Path, board: Mapping[str, Any]) -> Path:
-    """The description of a bench with nothing but a board on it, among the projects; one file for each board."""
+def write_bench(projects: Path, board: Mapping[str, object]) -> Path:
+    """The description of a bench with nothing but a board on it, among the projects; one file for each board.
+
+    Parameters
+    ----------
+    projects
+        Where projects are kept.
+    board
+        The board as session.json has it.
+
+    Raises
+    ------
+    OutputError
+        Where it cannot be written.
+    """
     placements = [{"id": f"P{number:02d}"} for number in range(1, _BOARD_PLACEMENTS + 1)]
     document = {"format": "spherecal/session", "version": 1, "board": dict(board), "placements": placements}
     data = json.dumps(document, indent=1).encode()
@@ -240,7 +273,15 @@ def discard(folder: Path) -> None:
 
 
 def recent_projects(parent: Path, most: int = 8) -> list[Path]:
-    """The projects in a folder, the newest first; unreadable ones are left out."""
+    """The projects in a folder, the newest first; unreadable ones are left out.
+
+    Parameters
+    ----------
+    parent
+        Where projects are kept.
+    most
+        How many to list at most.
+    """
     try:
         found = [path.parent for path in parent.glob(f"*/{FILE}")]
         there = [folder for folder in found if is_project(folder)]  # a link to nowhere hides no other project

@@ -220,7 +220,7 @@ def test_the_window_says_how_long_work_takes_and_remembers_it(qtbot, tmp_path, m
 
 
 def test_the_culprit_is_who_the_findings_accuse_not_who_has_the_largest_residuals():
-    def result(*findings):
+    def result(*findings) -> Any:
         quality = SimpleNamespace(findings=findings)
         residuals = SimpleNamespace(placement=np.array(["P1", "P2", "P3"]))
         return SimpleNamespace(camera_ids=("C1", "C2", "C3"), rig=SimpleNamespace(quality=quality), residuals=residuals)
@@ -316,6 +316,7 @@ def test_a_check_that_is_opened_again_has_its_numbers(tmp_path, monkeypatch):
     }  # fmt: skip
     (project.folder / "check.json").write_text(json.dumps(document))
     found = read_kept_check(project.folder)
+    assert found is not None
     assert check_verdict(found).word == "RECALIBRATE" and "C03" in check_verdict(found).sentence
     (row,) = check_rows(found)
     assert (row.move_px, row.point_mm, row.shift_mm) == (9.1, 7.5, 4.5) and row.turn_deg == pytest.approx(0.3)

@@ -1,6 +1,7 @@
 """A camera that is moved while the ball lies still is told from a ball that is moved."""
 
 import os
+from typing import Any
 
 import numpy as np
 import pytest
@@ -90,7 +91,8 @@ def test_the_tile_and_the_message_name_it():
     class Sight:
         dots = np.zeros(5)
 
-    state = tile_state("C03", None, Sight(), bumped_px=12.3)
+    sight: Any = Sight()
+    state = tile_state("C03", None, sight, bumped_px=12.3)
     assert (state.level, state.word) == ("bad", "moved by 12 px, alone. Is it fixed?")
     what, todo = bump_text({"C03": 12.3})
     assert what == "Only C03 moved (12 px)."

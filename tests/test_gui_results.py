@@ -5,6 +5,7 @@ import re
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -66,7 +67,7 @@ def moved_camera() -> Finding:
     return Finding("camera-moved", "warning", values, ("C05", "P3"), (AdvisedRepair("split", "C05@P3"),), "before")
 
 
-def result_with(*findings: Finding) -> SimpleNamespace:
+def result_with(*findings: Finding) -> Any:
     return SimpleNamespace(rig=SimpleNamespace(quality=SimpleNamespace(findings=findings)), camera_ids=["C05"])
 
 

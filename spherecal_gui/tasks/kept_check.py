@@ -3,10 +3,10 @@
 import math
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
+from spherecal.base.arrays import FloatArray
 from spherecal.base.errors import SpherecalError
 from spherecal.data.findings import Finding, as_written
 from spherecal.files.json_file import JsonValue, read_json
@@ -24,8 +24,8 @@ class _Test:
     move_px: float
     point_mm: float
     rms_px: float
-    shift_mm: Any
-    turn_rad: Any
+    shift_mm: FloatArray
+    turn_rad: FloatArray
 
 
 @dataclass(frozen=True)

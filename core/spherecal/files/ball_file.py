@@ -141,7 +141,7 @@ BALL = FileFormat(
         software(),
         field("dots", replace(_DOTS, entry=lambda shape: [_DOT.entry(dot) for dot in _dots(shape)]), "shape"),
     ),
-    ("No dot is there twice.", "The dots do not lie on one line.", "A covariance is positive definite."),
+    ("No dot occurs twice.", "The dots are not all on one line.", "A covariance is positive definite."),
     lines="dots",
 )
 

@@ -45,7 +45,7 @@ _FILES = {
 BUNDLE = FileFormat(
     "spherecal/bundle",
     BUNDLE_FILE,
-    "Beside a session whose images were left out for a support bundle: what the original was.",
+    "Describes the original of a session whose images were left out for a support bundle.",
     record(
         "",
         _Original,

@@ -178,7 +178,7 @@ TARGETS = FileFormat(
     "targets.json",
     "The stickers: the places of the dots of every target.",
     Kind(_SET.schema | {"anyOf": _FORMS}, _read_set, _SET.entry),  # what is needed depends on the family
-    ("Ids differ.", "No dot lies off the sticker.", "Dots of a marker are its corners 0 to 3."),
+    ("Ids differ.", "Every dot is on the sticker.", "Dots of a marker are its corners 0 to 3."),
     more="#markers",
     lines="targets",
 )

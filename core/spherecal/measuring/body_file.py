@@ -40,7 +40,7 @@ BODY = FileFormat(
         field("name", identifier("Its name.")),
         field("points", items("Its points.", _POINT, LEAST_POINTS, _MOST_POINTS, differ="name", what="point")),
     ),
-    ("No point is there twice.", "The points do not lie on one line."),
+    ("No point occurs twice.", "The points are not all on one line."),
     more="measuring.md#bodies",
 )
 

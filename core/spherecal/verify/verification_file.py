@@ -350,7 +350,7 @@ _CERTIFIED = record(
     field("length_mm", _mm("The length.")),
     optional("expanded_uncertainty_mm", _mm("Its expanded uncertainty.")),
     optional("coverage_factor", _mm("The factor k.")),
-    unread("nominal_mm", "What it is called by."),
+    unread("nominal_mm", "Its nominal length."),
 )
 _BAR = record(
     "A bar and its certificate.",

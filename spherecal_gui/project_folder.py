@@ -7,12 +7,12 @@ import hashlib
 import json
 import os
 from collections.abc import Mapping
-from dataclasses import replace
+from dataclasses import fields, replace
 from datetime import datetime
 from functools import partial
 from operator import itemgetter
 from pathlib import Path
-from typing import Any, get_args
+from typing import Any, TypeVar, get_args
 
 from spherecal.base import filesystem as files
 from spherecal.base.errors import InputError, OutputError, reason
@@ -42,7 +42,8 @@ from spherecal.files.codec import (
     text,
 )
 from spherecal.files.json_file import JsonValue
-from spherecal_gui.project import Artefacts, Flaw, FlawCode, Project, Purpose, Rectangle, Run, Verdict
+from spherecal_gui.fingerprint import fingerprint
+from spherecal_gui.project import Artefacts, Computation, Flaw, FlawCode, Project, Purpose, Rectangle, Verdict
 
 # What is simulated keeps a profile of its own: it must never pass for the calibration of the rig.
 PROFILE, TRAINING_PROFILE = "rig-profile", "training-profile"
@@ -51,6 +52,7 @@ _FOLDERS = ("result", "repair", "verification", "placements", "bars", "removed",
 CAPTURE = "capture.json"  # spherecal.cameras.capture, which takes a second to import
 _MOST_BYTES = 64 << 20
 
+T = TypeVar("T")
 Document = dict[str, Any]  # a JSON object, such as session.json: json itself gives Any
 
 
@@ -88,10 +90,10 @@ _ARTEFACTS = record(
 _PAIR = items("", prose(""), length=2)
 
 
-def _run(about: str) -> Kind[Run]:
+def _run(about: str) -> Kind[Computation]:
     return record(
         f"The last {about}.",
-        Run,
+        Computation,
         field("inputs", items("What it was made of.", _PAIR)),
         field("verdict", choice("Its verdict.", get_args(Verdict))),
     )
@@ -112,6 +114,34 @@ _FLAW = record(
     field("cameras", items("The cameras.", text(""))),
     field("kept", boolean("Whether somebody keeps it so.")),
 )
+
+
+def _by_content(document: Document) -> Document:
+    """Version 1 knew what a computation was made from by Python's repr of it: the fingerprint of the same content."""
+    artefacts = _or_none(_ARTEFACTS, document.get("artefacts"))
+    drawn = sorted(_or_none(items("", _MASK), document.get("masks")) or ())
+    known = {repr(None): fingerprint(None), repr(drawn): fingerprint(drawn)}
+    if artefacts is not None:
+        words = {one.name: getattr(artefacts, one.name) for one in fields(artefacts) if one.name != "board"}
+        known[f"Artefacts({_arguments(words)})"] = fingerprint(artefacts)
+    for key in ("calibrated", "accepted", "checked", "verified", "repaired", "saved"):  # what follows from others last
+        run = _or_none(_run(""), document.get(key))
+        if run is not None:
+            inputs = tuple((name, known.get(was, was)) for name, was in run.inputs)
+            now = Computation(inputs, run.verdict)
+            known[f"Run({_arguments(vars(run))})"] = fingerprint(now)
+            document = document | {key: {"inputs": [list(pair) for pair in inputs], "verdict": run.verdict}}
+    return document
+
+
+def _arguments(values: Mapping[str, object]) -> str:
+    return ", ".join(f"{name}={value!r}" for name, value in values.items())
+
+
+def _or_none(kind: Kind[T], entry: object) -> T | None:
+    return None if entry is None else kind.read(JsonValue(entry, Path(FILE)))
+
+
 WIZARD = FileFormat(
     "spherecal/wizard",
     FILE,
@@ -147,6 +177,8 @@ WIZARD = FileFormat(
         optional("note", prose("What the operator has written.")),
         optional("flaws", items("What is wrong with a set.", _FLAW)),
     ),
+    version=2,
+    migrations={1: _by_content},
 )
 
 

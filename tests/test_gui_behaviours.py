@@ -26,6 +26,7 @@ from spherecal.files.write_result import write_result
 from spherecal.profile.save import SaveOptions, save_result
 from spherecal.profile.store import apply, create_profile, open_profile
 from spherecal.uses.check_file import FORMAT, VERSION
+from spherecal_gui.fingerprint import fingerprint
 from spherecal_gui.pages.calibrate import CalibratePage
 from spherecal_gui.pages.check import CheckPage
 from spherecal_gui.pages.profile_dialog import ProfileDialog
@@ -38,10 +39,10 @@ from spherecal_gui.presenters.placement import AutoTrigger, Scene
 from spherecal_gui.presenters.results import culprit
 from spherecal_gui.presenters.rig_scenes import check_scene
 from spherecal_gui.presenters.start import number_in_use, picture_name, validity_of
-from spherecal_gui.project import Project, Run
+from spherecal_gui.project import Computation, Project
 from spherecal_gui.project_folder import save_project
 from spherecal_gui.tasks.kept_check import read_kept_check
-from spherecal_gui.tasks.task import Task
+from spherecal_gui.tasks.task import BackgroundTask
 from spherecal_gui.widgets.tile import Wall
 from spherecal_gui.wizard.controller import Controller
 from spherecal_gui.wizard.window import WizardWindow
@@ -282,7 +283,7 @@ def test_a_cancelled_stage_is_not_ticked(page):
 
 def test_what_the_computation_said_last_counts(page):
     """It ended between two ticks of the window: a valid calibration had a cross at its last stage."""
-    task = Task("calibrate", lambda context: context.on_progress(Progress("writing the result", 1.0)))
+    task = BackgroundTask("calibrate", lambda context: context.on_progress(Progress("writing the result", 1.0)))
     page.course = page.controller.course = course("detect", "triples")
     page.course.task = task
     task.run()
@@ -303,7 +304,7 @@ def test_a_window_made_anew_shows_the_stages_and_another_project_does_not(page, 
 
 def test_a_check_that_is_opened_again_has_its_numbers(tmp_path, monkeypatch):
     project = Project(tmp_path / "check", "simulated:demo", purpose="check", placements=("P1",), step="check")
-    save_project(replace(project, checked=Run((("P1", "x"),), "recalibrate")))
+    save_project(replace(project, checked=Computation((("P1", "x"),), "recalibrate")))
     camera = {
         "id": "C03", "verdict": "recalibrate", "points": 90, "rms_px": 2.0, "calibrated_rms_px": 0.1, "moved": True,
         "move_px": 9.1, "shift_mm": 4.5, "turn_deg": 0.3, "point_mm": 7.5, "probability": 0.0, "reason": "",
@@ -407,8 +408,8 @@ def test_advice_is_gone_once_other_placements_are_there(monkeypatch, tmp_path):
 
 def test_why_a_repair_cannot_be_used_is_in_sight(qtbot, tmp_path):
     controller = Controller()
-    checked = Run((("P1", "x"),), "recalibrate")
-    repaired = Run((("check", repr(checked)),), "not valid")
+    checked = Computation((("P1", "x"),), "recalibrate")
+    repaired = Computation((("check", fingerprint(checked)),), "not valid")
     controller.project = Project(
         tmp_path / "c",
         "simulated:demo",

@@ -13,7 +13,7 @@ from spherecal_gui.presenters.check import check_notes, check_rows, check_verdic
 from spherecal_gui.presenters.rig_scenes import check_scene, rig_scene
 from spherecal_gui.project import usable
 from spherecal_gui.standing import Level
-from spherecal_gui.tasks.kept_check import KeptCheck
+from spherecal_gui.tasks.kept_check import CheckSummary
 from spherecal_gui.texts import reason_text, verdict_word
 from spherecal_gui.widgets.basic import Card, button, enable, label, set_level
 from spherecal_gui.widgets.scene_panel import ScenePanel, SceneSplit
@@ -56,7 +56,7 @@ class CheckPage(Page):
         self.panel = ScenePanel()
         self.panel.said.connect(self.controller.tell)
         # The profile's folder, and what was found.
-        self._drawn: tuple[Path | None, Check | KeptCheck | None] = (None, None)
+        self._drawn: tuple[Path | None, Check | CheckSummary | None] = (None, None)
         column.addWidget(SceneSplit(self.panel, self.table, (540, 560)), 1)
         self.notes = Card()
         self.message = label("", "soft")
@@ -179,7 +179,7 @@ class CheckPage(Page):
         self._draw(found)
         self.message.setText("\n".join(check_notes(found)))
 
-    def _draw(self, found: Check | KeptCheck | None) -> None:
+    def _draw(self, found: Check | CheckSummary | None) -> None:
         """The rig as it was calibrated, with the cameras that moved; without a check (None) as it is in use."""
         folder = self.controller.profile_folder
         if folder is None or (self._drawn[0] == folder and self._drawn[1] is found):

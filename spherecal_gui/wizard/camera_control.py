@@ -15,7 +15,7 @@ from spherecal.files.lock import InUse, locked
 from spherecal_gui import limits
 from spherecal_gui import project as changes
 from spherecal_gui.presenters.coverage import Dots, unmasked
-from spherecal_gui.project import Project, Rectangle, Run
+from spherecal_gui.project import Computation, Project, Rectangle
 from spherecal_gui.project_folder import (
     FILE,
     discard,
@@ -129,7 +129,7 @@ class CameraControl(ProjectControl):
             if folder.is_dir():
                 discard(folder)
             raise
-        calibrated = Run((("profile", number),), verdict)
+        calibrated = Computation((("profile", number),), verdict)
         project = replace(project, calibrated=calibrated, accepted=calibrated)
         save_project(project)
         self._begin(project)

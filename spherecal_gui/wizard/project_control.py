@@ -22,7 +22,7 @@ if TYPE_CHECKING:  # cameras, detection and results need scipy, for which the wi
     from spherecal.report.result_folder import Result
     from spherecal.uses.check import Check
     from spherecal_gui.presenters.calibrate import CourseOfWork
-    from spherecal_gui.tasks.kept_check import KeptCheck
+    from spherecal_gui.tasks.kept_check import CheckSummary
     from spherecal_gui.tasks.live import Connection, LiveView
 
 log = logging.getLogger("spherecal.gui")
@@ -51,7 +51,7 @@ class ProjectControl(QObject):
         self.connection: Connection | None = None
         self.live: LiveView | None = None
         self.outcome: Outcome | None = None
-        self.check_found: Check | KeptCheck | None = None
+        self.check_found: Check | CheckSummary | None = None
         self.course: CourseOfWork | None = None  # of the last calibration, for a window made anew
         self.check_after: Check | None = None  # the same check with the repaired rig
         self.draw_rig: Callable[[], bytes] | None = None  # a picture of the rig for its profile, where one is shown

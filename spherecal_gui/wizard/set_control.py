@@ -9,8 +9,9 @@ from PySide6.QtCore import QCoreApplication, QObject, Signal
 
 from spherecal.base.context import Context
 from spherecal_gui import project as changes
+from spherecal_gui.fingerprint import fingerprint
 from spherecal_gui.presenters.coverage import SetDots
-from spherecal_gui.presenters.guidance import Guidance
+from spherecal_gui.presenters.guidance import GuidanceView
 from spherecal_gui.project_folder import taken_in
 from spherecal_gui.tasks import jobs
 from spherecal_gui.tasks.guide import plan_coarse, plan_next
@@ -51,7 +52,7 @@ class SetControl(TuneControl):
         super().__init__(parent)
         self.planner, self.seer = Runner(self), Runner(self)
         self.lying: Lying | None = None  # where the ball stands now
-        self.guidance: Guidance | None = None
+        self.guidance: GuidanceView | None = None
         self.taking: str | None = None  # the set whose images are being taken
         self._planned_for: tuple[tuple[str, str], ...] | None = None
         self._asked: tuple[tuple[str, str], ...] | None = None
@@ -200,7 +201,8 @@ class SetControl(TuneControl):
             return
         known = self.dots
         dots = {name: known[name] for name in project.placements if name in project.taken and name in known}
-        key = (*((name, project.taken[name]) for name in dots), *((("masks", repr(project.masks)),) if dots else ()))
+        masks = (("masks", fingerprint(project.masks)),) if dots else ()
+        key = (*((name, project.taken[name]) for name in dots), *masks)
         if key == self._planned_for:
             return
         self.guidance, self._planned_for = None, key
@@ -219,7 +221,7 @@ class SetControl(TuneControl):
         document, target_set = recorded.document(), connection.plan.target_set
         work = plan_coarse if coarse else plan_next
 
-        def done(found: Guidance | None) -> None:
+        def done(found: GuidanceView | None) -> None:
             if coarse and self._asked == self._planned_for:
                 if found is not None:
                     self.guidance = found
@@ -295,7 +297,7 @@ class SetControl(TuneControl):
         """Whether the next placement is being worked out."""
         return self.planner.running is not None
 
-    def _planned(self, found: Guidance | None) -> None:
+    def _planned(self, found: GuidanceView | None) -> None:
         if self._asked != self._planned_for:
             self._plan_anew()
             return

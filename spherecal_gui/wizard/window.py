@@ -19,7 +19,7 @@ from spherecal_gui.presenters.start import source_word, validity_of
 from spherecal_gui.project_folder import load_project, profile_shown, rig_bench, write_bench
 from spherecal_gui.standing import camera_level
 from spherecal_gui.tasks.driver_question import DriverQuestion
-from spherecal_gui.tasks.task import Task
+from spherecal_gui.tasks.task import BackgroundTask
 from spherecal_gui.texts import error_text, reason_text, step_task, step_title
 from spherecal_gui.wizard.bench_control import show_bench
 from spherecal_gui.wizard.controller import Controller
@@ -54,7 +54,7 @@ class WizardWindow(WindowFrame):
         self.guard = Guard()
         self.keys = Keys(self, self.header, self.press)
         self._bumped: Mapping[str, float] = {}
-        self._timed: Task | None = None  # the work whose time is shown
+        self._timed: BackgroundTask | None = None  # the work whose time is shown
         self._doing_words = ""
         self._usual_s: float | None = None
         self.bench = ""  # what stands at the real rig, where the command line names it
@@ -306,7 +306,7 @@ class WizardWindow(WindowFrame):
                 self.controller.note(" ".join(bump_text(names)))
                 self.sounds.play("bad")
 
-    def _show_doing(self, task: Task | None) -> None:
+    def _show_doing(self, task: BackgroundTask | None) -> None:
         """What runs, for how long already, and how long such work usually takes."""
         if task is not self._timed:
             self._timed, self._doing_words = task, ""

@@ -364,7 +364,6 @@ def test_a_live_view_keeps_only_the_newest_image(source):
     assert len(seen) >= 4
     assert source.statuses()["SIM-C04"].state is CameraState.STREAMING
     source.stop_live()
-    assert np.array_equal(source.preview("SIM-C04", 4).image, source.latest("SIM-C04").image[::4, ::4])
     last = source.latest("SIM-C04")
     time.sleep(0.1)
     assert source.latest("SIM-C04") is last

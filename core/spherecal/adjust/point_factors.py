@@ -32,7 +32,7 @@ class PointFactors(CovarianceFactors):
     Attributes
     ----------
     shifts
-        -V^-1 W' of all points by all columns (3p,e), held where there are very many observations of few points.
+        -V^-1 W' of all points by all columns (3p,e), kept where there are very many observations of few points.
     """
 
     shifts: sparse.csr_array | None
@@ -225,7 +225,7 @@ def shift_matrix(parts: PointFactors) -> sparse.csr_array:
     start = np.cumsum(count, dtype=np.int32)
     values, columns = np.empty(int(start[-1])), np.empty(int(start[-1]), dtype=np.int32)
     end = len(values)
-    while pieces:  # each is let go as soon as it is copied, so that they are never held twice
+    while pieces:  # each is let go as soon as it is copied, so that they are never in memory twice
         piece = pieces.pop()
         own, end = slice(end - piece.nnz, end), end - piece.nnz
         values[own], columns[own] = piece.data, piece.indices

@@ -112,7 +112,20 @@ def image_reach(intrinsics: FloatArray, sizes: FloatArray) -> FloatArray:
     sizes
         Width and height of their images, (n, 2) px.
     """
-    reach = _REACH * np.hypot(sizes[:, 0], sizes[:, 1]) / 2 / intrinsics[:, 0]
+    return reach_of(np.hypot(sizes[:, 0], sizes[:, 1]) / 2, intrinsics)
+
+
+def reach_of(radius_px: FloatArray, intrinsics: FloatArray) -> FloatArray:
+    """The largest tan of the angle off the axis of what may show within a distance of the principal point, (n,).
+
+    Parameters
+    ----------
+    radius_px
+        The distances, (n,) px.
+    intrinsics
+        The lenses, (n, 16).
+    """
+    reach = _REACH * radius_px / intrinsics[:, 0]
     return np.where(is_fisheye(intrinsics), np.tan(np.minimum(reach, _WIDEST_REACH)), reach)
 
 

@@ -427,6 +427,18 @@ def test_an_average_keeps_fractions_of_grey_values():
     assert average([frames[3]] * 2).image.max() == 255 * 256
 
 
+def test_an_averaged_set_has_a_common_clock_where_all_its_sets_have(source):
+    clocks = [True, True, True, False]
+
+    class Clocked:
+        def capture_set(self, request, context):
+            return replace(source.capture_set(request, context), spread_s=0.001, common_clock=clocks.pop(0))
+
+    clocked, request = cast(CameraSource, Clocked()), CaptureRequest(("SIM-C01",), retries=0)
+    assert take_averaged(clocked, 2, None, request).taken.common_clock
+    assert not take_averaged(clocked, 2, None, request).taken.common_clock
+
+
 def test_a_still_scene_is_still_and_a_moving_one_is_not(stage, source):
     detector = Detector(stage.session.target_set)
     request = CaptureRequest(("SIM-C01", "SIM-C02"), retries=0)

@@ -17,7 +17,7 @@ sys.path[:0] = [str(path) for path in (DOCS, DOCS.parent, DOCS.parent / "core") 
 from file_formats import FORMATS  # noqa: E402
 from file_formats.other import MEASURED_SET  # noqa: E402
 
-from spherecal.files.codec import UNREAD, Format, Schema  # noqa: E402
+from spherecal.files.codec import UNREAD, FileFormat, Schema  # noqa: E402
 
 SCHEMAS = DOCS / "schemas"
 PAGE = DOCS / "formats.md"
@@ -26,7 +26,7 @@ _LIMITS = {"minimum": "from {:g}", "maximum": "to {:g}", "exclusiveMinimum": "ab
 _NO_LIMIT = 1e15  # bounds of this size only keep sums finite
 
 
-def schema_of(form: Format) -> Schema:
+def schema_of(form: FileFormat) -> Schema:
     """A format's schema; that of the stream defines its other lines as well."""
     return form.schema | ({"$defs": {"set": MEASURED_SET}} if form.short == "measurements" else {})
 
@@ -56,7 +56,7 @@ def _overview() -> str:
     return "\n".join(lines) + "\n"
 
 
-def _anchor(form: Format) -> str:
+def _anchor(form: FileFormat) -> str:
     return f"fields-of-{form.short}"
 
 
@@ -64,7 +64,7 @@ def _fields() -> str:
     return "\n".join(_section(form) for form in FORMATS)
 
 
-def _section(form: Format) -> str:
+def _section(form: FileFormat) -> str:
     lines = [f"### {form.file} {{#{_anchor(form)}}}", "", " ".join((form.about, *form.rules)), ""]
     lines += ["| field | value | needed | |", "|---|---|---|---|"]
     schema = form.schema

@@ -7,7 +7,7 @@ import sys
 def main() -> int:
     """Open the window; 2 where Qt or a screen is missing."""
     try:
-        from spherecal_gui import app
+        from spherecal_gui import app  # not before: PySide6 may be missing
     except ImportError as error:  # PySide6 itself, or a system library that it needs
         print(
             f"The window needs PySide6 and its system libraries: {error}.\n"

@@ -8,7 +8,7 @@ from typing import get_args
 
 from spherecal.base.errors import InputError
 from spherecal.base.filesystem import is_plain_file_below, write_below
-from spherecal.files.codec import Format, choice, field, record, text, time
+from spherecal.files.codec import FileFormat, choice, field, record, text, time
 from spherecal_gui.project import Verdict
 
 FILE = "last-verification.json"
@@ -23,7 +23,7 @@ class LastVerification:
     verdict: Verdict
 
 
-LAST_VERIFICATION = Format(
+LAST_VERIFICATION = FileFormat(
     "spherecal/last-verification",
     FILE,
     "The last verification of the calibration in use, beside a profile.",
@@ -38,14 +38,39 @@ LAST_VERIFICATION = Format(
 
 
 def keep_verification(profile: Path, calibration: str, verdict: Verdict, now: datetime | None = None) -> None:
-    """Write it, whole; OutputError where the disk refuses."""
+    """Write it, whole.
+
+    Parameters
+    ----------
+    profile
+        The rig's profile.
+    calibration
+        Number of the calibration that was verified.
+    verdict
+        What came out.
+    now
+        When; None: at this moment.
+
+    Raises
+    ------
+    OutputError
+        Where the disk refuses.
+    """
     at = (now or datetime.now(UTC)).astimezone(UTC).replace(microsecond=0)
     document = LAST_VERIFICATION.document(LastVerification(calibration, at, verdict))
     write_below(profile, FILE, (json.dumps(document, indent=1) + "\n").encode())
 
 
 def last_verification(profile: Path, calibration: str | None) -> LastVerification | None:
-    """The last verification, if it was of this calibration; None where there is none that can be read."""
+    """The last verification, if it was of this calibration; None where there is none that can be read.
+
+    Parameters
+    ----------
+    profile
+        The rig's profile.
+    calibration
+        Number of the calibration in use; None: none is.
+    """
     if calibration is None or not is_plain_file_below(profile, FILE):
         return None
     try:

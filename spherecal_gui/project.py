@@ -5,6 +5,8 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Literal
 
+from spherecal_gui.fingerprint import fingerprint
+
 # The engine's own FEW_PLACEMENTS (spherecal.diagnose.checks; a test compares them), which takes a second to import.
 FEW_PLACEMENTS = 3
 
@@ -51,12 +53,15 @@ class Artefacts:
     scale_bar: str | None = None
     check_bars: tuple[str, ...] = ()
     check: str = ""
-    board: bool = field(default=False, repr=False)  # what a calibration was made from is known by the repr
+    board: bool = False
 
 
 @dataclass(frozen=True)
-class Run:
-    """One finished computation: from which inputs it came, what it said."""
+class Computation:
+    """One finished computation: from which inputs it came, what it said.
+
+    `inputs` are names with the moment of taking, the words or the fingerprint of each.
+    """
 
     inputs: tuple[tuple[str, str], ...]
     verdict: Verdict
@@ -66,18 +71,23 @@ class Run:
 class Project:
     """The state of one project; nothing in it says what is blocked or stale: `workflow.resolve` computes that.
 
-    `bench` is the file that describes targets, ball and bars where the source does not. `placements`, `scale_poses`,
-    `check_poses` are the sets that are planned, `taken` (id -> moment of taking) those that are there. `cameras` are
-    the serials chosen at Connect; `looked` those that were looked at. `step` is where the user is. `failures`
-    (step -> plain text) are the last attempts that ended with an error. `repairs` are asked for at the next
-    calibration: options of the command line with their values, such as ("--leave-out", "C05@P3"). The `purpose` is a
-    calibration, the quick check (`checked`) of the one in use, which may have `repaired` cameras that moved, or a
-    verification of the one in use.
-    `masks` are the parts of cameras' images in which nothing is a target, in the order in which they were drawn;
+    `bench` is the file that describes targets, ball and bars where the source does not. `cameras` are the serials
+    chosen at Connect; `looked` those that were looked at. `placements`, `scale_poses`, `check_poses` are the sets that
+    are planned, `taken` (id -> moment of taking) those that are there.
+
+    The `purpose` is a calibration, the quick check (`checked`) of the one in use, which may have `repaired` cameras
+    that moved, or a verification of the one in use. `step` is where the user is. `failures` (step -> plain text) are
+    the last attempts that ended with an error.
+
+    `repairs` are asked for at the next calibration: options of the command line with their values, such as
+    ("--leave-out", "C05@P3"). `masks` are parts of cameras' images in which nothing is a target, in the order in which
+    they were drawn.
+
     `limit` is that of the length errors, as somebody has written it. `pose_bars` tells of guided poses of check bars
-    which bar is meant; `bar_celsius` is the bars' temperature as somebody has read it. `flaws` are those of all sets
-    that were ever taken, so that one that is brought back has its own again. `note` is what the operator
-    has written on it.
+    which bar is meant; `bar_celsius` is the bars' temperature as somebody has read it.
+
+    `flaws` are those of all sets that were ever taken, so that one that is brought back has its own again. `note` is
+    what the operator has written on it.
     """
 
     folder: Path
@@ -90,16 +100,16 @@ class Project:
     scale_poses: tuple[str, ...] = ()
     check_poses: tuple[str, ...] = ()
     taken: Mapping[str, str] = field(default_factory=dict)
-    calibrated: Run | None = None
-    accepted: Run | None = None
-    verified: Run | None = None
-    saved: Run | None = None
+    calibrated: Computation | None = None
+    accepted: Computation | None = None
+    verified: Computation | None = None
+    saved: Computation | None = None
     step: str = "connect"
     failures: Mapping[str, str] = field(default_factory=dict)
     repairs: tuple[tuple[str, str], ...] = ()
     purpose: Purpose = "calibrate"
-    checked: Run | None = None
-    repaired: Run | None = None
+    checked: Computation | None = None
+    repaired: Computation | None = None
     masks: tuple[tuple[str, Rectangle], ...] = ()
     limit: str = ""
     pose_bars: tuple[tuple[str, str], ...] = ()
@@ -135,7 +145,7 @@ class Project:
         sets = tuple((name, self.taken[name]) for name in self.sets if name in self.taken)
         words = " ".join(f"{option} {value}" for option, value in self.repairs_now)
         repairs = (("repairs", words),) if words else ()
-        return (*sets, ("artefacts", repr(self.artefacts)), *repairs, *self._mask_inputs, *self._moved_inputs)
+        return (*sets, ("artefacts", fingerprint(self.artefacts)), *repairs, *self._mask_inputs, *self._moved_inputs)
 
     @property
     def _moved_inputs(self) -> tuple[tuple[str, str], ...]:
@@ -151,7 +161,7 @@ class Project:
 
     @property
     def _mask_inputs(self) -> tuple[tuple[str, str], ...]:
-        return (("masks", repr(sorted(self.masks))),) if self.masks else ()
+        return (("masks", fingerprint(sorted(self.masks))),) if self.masks else ()
 
     @property
     def repairs_now(self) -> tuple[tuple[str, str], ...]:
@@ -163,7 +173,7 @@ class Project:
         """What a verification made now would be made from: the calibration, and the poses of check bars."""
         sets = tuple((name, self.taken[name]) for name in self.check_poses if name in self.taken)
         limit = (("limit", self.limit),) if self.limit else ()
-        return (*sets, ("calibration", repr(self.calibrated)), *limit, *self._mask_inputs)
+        return (*sets, ("calibration", fingerprint(self.calibrated)), *limit, *self._mask_inputs)
 
     @property
     def check_inputs(self) -> tuple[tuple[str, str], ...]:
@@ -188,12 +198,28 @@ class Project:
 
 
 def with_cameras(project: Project, cameras: tuple[str, ...]) -> Project:
-    """The cameras chosen; those of a project that has sets stay as they are."""
+    """The cameras chosen; those of a project that has sets stay as they are.
+
+    Parameters
+    ----------
+    project
+        The project.
+    cameras
+        Their serial numbers.
+    """
     return project if project.taken else replace(project, cameras=cameras)
 
 
 def with_artefacts(project: Project, artefacts: Artefacts) -> Project:
-    """What is on the bench, confirmed."""
+    """What is on the bench, confirmed.
+
+    Parameters
+    ----------
+    project
+        The project.
+    artefacts
+        What somebody has confirmed.
+    """
     return replace(project, artefacts=artefacts)
 
 
@@ -207,7 +233,16 @@ def with_set(
 ) -> Project:
     """A set was taken (or taken again) at this moment; what was to be mended about the one before is past.
 
-    `flaws`: the cameras that are missing in it, or that saw it move.
+    Parameters
+    ----------
+    project
+        The project.
+    name
+        Id of the set.
+    taken
+        The moment.
+    flaws
+        The cameras that are missing in it, or that saw it move; None: nothing is wrong.
     """
     again = project.taken.get(name, taken) != taken
     repairs = tuple(one for one in project.repairs if not (again and repaired_set(one[1]) == name))
@@ -216,13 +251,29 @@ def with_set(
 
 
 def with_moved(project: Project, cameras: tuple[str, ...]) -> Project:
-    """These cameras count as they stand now: what was taken before shows them where they were."""
+    """These cameras count as they stand now: what was taken before shows them where they were.
+
+    Parameters
+    ----------
+    project
+        The project.
+    cameras
+        The cameras.
+    """
     own = tuple(Flaw(name, at, "moved since", cameras) for name, at in project.taken.items())
     return replace(project, flaws=(*project.flaws, *own)) if cameras else project
 
 
 def with_kept(project: Project, name: str) -> Project:
-    """Somebody keeps a set as it is, with what is wrong with it."""
+    """Somebody keeps a set as it is, with what is wrong with it.
+
+    Parameters
+    ----------
+    project
+        The project.
+    name
+        Id of the set.
+    """
     mine = project.flaws_of(name)
     return replace(project, flaws=tuple(replace(one, kept=True) if one in mine else one for one in project.flaws))
 
@@ -235,7 +286,15 @@ def repaired_set(value: str) -> str | None:
 
 
 def without_set(project: Project, name: str) -> Project:
-    """A set was deleted; it stays planned."""
+    """A set was deleted; it stays planned.
+
+    Parameters
+    ----------
+    project
+        The project.
+    name
+        Id of the set.
+    """
     return replace(project, taken={key: value for key, value in project.taken.items() if key != name})
 
 
@@ -246,15 +305,31 @@ def with_another_placement(project: Project) -> Project:
 
 
 def without_placement(project: Project, name: str) -> Project:
-    """A placement that was not taken is no longer planned; no fewer are planned than a calibration needs."""
+    """A placement that was not taken is no longer planned; no fewer are planned than a calibration needs.
+
+    Parameters
+    ----------
+    project
+        The project.
+    name
+        Id of the placement.
+    """
     if name in project.taken or len(project.placements) <= FEW_PLACEMENTS:
         return project
     return replace(project, placements=tuple(one for one in project.placements if one != name))
 
 
 def with_calibration(project: Project, verdict: Verdict) -> Project:
-    """A calibration of the present inputs was finished."""
-    return _succeeded(replace(project, calibrated=Run(project.calibration_inputs, verdict)), "calibrate")
+    """A calibration of the present inputs was finished.
+
+    Parameters
+    ----------
+    project
+        The project.
+    verdict
+        What came out.
+    """
+    return _succeeded(replace(project, calibrated=Computation(project.calibration_inputs, verdict)), "calibrate")
 
 
 def with_accepted(project: Project) -> Project:
@@ -263,17 +338,41 @@ def with_accepted(project: Project) -> Project:
 
 
 def with_verification(project: Project, verdict: Verdict) -> Project:
-    """A verification of the present inputs was finished."""
-    return _succeeded(replace(project, verified=Run(project.verification_inputs, verdict)), "verify")
+    """A verification of the present inputs was finished.
+
+    Parameters
+    ----------
+    project
+        The project.
+    verdict
+        What came out.
+    """
+    return _succeeded(replace(project, verified=Computation(project.verification_inputs, verdict)), "verify")
 
 
 def with_check(project: Project, verdict: Verdict) -> Project:
-    """A check of the present inputs was finished."""
-    return _succeeded(replace(project, checked=Run(project.check_inputs, verdict)), "check")
+    """A check of the present inputs was finished.
+
+    Parameters
+    ----------
+    project
+        The project.
+    verdict
+        What came out.
+    """
+    return _succeeded(replace(project, checked=Computation(project.check_inputs, verdict)), "check")
 
 
 def with_poses(project: Project, poses: tuple[tuple[str, str], ...]) -> Project:
-    """Other poses (id, bar) of the check bars are planned; those that were taken stay."""
+    """Other poses of the check bars are planned; those that were taken stay.
+
+    Parameters
+    ----------
+    project
+        The project.
+    poses
+        Ids of the poses, each with its bar's id.
+    """
     ids = [pose for pose, _ in poses]
     kept = tuple(pose for pose in project.check_poses if pose in project.taken and pose not in ids)
     bars = tuple(one for one in project.pose_bars if one[0] in kept)
@@ -281,27 +380,69 @@ def with_poses(project: Project, poses: tuple[tuple[str, str], ...]) -> Project:
 
 
 def with_limit(project: Project, limit: str) -> Project:
-    """Length errors are judged by this limit, or by their own uncertainty where it is empty."""
+    """Length errors are judged by this limit, or by their own uncertainty where it is empty.
+
+    Parameters
+    ----------
+    project
+        The project.
+    limit
+        The limit, as A+L/K; empty: none.
+    """
     return replace(project, limit=limit)
 
 
 def with_note(project: Project, note: str) -> Project:
-    """By whom it was made, and why."""
+    """By whom it was made, and why.
+
+    Parameters
+    ----------
+    project
+        The project.
+    note
+        What the operator has written.
+    """
     return replace(project, note=note)
 
 
 def with_bar_temperature(project: Project, celsius: float | None) -> Project:
-    """The bars' temperature was read."""
+    """The bars' temperature was read.
+
+    Parameters
+    ----------
+    project
+        The project.
+    celsius
+        The temperature; None: it is not known.
+    """
     return replace(project, bar_celsius=celsius)
 
 
 def with_mask(project: Project, camera: str, rectangle: Rectangle) -> Project:
-    """One more part of a camera's image in which nothing is a target."""
+    """One more part of a camera's image in which nothing is a target.
+
+    Parameters
+    ----------
+    project
+        The project.
+    camera
+        The camera.
+    rectangle
+        Left, top, width and height of the part, px.
+    """
     return replace(project, masks=(*project.masks, (camera, rectangle)))
 
 
 def without_masks(project: Project, camera: str | None = None) -> Project:
-    """Without the masks of a camera, or without any."""
+    """Without the masks of a camera, or without any.
+
+    Parameters
+    ----------
+    project
+        The project.
+    camera
+        The camera; None: all.
+    """
     return replace(project, masks=tuple(one for one in project.masks if camera not in (None, one[0])))
 
 
@@ -311,48 +452,95 @@ def without_last_mask(project: Project) -> Project:
 
 
 def with_repaired(project: Project, verdict: Verdict) -> Project:
-    """The cameras that a check found moved were recalibrated."""
-    return _succeeded(replace(project, repaired=Run((("check", repr(project.checked)),), verdict)), "check")
+    """The cameras that a check found moved were recalibrated.
+
+    Parameters
+    ----------
+    project
+        The project.
+    verdict
+        The verdict on the calibration with these cameras placed again.
+    """
+    inputs = (("check", fingerprint(project.checked)),)
+    return _succeeded(replace(project, repaired=Computation(inputs, verdict)), "check")
 
 
 def with_repair_in_use(project: Project) -> Project:
     """The repaired calibration was put to use."""
     if project.repaired is None:
         return project
-    return replace(project, saved=Run((("repair", repr(project.repaired)),), project.repaired.verdict))
+    return replace(project, saved=Computation((("repair", fingerprint(project.repaired)),), project.repaired.verdict))
 
 
 def with_saved(project: Project) -> Project:
     """Calibration and verification as they are now were saved."""
     if project.calibrated is None:
         return project
-    return _succeeded(replace(project, saved=Run(saved_inputs(project), project.calibrated.verdict)), "save")
+    return _succeeded(replace(project, saved=Computation(saved_inputs(project), project.calibrated.verdict)), "save")
 
 
 def saved_inputs(project: Project) -> tuple[tuple[str, str], ...]:
     """What would be saved now."""
-    return (("calibration", repr(project.calibrated)), ("verification", repr(project.verified)))
+    return (("calibration", fingerprint(project.calibrated)), ("verification", fingerprint(project.verified)))
 
 
 def with_repair(project: Project, option: str, value: str) -> Project:
-    """A repair is asked for; one that is there already stays as it is."""
+    """A repair is asked for; one that is there already stays as it is.
+
+    Parameters
+    ----------
+    project
+        The project.
+    option
+        The option of the command line, such as `--leave-out`.
+    value
+        What it is given, such as `C05@P3`.
+    """
     if (option, value) in project.repairs:
         return project
     return replace(project, repairs=(*project.repairs, (option, value)))
 
 
 def without_repair(project: Project, option: str, value: str) -> Project:
-    """A repair is taken back."""
+    """A repair is taken back.
+
+    Parameters
+    ----------
+    project
+        The project.
+    option
+        The option of the command line.
+    value
+        What it was given.
+    """
     return replace(project, repairs=tuple(one for one in project.repairs if one != (option, value)))
 
 
 def with_failure(project: Project, step: str, text: str) -> Project:
-    """The work of a step ended with an error."""
+    """The work of a step ended with an error.
+
+    Parameters
+    ----------
+    project
+        The project.
+    step
+        Id of the step.
+    text
+        The error, in plain words.
+    """
     return replace(project, failures={**project.failures, step: text})
 
 
 def without_failure(project: Project, step: str) -> Project:
-    """The work of a step is tried again."""
+    """The work of a step is tried again.
+
+    Parameters
+    ----------
+    project
+        The project.
+    step
+        Id of the step.
+    """
     return _succeeded(project, step)
 
 

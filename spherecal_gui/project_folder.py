@@ -7,12 +7,12 @@ import hashlib
 import json
 import os
 from collections.abc import Mapping
-from dataclasses import replace
+from dataclasses import fields, replace
 from datetime import datetime
 from functools import partial
 from operator import itemgetter
 from pathlib import Path
-from typing import Any, get_args
+from typing import Any, TypeVar, get_args
 
 from spherecal.base import filesystem as files
 from spherecal.base.errors import InputError, OutputError, reason
@@ -26,7 +26,7 @@ from spherecal.base.filesystem import (
 )
 from spherecal.base.messages.values import Phrase
 from spherecal.files.codec import (
-    Format,
+    FileFormat,
     Kind,
     boolean,
     choice,
@@ -42,7 +42,8 @@ from spherecal.files.codec import (
     text,
 )
 from spherecal.files.json_file import JsonValue
-from spherecal_gui.project import Artefacts, Flaw, FlawCode, Project, Purpose, Rectangle, Run, Verdict
+from spherecal_gui.fingerprint import fingerprint
+from spherecal_gui.project import Artefacts, Computation, Flaw, FlawCode, Project, Purpose, Rectangle, Verdict
 
 # What is simulated keeps a profile of its own: it must never pass for the calibration of the rig.
 PROFILE, TRAINING_PROFILE = "rig-profile", "training-profile"
@@ -51,13 +52,24 @@ _FOLDERS = ("result", "repair", "verification", "placements", "bars", "removed",
 CAPTURE = "capture.json"  # spherecal.cameras.capture, which takes a second to import
 _MOST_BYTES = 64 << 20
 
+T = TypeVar("T")
+Document = dict[str, Any]  # a JSON object, such as session.json: json itself gives Any
+
 
 def _purpose(text: str) -> Purpose:
     return next((one for one in get_args(Purpose) if one == text), "calibrate")
 
 
-def _artefacts(target_set: str = "", ball: str = "", scale: str = "", **others: Any) -> Artefacts:
-    return Artefacts(target_set, ball, scale, **others)
+def _artefacts(
+    target_set: str = "",
+    ball: str = "",
+    scale: str = "",
+    scale_bar: str | None = None,
+    check_bars: tuple[str, ...] = (),
+    check: str = "",
+    board: bool = False,
+) -> Artefacts:
+    return Artefacts(target_set, ball, scale, scale_bar, check_bars, check, board)
 
 
 def _mask(camera: str, rectangle: Rectangle) -> tuple[str, Rectangle]:
@@ -78,10 +90,10 @@ _ARTEFACTS = record(
 _PAIR = items("", prose(""), length=2)
 
 
-def _run(about: str) -> Kind[Run]:
+def _run(about: str) -> Kind[Computation]:
     return record(
         f"The last {about}.",
-        Run,
+        Computation,
         field("inputs", items("What it was made of.", _PAIR)),
         field("verdict", choice("Its verdict.", get_args(Verdict))),
     )
@@ -102,7 +114,35 @@ _FLAW = record(
     field("cameras", items("The cameras.", text(""))),
     field("kept", boolean("Whether somebody keeps it so.")),
 )
-WIZARD = Format(
+
+
+def _by_content(document: Document) -> Document:
+    """Version 1 knew what a computation was made from by Python's repr of it: the fingerprint of the same content."""
+    artefacts = _or_none(_ARTEFACTS, document.get("artefacts"))
+    drawn = sorted(_or_none(items("", _MASK), document.get("masks")) or ())
+    known = {repr(None): fingerprint(None), repr(drawn): fingerprint(drawn)}
+    if artefacts is not None:
+        words = {one.name: getattr(artefacts, one.name) for one in fields(artefacts) if one.name != "board"}
+        known[f"Artefacts({_arguments(words)})"] = fingerprint(artefacts)
+    for key in ("calibrated", "accepted", "checked", "verified", "repaired", "saved"):  # what follows from others last
+        run = _or_none(_run(""), document.get(key))
+        if run is not None:
+            inputs = tuple((name, known.get(was, was)) for name, was in run.inputs)
+            now = Computation(inputs, run.verdict)
+            known[f"Run({_arguments(vars(run))})"] = fingerprint(now)
+            document = document | {key: {"inputs": [list(pair) for pair in inputs], "verdict": run.verdict}}
+    return document
+
+
+def _arguments(values: Mapping[str, object]) -> str:
+    return ", ".join(f"{name}={value!r}" for name, value in values.items())
+
+
+def _or_none(kind: Kind[T], entry: object) -> T | None:
+    return None if entry is None else kind.read(JsonValue(entry, Path(FILE)))
+
+
+WIZARD = FileFormat(
     "spherecal/wizard",
     FILE,
     "Where the wizard is in a project.",
@@ -137,6 +177,8 @@ WIZARD = Format(
         optional("note", prose("What the operator has written.")),
         optional("flaws", items("What is wrong with a set.", _FLAW)),
     ),
+    version=2,
+    migrations={1: _by_content},
 )
 
 
@@ -200,7 +242,17 @@ def _as_on_disk(project: Project) -> Project:
 
 
 def new_folder(parent: Path, now: datetime, purpose: str = "calibration") -> Path:
-    """A folder that is not there yet, named by what it is for, the day and the time."""
+    """A folder that is not there yet, named by what it is for, the day and the time.
+
+    Parameters
+    ----------
+    parent
+        Where projects are kept.
+    now
+        The day and the time.
+    purpose
+        What it is for; its name begins so.
+    """
     base = parent / f"{purpose}-{now:%Y-%m-%d-%H%M}"
     folder, number = base, 2
     while folder.exists():
@@ -211,8 +263,21 @@ def new_folder(parent: Path, now: datetime, purpose: str = "calibration") -> Pat
 _BOARD_PLACEMENTS = 12  # each of six cameras around a volume then sees the board four times, two at a time
 
 
-def write_bench(projects: Path, board: Mapping[str, Any]) -> Path:
-    """The description of a bench with nothing but a board on it, among the projects; one file for each board."""
+def write_bench(projects: Path, board: Mapping[str, object]) -> Path:
+    """The description of a bench with nothing but a board on it, among the projects; one file for each board.
+
+    Parameters
+    ----------
+    projects
+        Where projects are kept.
+    board
+        The board as session.json has it.
+
+    Raises
+    ------
+    OutputError
+        Where it cannot be written.
+    """
     placements = [{"id": f"P{number:02d}"} for number in range(1, _BOARD_PLACEMENTS + 1)]
     document = {"format": "spherecal/session", "version": 1, "board": dict(board), "placements": placements}
     data = json.dumps(document, indent=1).encode()
@@ -240,7 +305,15 @@ def discard(folder: Path) -> None:
 
 
 def recent_projects(parent: Path, most: int = 8) -> list[Path]:
-    """The projects in a folder, the newest first; unreadable ones are left out."""
+    """The projects in a folder, the newest first; unreadable ones are left out.
+
+    Parameters
+    ----------
+    parent
+        Where projects are kept.
+    most
+        How many to list at most.
+    """
     try:
         found = [path.parent for path in parent.glob(f"*/{FILE}")]
         there = [folder for folder in found if is_project(folder)]  # a link to nowhere hides no other project

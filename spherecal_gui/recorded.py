@@ -6,7 +6,6 @@ from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 from spherecal.base.errors import InputError, OutputError
 from spherecal.base.filesystem import (
@@ -25,6 +24,8 @@ from spherecal.cameras.averaging import Stillness
 from spherecal.cameras.capture import SessionCamera, SessionFolder
 from spherecal.cameras.plan import CapturePlan, PlannedSet
 from spherecal.cameras.protocol import CameraSource, FrameSet
+from spherecal.files.target_set_file import target_set_bytes
+from spherecal_gui.project_folder import Document
 
 _REMOVED = "removed"
 _RETAKING = "retaking"
@@ -48,12 +49,10 @@ class RecordedSession(SessionFolder):
             self._end_retakes()
         self.folder.mkdir(parents=True, exist_ok=True)
         if self.plan.target_set is not None:
-            from spherecal.files.target_set_file import target_set_bytes
-
             write_below(self.folder, "targets.json", target_set_bytes(self.plan.target_set))
         self._write_metadata()
 
-    def document(self) -> dict[str, Any]:
+    def document(self) -> Document:
         """What session.json says now."""
         return self._session()
 
@@ -78,7 +77,15 @@ class RecordedSession(SessionFolder):
         self.plan = replace(self.plan, sets=(*taken.values(), *planned.values()))
 
     def plan_anew(self, set_id: str, temperature_c: float | None) -> None:
-        """The set is to be taken (again), the bar being as warm as this."""
+        """The set is to be taken (again), the bar being as warm as this.
+
+        Parameters
+        ----------
+        set_id
+            The set.
+        temperature_c
+            The bar's temperature; None: it is not known.
+        """
         sets = tuple(replace(one, temperature_c=temperature_c) if one.id == set_id else one for one in self.plan.sets)
         self.plan = replace(self.plan, sets=sets)
 
@@ -101,7 +108,22 @@ class RecordedSession(SessionFolder):
         return {camera: self.folder / path for camera, path in self._images.get(set_id, {}).items()}
 
     def add(self, planned: PlannedSet, taken: FrameSet, stillness: Mapping[str, Stillness] | None = None) -> None:
-        """Write a set; one of the same id that was there is put aside first, and back where the new one fails."""
+        """Write a set; one of the same id that was there is put aside first, and back where the new one fails.
+
+        Parameters
+        ----------
+        planned
+            The set, as it is planned.
+        taken
+            What the cameras delivered.
+        stillness
+            By serial number how much the scene moved; None: not tested.
+
+        Raises
+        ------
+        OutputError
+            Where the disk refuses; the set that was there is brought back.
+        """
         if planned.id not in self._images:
             super().add(planned, taken, stillness)
             return
@@ -118,7 +140,18 @@ class RecordedSession(SessionFolder):
     def remove(self, set_id: str, retaking: bool = False) -> None:
         """Put a set aside, images and all; `undo` brings the last one back.
 
-        Of one that is being taken again this is noted: if the program ends before the new one is there, it comes back.
+        Parameters
+        ----------
+        set_id
+            The set; one that was not taken is left as it is.
+        retaking
+            It is being taken again. This is noted, so that it comes back if the program ends before the new one is
+            there.
+
+        Raises
+        ------
+        OutputError
+            Where the disk refuses.
         """
         entry = next((one for one in self._sets if one["id"] == set_id), None)
         if entry is None:
@@ -137,7 +170,7 @@ class RecordedSession(SessionFolder):
             raise OutputError(error.parts[0], Phrase("error-free-disk-again")) from error
         self._trash.append((set_id, aside))
 
-    def _forget(self, entry: dict[str, Any]) -> None:
+    def _forget(self, entry: Document) -> None:
         """Take a set out of the metadata; where the disk refuses, nothing has changed."""
         self._sets.remove(entry)
         images = self._images.pop(entry["id"])

@@ -60,7 +60,13 @@ def worst(levels: Iterable[Level]) -> Level:
 
 
 def worse(one: Level, other: Level) -> bool:
-    """Whether a level is worse than another."""
+    """Whether a level is worse than another.
+
+    Parameters
+    ----------
+    one, other
+        The levels.
+    """
     return _RANK.index(one) > _RANK.index(other)
 
 
@@ -74,8 +80,22 @@ def stand(
 ) -> Standing:
     """The standing of a page from its own headline, its step's status, and troubles from elsewhere.
 
-    Of parts that are equally bad the page's own comes first, then the step's. `alarmed`: a red message is on the
-    screen; then nothing is green and nothing goes on by itself. `may_go_on`: the next step is open.
+    Of parts that are equally bad the page's own comes first, then the step's.
+
+    Parameters
+    ----------
+    own
+        The page's headline.
+    step
+        What the step's status says.
+    troubles
+        What is wrong elsewhere, such as lost cameras.
+    button
+        The page's large button; None: it has none.
+    may_go_on
+        The next step is open.
+    alarmed
+        A red message is on the screen; then nothing is green and nothing goes on by itself.
     """
     parts = (own, step, *troubles)
     level = worst(part.level for part in parts)
@@ -92,7 +112,15 @@ def _default(level: Level, button: Button | None, may_go_on: bool) -> Default:
 
 
 def status_shown(status: Status, level: Level) -> Status:
-    """How the rail draws the current step: its status, unless the page stands worse than that."""
+    """How the rail draws the current step: its status, unless the page stands worse than that.
+
+    Parameters
+    ----------
+    status
+        The step's status.
+    level
+        How its page stands.
+    """
     if status in (Status.BLOCKED, Status.RUNNING) or not worse(level, level_of(status)):
         return status
     if level == "bad":
@@ -101,7 +129,19 @@ def status_shown(status: Status, level: Level) -> Status:
 
 
 def camera_level(lost: bool, connected: bool, kind: StepKind | None, live: bool) -> Level:
-    """The colour of the chip with the cameras: red only where the page needs them, and never greener than the page."""
+    """The colour of the chip with the cameras: red only where the page needs them, and never greener than the page.
+
+    Parameters
+    ----------
+    lost
+        Whether a camera sends no images.
+    connected
+        Whether the cameras are open.
+    kind
+        The kind of the page's step; None: no project is open.
+    live
+        Whether the cameras are real; simulated and recorded ones are never green.
+    """
     if (lost or not connected) and (kind is None or kind in NEEDS_CAMERAS):
         return "bad"
     return "caution" if lost or not connected or not live else "good"

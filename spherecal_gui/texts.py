@@ -1,6 +1,6 @@
 """Words for what the workflow says by code; all that people read passes through Qt's translation."""
 
-from typing import Any
+from typing import TYPE_CHECKING
 
 from PySide6.QtCore import QCoreApplication
 
@@ -8,6 +8,9 @@ from spherecal.base.errors import OutputError, SpherecalError, reason
 from spherecal.base.messages.values import Phrase
 from spherecal_gui import languages
 from spherecal_gui.workflow import Reason, Status, Step
+
+if TYPE_CHECKING:  # the window stands before cameras are loaded
+    from spherecal.cameras.protocol import CameraStatus
 
 translate = QCoreApplication.translate
 
@@ -122,7 +125,7 @@ def moved_text(cameras: tuple[str, ...]) -> str:
     return text.format(names=", ".join(cameras))
 
 
-def camera_trouble(status: Any) -> str:
+def camera_trouble(status: "CameraStatus") -> str:
     """What is wrong with a camera and what to do, by its state; the engine's own words are `camera_details`."""
     return {
         "found": translate("Cameras", "Found, but not opened. Search again."),
@@ -136,7 +139,7 @@ def camera_trouble(status: Any) -> str:
     }.get(status.state.value, camera_details(status))
 
 
-def camera_details(status: Any) -> str:
+def camera_details(status: "CameraStatus") -> str:
     """The engine's own words on a camera, which are English."""
     return f"{status.state.value}. {status.cause} {status.remedy}".strip()
 

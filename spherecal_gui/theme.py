@@ -12,8 +12,8 @@ from spherecal.base.resources import resource_path
 class Colours:
     """The colours by their role; `good`, `caution`, `bad` mean the same everywhere and never appear without a word.
 
-    `window` is the ground of the page, `surface` that of cards and bars, `raised` that of controls, `scene` that of
-    the 3-D view; `text` and `soft` are letters, `idle` what is disabled or not yet done.
+    `window` is the ground of the page, `surface` that of cards and bars. `raised` is that of controls, `scene` that of
+    the 3-D view. `text` and `soft` are letters, `idle` what is disabled or not yet done.
     """
 
     dark: bool
@@ -109,7 +109,15 @@ def pt(size: float) -> float:
 
 
 def font(size: float, bold: bool = False) -> QFont:
-    """The window's font in this size; `bold` is the semibold that is shipped."""
+    """The window's font in this size.
+
+    Parameters
+    ----------
+    size
+        Points, before the mode for reading from afar makes them more.
+    bold
+        The semibold that is shipped.
+    """
     made = QFont(QApplication.font())
     made.setPointSizeF(pt(size))
     made.setWeight(QFont.Weight.DemiBold if bold else QFont.Weight.Normal)
@@ -117,7 +125,15 @@ def font(size: float, bold: bool = False) -> QFont:
 
 
 def mixed(first: str, second: str, share: float) -> str:
-    """The colour between two, `share` of the second."""
+    """The colour between two, as `#rrggbb`.
+
+    Parameters
+    ----------
+    first, second
+        The two colours.
+    share
+        Share of the second, from 0 to 1.
+    """
     a, b = QColor(first), QColor(second)
     parts = zip((a.red(), a.green(), a.blue()), (b.red(), b.green(), b.blue()), strict=True)
     return "#" + "".join(f"{round(x + share * (y - x)):02x}" for x, y in parts)
@@ -141,7 +157,17 @@ def colour(name: str) -> QColor:
 
 
 def apply(application: QApplication, dark: bool, far: bool = False) -> None:
-    """Dress the whole program."""
+    """Dress the whole program.
+
+    Parameters
+    ----------
+    application
+        The program.
+    dark
+        Whether the palette is dark.
+    far
+        Whether the text is large, to be read from three metres.
+    """
     global _now, _factor
     _now, _factor = (DARK if dark else LIGHT), (FAR_FACTOR if far else 1.0)
     application.setStyle("Fusion")

@@ -215,7 +215,7 @@ def test_bad_targets(tmp_path: Path) -> None:
         ({"polarity": "blue"}, ["polarity", "light-on-dark"]),
         ({"size_mm": 1.0}, ["dot_diameter_mm"]),
         ({"targets": []}, ["targets"]),
-        ({"targets": 2 * good["targets"]}, ["targets[2].id", "targets[0]"]),
+        ({"targets": 2 * good["targets"]}, ["targets[2] has the same id", "targets[0]"]),
         ({"targets": [{"id": 1, "dots": {"A": [50, 0]}}]}, ["targets[0].dots", "off the sticker"]),
         ({"targets": [{"id": 1, "dots": {}}]}, ["targets[0].dots"]),
     ):

@@ -13,6 +13,8 @@ from spherecal.calibrate import calibrate
 from spherecal.data.findings import Finding
 from spherecal.files.read_session import read_session
 from spherecal.methods.settings import CalibrationSettings
+from spherecal_sim.session import simulate_session
+from spherecal_sim.truth import SimulationOptions
 from tests.networks import one_thread, simulated
 
 __all__ = ["one_thread"]
@@ -112,3 +114,13 @@ def test_lenses_that_follow_no_model_are_no_moves(shared_data: Path) -> None:
     codes = {finding.code for finding in findings}
     assert "lens-misfit" in codes and "camera-moved" not in codes
     assert "would not be seen" in next(f.message for f in findings if f.code == "lens-misfit")
+
+
+def test_a_last_placement_without_observations_ends_in_a_result() -> None:
+    session, _ = simulate_session("demo", 1, SimulationOptions(targets=80))
+    o = session.observations
+    assert o is not None
+    moved = (o.camera == 2) & (o.placement == 1)
+    shifted = replace(o, uv=o.uv + np.where(moved, 3.0, 0.0)[:, None]).select(o.placement < 3)
+    done = calibrate(replace(session, observations=shifted, bar_poses=()), CalibrationSettings(repair_by_itself=False))
+    assert "camera-moved" in {finding.code for finding in done.rig.quality.findings}

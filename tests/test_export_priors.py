@@ -155,7 +155,7 @@ HOSTILE = {
     "skew.yml": (MATRIX.format("9., 1., 5., 0., 9., 5., 0., 0., 1."), "must have the form"),
     "tilt.yml": (MATRIX.format("9., 0., 5., 0., 9., 5., 0., 0., 1.") + "D: [" + "0," * 12 + "0.1, 0]\n", "tilted"),
     "binary.yaml": ("cam0: \x00", "not valid YAML"),
-    "pic.png": ("x", "none of the files"),
+    "pic.png": ("x", "from which lenses"),
 }
 
 

@@ -5,6 +5,7 @@ import os
 from dataclasses import replace
 from datetime import UTC, datetime, timedelta
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -25,6 +26,7 @@ from spherecal.files.write_result import write_result
 from spherecal.profile.save import SaveOptions, save_result
 from spherecal.profile.store import apply, create_profile, open_profile
 from spherecal.uses.check_file import FORMAT, VERSION
+from spherecal_gui.fingerprint import fingerprint
 from spherecal_gui.pages.calibrate import CalibratePage
 from spherecal_gui.pages.check import CheckPage
 from spherecal_gui.pages.profile_dialog import ProfileDialog
@@ -37,10 +39,10 @@ from spherecal_gui.presenters.placement import AutoTrigger, Scene
 from spherecal_gui.presenters.results import culprit
 from spherecal_gui.presenters.rig_scenes import check_scene
 from spherecal_gui.presenters.start import number_in_use, picture_name, validity_of
-from spherecal_gui.project import Project, Run
+from spherecal_gui.project import Computation, Project
 from spherecal_gui.project_folder import save_project
 from spherecal_gui.tasks.kept_check import read_kept_check
-from spherecal_gui.tasks.task import Task
+from spherecal_gui.tasks.task import BackgroundTask
 from spherecal_gui.widgets.tile import Wall
 from spherecal_gui.wizard.controller import Controller
 from spherecal_gui.wizard.window import WizardWindow
@@ -88,7 +90,8 @@ def test_a_name_that_cannot_be_changed_says_why_and_is_not_edited(wall):
 
 def test_the_controller_refuses_a_name_that_another_camera_has(monkeypatch):
     controller, said, done = Controller(), [], []
-    controller.connection = SimpleNamespace(names={"S1": "C1", "S2": "C2"})
+    connection: Any = SimpleNamespace(names={"S1": "C1", "S2": "C2"})
+    controller.connection = connection
     controller.said.connect(lambda *one: said.append(one[1]))
     monkeypatch.setattr(controller, "why_not_renamed", lambda _: "")
     monkeypatch.setattr(controller, "settings_of", lambda _: CameraSettings())
@@ -218,7 +221,7 @@ def test_the_window_says_how_long_work_takes_and_remembers_it(qtbot, tmp_path, m
 
 
 def test_the_culprit_is_who_the_findings_accuse_not_who_has_the_largest_residuals():
-    def result(*findings):
+    def result(*findings) -> Any:
         quality = SimpleNamespace(findings=findings)
         residuals = SimpleNamespace(placement=np.array(["P1", "P2", "P3"]))
         return SimpleNamespace(camera_ids=("C1", "C2", "C3"), rig=SimpleNamespace(quality=quality), residuals=residuals)
@@ -280,7 +283,7 @@ def test_a_cancelled_stage_is_not_ticked(page):
 
 def test_what_the_computation_said_last_counts(page):
     """It ended between two ticks of the window: a valid calibration had a cross at its last stage."""
-    task = Task("calibrate", lambda context: context.on_progress(Progress("writing the result", 1.0)))
+    task = BackgroundTask("calibrate", lambda context: context.on_progress(Progress("writing the result", 1.0)))
     page.course = page.controller.course = course("detect", "triples")
     page.course.task = task
     task.run()
@@ -301,7 +304,7 @@ def test_a_window_made_anew_shows_the_stages_and_another_project_does_not(page, 
 
 def test_a_check_that_is_opened_again_has_its_numbers(tmp_path, monkeypatch):
     project = Project(tmp_path / "check", "simulated:demo", purpose="check", placements=("P1",), step="check")
-    save_project(replace(project, checked=Run((("P1", "x"),), "recalibrate")))
+    save_project(replace(project, checked=Computation((("P1", "x"),), "recalibrate")))
     camera = {
         "id": "C03", "verdict": "recalibrate", "points": 90, "rms_px": 2.0, "calibrated_rms_px": 0.1, "moved": True,
         "move_px": 9.1, "shift_mm": 4.5, "turn_deg": 0.3, "point_mm": 7.5, "probability": 0.0, "reason": "",
@@ -314,6 +317,7 @@ def test_a_check_that_is_opened_again_has_its_numbers(tmp_path, monkeypatch):
     }  # fmt: skip
     (project.folder / "check.json").write_text(json.dumps(document))
     found = read_kept_check(project.folder)
+    assert found is not None
     assert check_verdict(found).word == "RECALIBRATE" and "C03" in check_verdict(found).sentence
     (row,) = check_rows(found)
     assert (row.move_px, row.point_mm, row.shift_mm) == (9.1, 7.5, 4.5) and row.turn_deg == pytest.approx(0.3)
@@ -391,7 +395,9 @@ def test_advice_is_gone_once_other_placements_are_there(monkeypatch, tmp_path):
     controller.guidance_changed.connect(lambda: told.append(controller.guidance))
     monkeypatch.setattr(controller, "_ask", lambda dots, coarse: asked.append(sorted(dots)))
     controller.project = Project(tmp_path / "p", "simulated:demo", taken={"P1": "a", "P2": "b"})
-    controller.connection, controller._recorded = SimpleNamespace(plan=None), SimpleNamespace()
+    connection: Any = SimpleNamespace(plan=None)
+    recorded: Any = SimpleNamespace()
+    controller.connection, controller._recorded = connection, recorded
     monkeypatch.setattr(type(controller), "dots", property(lambda _: {"P1": {}, "P2": {}, "P3": {}}))
     controller._plan_next()
     monkeypatch.setattr(controller, "guidance", "move it left")
@@ -402,8 +408,8 @@ def test_advice_is_gone_once_other_placements_are_there(monkeypatch, tmp_path):
 
 def test_why_a_repair_cannot_be_used_is_in_sight(qtbot, tmp_path):
     controller = Controller()
-    checked = Run((("P1", "x"),), "recalibrate")
-    repaired = Run((("check", repr(checked)),), "not valid")
+    checked = Computation((("P1", "x"),), "recalibrate")
+    repaired = Computation((("check", fingerprint(checked)),), "not valid")
     controller.project = Project(
         tmp_path / "c",
         "simulated:demo",
@@ -414,9 +420,10 @@ def test_why_a_repair_cannot_be_used_is_in_sight(qtbot, tmp_path):
         checked=checked,
         repaired=repaired,
     )
-    controller.check_found = controller.check_after = SimpleNamespace(
+    found: Any = SimpleNamespace(
         verdict="recalibrate", to_repair=("C03",), cameras=(), findings=(), untested=(), balls=(), tolerance_mm=None
     )
+    controller.check_found = controller.check_after = found
     page = CheckPage(controller)
     qtbot.addWidget(page)
     page.enter(Step("check", "check"))

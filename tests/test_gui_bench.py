@@ -6,6 +6,7 @@ from dataclasses import replace
 from datetime import date, timedelta
 from pathlib import Path
 from types import SimpleNamespace
+from typing import Any
 
 import pytest
 
@@ -182,9 +183,11 @@ def test_a_bench_is_entered_saved_and_used(qtbot, dialog, tmp_path, library):
     assert read_registry()["B-7"].lengths[0].length_mm == 500.012 and "Ball hall 3" in read_balls()
     plan = read_plan(Path(saved[0]))
     assert [bar.role for bar in plan.bars] == ["check"] and plan.target_set == make_target_set(208)
-    connected = jobs._plan(SimpleNamespace(), Project(tmp_path / "p", "genicam", saved[0]))
+    nothing: Any = SimpleNamespace()
+    connected = jobs._plan(nothing, Project(tmp_path / "p", "genicam", saved[0]))
     assert connected.fields["bars"][0]["lengths"][0]["length_mm"] == 500.012, "a project keeps its figures"
-    assert [row.value for row in bench_rows(SimpleNamespace(plan=connected), None)][1] == "500 mm"
+    connection: Any = SimpleNamespace(plan=connected)
+    assert [row.value for row in bench_rows(connection, None)][1] == "500 mm"
     assert not dialog.desk.changed and dialog.close_button.text() == "Close"
 
 

@@ -1,6 +1,7 @@
 """A camera that is moved while the ball lies still is told from a ball that is moved."""
 
 import os
+from typing import Any
 
 import numpy as np
 import pytest
@@ -10,6 +11,7 @@ os.environ.setdefault("QT_QPA_PLATFORM", "offscreen")
 pytest.importorskip("PySide6.QtWidgets", reason="Qt cannot be loaded here", exc_type=ImportError)
 
 from spherecal.cameras.simulated.faults import SimulatedFault
+from spherecal.cameras.simulated.source import SimulatedSource
 from spherecal_gui.pages.look import LookPage
 from spherecal_gui.presenters.look import bump_text, tile_state
 from spherecal_gui.tasks.bump_watch import BUMP_PX, BumpWatch
@@ -89,7 +91,8 @@ def test_the_tile_and_the_message_name_it():
     class Sight:
         dots = np.zeros(5)
 
-    state = tile_state("C03", None, Sight(), bumped_px=12.3)
+    sight: Any = Sight()
+    state = tile_state("C03", None, sight, bumped_px=12.3)
     assert (state.level, state.word) == ("bad", "moved by 12 px, alone. Is it fixed?")
     what, todo = bump_text({"C03": 12.3})
     assert what == "Only C03 moved (12 px)."
@@ -115,7 +118,9 @@ def test_a_bump_on_the_wall_is_said_at_once(qtbot, tmp_path, monkeypatch):
     assert page.fixed.isHidden()
     seen = controller.live.rounds
     pump(lambda: controller.live.rounds > seen + 8)
-    controller.connection.source.inject(SimulatedFault("bump", "C03"))
+    source = controller.connection.source
+    assert isinstance(source, SimulatedSource)
+    source.inject(SimulatedFault("bump", "C03"))
     pump(lambda: page.summary.text().startswith("C03 was moved."))
     assert window.banner.isHidden(), "the page says it"
     pump(lambda: window.rail.item("look").level == "bad")

@@ -13,6 +13,7 @@ os.environ.setdefault("QT_QPA_PLATFORM", "offscreen")
 
 pytest.importorskip("PySide6.QtWidgets", reason="Qt cannot be loaded here", exc_type=ImportError)
 
+from spherecal.cameras.gentl.source import GenicamSource
 from spherecal.cameras.simulated.faults import SimulatedFault
 from spherecal_gui.presenters.placement import advice
 from spherecal_gui.project_folder import load_project, taken_in
@@ -203,7 +204,9 @@ def test_the_camera_process_killed_is_seen_and_the_walk_goes_on(qapp, tmp_path, 
             take(made, "P1")
             assert status(made, "placement:P1") is Status.DONE
             source = made.connection.source
+            assert isinstance(source, GenicamSource)
             before = source.service_pid
+            assert before is not None
             os.kill(before, signal.SIGKILL)
             pump(lambda: source.service_pid not in (None, before), 60)
             pump(lambda: all(one.state.usable for one in source.statuses().values()), 60)

@@ -22,6 +22,7 @@ from PySide6.QtWidgets import QPushButton
 
 from spherecal.cameras.producer.feed import RigFeed
 from spherecal.cameras.simulated.faults import SimulatedFault
+from spherecal.cameras.simulated.source import SimulatedSource
 from spherecal_gui.pages.placement import PlacementPage
 from spherecal_gui.project_folder import load_project, save_project
 from spherecal_gui.wizard.controller import Controller
@@ -114,6 +115,7 @@ def lose_a_camera(opened: WizardWindow) -> None:
     controller = opened.controller
     before = all_files(controller.project.folder)
     source = controller.connection.source
+    assert isinstance(source, SimulatedSource)
     source.inject(SimulatedFault("lose", "C04"))
     pump(lambda: "without C04" in opened.source.text)
     step = controller.project.step

@@ -19,8 +19,8 @@ from spherecal_gui import languages, theme
 from spherecal_gui.pages import placement
 from spherecal_gui.pages.placement import PlacementPage
 from spherecal_gui.pages.verify import VerifyPage
-from spherecal_gui.presenters.guidance import Guidance, move_text
-from spherecal_gui.presenters.placement import Advice, short_text
+from spherecal_gui.presenters.guidance import GuidanceView, move_text
+from spherecal_gui.presenters.placement import PlacementAdvice, short_text
 from spherecal_gui.project_folder import TRAINING_PROFILE, load_project, save_project
 from spherecal_gui.widgets.basic import label
 from spherecal_gui.wizard.controller import Controller
@@ -72,7 +72,7 @@ def test_every_page_is_complete(qapp, qtbot, home: Path, connected: Controller, 
         shown = window.page
         assert isinstance(shown, PlacementPage) and shown.guide_text.text() == move_text(connected.guidance)
         with pytest.MonkeyPatch.context() as patch:  # four cameras see too little, though the ball lies as it should
-            patch.setattr(placement, "advice", lambda *_: Advice(short_text(FEW_DOTS), "caution"))
+            patch.setattr(placement, "advice", lambda *_: PlacementAdvice(short_text(FEW_DOTS), "caution"))
             patch.setattr(placement, "is_stuck", lambda *_: True)
             wrong += [f"placement:P4, few dots, {one}" for one in faults(window)]
             assert shown.advice.text() == short_text(FEW_DOTS)
@@ -150,7 +150,7 @@ def test_the_check_and_the_start_page_are_complete(
         theme.apply(qapp, dark=False)
 
 
-def longest_advice(shown: Guidance) -> Guidance:
+def longest_advice(shown: GuidanceView) -> GuidanceView:
     """The same with a move and a turn that take most words in the language of now."""
     moved = replace(shown, away_mm=1280.0, turn_deg=45.0, next_mm=0.5 * (shown.now_mm or 1))
     tipped = {"tip": np.array([1.0, 0.0]), "tip_towards": shown.names[0]}

@@ -2,6 +2,7 @@
 
 import os
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -13,7 +14,7 @@ pytest.importorskip("PySide6.QtWidgets", reason="Qt cannot be loaded here", exc_
 from spherecal.base.context import Context
 from spherecal.base.errors import Cancelled
 from spherecal_gui.presenters import coverage as cov
-from spherecal_gui.presenters.guidance import Guidance, move_text, next_text, now_text
+from spherecal_gui.presenters.guidance import GuidanceView, move_text, next_text, now_text
 from spherecal_gui.tasks.guide import plan_next, printed_scale, session_of_dots
 from spherecal_sim.session_folder import session_json
 from tests.networks import one_thread, simulated
@@ -43,7 +44,7 @@ def first(dots, count):
 
 def test_every_placement_is_said_to_help_and_stopping_gets_better(demo):
     document, targets, dots = demo
-    told = [plan_next(document, targets, first(dots, count), Context()) for count in (1, 2, 3)]
+    told: list[Any] = [plan_next(document, targets, first(dots, count), Context()) for count in (1, 2, 3)]
     assert all(one is not None for one in told)
     assert told[0].now_mm > told[1].now_mm > told[2].now_mm > told[2].next_mm > 0.01
     assert told[1].taken_names == ("P1", "P2"), "every place of the ball, the last one where it stands now"
@@ -79,7 +80,7 @@ def test_the_printed_scale_is_a_distance_that_all_targets_share(demo):
         assert np.linalg.norm(layout[scale["from"]] - layout[scale["to"]]) == pytest.approx(scale["distance_mm"])
 
 
-BASE = Guidance(
+BASE = GuidanceView(
     0.2,
     0.1,
     ("C01", "C02"),
@@ -130,9 +131,12 @@ def test_tipping_and_turning_are_told_apart():
 
     from spherecal_gui.presenters.guidance import _turn
 
+    def turned(axis) -> Any:
+        return SimpleNamespace(axis=axis, turn_deg=45.0)
+
     axes = np.eye(3)
-    assert _turn(SimpleNamespace(axis=None, turn_deg=45.0), axes)[0] == 0.0
-    assert _turn(SimpleNamespace(axis=np.array([0.0, 0.0, -1.0]), turn_deg=45.0), axes)[:2] == (-45.0, None)
-    turn, tip, _ = _turn(SimpleNamespace(axis=np.array([1.0, 0.0, 0.0]), turn_deg=45.0), axes)
+    assert _turn(turned(None), axes)[0] == 0.0
+    assert _turn(turned(np.array([0.0, 0.0, -1.0])), axes)[:2] == (-45.0, None)
+    turn, tip, _ = _turn(turned(np.array([1.0, 0.0, 0.0])), axes)
     assert turn == 45.0 and tip is not None
     np.testing.assert_allclose(tip, [0.0, -1.0], atol=1e-12)  # right hand about +x: the top goes towards -y

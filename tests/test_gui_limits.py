@@ -4,6 +4,7 @@ import os
 from dataclasses import replace
 from datetime import UTC, datetime, timedelta
 from types import SimpleNamespace
+from typing import Any
 
 import pytest
 
@@ -379,7 +380,7 @@ def test_the_chip_follows_the_limits(home, result, locked, tmp_path):
 # --- nominal lengths -------------------------------------------------------------------------------------------------
 
 
-def a_bench(nominal):
+def a_bench(nominal) -> Any:
     lengths = (BarLength("1", "2", 500.012, 0.004, 2.0, nominal),)
     bars = (Bar("B", "scale", {}, lengths, 1e-5, 20.0), Bar("A", "check", {}, lengths, 1e-5, 20.0))
     return SimpleNamespace(plan=SimpleNamespace(bars=bars, target_set=None), names={})

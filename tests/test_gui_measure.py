@@ -3,6 +3,7 @@
 import csv
 import os
 from types import SimpleNamespace
+from typing import Any
 
 import pytest
 
@@ -124,15 +125,16 @@ def test_cameras_that_are_gone_are_said(qtbot, page):
 
 
 def test_words_about_trust() -> None:
-    measured = SimpleNamespace(names=(1,), contradictions=())
-    assert trust_of(measured, ()).level == "good"
-    assert trust_of(measured, ("C02",)).level == "bad" and "C02" in trust_of(measured, ("C02",)).text
-    single = SimpleNamespace(names=(1,), contradictions=(Contradiction(7, "C03", 8, 8),))
-    assert "C03" in trust_of(single, ()).text
-    assert "7" in trust_of(SimpleNamespace(names=(1,), contradictions=(Contradiction(7, None, 8, 8),)), ()).text
-    one_dot = SimpleNamespace(names=(1,), contradictions=(Contradiction(7, "C03", 1, 8),))
-    assert trust_of(one_dot, ()).level == "good"
-    assert trust_of(SimpleNamespace(names=(), contradictions=()), ()).level == "caution"
+    def measured(names: tuple[int, ...], *contradictions: Contradiction) -> Any:
+        return SimpleNamespace(names=names, contradictions=contradictions)
+
+    assert trust_of(measured((1,)), ()).level == "good"
+    moved = trust_of(measured((1,)), ("C02",))
+    assert moved.level == "bad" and "C02" in moved.text
+    assert "C03" in trust_of(measured((1,), Contradiction(7, "C03", 8, 8)), ()).text
+    assert "7" in trust_of(measured((1,), Contradiction(7, None, 8, 8)), ()).text
+    assert trust_of(measured((1,), Contradiction(7, "C03", 1, 8)), ()).level == "good", "one dot"
+    assert trust_of(measured(()), ()).level == "caution"
 
 
 def test_rulers_and_rates() -> None:

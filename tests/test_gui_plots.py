@@ -3,6 +3,7 @@
 import os
 from pathlib import Path
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -190,7 +191,7 @@ def test_the_errors_of_a_verification_with_a_limit_have_its_guard_band() -> None
     row = LengthConformity("A", "A1", "A2", "L1", 0.004, 0.03, 0.008, "pass")
     acceptance = SimpleNamespace(lengths=(row,), at=parse_limit("0.03+L/20000").at)
     bar = SimpleNamespace(pose="L1", start="A1", end="A2", error_mm=0.004, u_mm=0.003, reference_mm=500.0, key=row.key)
-    shown = verification_errors(
-        SimpleNamespace(measured=(bar,), coverage_factor=2.0, procedure=SimpleNamespace(acceptance=acceptance))
-    )
+    procedure = SimpleNamespace(acceptance=acceptance)
+    report: Any = SimpleNamespace(measured=(bar,), coverage_factor=2.0, procedure=procedure)
+    shown = verification_errors(report)
     assert shown.guard is not None and shown.guard.tolist() == [0.008]

@@ -4,6 +4,7 @@ import os
 import re
 from dataclasses import replace
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -166,7 +167,7 @@ def status(state: CameraState = CameraState.STREAMING, **counted: int) -> Camera
     return CameraStatus("S1", state, "cause", "remedy", Counters(**counted), 40.0)
 
 
-def sight(count: int = 40, blur: float | None = 0.7, saturated: float = 0.0, brightness: float = 0.2):
+def sight(count: int = 40, blur: float | None = 0.7, saturated: float = 0.0, brightness: float = 0.2) -> Any:
     return SimpleNamespace(dots=dots(range(count)), blur_px=blur, saturated=saturated, brightness=brightness)
 
 
@@ -202,7 +203,7 @@ def test_the_wall_in_one_sentence():
     assert summary([good, tile_state("C05", status(), sight(saturated=0.2))]) == ("C05 is too bright.", "caution")
 
 
-def connection(statuses: dict[str, CameraStatus]):
+def connection(statuses: dict[str, CameraStatus]) -> Any:
     infos = tuple(CameraInfo(serial, "M", "V", "p") for serial in statuses)
     return SimpleNamespace(
         names={serial: f"C-{serial}" for serial in statuses},
@@ -303,7 +304,7 @@ def test_a_bar_needs_cameras(targets, level):
     assert pose_state(targets, False, False, "A-01").level == level
 
 
-def bars(verdict: str = "consistent", exceeding: frozenset = frozenset()):
+def bars(verdict: str = "consistent", exceeding: frozenset = frozenset()) -> Any:
     row = SimpleNamespace(pose="A-01", start="A1", end="A2", error_mm=-0.02, u_mm=0.01)
     length = SimpleNamespace(
         bar="A", start="A1", end="A2", n=1, mean_error_mm=-0.02, sd_mm=None, max_abs_error_mm=0.02, expanded_mm=0.03
@@ -323,7 +324,7 @@ def bars(verdict: str = "consistent", exceeding: frozenset = frozenset()):
     )
 
 
-def judged_by(limit_mm: float, decision: str) -> SimpleNamespace:
+def judged_by(limit_mm: float, decision: str) -> Any:
     """The same with somebody's limit."""
     found = bars()
     conformity = SimpleNamespace(

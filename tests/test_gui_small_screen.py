@@ -2,6 +2,7 @@
 
 import os
 from types import SimpleNamespace
+from typing import Any
 
 import pytest
 
@@ -43,7 +44,8 @@ def test_connect_from_afar_fits_a_small_screen(qtbot, afar, count, word):
     page = ConnectPage(Controller())
     qtbot.addWidget(page)
     serials = {f"S{i}": f"C{i:02d}" for i in range(1, count + 1)}
-    page.controller.connection = SimpleNamespace(names=serials)
+    connection: Any = SimpleNamespace(names=serials)
+    page.controller.connection = connection
     lines = [
         CameraLine(name, "acA2440-20gm", f"4001{i:04d}", word, "good", f"4001{i:04d} · 2448 x 2048")
         for i, name in enumerate(serials.values())

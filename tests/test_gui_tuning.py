@@ -5,6 +5,7 @@ import os
 import threading
 from pathlib import Path
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -269,12 +270,13 @@ def test_a_finding_speaks_the_readers_language_with_its_figures(german):
     values = {"noise_px": 0.1, "times": 2.5, "others_px": 0.04, "percent": 4.0, "points": 400}
     finding = Finding("camera-noisy", "warning", values, ("C03",), leave_out("camera:C03"))
     rig = SimpleNamespace(quality=SimpleNamespace(findings=(finding,)))
-    (one,) = advice(SimpleNamespace(rig=rig, camera_ids=("C03",)), ())
+    result: Any = SimpleNamespace(rig=rig, camera_ids=("C03",))
+    (one,) = advice(result, ())
     assert one.title == "Eine Kamera ist unschärfer oder wackelt"
     assert one.message.startswith("Die Punkte der Kamera C03 streuen um 0.100 px, 2.5-mal so viel")
     assert one.hint.startswith("Fokus, Blende und Belichtung prüfen") and "--leave-out" not in one.hint
     languages.use("en")
-    (one,) = advice(SimpleNamespace(rig=rig, camera_ids=("C03",)), ())
+    (one,) = advice(result, ())
     assert one.message == finding.message
 
 

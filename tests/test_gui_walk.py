@@ -450,6 +450,7 @@ def test_a_check_names_the_camera_that_was_knocked(walk, qtbot):
         page.refresh()
         assert (page.word.text(), page.sentence.text()) == ("REPAIRED", "Not in use yet.")
         assert "now by 0.00" in page.mended.text() and page.use.isVisibleTo(page)
+        assert again.check_after is not None
         assert repaired_verdict(again.check_after, in_use=True).word == "OK"
     finally:
         again.close_project()

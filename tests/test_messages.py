@@ -14,7 +14,7 @@ import pytest
 
 from spherecal.base.context import Context, Progress
 from spherecal.base.errors import InputError, OutputError, reason
-from spherecal.base.messages.catalogue import LANGUAGES, PLURALS, Field, fill, parsed, phrase, table, template
+from spherecal.base.messages.catalogue import LANGUAGES, PLURALS, TemplateField, fill, parsed, phrase, table, template
 from spherecal.base.messages.values import Phrase, as_json, from_json
 from spherecal.base.resources import resource_path
 from spherecal.data.findings import AdvisedRepair, Finding, as_written, leave_out
@@ -46,8 +46,8 @@ def flat(words: dict, path: str = "") -> dict[str, str]:
     return found
 
 
-def fields(words: str) -> list[Field]:
-    return [piece for piece in parsed(words) if isinstance(piece, Field)]
+def fields(words: str) -> list[TemplateField]:
+    return [piece for piece in parsed(words) if isinstance(piece, TemplateField)]
 
 
 def codes() -> dict[str, dict]:
@@ -180,7 +180,7 @@ def test_chinese_is_chinese_and_german_is_not_english() -> None:
             assert german[path] != words, path
 
 
-def sample(field: Field) -> object:
+def sample(field: TemplateField) -> object:
     """A value that a field can show."""
     if field.kind == "#" or field.spec == "count":
         return (

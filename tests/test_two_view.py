@@ -14,7 +14,7 @@ from spherecal.geometry.rotation import cross_matrix
 from spherecal.initialise.two_view import (
     GATE_PX,
     MIN_POINTS_A_PAIR,
-    Gate,
+    TwoViewGate,
     epipolar_distance,
     robust_fundamental,
     vote,
@@ -35,7 +35,7 @@ class Case:
     counts: IntArray
     epipolar: dict[tuple[int, int], FloatArray]
 
-    def vote(self, seed: int = 0, context: Context | None = None) -> Gate:
+    def vote(self, seed: int = 0, context: Context | None = None) -> TwoViewGate:
         return vote(self.table, self.uv, self.counts, GATE_PX, seed, context or Context())
 
 
@@ -57,17 +57,17 @@ def gate_case(preset: str, fraction: float) -> Case:
 
 
 @pytest.fixture(scope="module", params=OUTLIERS)
-def spoilt(request: pytest.FixtureRequest) -> tuple[Case, Gate]:
+def spoilt(request: pytest.FixtureRequest) -> tuple[Case, TwoViewGate]:
     case = gate_case("rigA", request.param)
     return case, case.vote()
 
 
-def test_right_matches_are_kept(spoilt: tuple[Case, Gate]) -> None:
+def test_right_matches_are_kept(spoilt: tuple[Case, TwoViewGate]) -> None:
     case, gate = spoilt
     assert gate.keep[~case.wrong].mean() > 0.99
 
 
-def test_wrong_matches_are_voted_out(spoilt: tuple[Case, Gate]) -> None:
+def test_wrong_matches_are_voted_out(spoilt: tuple[Case, TwoViewGate]) -> None:
     """Those that the true geometry shows in most of their pairs: an error along the epipolar line shows in none."""
     case, gate = spoilt
     shown, kept = 0, 0
@@ -88,7 +88,7 @@ def test_wrong_matches_are_voted_out(spoilt: tuple[Case, Gate]) -> None:
     assert kept == 0
 
 
-def test_consistent_matches_of_a_pair_agree_with_the_true_geometry(spoilt: tuple[Case, Gate]) -> None:
+def test_consistent_matches_of_a_pair_agree_with_the_true_geometry(spoilt: tuple[Case, TwoViewGate]) -> None:
     case, gate = spoilt
     worst = []
     for (i, j), features in gate.consistent.items():
@@ -112,7 +112,7 @@ def test_clean_matches_are_all_kept() -> None:
         assert np.mean(common) > 0.98
 
 
-def test_same_seed_same_votes(spoilt: tuple[Case, Gate]) -> None:
+def test_same_seed_same_votes(spoilt: tuple[Case, TwoViewGate]) -> None:
     case, gate = spoilt
     again = case.vote()
     assert np.array_equal(gate.keep, again.keep)
@@ -122,7 +122,7 @@ def test_same_seed_same_votes(spoilt: tuple[Case, Gate]) -> None:
     assert (other.keep == gate.keep).mean() > 0.99
 
 
-def test_votes_do_not_depend_on_what_opencv_drew_before(spoilt: tuple[Case, Gate]) -> None:
+def test_votes_do_not_depend_on_what_opencv_drew_before(spoilt: tuple[Case, TwoViewGate]) -> None:
     import cv2
 
     case, gate = spoilt
@@ -131,7 +131,7 @@ def test_votes_do_not_depend_on_what_opencv_drew_before(spoilt: tuple[Case, Gate
     assert np.array_equal(case.vote().keep, gate.keep)
 
 
-def test_common_features_of_a_triple(spoilt: tuple[Case, Gate]) -> None:
+def test_common_features_of_a_triple(spoilt: tuple[Case, TwoViewGate]) -> None:
     _, gate = spoilt
     for cameras in ((0, 1, 5), (5, 1, 0), (2, 7, 8)):
         i, j, k = sorted(cameras)
@@ -139,7 +139,7 @@ def test_common_features_of_a_triple(spoilt: tuple[Case, Gate]) -> None:
         common = gate.common(cameras)
         assert common.tolist() == sorted(expected)
         assert len(common) > 0
-    lonely = Gate(gate.keep, {pair: f for pair, f in gate.consistent.items() if 3 not in pair})
+    lonely = TwoViewGate(gate.keep, {pair: f for pair, f in gate.consistent.items() if 3 not in pair})
     assert len(lonely.common((2, 3, 4))) == 0
 
 

@@ -36,7 +36,7 @@ class RenderedFrame:
     took_s: float
 
 
-class Stage:
+class ScenePlotter:
     """One pyvista plotter with a scene; making it fails where OpenGL does not work."""
 
     def __init__(self) -> None:
@@ -172,7 +172,7 @@ def serve(pipe: Connection) -> None:
 
     try:
         _be_quiet()
-        stage = Stage()
+        stage = ScenePlotter()
     except Exception as error:
         with contextlib.suppress(OSError):
             pipe.send(("failed", f"{type(error).__name__}: {error}"))

@@ -8,8 +8,8 @@ from spherecal.report.document import Document
 from spherecal_study.agreement import Estimate, below, estimate
 from spherecal_study.executor import Trial
 from spherecal_study.page import (
-    Compared,
     Options,
+    PaperComparison,
     Results,
     StudyPage,
     begin,
@@ -105,7 +105,7 @@ def _against_paper(
 
     most, where = worst(px)
     rows = [
-        Compared(
+        PaperComparison(
             "mean reprojection error",
             "0.0593 px at best, 0.0875 at worst",
             f"{most.words(4)} px at most, {where}",
@@ -119,7 +119,7 @@ def _against_paper(
     for name, means in off.items():
         mean, at = worst(means)
         rows.append(
-            Compared(
+            PaperComparison(
                 f"A3A4, mean error, {name}",
                 "below 0.05 mm",
                 f"{mean.words(4)} mm at most, {at}",
@@ -132,7 +132,7 @@ def _against_paper(
         scatter, at = worst(sd[name])
         why = "few views of four placements hold the lenses poorly." if name == "free" else ""
         rows.append(
-            Compared(
+            PaperComparison(
                 f"A3A4, standard deviation, {name}",
                 "below 0.1 mm",
                 f"{scatter.words(4)} mm at most, {at}",

@@ -8,8 +8,8 @@ from spherecal.report.document import Document
 from spherecal_study.agreement import Estimate, below, estimate, like, ordered
 from spherecal_study.executor import Trial
 from spherecal_study.page import (
-    Compared,
     Options,
+    PaperComparison,
     Results,
     StudyPage,
     begin,
@@ -262,7 +262,7 @@ def _against_paper(document: Document, found: _Found) -> StudyPage:
         return "; ".join(f"{_ROWS[n].text}: {sd[n].words(4)}" for n in names if n in sd)
 
     rows = [
-        Compared(
+        PaperComparison(
             f"bars, sd: {_ROWS[name].text}",
             "below 0.125 mm",
             f"{of(name).words(4)} mm",
@@ -277,7 +277,7 @@ def _against_paper(document: Document, found: _Found) -> StudyPage:
     for name, value in (("board-chained-print", 0.2), ("board-chained", 0.2), ("bar-chained", 0.175)):
         if name in found:
             rows.append(
-                Compared(
+                PaperComparison(
                     f"bars, sd: {_ROWS[name].text}",
                     f"{value:g} mm",
                     f"{of(name).words(4)} mm",
@@ -290,7 +290,7 @@ def _against_paper(document: Document, found: _Found) -> StudyPage:
     for name in ("board", "board-print", "bar"):
         if name in found:
             rows.append(
-                Compared(
+                PaperComparison(
                     f"bars, sd: {_ROWS[name].text}",
                     "not in the paper",
                     f"{of(name).words(4)} mm",
@@ -306,7 +306,7 @@ def _against_paper(document: Document, found: _Found) -> StudyPage:
             _difference(found["board-chained-print"], found["bar-chained"]),
         ]
         rows.append(
-            Compared(
+            PaperComparison(
                 "order of the methods",
                 "ball, bar, board",
                 words("tao", "bar-chained", "board-chained-print"),
@@ -319,7 +319,7 @@ def _against_paper(document: Document, found: _Found) -> StudyPage:
     if {"tao-print", "board-chained-print"} <= found.keys():
         step = _difference(found["board-chained-print"], found["tao-print"])
         rows.append(
-            Compared(
+            PaperComparison(
                 "ball before board, both printed",
                 "yes",
                 words("tao-print", "board-chained-print"),
@@ -334,7 +334,7 @@ def _against_paper(document: Document, found: _Found) -> StudyPage:
             each = {bar: _sd_of(found[name], bar) for bar in _SUB_BARS}
             worst = max(each, key=lambda bar: each[bar].mean)
             rows.append(
-                Compared(
+                PaperComparison(
                     f"each of five sub-bars, sd: {_ROWS[name].text}",
                     "below 0.125 mm",
                     f"{each[worst].words(4)} mm at most ({worst})",

@@ -7,8 +7,8 @@ from spherecal_study.agreement import Estimate, below, estimate, like
 from spherecal_study.executor import Trial
 from spherecal_study.measures import all_errors
 from spherecal_study.page import (
-    Compared,
     Options,
+    PaperComparison,
     Results,
     StudyPage,
     begin,
@@ -96,7 +96,7 @@ def _against_paper(document: Document, px: _ByCount, bars: dict[str, _ByCount]) 
     return paper_table(
         document,
         [
-            Compared(
+            PaperComparison(
                 "reprojection error, 1 to 7 placements",
                 "below 0.2 px in all",
                 f"{worst.words(4)} px at most",
@@ -105,7 +105,7 @@ def _against_paper(document: Document, px: _ByCount, bars: dict[str, _ByCount]) 
                 "limit",
                 worst.n,
             ),
-            Compared(
+            PaperComparison(
                 "bar error at 4 placements",
                 "settles near 0.1 mm",
                 f"{at[USUAL].words(4)} mm",
@@ -114,7 +114,7 @@ def _against_paper(document: Document, px: _ByCount, bars: dict[str, _ByCount]) 
                 "value",
                 at[USUAL].n,
             ),
-            Compared(
+            PaperComparison(
                 "bar error falls",
                 "from 1 to 4 placements, little gain beyond",
                 levels,
@@ -124,7 +124,7 @@ def _against_paper(document: Document, px: _ByCount, bars: dict[str, _ByCount]) 
                 "",
                 min(e.n for e in at.values()),
             ),
-            Compared(
+            PaperComparison(
                 "the rigid form, 4 placements",
                 "not in the paper",
                 f"{rigid.get(USUAL, none).words(4)} mm",

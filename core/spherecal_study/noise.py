@@ -6,7 +6,16 @@ from spherecal.report.document import Document
 from spherecal_study.agreement import Estimate, always, estimate, never, share_interval
 from spherecal_study.displacement import PERCENT
 from spherecal_study.executor import Trial
-from spherecal_study.page import Compared, Options, Results, StudyPage, begin, columns_by_group, paper_table, table
+from spherecal_study.page import (
+    Options,
+    PaperComparison,
+    Results,
+    StudyPage,
+    begin,
+    columns_by_group,
+    paper_table,
+    table,
+)
 
 TITLE = "Spherical projection and displaced points (Table II)"
 RUNS = 3
@@ -136,7 +145,7 @@ def _against_paper(document: Document, cases: Any, options: Options) -> StudyPag
     return paper_table(
         document,
         [
-            Compared(
+            PaperComparison(
                 "with SPO, 10 to 25 %",
                 "always converges",
                 f"in {spo} of {n} runs",
@@ -145,7 +154,7 @@ def _against_paper(document: Document, cases: Any, options: Options) -> StudyPag
                 "share",
                 n,
             ),
-            Compared(
+            PaperComparison(
                 "without SPO, 20 and 25 %",
                 "does not converge",
                 f"converges in {none} of {n_none} runs",
@@ -157,7 +166,7 @@ def _against_paper(document: Document, cases: Any, options: Options) -> StudyPag
                 "share",
                 n_none,
             ),
-            Compared(
+            PaperComparison(
                 "damped by the diagonal, without SPO, 20 and 25 %",
                 "does not converge",
                 f"converges in {tried['the diagonal'][0]} of {tried['the diagonal'][1]} runs",
@@ -166,7 +175,7 @@ def _against_paper(document: Document, cases: Any, options: Options) -> StudyPag
                 "share",
                 tried["the diagonal"][1],
             ),
-            Compared(
+            PaperComparison(
                 "steps, SPO against none-SPO",
                 "not in our record",
                 f"{_words(steps['spo'])} with, {_words(steps['none'])} without",

@@ -69,7 +69,7 @@ class Options:
 
 
 @dataclass(frozen=True)
-class Compared:
+class PaperComparison:
     """A line of the table paper / ours: `agrees` None where it is no matter of agreeing; `why` says the rest.
 
     `test` is one of agreement.TESTS and `runs` the number of runs behind the line.
@@ -145,10 +145,10 @@ class StudyPage:
     """A study's page and the lines of its table paper / ours."""
 
     document: Document
-    compared: tuple[Compared, ...]
+    compared: tuple[PaperComparison, ...]
 
 
-def paper_table(document: Document, rows: Sequence[Compared]) -> StudyPage:
+def paper_table(document: Document, rows: Sequence[PaperComparison]) -> StudyPage:
     """The page with the table paper / ours at its end, the reasons below it.
 
     Parameters

@@ -12,8 +12,8 @@ from spherecal_study.agreement import RATIO, Estimate, above, estimate, like
 from spherecal_study.executor import Trial
 from spherecal_study.measures import all_errors
 from spherecal_study.page import (
-    Compared,
     Options,
+    PaperComparison,
     Results,
     StudyPage,
     begin,
@@ -175,7 +175,7 @@ def _against_paper(document: Document, rig: str, some: Callable[..., Results], o
             both = pairs(some("paths", rig, "opt", known), some("paths", rig, s, known))
             ratio = estimate([_over(_length(b), _length(a)) for a, b in both])
             rows.append(
-                Compared(
+                PaperComparison(
                     f"length of the paths, {SEARCHES[s]}, {words} intrinsics",
                     "0.1221 OPT, 0.188 none: 1.54 times",
                     f"{ratio.words(3)} times OPT's",
@@ -192,7 +192,7 @@ def _against_paper(document: Document, rig: str, some: Callable[..., Results], o
         bars = estimate([pooled_rms([all_errors(b)]) / pooled_rms([all_errors(a)]) for a, b in chosen])
         px = estimate([a["mean_px"] for a, _ in chosen])
         rows += [
-            Compared(
+            PaperComparison(
                 f"reprojection error at the end, {SEARCHES[s]} over OPT",
                 "0.15 over 0.09 px: 1.67",
                 f"{ratio.words(4)} ({px.words(4)} px with OPT)",
@@ -202,7 +202,7 @@ def _against_paper(document: Document, rig: str, some: Callable[..., Results], o
                 "value",
                 ratio.n,
             ),
-            Compared(
+            PaperComparison(
                 f"error of bars, {SEARCHES[s]} over OPT",
                 "much larger than OPT's 0.11 mm",
                 bars.words(4),

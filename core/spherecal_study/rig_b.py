@@ -5,8 +5,8 @@ from spherecal_study.agreement import Estimate, always, estimate, like
 from spherecal_study.executor import Trial
 from spherecal_study.measures import all_errors
 from spherecal_study.page import (
-    Compared,
     Options,
+    PaperComparison,
     Results,
     StudyPage,
     begin,
@@ -120,7 +120,7 @@ def _against_paper(document: Document, a: Results, b: Results, options: Options)
     return paper_table(
         document,
         [
-            Compared(
+            PaperComparison(
                 "rig A: mean absolute residuals x, y",
                 "0.0453, 0.0483 px",
                 f"{x.words(4)}, {y.words(4)} px",
@@ -129,7 +129,7 @@ def _against_paper(document: Document, a: Results, b: Results, options: Options)
                 "",
                 x.n,
             ),
-            Compared(
+            PaperComparison(
                 "rig A: standard deviations",
                 "0.0632, 0.0629 px",
                 f"{sx.words(4)}, {sy.words(4)} px",
@@ -138,7 +138,7 @@ def _against_paper(document: Document, a: Results, b: Results, options: Options)
                 "",
                 sx.n,
             ),
-            Compared(
+            PaperComparison(
                 "rig A: standard deviation over mean",
                 "1.395, 1.302",
                 ratio.words(3),
@@ -147,7 +147,7 @@ def _against_paper(document: Document, a: Results, b: Results, options: Options)
                 "value",
                 ratio.n,
             ),
-            Compared(
+            PaperComparison(
                 "rig B: all cameras calibrated and valid",
                 "12",
                 f"12 in {placed} of {len(b)} runs",
@@ -156,7 +156,7 @@ def _against_paper(document: Document, a: Results, b: Results, options: Options)
                 "share",
                 len(b),
             ),
-            Compared(
+            PaperComparison(
                 "rig B: seconds of computing",
                 "not given",
                 f"{sum(local_and_global_s(b)):.1f} s on one core",

@@ -12,8 +12,8 @@ from spherecal_sim.boards import SimulatedRecording
 from spherecal_study.agreement import always, estimate
 from spherecal_study.executor import Trial
 from spherecal_study.page import (
-    Compared,
     Options,
+    PaperComparison,
     Results,
     StudyPage,
     begin,
@@ -157,7 +157,7 @@ def _against_paper(document: Document, most: Results, frames: int, cameras: int)
     return paper_table(
         document,
         [
-            Compared(
+            PaperComparison(
                 f"{frames} frames, {cameras} cameras: marks, error over bound",
                 "not given",
                 ratio.words(4),
@@ -166,7 +166,7 @@ def _against_paper(document: Document, most: Results, frames: int, cameras: int)
                 "",
                 ratio.n,
             ),
-            Compared(
+            PaperComparison(
                 "cameras calibrated",
                 "all",
                 f"all {cameras} in {placed} of {len(most)} runs",
@@ -175,7 +175,7 @@ def _against_paper(document: Document, most: Results, frames: int, cameras: int)
                 "share",
                 len(most),
             ),
-            Compared(
+            PaperComparison(
                 "scale",
                 "not given",
                 f"off by {off.words(1, 1e6)} ppm, stated {stated.words(1, 1e6)}",
@@ -184,7 +184,7 @@ def _against_paper(document: Document, most: Results, frames: int, cameras: int)
                 "",
                 off.n,
             ),
-            Compared(
+            PaperComparison(
                 "seconds of computing",
                 "319.20 s, waving by hand included",
                 f"{sum(local_and_global_s(most)):.1f} s",

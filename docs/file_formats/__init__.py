@@ -13,7 +13,7 @@ from spherecal.cameras.gentl.trust import DRIVERS
 from spherecal.cameras.profile import CAMERAS
 from spherecal.files.ball_registry import BALLS
 from spherecal.files.bar_registry import BARS
-from spherecal.files.codec import Format
+from spherecal.files.codec import FileFormat
 from spherecal.profile.checks import PROFILE_CHECK
 from spherecal.profile.entry import ENTRY
 from spherecal.profile.limits_file import LIMITS
@@ -21,4 +21,4 @@ from spherecal.profile.store import PROFILE
 from spherecal.report.dcc import ISSUER
 
 _SETTINGS = (CAMERAS, DRIVERS, BARS, BALLS, LIMITS, ISSUER, PROFILE, ENTRY, PROFILE_CHECK)
-FORMATS: tuple[Format[Any], ...] = (*_SESSIONS, *_RESULTS, *_SETTINGS, *_OTHER)
+FORMATS: tuple[FileFormat[Any], ...] = (*_SESSIONS, *_RESULTS, *_SETTINGS, *_OTHER)

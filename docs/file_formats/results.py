@@ -140,7 +140,7 @@ REPORT = written(
 EXPORT = written(
     "export",
     "export.json",
-    "What an exported folder holds; by it the folder is known as one that may be replaced.",
+    "The contents of an exported folder; it marks the folder as one that may be replaced.",
     {
         "export_format": text("The format."),
         "length_unit": text("Unit of lengths."),

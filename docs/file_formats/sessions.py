@@ -76,7 +76,7 @@ _BOARD = record(
 SESSION = written(
     "session",
     "session.json",
-    "What was recorded: cameras, placements of the ball, bars, and the files that hold the images.",
+    "What was recorded: cameras, placements of the ball, bars, and the image files.",
     {
         "cameras": CAMERAS.schema,
         "target_set?": path("The file with the target set, mostly `targets.json`."),
@@ -89,7 +89,7 @@ SESSION = written(
     },
     (
         "Ids of cameras, bars, and of placements and bar poses together, differ.",
-        "A bar, mark, camera or point that is named is there, and so is every file.",
+        "Every named bar, mark, camera, point and file exists.",
         "A placement or pose has images unless there is an observations.csv.",
         "Cameras with one `intrinsics_group` have one image size and one lens model.",
     ),

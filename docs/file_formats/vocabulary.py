@@ -4,9 +4,9 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Any, ParamSpec
 
 from spherecal.files import codec, rig_file, session_file
-from spherecal.files.codec import UNREAD, Format, Kind, Schema
+from spherecal.files.codec import UNREAD, FileFormat, Kind, Schema
 
-__all__ = ["Format", "Schema"]
+__all__ = ["FileFormat", "Schema"]
 _P = ParamSpec("_P")
 
 
@@ -30,9 +30,9 @@ def _kind(schema: Schema) -> Kind[Any]:
 
 def written(
     name: str, file: str, about: str, fields: Mapping[str, Schema], rules: Sequence[str] = (), **others: Any
-) -> Format[Any]:
+) -> FileFormat[Any]:
     """A format of these fields."""
-    return Format(f"spherecal/{name}", file, about, _kind(record("", fields)), rules, **others)
+    return FileFormat(f"spherecal/{name}", file, about, _kind(record("", fields)), rules, **others)
 
 
 def record(about: str, fields: Mapping[str, Schema]) -> Schema:

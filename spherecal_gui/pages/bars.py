@@ -93,7 +93,7 @@ class ScalePage(LivePage):
     def _show_poses(self) -> None:
         clear(self.poses)
         for pose in self.pose_ids():
-            there = pose in self.project.taken
+            there = pose in self.open_project.taken
             self.poses.addWidget(self._mark(pose, there, pose == self.current))
         self.poses.addStretch(1)
 

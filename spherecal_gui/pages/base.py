@@ -1,11 +1,11 @@
 """What all pages have in common."""
 
 from dataclasses import dataclass
-from typing import Any
 
 from PySide6.QtCore import Signal
 from PySide6.QtWidgets import QLabel, QWidget
 
+from spherecal_gui.project import Project
 from spherecal_gui.standing import NEEDS_CAMERAS, Button, Level, Part, Standing, level_of, stand
 from spherecal_gui.texts import moved_text, reason_text
 from spherecal_gui.widgets.basic import set_level
@@ -88,7 +88,15 @@ class Page(QWidget):
         return None
 
     def say(self, text: str, level: Level) -> None:
-        """The page's own part of its headline; what is worse elsewhere is said instead."""
+        """The page's own part of its headline; what is worse elsewhere is said instead.
+
+        Parameters
+        ----------
+        text
+            The headline; empty for none.
+        level
+            Its colour.
+        """
         self._own = Part(level, text)
         self.show_standing()
 
@@ -139,6 +147,12 @@ class Page(QWidget):
         return state.of(self.step.id) if state is not None and self.step is not None else None
 
     @property
-    def project(self) -> Any:
-        """The open project."""
+    def project(self) -> Project | None:
+        """The open project; None where it was closed."""
+        return self.controller.project
+
+    @property
+    def open_project(self) -> Project:
+        """The open project, for what is shown and done only while there is one."""
+        assert self.controller.project is not None
         return self.controller.project

@@ -1,7 +1,6 @@
 """Which board calibrates: what is printed on it, and a sheet to print where there is none yet."""
 
 from pathlib import Path
-from typing import Any
 
 from PySide6.QtCore import QCoreApplication, Signal
 from PySide6.QtWidgets import (
@@ -17,6 +16,7 @@ from PySide6.QtWidgets import (
 )
 
 from spherecal.base.errors import SpherecalError
+from spherecal.methods.board_pattern import board_entry
 from spherecal_gui.texts import error_text
 from spherecal_gui.widgets.basic import WheelGuard, button, enable, label, set_level
 
@@ -90,10 +90,10 @@ class BoardDialog(QDialog):
         }
 
     @property
-    def entry(self) -> dict[str, Any]:
+    def entry(self) -> dict[str, object]:
         """The board as session.json has it."""
         kind = str(self.kind.currentData())
-        entry: dict[str, Any] = {
+        entry: dict[str, object] = {
             "kind": kind,
             "rows": int(self.rows.value()),
             "columns": int(self.columns.value()),
@@ -137,8 +137,6 @@ class BoardDialog(QDialog):
         self._check()
 
     def _check(self) -> None:
-        from spherecal.methods.board_pattern import board_entry
-
         said = ""
         try:
             board_entry(self.entry)
@@ -155,7 +153,7 @@ class BoardDialog(QDialog):
 
     def save_sheet(self, path: Path) -> None:
         """Write the sheet, on the smallest page that takes the board; say so where none does."""
-        from spherecal.uses.use_cases import write_board_sheet
+        from spherecal.uses.use_cases import write_board_sheet  # loads the calibration, which takes a second
 
         for page in ("A4", "A3", "A2", "A1", "A0"):
             try:

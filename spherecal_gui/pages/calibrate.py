@@ -142,7 +142,7 @@ class CalibratePage(Page):
             return
         there, lacking = (self.tr("captured"), "good"), (self.tr("not captured"), "caution")
         rows = []
-        for one in input_rows((*self.project.placements, *self.project.scale_poses), self.controller.dots):
+        for one in input_rows((*self.open_project.placements, *self.open_project.scale_poses), self.controller.dots):
             word, level = there if one.captured else lacking
             rows.append(
                 [
@@ -159,13 +159,13 @@ class CalibratePage(Page):
         """What the images of all placements cover, camera by camera."""
         connection, dots = self.controller.connection, self.controller.dots
         cameras = list(connection.names.values()) if connection is not None else []
-        sets = [dots[name] for name in self.project.placements if name in dots]
+        sets = [dots[name] for name in self.open_project.placements if name in dots]
         for part in (self.coverage, self.covered_key):
             part.setVisible(bool(cameras and sets))
         if not cameras or not sets:
             return
         before = [cov.cells([one[name] for one in sets if name in one]) for name in cameras]
-        needs = (cov.board_needs if self.project.by_board else cov.needs)(sets, cameras)
+        needs = (cov.board_needs if self.open_project.by_board else cov.needs)(sets, cameras)
         self.coverage.show_cells(cameras, before, [0 * one for one in before], [one.level for one in needs])
 
     def resizeEvent(self, event: QResizeEvent) -> None:
@@ -181,7 +181,7 @@ class CalibratePage(Page):
         return task is not None and self.controller.course is not None and self.controller.course.task is task
 
     def _show_word(self) -> None:
-        state, project = self.state, self.project
+        state = self.state
         self._show_stop_here()
         if self.is_running:
             task = self.controller.runner.task
@@ -199,8 +199,8 @@ class CalibratePage(Page):
         self.bar.setVisible(False)
         if state is None:
             return
-        bad = reason_text(state.reason), "bad"
-        if self._is_computed:
+        project = self.open_project
+        if self._is_computed and project.calibrated is not None:
             words: dict[str, tuple[str, Level]] = {
                 "valid": (self.tr("Done: the calibration is valid"), "good"),
                 "use with care": (self.tr("Done: the calibration is to be used with care"), "caution"),
@@ -216,7 +216,7 @@ class CalibratePage(Page):
             self.say(self.tr("It failed; what was captured is kept"), "bad")
             self.left.setText(reason_text(state.reason))
         elif state.status is Status.FAILED:
-            self.say(*bad)
+            self.say(reason_text(state.reason), "bad")
         else:
             self.say(reason_text(state.reason), "caution")
 
@@ -229,14 +229,14 @@ class CalibratePage(Page):
     def _is_computed(self) -> bool:
         """Whether there is a calibration of what was taken, valid or not."""
         state = self.state
-        if state is None or self.project.calibrated is None:
+        if state is None or self.open_project.calibrated is None:
             return False
         code = state.reason.code if state.reason is not None else ""
         return state.status in (Status.DONE, Status.CARE) or (state.status is Status.FAILED and code == "not valid")
 
     def _show_stop_here(self) -> None:
         """Offered while it computes; a valid result is never given away for a part of one."""
-        task, done = self.controller.runner.task, self.project.calibrated
+        task, done = self.controller.runner.task, self.open_project.calibrated
         self.stop_here.setVisible(self.is_running)
         keeps = done is not None and usable(done.verdict)
         idle = task is not None and not task.stopping and not task.keeping

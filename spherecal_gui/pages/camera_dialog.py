@@ -29,8 +29,10 @@ class CameraDialog(QDialog):
     def __init__(self, controller: Controller, serial: str, parent: QWidget | None = None) -> None:
         super().__init__(parent)
         self.controller, self.serial = controller, serial
-        info = controller.connection.info(serial)
-        self.name = controller.connection.names[serial]
+        connection = controller.connection
+        assert connection is not None
+        info = connection.info(serial)
+        self.name = connection.names[serial]
         self.setWindowTitle(f"{self.name} · {serial}")
         row = QHBoxLayout(self)
         self.tile = CameraTile(serial, self.name)

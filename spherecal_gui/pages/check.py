@@ -1,17 +1,19 @@
 """Check: one placement against the calibration in use; OK, watch, or recalibrate."""
 
-from typing import Any
+from pathlib import Path
 
 from PySide6.QtWidgets import QHBoxLayout, QLabel, QVBoxLayout, QWidget
 
 from spherecal.base.errors import SpherecalError
 from spherecal.profile.store import open_profile
+from spherecal.uses.check import Check
 from spherecal_gui import limits
 from spherecal_gui.pages.base import Page, PageAction
 from spherecal_gui.presenters.check import check_notes, check_rows, check_verdict, repaired_text, repaired_verdict
 from spherecal_gui.presenters.rig_scenes import check_scene, rig_scene
 from spherecal_gui.project import usable
 from spherecal_gui.standing import Level
+from spherecal_gui.tasks.kept_check import CheckSummary
 from spherecal_gui.texts import reason_text, verdict_word
 from spherecal_gui.widgets.basic import Card, button, enable, label, set_level
 from spherecal_gui.widgets.scene_panel import ScenePanel, SceneSplit
@@ -53,7 +55,8 @@ class CheckPage(Page):
         )
         self.panel = ScenePanel()
         self.panel.said.connect(self.controller.tell)
-        self._drawn: tuple[Any, Any] = (None, None)  # the profile's folder, and what was found
+        # The profile's folder, and what was found.
+        self._drawn: tuple[Path | None, Check | CheckSummary | None] = (None, None)
         column.addWidget(SceneSplit(self.panel, self.table, (540, 560)), 1)
         self.notes = Card()
         self.message = label("", "soft")
@@ -82,9 +85,9 @@ class CheckPage(Page):
         return self.word
 
     @property
-    def _after(self) -> Any:
+    def _after(self) -> Check | None:
         """The check after a repair; None where nothing is repaired."""
-        return self.controller.check_after if self.project.repaired is not None else None
+        return self.controller.check_after if self.open_project.repaired is not None else None
 
     @property
     def _in_use(self) -> bool:
@@ -93,7 +96,7 @@ class CheckPage(Page):
 
     def _show_mending(self, there: bool) -> None:
         found, after, in_use = self.controller.check_found, self._after, self._in_use
-        idle, repaired_run = self.controller.runner.running is None, self.project.repaired
+        idle, repaired_run = self.controller.runner.running is None, self.open_project.repaired
         moved = found.to_repair if there and found is not None else ()
         repaired = there and after is not None
         self.repair.setText(self.tr("Repair {cameras}").format(cameras=", ".join(moved)))
@@ -109,7 +112,7 @@ class CheckPage(Page):
         self.why_not.setText(why)
         self.why_not.setVisible(repaired and not in_use and bool(why))
         self.mended.setText("")
-        if repaired:
+        if there and found is not None and after is not None:
             text, level = repaired_text(found, after, in_use)
             self.mended.setText(text)
             set_level(self.mended, level)
@@ -144,7 +147,7 @@ class CheckPage(Page):
 
     def _show_without(self) -> None:
         """Nothing was found now: ready, failed, out of date, or found on another day."""
-        state, checked = self.state, self.project.checked
+        state, checked = self.state, self.open_project.checked
         if checked is not None and state is not None and state.status in (Status.DONE, Status.CARE, Status.FAILED):
             levels: dict[str, Level] = {"ok": "good", "watch": "caution"}
             self.say(verdict_word(checked.verdict), levels.get(checked.verdict, "bad"))
@@ -157,6 +160,8 @@ class CheckPage(Page):
 
     def _fill(self) -> None:
         found = self.controller.check_after or self.controller.check_found
+        if found is None:
+            return
         rows: list[list[tuple[str, Cell, str]]] = [
             [
                 (one.camera, one.camera, one.level),
@@ -174,7 +179,7 @@ class CheckPage(Page):
         self._draw(found)
         self.message.setText("\n".join(check_notes(found)))
 
-    def _draw(self, found: Any) -> None:
+    def _draw(self, found: Check | CheckSummary | None) -> None:
         """The rig as it was calibrated, with the cameras that moved; without a check (None) as it is in use."""
         folder = self.controller.profile_folder
         if folder is None or (self._drawn[0] == folder and self._drawn[1] is found):
@@ -205,7 +210,7 @@ class CheckPage(Page):
             return PageAction(self.tr("Check"), False, self.tr("Work is running."))
         if state is None or not state.open:
             return PageAction(self.tr("Check"), False, reason_text(state.reason) if state is not None else "")
-        again = self.project.checked is not None and state.status is not Status.STALE
+        again = self.open_project.checked is not None and state.status is not Status.STALE
         return PageAction(self.tr("Check again") if again else self.tr("Check"))
 
     def act(self) -> None:

@@ -1,12 +1,11 @@
 """Connect: the cameras that were found, and what is on the bench."""
 
-from typing import TYPE_CHECKING
-
 from PySide6.QtGui import QResizeEvent
 from PySide6.QtWidgets import QFileDialog, QGridLayout, QHBoxLayout, QLabel, QPushButton, QVBoxLayout, QWidget
 
 from spherecal_gui import theme
 from spherecal_gui.pages.base import Page, PageAction
+from spherecal_gui.pages.camera_dialog import CameraDialog
 from spherecal_gui.pages.drivers_panel import DriversPanel
 from spherecal_gui.presenters.connect import (
     BenchRow,
@@ -22,9 +21,6 @@ from spherecal_gui.widgets.basic import MARKS, Card, Downwards, button, clear, l
 from spherecal_gui.widgets.bench_view import BenchView
 from spherecal_gui.widgets.thumbnail import Thumbnail
 from spherecal_gui.wizard.controller import Controller
-
-if TYPE_CHECKING:
-    from spherecal_gui.pages.camera_dialog import CameraDialog
 
 _PICTURES, _WORDS = 1, 3  # columns of the table of cameras
 _ROOMY_PX = 1200
@@ -200,8 +196,6 @@ class ConnectPage(Page):
                 self._grid.addWidget(one, 2 * number, 4)
 
     def _open_camera(self) -> None:
-        from spherecal_gui.pages.camera_dialog import CameraDialog
-
         sender = self.sender()
         if sender is not None and self.controller.connection is not None:
             if self.dialog is not None:  # not deleted on close: PySide crashes where its page goes at that very moment
@@ -224,7 +218,7 @@ class ConnectPage(Page):
 
     def _choose(self) -> None:
         path, _ = QFileDialog.getOpenFileName(
-            self, self.tr("Description of the bench"), str(self.project.folder.parent), "session.json (*.json)"
+            self, self.tr("Description of the bench"), str(self.open_project.folder.parent), "session.json (*.json)"
         )
         if path:
             self.controller.choose_bench(path)

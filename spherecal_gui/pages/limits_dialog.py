@@ -3,7 +3,6 @@
 from dataclasses import replace
 from html import escape
 from pathlib import Path
-from typing import Any
 
 from PySide6.QtCore import Qt, QTimer, Signal
 from PySide6.QtWidgets import (
@@ -190,7 +189,7 @@ class LimitsDialog(QDialog):
     @property
     def limits(self) -> Limits:
         """As the fields have them."""
-        found: dict[str, Any] = {}
+        found: dict[str, object] = {}
         for name, field in self.fields.items():
             if isinstance(field, QDoubleSpinBox):
                 value, shown = self._given[name]  # the field rounds: what nobody has changed stays as it was given

@@ -1,7 +1,7 @@
 """What pages with live images share: tiles that follow the cameras."""
 
 from dataclasses import replace
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from PySide6.QtCore import QCoreApplication
@@ -10,6 +10,9 @@ from spherecal_gui.pages.base import Page
 from spherecal_gui.presenters.look import Expected, TileState, figures_text, tile_state, usual_light
 from spherecal_gui.widgets.basic import plain
 from spherecal_gui.widgets.tile import Wall
+
+if TYPE_CHECKING:  # detection is loaded by the thread that connects the cameras
+    from spherecal_gui.tasks.live import Sight
 
 translate = QCoreApplication.translate
 
@@ -66,7 +69,7 @@ class LivePage(Page):
         self.wall.follow_worst()
         return states
 
-    def sights(self) -> dict[str, Any]:
+    def sights(self) -> "dict[str, Sight]":
         """The newest examined images by camera name."""
         live, connection = self.controller.live, self.controller.connection
         if live is None or connection is None:

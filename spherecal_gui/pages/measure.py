@@ -2,14 +2,16 @@
 
 from datetime import datetime
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pyqtgraph as pg
 from PySide6.QtCore import Qt
 from PySide6.QtWidgets import QAbstractItemView, QHBoxLayout, QListWidget, QVBoxLayout, QWidget
 
+from spherecal.base.arrays import FloatArray
 from spherecal.base.errors import SpherecalError
+from spherecal.measuring.results import MeasuredSet
+from spherecal.measuring.task import Task
 from spherecal_gui import theme
 from spherecal_gui.pages.base import Page, PageAction
 from spherecal_gui.presenters.measure import (
@@ -33,8 +35,18 @@ from spherecal_gui.workflow import Step
 class DeviationChart(Chart):
     """A value over the newest sets with its expanded uncertainty: the deviation from nominal, or from its mean."""
 
-    def show_values(self, times: np.ndarray, off: np.ndarray, expanded: np.ndarray, unit: str) -> None:
-        """Show deviations (n,) with their expanded uncertainties (n,)."""
+    def show_values(self, times: FloatArray, off: FloatArray, expanded: FloatArray, unit: str) -> None:
+        """Show deviations with their expanded uncertainties.
+
+        Parameters
+        ----------
+        times
+            Of the sets, (n,) s.
+        off, expanded
+            Deviations and their expanded uncertainties (k = 2), (n,) in the value's unit.
+        unit
+            The value's name and unit, written beside the axis.
+        """
         c = theme.now()
         self.clear()
         self.dress()
@@ -57,7 +69,7 @@ class MeasurePage(Page):
     def __init__(self, controller: Controller, parent: QWidget | None = None) -> None:
         super().__init__(controller, parent)
         self._run: LiveMeasurement | None = None
-        self._shown: Any = None
+        self._shown: MeasuredSet | None = None
         self._names: tuple[str, ...] = ()
         self._chosen: list[str] = []
         self._said = ""
@@ -116,8 +128,6 @@ class MeasurePage(Page):
         connection, result = self.controller.connection, self.controller.result
         if self._run is not None or connection is None or result is None or connection.plan.target_set is None:
             return
-        from spherecal.measuring.task import Task
-
         if self.controller.live is not None:
             self.controller.live.stop()  # its detection would take the time that measuring needs
         by_hardware = all(self.controller.settings_of(serial).trigger == "hardware" for serial in connection.names)
@@ -163,7 +173,7 @@ class MeasurePage(Page):
         self._shown = measured
         self._show(run, measured)
 
-    def _show(self, run: LiveMeasurement, measured: Any) -> None:
+    def _show(self, run: LiveMeasurement, measured: MeasuredSet) -> None:
         history = list(run.history)
         trust = trust_of(measured, run.moved)
         self.trust.setText(trust.text)
@@ -201,11 +211,11 @@ class MeasurePage(Page):
                 item.setSelected(True)
         self.points.blockSignals(False)
 
-    def _show_course(self, history: list[tuple[float, Any]], name: str) -> None:
+    def _show_course(self, history: list[tuple[float, MeasuredSet]], name: str) -> None:
         found = [(at, v) for at, one in history for v in one.values if v.name == name]
         times = np.array([at for at, _ in found])
         values = np.array([v.value if v.deviation is None else v.deviation for _, v in found])
-        expanded = np.array([2 * (v.u if v.deviation is None else v.u_deviation) for _, v in found])
+        expanded = np.array([2 * (v.u if v.u_deviation is None else v.u_deviation) for _, v in found])
         middle = float(np.mean(values)) if found and found[-1][1].deviation is None else 0.0
         unit = f"{name} [{found[-1][1].unit}]" if found else ""
         self.chart.show_values(times, values - middle, expanded, unit)
@@ -234,7 +244,7 @@ class MeasurePage(Page):
         if run is None:
             return
         if run.recorded is None:
-            self._folder = Path(self.project.folder) / f"series-{datetime.now():%Y%m%d-%H%M%S}"
+            self._folder = Path(self.open_project.folder) / f"series-{datetime.now():%Y%m%d-%H%M%S}"
             run.record(self._folder)
         else:
             try:

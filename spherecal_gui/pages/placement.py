@@ -2,13 +2,13 @@
 
 import time
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 from PySide6.QtCore import Qt
 from PySide6.QtGui import QResizeEvent
 from PySide6.QtWidgets import QHBoxLayout, QLabel, QProgressBar, QTabWidget, QVBoxLayout, QWidget
 
+from spherecal.base.arrays import IntArray
 from spherecal_gui import theme
 from spherecal_gui.pages.base import PageAction
 from spherecal_gui.pages.live_page import LivePage
@@ -188,7 +188,7 @@ class PlacementPage(LivePage):
     @property
     def _is_flawed(self) -> bool:
         """Whether something is wrong with it as it was taken, and nobody has decided to keep it."""
-        return any(not flaw.kept for flaw in self.project.flaws_of(self.set_id))
+        return any(not flaw.kept for flaw in self.open_project.flaws_of(self.set_id))
 
     @property
     def is_taking(self) -> bool:
@@ -271,7 +271,7 @@ class PlacementPage(LivePage):
         seen = [sight for name, sight in sights.items() if len(sight.dots) and name not in lost]
         known = [sight for sight in seen if sight.motion_px is not None]
         still = all(sight.still for sight in known) if known and len(known) == len(seen) else None
-        return Scene(counts, still, lost, self.project.by_board)
+        return Scene(counts, still, lost, self.open_project.by_board)
 
     def tick(self) -> None:
         """Follow the cameras."""
@@ -360,8 +360,8 @@ class PlacementPage(LivePage):
         if self.is_taken or self._turned or scene.lost:
             return False
         last = max(
-            (name for name in self.project.placements if name in self.project.taken),
-            key=lambda name: self.project.taken[name],
+            (name for name in self.open_project.placements if name in self.open_project.taken),
+            key=lambda name: self.open_project.taken[name],
             default=None,
         )
         before = self.controller.dots.get(last) if last is not None else None
@@ -377,7 +377,7 @@ class PlacementPage(LivePage):
         """The dots of all placements taken but this one."""
         return [
             self.controller.dots[name]
-            for name in self.project.placements
+            for name in self.open_project.placements
             if name in self.controller.dots and name != self.set_id
         ]
 
@@ -400,7 +400,8 @@ class PlacementPage(LivePage):
         before = [cov.cells([one[name] for one in sets if name in one]) for name in cameras]
         now = [cov.cells([live[name]]) if name in live else np.zeros((cov.CELLS, cov.CELLS), int) for name in cameras]
         self.coverage.show_cells(cameras, before, now, [one.level for one in found])
-        to_come = any(name not in self.project.taken for name in self.project.placements if name != self.set_id)
+        project = self.open_project
+        to_come = any(name not in project.taken for name in project.placements if name != self.set_id)
         more, spread = need_lists(found, to_come)
         self._show_on_tiles(cameras, before, now, found if not to_come or mine is not None else [])
         self.more_dots.show_need(more)
@@ -411,7 +412,9 @@ class PlacementPage(LivePage):
         self.islands.setText(text)
         set_level(self.islands, level)
 
-    def _show_on_tiles(self, cameras: list[str], before: list[Any], now: list[Any], found: list[Any]) -> None:
+    def _show_on_tiles(
+        self, cameras: list[str], before: list[IntArray], now: list[IntArray], found: list[cov.CameraNeed]
+    ) -> None:
         """Lay what is covered over each image; outline the cameras that need more, and say what."""
         tiles = {tile.name: tile for tile in self.wall.tiles.values()}
         needs = {one.camera: one for one in found}
@@ -467,7 +470,7 @@ class PlacementPage(LivePage):
 
     @property
     def _all_taken(self) -> bool:
-        return all(name in self.project.taken for name in self.project.placements)
+        return all(name in self.open_project.taken for name in self.open_project.placements)
 
     def _show_planning(self) -> None:
         """For how long the advice has been worked out."""

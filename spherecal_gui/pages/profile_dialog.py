@@ -1,16 +1,20 @@
 """The rig's profile: all its calibrations, the one in use, what changed between two of them, which one to use."""
 
+from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 from PySide6.QtCore import Qt, Signal
 from PySide6.QtGui import QPixmap
 from PySide6.QtWidgets import QDialog, QHBoxLayout, QInputDialog, QVBoxLayout, QWidget
 
 from spherecal.base.errors import SpherecalError
+from spherecal.profile.compare import compare, seen_volume
+from spherecal.profile.source import entry_volume
+from spherecal.profile.store import apply, open_profile
 from spherecal_gui import limits
 from spherecal_gui.presenters.results import compared_text
 from spherecal_gui.presenters.start import picture_of, profile_rows, validity_of
+from spherecal_gui.tasks.outcome import Compared
 from spherecal_gui.texts import error_text
 from spherecal_gui.widgets.basic import Chip, button, enable, label, once, set_level
 from spherecal_gui.widgets.table import Table
@@ -122,7 +126,7 @@ class ProfileDialog(QDialog):
         self.why_not.setText(forbidden if other and not allowed else "")
         self.why_not.setVisible(bool(self.why_not.text()))
 
-    def _try(self, act: Any) -> None:
+    def _try(self, act: Callable[[], None]) -> None:
         try:
             act()
         except SpherecalError as error:
@@ -133,11 +137,6 @@ class ProfileDialog(QDialog):
         self._try(lambda: self._show_change(str(self.chosen)))
 
     def _show_change(self, number: str) -> None:
-        from spherecal.profile.compare import compare, seen_volume
-        from spherecal.profile.source import entry_volume
-        from spherecal.profile.store import open_profile
-        from spherecal_gui.tasks.outcome import Compared
-
         kept = open_profile(self._folder)
         before = kept.rig(number)
         volume = entry_volume(kept.entry(number)) or seen_volume(before)
@@ -151,8 +150,6 @@ class ProfileDialog(QDialog):
         self._try(lambda: self._apply(str(self.chosen)))
 
     def _apply(self, number: str) -> None:
-        from spherecal.profile.store import apply, open_profile
-
         kept = open_profile(self._folder)
         care, note = kept.entry(number).care, ""
         asked = ""

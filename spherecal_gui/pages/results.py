@@ -181,7 +181,15 @@ class ResultsPage(Page):
         self.refresh()
 
     def show_camera(self, camera: str, placement: str | None = None) -> None:
-        """Show a camera's residuals and mark it in the scene."""
+        """Show a camera's residuals and mark it in the scene.
+
+        Parameters
+        ----------
+        camera
+            Its id.
+        placement
+            Whose residuals are shown; None for those of all placements.
+        """
         result = self.controller.result
         if result is None:
             return
@@ -215,7 +223,7 @@ class ResultsPage(Page):
     def _show_repairs(self, shown: CameraResiduals | None) -> None:
         """What can be left out of what is shown."""
         stale = self.tr("It is asked for already: calibrate again.")
-        asked = self.project.repairs_now
+        asked = self.open_project.repairs_now
         one = shown.placement if shown is not None else None
         why = stale if one is not None else self.tr("Choose one image on the left first.")
         there = one is not None and ("--leave-out", f"{self._camera}@{one}") not in asked
@@ -280,9 +288,10 @@ class ResultsPage(Page):
         if state is not None and state.status is Status.STALE:
             again, idle = self.tr("Calibrate again"), self.controller.runner.running is None
             return PageAction(again, idle, "" if idle else self.tr("Work is running."))
-        if self.project.accepted == self.project.calibrated:
+        calibrated = self.open_project.calibrated
+        if self.open_project.accepted == calibrated:
             return PageAction(text, False, self.tr("It was accepted already."), done=True)
-        if state is not None and not usable(self.project.calibrated.verdict):
+        if state is not None and calibrated is not None and not usable(calibrated.verdict):
             return PageAction(text, False, self.tr("It is not valid: do what the findings advise."))
         return PageAction(text, accepts=True)
 

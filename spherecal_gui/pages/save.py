@@ -1,7 +1,6 @@
 """Save and report: where the result is, the report, the rig's profile, exports, the command lines."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from PySide6.QtCore import Qt
 from PySide6.QtGui import QGuiApplication
@@ -16,9 +15,11 @@ from PySide6.QtWidgets import (
     QWidget,
 )
 
+from spherecal.export.write_export import FORMATS
 from spherecal_gui import limits, theme
 from spherecal_gui.pages.base import Page, PageAction
-from spherecal_gui.presenters.frame import frame_words
+from spherecal_gui.pages.frame_dialog import FrameDialog
+from spherecal_gui.presenters.frame import FrameChoice, frame_words
 from spherecal_gui.presenters.rig_scenes import outcome_scene
 from spherecal_gui.presenters.start import next_check_text, number_in_use
 from spherecal_gui.project import VERIFIED
@@ -28,9 +29,6 @@ from spherecal_gui.widgets.basic import Card, button, details_button, enable, la
 from spherecal_gui.widgets.scene import make_scene_view
 from spherecal_gui.wizard.controller import Controller
 from spherecal_gui.workflow import Status, Step
-
-if TYPE_CHECKING:
-    from spherecal_gui.pages.frame_dialog import FrameDialog
 
 
 class SavePage(Page):
@@ -92,7 +90,7 @@ class SavePage(Page):
     @property
     def is_kept(self) -> bool:
         """Whether the profile holds this very calibration."""
-        rig, history = self.project.result_folder / "rig.json", self.profile_path / "history"
+        rig, history = self.open_project.result_folder / "rig.json", self.profile_path / "history"
         if not rig.is_file() or not history.is_dir():
             return False
         entries = sorted(history.glob("*/rig.json"))
@@ -132,13 +130,13 @@ class SavePage(Page):
     @property
     def _doubtful(self) -> bool:
         """Whether it is not known to be good: that it is put to use all the same needs a reason."""
-        project = self.project
+        project = self.open_project
         return project.verified is None or project.verified.verdict not in VERIFIED
 
     @property
     def _calibration(self) -> str:
         """The verdict on the calibration."""
-        return self.project.calibrated.verdict if self.project.calibrated is not None else "not valid"
+        return self.open_project.calibrated.verdict if self.open_project.calibrated is not None else "not valid"
 
     def _enable(self) -> None:
         """What can be saved now, and why not."""
@@ -169,8 +167,6 @@ class SavePage(Page):
         self.report.clicked.connect(self._open_report)
         self.form = QComboBox()
         self.form.setAccessibleName(self.tr("Format of the export"))
-        from spherecal.export.write_export import FORMATS
-
         self.form.addItems(sorted(FORMATS))
         self.export = button(self.tr("Export"), "export")
         self.export.clicked.connect(self._export)
@@ -213,17 +209,17 @@ class SavePage(Page):
     @property
     def report_path(self) -> Path:
         """Where the report goes: beside the result, which stays as the command line writes it."""
-        return self.project.folder / "report.pdf"
+        return self.open_project.folder / "report.pdf"
 
     @property
     def profile_path(self) -> Path:
         """The rig's profile: beside the projects, one for each place where projects are kept."""
-        return profile_of(self.project)
+        return profile_of(self.open_project)
 
     def enter(self, step: Step) -> None:
         """Nothing was opened yet."""
         self._opens, self._opened = False, None
-        self.note.setText(self.project.note)
+        self.note.setText(self.open_project.note)
         super().enter(step)
 
     def refresh(self) -> None:
@@ -309,8 +305,8 @@ class SavePage(Page):
 
     def _export(self) -> None:
         name = self.form.currentText()
-        named = f"SIMULATED-rig-{name}" if self.project.simulated else f"rig-{name}"
-        path, _ = QFileDialog.getSaveFileName(self, self.tr("Export"), str(self.project.folder / named))
+        named = f"SIMULATED-rig-{name}" if self.open_project.simulated else f"rig-{name}"
+        path, _ = QFileDialog.getSaveFileName(self, self.tr("Export"), str(self.open_project.folder / named))
         if path:
             self.controller.export(name, Path(path))
 
@@ -323,9 +319,6 @@ class SavePage(Page):
 
     def _choose_axes(self) -> None:
         """Origin and axes, by a dialog."""
-        from spherecal_gui.pages.frame_dialog import FrameDialog
-        from spherecal_gui.presenters.frame import FrameChoice
-
         outcome = self.controller.outcome
         if outcome is None:
             return
@@ -337,7 +330,7 @@ class SavePage(Page):
         self.dialog.open()
 
     def _open(self) -> None:
-        open_file(self.project.result_folder)
+        open_file(self.open_project.result_folder)
 
     def _open_report(self) -> None:
         self._opened = open_file(self.report_path)

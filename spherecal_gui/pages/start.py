@@ -29,7 +29,7 @@ from spherecal_gui.widgets.basic import Card, Chip, button, clear, enable, label
 from spherecal_gui.widgets.drawing import Drawing
 from spherecal_gui.widgets.icons import give_icon
 
-if TYPE_CHECKING:  # the studies take a second to import
+if TYPE_CHECKING:  # dialogs that need scipy or matplotlib; imported when they are first shown
     from spherecal_gui.pages.board_dialog import BoardDialog
     from spherecal_gui.pages.profile_dialog import ProfileDialog
     from spherecal_gui.pages.studies_dialog import StudiesDialog
@@ -125,7 +125,7 @@ class StartPage(QWidget):
         return self._card(self.tr("Check"), text, "check", self.check)
 
     def _choose_board(self) -> None:
-        from spherecal_gui.pages.board_dialog import BoardDialog
+        from spherecal_gui.pages.board_dialog import BoardDialog  # needs scipy and cv2
 
         if self.board_dialog is None:
             self.board_dialog = BoardDialog(self)
@@ -287,7 +287,7 @@ class StartPage(QWidget):
 
     def show_profile(self) -> None:
         """All calibrations of the rig."""
-        from spherecal_gui.pages.profile_dialog import ProfileDialog
+        from spherecal_gui.pages.profile_dialog import ProfileDialog  # needs scipy
 
         if not (self.profile_folder / "profile.json").is_file():
             self.said.emit("info", self.tr("No calibration was saved in the rig's profile yet."), "")
@@ -314,7 +314,7 @@ class StartPage(QWidget):
     def show_studies(self) -> None:
         """The studies that compare methods."""
         if self._studies is None:
-            from spherecal_gui.pages.studies_dialog import StudiesDialog
+            from spherecal_gui.pages.studies_dialog import StudiesDialog  # needs matplotlib and the calibration
 
             self._studies = StudiesDialog(self.projects / "studies", self)
         self._studies.show()

@@ -11,6 +11,9 @@ from spherecal_gui import languages
 from spherecal_gui.tasks.task import Runner
 from spherecal_gui.texts import error_text
 from spherecal_gui.widgets.basic import button, enable, label, set_level
+from spherecal_study.executor import workers_for
+from spherecal_study.page import Options
+from spherecal_study.studies import STUDIES, run_study
 
 _TICK_MS = 200
 _PATIENCE_MS = 20_000
@@ -21,8 +24,6 @@ class StudiesDialog(QDialog):
 
     def __init__(self, folder: Path, parent: QWidget | None = None) -> None:
         super().__init__(parent)
-        from spherecal_study.studies import STUDIES
-
         self._folder = folder
         self.setWindowTitle(self.tr("Compare methods"))
         self.runner = Runner(self)
@@ -116,10 +117,16 @@ class StudiesDialog(QDialog):
 
 
 def run_one(name: str, folder: Path, context: Context) -> Path:
-    """Run one study as `spherecal study NAME -o FOLDER --workers 0` does; its page."""
-    from spherecal_study.executor import workers_for
-    from spherecal_study.page import Options
-    from spherecal_study.studies import STUDIES, run_study
+    """Run one study as `spherecal study NAME -o FOLDER --workers 0` does; the file of its page.
 
+    Parameters
+    ----------
+    name
+        A key of `STUDIES`.
+    folder
+        Where page and results are written; what is there already is not computed again.
+    context
+        For progress, and to stop.
+    """
     asked = Options(STUDIES[name].RUNS, 0.04, 1)
     return run_study(name, asked, folder, workers_for(0, None), context)

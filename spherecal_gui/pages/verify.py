@@ -2,7 +2,6 @@
 
 import time
 from datetime import date
-from typing import Any
 
 from PySide6.QtWidgets import (
     QDoubleSpinBox,
@@ -22,6 +21,7 @@ from spherecal_gui.presenters.certificates import reminder
 from spherecal_gui.presenters.connect import bars_with_nominal, lengths_texts
 from spherecal_gui.presenters.placement import HOLD_S
 from spherecal_gui.presenters.rig_scenes import verified_scene
+from spherecal_gui.project import Artefacts
 from spherecal_gui.tasks.outcome import Outcome
 from spherecal_gui.widgets.bar_view import BarView
 from spherecal_gui.widgets.basic import MARKS, button, clear, enable, label, option, plain, set_level
@@ -146,13 +146,13 @@ class VerifyPage(ScalePage):
     def shows_outcome(self) -> bool:
         """Whether what was measured is shown, and not where the bar goes."""
         result = self.controller.result
-        measured = result is not None and result.bars is not None and self.project.verified is not None
+        measured = result is not None and result.bars is not None and self.open_project.verified is not None
         return measured and not self._again and self._chosen is None
 
     def enter(self, step: Step) -> None:
         """Show the first pose that is missing."""
         self._chosen, self._again, self._accepted_s, self._staged = None, False, None, None
-        self.limit.setText(self.project.limit)
+        self.limit.setText(self.open_project.limit)
         warm = self.controller.bar_celsius()
         self.celsius.setValue(_NOT_READ_C if warm is None else warm)
         super().enter(step)
@@ -161,7 +161,7 @@ class VerifyPage(ScalePage):
         clear(self.grid)
         for column, poses in enumerate(pose_columns(self.pose_ids())):
             for row, pose in enumerate(poses):
-                there = pose in self.project.taken
+                there = pose in self.open_project.taken
                 mark = MARKS["good"] if there else "\u25b8" if pose == self.current else MARKS["none"]
                 one = button(f"{mark} {pose}", f"pose-{pose}", "pose")
                 one.setProperty("pose", pose)
@@ -237,11 +237,12 @@ class VerifyPage(ScalePage):
             part.setVisible(not shown)
         for part in (self.limit, self.limit_label):  # beside the poses there is no room for it from afar
             part.setVisible(shown or not theme.is_far())
-        if shown:
+        bars = self.controller.result.bars if self.controller.result is not None else None
+        if shown and bars is not None:
             state = self.state
             measuring = self.controller.runner.running == "verify" and not self.is_taking_pose
             stale = state is not None and state.status is Status.STALE
-            self.outcome.show_bars(self.controller.result.bars, stale)
+            self.outcome.show_bars(bars, stale)
             if self.controller.outcome is not self._drawn:
                 self._drawn = self.controller.outcome
                 self.outcome.show_rig(verified_scene(self._drawn) if self._drawn is not None else None)
@@ -251,8 +252,8 @@ class VerifyPage(ScalePage):
 
     def _show_limit(self, idle: bool) -> None:
         may = limits.now().verification_limit_open
-        if not self.limit.hasFocus() and self.limit.text().strip() != self.project.limit:
-            self.limit.setText(self.project.limit)
+        if not self.limit.hasFocus() and self.limit.text().strip() != self.open_project.limit:
+            self.limit.setText(self.open_project.limit)
         self.limit.setEnabled(idle and may)
         locked = self.tr("Locked: the responsible person sets this limit (Menu, Limits).")
         self.limit.setToolTip(plain(self._limit_tip if may else locked))
@@ -260,13 +261,13 @@ class VerifyPage(ScalePage):
 
     def _show_lengths(self) -> None:
         """What the check bars are called by, where the bench's description has it."""
-        artefacts = self.project.artefacts
+        artefacts = self.open_project.artefacts
         known = bars_with_nominal(self.controller.connection, artefacts.check_bars if artefacts is not None else ())
         self._show_certificates(artefacts)
         self.lengths.setText("\n".join(f"{bar.id} (mm): {'; '.join(lengths_texts(bar))}" for bar in known))
         self.lengths.setVisible(bool(known))
 
-    def _show_certificates(self, artefacts: Any) -> None:
+    def _show_certificates(self, artefacts: Artefacts | None) -> None:
         """A reminder of certificates that have expired or soon will, before anything is measured."""
         connection = self.controller.connection
         checks = artefacts.check_bars if artefacts is not None else ()
@@ -334,13 +335,13 @@ class VerifyPage(ScalePage):
         if self.tabs.indexOf(self.view) < 0:
             self.tabs.insertTab(0, self.view, self.tr("Where"))
             self.tabs.setCurrentIndex(0)
-        guide = self.guide
+        guide, planned = self.guide, self.controller.planned_pose(self.current)
         self.view.show_guide(guide)
         text, level = (guide.text, guide.level) if guide is not None else ("", "none")
         if self.is_taking:
             text, level = self.tr("Hold still: images are being captured"), "caution"
-        elif guide is None:
-            text = lay_text(self.controller.planned_pose(self.current))
+        elif guide is None and planned is not None:
+            text = lay_text(planned)
         if not self.shows_outcome:
             self.say(f"{self.current} · {text}", level)
 
@@ -360,7 +361,7 @@ class VerifyPage(ScalePage):
         """Take poses, then measure."""
         running, state = self.controller.runner.running, self.state
         measured = state is not None and (
-            state.status is Status.DONE or (self.project.verified is not None and state.status is Status.FAILED)
+            state.status is Status.DONE or (self.open_project.verified is not None and state.status is Status.FAILED)
         )
         if self.current is not None and not (self.shows_outcome and (measured or running is not None)):
             if self.shows_outcome:  # out of date: the limit or a pose is another

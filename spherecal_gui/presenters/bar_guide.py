@@ -2,13 +2,17 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from PySide6.QtCore import QCoreApplication
 
 from spherecal.base.arrays import FloatArray
 from spherecal_gui.presenters.coverage import Level
+
+if TYPE_CHECKING:
+    from spherecal.data.rig import Rig
+    from spherecal.verify.pose_plan import PlannedPose, PoseAnswer, PosePlan
 
 translate = QCoreApplication.translate
 
@@ -47,9 +51,17 @@ class RigPlanes:
     centres: FloatArray
 
     @staticmethod
-    def of(rig: Any, middle: FloatArray) -> "RigPlanes":
-        """Upright as the rig stands."""
-        from spherecal.report.rig_view import choose_axes
+    def of(rig: "Rig", middle: FloatArray) -> "RigPlanes":
+        """Upright as the rig stands.
+
+        Parameters
+        ----------
+        rig
+            The calibrated rig.
+        middle
+            Origin (3,) of both planes, mm in the rig's world.
+        """
+        from spherecal.report.rig_view import choose_axes  # imports scipy
 
         centres = np.array([camera.centre_mm for camera in rig.cameras])
         axes = choose_axes(rig.cameras, centres, np.asarray(middle)[None])[0]
@@ -57,15 +69,31 @@ class RigPlanes:
 
     def flat(self, places: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Places (n, 3) mm from above and from the front, (n, 2) each."""
-        from spherecal.report.rig_view import FRONT, TOP
+        from spherecal.report.rig_view import FRONT, TOP  # imports scipy
 
         own = (np.atleast_2d(places) - self.middle) @ self.axes.T
         return TOP.flat(own), FRONT.flat(own)
 
 
-def bar_guide(planes: RigPlanes, plan: Any, pose: Any, ends_mm: FloatArray | None, still: bool | None) -> BarGuide:
-    """What to do about a pose (verify.pose_plan), the bar's ends being where they were seen."""
-    from spherecal.verify.pose_plan import judge_pose
+def bar_guide(
+    planes: RigPlanes, plan: "PosePlan", pose: "PlannedPose", ends_mm: FloatArray | None, still: bool | None
+) -> BarGuide:
+    """What to do about a pose, the bar's ends being where they were seen.
+
+    Parameters
+    ----------
+    planes
+        The planes in which the rig is shown.
+    plan
+        The plan of which the pose is; its volume is drawn.
+    pose
+        The pose to lay.
+    ends_mm
+        First and last mark (2, 3), mm in the rig's world; None where they were not found.
+    still
+        Whether the cameras that see the bar see it at rest; None: none sees it.
+    """
+    from spherecal.verify.pose_plan import judge_pose  # imports scipy
 
     answer = judge_pose(pose, ends_mm)
     text, level = _text(planes, pose, ends_mm, answer, still)
@@ -87,9 +115,9 @@ def bar_guide(planes: RigPlanes, plan: Any, pose: Any, ends_mm: FloatArray | Non
 
 
 def _text(
-    planes: RigPlanes, pose: Any, ends_mm: FloatArray | None, answer: Any, still: bool | None
+    planes: RigPlanes, pose: "PlannedPose", ends_mm: FloatArray | None, answer: "PoseAnswer", still: bool | None
 ) -> tuple[str, Level]:
-    from spherecal.verify.pose_plan import ACCEPT_MM
+    from spherecal.verify.pose_plan import ACCEPT_MM  # imports scipy
 
     if ends_mm is None or not np.isfinite(ends_mm).all():
         return lay_text(pose), "caution"
@@ -104,7 +132,7 @@ def _text(
     return translate("Bars", "Ready: press space"), "good"
 
 
-def lay_text(pose: Any) -> str:
+def lay_text(pose: "PlannedPose") -> str:
     """Where the bar goes."""
     if pose.near[0] == pose.near[1]:
         text = translate("Bars", "Lay bar {bar} as in the picture, near {first}")

@@ -2,13 +2,16 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from PySide6.QtCore import QCoreApplication
 
 from spherecal.base.arrays import FloatArray
 from spherecal_gui.presenters.coverage import Level
+
+if TYPE_CHECKING:  # imports scipy
+    from spherecal.verify.verification_file import AcceptanceReport, BarReport
 
 translate = QCoreApplication.translate
 
@@ -26,7 +29,19 @@ class PoseState:
 
 
 def pose_state(targets: Mapping[str, int], taken: bool, taking: bool, name: str) -> PoseState:
-    """What to do with a pose; `targets` seen now, by camera."""
+    """What to do with a pose.
+
+    Parameters
+    ----------
+    targets
+        How many of the bar's targets each camera sees now, by camera.
+    taken
+        Whether the pose is captured.
+    taking
+        Whether it is being captured.
+    name
+        What the pose is called.
+    """
     seeing = sum(count >= 2 for count in targets.values())
     if taking:
         return PoseState(seeing, translate("Bars", "Hold still: images are being captured"), "caution")
@@ -40,7 +55,15 @@ def pose_state(targets: Mapping[str, int], taken: bool, taking: bool, name: str)
 
 
 def next_pose(poses: Sequence[str], taken: Mapping[str, str]) -> str | None:
-    """The first pose that is not taken."""
+    """The first pose that is not taken.
+
+    Parameters
+    ----------
+    poses
+        Ids of the planned poses, in their order.
+    taken
+        The moment of taking by id, of those that are captured.
+    """
     return next((pose for pose in poses if pose not in taken), None)
 
 
@@ -60,7 +83,7 @@ class Errors:
     guard: FloatArray | None = None
 
 
-def errors_of(bars: Any) -> Errors:
+def errors_of(bars: "BarReport") -> Errors:
     """The errors of a verification (report.verification_file)."""
     factor = bars.coverage_factor or 2.0
     names = tuple(f"{bar.pose}\n{bar.start}-{bar.end}" for bar in bars.measured)
@@ -76,11 +99,11 @@ def errors_of(bars: Any) -> Errors:
     return Errors(names, errors, allowed, tuple((np.abs(errors) - guard > permitted).tolist()), permitted, guard)
 
 
-def _acceptance(bars: Any) -> Any:
+def _acceptance(bars: "BarReport") -> "AcceptanceReport | None":
     return bars.procedure.acceptance if bars.procedure is not None else None
 
 
-def length_cells(bars: Any) -> list[tuple[str, ...]]:
+def length_cells(bars: "BarReport") -> list[tuple[str, ...]]:
     """The table: one row for each certified length."""
 
     def cell(value: float | None, digits: int = 3, sign: bool = False) -> str:
@@ -109,7 +132,7 @@ def length_cells(bars: Any) -> list[tuple[str, ...]]:
     return rows
 
 
-def camera_cells(bars: Any) -> list[tuple[str, ...]]:
+def camera_cells(bars: "BarReport") -> list[tuple[str, ...]]:
     """The table of cameras: views of marks, those used, how they fit."""
     words = {
         "verified": translate("Verify", "verified"),
@@ -122,7 +145,7 @@ def camera_cells(bars: Any) -> list[tuple[str, ...]]:
     ]
 
 
-def camera_levels(bars: Any) -> list[Level]:
+def camera_levels(bars: "BarReport") -> list[Level]:
     """The colours of the cameras' states."""
     levels: dict[str, Level] = {"verified": "good", "not seen": "caution", "rejected": "bad"}
     return [levels[c.state] for c in bars.cameras]
@@ -137,7 +160,7 @@ def decision_word(decision: str) -> str:
     }.get(decision, decision)
 
 
-def rule_text(bars: Any) -> str:
+def rule_text(bars: "BarReport") -> str:
     """How the plot is to be read, and by what rule it was decided."""
     acceptance = _acceptance(bars)
     grey = translate("Verify", "Grey: what the uncertainty of each error allows (k = {k:.1f}).").format(
@@ -149,7 +172,7 @@ def rule_text(bars: Any) -> str:
     return f"{limit.format(limit=acceptance.words)} {grey}"
 
 
-def budget_cells(bars: Any) -> list[tuple[str, ...]]:
+def budget_cells(bars: "BarReport") -> list[tuple[str, ...]]:
     """The budget of each length: its contributions, the largest first, and what would help most."""
     rows = []
     for budget in bars.procedure.budgets if bars.procedure is not None else ():

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field, replace
 from datetime import date
 from functools import lru_cache
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING
 
 from PySide6.QtCore import QCoreApplication
 
@@ -29,8 +29,12 @@ from spherecal.files.json_file import JsonValue, printable
 from spherecal.targets.family import FAMILY, make_target_set
 from spherecal.targets.target_set import TargetSet
 from spherecal_gui import languages
+from spherecal_gui.presenters.certificates import state_words
 from spherecal_gui.project import FEW_PLACEMENTS
 from spherecal_gui.standing import Level
+
+if TYPE_CHECKING:  # imports scipy
+    from spherecal.cameras.plan import CapturePlan
 
 translate = QCoreApplication.translate
 
@@ -103,6 +107,7 @@ class BenchDraft:
 
 
 Problems = dict[str, str]
+Marks = dict[str, dict[str, int | str]]  # by name: target and point, as files have them
 
 
 # --- words in, words out ---------------------------------------------------------------------------------------------
@@ -161,7 +166,17 @@ _BAR_FIELDS = {
 
 
 def bar_draft(bar: RegisteredBar, role: str = "none", id: str = "") -> BarDraft:
-    """A bar of the library, to be changed."""
+    """A bar of the library, to be changed.
+
+    Parameters
+    ----------
+    bar
+        The bar as the library has it.
+    role
+        `scale`, `check` or `none`: what it does on the bench.
+    id
+        Its id on the bench; empty: it gets one by its serial.
+    """
     c, own = bar.certificate, bar.assumed
     lengths = tuple(
         LengthDraft(
@@ -214,9 +229,9 @@ def registered(bar: Bar) -> RegisteredBar:
 def read_bar(draft: BarDraft) -> tuple[RegisteredBar | None, Problems]:
     """The bar that is meant (None where something is wrong), and what is wrong, by field."""
     problems: Problems = {}
-    marks: dict[str, Any] = {}
+    marks: Marks = {}
     lengths = [_length_entry(one, number, marks, problems) for number, one in enumerate(draft.lengths)]
-    entry: dict[str, Any] = {"serial": draft.serial.strip(), "marks": marks, "lengths": lengths}
+    entry: dict[str, object] = {"serial": draft.serial.strip(), "marks": marks, "lengths": lengths}
     if draft.description.strip():
         entry["description"] = draft.description.strip()
     if draft.expansion.strip() and (value := _number(draft.expansion, "expansion", problems)) is not None:
@@ -234,10 +249,11 @@ def read_bar(draft: BarDraft) -> tuple[RegisteredBar | None, Problems]:
     return _checked(entry, problems), problems
 
 
-def _length_entry(draft: LengthDraft, number: int, marks: dict[str, Any], problems: Problems) -> dict[str, Any]:
+def _length_entry(draft: LengthDraft, number: int, marks: Marks, problems: Problems) -> dict[str, object]:
     """A length as files have it; its marks join those of the bar."""
     place = f"length.{number}"
-    entry: dict[str, Any] = {}
+    entry: dict[str, object] = {}
+    ends: list[str] = []
     for end, name, text, key in (
         ("from", draft.from_mark, draft.from_sticker, "from_sticker"),
         ("to", draft.to_mark, draft.to_sticker, "to_sticker"),
@@ -247,11 +263,12 @@ def _length_entry(draft: LengthDraft, number: int, marks: dict[str, Any], proble
             problems[f"{place}.{key}"] = translate("Bench", "The number printed at the sticker, such as 201.")
             continue
         called = name.strip() or f"T{int(target)}"
-        mark = {"target": int(target), "point": point.strip() or "centre"}
+        mark: dict[str, int | str] = {"target": int(target), "point": point.strip() or "centre"}
         if marks.setdefault(called, mark) != mark:
             known = marks[called]["target"]
             problems[f"{place}.{key}"] = said(Phrase("problem-cell-mark", {"mark": called, "target": known}))
         entry[end] = called
+        ends.append(called)
     for key, text, needed in (
         ("length_mm", draft.certified, True),
         ("nominal_mm", draft.nominal, False),
@@ -266,14 +283,14 @@ def _length_entry(draft: LengthDraft, number: int, marks: dict[str, Any], proble
             entry[key] = value
     if not any(key.startswith(place) for key in problems):
         try:
-            own = {name: marks[name] for name in (entry["from"], entry["to"])}
+            own = {name: marks[name] for name in ends}
             read_lengths(JsonValue([entry], Path()), MARKS.read(JsonValue(own, Path())))
         except InputError as error:
             problems.update(_by_field(error, _LENGTH_FIELDS, f"{place}."))
     return entry
 
 
-def _checked(entry: Mapping[str, Any], problems: Problems) -> RegisteredBar | None:
+def _checked(entry: Mapping[str, object], problems: Problems) -> RegisteredBar | None:
     """What the registry's own reader says of the whole bar."""
     if problems:  # then only what does not depend on what is wrong already
         entry = {
@@ -308,18 +325,18 @@ def _by_field(error: InputError, fields: Mapping[str, str], before: str = "") ->
 def ball_draft(ball: RegisteredBall) -> BallDraft:
     """A ball of the library, to be changed."""
     measured = shown(ball.spacing.distance_mm) if ball.spacing is not None else ""
-    return BallDraft(ball.name, shown(ball.nominal_diameter_mm), measured=measured, **_targets_draft(ball.target_set))
+    return _with_targets(BallDraft(ball.name, shown(ball.nominal_diameter_mm), measured=measured), ball.target_set)
 
 
-def _targets_draft(targets: TargetSet) -> dict[str, Any]:
-    """Targets by their numbers and width where they are of our own family, else as they are."""
+def _with_targets(draft: BallDraft, targets: TargetSet) -> BallDraft:
+    """The draft with these targets, by their numbers and width where they are of our own family, else as they are."""
     ids = sorted(targets.layouts)
-    typed = {"first": str(ids[0]), "last": str(ids[-1]), "width": shown(targets.size_mm)}
+    typed = replace(draft, first=str(ids[0]), last=str(ids[-1]), width=shown(targets.size_mm))
     numbered = targets.family == FAMILY and ids == list(range(ids[0], ids[-1] + 1))
     with suppress(InputError):
         if numbered and make_target_set(len(ids), targets.size_mm, start_id=ids[0]) == targets:
             return typed
-    return {**typed, "own": targets, "own_file": targets_words(targets)}
+    return replace(typed, own=targets, own_file=targets_words(targets))
 
 
 def targets_words(targets: TargetSet) -> str:
@@ -336,7 +353,15 @@ def _numbered(first: int, last: int, width: float) -> TargetSet:
 
 
 def read_targets(draft: BallDraft, problems: Problems) -> TargetSet | None:
-    """The targets that are meant."""
+    """The targets that are meant.
+
+    Parameters
+    ----------
+    draft
+        The ball as it was typed.
+    problems
+        Takes what is wrong, by field.
+    """
     if draft.own is not None:
         return draft.own
     numbers: dict[str, int] = {}
@@ -501,7 +526,15 @@ def warnings(draft: BenchDraft) -> list[str]:
 
 
 def bars_of(known: Mapping[str, RegisteredBar], on_bench: Iterable[Bar]) -> tuple[BarDraft, ...]:
-    """All bars of the library and those that stand on a bench, which come first."""
+    """All bars of the library and those that stand on a bench, which come first.
+
+    Parameters
+    ----------
+    known
+        The library's bars by serial.
+    on_bench
+        The bars of the bench.
+    """
     first = []
     for bar in on_bench:
         own = registered(bar)
@@ -511,8 +544,20 @@ def bars_of(known: Mapping[str, RegisteredBar], on_bench: Iterable[Bar]) -> tupl
     return (*first, *(bar_draft(bar) for bar in known.values() if bar.serial not in there))
 
 
-def bench_draft(plan: Any, balls: Mapping[str, RegisteredBall], known: Mapping[str, RegisteredBar]) -> BenchDraft:
-    """The bench that a plan (spherecal.cameras.plan) describes, beside all that the library has."""
+def bench_draft(
+    plan: "CapturePlan | None", balls: Mapping[str, RegisteredBall], known: Mapping[str, RegisteredBar]
+) -> BenchDraft:
+    """The bench that a plan describes, beside all that the library has.
+
+    Parameters
+    ----------
+    plan
+        What stands on the bench; None, or without targets: nothing that is known.
+    balls
+        The library's balls by name.
+    known
+        The library's bars by serial.
+    """
     if plan is None or plan.target_set is None:
         ball = next((ball_draft(one) for one in balls.values()), BallDraft()) if len(balls) == 1 else BallDraft()
         return BenchDraft(ball, bars_of(known, ()))
@@ -521,7 +566,7 @@ def bench_draft(plan: Any, balls: Mapping[str, RegisteredBall], known: Mapping[s
     spacing = scale.get("distance_mm") if scale.get("kind") == "target_spacing" else None
     same = (one for one in balls.values() if one.target_set == plan.target_set and one.nominal_diameter_mm == diameter)
     named = next(same, None)
-    ball = BallDraft(named.name if named else "", shown(diameter), **_targets_draft(plan.target_set))
+    ball = _with_targets(BallDraft(named.name if named else "", shown(diameter)), plan.target_set)
     pair = longest_spacing(plan.target_set)
     if spacing is not None and pair is not None and {scale.get("from"), scale.get("to")} == set(pair[:2]):
         ball = replace(ball, measured=shown(spacing))
@@ -535,9 +580,15 @@ def bench_draft(plan: Any, balls: Mapping[str, RegisteredBall], known: Mapping[s
 
 
 def certificate_state(draft: BarDraft, today: date) -> tuple[str, Level]:
-    """The state of a bar's certificate, in a few words."""
-    from spherecal_gui.presenters.certificates import state_words
+    """The state of a bar's certificate, in a few words.
 
+    Parameters
+    ----------
+    draft
+        The bar as it was typed.
+    today
+        The day for which the certificate must hold.
+    """
     bar, _ = read_bar(draft)
     return state_words(bar.certificate, today) if bar is not None else (translate("Bench", "not whole yet"), "caution")
 

@@ -4,15 +4,19 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from datetime import date
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from PySide6.QtCore import QCoreApplication
 
 from spherecal.base.errors import SpherecalError
+from spherecal.files.json_file import read_json
 from spherecal_gui.standing import Level, worst
 
-if TYPE_CHECKING:  # the window stands before these are loaded
-    from spherecal.data.session import Certificate
+if TYPE_CHECKING:
+    from spherecal.data.session import Bar, Certificate
+    from spherecal.files.bar_registry import RegisteredBar
+
+# Imported inside functions: sessions and bars take 15 ms, for which the window does not wait.
 
 translate = QCoreApplication.translate
 
@@ -26,7 +30,15 @@ class Reminder:
 
 
 def state_words(certificate: "Certificate | None", today: date) -> tuple[str, Level]:
-    """How a certificate stands, in a few words, and the colour of that."""
+    """How a certificate stands, in a few words, and the colour of that.
+
+    Parameters
+    ----------
+    certificate
+        The bar's certificate; None where it has none.
+    today
+        The day for which it must hold.
+    """
     from spherecal.files.bar_registry import expiry
 
     said = expiry(certificate, today)
@@ -46,16 +58,25 @@ def state_words(certificate: "Certificate | None", today: date) -> tuple[str, Le
     return translate("Certificates", "valid until {date}").format(date=until), "good"
 
 
-def reminder(bars: Iterable[Any], today: date) -> Reminder:
-    """One sentence about the bars (registered ones or a session's) whose certificate has expired or soon will."""
-    from spherecal.files.bar_registry import expiry
+def reminder(bars: "Iterable[Bar | RegisteredBar]", today: date) -> Reminder:
+    """One sentence about the bars whose certificate has expired or soon will.
+
+    Parameters
+    ----------
+    bars
+        Bars of the library, or of a session.
+    today
+        The day for which the certificates must hold.
+    """
+    from spherecal.files.bar_registry import RegisteredBar, expiry
 
     names: dict[str, list[str]] = {"expired": [], "not-yet": [], "expires-soon": []}
     for bar in bars:
         said = expiry(bar.certificate, today)
         if said is not None and said[0] in names:
             words, _ = state_words(bar.certificate, today)
-            names[said[0]].append(f"{bar.serial or bar.id} ({words})")
+            name = bar.serial if isinstance(bar, RegisteredBar) else bar.serial or bar.id
+            names[said[0]].append(f"{name} ({words})")
     texts = {
         "expired": translate(
             "Certificates", "Have it calibrated: {bars}. What is measured with it counts as in doubt."
@@ -71,13 +92,20 @@ def reminder(bars: Iterable[Any], today: date) -> Reminder:
 
 
 def bench_reminder(bench: Path, today: date) -> Reminder:
-    """Of the bars on the rig's bench; where none was described, of all bars of the library."""
+    """Of the bars on the rig's bench; where none was described, of all bars of the library.
+
+    Parameters
+    ----------
+    bench
+        The file that describes the bench; it may not be there.
+    today
+        The day for which the certificates must hold.
+    """
     from spherecal.files.bar_registry import read_registry
     from spherecal.files.bench_file import FORMAT, VERSION
-    from spherecal.files.json_file import read_json
     from spherecal.files.read_bars import read_bars
 
-    bars: Iterable[Any] = ()
+    bars: Iterable[Bar | RegisteredBar] = ()
     try:
         if bench.is_file():
             f = read_json(bench, FORMAT, VERSION).fields((), ("bars",))

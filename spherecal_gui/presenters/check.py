@@ -1,7 +1,7 @@
 """A check of the calibration in use, for the window: one word, who moved, each camera's numbers."""
 
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from PySide6.QtCore import QCoreApplication
@@ -9,6 +9,10 @@ from PySide6.QtCore import QCoreApplication
 from spherecal_gui import languages
 from spherecal_gui.presenters.coverage import Level
 from spherecal_gui.presenters.results import VerdictText
+
+if TYPE_CHECKING:  # imports scipy and OpenCV
+    from spherecal.uses.check import Check
+    from spherecal_gui.tasks.kept_check import CheckSummary
 
 translate = QCoreApplication.translate
 
@@ -30,7 +34,7 @@ class CheckRow:
     turn_deg: float
 
 
-def check_verdict(found: Any) -> VerdictText:
+def check_verdict(found: "Check | CheckSummary") -> VerdictText:
     """The verdict of a check (check.check)."""
     words = {
         "ok": translate("Check", "OK"),
@@ -40,8 +44,16 @@ def check_verdict(found: Any) -> VerdictText:
     return VerdictText(words[found.verdict], _LEVELS[found.verdict], _sentence(found))
 
 
-def repaired_verdict(after: Any, in_use: bool) -> VerdictText:
-    """The verdict once the cameras that moved are recalibrated: by the check after it, in use or not yet."""
+def repaired_verdict(after: "Check | CheckSummary", in_use: bool) -> VerdictText:
+    """The verdict once the cameras that moved are recalibrated: by the check after it, in use or not yet.
+
+    Parameters
+    ----------
+    after
+        The check after the repair.
+    in_use
+        Whether the repaired calibration is in use.
+    """
     message = check_verdict(after)
     if in_use:
         return message
@@ -49,7 +61,7 @@ def repaired_verdict(after: Any, in_use: bool) -> VerdictText:
     return VerdictText(word, "caution", unused if after.verdict == "ok" else f"{unused} {message.sentence}")
 
 
-def _sentence(found: Any) -> str:
+def _sentence(found: "Check | CheckSummary") -> str:
     if found.verdict == "ok":
         if not found.cameras:
             return translate("Check", "The bars are measured as certified; single cameras were not checked.")
@@ -69,7 +81,7 @@ def _sentence(found: Any) -> str:
     return " ".join(dict.fromkeys(parts))
 
 
-def check_rows(found: Any) -> list[CheckRow]:
+def check_rows(found: "Check | CheckSummary") -> list[CheckRow]:
     """The cameras, worst first."""
     words = {
         "ok": translate("Check", "as calibrated"),
@@ -92,8 +104,18 @@ def check_rows(found: Any) -> list[CheckRow]:
     ]
 
 
-def repaired_text(found: Any, after: Any, in_use: bool) -> tuple[str, Level]:
-    """What a repair has done: by how much a point was off before and after, worst camera of those that moved."""
+def repaired_text(found: "Check | CheckSummary", after: "Check | CheckSummary", in_use: bool) -> tuple[str, Level]:
+    """What a repair has done: by how much a point was off before and after, worst camera of those that moved.
+
+    Parameters
+    ----------
+    found
+        The check that found the cameras moved.
+    after
+        The check after the repair.
+    in_use
+        Whether the repaired calibration is in use.
+    """
     moved = set(found.to_repair)
     before = max((float(one.test.point_mm) for one in found.cameras if one.test.id in moved), default=0.0)
     now = max((float(one.test.point_mm) for one in after.cameras if one.test.id in moved), default=0.0)
@@ -104,7 +126,7 @@ def repaired_text(found: Any, after: Any, in_use: bool) -> tuple[str, Level]:
     return text.format(cameras=names, before=before, now=now), "good" if after.verdict == "ok" else "caution"
 
 
-def check_notes(found: Any) -> list[str]:
+def check_notes(found: "Check | CheckSummary") -> list[str]:
     """What else is to be known: the tolerance, cameras that were not tested, the balls."""
     notes = []
     if found.tolerance_mm is not None:

@@ -4,14 +4,21 @@ from collections.abc import Collection
 from dataclasses import dataclass
 from datetime import date
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING
 
 from PySide6.QtCore import QCoreApplication
 
+from spherecal.cameras.protocol import CameraStatus
+from spherecal.data.session import Bar
+from spherecal_gui.presenters.bench import targets_words
 from spherecal_gui.presenters.certificates import Reminder, reminder
 from spherecal_gui.presenters.coverage import Level
 from spherecal_gui.project import Artefacts
+from spherecal_gui.tasks.jobs import artefacts_of
 from spherecal_gui.texts import camera_trouble
+
+if TYPE_CHECKING:  # imports scipy, OpenCV and the kernels
+    from spherecal_gui.tasks.live import Connection
 
 translate = QCoreApplication.translate
 
@@ -50,8 +57,16 @@ class DrawnBench:
     bars: tuple[tuple[str, tuple[float, ...]], ...] = ()
 
 
-def camera_lines(connection: Any, expected: tuple[str, ...]) -> list[CameraLine]:
-    """The cameras of the rig; those that were expected and are missing come first."""
+def camera_lines(connection: "Connection | None", expected: tuple[str, ...]) -> list[CameraLine]:
+    """The cameras of the rig; those that were expected and are missing come first.
+
+    Parameters
+    ----------
+    connection
+        The open cameras; None: nothing is connected, and there are no lines.
+    expected
+        Serial numbers of the cameras that the project has.
+    """
     if connection is None:
         return []
     missing = [
@@ -76,7 +91,7 @@ def model_text(model: str) -> str:
     return translate("Connect", "simulated {size}").format(size=size) if kind == "simulated" and size else model
 
 
-def _health(status: Any) -> tuple[str, Level]:
+def _health(status: CameraStatus | None) -> tuple[str, Level]:
     if status is None:
         return translate("Connect", "not opened"), "bad"
     if not status.state.usable:
@@ -91,7 +106,17 @@ def _health(status: Any) -> tuple[str, Level]:
 
 
 def connect_summary(lines: list[CameraLine], searching: bool, failure: str) -> tuple[str, Level]:
-    """How many of how many, or what is in the way."""
+    """How many of how many, or what is in the way.
+
+    Parameters
+    ----------
+    lines
+        The cameras.
+    searching
+        Whether cameras are being looked for.
+    failure
+        Why connecting failed; empty: it did not.
+    """
     if searching:
         return translate("Connect", "Looking for cameras"), "none"
     if failure:
@@ -109,7 +134,7 @@ def connect_summary(lines: list[CameraLine], searching: bool, failure: str) -> t
     return text, "bad" if bad else "good" if good == len(lines) else "caution"
 
 
-def lengths_texts(bar: Any) -> list[str]:
+def lengths_texts(bar: Bar) -> list[str]:
     """A bar's lengths in mm: what each is called by, where the bench's description has it, and the certified one."""
     text = translate("Connect", "{nominal} nominal, {certified} certified")
     return [
@@ -120,40 +145,47 @@ def lengths_texts(bar: Any) -> list[str]:
     ]
 
 
-def bars_with_nominal(connection: Any, bars: Collection[str]) -> list[Any]:
-    """Those of these bars that have nominal lengths."""
+def bars_with_nominal(connection: "Connection | None", bars: Collection[str]) -> list[Bar]:
+    """Those of these bars that have nominal lengths.
+
+    Parameters
+    ----------
+    connection
+        What is connected; None: there are no bars.
+    bars
+        Ids of the bars to choose among.
+    """
     known = connection.plan.bars if connection is not None else ()
     return [bar for bar in known if bar.id in bars and any(one.nominal_mm is not None for one in bar.lengths)]
 
 
-def _targets_words(connection: Any, artefacts: Artefacts) -> str:
+def _targets_words(connection: "Connection | None", artefacts: Artefacts) -> str:
     """The targets in words; as the project keeps them, which is of no language, where nothing is connected."""
-    from spherecal_gui.presenters.bench import targets_words
-
     targets = connection.plan.target_set if connection is not None else None
     return artefacts.target_set if targets is None else targets_words(targets)
 
 
-def _bars_words(connection: Any, bars: tuple[str, ...], kept: str) -> str:
+def _bars_words(connection: "Connection | None", bars: tuple[str, ...], kept: str) -> str:
     """The bars as the project keeps them, which is of no language; with nominal lengths, as people read them."""
-    if not bars_with_nominal(connection, bars):
+    if connection is None or not bars_with_nominal(connection, bars):
         return kept.replace(" mm, ", ", ")  # the unit once, after the last
     own = [bar for bar in connection.plan.bars if bar.id in bars]
     return "\n".join("\n".join((f"{bar.id} (mm):", *lengths_texts(bar))) for bar in own)
 
 
-def drawn_bench(connection: Any) -> DrawnBench:
+def drawn_bench(connection: "Connection | None") -> DrawnBench:
     """The ball and the bars that lie on the bench, to be drawn."""
-    if connection is None or connection.plan.target_set is None:
+    targets = connection.plan.target_set if connection is not None else None
+    if connection is None or targets is None:
         return DrawnBench()
     plan = connection.plan
     on_bars = {mark.target for bar in plan.bars for mark in bar.marks.values()}
     bars = tuple((bar.id, places) for bar in plan.bars if len(places := mark_places(bar)) > 1)
     diameter = plan.fields.get("sphere", {}).get("nominal_diameter_mm")
-    return DrawnBench(diameter, len(set(plan.target_set.layouts) - on_bars), bars)
+    return DrawnBench(diameter, len(set(targets.layouts) - on_bars), bars)
 
 
-def mark_places(bar: Any) -> tuple[float, ...]:
+def mark_places(bar: Bar) -> tuple[float, ...]:
     """Where a bar's marks lie, mm from the first along the bar, as its lengths say."""
     longest = max(bar.lengths, key=lambda one: one.length_mm)
     places = {longest.from_mark: 0.0, longest.to_mark: longest.length_mm}
@@ -176,10 +208,16 @@ def recording_text(source: str) -> str:
     return translate("Connect", "This folder holds no recording.")
 
 
-def bench_rows(connection: Any, confirmed: Artefacts | None) -> list[BenchRow]:
-    """What the source or the chosen file says is on the bench."""
-    from spherecal_gui.tasks.jobs import artefacts_of
+def bench_rows(connection: "Connection | None", confirmed: Artefacts | None) -> list[BenchRow]:
+    """What the source or the chosen file says is on the bench.
 
+    Parameters
+    ----------
+    connection
+        What is connected; None: nothing.
+    confirmed
+        What somebody has confirmed; None: nobody has, and the rows show what the connection says.
+    """
     artefacts = confirmed
     if artefacts is None and connection is not None:
         artefacts = artefacts_of(connection.plan)

@@ -4,9 +4,11 @@ import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 from PySide6.QtCore import QCoreApplication
+
+from spherecal.cameras.driver_help import DriverTrouble
+from spherecal.cameras.makers import ANY_MAKER, MAKERS
 
 translate = QCoreApplication.translate
 
@@ -26,8 +28,16 @@ class DriverNote:
     details: str = ""
 
 
-def driver_notes(troubles: Sequence[Any], system: str = sys.platform) -> list[DriverNote]:
-    """One note for each trouble (spherecal.cameras.driver_help); drivers without cameras share one."""
+def driver_notes(troubles: Sequence[DriverTrouble], system: str = sys.platform) -> list[DriverNote]:
+    """One note for each trouble; drivers without cameras share one.
+
+    Parameters
+    ----------
+    troubles
+        Why there are no cameras, as the engine has found out.
+    system
+        The operating system, as `sys.platform` names it.
+    """
     windows = system.startswith("win")
     notes = []
     without = [one.file for one in troubles if one.kind == "no-cameras"]
@@ -55,14 +65,14 @@ def _no_driver(windows: bool) -> DriverNote:
     return DriverNote(translate("Drivers", "No camera driver is installed."), tuple(steps))
 
 
-def _not_allowed(one: Any) -> DriverNote:
+def _not_allowed(one: DriverTrouble) -> DriverNote:
     title = translate("Drivers", "The driver {name} is not allowed, so it was not loaded.")
     title = title.format(name=Path(one.file).name)
     message = translate("Drivers", "A driver is a program. Load it only if you or its maker have installed it.")
     return DriverNote(title, (one.file, message), one.file)
 
 
-def _not_loaded(one: Any) -> DriverNote:
+def _not_loaded(one: DriverTrouble) -> DriverNote:
     title = translate("Drivers", "The driver {name} does not work.").format(name=Path(one.file).name)
     message = translate("Drivers", "Install it again with its maker's installer; never copy the file alone.")
     return DriverNote(title, (one.file, message), details=one.said)
@@ -86,8 +96,9 @@ def _no_cameras(files: Sequence[str], windows: bool) -> DriverNote:
     return DriverNote(title, tuple(steps))
 
 
-def _other_subnet(one: Any, windows: bool) -> DriverNote:
+def _other_subnet(one: DriverTrouble, windows: bool) -> DriverNote:
     camera = one.camera
+    assert camera is not None
     title = translate("Drivers", "{model} ({serial}) answers, but its address {address} is in another subnet.").format(
         model=camera.model, serial=camera.serial, address=camera.address
     )
@@ -112,8 +123,6 @@ def _other_subnet(one: Any, windows: bool) -> DriverNote:
 
 def makers_rows(system: str = sys.platform) -> list[tuple[str, str, str, str]]:
     """Maker, package of its driver, file, folder on this system; those without a usual folder here say so."""
-    from spherecal.cameras.makers import ANY_MAKER, MAKERS
-
     system = "linux" if system.startswith("linux") else system
     rows = []
     for maker in (*MAKERS, ANY_MAKER):

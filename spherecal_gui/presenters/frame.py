@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 from PySide6.QtCore import QCoreApplication
@@ -13,6 +13,10 @@ from spherecal.geometry.user_frame import FrameDefinition, UserFrame, turn_matri
 from spherecal_gui.texts import error_text
 from spherecal_scene.model import SceneData, scene_data
 
+if TYPE_CHECKING:  # imports scipy.optimize
+    from spherecal.export.frame import Place
+    from spherecal.report.result_folder import Result
+
 translate = QCoreApplication.translate
 
 Role = Literal["origin", "x", "xy"]
@@ -21,7 +25,15 @@ _AXIS_LENGTH = 1.6  # of a camera's frustum in the picture
 
 
 def place_text(name: str, kind: str) -> str:
-    """A place as it stands in a list."""
+    """A place as it stands in a list.
+
+    Parameters
+    ----------
+    name
+        The place's name.
+    kind
+        `ball`, `mark` or `point`.
+    """
     texts = {
         "ball": translate("Frame", "{name}: the ball's centre"),
         "mark": translate("Frame", "{name}: mark of a bar"),
@@ -30,7 +42,15 @@ def place_text(name: str, kind: str) -> str:
 
 
 def frame_words(definition: FrameDefinition | None, reference: str | None) -> str:
-    """In which frame exports are given, for the page."""
+    """In which frame exports are given, for the page.
+
+    Parameters
+    ----------
+    definition
+        The user's frame; None: that of the reference camera.
+    reference
+        Id of the reference camera; None where there is none.
+    """
     camera = translate("Frame", "the reference camera's frame ({camera})").format(camera=reference or "-")
     if definition is None:
         return camera
@@ -56,7 +76,9 @@ def turn_word(turn: str) -> str:
 class FrameChoice:
     """What is chosen, the frame that it gives, and how that looks; knows no widgets."""
 
-    def __init__(self, result: Any, places: Mapping[str, Any], definition: FrameDefinition | None = None) -> None:
+    def __init__(
+        self, result: "Result", places: "Mapping[str, Place]", definition: FrameDefinition | None = None
+    ) -> None:
         self.rig = result.rig
         self.places = places
         self.definition = self._without_missing(definition or FrameDefinition())
@@ -96,7 +118,15 @@ class FrameChoice:
         return bool(self._before)
 
     def choose(self, role: Role, name: str | None) -> None:
-        """Another place for a role; None as the origin is the reference camera. A new origin suggests the others."""
+        """Another place for a role; a new origin suggests the others.
+
+        Parameters
+        ----------
+        role
+            `origin`, `x` or `xy`.
+        name
+            The place; None as the origin is the reference camera.
+        """
         made = replace(self.definition, **{role: name})
         if role == "origin" and name is None:
             made = replace(made, x=None, xy=None)
@@ -143,7 +173,7 @@ class FrameChoice:
         self._make()
 
     def _make(self) -> None:
-        from spherecal.export.frame import frame_of
+        from spherecal.export.frame import frame_of  # imports scipy.optimize
 
         try:
             self.frame, self.problem = frame_of(self.definition, self.places, self.rig), ""
@@ -220,4 +250,5 @@ class FrameChoice:
         assert self.scene is not None
         shape = self.scene.scene.cameras[0]
         camera, axes = self.rig.camera(shape.id), self.scene.scene.axes
+        assert camera is not None
         return (places_mm - camera.centre_mm) @ axes.T + shape.centre

@@ -6,22 +6,32 @@ Specification: Khronos glTF 2.0, with KHR_materials_unlit for what is not to be 
 import io
 import json
 import struct
-from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
-from spherecal.base.arrays import FloatArray
+from spherecal.base.arrays import FloatArray, IntArray
 from spherecal_scene.model import SceneData
-from spherecal_scene.shapes import Lines, Mesh, Picture, SceneStyle, scene_shapes
+from spherecal_scene.shapes import ByteArray, Lines, Mesh, Picture, SceneStyle, scene_shapes
 
 _FLOAT, _UINT32, _UINT8 = 5126, 5125, 5121
 _ARRAY, _ELEMENTS = 34962, 34963
 _TRIANGLES, _LINES = 4, 1
 _UP = np.array([[1.0, 0, 0], [0, 0, 1], [0, -1, 0]]) / 1000.0  # from z up in mm
 
+_Entry = dict[str, object]  # a JSON object of the file
+
 
 def scene_glb(data: SceneData, style: SceneStyle) -> bytes:
-    """The file's bytes; the same scene gives the same bytes."""
+    """The file's bytes; the same scene gives the same bytes.
+
+    Parameters
+    ----------
+    data
+        The scene.
+    style
+        Colours, and the layers that are written.
+    """
     made = _Maker()
     shapes = scene_shapes(data, style)
     for mesh in shapes.meshes:
@@ -39,15 +49,16 @@ class _Maker:
     def __init__(self) -> None:
         self._parts: list[bytes] = []
         self._length = 0
-        self._json: dict[str, Any] = {
-            "asset": {"version": "2.0", "generator": "SphereCal"}, "extensionsUsed": ["KHR_materials_unlit"],
-            "scene": 0, "scenes": [{"nodes": []}], "nodes": [], "meshes": [], "accessors": [], "bufferViews": [],
-            "materials": [
-                {"name": "lit", "doubleSided": True,
-                 "pbrMetallicRoughness": {"metallicFactor": 0.0, "roughnessFactor": 0.7}},
-                {"name": "unlit", "doubleSided": True, "extensions": {"KHR_materials_unlit": {}}},
-            ],
-        }  # fmt: skip
+        self._nodes: list[_Entry] = []
+        self._meshes: list[_Entry] = []
+        self._accessors: list[_Entry] = []
+        self._views: list[_Entry] = []
+        self._materials: list[_Entry] = [
+            {"name": "lit", "doubleSided": True,
+             "pbrMetallicRoughness": {"metallicFactor": 0.0, "roughnessFactor": 0.7}},
+            {"name": "unlit", "doubleSided": True, "extensions": {"KHR_materials_unlit": {}}},
+        ]  # fmt: skip
+        self._images: list[_Entry] = []
 
     def add_mesh(self, mesh: Mesh) -> None:
         vertices, faces, colours = mesh.vertices, mesh.faces, mesh.colours
@@ -75,9 +86,8 @@ class _Maker:
 
         file = io.BytesIO()
         Image.fromarray(np.asarray(picture.image, dtype=np.uint8)).save(file, "PNG")
-        self._json["images"] = [{"bufferView": self._view(file.getvalue(), None), "mimeType": "image/png"}]
-        self._json["textures"] = [{"source": 0}]
-        self._json["materials"].append(
+        self._images.append({"bufferView": self._view(file.getvalue(), None), "mimeType": "image/png"})
+        self._materials.append(
             {
                 "name": "images",
                 "doubleSided": True,
@@ -94,13 +104,20 @@ class _Maker:
         self._node("images", attributes, self._indices(faces), _TRIANGLES, 2)
 
     def add_place(self, name: str, place: FloatArray) -> None:
-        self._json["nodes"].append({"name": name, "translation": (_UP @ place).tolist()})
+        self._nodes.append({"name": name, "translation": (_UP @ place).tolist()})
 
     def whole(self) -> bytes:
         """Header, JSON, and the arrays."""
-        self._json["scenes"][0]["nodes"] = list(range(len(self._json["nodes"])))
-        self._json["buffers"] = [{"byteLength": self._length}]
-        text = json.dumps(self._json, separators=(",", ":")).encode()
+        document: _Entry = {
+            "asset": {"version": "2.0", "generator": "SphereCal"}, "extensionsUsed": ["KHR_materials_unlit"],
+            "scene": 0, "scenes": [{"nodes": list(range(len(self._nodes)))}], "nodes": self._nodes,
+            "meshes": self._meshes, "accessors": self._accessors, "bufferViews": self._views,
+            "materials": self._materials,
+        }  # fmt: skip
+        if self._images:
+            document |= {"images": self._images, "textures": [{"source": 0}]}
+        document["buffers"] = [{"byteLength": self._length}]
+        text = json.dumps(document, separators=(",", ":")).encode()
         text += b" " * (-len(text) % 4)
         data = b"".join(self._parts)
         head = struct.pack("<4sII", b"glTF", 2, 12 + 8 + len(text) + 8 + len(data))
@@ -108,46 +125,46 @@ class _Maker:
 
     def _node(self, name: str, attributes: dict[str, int], indices: int, mode: int, material: int) -> None:
         primitive = {"attributes": attributes, "indices": indices, "mode": mode, "material": material}
-        self._json["meshes"].append({"name": name, "primitives": [primitive]})
-        self._json["nodes"].append({"name": name, "mesh": len(self._json["meshes"]) - 1})
+        self._meshes.append({"name": name, "primitives": [primitive]})
+        self._nodes.append({"name": name, "mesh": len(self._meshes) - 1})
 
     def _places(self, places: FloatArray) -> int:
         own = (places @ _UP.T).astype("<f4")
         index = self._accessor(own, _FLOAT, "VEC3")
-        self._json["accessors"][index] |= {"min": own.min(axis=0).tolist(), "max": own.max(axis=0).tolist()}
+        self._accessors[index] |= {"min": own.min(axis=0).tolist(), "max": own.max(axis=0).tolist()}
         return index
 
-    def _colours(self, colours: Any) -> int:
+    def _colours(self, colours: ByteArray) -> int:
         """Linear light, as glTF asks of vertex colours, in four bytes a vertex."""
         part = np.asarray(colours, dtype=float) / 255
         linear = np.where(part <= 0.04045, part / 12.92, ((part + 0.055) / 1.055) ** 2.4)
         every = np.column_stack([(255 * linear).round(), np.full(len(part), 255)]).astype(np.uint8)
         index = self._accessor(every, _UINT8, "VEC4")
-        self._json["accessors"][index]["normalized"] = True
+        self._accessors[index]["normalized"] = True
         return index
 
-    def _indices(self, faces: Any) -> int:
+    def _indices(self, faces: IntArray) -> int:
         view = self._view(np.asarray(faces, dtype="<u4").tobytes(), _ELEMENTS)
-        entry = {"bufferView": view, "componentType": _UINT32, "count": int(np.size(faces)), "type": "SCALAR"}
-        self._json["accessors"].append(entry)
-        return len(self._json["accessors"]) - 1
+        entry: _Entry = {"bufferView": view, "componentType": _UINT32, "count": int(np.size(faces)), "type": "SCALAR"}
+        self._accessors.append(entry)
+        return len(self._accessors) - 1
 
-    def _accessor(self, table: Any, kind: int, shape: str) -> int:
+    def _accessor(self, table: ArrayLike, kind: int, shape: str) -> int:
         data = np.asarray(table, dtype="<f4" if kind == _FLOAT else np.uint8)
-        entry = {"bufferView": self._view(data.tobytes(), _ARRAY), "componentType": kind, "count": len(data)}
-        self._json["accessors"].append(entry | {"type": shape})
-        return len(self._json["accessors"]) - 1
+        entry: _Entry = {"bufferView": self._view(data.tobytes(), _ARRAY), "componentType": kind, "count": len(data)}
+        self._accessors.append(entry | {"type": shape})
+        return len(self._accessors) - 1
 
     def _view(self, data: bytes, target: int | None) -> int:
-        entry: dict[str, int] = {"buffer": 0, "byteOffset": self._length, "byteLength": len(data)}
-        self._json["bufferViews"].append(entry | ({} if target is None else {"target": target}))
+        entry: _Entry = {"buffer": 0, "byteOffset": self._length, "byteLength": len(data)}
+        self._views.append(entry | ({} if target is None else {"target": target}))
         data += b"\0" * (-len(data) % 4)
         self._parts.append(data)
         self._length += len(data)
-        return len(self._json["bufferViews"]) - 1
+        return len(self._views) - 1
 
 
-def _normals(vertices: FloatArray, faces: Any) -> FloatArray:
+def _normals(vertices: FloatArray, faces: IntArray) -> FloatArray:
     """The mean direction of the faces at each vertex, (n, 3)."""
     a, b, c = (vertices[faces[:, i]] for i in range(3))
     across = np.cross(b - a, c - a)

@@ -2,13 +2,20 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from PySide6.QtCore import QCoreApplication
 
 from spherecal.base.arrays import FloatArray
 from spherecal_gui.presenters.coverage import Level
+from spherecal_scene.model import SceneData
+
+if TYPE_CHECKING:  # imports scipy
+    from spherecal.data.rig import PlacedSphere, Rig
+    from spherecal.guidance.next_placement import Candidate
+    from spherecal.guidance.next_placement import Guidance as Advised
+    from spherecal_gui.tasks.ghost import Ghost, ToGo
 
 translate = QCoreApplication.translate
 
@@ -25,16 +32,20 @@ WORTH = 0.1
 
 
 @dataclass(frozen=True, eq=False)
-class Guidance:
+class GuidanceView:
     """One piece of advice, seen from above: places in mm in one plane.
 
     `now_mm` and `next_mm`: what a length of 500 mm is measured to (k = 2) when stopping now and after the next
-    placement (None: not known). `names` of `cameras` (c, 2); `taken_names` of `taken` (t, 2), where the ball was;
-    `place` (2,) where to put it, `away_mm` from the last place towards camera `towards` and `up_mm` higher;
-    `turn_deg` about the upright axis (counter-clockwise seen from above) or, where `tip` (2,) is there, its top that
-    way, towards camera `tip_towards`. `up` (3,) is upright in the rig's frame, `views` (c, 2) the cameras' unit
-    directions of view from above. `ghost` (tasks.ghost) is the ball there as the cameras would see it, `scene`
-    (presenters.scene) the whole in space. `coarse`: a first answer; the lengths are still being worked out.
+    placement (None: not known). `coarse`: a first answer; the lengths are still being worked out.
+
+    `names` of `cameras` (c, 2) and their unit directions of view `views` (c, 2); `taken_names` of `taken` (t, 2), where
+    the ball was. `place` (2,) is where to put it, `away_mm` from the last place towards camera `towards` and `up_mm`
+    higher. `up` (3,) is upright in the rig's frame.
+
+    `turn_deg` is about the upright axis, counter-clockwise seen from above. Where `tip` (2,) is there, the ball's top
+    goes that way instead, towards camera `tip_towards`.
+
+    `ghost` is the ball there as the cameras would see it, `scene` the whole in space.
     """
 
     now_mm: float | None
@@ -53,8 +64,8 @@ class Guidance:
     tip_towards: str = ""
     up: FloatArray = field(default_factory=lambda: np.array([0.0, 0.0, 1.0]))
     views: FloatArray = field(default_factory=lambda: np.empty((0, 2)))
-    ghost: Any = None
-    scene: Any = None
+    ghost: "Ghost | None" = None
+    scene: SceneData | None = None
     coarse: bool = False
 
     @property
@@ -63,13 +74,19 @@ class Guidance:
         return bool(np.hypot(self.away_mm, self.up_mm) < _SAME_PLACE * self.radius_mm)
 
 
-def guidance_of(found: Any, rig: Any, spheres: Sequence[Any]) -> Guidance | None:
-    """The engine's answer (guidance.next_placement) as the window shows it; None where nothing helps.
+def guidance_of(found: "Advised", rig: "Rig", spheres: "Sequence[PlacedSphere]") -> GuidanceView | None:
+    """The engine's answer as the window shows it; None where nothing helps.
 
-    `spheres` (rig.PlacedSphere): the ball at every placement so far, in the order in which they were taken; the last
-    one is where it stands now.
+    Parameters
+    ----------
+    found
+        The engine's answer.
+    rig
+        The cameras as they are known so far.
+    spheres
+        The ball at every placement so far, in the order in which they were taken; the last is where it stands now.
     """
-    from spherecal.report.rig_view import TOP, choose_axes
+    from spherecal.report.rig_view import TOP, choose_axes  # imports scipy
 
     best = found.best
     if best is None or not spheres:
@@ -90,7 +107,7 @@ def guidance_of(found: Any, rig: Any, spheres: Sequence[Any]) -> Guidance | None
     turn, tip, tip_towards = _turn(best, axes)
     if tip is not None:
         tip_towards = _camera_towards(names, flat, place, tip)
-    return Guidance(
+    return GuidanceView(
         found.now_mm,
         best.expanded_mm,
         names,
@@ -110,9 +127,9 @@ def guidance_of(found: Any, rig: Any, spheres: Sequence[Any]) -> Guidance | None
     )
 
 
-def _views_above(rig: Any, axes: FloatArray) -> FloatArray:
+def _views_above(rig: "Rig", axes: FloatArray) -> FloatArray:
     """The cameras' directions of view from above, unit vectors (c, 2); (0, 0) for one that looks straight down."""
-    from spherecal.report.rig_view import TOP
+    from spherecal.report.rig_view import TOP  # imports scipy
 
     views = TOP.flat(np.array([camera.rotation[2] for camera in rig.cameras]) @ axes.T)
     long = np.linalg.norm(views, axis=1, keepdims=True)
@@ -126,7 +143,7 @@ def _camera_towards(names: tuple[str, ...], cameras: FloatArray, start: FloatArr
     return names[int(np.argmax(along))]
 
 
-def _turn(best: Any, axes: FloatArray) -> tuple[float, FloatArray | None, str]:
+def _turn(best: "Candidate", axes: FloatArray) -> tuple[float, FloatArray | None, str]:
     """The turn about the upright axis, or which way the top goes."""
     if best.axis is None:
         return 0.0, None, ""
@@ -137,7 +154,7 @@ def _turn(best: Any, axes: FloatArray) -> tuple[float, FloatArray | None, str]:
     return float(best.turn_deg), top / np.linalg.norm(top), ""
 
 
-def move_text(shown: Guidance) -> str:
+def move_text(shown: GuidanceView) -> str:
     """Where to put the ball and how to turn it."""
     if shown.same_place:
         place = translate("Guidance", "Leave the ball where it is")
@@ -162,15 +179,31 @@ def move_text(shown: Guidance) -> str:
     return translate("Guidance", "{place}, {turn}.").format(place=place, turn=turn)
 
 
-def is_enough(shown: Guidance, planned_taken: bool) -> bool:
-    """Whether all that was planned is taken and one more placement would not be worth it."""
+def is_enough(shown: GuidanceView, planned_taken: bool) -> bool:
+    """Whether all that was planned is taken and one more placement would not be worth it.
+
+    Parameters
+    ----------
+    shown
+        The advice.
+    planned_taken
+        Whether all that was planned is captured.
+    """
     if not planned_taken or shown.coarse or shown.now_mm is None or shown.next_mm is None:
         return False
     return shown.next_mm > (1 - WORTH) * shown.now_mm
 
 
-def advice_text(shown: Guidance, planned_taken: bool) -> str:
-    """Where to put the ball next; "Enough" where all that was planned is taken and no move is worth a tenth."""
+def advice_text(shown: GuidanceView, planned_taken: bool) -> str:
+    """Where to put the ball next; "Enough" where all that was planned is taken and no move is worth a tenth.
+
+    Parameters
+    ----------
+    shown
+        The advice.
+    planned_taken
+        Whether all that was planned is captured.
+    """
     if is_enough(shown, planned_taken):
         return translate("Guidance", "Enough.")
     if not planned_taken and is_enough(shown, True):
@@ -178,7 +211,7 @@ def advice_text(shown: Guidance, planned_taken: bool) -> str:
     return move_text(shown)
 
 
-def to_go_text(to_go: Any) -> tuple[str, Level]:
+def to_go_text(to_go: "ToGo") -> tuple[str, Level]:
     """How far the ball still is from where it should go (tasks.ghost.ToGo)."""
     if to_go.near:
         return translate("Guidance", "In place"), "good"
@@ -189,7 +222,7 @@ def to_go_text(to_go: Any) -> tuple[str, Level]:
     return text.format(away=away, turn=to_go.turn_deg), "caution"
 
 
-def now_text(shown: Guidance) -> tuple[str, Level]:
+def now_text(shown: GuidanceView) -> tuple[str, Level]:
     """What stopping now would give."""
     if shown.coarse:
         return translate("Guidance", "If you stop now: being worked out"), "none"
@@ -200,8 +233,16 @@ def now_text(shown: Guidance) -> tuple[str, Level]:
     return text, "caution" if gain else "good"
 
 
-def next_text(shown: Guidance, planned_taken: bool = False) -> str:
-    """What the next placement would give, or one more than was planned."""
+def next_text(shown: GuidanceView, planned_taken: bool = False) -> str:
+    """What the next placement would give, or one more than was planned.
+
+    Parameters
+    ----------
+    shown
+        The advice.
+    planned_taken
+        Whether all that was planned is captured, so that the next one is one more.
+    """
     if shown.next_mm is None or not np.isfinite(shown.next_mm):
         return ""
     text = translate("Guidance", "With this placement: {mm:.3f} mm")

@@ -2,7 +2,7 @@
 
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from math import ceil
 from pathlib import Path
 
@@ -27,6 +27,7 @@ from spherecal.profile.limits_file import (
     with_pin,
     write_limits,
 )
+from spherecal.verify.limit import parse_limit
 from spherecal_gui import limits as in_use
 from spherecal_gui.texts import error_text
 
@@ -107,8 +108,6 @@ def limit_fields() -> list[LimitField]:
 
 def limit_problems(limits: Limits) -> dict[str, str]:
     """What cannot be saved and why, by the limit's name."""
-    from spherecal.verify.limit import parse_limit
-
     found = {}
     for ageing, stale in PAIRS:
         if getattr(limits, ageing) > getattr(limits, stale):
@@ -122,7 +121,15 @@ def limit_problems(limits: Limits) -> dict[str, str]:
 
 
 def value_text(name: str, value: Value | None) -> str:
-    """A limit's value with its unit, for people."""
+    """A limit's value with its unit, for people.
+
+    Parameters
+    ----------
+    name
+        The limit's field in `Limits`; it decides the unit.
+    value
+        The value; None or empty text: no limit.
+    """
     if isinstance(value, bool):
         return translate("Limits", "yes") if value else translate("Limits", "no")
     unit = next((one.unit for one in limit_fields() if one.name == name), "")
@@ -234,7 +241,17 @@ class LimitsDesk:
     # --- the lock ----------------------------------------------------------------------------------------------------
 
     def unlock(self, name: str, pin: str, again: str = "") -> str:
-        """Unlock for somebody: with the PIN, or by setting one where there is none; what is in the way, else empty."""
+        """Unlock for somebody: with the PIN, or by setting one where there is none; what is in the way, else empty.
+
+        Parameters
+        ----------
+        name
+            Who unlocks; noted with every change.
+        pin
+            The PIN, or the one to set.
+        again
+            The one to set once more; not looked at where a PIN is set.
+        """
         if self.wait_s > 0:
             return self.wait_text()
         name = name.strip()
@@ -297,9 +314,7 @@ class LimitsDesk:
         self.kept = kept
 
     def _into_profile(self, limits: Limits) -> None:
-        from dataclasses import asdict
-
-        from spherecal.profile.store import set_limits
+        from spherecal.profile.store import set_limits  # imports scipy
 
         if self.differs_in_profile(limits):
             set_limits(self._profile, **asdict(limits.validity))
@@ -308,7 +323,7 @@ class LimitsDesk:
         """Whether the rig's profile has other ages or temperatures; InputError where it cannot be read."""
         if not (self._profile / "profile.json").is_file():
             return False
-        from spherecal.profile.store import open_profile
+        from spherecal.profile.store import open_profile  # imports scipy
 
         return open_profile(self._profile).limits != limits.validity
 

@@ -2,12 +2,16 @@
 
 from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING
 
 from PySide6.QtCore import QCoreApplication
 
 from spherecal_gui.presenters.coverage import Level
 from spherecal_gui.texts import camera_details, camera_trouble
+
+if TYPE_CHECKING:  # imports scipy, OpenCV and the kernels
+    from spherecal.cameras.protocol import CameraStatus
+    from spherecal_gui.tasks.live import Sight
 
 translate = QCoreApplication.translate
 
@@ -52,8 +56,18 @@ class Expected:
 NOTHING_EXPECTED = Expected()
 
 
-def figures_text(serial: str, status: Any, exposure_us: float) -> str:
-    """A camera's serial number, images a second, exposure, temperature, as far as they are known."""
+def figures_text(serial: str, status: "CameraStatus | None", exposure_us: float) -> str:
+    """A camera's serial number, images a second, exposure, temperature, as far as they are known.
+
+    Parameters
+    ----------
+    serial
+        Serial number.
+    status
+        State and counters; None: not known.
+    exposure_us
+        Exposure in µs.
+    """
     parts = [serial]
     if status is not None and status.counters.rate_hz:
         parts.append(translate("Look", "{rate:.0f} fps").format(rate=status.counters.rate_hz))
@@ -65,15 +79,28 @@ def figures_text(serial: str, status: Any, exposure_us: float) -> str:
 
 def tile_state(
     name: str,
-    status: Any,
-    sight: Any,
+    status: "CameraStatus | None",
+    sight: "Sight | None",
     expected: Expected = NOTHING_EXPECTED,
     has_image: bool = False,
     bumped_px: float | None = None,
 ) -> TileState:
     """What to say about a camera: its own trouble first, then light, then focus, then that all is well.
 
-    `bumped_px`: it was moved by so much.
+    Parameters
+    ----------
+    name
+        What the camera is called.
+    status
+        Its state; None: not known.
+    sight
+        Its newest examined image; None: none was examined yet.
+    expected
+        What images of all cameras should show.
+    has_image
+        Whether an image has arrived.
+    bumped_px
+        By how much the camera was moved, px; None: it was not.
     """
     if status is not None and not status.state.usable:
         return TileState(name, "bad", camera_trouble(status), details=camera_details(status))
@@ -93,13 +120,13 @@ def tile_state(
     return TileState(name, level, word or _all_well(sight), len(sight.dots), summed=summed.format(camera=name))
 
 
-def usual_light(sights: Iterable[Any]) -> float | None:
+def usual_light(sights: "Iterable[Sight]") -> float | None:
     """The middle brightness of the cameras; None with fewer than three, of which none is the odd one."""
     found = sorted(sight.brightness for sight in sights)
     return found[len(found) // 2] if len(found) > _FEW else None
 
 
-def _light(sight: Any, usual: float | None = None) -> tuple[Level, str, str]:
+def _light(sight: "Sight", usual: float | None = None) -> tuple[Level, str, str]:
     if sight.saturated > CLIPPED:
         word = translate("Look", "too bright: {share} % clipped. Shorten the exposure.")
         word = word.format(share=round(100 * sight.saturated))
@@ -113,7 +140,7 @@ def _light(sight: Any, usual: float | None = None) -> tuple[Level, str, str]:
     return "good", "", ""
 
 
-def _focus(sight: Any) -> tuple[Level, str, str]:
+def _focus(sight: "Sight") -> tuple[Level, str, str]:
     if sight.blur_px is None or sight.blur_px <= SOFT_PX:
         return "good", "", ""
     word = translate("Look", "Out of focus ({blur:.1f} px). Turn the focus ring until this falls.")
@@ -121,7 +148,7 @@ def _focus(sight: Any) -> tuple[Level, str, str]:
     return "bad" if sight.blur_px > BLURRED_PX else "caution", word.format(blur=sight.blur_px), summed
 
 
-def _all_well(sight: Any) -> str:
+def _all_well(sight: "Sight") -> str:
     parts = []
     if sight.blur_px is not None:
         parts.append(translate("Look", "Focus {blur:.1f} px").format(blur=sight.blur_px))
@@ -157,7 +184,15 @@ def warm_up_text(cameras: dict[str, float]) -> str:
 
 
 def summary(states: list[TileState], have_images: bool = False) -> tuple[str, Level]:
-    """The whole wall in one sentence; `have_images`: every camera has sent one."""
+    """The whole wall in one sentence.
+
+    Parameters
+    ----------
+    states
+        The cameras' tiles.
+    have_images
+        Whether every camera has sent an image.
+    """
     bad = [state.name for state in states if state.level == "bad"]
     unsure = [state.name for state in states if state.level == "caution"]
     waiting = [state.name for state in states if state.level == "none"]

@@ -2,11 +2,15 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING
 
 from PySide6.QtCore import QCoreApplication
 
+from spherecal.measuring.task import Ruler, parse_point
 from spherecal_gui.presenters.coverage import Level
+
+if TYPE_CHECKING:  # imports scipy
+    from spherecal.measuring.results import MeasuredSet
 
 translate = QCoreApplication.translate
 
@@ -30,29 +34,27 @@ class Trust:
     level: Level
 
 
-def value_rows(measured: Any) -> list[ValueRow]:
+def value_rows(measured: "MeasuredSet") -> list[ValueRow]:
     """The values of a set, k = 2; a deviation beyond its own expanded uncertainty is marked."""
     rows = []
     for v in measured.values:
         digits = 4 if v.unit == "deg" else 3
         unit = "°" if v.unit == "deg" else " mm"
         off, level = "", "none"
-        if v.deviation is not None:
+        if v.deviation is not None and v.u_deviation is not None:
             off = f"{round(v.deviation, digits) + 0.0:+.{digits}f} ± {2 * v.u_deviation:.{digits}f}{unit}"
             level = "good" if abs(v.deviation) <= 2 * v.u_deviation else "caution"
         rows.append(ValueRow(v.name, f"{v.value:.{digits}f}{unit}", f"{2 * v.u:.{digits}f}{unit}", off, level))
     return rows
 
 
-def point_names(measured: Any) -> tuple[str, ...]:
+def point_names(measured: "MeasuredSet") -> tuple[str, ...]:
     """The points that were measured, by name."""
     return tuple(str(name) for name in measured.names)
 
 
-def rulers_of(chosen: Sequence[str]) -> tuple[Any, ...]:
+def rulers_of(chosen: Sequence[str]) -> tuple[Ruler, ...]:
     """The distance of two chosen points, or the angle at the second of three; none for any other number."""
-    from spherecal.measuring.task import Ruler, parse_point
-
     if len(chosen) not in (2, 3):
         return ()
     return (Ruler(tuple(parse_point(name) for name in chosen)),)
@@ -67,8 +69,16 @@ def ruler_hint(chosen: Sequence[str]) -> str:
     return ""
 
 
-def trust_of(measured: Any, moved: Sequence[str]) -> Trust:
-    """Whether cameras have moved, views contradict, or all is well."""
+def trust_of(measured: "MeasuredSet", moved: Sequence[str]) -> Trust:
+    """Whether cameras have moved, views contradict, or all is well.
+
+    Parameters
+    ----------
+    measured
+        The newest set.
+    moved
+        Cameras that have moved since the calibration.
+    """
     if moved:
         text = translate("Measure", "Moved since the calibration: {cameras}. Check the rig before you measure on.")
         return Trust(text.format(cameras=", ".join(moved)), "bad")
@@ -84,8 +94,16 @@ def trust_of(measured: Any, moved: Sequence[str]) -> Trust:
     return Trust(translate("Measure", "The cameras agree."), "good")
 
 
-def pace_text(measured: Any, rate_hz: float | None) -> str:
-    """Points, rate and latency in one line."""
+def pace_text(measured: "MeasuredSet", rate_hz: float | None) -> str:
+    """Points, rate and latency in one line.
+
+    Parameters
+    ----------
+    measured
+        The newest set.
+    rate_hz
+        Sets a second; None: not known.
+    """
     text = translate("Measure", "{points} points").format(points=len(measured.names))
     if rate_hz is not None:
         text += " · " + translate("Measure", "{rate:.1f} sets a second").format(rate=rate_hz)

@@ -55,22 +55,33 @@ class Scene:
 
 
 @dataclass(frozen=True)
-class Advice:
+class PlacementAdvice:
     """The one sentence for the person at the rig, with its colour."""
 
     text: str
     level: Level
 
 
-def advice(scene: Scene, taken: bool, taking: bool, as_before: bool = False, away: bool = False) -> Advice:
+def advice(scene: Scene, taken: bool, taking: bool, as_before: bool = False, away: bool = False) -> PlacementAdvice:
     """What to do now; one sentence at a time, the most urgent.
 
-    `as_before`: the ball has not been moved yet; `away`: it is not where it should go.
+    Parameters
+    ----------
+    scene
+        What the cameras see now.
+    taken
+        Whether the placement is captured.
+    taking
+        Whether it is being captured.
+    as_before
+        The ball has not been moved yet.
+    away
+        It is not where it should go.
     """
     if taking:
-        return Advice(translate("Placement", "Hold still: images are being captured"), "caution")
+        return PlacementAdvice(translate("Placement", "Hold still: images are being captured"), "caution")
     if taken:
-        return Advice(translate("Placement", "Captured. Press space to go on"), "good")
+        return PlacementAdvice(translate("Placement", "Captured. Press space to go on"), "good")
     if scene.board and not scene.lost:
         return _board_advice(scene, as_before)
     poor = list(scene.short)
@@ -93,7 +104,7 @@ def advice(scene: Scene, taken: bool, taking: bool, as_before: bool = False, awa
         text, level = translate("Placement", "Move the ball to its ghost"), "none"
     else:
         text, level = _ready_text(poor), "good"
-    return Advice(text, level)
+    return PlacementAdvice(text, level)
 
 
 def _ready_text(poor: Sequence[str]) -> str:
@@ -105,7 +116,17 @@ def _ready_text(poor: Sequence[str]) -> str:
 
 
 def is_stuck(scene: Scene, as_before: bool = False, away: bool = False) -> bool:
-    """Whether the ball lies still where it should, and a camera that works nevertheless sees too little of it."""
+    """Whether the ball lies still where it should, and a camera that works nevertheless sees too little of it.
+
+    Parameters
+    ----------
+    scene
+        What the cameras see now.
+    as_before
+        The ball has not been moved yet.
+    away
+        It is not where it should go.
+    """
     waiting = as_before or away or scene.lost or not any(scene.counts.values())
     return bool(scene.still and scene.short and not scene.made_up and not waiting)
 
@@ -117,17 +138,17 @@ def short_text(short: Mapping[str, int]) -> str:
     return message.format(needed=needed_dots(), cameras=", ".join(f"{name} ({count})" for name, count in worst))
 
 
-def _board_advice(scene: Scene, as_before: bool) -> Advice:
+def _board_advice(scene: Scene, as_before: bool) -> PlacementAdvice:
     """What to do now with a board."""
     if not any(scene.counts.values()):
-        return Advice(translate("Placement", "Show the board to the cameras"), "bad")
+        return PlacementAdvice(translate("Placement", "Show the board to the cameras"), "bad")
     if as_before:
-        return Advice(translate("Placement", "Move the board: elsewhere, and tilted otherwise"), "caution")
+        return PlacementAdvice(translate("Placement", "Move the board: elsewhere, and tilted otherwise"), "caution")
     if scene.still is None:
-        return Advice(translate("Placement", "Checking that the board is still"), "none")
+        return PlacementAdvice(translate("Placement", "Checking that the board is still"), "none")
     if not scene.still:
-        return Advice(translate("Placement", "Hold the board still"), "caution")
-    return Advice(translate("Placement", "Ready: press space"), "good")
+        return PlacementAdvice(translate("Placement", "Hold the board still"), "caution")
+    return PlacementAdvice(translate("Placement", "Ready: press space"), "good")
 
 
 class AutoTrigger:
@@ -143,7 +164,15 @@ class AutoTrigger:
         return 0.0 if self._since is None else min((now_s - self._since) / self._hold_s, 1.0)
 
     def feed(self, scene: Scene, now_s: float) -> bool:
-        """Whether to take now."""
+        """Whether to take now.
+
+        Parameters
+        ----------
+        scene
+            What the cameras see now.
+        now_s
+            The time, s, of a clock that only runs forwards.
+        """
         if scene.still is False or scene.still is None:
             self._armed, self._since = True, None
             return False
@@ -180,7 +209,12 @@ class NeedLine:
 def need_lists(found: Sequence[CameraNeed], more_to_come: bool = False) -> tuple[NeedLine | None, NeedLine | None]:
     """The cameras that need more dots, and those that need them better spread; None where no camera does.
 
-    `more_to_come`: other placements will be taken, which may well fill what this one leaves empty.
+    Parameters
+    ----------
+    found
+        What each camera needs.
+    more_to_come
+        Other placements will be taken, which may well fill what this one leaves empty.
     """
     elsewhere = translate("Placement", "Need them elsewhere in the image:")
     if more_to_come:
@@ -193,7 +227,15 @@ def need_lists(found: Sequence[CameraNeed], more_to_come: bool = False) -> tuple
 
 
 def need_text(need: str, cells: IntArray) -> str:
-    """What a camera needs, for its tile: more dots at all, or dots in a part of its image where there are few."""
+    """What a camera needs, for its tile: more dots at all, or dots in a part of its image where there are few.
+
+    Parameters
+    ----------
+    need
+        `more` or `spread`.
+    cells
+        How many dots each cell of the camera's image holds (10, 10), rows from the top.
+    """
     if need == "more":
         return translate("Placement", "needs more dots")
     thirds = {
@@ -210,7 +252,15 @@ def need_text(need: str, cells: IntArray) -> str:
 
 
 def island_text(groups: Sequence[Sequence[int]], cameras: Sequence[str]) -> tuple[str, Level]:
-    """Whether all cameras hang together."""
+    """Whether all cameras hang together.
+
+    Parameters
+    ----------
+    groups
+        Indices of the cameras that hang together.
+    cameras
+        Names of the cameras.
+    """
     if len(groups) <= 1:
         return translate("Placement", "All cameras are linked."), "good"
     names = " | ".join(" ".join(cameras[i] for i in group) for group in groups)

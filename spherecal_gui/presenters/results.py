@@ -1,8 +1,9 @@
 """What a result says, for the window: verdict, cameras worst first, findings and what they advise."""
 
 from collections import Counter
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 from PySide6.QtCore import QCoreApplication
@@ -11,6 +12,12 @@ from spherecal.base.arrays import BoolArray, FloatArray
 from spherecal.data.findings import AdvisedRepair, Finding, RepairKind
 from spherecal_gui import languages
 from spherecal_gui.presenters.coverage import Level
+
+if TYPE_CHECKING:  # imports scipy
+    from spherecal.data.rig import Affected
+    from spherecal.report.result_folder import Result
+    from spherecal.verify.verification_file import BarReport
+    from spherecal_gui.tasks.outcome import Compared
 
 translate = QCoreApplication.translate
 
@@ -70,7 +77,7 @@ class Action:
 
 
 @dataclass(frozen=True)
-class Advice:
+class FindingAdvice:
     """A finding in words, and the buttons that do what it advises; `where` are the names that its title lacks."""
 
     level: Level
@@ -81,7 +88,7 @@ class Advice:
     where: str = ""
 
 
-def verdict(result: Any) -> VerdictText:
+def verdict(result: "Result") -> VerdictText:
     """The verdict on a result."""
     quality, cameras = result.rig.quality, result.rig.cameras
     everything = len(result.camera_ids)
@@ -108,7 +115,7 @@ def verdict(result: Any) -> VerdictText:
 _MOST_NAMED = 6
 
 
-def care_text(affected: Any) -> str:
+def care_text(affected: "Sequence[Affected]") -> str:
     """What a calibration is to be used with care for."""
     cameras = [one.camera for one in affected if one.camera is not None]
     parts = [", ".join(cameras[:_MOST_NAMED]) + (" …" if len(cameras) > _MOST_NAMED else "")] if cameras else []
@@ -117,7 +124,7 @@ def care_text(affected: Any) -> str:
     return "; ".join(parts)
 
 
-def bar_verdict(bars: Any) -> VerdictText:
+def bar_verdict(bars: "BarReport") -> VerdictText:
     """The verdict of a verification: against a limit PASS, FAIL or CANNOT TELL, without one CONSISTENT or not."""
     errors = np.array([bar.error_mm for bar in bars.measured])
     sentence = ""
@@ -147,8 +154,16 @@ def bar_verdict(bars: Any) -> VerdictText:
     return VerdictText(translate("Verify", "NO DATA"), "caution", sentence)
 
 
-def camera_rows(result: Any, compared: Any = None) -> list[CameraRow]:
-    """All cameras, those that could not be placed and the largest rms first; with the change since another result."""
+def camera_rows(result: "Result", compared: "Compared | None" = None) -> list[CameraRow]:
+    """All cameras, those that could not be placed and the largest rms first; with the change since another result.
+
+    Parameters
+    ----------
+    result
+        The result.
+    compared
+        The comparison with the calibration in use; None: there is none.
+    """
     rows = []
     contradicting = ~result.residuals.used & ~_seen_by_one(result)
     changes = {one.id: one for one in compared.comparison.cameras} if compared is not None else {}
@@ -176,7 +191,7 @@ def camera_rows(result: Any, compared: Any = None) -> list[CameraRow]:
     return sorted(rows, key=lambda row: (row.placed, -(row.rms_px or 0.0)))
 
 
-def culprit(result: Any) -> tuple[str, str | None] | None:
+def culprit(result: "Result") -> tuple[str, str | None] | None:
     """The camera that the worst finding names, with the placement it names; None where no finding accuses one.
 
     The largest rms is often another's: a camera that was moved takes others with it.
@@ -196,7 +211,7 @@ def culprit(result: Any) -> tuple[str, str | None] | None:
     return None
 
 
-def _seen_by_one(result: Any) -> BoolArray:
+def _seen_by_one(result: "Result") -> BoolArray:
     """Which observations (n,) are a dot's only one: nothing can contradict them, and they are not used either."""
     r = result.residuals
     dots = list(zip(r.placement, r.target.tolist(), r.point, strict=True))
@@ -205,7 +220,7 @@ def _seen_by_one(result: Any) -> BoolArray:
     return np.array([views[dot] < 2 for dot in dots], dtype=bool)
 
 
-def compared_text(compared: Any) -> tuple[str, Level]:
+def compared_text(compared: "Compared | None") -> tuple[str, Level]:
     """What has changed since the calibration in use; empty where there is nothing to compare with."""
     if compared is None:
         return "", "none"
@@ -225,8 +240,18 @@ def compared_text(compared: Any) -> tuple[str, Level]:
     return f"{since} {', '.join(parts)}.", "caution" if moved else "none"
 
 
-def residuals_of(result: Any, camera: str, placement: str | None = None) -> CameraResiduals | None:
-    """The residuals of a placed camera, of one placement or of all."""
+def residuals_of(result: "Result", camera: str, placement: str | None = None) -> CameraResiduals | None:
+    """The residuals of a placed camera, of one placement or of all; None where it was not placed or saw nothing.
+
+    Parameters
+    ----------
+    result
+        The result.
+    camera
+        Id of the camera.
+    placement
+        The placement to show; None, or one at which the camera saw nothing: all.
+    """
     placed = result.rig.camera(camera)
     rows = result.residuals.rows_of.get(camera)
     if placed is None or rows is None:
@@ -245,8 +270,16 @@ def residuals_of(result: Any, camera: str, placement: str | None = None) -> Came
     return CameraResiduals(camera, placed.image_size, uv, du_dv, table.used[rows], placements, placement, taken_at)
 
 
-def residual_text(result: Any, shown: CameraResiduals) -> str:
-    """How large a camera's residuals are: mean and largest, in px and, where there is a scale, in mm at the ball."""
+def residual_text(result: "Result", shown: CameraResiduals) -> str:
+    """How large a camera's residuals are: mean and largest, in px and, where there is a scale, in mm at the ball.
+
+    Parameters
+    ----------
+    result
+        The result.
+    shown
+        The residuals of a camera that was placed.
+    """
     lengths = np.linalg.norm(shown.du_dv[shown.used], axis=1)
     if not len(lengths):
         return ""
@@ -255,6 +288,7 @@ def residual_text(result: Any, shown: CameraResiduals) -> str:
     balls = [one.centre_mm for one in result.spheres if shown.placement in (None, one.placement)]
     if result.rig.scale.source == "none" or not balls:
         return translate("Results", "Mean {mean:.3f} px, largest {most:.3f} px.").format(mean=mean, most=most)
+    assert camera is not None
     far = float(np.linalg.norm(np.array(balls) - camera.centre_mm, axis=1).mean())
     each = far / float(camera.intrinsics[0])
     text = translate(
@@ -270,8 +304,16 @@ _MORE = (
 _BENCH = ("no-scale", "target-distance", "ball-diameter")
 
 
-def advice(result: Any, placements: tuple[str, ...]) -> list[Advice]:
-    """The findings, errors first, each with what can be done at once."""
+def advice(result: "Result", placements: tuple[str, ...]) -> list[FindingAdvice]:
+    """The findings, errors first, each with what can be done at once.
+
+    Parameters
+    ----------
+    result
+        The result.
+    placements
+        Ids of the placements that can be retaken.
+    """
     levels: dict[str, Level] = {"error": "bad", "warning": "caution", "info": "none"}
     cameras = set(result.camera_ids)
     found = []
@@ -290,12 +332,12 @@ def advice(result: Any, placements: tuple[str, ...]) -> list[Advice]:
     return found
 
 
-def _advice_of(finding: Finding, level: Level, actions: tuple[Action, ...]) -> Advice:
+def _advice_of(finding: Finding, level: Level, actions: tuple[Action, ...]) -> FindingAdvice:
     """A finding in the reader's language; options of the command line are not named where there are buttons."""
     has_buttons = any(action.kind.startswith("--") for action in actions)
     title = finding.words("title", languages.now())
     named = [] if any(name in title for name in finding.where) else list(finding.where)
-    return Advice(
+    return FindingAdvice(
         level,
         title,
         finding.words("message", languages.now()),
@@ -305,7 +347,7 @@ def _advice_of(finding: Finding, level: Level, actions: tuple[Action, ...]) -> A
     )
 
 
-def _steps_for(finding: Any, placements: tuple[str, ...]) -> list[Action]:
+def _steps_for(finding: Finding, placements: tuple[str, ...]) -> list[Action]:
     """Steps to go back to: a placement to retake, one more, the bench."""
     placed = next((name for name in finding.where if name in placements), None)
     if placed is not None:
@@ -327,7 +369,15 @@ def _repair(repair: AdvisedRepair) -> Action:
 
 
 def repair_text(option: str, value: str) -> str:
-    """What a repair does, on its button."""
+    """What a repair does, on its button.
+
+    Parameters
+    ----------
+    option
+        `--leave-out`, `--split` or `--swap`.
+    value
+        What the option is given, such as `C05@P3`.
+    """
     first, at, second = value.rpartition("@")
     if option == "--swap":
         text = translate("Results", "Exchange {cameras} at {place}") if at else translate("Results", "Exchange {place}")

@@ -3,15 +3,22 @@
 from collections.abc import Sequence
 from dataclasses import replace
 from types import SimpleNamespace
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from spherecal.base.arrays import FloatArray
 from spherecal_scene.model import DrawnBall, SceneData, scene_data, with_bars, with_images, with_moved
 
+if TYPE_CHECKING:  # imports scipy and OpenCV, for which the window does not wait
+    from spherecal.data.rig import PlacedSphere, Rig
+    from spherecal.uses.check import Check
+    from spherecal_gui.tasks.kept_check import CheckSummary
+    from spherecal_gui.tasks.outcome import Outcome
 
-def outcome_scene(outcome: Any) -> SceneData | None:
+
+def outcome_scene(outcome: "Outcome") -> SceneData | None:
     """The rig of a result (tasks.outcome), its paths, last images, and the cameras that moved since the one in use."""
     data = scene_data(outcome.result, outcome.links)
     if data is None:
@@ -27,13 +34,13 @@ def outcome_scene(outcome: Any) -> SceneData | None:
     return with_moved(data, changes)
 
 
-def verified_scene(outcome: Any) -> SceneData | None:
+def verified_scene(outcome: "Outcome") -> SceneData | None:
     """The rig with the measured bars, coloured by whether their errors are within their uncertainty."""
     data = scene_data(outcome.result)
     return None if data is None else with_bars(with_images(data, outcome.images), outcome.result.bars, outcome.places)
 
 
-def rig_scene(rig: Any) -> SceneData | None:
+def rig_scene(rig: "Rig") -> SceneData | None:
     """A rig alone, such as that of a profile, which keeps no dots."""
     none = SimpleNamespace(
         placement=[], target=np.empty(0, dtype=np.int64), point=[], xyz_mm=np.empty((0, 3)), sigma_mm=np.empty((0, 3))
@@ -44,15 +51,25 @@ def rig_scene(rig: Any) -> SceneData | None:
     return scene_data(SimpleNamespace(rig=rig, points=none, residuals=residuals, spheres=()))
 
 
-def next_scene(rig: Any, spheres: Sequence[Any], centre_mm: Any) -> SceneData | None:
-    """The rig as it is known so far, the ball where it was (rig.PlacedSphere) and where it should go next."""
-    from spherecal.report.rig_view import DrawnPlacement
+def next_scene(rig: "Rig", spheres: "Sequence[PlacedSphere]", centre_mm: ArrayLike) -> SceneData | None:
+    """The rig as it is known so far, the ball where it was and where it should go next.
+
+    Parameters
+    ----------
+    rig
+        The cameras as they are known so far.
+    spheres
+        The ball at every placement so far; the last one is where it stands now.
+    centre_mm
+        Centre (3,) of the ball where it should go, mm in the rig's world.
+    """
+    from spherecal.report.rig_view import DrawnPlacement  # imports scipy
 
     data = rig_scene(rig)
     if data is None or not spheres:
         return data
 
-    def place(xyz_mm: Any) -> FloatArray:
+    def place(xyz_mm: ArrayLike) -> FloatArray:
         return data.scene.axes @ (np.asarray(xyz_mm) - data.origin_mm)
 
     balls = tuple(
@@ -63,9 +80,17 @@ def next_scene(rig: Any, spheres: Sequence[Any], centre_mm: Any) -> SceneData | 
     return replace(data, scene=replace(data.scene, placements=balls), wanted=wanted)
 
 
-def check_scene(rig: Any, found: Any) -> SceneData | None:
-    """The calibration in use, and those cameras that a check (uses.check) found moved where they are now."""
-    from spherecal.geometry.rotation import exp_rotation  # imports scipy, for which the window does not wait
+def check_scene(rig: "Rig", found: "Check | CheckSummary") -> SceneData | None:
+    """The calibration in use, and those cameras that a check found moved where they are now.
+
+    Parameters
+    ----------
+    rig
+        The calibration in use.
+    found
+        The check; of one that was read again, no camera is moved, as directions are not kept.
+    """
+    from spherecal.geometry.rotation import exp_rotation  # imports scipy
 
     moved = {one.test.id: one.test for one in found.cameras if one.test.moved}
     now, changes = [], []

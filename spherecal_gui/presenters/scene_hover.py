@@ -29,7 +29,15 @@ class SceneItem:
 
 
 def items_of(data: SceneData, layers: frozenset[str]) -> list[SceneItem]:
-    """Everything that can be asked about."""
+    """Everything that can be asked about.
+
+    Parameters
+    ----------
+    data
+        The scene.
+    layers
+        The layers that are shown, of `spherecal_scene.shapes.LAYERS`.
+    """
     found = [
         SceneItem("camera", camera.id, camera.centre, 0.0, data, i, 0) for i, camera in enumerate(data.scene.cameras)
     ]

@@ -1,18 +1,24 @@
 """The projects there are, and the validity of the calibration in use."""
 
-from dataclasses import dataclass
-from datetime import datetime
+from dataclasses import dataclass, replace
+from datetime import UTC, datetime, timedelta
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING
 
 from PySide6.QtCore import QCoreApplication
 
 from spherecal.base.errors import SpherecalError
+from spherecal.profile.checks import last_check
+from spherecal_gui.last_verification import last_verification
 from spherecal_gui.presenters.coverage import Level
 from spherecal_gui.project import VERIFIED, Project, usable
 from spherecal_gui.project_folder import FILE, TRAINING_PROFILE, load_project, recent_projects
 from spherecal_gui.standing import worst
 from spherecal_gui.texts import error_line, verdict_word
+
+if TYPE_CHECKING:
+    from spherecal.profile.entry import Entry
+    from spherecal.profile.store import Profile
 
 translate = QCoreApplication.translate
 
@@ -31,7 +37,15 @@ class ProjectLine:
 
 
 def picture_of(profile: Path, number: str | None) -> Path:
-    """The picture of the rig as one of its calibrations has it, in the profile's folder."""
+    """The picture of the rig as one of its calibrations has it, in the profile's folder.
+
+    Parameters
+    ----------
+    profile
+        The profile's folder.
+    number
+        The calibration; None: none is in use.
+    """
     own = profile / picture_name(number or "")
     return own if own.is_file() else profile / "picture.png"  # profiles saved before each had its own
 
@@ -127,7 +141,7 @@ def validity_of(profile: Path) -> tuple[str, Level, str]:
     none = translate("Validity", "no calibration in use")
     if not (profile / "profile.json").is_file():
         return none, "none", ""
-    from spherecal.profile.store import open_profile
+    from spherecal.profile.store import open_profile  # imports scipy
 
     try:
         kept = open_profile(profile)
@@ -136,7 +150,7 @@ def validity_of(profile: Path) -> tuple[str, Level, str]:
     if kept.active is None:
         return none, "none", "; ".join(kept.validity().reasons)
     found = kept.validity()
-    judged = _judged(kept)
+    judged = _judged(kept, kept.active)
     level = worst(one for one, _ in judged)
     word = next(text for one, text in judged if one == level)
     word = f"{word} · {_short_age(kept.active.calibrated_at)}"
@@ -150,8 +164,6 @@ def validity_of(profile: Path) -> tuple[str, Level, str]:
 
 def _short_age(calibrated: datetime) -> str:
     """How long ago, for the chip."""
-    from datetime import UTC
-
     hours = max((datetime.now(UTC) - calibrated).total_seconds() / 3600, 0.0)
     if hours < 1:
         return translate("Validity", "{minutes} min old").format(minutes=round(60 * hours))
@@ -160,14 +172,11 @@ def _short_age(calibrated: datetime) -> str:
     return translate("Validity", "{days} days old").format(days=round(hours / 24))
 
 
-def _judged(kept: Any) -> list[tuple[Level, str]]:
+def _judged(kept: "Profile", entry: "Entry") -> list[tuple[Level, str]]:
     """What there is to say of the calibration in use, what was measured of it before how old it is."""
-    from dataclasses import replace
+    from spherecal.profile.validity import validity  # imports scipy
 
-    from spherecal.profile.checks import last_check
-    from spherecal.profile.validity import validity
-
-    entry, verdict = kept.active, _last_verdict(kept)
+    verdict = _last_verdict(kept, entry)
     check = last_check(kept.folder, kept.active_id)
     of_check: dict[str, tuple[Level, str]] = {
         "recalibrate": ("bad", translate("Validity", "check: recalibrate")),
@@ -195,17 +204,15 @@ def _judged(kept: Any) -> list[tuple[Level, str]]:
     return [*judged, of_age.get(age.state, old)]
 
 
-def _last_verdict(kept: Any) -> str | None:
+def _last_verdict(kept: "Profile", entry: "Entry") -> str | None:
     """The verdict of the last verification of the calibration in use; None where there was none."""
-    from spherecal_gui.last_verification import last_verification
-
     last = last_verification(kept.folder, kept.active_id)
-    return last.verdict if last is not None else kept.active.verdict
+    return last.verdict if last is not None else entry.verdict
 
 
 def number_in_use(profile: Path) -> str | None:
     """The number of the calibration in use; None where there is none."""
-    from spherecal.profile.store import is_profile, open_profile
+    from spherecal.profile.store import is_profile, open_profile  # imports scipy
 
     try:
         return open_profile(profile).active_id if is_profile(profile) else None
@@ -215,9 +222,7 @@ def number_in_use(profile: Path) -> str | None:
 
 def next_check_text(profile: Path) -> str:
     """When the calibration in use begins to age, by the profile's limits; empty where there is none."""
-    from datetime import timedelta
-
-    from spherecal.profile.store import is_profile, open_profile
+    from spherecal.profile.store import is_profile, open_profile  # imports scipy
 
     try:
         kept = open_profile(profile) if is_profile(profile) else None
@@ -231,8 +236,7 @@ def next_check_text(profile: Path) -> str:
 
 def verified_text(profile: Path) -> str:
     """When and how the calibration in use was verified last."""
-    from spherecal.profile.store import is_profile, open_profile
-    from spherecal_gui.last_verification import last_verification
+    from spherecal.profile.store import is_profile, open_profile  # imports scipy
 
     if not is_profile(profile):
         return ""
@@ -267,7 +271,7 @@ def fault_text(fault: str) -> str:
 
 def profile_rows(folder: Path) -> list[ProfileRow]:
     """The calibrations of the rig's profile, newest first; empty where there is none that can be read."""
-    from spherecal.profile.store import is_profile, open_profile
+    from spherecal.profile.store import is_profile, open_profile  # imports scipy
 
     if not is_profile(folder):
         return []
@@ -310,9 +314,7 @@ def _verified(verdict: str | None) -> tuple[str, Level]:
 
 def age_text(profile: Path) -> str:
     """How old the calibration in use is; empty where there is none."""
-    from datetime import UTC
-
-    from spherecal.profile.store import is_profile, open_profile
+    from spherecal.profile.store import is_profile, open_profile  # imports scipy
 
     if not is_profile(profile):
         return ""

@@ -4,14 +4,14 @@ from collections.abc import Callable
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import TypeVar
 
 from PySide6.QtCore import QCoreApplication
 
 from spherecal.base.errors import InputError, SpherecalError
 from spherecal.base.messages.catalogue import phrase
 from spherecal.base.messages.values import Phrase
-from spherecal.cameras.plan import read_plan
+from spherecal.cameras.plan import CapturePlan, read_plan
 from spherecal.files.ball_registry import RegisteredBall, balls_path, changing_balls, read_balls, write_balls
 from spherecal.files.bar_registry import (
     RegisteredBar,
@@ -42,6 +42,8 @@ translate = QCoreApplication.translate
 
 _MOST_STEPS = 500
 
+T = TypeVar("T")
+
 
 @dataclass(frozen=True)
 class Imported:
@@ -66,7 +68,7 @@ class Imported:
 class BenchDesk:
     """What is described, with its history; nothing is on disk before it is saved."""
 
-    def __init__(self, projects: Path, plan: Any = None) -> None:
+    def __init__(self, projects: Path, plan: CapturePlan | None = None) -> None:
         """`plan` is what stands there now (spherecal.cameras.plan); without one the rig's bench, if there is one."""
         self.projects = projects
         self.trouble = ""  # why the library could not be read
@@ -79,7 +81,7 @@ class BenchDesk:
         self._past: list[tuple[str, BenchDraft]] = []
         self._future: list[tuple[str, BenchDraft]] = []
 
-    def _read(self, read: Callable[[], Any], otherwise: Any) -> Any:
+    def _read(self, read: Callable[[], T], otherwise: T) -> T:
         try:
             return read()
         except SpherecalError as error:
@@ -89,7 +91,16 @@ class BenchDesk:
     # --- changes -----------------------------------------------------------------------------------------------------
 
     def change(self, what: str, draft: BenchDraft) -> None:
-        """Another draft; letters typed one after the other into the same field (`what`) are one step back."""
+        """Another draft.
+
+        Parameters
+        ----------
+        what
+            The field that is typed into. Changes of one field one after the other are one step back; empty: a step of
+            its own.
+        draft
+            What is described from now on.
+        """
         if draft == self.draft and draft.ball.own is self.draft.ball.own:
             return
         if not (what and self._past and self._past[-1][0] == what):

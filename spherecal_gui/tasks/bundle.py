@@ -18,6 +18,15 @@ def bundle_files(project: Path | None, log_text: str, about: str) -> tuple[dict[
     """The project's tables and settings, the log and the versions by name, without names; and what that is.
 
     Images are left out; so are links, and any single file beyond 50 MB.
+
+    Parameters
+    ----------
+    project
+        The project's folder; None: none is open.
+    log_text
+        The log.
+    about
+        The versions.
     """
     found: dict[str, bytes] = {}
     for name in plain_files(project, _MOST_FILES) if project is not None else ():
@@ -39,7 +48,24 @@ def contents_text(contents: BundleContents) -> str:
 
 
 def make_bundle(output: Path, project: Path | None, log_text: str, about: str) -> int:
-    """Write the zip of `bundle_files` with its table of contents; how many files. OutputError where it cannot be."""
+    """Write the zip of `bundle_files` with its table of contents; how many files.
+
+    Parameters
+    ----------
+    output
+        The zip.
+    project
+        The project's folder; None: none is open.
+    log_text
+        The log.
+    about
+        The versions.
+
+    Raises
+    ------
+    OutputError
+        Where it cannot be written.
+    """
     found, contents = bundle_files(project, log_text, about)
     found["contents.txt"] = contents_text(contents).encode()
     try:

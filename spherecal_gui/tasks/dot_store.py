@@ -24,8 +24,18 @@ class DotStore:
         self._root = folder
 
     def save(self, set_id: str, taken: str, dots: Mapping[str, Dots]) -> None:
-        """Keep the dots of a set; where the disk refuses they are found again in the images."""
-        arrays: dict[str, Any] = {"taken": np.array(taken)}
+        """Keep the dots of a set; where the disk refuses they are found again in the images.
+
+        Parameters
+        ----------
+        set_id
+            The set.
+        taken
+            The moment at which it was taken.
+        dots
+            Its dots by camera.
+        """
+        arrays: dict[str, Any] = {"taken": np.array(taken)}  # Any: savez has a keyword that is no array
         for camera, one in dots.items():
             arrays |= {f"{camera}/{key}": getattr(one, key) for key in ("target", "point", "uv")}
             arrays[f"{camera}/size"] = np.array(one.image_size)
@@ -37,7 +47,15 @@ class DotStore:
             return
 
     def load(self, set_id: str, taken: str) -> dict[str, Dots] | None:
-        """The dots of this taking of a set; None where there are none."""
+        """The dots of this taking of a set; None where there are none.
+
+        Parameters
+        ----------
+        set_id
+            The set.
+        taken
+            The moment at which it was taken.
+        """
         try:
             data = read_below(self._root, f"wizard/{set_id}.npz", _MOST_BYTES)
             with zipfile.ZipFile(io.BytesIO(data)) as packed:
@@ -52,7 +70,7 @@ class DotStore:
             return None  # not ours, or damaged: the dots are found again in the images
 
 
-def _kept(kept: Any, camera: str) -> Dots:
+def _kept(kept: Mapping[str, np.ndarray], camera: str) -> Dots:
     width, height = kept[f"{camera}/size"]
     target, point, uv = (kept[f"{camera}/{key}"] for key in ("target", "point", "uv"))
     return Dots(target, point, uv, (int(width), int(height)))

@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -10,9 +10,14 @@ from spherecal.base.arrays import FloatArray, IntArray
 from spherecal.geometry.camera import image_reach, project
 from spherecal.geometry.posed import PosedCameras
 from spherecal.geometry.rotation import exp_rotation, log_rotation
+from spherecal.geometry.sphere import fit_sphere
 from spherecal.geometry.transform import fit_similarity
 from spherecal.geometry.triangulation import triangulate
 from spherecal_gui.presenters.coverage import Dots, SetDots
+
+if TYPE_CHECKING:  # the simulator, and what only reads results needs
+    from spherecal.cameras.simulated.stage import Stage
+    from spherecal.data.rig import Calibration, Rig
 
 _OUTLINE = 72  # points of an outline
 # Dots that must be known again for the ball's turn: three define it, and a few may be wrong.
@@ -37,7 +42,7 @@ class Lenses:
     size: FloatArray
 
     @staticmethod
-    def of(rig: Any) -> "Lenses":
+    def of(rig: "Rig") -> "Lenses":
         """Those of a calibrated rig."""
         cameras = rig.cameras
         return Lenses(
@@ -50,7 +55,7 @@ class Lenses:
 
 
 @dataclass(frozen=True, eq=False)
-class Body:
+class LastBall:
     """The ball as it stood last: known dots `keys` (k,) at `dots` (k, 3) mm, its centre and the way up (3,)."""
 
     keys: IntArray
@@ -65,7 +70,7 @@ class Ghost:
     """Where the ball should go: centre (3,) mm and turn (3, 3) against how it stood last."""
 
     lenses: Lenses
-    body: Body
+    body: LastBall
     centre: FloatArray
     turn: FloatArray
 
@@ -101,12 +106,30 @@ class Drawn:
 
 
 def keys_of(target: IntArray, point: IntArray) -> IntArray:
-    """One number for each dot of a target set."""
+    """One number for each dot of a target set.
+
+    Parameters
+    ----------
+    target, point
+        Of each dot (n,): the target's number, and the point on it.
+    """
     return np.asarray(target, dtype=np.int64) * 64 + np.asarray(point, dtype=np.int64)
 
 
-def body_of(calibration: Any, last: str, up: FloatArray) -> Body | None:
-    """The ball as it stood at a placement, with the dots that other placements have shown of it as well."""
+def body_of(calibration: "Calibration", last: str, up: FloatArray) -> LastBall | None:
+    """The ball as it stood at a placement, with the dots that other placements have shown of it as well.
+
+    None where the ball was not fitted at that placement.
+
+    Parameters
+    ----------
+    calibration
+        What was calibrated so far.
+    last
+        Id of the placement.
+    up
+        Upright in the rig's world (3,).
+    """
     spheres = {sphere.placement: sphere for sphere in calibration.spheres}
     if last not in spheres:
         return None
@@ -124,11 +147,21 @@ def body_of(calibration: Any, last: str, up: FloatArray) -> Body | None:
         new = ~np.isin(other_keys, keys)
         moved = fit_similarity(other_dots[b], dots[a], with_scale=False)
         keys, dots = np.concatenate([keys, other_keys[new]]), np.vstack([dots, moved.apply(other_dots[new])])
-    return Body(keys, dots, spheres[last].centre_mm, float(spheres[last].radius_mm), up)
+    return LastBall(keys, dots, spheres[last].centre_mm, float(spheres[last].radius_mm), up)
 
 
-def lying_ball(lenses: Lenses, body: Body, dots: Mapping[str, Dots]) -> Lying | None:
-    """Where the ball is, from the dots that the cameras see now; None where too few are seen by two of them."""
+def lying_ball(lenses: Lenses, body: LastBall, dots: Mapping[str, Dots]) -> Lying | None:
+    """Where the ball is, from the dots that the cameras see now; None where too few are seen by two of them.
+
+    Parameters
+    ----------
+    lenses
+        The cameras.
+    body
+        The ball as it stood last.
+    dots
+        The dots that the cameras see now, by camera.
+    """
     keys, points = live_points(lenses, dots)
     if len(keys) < _LEAST_DOTS:
         return None
@@ -149,7 +182,15 @@ def lying_ball(lenses: Lenses, body: Body, dots: Mapping[str, Dots]) -> Lying | 
 
 
 def live_points(lenses: Lenses, dots: Mapping[str, Dots]) -> tuple[IntArray, FloatArray]:
-    """The dots that two cameras or more see now: keys (n,) and places (n, 3) mm."""
+    """The dots that two cameras or more see now: keys (n,) and places (n, 3) mm.
+
+    Parameters
+    ----------
+    lenses
+        The cameras.
+    dots
+        The dots that the cameras see now, by camera.
+    """
     rows = [(lenses.names.index(name), one) for name, one in dots.items() if name in lenses.names and len(one)]
     if len(rows) < 2:
         return np.empty(0, np.int64), np.empty((0, 3))
@@ -168,8 +209,6 @@ def live_points(lenses: Lenses, dots: Mapping[str, Dots]) -> tuple[IntArray, Flo
 
 def _middle(points: FloatArray, radius_mm: float) -> FloatArray | None:
     """The middle of a ball of known radius of which these points (n, 3) are seen; three steps of Gauss and Newton."""
-    from spherecal.geometry.sphere import fit_sphere
-
     start = fit_sphere(points)
     if start is None:
         return None
@@ -183,7 +222,15 @@ def _middle(points: FloatArray, radius_mm: float) -> FloatArray | None:
 
 
 def to_go(ghost: Ghost, lying: Lying) -> ToGo:
-    """How far the ball still is from where it should go."""
+    """How far the ball still is from where it should go.
+
+    Parameters
+    ----------
+    ghost
+        Where the ball should go.
+    lying
+        Where it is now.
+    """
     away = float(np.linalg.norm(lying.centre - ghost.centre))
     turn = None
     if lying.turn is not None:
@@ -193,7 +240,15 @@ def to_go(ghost: Ghost, lying: Lying) -> ToGo:
 
 
 def drawn(ghost: Ghost, lying: Lying | None) -> dict[str, Drawn]:
-    """The ghost and the ball in every camera's image."""
+    """The ghost and the ball in every camera's image.
+
+    Parameters
+    ----------
+    ghost
+        Where the ball should go.
+    lying
+        Where it is now; None: not known, and nothing is drawn of it.
+    """
     nothing = np.empty((0, 2))
     pole = ghost.body.up * ghost.body.radius_mm
     found = {}
@@ -210,7 +265,17 @@ def drawn(ghost: Ghost, lying: Lying | None) -> dict[str, Drawn]:
 
 
 def drawn_bar(lenses: Lenses, wanted: FloatArray, lying: FloatArray | None) -> dict[str, Drawn]:
-    """A bar where it should lie and where it lies, by its two ends (2, 3) mm, in every camera's image."""
+    """A bar where it should lie and where it lies, in every camera's image.
+
+    Parameters
+    ----------
+    lenses
+        The cameras.
+    wanted
+        The bar's two ends where it should lie (2, 3), mm.
+    lying
+        Its two ends where it lies (2, 3), mm; None: not known.
+    """
     nothing = np.empty((0, 2))
     found = {}
     for c, name in enumerate(lenses.names):
@@ -224,6 +289,17 @@ def outline(lenses: Lenses, camera: int, centre: FloatArray, radius_mm: float) -
     """A ball's outline in a camera, (72, 2) px; empty where the ball is not before the camera.
 
     The rays that touch the ball touch it along a circle whose plane is at right angles to the way to its centre.
+
+    Parameters
+    ----------
+    lenses
+        The cameras.
+    camera
+        Index of the camera.
+    centre
+        The ball's centre (3,), mm.
+    radius_mm
+        The ball's radius.
     """
     place = lenses.rotation[camera] @ centre + lenses.translation[camera]
     far = float(np.linalg.norm(place))
@@ -262,7 +338,15 @@ def _seen(lenses: Lenses, camera: int, places: FloatArray) -> FloatArray:
 
 
 def thinned(dots: SetDots, most: int) -> SetDots:
-    """The same with about this many dots in each camera at most, the same dots in all of them: a coarse answer soon."""
+    """The same with about this many dots in each camera at most, the same dots in all of them: a coarse answer soon.
+
+    Parameters
+    ----------
+    dots
+        The dots by camera.
+    most
+        About how many to keep of the camera with most.
+    """
     largest = max((len(one) for one in dots.values()), default=0)
     every = int(np.ceil(largest / most)) if largest > most else 1
     if every == 1:
@@ -275,14 +359,31 @@ def thinned(dots: SetDots, most: int) -> SetDots:
 
 
 def turn_of(axis: FloatArray | None, turn_deg: float) -> FloatArray:
-    """The turn (3, 3) about an axis."""
+    """The turn (3, 3) about an axis.
+
+    Parameters
+    ----------
+    axis
+        Unit axis (3,); None: no turn.
+    turn_deg
+        The angle.
+    """
     return np.eye(3) if axis is None else exp_rotation(np.deg2rad(turn_deg) * np.asarray(axis))
 
 
-def stage_ball(stage: Any, ghost: Ghost, lying: Lying | None) -> None:
-    """Move the ball of a simulated rig (cameras.simulated.stage) from where it is seen to the ghost, as hands would.
+def stage_ball(stage: "Stage", ghost: Ghost, lying: Lying | None) -> None:
+    """Move the ball of a simulated rig from where it is seen to the ghost, as hands would.
 
     The cameras are known no better than they are: the way is the one that they show, from what they see now.
+
+    Parameters
+    ----------
+    stage
+        The simulated rig.
+    ghost
+        Where the ball should go.
+    lying
+        Where it is seen now; None: it is not seen, and nothing is moved.
     """
     if lying is None:
         return

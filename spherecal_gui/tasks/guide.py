@@ -1,26 +1,60 @@
 """The engine's advice after each placement, from the dots that were found already: no image is read."""
 
+import json
 import tempfile
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from spherecal.base.context import Context
 from spherecal.base.filesystem import create
+from spherecal.data.observations import Observations
+from spherecal.files.observations_file import COLUMNS
+from spherecal.files.target_set_file import write_target_set
+from spherecal.targets.family import DOTS
+from spherecal.targets.marker_set import CORNERS
+from spherecal.targets.target_set import TargetSet
 from spherecal_gui import limits
 from spherecal_gui.presenters.coverage import SetDots
-from spherecal_gui.presenters.guidance import guidance_of
+from spherecal_gui.presenters.guidance import GuidanceView, guidance_of
 from spherecal_gui.presenters.rig_scenes import next_scene
+from spherecal_gui.project_folder import Document
+
+if TYPE_CHECKING:
+    from spherecal.data.rig import Calibration
+    from spherecal.data.session import Session
+    from spherecal.guidance.next_placement import Guidance as Advised
+
+# Imported inside functions: the calibration with scipy and the kernels, for which the window does not wait.
 
 # Dots of a camera from which the first answer is worked out: with 80 the cameras are known to some px (demo rig).
 _COARSE_DOTS = 160
 
 
-def plan_coarse(document: dict[str, Any], target_set: Any, dots: Mapping[str, SetDots], context: Context) -> Any:
-    """A first answer, from a few dots and by geometry alone; None where they give nothing to plan with."""
+def plan_coarse(
+    document: Document, target_set: TargetSet | None, dots: Mapping[str, SetDots], context: Context
+) -> GuidanceView | None:
+    """A first answer, from a few dots and by geometry alone; None where they give nothing to plan with.
+
+    Parameters
+    ----------
+    document
+        The session as session.json has it.
+    target_set
+        The targets on the ball; None where the session has none.
+    dots
+        The dots by placement and camera.
+    context
+        Progress and cancelling.
+
+    Raises
+    ------
+    Cancelled
+        When somebody has stopped it.
+    """
     from spherecal.calibrate import calibrate
     from spherecal.guidance.next_placement import first_guess
     from spherecal.methods.settings import CalibrationSettings
@@ -40,10 +74,26 @@ def _dots_in(sets: Mapping[str, SetDots]) -> int:
     return sum(len(dots) for one in sets.values() for dots in one.values())
 
 
-def plan_next(document: dict[str, Any], target_set: Any, dots: Mapping[str, SetDots], context: Context) -> Any:
+def plan_next(
+    document: Document, target_set: TargetSet | None, dots: Mapping[str, SetDots], context: Context
+) -> GuidanceView | None:
     """Where to put the ball next; None where the placements so far give nothing to plan with.
 
-    `document` is the session as session.json has it, `dots` by placement and camera.
+    Parameters
+    ----------
+    document
+        The session as session.json has it.
+    target_set
+        The targets on the ball; None where the session has none.
+    dots
+        The dots by placement and camera.
+    context
+        Progress and cancelling.
+
+    Raises
+    ------
+    Cancelled
+        When somebody has stopped it.
     """
     from spherecal.calibrate import calibrate
     from spherecal.guidance.next_placement import advise
@@ -53,11 +103,14 @@ def plan_next(document: dict[str, Any], target_set: Any, dots: Mapping[str, SetD
     return _shown(session, calibration, advise(session, calibration, context, limits.now().needed_dots))
 
 
-def _shown(session: Any, calibration: Any, found: Any, coarse: bool = False) -> Any:
+def _shown(
+    session: "Session", calibration: "Calibration", found: "Advised | None", coarse: bool = False
+) -> GuidanceView | None:
     """The engine's answer as the window shows it, with the ghost of the ball at the proposed place."""
     from spherecal_gui.tasks.ghost import Ghost, Lenses, body_of, turn_of
 
-    if found is None:
+    best = found.best if found is not None else None
+    if found is None or best is None:
         return None
     order = {placement.id: i for i, placement in enumerate(session.placements)}
     spheres = [sphere for sphere in calibration.spheres if sphere.placement in order]
@@ -65,19 +118,26 @@ def _shown(session: Any, calibration: Any, found: Any, coarse: bool = False) -> 
     guidance = guidance_of(found, calibration.rig, spheres)
     if guidance is None:
         return None
-    guidance = replace(guidance, scene=next_scene(calibration.rig, spheres, found.best.centre_mm))
+    guidance = replace(guidance, scene=next_scene(calibration.rig, spheres, best.centre_mm))
     body = body_of(calibration, guidance.taken_names[-1], guidance.up)
     ghost = None
     if body is not None:
-        best = found.best
         ghost = Ghost(Lenses.of(calibration.rig), body, best.centre_mm, turn_of(best.axis, best.turn_deg))
     return replace(guidance, ghost=ghost, coarse=coarse)
 
 
-def session_of_dots(document: dict[str, Any], target_set: Any, dots: Mapping[str, SetDots]) -> Any:
-    """A session with these dots as its observations; the reader of sessions checks all the rest."""
-    from spherecal.files.read_session import read_session
+def session_of_dots(document: Document, target_set: TargetSet | None, dots: Mapping[str, SetDots]) -> "Session":
+    """A session with these dots as its observations; the reader of sessions checks all the rest.
 
+    Parameters
+    ----------
+    document
+        The session as session.json has it.
+    target_set
+        The targets on the ball; None where the session has none.
+    dots
+        The dots by placement and camera; other placements are left out.
+    """
     placements = [one["id"] for one in document["placements"] if one["id"] in dots]
     cameras = [camera["id"] for camera in document["cameras"]]
     bare = {key: value for key, value in document.items() if key not in ("bars", "bar_poses", "target_set")}
@@ -85,22 +145,29 @@ def session_of_dots(document: dict[str, Any], target_set: Any, dots: Mapping[str
         bare["scale"] = printed_scale(target_set) if target_set is not None else None
         bare = {key: value for key, value in bare.items() if value is not None}
     bare["placements"] = [{"id": name} for name in placements]
-    session = _read(bare, target_set, read_session)
+    session = _read(bare, target_set)
     return replace(session, observations=observations_of(placements, cameras, dots, target_set))
 
 
-def observations_of(placements: list[str], cameras: list[str], dots: Mapping[str, SetDots], target_set: Any) -> Any:
-    """The dots of these placements and cameras, or the corners of markers, as one table (network.observations)."""
-    from spherecal.data.observations import Observations
-    from spherecal.targets.family import DOTS
-    from spherecal.targets.marker_set import CORNERS
+def observations_of(
+    placements: list[str], cameras: list[str], dots: Mapping[str, SetDots], target_set: TargetSet | None
+) -> Observations:
+    """The dots of these placements and cameras, or the corners of markers, as one table.
 
+    Parameters
+    ----------
+    placements
+        Ids of the placements; each is a key of `dots`.
+    cameras
+        Names of the cameras.
+    dots
+        The dots by placement and camera.
+    target_set
+        The targets; None counts as targets of dots.
+    """
     shots = [(p, c, dots[name].get(camera)) for p, name in enumerate(placements) for c, camera in enumerate(cameras)]
     found = [(p, c, one) for p, c, one in shots if one is not None and len(one)]
     count = [len(one) for _, _, one in found]
-
-    def column(values: list[Any], kind: Any, empty: Any) -> Any:
-        return np.concatenate(values).astype(kind) if values else np.empty(empty, kind)
 
     return Observations(
         tuple(placements),
@@ -108,13 +175,13 @@ def observations_of(placements: list[str], cameras: list[str], dots: Mapping[str
         DOTS if target_set is None or target_set.dictionary is None else CORNERS,
         np.repeat(np.array([p for p, _, _ in found], dtype=np.int64), count),
         np.repeat(np.array([c for _, c, _ in found], dtype=np.int64), count),
-        column([one.target for *_, one in found], np.int64, 0),
-        column([one.point for *_, one in found], np.int64, 0),
-        column([one.uv for *_, one in found], np.float64, (0, 2)),
+        np.concatenate([np.empty(0, np.int64), *(one.target for *_, one in found)]).astype(np.int64),
+        np.concatenate([np.empty(0, np.int64), *(one.point for *_, one in found)]).astype(np.int64),
+        np.concatenate([np.empty((0, 2)), *(one.uv for *_, one in found)]).astype(np.float64),
     )
 
 
-def printed_scale(target_set: Any) -> dict[str, Any] | None:
+def printed_scale(target_set: TargetSet) -> Document | None:
     """The scale as the targets were printed, good to a percent or so: enough to say what a length will be worth.
 
     None where no two dots of all targets have the same distance.
@@ -126,11 +193,8 @@ def printed_scale(target_set: Any) -> dict[str, Any] | None:
     return {"kind": "target_spacing", "from": first, "to": second, "distance_mm": distance_mm, "surface": "sphere"}
 
 
-def _read(document: dict[str, Any], target_set: Any, read_session: Any) -> Any:
-    import json
-
-    from spherecal.files.observations_file import COLUMNS
-    from spherecal.files.target_set_file import write_target_set
+def _read(document: Document, target_set: TargetSet | None) -> "Session":
+    from spherecal.files.read_session import read_session
 
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)

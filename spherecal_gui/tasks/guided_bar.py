@@ -2,17 +2,36 @@
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from spherecal.base.arrays import FloatArray
+from spherecal.targets.target_set import TargetSet
 from spherecal_gui.presenters.coverage import Dots
 from spherecal_gui.tasks.guide import observations_of
 
+if TYPE_CHECKING:
+    from spherecal.cameras.simulated.stage import Stage
+    from spherecal.data.rig import Rig
+    from spherecal.data.session import Bar
+    from spherecal.verify.pose_plan import PlannedPose, PosePlan
 
-def plan_poses_of(result_folder: Path, rig: Any, bars: Sequence[Any]) -> Any:
-    """The plan (verify.pose_plan) for the check bars among `bars`; None without a scale, a volume or such a bar."""
+# Imported inside functions: scipy, for which the window does not wait.
+
+
+def plan_poses_of(result_folder: Path, rig: "Rig", bars: "Sequence[Bar]") -> "PosePlan | None":
+    """The plan for the check bars among `bars`; None without a scale, a volume or such a bar.
+
+    Parameters
+    ----------
+    result_folder
+        The result; its points.csv gives the volume.
+    rig
+        The rig of the result.
+    bars
+        The bars on the bench.
+    """
     from spherecal.profile.save import points_box
     from spherecal.verify.pose_plan import BarMarks, plan_poses
 
@@ -24,20 +43,45 @@ def plan_poses_of(result_folder: Path, rig: Any, bars: Sequence[Any]) -> Any:
     return plan if plan.poses else None
 
 
-def lying_ends(rig: Any, bar: Any, target_set: Any, dots: Mapping[str, Dots]) -> FloatArray | None:
-    """Where the first and the last mark of a bar are, (2, 3) mm, from the dots by camera; None where not found."""
+def lying_ends(rig: "Rig", bar: "Bar", target_set: TargetSet | None, dots: Mapping[str, Dots]) -> FloatArray | None:
+    """Where the first and the last mark of a bar are, (2, 3) mm in the rig's world; None where not found.
+
+    Parameters
+    ----------
+    rig
+        The calibrated rig.
+    bar
+        The bar that is looked for.
+    target_set
+        The targets on the bench.
+    dots
+        The dots that the cameras see now, by camera.
+    """
     from spherecal.verify.live_pose import measured_ends
 
     return measured_ends(rig, bar, target_set, observations_of(["live"], list(dots), {"live": dots}, target_set))
 
 
-def lay_bar(stage: Any, rig: Any, pose: Any, bar: Any) -> None:
-    """Lay a bar of a simulated rig (cameras.simulated.stage) as the plan asks, as somebody would do by hand."""
+def lay_bar(stage: "Stage", rig: "Rig", pose: "PlannedPose", bar: "Bar") -> None:
+    """Lay a bar of a simulated rig as the plan asks, as somebody would do by hand.
+
+    Parameters
+    ----------
+    stage
+        The simulated rig.
+    rig
+        The calibrated rig, in whose world the plan is.
+    pose
+        The pose to lay.
+    bar
+        The bar, with its lengths.
+    """
     from scipy.spatial.transform import Rotation
 
     from spherecal.verify.pose_plan import BarMarks
 
-    reference = rig.camera(rig.reference_camera)
+    reference = rig.camera(rig.reference_camera or "")
+    assert reference is not None
     true = next(camera for camera in stage.truth.cameras if camera.id == rig.reference_camera)
     start, end = (
         true.rotation.T @ (reference.rotation @ place + reference.translation_mm - true.translation_mm)

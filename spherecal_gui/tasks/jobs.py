@@ -3,8 +3,9 @@
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, cast
 
 import numpy as np
 from PySide6.QtCore import QCoreApplication
@@ -12,16 +13,30 @@ from PySide6.QtCore import QCoreApplication
 from spherecal.base.context import Context
 from spherecal.base.errors import InputError, SpherecalError
 from spherecal.base.messages.values import Phrase
+from spherecal.files.atomic import RESULT, check_folder, write_file_whole
+from spherecal.files.json_file import JsonValue, json_bytes
 from spherecal_gui import limits
+from spherecal_gui.last_verification import keep_verification
 from spherecal_gui.presenters.coverage import Dots
 from spherecal_gui.project import Artefacts, Project, Verdict
-from spherecal_gui.project_folder import check_folders
+from spherecal_gui.project_folder import Document, check_folders
 
-if TYPE_CHECKING:  # detection and what it needs take a second to import; the window stands before
+if TYPE_CHECKING:
+    from spherecal.cameras.averaging import Stillness
+    from spherecal.cameras.driver_help import DriverTrouble
     from spherecal.cameras.gentl.trust import Ask
-    from spherecal.data.session import Bar
+    from spherecal.cameras.plan import CapturePlan
+    from spherecal.cameras.protocol import CameraSource, Discovery, FrameSet
+    from spherecal.data.session import Bar, Session
     from spherecal.geometry.user_frame import UserFrame
+    from spherecal.methods.board_detector import BoardDetector
+    from spherecal.targets.detection import Detector
+    from spherecal.uses.check import Check
+    from spherecal.verify.verification_file import BarReport
     from spherecal_gui.tasks.live import Connection
+
+# Imported inside functions: cameras, detection and calibration take a second, with scipy, OpenCV and the kernels. The
+# window stands before.
 
 translate = QCoreApplication.translate
 
@@ -30,9 +45,25 @@ _LIVE_AVERAGE = 4  # images of a set from real cameras: half the noise, and a te
 
 
 def connect(project: Project, context: Context, ask: "Ask | None" = None) -> "Connection":
-    """Open the project's source and all its cameras; CameraError or InputError says what is in the way.
+    """Open the project's source and all its cameras.
 
-    `ask` is asked, in this thread, about drivers that were never allowed.
+    Parameters
+    ----------
+    project
+        Names the source, and the file of the bench where the source does not describe it.
+    context
+        Progress and cancelling.
+    ask
+        Asked, in this thread, about drivers that were never allowed; None: nobody can be asked.
+
+    Raises
+    ------
+    CameraError
+        Where cameras cannot be opened; `NoCameras` where none is found.
+    InputError
+        Where the bench's description, the recording or the cameras' profile cannot be read.
+    Cancelled
+        When somebody has stopped it.
     """
     from spherecal.cameras.driver_help import NoCameras
     from spherecal.cameras.profile import default_profile_path, read_profile
@@ -65,7 +96,7 @@ def connect(project: Project, context: Context, ask: "Ask | None" = None) -> "Co
         raise
 
 
-def _troubles(discovery: Any) -> tuple[Any, ...]:
+def _troubles(discovery: "Discovery") -> "tuple[DriverTrouble, ...]":
     """Why drivers have no cameras; those that answer on the network from another subnet are looked for."""
     from spherecal.cameras.driver_help import answering_cameras, driver_troubles, local_addresses
 
@@ -79,7 +110,7 @@ def _as_people_count(name: str) -> list[tuple[int, str]]:
     return [(int(part), "") if part.isdecimal() else (-1, part) for part in parts]
 
 
-def _plan(source: Any, project: Project) -> Any:
+def _plan(source: "CameraSource", project: Project) -> "CapturePlan":
     """Targets, ball, scale and bars: of the bench file that was named, else of the recording or the simulated rig."""
     from spherecal.cameras.plan import CapturePlan, check_marks, plan_of, read_plan
     from spherecal.cameras.protocol import session_behind
@@ -99,15 +130,14 @@ def _plan(source: Any, project: Project) -> Any:
     return plan if board is None else replace(plan, fields={**plan.fields, "board": board})
 
 
-def board_of(plan: Any) -> dict[str, Any] | None:
+def board_of(plan: "CapturePlan") -> Document | None:
     """The board that calibrates, as session.json has it; None where a ball does."""
     board = plan.fields.get("board")
     return board if plan.target_set is None and isinstance(board, dict) and "kind" in board else None
 
 
-def detector_of(plan: Any) -> Any:
+def detector_of(plan: "CapturePlan") -> "Detector | BoardDetector | None":
     """What finds in images what calibrates: coded targets, or the points of a board; None where neither is known."""
-    from spherecal.files.json_file import JsonValue
     from spherecal.methods.board_detector import BoardDetector
     from spherecal.methods.board_pattern import board_pattern
     from spherecal.targets.detection import Detector
@@ -118,7 +148,7 @@ def detector_of(plan: Any) -> Any:
     return BoardDetector(board_pattern(JsonValue(board, Path("board")))) if board is not None else None
 
 
-def artefacts_of(plan: Any) -> Artefacts | None:
+def artefacts_of(plan: "CapturePlan") -> Artefacts | None:
     """What the bench holds, with the bars by role; None where not even the targets are known.
 
     Its words are kept and compared with the project, so they are of no language.
@@ -155,7 +185,7 @@ def _lengths(bar: "Bar") -> str:
     return ", ".join(f"{one.length_mm:.3f} mm" for one in bar.lengths)
 
 
-def planned_sets(plan: Any) -> tuple[tuple[str, ...], tuple[str, ...], tuple[str, ...]]:
+def planned_sets(plan: "CapturePlan") -> tuple[tuple[str, ...], tuple[str, ...], tuple[str, ...]]:
     """The plan's placements, poses of the scale bar, and poses of check bars, by id."""
     artefacts = artefacts_of(plan)
     scale_bar = artefacts.scale_bar if artefacts else None
@@ -172,20 +202,40 @@ class Taken:
     """A set as it was taken: what the cameras delivered, and the dots in it by camera name."""
 
     set_id: str
-    frames: Any
-    stillness: Mapping[str, Any]
+    frames: "FrameSet"
+    stillness: "Mapping[str, Stillness]"
     dots: Mapping[str, Dots]
 
 
 def take_set(connection: "Connection", set_id: str, context: Context, live: bool) -> Taken:
-    """Take one set and find its dots."""
+    """Take one set and find its dots.
+
+    Parameters
+    ----------
+    connection
+        The open cameras.
+    set_id
+        The set, for progress and messages.
+    context
+        Progress and cancelling.
+    live
+        Whether the cameras are real: then several images are averaged, which also shows whether the scene moved.
+
+    Raises
+    ------
+    CameraError
+        Where no camera delivers an image.
+    Cancelled
+        When somebody has stopped it.
+    """
     from spherecal.cameras.averaging import take_averaged
     from spherecal.cameras.protocol import CameraError, CaptureRequest
 
     context.report("taking images", 0.0, set_id)
     detector = detector_of(connection.plan)
     request = CaptureRequest(tuple(connection.names), 5.0, 2)
-    averaged = take_averaged(connection.source, _LIVE_AVERAGE if live else 1, detector, request, context)
+    like = cast("Detector | None", detector)  # that of a board is called in the same way
+    averaged = take_averaged(connection.source, _LIVE_AVERAGE if live else 1, like, request, context)
     if not averaged.taken.frames:
         causes = "; ".join(f"{connection.names[one.camera]}: {one.cause}" for one in averaged.taken.missing)
         none = translate("Errors", "No camera delivered an image of {name}.").format(name=set_id)
@@ -197,7 +247,7 @@ def take_set(connection: "Connection", set_id: str, context: Context, live: bool
     return Taken(set_id, averaged.taken, averaged.stillness, dots)
 
 
-def _find(detector: Any, image: np.ndarray) -> Dots:
+def _find(detector: "Detector | BoardDetector | None", image: np.ndarray) -> Dots:
     from spherecal.targets.images import balance_mosaic
 
     size = (image.shape[1], image.shape[0])
@@ -207,8 +257,23 @@ def _find(detector: Any, image: np.ndarray) -> Dots:
     return Dots(found.target, found.point, found.uv, size)
 
 
-def dots_of_images(images: Mapping[str, Path], plan: Any, context: Context) -> dict[str, Dots]:
-    """The dots in recorded images by camera, where the store has none."""
+def dots_of_images(images: Mapping[str, Path], plan: "CapturePlan", context: Context) -> dict[str, Dots]:
+    """The dots in recorded images by camera, where the store has none.
+
+    Parameters
+    ----------
+    images
+        The image files by camera.
+    plan
+        What the bench holds.
+    context
+        Progress and cancelling.
+
+    Raises
+    ------
+    InputError
+        Where an image cannot be read.
+    """
     from spherecal.targets.images import read_image
 
     detector = detector_of(plan)
@@ -220,7 +285,17 @@ def dots_of_images(images: Mapping[str, Path], plan: Any, context: Context) -> d
 
 
 def kept_reference(profile: Path, result: Path) -> str | None:
-    """The camera whose frame was the world so far: of the calibration in use, else of the project's last result."""
+    """The camera whose frame was the world so far: of the calibration in use, else of the project's last result.
+
+    None where there is neither, or one cannot be read: then it is chosen as for the first one.
+
+    Parameters
+    ----------
+    profile
+        The rig's profile; it may not be there.
+    result
+        The folder of the project's last result; it may be empty.
+    """
     from spherecal.files.rig_file import read_rig
     from spherecal.profile.store import is_profile, open_profile
 
@@ -236,10 +311,32 @@ def kept_reference(profile: Path, result: Path) -> str | None:
 def calibrate(
     folder: Path, result: Path, repairs: Sequence[tuple[str, str]], context: Context, reference: str | None = None
 ) -> Verdict:
-    """The same calls as `spherecal calibrate FOLDER -o RESULT` with these repairs, hence the same bytes."""
+    """The same calls as `spherecal calibrate FOLDER -o RESULT` with these repairs, hence the same bytes.
+
+    Parameters
+    ----------
+    folder
+        The session.
+    result
+        The folder of the result.
+    repairs
+        Options of the command line with their values, such as ("--leave-out", "C05@P3").
+    context
+        Progress and cancelling.
+    reference
+        The camera whose frame is the world; None: it is chosen.
+
+    Raises
+    ------
+    InputError
+        Where the session cannot be read or calibrated.
+    OutputError
+        Where it cannot be written, or the folder holds something else.
+    Cancelled
+        When somebody has stopped it.
+    """
     from spherecal.calibrate import calibrate as run
     from spherecal.data.edits import Repairs
-    from spherecal.files.atomic import RESULT, check_folder
     from spherecal.files.read_session import read_session
     from spherecal.files.write_result import write_result
     from spherecal.methods.settings import CalibrationSettings, Method
@@ -269,13 +366,35 @@ def _word(verdict: str) -> Verdict:
 class ObservedBars:
     """The check bars' session with what was found in its images: another limit needs no image."""
 
-    session: Any = None
+    session: "Session | None" = None
 
 
 def verify(folder: Path, result: Path, limit: str, context: Context, seen: ObservedBars | None = None) -> Verdict:
     """The same calls as `spherecal verify FOLDER --rig RESULT/rig.json -o RESULT [--limit LIMIT]`.
 
     `seen` is what was found before, and takes up what is found now; it holds while the session's files are the same.
+
+    Parameters
+    ----------
+    folder
+        The session of the check bars.
+    result
+        The folder of the calibration, which takes the verification too.
+    limit
+        The largest permissible error, as `0.03+L/20000`; empty: errors are judged by their uncertainty.
+    context
+        Progress and cancelling.
+    seen
+        What was found before, and takes up what is found now; it holds while the session's files are the same.
+
+    Raises
+    ------
+    InputError
+        Where session, rig or limit cannot be read.
+    OutputError
+        Where it cannot be written.
+    Cancelled
+        When somebody has stopped it.
     """
     from spherecal.detect.session_images import observed
     from spherecal.files.read_session import read_session
@@ -299,10 +418,12 @@ def verify(folder: Path, result: Path, limit: str, context: Context, seen: Obser
     settings = VerifySettings(parse_limit(limit) if limit else None, None, corners)
     verification = run(session, rig, context, settings)
     write_verification(verification, result, result / "rig.json")
-    return _verified_word(read_bar_report(result))
+    report = read_bar_report(result)
+    assert report is not None
+    return _verified_word(report)
 
 
-def _verified_word(bars: Any) -> Verdict:
+def _verified_word(bars: "BarReport") -> Verdict:
     """The verdict on a verification (report.verification_file) as projects keep it; bar_verdict's word is the same."""
     acceptance = bars.procedure.acceptance if bars.procedure is not None else None
     decided = acceptance.verdict if acceptance is not None else None
@@ -312,23 +433,51 @@ def _verified_word(bars: Any) -> Verdict:
         return "undecided"
     if bars.verdict == "inconsistent":
         return "inconsistent"
-    return "pass" if decided == "pass" else bars.verdict
+    return "pass" if decided == "pass" else "consistent" if bars.verdict == "consistent" else "no data"
 
 
 def keep_if_in_use(profile: Path, result: Path, verdict: Verdict) -> None:
-    """Have the profile know of a verification, where it was of the calibration in use."""
+    """Have the profile know of a verification, where it was of the calibration in use.
+
+    Parameters
+    ----------
+    profile
+        The rig's profile; it may not be there.
+    result
+        The folder of the calibration that was verified.
+    verdict
+        What came out.
+    """
     from spherecal_gui.in_use import number_of
-    from spherecal_gui.last_verification import keep_verification
 
     number = number_of(profile, result)
     if number is not None:
         keep_verification(profile, number, verdict)
 
 
-def check(folder: Path, profile: Path, output: Path, context: Context) -> Any:
-    """The same calls as `spherecal check FOLDER --profile PROFILE -o FILE`; the engine's answer (check.check)."""
-    from spherecal.files.atomic import write_file_whole
-    from spherecal.files.json_file import json_bytes
+def check(folder: Path, profile: Path, output: Path, context: Context) -> "Check":
+    """The same calls as `spherecal check FOLDER --profile PROFILE -o FILE`; the engine's answer.
+
+    Parameters
+    ----------
+    folder
+        The session of the check.
+    profile
+        The rig's profile, which keeps the answer too.
+    output
+        The file of the answer.
+    context
+        Progress and cancelling.
+
+    Raises
+    ------
+    InputError
+        Where session or profile cannot be read, or do not fit each other.
+    OutputError
+        Where it cannot be written.
+    Cancelled
+        When somebody has stopped it.
+    """
     from spherecal.files.read_session import read_session
     from spherecal.profile.source import points_file, read_source
     from spherecal.uses.check import check as run
@@ -343,9 +492,33 @@ def check(folder: Path, profile: Path, output: Path, context: Context) -> Any:
     return found
 
 
-def repair(folder: Path, profile: Path, cameras: tuple[str, ...], result: Path, context: Context) -> Any:
-    """The same calls as `spherecal check FOLDER --profile PROFILE --repair RESULT`; verdict, and the check after it."""
-    from spherecal.files.atomic import RESULT, check_folder
+def repair(
+    folder: Path, profile: Path, cameras: tuple[str, ...], result: Path, context: Context
+) -> "tuple[Verdict, Check]":
+    """The same calls as `spherecal check FOLDER --profile PROFILE --repair RESULT`; verdict, and the check after it.
+
+    Parameters
+    ----------
+    folder
+        The session of the check.
+    profile
+        The rig's profile.
+    cameras
+        Ids of the cameras to place again.
+    result
+        The folder of the repaired calibration.
+    context
+        Progress and cancelling.
+
+    Raises
+    ------
+    InputError
+        Where session or profile cannot be read, or a camera cannot be placed.
+    OutputError
+        Where it cannot be written, or the folder holds something else.
+    Cancelled
+        When somebody has stopped it.
+    """
     from spherecal.files.read_session import read_session
     from spherecal.files.write_result import write_result
     from spherecal.profile.source import points_file, read_source
@@ -367,23 +540,64 @@ def repair(folder: Path, profile: Path, cameras: tuple[str, ...], result: Path, 
 def report(project: Project, output: Path, language: str, notice: str, context: Context) -> Path:
     """Write the report; pictures of the images are in it while the session is the result's own.
 
-    `notice` heads every page; the operator's note is under the verdict.
+    Parameters
+    ----------
+    project
+        The project, with its operator's note, which is under the verdict.
+    output
+        The report's file; its ending says which kind.
+    language
+        The report's language, such as `de`.
+    notice
+        Heads every page; empty: nothing does.
+    context
+        Progress.
+
+    Raises
+    ------
+    InputError
+        Where the result cannot be read.
+    OutputError
+        Where it cannot be written.
     """
     from spherecal.report.write_report import write_report
     from spherecal_scene.picture import scene_picture
 
     context.report("drawing the report", 0.0)
     result = project.result_folder
-    message: Any = {"language": language, "notice": notice, "note": project.note, "render": scene_picture}
+    write = partial(write_report, language=language, notice=notice, note=project.note, render=scene_picture)
     try:
-        write_report(result, output, project.folder, **message)
+        write(result, output, project.folder)
     except InputError:  # retaken since: the numbers still hold, the pictures would not
-        write_report(result, output, **message)
+        write(result, output)
     return output
 
 
 def save_profile(result: Path, session: Path, profile: Path, put_to_use: bool, note: str, context: Context) -> str:
-    """Add the result to a rig profile's history and, if asked, put it to use; the calibration's number."""
+    """Add the result to a rig profile's history and, if asked, put it to use; the calibration's number.
+
+    Parameters
+    ----------
+    result
+        The folder of the result.
+    session
+        The session that it came from; it is kept too where it still is the result's own.
+    profile
+        The profile's folder; it is made where it is not there.
+    put_to_use
+        Whether the calibration is the one in use from now on.
+    note
+        By whom it was made, and why.
+    context
+        Progress.
+
+    Raises
+    ------
+    InputError
+        Where the calibration is not valid and is to be put to use, or files cannot be read.
+    OutputError
+        Where it cannot be written.
+    """
     from spherecal.files.read_session import read_session
     from spherecal.files.rig_file import read_rig
     from spherecal.profile.save import SaveOptions, save_result
@@ -414,7 +628,28 @@ def _keep_frame(own: Path, kept: Path) -> None:
 
 
 def export(result: Path, form: str, output: Path, context: Context, frame: "UserFrame | None" = None) -> Path:
-    """Write the rig in another program's format, in a user's frame where one is given."""
+    """Write the rig in another program's format, in a user's frame where one is given.
+
+    Parameters
+    ----------
+    result
+        The folder of the result.
+    form
+        The format's name.
+    output
+        The file or folder to write.
+    context
+        Progress.
+    frame
+        The user's frame; None: the reference camera's.
+
+    Raises
+    ------
+    InputError
+        Where the rig cannot be read, or the format cannot hold it.
+    OutputError
+        Where it cannot be written.
+    """
     from spherecal.export.write_export import export_rig
     from spherecal.files.rig_file import read_rig
 
@@ -423,10 +658,19 @@ def export(result: Path, form: str, output: Path, context: Context, frame: "User
     return output
 
 
-def calibration_plan(plan: Any, sets: Sequence[str], bars: Mapping[str, str] | None = None) -> Any:
-    """The plan of the calibration's session: these sets, in this order; `bars` names those of guided poses.
+def calibration_plan(plan: "CapturePlan", sets: Sequence[str], bars: Mapping[str, str] | None = None) -> "CapturePlan":
+    """The plan of the calibration's session: these sets, in this order.
 
     A guided pose has the temperature that the bench's description gives for its bar.
+
+    Parameters
+    ----------
+    plan
+        What the bench holds.
+    sets
+        Ids of the sets.
+    bars
+        The bar of each guided pose, by the pose's id; None: there are none.
     """
     from spherecal.cameras.plan import PlannedSet
 

@@ -18,6 +18,7 @@ from spherecal.targets.images import balance_mosaic
 from spherecal.targets.masks import Rectangle
 from spherecal_gui.presenters.coverage import Dots
 from spherecal_gui.tasks.bump_watch import BumpWatch
+from spherecal_gui.tasks.jobs import detector_of
 from spherecal_gui.tasks.warm_up import WarmUp
 
 _PAUSE_S = 0.02
@@ -30,8 +31,9 @@ _STRIDE = 8
 class Sight:
     """What is known of a camera's newest examined image.
 
-    `blur_px` is the median standard deviation of the dots' edges (None without dots), `saturated` the share of pixels
-    at full scale, `brightness` the mean over full scale; `motion_px` how much the scene moved over the last images.
+    `blur_px` is the median standard deviation of the dots' edges (None without dots). `saturated` is the share of
+    pixels at full scale, `brightness` the mean over full scale. `motion_px` says how much the scene moved over the last
+    images.
     """
 
     frame: Frame
@@ -60,8 +62,6 @@ class Connection:
 
     def detector(self) -> Detector | BoardDetector | None:
         """What finds in images what calibrates."""
-        from spherecal_gui.tasks.jobs import detector_of
-
         return detector_of(self.plan)
 
     def info(self, serial: str) -> CameraInfo | None:
@@ -169,7 +169,19 @@ def _known(camera: SessionCamera) -> DetectionSettings:
 
 
 def wait_for_sight(view: LiveView, serial: str, seconds: float) -> Sight | None:
-    """The camera's first examined image, waiting at most this long (for commands and tests, never for the window)."""
+    """The camera's first examined image; for commands and tests, never for the window.
+
+    None where there was none in this time.
+
+    Parameters
+    ----------
+    view
+        The live view, started.
+    serial
+        The camera's serial number.
+    seconds
+        How long to wait at most.
+    """
     until = time.perf_counter() + seconds
     while time.perf_counter() < until and view.sight(serial) is None and view.problem is None:
         time.sleep(_PAUSE_S)

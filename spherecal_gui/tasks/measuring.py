@@ -6,7 +6,16 @@ from collections import deque
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from spherecal.cameras.protocol import CameraSource
+    from spherecal.data.rig import Rig
+    from spherecal.measuring.measurer import Measurer
+    from spherecal.measuring.results import MeasuredSet
+    from spherecal.measuring.task import Ruler, Task
+
+# Imported inside functions: scipy, OpenCV and the kernels, for which the page does not wait.
 
 _KEPT = 200  # values of the chart
 _WAITING = 100  # sets between measuring and writing: 10 s at 10 Hz
@@ -19,22 +28,25 @@ class LiveMeasurement:
     All that is read by the window is exchanged whole, so that no lock is needed.
     """
 
-    def __init__(self, source: Any, names: dict[str, str], rig: Any, task: Any, rate_hz: float = 10.0) -> None:
+    def __init__(
+        self, source: "CameraSource", names: dict[str, str], rig: "Rig", task: "Task", rate_hz: float = 10.0
+    ) -> None:
         from spherecal.measuring.live import LiveSets, LiveSettings
         from spherecal.measuring.measurer import Measurer
 
-        cameras = {serial: rig.camera(name) for serial, name in names.items() if rig.camera(name) is not None}
+        cameras = {serial: camera for serial, name in names.items() if (camera := rig.camera(name)) is not None}
+        assert task.target_set is not None
         self._measurer = Measurer(rig, task)
         self._live = LiveSets(source, cameras, task.target_set, LiveSettings(rate_hz))
-        self.latest: Any = None
-        self.history: deque[tuple[float, Any]] = deque(maxlen=_KEPT)
+        self.latest: MeasuredSet | None = None
+        self.history: deque[tuple[float, MeasuredSet]] = deque(maxlen=_KEPT)
         self.moved: tuple[str, ...] = ()
         self.problem: BaseException | None = None
         self._recorder: SeriesRecorder | None = None
         self._thread = threading.Thread(target=self._run, name="measurement", daemon=True)
         self._thread.start()
 
-    def ask(self, rulers: tuple[Any, ...]) -> None:
+    def ask(self, rulers: "tuple[Ruler, ...]") -> None:
         """Measure these distances and angles from the next set on."""
         self._measurer.task = replace(self._measurer.task, rulers=rulers)
 
@@ -78,15 +90,15 @@ class LiveMeasurement:
 class SeriesRecorder:
     """Writes sets into a series folder from a thread of its own."""
 
-    def __init__(self, measurer: Any, folder: Path) -> None:
-        self._sets: queue.Queue[Any] = queue.Queue(_WAITING)
+    def __init__(self, measurer: "Measurer", folder: Path) -> None:
+        self._sets: queue.Queue[MeasuredSet | None] = queue.Queue(_WAITING)
         self._measurer, self._folder = measurer, folder
         self._error: BaseException | None = None
         self.taken = 0
         self._thread = threading.Thread(target=self._run, name="series", daemon=True)
         self._thread.start()
 
-    def add(self, measured: Any) -> None:
+    def add(self, measured: "MeasuredSet") -> None:
         """One more set; the measurement waits where the disk does not keep up."""
         while self._thread.is_alive():
             try:
@@ -117,6 +129,6 @@ class SeriesRecorder:
         except Exception as error:
             self._error = error
 
-    def _all(self) -> Iterator[Any]:
+    def _all(self) -> "Iterator[MeasuredSet]":
         while (one := self._sets.get()) is not None:
             yield one

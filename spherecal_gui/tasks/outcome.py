@@ -4,14 +4,27 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import pairwise
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from spherecal.base.context import Context
 from spherecal.base.errors import SpherecalError
+from spherecal.data.observations import Observations, find_features
 from spherecal_gui.presenters.bar_guide import RigPlanes
 from spherecal_gui.tasks.guided_bar import plan_poses_of
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from spherecal.data.rig import Rig
+    from spherecal.data.session import Bar
+    from spherecal.export.frame import Place
+    from spherecal.profile.compare import Comparison
+    from spherecal.report.result_folder import Result
+    from spherecal.verify.pose_plan import PosePlan
+
+# Imported inside functions: scipy and the kernels, for which the window does not wait.
 
 
 @dataclass(frozen=True, eq=False)
@@ -20,7 +33,7 @@ class Compared:
 
     number: str
     made: str
-    comparison: Any
+    comparison: "Comparison"
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,19 +45,37 @@ class Outcome:
     small, (height, width) uint8.
     """
 
-    result: Any
+    result: "Result"
     compared: Compared | None = None
     links: tuple[tuple[str, str], ...] = ()
-    plan: Any = None
+    plan: "PosePlan | None" = None
     planes: RigPlanes | None = None
-    places: Mapping[str, Any] = field(default_factory=dict)
-    images: Mapping[str, Any] = field(default_factory=dict)
+    places: "Mapping[str, Place]" = field(default_factory=dict)
+    images: "Mapping[str, NDArray[np.uint8]]" = field(default_factory=dict)
 
 
-def read_outcome(folder: Path, session: Path, profile: Path, bars: Sequence[Any], context: Context) -> Outcome:
-    """The result in a folder with all that can be said about it; InputError where it cannot be read.
+def read_outcome(folder: Path, session: Path, profile: Path, bars: "Sequence[Bar]", context: Context) -> Outcome:
+    """The result in a folder with all that can be said about it.
 
-    `bars` (session.model) are those on the bench.
+    Parameters
+    ----------
+    folder
+        The result.
+    session
+        The session that it came from.
+    profile
+        The rig's profile; it may not be there.
+    bars
+        The bars on the bench.
+    context
+        Progress and cancelling.
+
+    Raises
+    ------
+    InputError
+        Where the result cannot be read.
+    Cancelled
+        When somebody has stopped it.
     """
     from spherecal.report.result_folder import read_result
 
@@ -61,7 +92,7 @@ def read_outcome(folder: Path, session: Path, profile: Path, bars: Sequence[Any]
     return Outcome(result, compared, links, plan, planes, _places(folder, session), _last_images(session))
 
 
-def _last_images(folder: Path) -> Mapping[str, Any]:
+def _last_images(folder: Path) -> "Mapping[str, NDArray[np.uint8]]":
     """The last image of each camera; none where the session cannot be read, as the result does not depend on it."""
     from spherecal.files.read_session import read_session
     from spherecal_scene.picture import last_images
@@ -72,7 +103,7 @@ def _last_images(folder: Path) -> Mapping[str, Any]:
         return {}
 
 
-def _places(folder: Path, session: Path) -> Mapping[str, Any]:
+def _places(folder: Path, session: Path) -> "Mapping[str, Place]":
     """The places to define a frame by, with those that the project's own frame names."""
     from spherecal.export.frame import result_places
     from spherecal.files.frame_file import read_frame
@@ -84,7 +115,7 @@ def _places(folder: Path, session: Path) -> Mapping[str, Any]:
     return result_places(folder, wanted)
 
 
-def _compared(rig: Any, profile: Path) -> Compared | None:
+def _compared(rig: "Rig", profile: Path) -> Compared | None:
     """Against the calibration in use, or the one before where this very one is in use already."""
     from spherecal.profile.compare import compare, seen_volume
     from spherecal.profile.source import entry_volume
@@ -106,9 +137,8 @@ def _compared(rig: Any, profile: Path) -> Compared | None:
     return Compared(number, f"{entry.calibrated_at.astimezone():%Y-%m-%d %H:%M}", metric)
 
 
-def _links(result: Any, session: Path, context: Context) -> tuple[tuple[str, str], ...]:
+def _links(result: "Result", session: Path, context: Context) -> tuple[tuple[str, str], ...]:
     """The paths that OPT finds in the result's observations, from the session's own start values."""
-    from spherecal.data.observations import find_features
     from spherecal.files.read_session import read_session
     from spherecal.initialise.local import reconstruct_locally
 
@@ -125,10 +155,8 @@ def _links(result: Any, session: Path, context: Context) -> tuple[tuple[str, str
     return tuple(sorted((names[a], names[b]) for a, b in steps))
 
 
-def _observations(result: Any, cameras: tuple[str, ...]) -> tuple[Any, tuple[str, ...]]:
+def _observations(result: "Result", cameras: tuple[str, ...]) -> tuple[Observations, tuple[str, ...]]:
     """What the cameras saw, from the residuals: predicted minus residual."""
-    from spherecal.data.observations import Observations
-
     table = result.residuals
     known = [name for name in cameras if name in table.rows_of]
     rows = np.flatnonzero(np.isfinite(table.predicted).all(axis=1) & np.isfinite(table.du_dv).all(axis=1))

@@ -3,7 +3,7 @@
 import threading
 import time
 from collections.abc import Callable
-from typing import Any
+from typing import Any, TypeVar
 
 from PySide6.QtCore import QObject, QThread, Signal, Slot
 
@@ -11,12 +11,13 @@ from spherecal.base.context import Context, Progress
 from spherecal.base.errors import Cancelled
 from spherecal_gui.tasks import garbage
 
-Work = Callable[[Context], Any]
+T = TypeVar("T")
+Work = Callable[[Context], T]
 
 _ABANDONED: list[QThread] = []  # kept alive until the program ends
 
 
-class Task(QThread):
+class BackgroundTask(QThread):
     """Runs `work(context)`; ends with exactly one of `succeeded`, `failed`, `cancelled`.
 
     Progress is a mailbox of one: a fast stage must not fill the window's queue of events.
@@ -26,7 +27,7 @@ class Task(QThread):
     failed = Signal(object)
     cancelled = Signal()
 
-    def __init__(self, name: str, work: Work, parent: QObject | None = None) -> None:
+    def __init__(self, name: str, work: Work[object], parent: QObject | None = None) -> None:
         super().__init__(parent)
         self.name, self._work = name, work
         self._stop, self._enough = threading.Event(), threading.Event()
@@ -91,8 +92,8 @@ class Runner(QObject):
 
     def __init__(self, parent: QObject | None = None) -> None:
         super().__init__(parent)
-        self.task: Task | None = None
-        self._on_done: Callable[[Any], None] | None = None
+        self.task: BackgroundTask | None = None
+        self._on_done: Callable[[Any], None] | None = None  # Any: a signal of Qt carries the result
         self._on_failed: Callable[[BaseException], None] | None = None
         self._on_cancelled: Callable[[], None] | None = None
 
@@ -104,16 +105,30 @@ class Runner(QObject):
     def start(
         self,
         name: str,
-        work: Work,
-        on_done: Callable[[Any], None],
+        work: Work[T],
+        on_done: Callable[[T], None],
         on_failed: Callable[[BaseException], None],
         on_cancelled: Callable[[], None] | None = None,
     ) -> bool:
-        """Start work; False where something runs already. The callbacks are called in the window's thread."""
+        """Start work; False where something runs already.
+
+        Parameters
+        ----------
+        name
+            What the work is called.
+        work
+            Runs in a thread of its own.
+        on_done
+            Called with the result of the work, in the window's thread, as the other two are.
+        on_failed
+            Called with the error.
+        on_cancelled
+            Called when the work was stopped; None: nothing is.
+        """
         if self.task is not None:
             return False
         self._on_done, self._on_failed, self._on_cancelled = on_done, on_failed, on_cancelled
-        task = Task(name, work, self)
+        task = BackgroundTask(name, work, self)
         task.succeeded.connect(self._succeeded)
         task.failed.connect(self._failed)
         task.cancelled.connect(self._cancelled)

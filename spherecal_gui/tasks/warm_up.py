@@ -25,7 +25,17 @@ class WarmUp:
         self._readings: dict[str, tuple[_Reading, ...]] = {}  # exchanged whole, so no lock is needed
 
     def feed(self, serial: str, at_s: float, celsius: float | None) -> None:
-        """A temperature that came with an image; None where the camera has none to tell."""
+        """A temperature that came with an image; None where the camera has none to tell.
+
+        Parameters
+        ----------
+        serial
+            The camera's serial number.
+        at_s
+            When the image arrived, s, of a clock that only runs forwards.
+        celsius
+            The temperature; None where the camera has none to tell.
+        """
         kept = self._readings.get(serial, ())
         if celsius is None or (kept and at_s - kept[-1].at_s < _EVERY_S):
             return
@@ -34,8 +44,8 @@ class WarmUp:
     def rate_k_per_min(self, serial: str) -> float | None:
         """How fast the camera warms (or cools) for certain; None before a minute of readings.
 
-        The slope of a line through the readings, less three of its standard errors (of sensors that jitter) and less
-        one step of the sensor (a coarse one's only step may have come at any moment).
+        The slope of a line through the readings, less three of its standard errors, as sensors jitter. One step of the
+        sensor is taken off as well: a coarse one's only step may have come at any moment.
         """
         kept = self._readings.get(serial, ())
         if not kept or kept[-1].at_s - kept[0].at_s < _LEAST_S:

@@ -29,7 +29,7 @@ def _text(text: str, colour: str, size: float, anchor: tuple[float, float] = (0.
     return item
 
 
-def _write_by_locale(axis: Any) -> None:
+def _write_by_locale(axis: Any) -> None:  # Any: pyqtgraph has no types, and a method is put in place of its own
     """The axis writes its numbers as the language does."""
     plainly = axis.tickStrings
     axis.tickStrings = lambda *given: [languages.by_locale(text) for text in plainly(*given)]
@@ -64,12 +64,18 @@ class Chart(pg.PlotWidget):
         self.dress()
 
     @property
-    def plot_item(self) -> Any:
+    def plot_item(self) -> Any:  # pyqtgraph has no types
         """The plot inside."""
         return self.getPlotItem()
 
     def span(self, x: tuple[float, float], y: tuple[float, float]) -> None:
-        """Show exactly this range."""
+        """Show exactly this range.
+
+        Parameters
+        ----------
+        x, y
+            The least and the largest value of each axis.
+        """
         self.plot_item.setRange(xRange=x, yRange=y, padding=0)
 
     def dress(self) -> None:
@@ -85,7 +91,13 @@ class Chart(pg.PlotWidget):
             axis.enableAutoSIPrefix(False)
 
     def names(self, bottom: str = "", left: str = "") -> None:
-        """Name the axes."""
+        """Name the axes.
+
+        Parameters
+        ----------
+        bottom, left
+            What each axis is called; empty: nothing.
+        """
         for side, text in (("bottom", bottom), ("left", left)):
             self.getAxis(side).setLabel(text, color=theme.now().soft, **{"font-size": f"{theme.pt(10):.0f}pt"})
 
@@ -94,7 +106,15 @@ class CounterChart(Chart):
     """A bar for every camera: its dots now, against what it needs; red, amber, green."""
 
     def show_counts(self, cameras: Sequence[str], counts: Sequence[int]) -> None:
-        """Show the counters."""
+        """Show the counters.
+
+        Parameters
+        ----------
+        cameras
+            Names of the cameras.
+        counts
+            Dots of each camera in this image.
+        """
         c = theme.now()
         self.clear()
         self.dress()
@@ -126,7 +146,19 @@ class CoverageChart(Chart):
     def show_cells(
         self, cameras: Sequence[str], before: Sequence[IntArray], live: Sequence[IntArray], levels: Sequence[str]
     ) -> None:
-        """Show the grids: `before` (10, 10) of the placements taken, `live` of what is seen now."""
+        """Show the grids.
+
+        Parameters
+        ----------
+        cameras
+            Names of the cameras.
+        before
+            Dots in the cells (10, 10) of each camera, of the placements taken.
+        live
+            The same, of what is seen now.
+        levels
+            The level of each camera, which gives the colour of its frame.
+        """
         c = theme.now()
         self.clear()
         self.dress()
@@ -185,7 +217,15 @@ class PairMatrix(Chart):
     """The dots that each two cameras have in common: numbers, red where too few, amber where weak, empty for none."""
 
     def show_common(self, cameras: Sequence[str], common: IntArray) -> None:
-        """Show the matrix (c, c)."""
+        """Show the matrix.
+
+        Parameters
+        ----------
+        cameras
+            Names of the c cameras.
+        common
+            The common dots of each two (c, c).
+        """
         c = theme.now()
         self.clear()
         self.dress()
@@ -228,8 +268,8 @@ class PairMatrix(Chart):
 class ConvergenceChart(Chart):
     """The cost of each iteration as a share of the first, logarithmic; every adjustment goes on where the last ended.
 
-    Drawn while the engine computes, when whatever Python does here takes five times as long: two curves that stay,
-    given new points, stall the window a fifth as long as a plot made anew.
+    Drawn while the engine computes, when whatever Python does here takes five times as long. Two curves that stay and
+    are given new points stall the window a fifth as long as a plot made again.
     """
 
     def __init__(self, parent: QWidget | None = None) -> None:
@@ -377,7 +417,15 @@ class HistogramChart(Chart):
     """How often residuals of each size occur."""
 
     def show_values(self, values: FloatArray, limit: float) -> None:
-        """Show residuals (n,) px within +-limit."""
+        """Show residuals.
+
+        Parameters
+        ----------
+        values
+            Residuals (n,), px; those beyond the limit are counted at it.
+        limit
+            Largest size that is shown, px.
+        """
         c = theme.now()
         self.clear()
         self.dress()

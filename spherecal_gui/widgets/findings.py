@@ -4,7 +4,7 @@ from PySide6.QtCore import Qt, Signal
 from PySide6.QtWidgets import QHBoxLayout, QScrollArea, QVBoxLayout, QWidget
 
 from spherecal_gui import theme
-from spherecal_gui.presenters.results import Action, Advice, repair_text
+from spherecal_gui.presenters.results import Action, FindingAdvice, repair_text
 from spherecal_gui.widgets.basic import button, clear, details_button, label, set_level
 from spherecal_gui.widgets.icons import level_pixmap
 
@@ -22,12 +22,20 @@ class FindingsList(QScrollArea):
         self._column = QVBoxLayout(self._inner)
         self._column.setSpacing(theme.SMALL)
         self.setWidget(self._inner)
-        self.shown: list[Advice] = []
+        self.shown: list[FindingAdvice] = []
         self.repairs: tuple[tuple[str, str], ...] = ()
         self._worn: tuple[theme.Colours, float] | None = None
 
-    def show_advice(self, advice: list[Advice], repairs: tuple[tuple[str, str], ...] = ()) -> None:
-        """Show these findings, and the repairs that were asked for."""
+    def show_advice(self, advice: list[FindingAdvice], repairs: tuple[tuple[str, str], ...] = ()) -> None:
+        """Show these findings, and the repairs that were asked for.
+
+        Parameters
+        ----------
+        advice
+            The findings.
+        repairs
+            Options of the command line with their values.
+        """
         look = theme.now(), theme.pt(1.0)  # marks are pictures in the colours and the size of the look
         if (advice, repairs, look) == (self.shown, self.repairs, self._worn) and self._column.count():
             return
@@ -43,7 +51,7 @@ class FindingsList(QScrollArea):
             self._column.addWidget(self._row(one))
         self._column.addStretch(1)
 
-    def _row(self, one: Advice) -> QWidget:
+    def _row(self, one: FindingAdvice) -> QWidget:
         box = QWidget()
         row = QHBoxLayout(box)
         row.setContentsMargins(0, 0, 0, 0)

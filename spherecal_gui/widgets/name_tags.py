@@ -18,8 +18,22 @@ def place_tags(
 ) -> dict[str, QRectF]:
     """The boxes of the names that have room, by name; one that would cover another name or a mark is left out.
 
-    `places` are the middles of the marks (squares of `mark_px`), `sizes` those of the written names, `room` is where
-    names may be, `taken` what they must not cover. Those in `first` choose first, and are drawn in any case.
+    Parameters
+    ----------
+    names
+        The names.
+    places
+        The middles of their marks.
+    sizes
+        The sizes of the written names.
+    room
+        Where names may be.
+    mark_px
+        Width and height of a mark.
+    first
+        Those that choose first, and are drawn in any case.
+    taken
+        What names must not cover.
     """
     marks = [_around(place, mark_px) for place in places]
     used, found = list(taken), {}

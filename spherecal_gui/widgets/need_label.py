@@ -28,7 +28,15 @@ class NeedLabel(QLabel):
         self.hide()
 
     def show_need(self, need: NeedLine | None, level: str | None = None) -> None:
-        """Show it in the colour of its level, or nothing."""
+        """Show it in the colour of its level, or nothing.
+
+        Parameters
+        ----------
+        need
+            What cameras need; None: nothing, and the label is hidden.
+        level
+            The level; None: the label's own.
+        """
         shown = level or self._level
         set_level(self, shown)
         self.setVisible(need is not None)

@@ -1,22 +1,21 @@
 """The rig painted by Qt alone, from the same shapes as the rendered one and with the same names and legend.
 
-Stands in for pyvista where that is not installed (it is 275 MB of libraries, too much for the installer) or where
-OpenGL does not work, and until the first rendered picture is there. 6000 dots, 12 cameras: some 15 ms a picture.
+Stands in for pyvista where that is not installed, where OpenGL does not work, and until the first rendered picture is
+there. The libraries of pyvista are 275 MB, too much for the installer. 6000 dots, 12 cameras: some 15 ms a picture.
 """
 
-from typing import Any
-
 import numpy as np
+from numpy.typing import ArrayLike
 from PySide6.QtCore import QLineF, QPointF, QRectF, Qt
 from PySide6.QtGui import QBrush, QColor, QImage, QPainter, QPen, QPolygonF, QRadialGradient, QTransform
 from PySide6.QtWidgets import QWidget
 
-from spherecal.base.arrays import FloatArray
+from spherecal.base.arrays import BoolArray, FloatArray, IntArray
 from spherecal_gui import theme
 from spherecal_gui.widgets.scene import SceneView
 from spherecal_scene.eye import Eye
 from spherecal_scene.model import SceneData
-from spherecal_scene.shapes import Lines, blended, body_of, map_step, scene_lines, shrunk, solid_balls
+from spherecal_scene.shapes import ByteArray, Lines, blended, body_of, map_step, scene_lines, shrunk, solid_balls
 
 _SHADES = 16  # colours of points are drawn in groups, which is what takes time
 _FACES = ((0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3))  # of a box
@@ -29,7 +28,7 @@ class PaintedScene(SceneView):
 
     def __init__(self, parent: QWidget | None = None) -> None:
         super().__init__(parent)
-        self._small: dict[str, Any] = {}
+        self._small: dict[str, ByteArray] = {}
         self._lines: list[Lines] = []
 
     def scene_changed(self) -> None:
@@ -38,14 +37,24 @@ class PaintedScene(SceneView):
         super().scene_changed()
 
     def paint_rig(self, painter: QPainter, data: SceneData, eye: Eye) -> None:
-        """Back to front as far as that matters: floor, balls with their dots, cameras, lines."""
+        """Back to front as far as that matters: floor, balls with their dots, cameras, lines.
+
+        Parameters
+        ----------
+        painter
+            Of the widget, or of a picture.
+        data
+            The scene.
+        eye
+            From where it is looked at.
+        """
         self._lines = self._lines or scene_lines(data, self.style_of_now())
         floor, *lines = self._lines
         _draw_lines(painter, eye, floor.ends, floor.colours, floor.width)
         balls = [one for one in data.scene.placements if one.ball_centre is not None]
         balls = balls if solid_balls(data, self.layers) else []
         for one in sorted(balls, key=lambda one: float(one.ball_centre @ eye.towards)):
-            self._draw_ball(painter, eye, one)
+            self._draw_ball(painter, eye, one.ball_centre, one.ball_radius)
         if "map" in self.layers and len(data.map_mm):
             size = max(0.6 * map_step(data.map_places) * eye.scale, 4.0)
             order = np.argsort(data.map_places @ eye.towards)
@@ -64,9 +73,8 @@ class PaintedScene(SceneView):
         self._draw_cameras(painter, eye, data)
 
     @staticmethod
-    def _draw_ball(painter: QPainter, eye: Eye, placement: Any) -> None:
+    def _draw_ball(painter: QPainter, eye: Eye, centre: FloatArray, radius: float) -> None:
         c = theme.now()
-        centre, radius = placement.ball_centre, placement.ball_radius
         x, y = eye.flat(centre[None])[0].tolist()
         r = radius * eye.scale
         shade = QRadialGradient(QPointF(x - 0.35 * r, y - 0.4 * r), 1.5 * r)
@@ -135,14 +143,14 @@ class PaintedScene(SceneView):
             painter.setBrush(Qt.BrushStyle.NoBrush)
 
 
-def _draw_lines(painter: QPainter, eye: Eye, ends: FloatArray, colours: Any, width: float) -> None:
+def _draw_lines(painter: QPainter, eye: Eye, ends: FloatArray, colours: ArrayLike, width: float) -> None:
     flat = eye.flat(ends.reshape(-1, 3)).reshape(-1, 4)
     for colour, own in _by_colour(colours, flat):
         painter.setPen(QPen(QColor(*colour), width))
         painter.drawLines([QLineF(*line) for line in own.tolist()])
 
 
-def _draw_points(painter: QPainter, flat: FloatArray, tints: Any, size: float, in_order: bool = False) -> None:
+def _draw_points(painter: QPainter, flat: FloatArray, tints: IntArray, size: float, in_order: bool = False) -> None:
     colours = tints // _SHADES * _SHADES + _SHADES // 2
     if in_order:
         for (x, y), colour in zip(flat.tolist(), colours.tolist(), strict=True):
@@ -154,7 +162,7 @@ def _draw_points(painter: QPainter, flat: FloatArray, tints: Any, size: float, i
         painter.drawPoints(QPolygonF([QPointF(x, y) for x, y in own.tolist()]))
 
 
-def _by_colour(colours: Any, rows: FloatArray) -> list[tuple[tuple[int, int, int], FloatArray]]:
+def _by_colour(colours: ArrayLike, rows: FloatArray) -> list[tuple[tuple[int, int, int], FloatArray]]:
     """The rows of each colour."""
     key = np.asarray(colours, dtype=np.int64) @ np.array([65536, 256, 1])
     found = []
@@ -163,7 +171,7 @@ def _by_colour(colours: Any, rows: FloatArray) -> list[tuple[tuple[int, int, int
     return found
 
 
-def _in_front(data: SceneData, eye: Eye) -> Any:
+def _in_front(data: SceneData, eye: Eye) -> BoolArray:
     """Which dots no ball hides (n,)."""
     there = np.ones(len(data.points), dtype=bool)
     for one in data.scene.placements:
@@ -177,7 +185,7 @@ def _in_front(data: SceneData, eye: Eye) -> Any:
     return there
 
 
-def _draw_image(painter: QPainter, corners: FloatArray, image: Any) -> None:
+def _draw_image(painter: QPainter, corners: FloatArray, image: ByteArray) -> None:
     """A camera's image on the end of its frustum."""
     h, w = image.shape
     drawn = QImage(np.ascontiguousarray(image).data, w, h, w, QImage.Format.Format_Grayscale8)

@@ -43,7 +43,15 @@ class RailItem(QAbstractButton):
         return level_of(self._state.status) if self._state is not None else "none"
 
     def show_state(self, state: StepState, current: bool) -> None:
-        """Show a step's state."""
+        """Show a step's state.
+
+        Parameters
+        ----------
+        state
+            The step and how it stands.
+        current
+            Whether the user is there.
+        """
         self._state, self._current = state, current
         self.setObjectName(f"rail-{state.step.id}")
         title, word, why = step_title(state.step), status_word(state.status), reason_text(state.reason)
@@ -164,7 +172,15 @@ class Rail(QFrame):
             item.setFixedHeight(int(each))
 
     def show_state(self, state: WorkflowState, standing: Standing | None = None) -> None:
-        """Show all steps; the current one no better than its page stands."""
+        """Show all steps; the current one no better than its page stands.
+
+        Parameters
+        ----------
+        state
+            All steps.
+        standing
+            How the current step's page stands; None: no page is shown.
+        """
         self._ids = [one.step.id for one in state.steps]
         while len(self._items) < len(state.steps):
             item = RailItem(len(self._items) + 1)

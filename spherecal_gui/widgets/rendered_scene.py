@@ -138,7 +138,13 @@ class RenderedScene(PaintedScene):
         return there if there is not None and (there.width, there.height) == (eye.width, eye.height) else eye
 
     def thumbnail(self, width: int, height: int) -> QImage:
-        """The middle of the picture of pyvista, where there is one."""
+        """The middle of the picture of pyvista, where there is one.
+
+        Parameters
+        ----------
+        width, height
+            Size of the picture, px.
+        """
         if self._image is None or self._broken:
             return super().thumbnail(width, height)
         mode = Qt.AspectRatioMode.KeepAspectRatioByExpanding
@@ -146,7 +152,17 @@ class RenderedScene(PaintedScene):
         return small.copy((small.width() - width) // 2, (small.height() - height) // 2, width, height)
 
     def paint_rig(self, painter: QPainter, data: SceneData, eye: Eye) -> None:
-        """The picture that is there, names and cube where it has them; else the painted rig."""
+        """The picture that is there, names and cube where it has them; else the painted rig.
+
+        Parameters
+        ----------
+        painter
+            Of this widget.
+        data
+            The scene.
+        eye
+            From where it is looked at.
+        """
         if self._image is None or self._broken:
             super().paint_rig(painter, data, eye)
             return

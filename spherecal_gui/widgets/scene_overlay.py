@@ -1,7 +1,5 @@
 """Names, axis letters, scale, legend, the cube of views and the figures under the mouse, painted over every scene."""
 
-from typing import Any
-
 import numpy as np
 from PySide6.QtCore import QCoreApplication, QLineF, QPointF, QRectF, QSizeF, Qt
 from PySide6.QtGui import QColor, QLinearGradient, QPainter, QPen, QPolygonF, QTransform
@@ -54,7 +52,23 @@ class Overlay:
         marked: str | None,
         hovered: SceneItem | None,
     ) -> None:
-        """Everything, over the picture of the rig."""
+        """Everything, over the picture of the rig.
+
+        Parameters
+        ----------
+        painter
+            Of the view.
+        data
+            The scene.
+        eye
+            From where it is looked at.
+        layers
+            The layers that are shown, of `spherecal_scene.shapes.LAYERS`.
+        marked
+            Id of the camera that stands out; None: none does.
+        hovered
+            What is under the mouse; None: nothing.
+        """
         self._names(painter, data, eye, marked)
         self._scale(painter, data, eye)
         self._legend(painter, data, layers)
@@ -199,7 +213,15 @@ class Overlay:
         return found
 
     def side_at(self, place: QPointF, eye: Eye) -> str | None:
-        """The side of the cube under the mouse."""
+        """The side of the cube under the mouse; None: the mouse is beside it.
+
+        Parameters
+        ----------
+        place
+            The mouse, in the view's coordinates.
+        eye
+            From where the scene is looked at.
+        """
         faces = [face for face in self._faces(eye) if face[2] > 0.02]
         inside = [face for face in faces if face[1].containsPoint(place, Qt.FillRule.OddEvenFill)]
         return max(inside, key=lambda face: face[2])[0] if inside else None
@@ -232,7 +254,7 @@ class Overlay:
 
 def _named(data: SceneData) -> tuple[list[str], list[FloatArray], list[str]]:
     """Cameras by their bodies, balls by their names, bars by theirs."""
-    found: list[tuple[str, Any, str]] = [(one.id, one.centre, "camera") for one in data.scene.cameras]
+    found: list[tuple[str, FloatArray, str]] = [(one.id, one.centre, "camera") for one in data.scene.cameras]
     for placement in data.scene.placements:
         if placement.ball_centre is not None:
             found.append((placement.name, placement.ball_centre + np.array([0, 0, placement.ball_radius]), "ball"))

@@ -62,7 +62,15 @@ class Table(QTableWidget):
         self._sortable = sortable
 
     def fill(self, rows: Sequence[Sequence[tuple[str, Cell, str]]], sort_by: int | None = None) -> None:
-        """Rows of (text, value to sort by, level); the first cell names the row. `sort_by`: largest of it first."""
+        """Fill the table; the first cell names the row.
+
+        Parameters
+        ----------
+        rows
+            Cells of each row: text, value to sort by, level.
+        sort_by
+            The column of which the largest comes first; None: by the first column, the smallest first.
+        """
         self.setSortingEnabled(False)
         self.setRowCount(len(rows))
         for i, row in enumerate(rows):

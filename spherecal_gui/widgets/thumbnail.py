@@ -23,7 +23,17 @@ class Thumbnail(QWidget):
         self.setSizePolicy(QSizePolicy.Policy.Expanding, QSizePolicy.Policy.Expanding)
 
     def show_image(self, image: np.ndarray, bits: int, taken_s: float) -> None:
-        """Show an image, unless it is shown already."""
+        """Show an image, unless it is shown already.
+
+        Parameters
+        ----------
+        image
+            Grey values (height, width).
+        bits
+            Bits of a grey value.
+        taken_s
+            When it was taken, by which it is known again.
+        """
         if taken_s == self._shown_s:
             return
         self._image, self._shown_s = shown_image(image, bits, _WIDTH_PX), taken_s

@@ -1,7 +1,7 @@
 """A camera's live image with what matters about it, and the wall of all cameras."""
 
 import time
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from PySide6.QtCore import QEvent, QObject, QPointF, QRectF, QSize, Qt, Signal
@@ -12,6 +12,9 @@ from spherecal_gui import languages, theme
 from spherecal_gui.presenters.look import TileState
 from spherecal_gui.widgets.basic import MARKS, plain
 
+if TYPE_CHECKING:  # imports scipy
+    from spherecal_gui.tasks.ghost import Drawn
+
 _LEAST_MASK_PX = 6.0  # of the widget: less is a click with a trembling hand
 _TWO_LINES_PT = 175  # a tile that is less high keeps its room for the image
 _LONGEST_NAME = 30
@@ -21,7 +24,17 @@ _WIDTH_PX = 640  # of a shown image at most: a stride of whole pixels costs a te
 
 
 def shown_image(image: np.ndarray, bits: int, width: int) -> QImage:
-    """A grey image as Qt draws it, thinned out to about this width; the memory is its own."""
+    """A grey image as Qt draws it, thinned out to about this width; the memory is its own.
+
+    Parameters
+    ----------
+    image
+        Grey values (height, width).
+    bits
+        Bits of a grey value; the eight highest are shown.
+    width
+        About how many columns to keep.
+    """
     step = max(1, image.shape[1] // max(width, 1))
     small = image[::step, ::step]
     if small.dtype != np.uint8:
@@ -55,7 +68,7 @@ class CameraTile(QWidget):
         self._dots = np.empty((0, 2))
         self._shown: float | None = None
         self.masking = False
-        self._ghost: Any = None
+        self._ghost: Drawn | None = None
         self._near = False
         self._covered: tuple[np.ndarray | None, np.ndarray | None] = (None, None)
         self._need = ""
@@ -83,7 +96,17 @@ class CameraTile(QWidget):
         return self._image is not None
 
     def show_image(self, image: np.ndarray, bits: int, taken_s: float) -> None:
-        """Show a newer image."""
+        """Show a newer image.
+
+        Parameters
+        ----------
+        image
+            Grey values (height, width).
+        bits
+            Bits of a grey value.
+        taken_s
+            When it was taken, by which it is known again.
+        """
         if taken_s == self._shown:
             return
         self._shown = taken_s
@@ -93,7 +116,15 @@ class CameraTile(QWidget):
         self.update()
 
     def show_state(self, state: TileState, dots: np.ndarray) -> None:
-        """Show the state and the dots (n, 2) px."""
+        """Show the state and the dots.
+
+        Parameters
+        ----------
+        state
+            The tile's words and level.
+        dots
+            Where the dots are (n, 2), px of the image.
+        """
         if state != self._state or len(dots) != len(self._dots):
             self.setAccessibleName(f"{state.name}: {state.word}")
             if state.details != self._state.details:
@@ -107,14 +138,32 @@ class CameraTile(QWidget):
             self._masks = masks
             self.update()
 
-    def show_ghost(self, drawn: Any, near: bool) -> None:
-        """Show where the ball should go and where it is (tasks.ghost.Drawn; None: neither)."""
+    def show_ghost(self, drawn: "Drawn | None", near: bool) -> None:
+        """Show where the ball should go and where it is.
+
+        Parameters
+        ----------
+        drawn
+            Both as this camera sees them; None: neither.
+        near
+            Whether it is where it should go.
+        """
         if drawn is not self._ghost or near != self._near:
             self._ghost, self._near = drawn, near
             self.update()
 
     def show_coverage(self, before: np.ndarray | None, now: np.ndarray | None, need: str = "") -> None:
-        """Lay the cells (10, 10) that placements taken and this one cover over the image; what is needed, in words."""
+        """Lay the cells that are covered over the image.
+
+        Parameters
+        ----------
+        before
+            Dots in the cells (10, 10), of the placements taken; None: not shown.
+        now
+            The same, of this placement.
+        need
+            What the camera needs, in words; empty: nothing.
+        """
         same = need == self._need and all(
             one is other or (one is not None and other is not None and np.array_equal(one, other))
             for one, other in ((before, self._covered[0]), (now, self._covered[1]))
@@ -349,7 +398,13 @@ class CameraTile(QWidget):
             self.renamed.emit(self.serial, name)
 
     def eventFilter(self, watched: QObject, event: QEvent) -> bool:
-        """Escape leaves the name as it was; no key that is typed there means anything to the page."""
+        """Escape leaves the name as it was; no key that is typed there means anything to the page.
+
+        Parameters
+        ----------
+        watched, event
+            The field of the name and what happens to it, as Qt passes them.
+        """
         pressed = isinstance(event, QKeyEvent) and event.type() == QEvent.Type.KeyPress and watched is self._editor
         ends = (Qt.Key.Key_Escape, Qt.Key.Key_Return, Qt.Key.Key_Enter)
         if pressed and isinstance(event, QKeyEvent) and event.key() in ends:

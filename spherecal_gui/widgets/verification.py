@@ -1,6 +1,6 @@
 """What a verification found: word, sentence, errors with limits and guard bands, lengths, budget."""
 
-from typing import Any
+from typing import TYPE_CHECKING
 
 from PySide6.QtCore import Qt
 from PySide6.QtWidgets import QHBoxLayout, QSplitter, QTabWidget, QWidget
@@ -21,6 +21,9 @@ from spherecal_gui.widgets.charts import ErrorChart
 from spherecal_gui.widgets.scene_panel import ScenePanel
 from spherecal_gui.widgets.table import Table
 from spherecal_scene.model import SceneData
+
+if TYPE_CHECKING:  # imports scipy
+    from spherecal.verify.verification_file import BarReport
 
 _MOST, _MOST_CAMERAS, _MOST_FROM_AFAR = 4, 8, 1  # rows in sight at 1280 x 800; the plot gives way to the cameras
 
@@ -88,8 +91,16 @@ class VerificationView(QSplitter):
         self.pictures.setTabEnabled(1, data is not None)
         self.panel.show_scene(data)
 
-    def show_bars(self, bars: Any, stale: bool) -> None:
-        """Show a verification (report.verification_file)."""
+    def show_bars(self, bars: "BarReport", stale: bool) -> None:
+        """Show a verification.
+
+        Parameters
+        ----------
+        bars
+            The verification.
+        stale
+            Whether it is out of date.
+        """
         verdict = bar_verdict(bars)
         word = f"{verdict.word}  {self.tr('(out of date)')}" if stale else verdict.word
         self.words: tuple[str, Level] = (word, "caution" if stale else verdict.level)

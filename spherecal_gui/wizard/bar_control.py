@@ -1,17 +1,26 @@
 """Check bars: the poses that the engine plans, where the bar is laid now, the limit of its errors."""
 
-from typing import Any
+from typing import TYPE_CHECKING
 
+import numpy as np
 from PySide6.QtCore import QObject, Signal
 
+from spherecal.base.arrays import FloatArray
 from spherecal.base.errors import InputError
+from spherecal.verify.limit import parse_limit
 from spherecal_gui import project as changes
 from spherecal_gui.presenters.bar_guide import BarGuide, bar_guide
 from spherecal_gui.tasks import jobs
 from spherecal_gui.tasks.guided_bar import lay_bar, lying_ends
 from spherecal_gui.tasks.task import Runner
 from spherecal_gui.texts import error_line
-from spherecal_gui.wizard.set_control import SetControl
+from spherecal_gui.wizard.set_control import Movable, SetControl
+
+if TYPE_CHECKING:  # planning, ghosts and live images need scipy, for which the window does not wait
+    from spherecal.data.session import Bar
+    from spherecal.verify.pose_plan import PlannedPose, PosePlan
+    from spherecal_gui.tasks.ghost import Drawn
+    from spherecal_gui.tasks.live import Connection, Sight
 
 _PATIENCE_MS = 5000
 
@@ -25,7 +34,7 @@ class BarControl(SetControl):
         super().__init__(parent)
         self.looker = Runner(self)
         self.guide: BarGuide | None = None
-        self.lying_ends: Any = None  # of the bar as it was seen last, (2, 3) mm
+        self.lying_ends: FloatArray | None = None  # of the bar as it was seen last, (2, 3) mm
 
     def close_project(self) -> None:
         """Let go of cameras and project; all is on disk already."""
@@ -42,19 +51,20 @@ class BarControl(SetControl):
         if any(pose in project.taken for pose in project.check_poses) or project.pose_bars == wanted:
             return  # poses that are being taken stay what they are
         project = changes.with_poses(project, wanted)
-        if self._checks is not None:
-            planned = jobs.calibration_plan(self.connection.plan, project.check_poses, dict(project.pose_bars))
+        connection = self.connection
+        if connection is not None and self._checks is not None:
+            planned = jobs.calibration_plan(connection.plan, project.check_poses, dict(project.pose_bars))
             self._checks.plan_instead(planned.sets)
-        elif self._recorded is not None:
-            self._try(lambda: self._open_checks(project))
+        elif connection is not None and self._recorded is not None:
+            self._try(lambda: self._open_checks(project, connection))
         self._update(project)
 
     @property
-    def _plan(self) -> Any:
+    def _plan(self) -> "PosePlan | None":
         return self.outcome.plan if self.outcome is not None else None
 
-    def planned_pose(self, pose: str) -> Any:
-        """A pose of the engine's plan (verify.pose_plan); None for one that it does not know."""
+    def planned_pose(self, pose: str) -> "PlannedPose | None":
+        """A pose of the engine's plan; None for one that it does not know."""
         planned = self.project is not None and pose in dict(self.project.pose_bars)
         if self._plan is None or not planned:
             return None
@@ -62,22 +72,18 @@ class BarControl(SetControl):
 
     def show_pose(self, pose: str) -> None:
         """Have a simulated or recorded rig show a pose; a guided one is laid as the plan asks."""
-        from spherecal.cameras.simulated.source import SimulatedSource
-
-        planned = self.planned_pose(pose)
-        source = self.connection.source if self.connection is not None else None
-        if planned is None or not isinstance(source, SimulatedSource):
+        planned, connection, result = self.planned_pose(pose), self.connection, self.result
+        source = connection.source if connection is not None else None
+        if planned is None or connection is None or result is None or not isinstance(source, Movable):
             super().show_pose(pose)
             return
-        lay_bar(source.stage, self.result.rig, planned, self._bar(planned.bar))
+        lay_bar(source.stage, result.rig, planned, _bar(connection, planned.bar))
         if self.live is not None:
             self.live.forget()
 
-    def bar_ghosts(self, pose: str) -> dict[str, Any]:
-        """The bar of a guided pose as each camera would see it where it should lie, and as it lies (tasks.ghost)."""
-        import numpy as np
-
-        from spherecal_gui.tasks.ghost import Lenses, drawn_bar
+    def bar_ghosts(self, pose: str) -> "dict[str, Drawn]":
+        """The bar of a guided pose as each camera would see it where it should lie, and as it lies."""
+        from spherecal_gui.tasks.ghost import Lenses, drawn_bar  # needs scipy
 
         planned = self.planned_pose(pose)
         if planned is None or self.result is None:
@@ -89,22 +95,27 @@ class BarControl(SetControl):
         """Whether a simulated or recorded rig can show a bar's pose: one of its own, or one that the plan describes."""
         return pose in self.staged_poses or (bool(self.staged_poses) and self.planned_pose(pose) is not None)
 
-    def _bar(self, bar: str) -> Any:
-        return next(one for one in self.connection.plan.bars if one.id == bar)
+    def look_at_bar(self, pose: str, sights: "dict[str, Sight]") -> bool:
+        """Work out where the bar lies now, beside the window; whether that was begun.
 
-    def look_at_bar(self, pose: str, sights: dict[str, Any]) -> bool:
-        """Work out where the bar lies now, beside the window; whether that was begun."""
+        Parameters
+        ----------
+        pose
+            The pose that is laid, by id.
+        sights
+            The newest examined images by camera name.
+        """
         planned, outcome, connection = self.planned_pose(pose), self.outcome, self.connection
         if planned is None or outcome is None or connection is None or self.looker.running is not None:
             return False
         dots = {name: sight.dots for name, sight in sights.items()}
-        bar, rig, target_set = self._bar(planned.bar), outcome.result.rig, connection.plan.target_set
+        bar, rig, target_set = _bar(connection, planned.bar), outcome.result.rig, connection.plan.target_set
         targets = {mark.target for mark in bar.marks.values()}
         seeing = [s for s in sights.values() if targets & set(s.dots.target.tolist())]
         still = all(sight.still for sight in seeing) if seeing else None
 
-        def seen(ends: Any) -> None:
-            if self.outcome is outcome and outcome.planes is not None:
+        def seen(ends: FloatArray | None) -> None:
+            if self.outcome is outcome and outcome.planes is not None and outcome.plan is not None:
                 self.lying_ends = ends
                 self.guide = bar_guide(outcome.planes, outcome.plan, planned, ends, still)
                 self.bar_seen.emit()
@@ -133,8 +144,6 @@ class BarControl(SetControl):
 
     def set_limit(self, limit: str) -> str:
         """Judge the errors by this limit (A+L/K, empty: none); what is wrong with it, empty where all is well."""
-        from spherecal.verify.limit import parse_limit
-
         if self.project is None or limit == self.project.limit:
             return ""
         try:
@@ -144,3 +153,8 @@ class BarControl(SetControl):
             return error_line(error)
         self._update(changes.with_limit(self.project, limit))
         return ""
+
+
+def _bar(connection: "Connection", bar: str) -> "Bar":
+    """A bar on the bench."""
+    return next(one for one in connection.plan.bars if one.id == bar)

@@ -1,11 +1,11 @@
 """Projects opened and closed, cameras connected and looked at, the bench confirmed."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from contextlib import ExitStack
 from dataclasses import replace
 from datetime import datetime
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING
 
 from PySide6.QtCore import QCoreApplication, QObject, Signal
 
@@ -15,7 +15,7 @@ from spherecal.files.lock import InUse, locked
 from spherecal_gui import limits
 from spherecal_gui import project as changes
 from spherecal_gui.presenters.coverage import Dots, unmasked
-from spherecal_gui.project import Project, Rectangle, Run
+from spherecal_gui.project import Computation, Project, Rectangle
 from spherecal_gui.project_folder import (
     FILE,
     discard,
@@ -31,8 +31,14 @@ from spherecal_gui.tasks import jobs
 from spherecal_gui.tasks.dot_store import DotStore
 from spherecal_gui.tasks.driver_question import DriverQuestion
 from spherecal_gui.tasks.outcome import Outcome, read_outcome
-from spherecal_gui.tasks.task import Work
 from spherecal_gui.wizard.project_control import ProjectControl
+
+if TYPE_CHECKING:  # cameras and detection need scipy and numba, for which the window does not wait
+    from spherecal.cameras.capture import SessionCamera
+    from spherecal.cameras.driver_help import DriverTrouble
+    from spherecal.cameras.gentl.trust import Ask, Driver
+    from spherecal_gui.recorded import RecordedSession
+    from spherecal_gui.tasks.live import Connection
 
 translate = QCoreApplication.translate
 
@@ -52,18 +58,33 @@ class CameraControl(ProjectControl):
     def __init__(self, parent: QObject | None = None) -> None:
         super().__init__(parent)
         self.somebody_answers = False
-        self.driver_troubles: tuple[Any, ...] = ()  # (spherecal.cameras.driver_help) of the last search
+        self.driver_troubles: tuple[DriverTrouble, ...] = ()  # of the last search
         self._is_new = False
         self.keeps_empty = False  # a project that never had a camera, too: it is opened again at once
         self._found: dict[str, Mapping[str, Dots]] = {}  # before masks
         self._clear: dict[str, tuple[object, object, Mapping[str, Dots]]] = {}
-        self._recorded: Any = None
-        self._checks: Any = None
+        self._recorded: RecordedSession | None = None
+        self._checks: RecordedSession | None = None
         self._store: DotStore | None = None
         self._held = ExitStack()
 
     def new_project(self, source: str, parent: Path, bench: str = "") -> None:
-        """Begin a calibration in a new folder; OutputError where it cannot be made."""
+        """Begin a calibration in a new folder.
+
+        Parameters
+        ----------
+        source
+            Where the images come from: `genicam`, `replay:FOLDER` or `simulated:RIG`, with faults after a plus sign.
+        parent
+            The folder in which the new one is made.
+        bench
+            The file that describes targets, ball and bars; empty where the source does.
+
+        Raises
+        ------
+        OutputError
+            Where the folder cannot be made.
+        """
         self.close_project()
         limit = limits.now().verification_limit
         project = Project(new_folder(parent, datetime.now()), source, bench, limit=limit)
@@ -72,7 +93,13 @@ class CameraControl(ProjectControl):
         self._is_new = True
 
     def new_check(self, like: Project) -> None:
-        """Begin a check with the cameras and the bench of an earlier calibration; OutputError, as above."""
+        """Begin a check with the cameras and the bench of an earlier calibration.
+
+        Raises
+        ------
+        OutputError
+            Where the folder cannot be made.
+        """
         self.close_project()
         folder = new_folder(like.folder.parent, datetime.now(), "check")
         project = Project(folder, like.source, like.bench, placements=("P1",), purpose="check")
@@ -83,9 +110,14 @@ class CameraControl(ProjectControl):
     def new_verification(self, like: Project) -> None:
         """Begin a verification of the calibration in use, with the cameras and the bench of an earlier project.
 
-        InputError where no calibration is in use, OutputError as above.
+        Raises
+        ------
+        InputError
+            Where no calibration is in use.
+        OutputError
+            Where the folder cannot be made.
         """
-        from spherecal_gui.in_use import result_of
+        from spherecal_gui.in_use import result_of  # needs scipy
 
         self.close_project()
         folder = new_folder(like.folder.parent, datetime.now(), "verification")
@@ -97,7 +129,7 @@ class CameraControl(ProjectControl):
             if folder.is_dir():
                 discard(folder)
             raise
-        calibrated = Run((("profile", number),), verdict)
+        calibrated = Computation((("profile", number),), verdict)
         project = replace(project, calibrated=calibrated, accepted=calibrated)
         save_project(project)
         self._begin(project)
@@ -109,9 +141,14 @@ class CameraControl(ProjectControl):
             self.new_project(like.source, like.folder.parent, like.bench)
 
     def open_project(self, folder: Path) -> None:
-        """Go on with a project where it was left; InputError where the folder holds none, OutputError where it is open.
+        """Go on with a project where it was left.
 
-        Two windows with one project would each write over what the other has done.
+        Raises
+        ------
+        InputError
+            Where the folder holds none.
+        OutputError
+            Where it is open already: two windows would each write over what the other has done.
         """
         self.close_project()
         if is_project(folder):
@@ -131,7 +168,7 @@ class CameraControl(ProjectControl):
             return
 
     def _begin(self, project: Project) -> None:
-        from spherecal_gui.tasks.kept_check import read_kept_check
+        from spherecal_gui.tasks.kept_check import read_kept_check  # needs scipy
 
         self._hold(project.folder)
         self.project = project
@@ -189,7 +226,7 @@ class CameraControl(ProjectControl):
 
     def allow_driver(self, file: str) -> None:
         """Allow a driver that was refused, and search again."""
-        from spherecal.cameras.gentl.trust import TrustStore
+        from spherecal.cameras.gentl.trust import TrustStore  # the window starts without the cameras' modules
 
         def allow() -> None:
             store = TrustStore()
@@ -200,19 +237,20 @@ class CameraControl(ProjectControl):
         if self._try(allow):
             self.connect_cameras()
 
-    def _asker(self, context: Context) -> Any:
+    def _asker(self, context: Context) -> "Ask | None":
         """Who is asked about drivers, from the thread that connects; None where nobody can answer."""
         if not self.somebody_answers:
             return None
 
-        def ask(driver: Any) -> bool:
+        def ask(driver: "Driver") -> bool:
             question = DriverQuestion(driver.file, driver.sha256, driver.state == "changed")
             self.driver_asked.emit(question)
             return question.wait(context)
 
         return ask
 
-    def _connected(self, connection: Any) -> None:
+    def _connected(self, connection: "Connection") -> None:
+        # Loaded by the thread that connects the cameras; the second one needs scipy and numba.
         from spherecal.cameras.driver_help import driver_troubles
         from spherecal_gui.tasks.live import LiveView
 
@@ -257,17 +295,18 @@ class CameraControl(ProjectControl):
 
     def _open_folders(self) -> None:
         """Make or take up the two session folders: of the calibration, and of the check bars."""
-        from spherecal_gui.recorded import RecordedSession
+        from spherecal_gui.recorded import RecordedSession  # needs scipy and numba
 
         project, connection = self.project, self.connection
         if project is None or connection is None:
             return
         try:
-            plan, cameras = jobs.calibration_plan(connection.plan, project.sets), self._masked_cameras(project)
+            plan = jobs.calibration_plan(connection.plan, project.sets)
+            cameras = self._masked_cameras(project, connection)
             self._recorded = RecordedSession(project.folder, plan, cameras, connection.source)
             self._recorded.start()
             if project.check_poses:
-                self._open_checks(project)
+                self._open_checks(project, connection)
             if (taken := taken_in(project.folder)) != project.taken:  # a set whose retaking was cut short is back
                 self._update(replace(self.project or project, taken=taken))
             self._find_lost_dots()
@@ -276,29 +315,36 @@ class CameraControl(ProjectControl):
             self._failed("connect")(error)
         self.changed.emit()
 
-    def _open_checks(self, project: Project) -> None:
+    def _open_checks(self, project: Project, connection: "Connection") -> None:
         """Make or take up the session folder of the check bars."""
-        from spherecal_gui.recorded import RecordedSession
+        from spherecal_gui.recorded import RecordedSession  # needs scipy and numba
 
-        connection = self.connection
         plan = jobs.calibration_plan(connection.plan, project.check_poses, dict(project.pose_bars))
-        cameras = self._masked_cameras(project)
+        cameras = self._masked_cameras(project, connection)
         self._checks = RecordedSession(project.verification_folder, plan, cameras, connection.source)
         self._checks.start()
 
     @staticmethod
     def masks_of(project: Project, camera: str) -> tuple[Rectangle, ...]:
-        """The parts of a camera's image in which nothing is a target."""
+        """The parts of a camera's image in which nothing is a target: left, top, width and height in px.
+
+        Parameters
+        ----------
+        project
+            Whose masks are meant.
+        camera
+            Its name.
+        """
         return tuple(rectangle for name, rectangle in project.masks if name == camera)
 
     def _masks_by_serial(self, project: Project) -> dict[str, tuple[Rectangle, ...]]:
         names = self.connection.names if self.connection is not None else {}
         return {serial: self.masks_of(project, name) for serial, name in names.items()}
 
-    def _masked_cameras(self, project: Project) -> tuple[Any, ...]:
+    def _masked_cameras(self, project: Project, connection: "Connection") -> "tuple[SessionCamera, ...]":
         """The cameras as session.json has them, with their masks."""
         cameras = []
-        for camera in self.connection.cameras:
+        for camera in connection.cameras:
             entry = {key: value for key, value in camera.entry.items() if key != "ignore"}
             masks = [list(one) for one in self.masks_of(project, camera.id)]
             cameras.append(replace(camera, entry={**entry, "ignore": masks} if masks else entry))
@@ -316,18 +362,19 @@ class CameraControl(ProjectControl):
                 self._clear[name] = (found, masks, clear)
         return {name: self._clear[name][2] for name in self._found}
 
-    def _folder_of(self, set_id: str) -> Any:
+    def _folder_of(self, set_id: str) -> "RecordedSession | None":
+        """The session folder that a set is in: of the check bars, or of the calibration."""
         checks = self.project.check_poses if self.project is not None else ()
         return self._checks if set_id in checks else self._recorded
 
     def _find_lost_dots(self) -> None:
         """Detect again what the store does not have; counters are as they were."""
-        project = self.project
-        if project is None:
+        project, connection = self.project, self.connection
+        if project is None or connection is None:
             return
-        lost = [name for name in project.taken if name not in self._found]
-        images = {name: self._folder_of(name).images(name) for name in lost if self._folder_of(name) is not None}
-        plan = self.connection.plan
+        lost = {name: self._folder_of(name) for name in project.taken if name not in self._found}
+        images = {name: folder.images(name) for name, folder in lost.items() if folder is not None}
+        plan = connection.plan
         if not images or jobs.artefacts_of(plan) is None:
             return
 
@@ -375,7 +422,7 @@ class CameraControl(ProjectControl):
 
         self.runner.start("results", self._reading(project), self._result_read, self._failed("results"))
 
-    def _reading(self, project: Project) -> Work:
+    def _reading(self, project: Project) -> Callable[[Context], Outcome]:
         """Read the project's result, and compare it with the calibration in use."""
         profile = profile_of(project)
         bars = self.connection.plan.bars if self.connection is not None else ()

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, TypeVar
 
 from PySide6.QtCore import QCoreApplication, QObject
 
@@ -11,11 +11,15 @@ from spherecal_gui import project as changes
 from spherecal_gui.project_folder import profile_of
 from spherecal_gui.tasks import jobs
 from spherecal_gui.tasks.outcome import Outcome
-from spherecal_gui.tasks.task import Work
 from spherecal_gui.texts import verdict_word
 from spherecal_gui.wizard.bar_control import BarControl
 
+if TYPE_CHECKING:  # checks need scipy, for which the window does not wait
+    from spherecal.uses.check import Check
+
 translate = QCoreApplication.translate
+
+_Found = TypeVar("_Found")  # what a piece of work gives
 
 
 class ComputeControl(BarControl):
@@ -103,11 +107,11 @@ class ComputeControl(BarControl):
         self.runner.stop_here()
         self.changed.emit()
 
-    def _alone(self, work: Work) -> Work:
+    def _alone(self, work: Callable[[Context], _Found]) -> Callable[[Context], _Found]:
         """The work without live images: it needs their cores. They are ended beside the window, which never waits."""
         live = self.live
 
-        def run(context: Context) -> Any:
+        def run(context: Context) -> _Found:
             if live is not None:
                 live.stop()
             return work(context)
@@ -127,7 +131,7 @@ class ComputeControl(BarControl):
         work = self._alone(lambda context: jobs.check(project.folder, profile, project.folder / "check.json", context))
         return self.runner.start("check", work, self._checked, self._computing_failed("check"), self._cancelled)
 
-    def _checked(self, found: Any) -> None:
+    def _checked(self, found: "Check") -> None:
         self._resume_live()
         self.check_found, self.check_after = found, None
         if self.project is not None:
@@ -147,7 +151,7 @@ class ComputeControl(BarControl):
         )
         return self.runner.start("check", work, self._repaired, self._computing_failed("check"), self._cancelled)
 
-    def _repaired(self, done: tuple[changes.Verdict, Any]) -> None:
+    def _repaired(self, done: "tuple[changes.Verdict, Check]") -> None:
         self._resume_live()
         verdict, self.check_after = done
         if self.project is not None:
@@ -181,19 +185,41 @@ class ComputeControl(BarControl):
         return tuple(self.check_found.to_repair) if self.check_found is not None else ()
 
     def repair(self, option: str, value: str) -> None:
-        """Ask for a repair at the next calibration: leave out, split, swap; nothing on disk is touched by it."""
+        """Ask for a repair at the next calibration; no image on disk is touched by it.
+
+        Parameters
+        ----------
+        option
+            Of the command line: `--leave-out`, `--split` or `--swap`.
+        value
+            What it is asked for, such as C05@P3.
+        """
         if self.project is not None and self.runner.running is None:
             self._update(changes.with_repair(self.project, option, value))
             self.result_changed.emit()
 
     def take_back(self, option: str, value: str) -> None:
-        """Do without a repair."""
+        """No longer ask for a repair.
+
+        Parameters
+        ----------
+        option, value
+            As for `repair`.
+        """
         if self.project is not None and self.runner.running is None:
             self._update(changes.without_repair(self.project, option, value))
             self.result_changed.emit()
 
     def image_path(self, set_id: str, camera: str) -> Path | None:
-        """The image that a camera took of a placement."""
+        """The image that a camera took of a set; None where it took none.
+
+        Parameters
+        ----------
+        set_id
+            A placement or a pose of a bar.
+        camera
+            Its name.
+        """
         folder = self._folder_of(set_id)
         return folder.images(set_id).get(camera) if folder is not None else None
 

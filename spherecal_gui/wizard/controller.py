@@ -3,7 +3,6 @@
 import shlex
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 from PySide6.QtCore import QCoreApplication
 
@@ -21,8 +20,8 @@ translate = QCoreApplication.translate
 class Controller(FrameControl):
     """The open project and all that can be done with it; here: what is written."""
 
-    def _save(self, work: Callable[[Context], Any], message: str) -> bool:
-        def done(what: Any) -> None:
+    def _save(self, work: Callable[[Context], Path | str], message: str) -> bool:
+        def done(what: Path | str) -> None:
             if self.project is not None:
                 self._update(changes.with_saved(self.project))
             self.tell("good", message.format(what=what))
@@ -33,7 +32,7 @@ class Controller(FrameControl):
         return self.runner.start("save", work, done, self._failed("save"))
 
     def write_report(self, output: Path) -> bool:
-        """The report as a PDF."""
+        """Write the report as a PDF; whether that was begun."""
         project = self.project
         if project is None:
             return False
@@ -57,7 +56,17 @@ class Controller(FrameControl):
         self.tell("info", message)
 
     def save_profile(self, profile: Path, put_to_use: bool, note: str = "") -> bool:
-        """The calibration into a rig profile's history, and to use; with a note by whom and why."""
+        """Add the calibration to a rig profile's history; whether that was begun.
+
+        Parameters
+        ----------
+        profile
+            Its folder.
+        put_to_use
+            Whether it becomes the calibration in use.
+        note
+            By whom and why.
+        """
         project = self.project
         if project is None:
             return False
@@ -73,7 +82,15 @@ class Controller(FrameControl):
         return self._save(work, message)
 
     def export(self, form: str, output: Path) -> bool:
-        """The rig in another program's format, in the project's frame."""
+        """Write the rig in another program's format, in the project's frame; whether that was begun.
+
+        Parameters
+        ----------
+        form
+            The format's name, as `spherecal export --to` has it.
+        output
+            The file or folder to write.
+        """
         project = self.project
         if project is None:
             return False

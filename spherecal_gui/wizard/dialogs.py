@@ -11,6 +11,7 @@ from PySide6.QtWidgets import QDialog, QMessageBox, QTextBrowser, QVBoxLayout, Q
 
 import spherecal
 from spherecal.base.resources import resource_path
+from spherecal.support.licences import LGPL_NOTE, parts
 from spherecal_gui import languages
 from spherecal_gui.tasks.driver_question import DriverQuestion
 from spherecal_gui.widgets.basic import plain
@@ -19,7 +20,15 @@ translate = QCoreApplication.translate
 
 
 def help_dialog(kind: str, parent: QWidget) -> QDialog:
-    """Help for a kind of step, offline, in the language in use."""
+    """Help for a kind of step, offline, in the language in use.
+
+    Parameters
+    ----------
+    kind
+        Of the step, or `start` for the start page.
+    parent
+        Over which it is shown.
+    """
     missing = translate("Help", "There is no help for this step.")
     path = resource_path("help", languages.now(), f"{kind}.html")
     if not path.is_file():
@@ -29,7 +38,17 @@ def help_dialog(kind: str, parent: QWidget) -> QDialog:
 
 
 def text_dialog(title: str, html: str, parent: QWidget, folder: Path | None = None) -> QDialog:
-    """A dialog with a text to read; its pictures lie where they do for a file in `folder`."""
+    """A dialog with a text to read, which is shown.
+
+    Parameters
+    ----------
+    title, html
+        Its title and its text.
+    parent
+        Over which it is shown.
+    folder
+        Where the pictures are that the text names; None for a text without pictures.
+    """
     dialog = QDialog(parent)
     dialog.setWindowTitle(title)
     dialog.setAttribute(Qt.WidgetAttribute.WA_DeleteOnClose)
@@ -45,7 +64,15 @@ def text_dialog(title: str, html: str, parent: QWidget, folder: Path | None = No
 
 
 def driver_dialog(question: DriverQuestion, parent: QWidget) -> QDialog:
-    """Whether a driver may be loaded; closing it is a no."""
+    """The dialog that asks whether a driver may be loaded, which is shown; closing it is a no.
+
+    Parameters
+    ----------
+    question
+        Gets the answer.
+    parent
+        Over which it is shown.
+    """
     box = QMessageBox(parent)
     box.setAttribute(Qt.WidgetAttribute.WA_DeleteOnClose)
     box.setIcon(QMessageBox.Icon.Question)
@@ -68,7 +95,17 @@ def driver_dialog(question: DriverQuestion, parent: QWidget) -> QDialog:
 
 
 def bundle_dialog(files: int, contents: str, parent: QWidget) -> QDialog:
-    """What a support bundle would hold, before it is written; accepted where somebody wants it."""
+    """The dialog that says what a support bundle would hold, before it is written; accepted where somebody wants it.
+
+    Parameters
+    ----------
+    files
+        How many there are.
+    contents
+        What they are, a line each; the first one is shown without unfolding.
+    parent
+        Over which it is shown.
+    """
     box = QMessageBox(parent)
     box.setAttribute(Qt.WidgetAttribute.WA_DeleteOnClose)
     box.setIcon(QMessageBox.Icon.Question)
@@ -95,8 +132,6 @@ def versions() -> list[tuple[str, str]]:
 
 def about_dialog(parent: QWidget) -> QDialog:
     """Versions and licence; the parts of others with theirs, and what the LGPL asks to be said about Qt."""
-    from spherecal.support.licences import LGPL_NOTE, parts  # reads some forty files
-
     rows = "".join(f"<tr><td>{name}&nbsp;&nbsp;</td><td>{version}</td></tr>" for name, version in versions())
     licence = translate("About", "Free software under the Apache License 2.0.")
     what = translate("About", "Calibration of multi-camera measuring rigs with an imperfect ball.")
@@ -104,7 +139,7 @@ def about_dialog(parent: QWidget) -> QDialog:
     known = "".join(
         f"<tr><td>{escape(part.name)}&nbsp;&nbsp;</td><td>{escape(part.version)}&nbsp;&nbsp;</td>"
         f"<td>{escape(part.licence)}</td></tr>"
-        for part in parts()
+        for part in parts()  # reads some forty files
     )
     html += f"<hr><p>{escape(LGPL_NOTE)}</p><table>{known}</table>"
     html += "<p><code>spherecal licences --texts FILE</code></p>"  # all texts, the LGPL's and the GPL's among them

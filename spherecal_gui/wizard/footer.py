@@ -51,7 +51,19 @@ class Footer(QFrame):
         return shown[0] if shown else ""
 
     def show_action(self, action: PageAction | None, state: WorkflowState, running: bool, standing: Standing) -> None:
-        """Show what can be done, what comes next, and why not; the page's standing says which is the one to press."""
+        """Show what can be done, what comes next, and why not.
+
+        Parameters
+        ----------
+        action
+            What the page's large button does; None where it has none.
+        state
+            The workflow's: what comes next, and whether it is open.
+        running
+            Whether work runs.
+        standing
+            The page's: which button is the one to press.
+        """
         had_focus = QApplication.focusWidget() in (self.action, self.next, self.back, self.window(), None)
         self.action.setVisible(action is not None and not (action.done and not action.enabled))
         if action is not None:

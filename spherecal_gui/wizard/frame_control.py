@@ -4,7 +4,7 @@ A project without one has that of its rig's profile, as it is, where its world i
 """
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from PySide6.QtCore import QCoreApplication, QObject
@@ -12,6 +12,7 @@ from PySide6.QtCore import QCoreApplication, QObject
 from spherecal.base.errors import InputError
 from spherecal.base.filesystem import remove_below
 from spherecal_gui.project_folder import profile_of
+from spherecal_gui.tasks.outcome import Outcome
 from spherecal_gui.texts import error_text
 from spherecal_gui.wizard.compute_control import ComputeControl
 
@@ -31,7 +32,7 @@ class FrameControl(ComputeControl):
         self.frame: UserFrame | None = None
         self.frame_definition: FrameDefinition | None = None
         self.frame_problem = ""
-        self._frame_of: tuple[Path, Any] | None = None  # for which result it was made
+        self._frame_of: tuple[Path, Outcome | None] | None = None  # for which result it was made
         self.changed.connect(self._renew_frame)
         self.result_changed.connect(self._renew_frame)
 
@@ -51,14 +52,18 @@ class FrameControl(ComputeControl):
         if not (made_for[0] / FRAME).is_file():
             self.frame = self._frame_of_profile()
             return
-        from spherecal.export.frame import frame_of
+        from spherecal.export.frame import frame_of  # needs scipy
         from spherecal.files.frame_file import read_frame, write_frame
 
         path = made_for[0] / FRAME
         try:
             kept = read_frame(path)
             self.frame_definition = kept.definition
-            fresh = kept if self.outcome is None else frame_of(kept.definition, self.outcome.places, self.result.rig)
+            fresh = (
+                kept
+                if self.outcome is None
+                else frame_of(kept.definition, self.outcome.places, self.outcome.result.rig)
+            )
         except InputError as error:
             why = translate("Frame", "The frame of this project cannot be made with this calibration: {why}")
             self.frame_problem = why.format(why=error_text(error)[0])
@@ -73,7 +78,7 @@ class FrameControl(ComputeControl):
 
     def _frame_of_profile(self) -> "UserFrame | None":
         """The frame kept with the rig; None where there is none, or where it is of another camera's world."""
-        from spherecal.files.frame_file import read_frame
+        from spherecal.files.frame_file import read_frame  # needs scipy
 
         path = profile_of(self.project) / FRAME if self.project is not None else None
         if path is None or self.outcome is None or not path.is_file():
@@ -83,21 +88,21 @@ class FrameControl(ComputeControl):
         except InputError as error:
             self.note(error_text(error)[0])
             return None
-        return kept if kept.reference_camera == self.result.rig.reference_camera else None
+        return kept if kept.reference_camera == self.outcome.result.rig.reference_camera else None
 
     def set_frame(self, definition: "FrameDefinition") -> bool:
         """Give exports in this frame from now on; the reference camera's own needs no file, unless the rig has one."""
         path = self.frame_file
         if path is None or self.project is None or self.outcome is None or self.runner.running:
             return False
-        from spherecal.export.frame import frame_of
+        from spherecal.export.frame import frame_of  # needs scipy
         from spherecal.files.frame_file import write_frame
         from spherecal.geometry.user_frame import FrameDefinition
 
         if definition == FrameDefinition() and not (profile_of(self.project) / FRAME).is_file():
             done = self._try(lambda: remove_below(path.parent, path.name))
         else:
-            places, rig = self.outcome.places, self.result.rig
+            places, rig = self.outcome.places, self.outcome.result.rig
             done = self._try(lambda: write_frame(frame_of(definition, places, rig), path))
         self._frame_of = None
         self.changed.emit()

@@ -2,33 +2,49 @@
 
 from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from PySide6.QtCore import QCoreApplication
 from PySide6.QtWidgets import QWidget
 
+from spherecal_gui.pages.limits_dialog import LimitsDialog
 from spherecal_gui.presenters.limits import load_limits
 from spherecal_gui.project_folder import profile_shown
 from spherecal_gui.widgets.basic import Banner
 from spherecal_gui.wizard.controller import Controller
 
-if TYPE_CHECKING:
-    from spherecal_gui.pages.limits_dialog import LimitsDialog
-
 translate = QCoreApplication.translate
 
 
 def take_over_limits(controller: Controller, banner: Banner) -> None:
-    """Use the limits that are kept; where their file is damaged it is said."""
+    """Use the limits that are kept; where their file is damaged it is said.
+
+    Parameters
+    ----------
+    controller
+        Whose log notes it.
+    banner
+        Where it is said.
+    """
     damaged = load_limits()
     if damaged:
         controller.note(damaged)
         banner.tell("bad", damaged)
 
 
-def show_limits(controller: Controller, projects: Path, window: QWidget, redraw: Callable[[], None]) -> "LimitsDialog":
-    """The limits over the window, which is drawn anew when some were changed."""
-    from spherecal_gui.pages.limits_dialog import LimitsDialog
+def show_limits(controller: Controller, projects: Path, window: QWidget, redraw: Callable[[], None]) -> LimitsDialog:
+    """The dialog with the limits, which is shown.
+
+    Parameters
+    ----------
+    controller
+        Whose log notes what was changed, and whose project names the profile.
+    projects
+        The folder of the projects, which holds the profile that is shown while none is open.
+    window
+        Over which it is shown.
+    redraw
+        Is called when limits were changed.
+    """
 
     def changed(lines: list[str]) -> None:
         for line in lines:

@@ -5,7 +5,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from datetime import datetime
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING
 
 from PySide6.QtCore import QCoreApplication, QObject, Signal
 
@@ -18,6 +18,13 @@ from spherecal_gui.tasks.task import Runner
 from spherecal_gui.texts import error_text
 from spherecal_gui.workflow import Running, WorkflowState, resolve
 
+if TYPE_CHECKING:  # cameras, detection and results need scipy, for which the window does not wait
+    from spherecal.report.result_folder import Result
+    from spherecal.uses.check import Check
+    from spherecal_gui.presenters.calibrate import CourseOfWork
+    from spherecal_gui.tasks.kept_check import CheckSummary
+    from spherecal_gui.tasks.live import Connection, LiveView
+
 log = logging.getLogger("spherecal.gui")
 translate = QCoreApplication.translate
 
@@ -25,7 +32,7 @@ translate = QCoreApplication.translate
 class ProjectControl(QObject):
     """The open project and the one piece of work that runs; what all parts of the controller build on.
 
-    `changed` when the workflow's state may be another, `said` (kind, what, what to do) when people should know,
+    `changed` when the workflow's state may be another, `said` (kind, what, what to do) when people should know.
     `logged` for the log pane, `taken` when a set was taken, `result_changed` when there is another result.
     """
 
@@ -41,17 +48,17 @@ class ProjectControl(QObject):
         self.runner.started.connect(self._work_started)
         self.runner.ended.connect(self._work_ended)
         self.project: Project | None = None
-        self.connection: Any = None
-        self.live: Any = None
+        self.connection: Connection | None = None
+        self.live: LiveView | None = None
         self.outcome: Outcome | None = None
-        self.check_found: Any = None
-        self.course: Any = None  # of the last calibration (presenters.calibrate), for a window made anew
-        self.check_after: Any = None  # the same check with the repaired rig
+        self.check_found: Check | CheckSummary | None = None
+        self.course: CourseOfWork | None = None  # of the last calibration, for a window made anew
+        self.check_after: Check | None = None  # the same check with the repaired rig
         self.draw_rig: Callable[[], bytes] | None = None  # a picture of the rig for its profile, where one is shown
 
     @property
-    def result(self) -> Any:
-        """The result (report.result_folder) that is shown; None where there is none."""
+    def result(self) -> "Result | None":
+        """The result that is shown; None where there is none."""
         return self.outcome.result if self.outcome is not None else None
 
     @property
@@ -93,7 +100,7 @@ class ProjectControl(QObject):
         self.project = project
         self.changed.emit()
 
-    def _try(self, act: Callable[[], Any]) -> bool:
+    def _try(self, act: Callable[[], object]) -> bool:
         """Do something that the disk may refuse; whether it was done. The window says what is in the way."""
         try:
             act()
@@ -116,7 +123,17 @@ class ProjectControl(QObject):
         self.logged.emit(f"{datetime.now():%H:%M:%S}  {text}")
 
     def tell(self, kind: str, text: str, hint: str = "") -> None:
-        """Something that people should know: kind is `good`, `bad` or `info`."""
+        """Say something that people should know.
+
+        Parameters
+        ----------
+        kind
+            `good`, `bad` or `info`.
+        text
+            What it is.
+        hint
+            What to do about it; empty for nothing.
+        """
         self.note(f"{text} {hint}".strip())
         self.said.emit(kind, text, hint)
 

@@ -3,23 +3,40 @@
 import time
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import Any
+from typing import TYPE_CHECKING, Protocol, runtime_checkable
 
 from PySide6.QtCore import QCoreApplication, QObject, Signal
 
 from spherecal.base.context import Context
 from spherecal_gui import project as changes
+from spherecal_gui.fingerprint import fingerprint
 from spherecal_gui.presenters.coverage import SetDots
-from spherecal_gui.presenters.guidance import Guidance
+from spherecal_gui.presenters.guidance import GuidanceView
 from spherecal_gui.project_folder import taken_in
 from spherecal_gui.tasks import jobs
 from spherecal_gui.tasks.guide import plan_coarse, plan_next
 from spherecal_gui.tasks.task import Runner
 from spherecal_gui.wizard.tune_control import TuneControl
 
+if TYPE_CHECKING:  # cameras, simulator and ghosts need scipy, for which the window does not wait
+    from spherecal.cameras.in_process import Staged
+    from spherecal.cameras.simulated.stage import Stage
+    from spherecal_gui.tasks.ghost import Lying, ToGo
+    from spherecal_gui.tasks.live import Sight
+
 translate = QCoreApplication.translate
 
 _PATIENCE_MS = 3_000  # the engine looks five times a second whether it should stop
+
+
+@runtime_checkable
+class Movable(Protocol):
+    """A source whose ball and bars the program can move: a simulated rig."""
+
+    @property
+    def stage(self) -> "Stage":
+        """Where ball and bars are."""
+        ...
 
 
 class SetControl(TuneControl):
@@ -34,8 +51,8 @@ class SetControl(TuneControl):
     def __init__(self, parent: QObject | None = None) -> None:
         super().__init__(parent)
         self.planner, self.seer = Runner(self), Runner(self)
-        self.lying: Any = None  # where the ball stands now (tasks.ghost.Lying)
-        self.guidance: Guidance | None = None
+        self.lying: Lying | None = None  # where the ball stands now
+        self.guidance: GuidanceView | None = None
         self.taking: str | None = None  # the set whose images are being taken
         self._planned_for: tuple[tuple[str, str], ...] | None = None
         self._asked: tuple[tuple[str, str], ...] | None = None
@@ -50,22 +67,30 @@ class SetControl(TuneControl):
         super().close_project()
 
     @property
+    def _staged(self) -> "Staged | None":
+        """The simulated or recorded source, which shows what it is asked for; None for real cameras."""
+        if self.connection is None:
+            return None
+        from spherecal.cameras.in_process import Staged  # the window starts without the cameras' modules
+
+        source = self.connection.source
+        return source if isinstance(source, Staged) else None
+
+    @property
     def staged_poses(self) -> tuple[str, ...]:
         """What a simulated or recorded source can show; empty for real cameras."""
-        from spherecal.cameras.in_process import Staged
-
-        source = self.connection.source if self.connection is not None else None
-        return source.poses if isinstance(source, Staged) else ()
+        source = self._staged
+        return source.poses if source is not None else ()
 
     def show_pose(self, pose: str) -> None:
         """Have a simulated or recorded rig show a pose: there nobody moves the ball by hand."""
-        source = self.connection.source if self.connection is not None else None
+        source = self._staged
         if source is None or not self.staged_poses:
             return
         if pose in self.staged_poses:
             if source.shown != pose:
                 source.show(pose)
-        elif hasattr(source, "stage"):  # one more placement than the rig was simulated with
+        elif isinstance(source, Movable):  # one more placement than the rig was simulated with
             placed = [one for one in self.staged_poses if one in source.stage.truth.placements]
             number = int(pose[1:]) if pose[1:].isdecimal() else 1
             source.show(placed[number % len(placed)])
@@ -74,7 +99,15 @@ class SetControl(TuneControl):
             self.live.forget()
 
     def take(self, set_id: str, step: str) -> bool:
-        """Take a set (again); False where that is not possible now."""
+        """Take a set, or take it again; False where that is not possible now.
+
+        Parameters
+        ----------
+        set_id
+            A placement or a pose of a bar.
+        step
+            Id of the step that takes it, for which a failure is noted.
+        """
         folder = self._folder_of(set_id)
         if self.connection is None or folder is None or self.project is None:
             return False
@@ -99,13 +132,13 @@ class SetControl(TuneControl):
         super()._work_ended(name)
 
     def _set_taken(self, taken: jobs.Taken) -> None:
-        folder = self._folder_of(taken.set_id)
-        if self.project is None or folder is None or self._store is None:
+        folder, connection = self._folder_of(taken.set_id), self.connection
+        if self.project is None or folder is None or self._store is None or connection is None:
             return
         at = folder.taken_at(taken.set_id)
         self._store.save(taken.set_id, at, taken.dots)
         self._found[taken.set_id] = taken.dots
-        names = self.connection.names
+        names = connection.names
         lacking = tuple(names[one.camera] for one in taken.frames.missing)
         moving = tuple(names[serial] for serial, one in taken.stillness.items() if not one.still)
         flaws: dict[changes.FlawCode, tuple[str, ...]] = {"taken without": lacking, "taken moving": moving}
@@ -142,10 +175,11 @@ class SetControl(TuneControl):
 
     def undo(self) -> None:
         """Bring back the set that was deleted or replaced last."""
-        if self._recorded is None or self.project is None or self.runner.running:
+        recorded = self._recorded
+        if recorded is None or self.project is None or self.runner.running:
             return
         brought: list[str | None] = []
-        if not self._try(lambda: brought.append(self._recorded.undo())) or brought[0] is None:
+        if not self._try(lambda: brought.append(recorded.undo())) or brought[0] is None:
             return
         set_id = brought[0]
         self._update(replace(self.project, taken=taken_in(self.project.folder)))
@@ -167,7 +201,8 @@ class SetControl(TuneControl):
             return
         known = self.dots
         dots = {name: known[name] for name in project.placements if name in project.taken and name in known}
-        key = (*((name, project.taken[name]) for name in dots), *((("masks", repr(project.masks)),) if dots else ()))
+        masks = (("masks", fingerprint(project.masks)),) if dots else ()
+        key = (*((name, project.taken[name]) for name in dots), *masks)
         if key == self._planned_for:
             return
         self.guidance, self._planned_for = None, key
@@ -180,12 +215,13 @@ class SetControl(TuneControl):
 
     def _ask(self, dots: Mapping[str, SetDots], coarse: bool) -> None:
         """Have the engine work it out: first coarsely, then well."""
-        if self._recorded is None:  # a project that a full disk closed between the coarse answer and the good one
+        recorded, connection = self._recorded, self.connection
+        if recorded is None or connection is None:  # closed between the two answers, as by a full disk
             return
-        document, target_set = self._recorded.document(), self.connection.plan.target_set
+        document, target_set = recorded.document(), connection.plan.target_set
         work = plan_coarse if coarse else plan_next
 
-        def done(found: Guidance | None) -> None:
+        def done(found: GuidanceView | None) -> None:
             if coarse and self._asked == self._planned_for:
                 if found is not None:
                     self.guidance = found
@@ -210,16 +246,16 @@ class SetControl(TuneControl):
         task = self.planner.task
         return time.perf_counter() - task.began_s if task is not None else None
 
-    def look_at_ball(self, sights: Mapping[str, Any]) -> bool:
+    def look_at_ball(self, sights: Mapping[str, "Sight"]) -> bool:
         """Work out where the ball stands now against its ghost, beside the window; whether that was begun."""
-        from spherecal_gui.tasks.ghost import lying_ball
+        from spherecal_gui.tasks.ghost import lying_ball  # needs scipy
 
         guidance = self.guidance
         if guidance is None or guidance.ghost is None or self.seer.running is not None:
             return False
         ghost, dots = guidance.ghost, {name: sight.dots for name, sight in sights.items()}
 
-        def seen(lying: Any) -> None:
+        def seen(lying: "Lying | None") -> None:
             if self.guidance is guidance:
                 self.lying = lying
                 self.ball_seen.emit()
@@ -232,9 +268,9 @@ class SetControl(TuneControl):
         )
 
     @property
-    def to_go(self) -> Any:
-        """How far the ball still is from its ghost (tasks.ghost.ToGo); None where either is not known."""
-        from spherecal_gui.tasks.ghost import to_go
+    def to_go(self) -> "ToGo | None":
+        """How far the ball still is from its ghost; None where either is not known."""
+        from spherecal_gui.tasks.ghost import to_go  # needs scipy
 
         if self.guidance is None or self.guidance.ghost is None or self.lying is None:
             return None
@@ -244,14 +280,16 @@ class SetControl(TuneControl):
     def can_put_there(self) -> bool:
         """Whether a simulated rig can have its ball where the ghost is."""
         source = self.connection.source if self.connection is not None else None
-        return self.guidance is not None and self.guidance.ghost is not None and hasattr(source, "stage")
+        return self.guidance is not None and self.guidance.ghost is not None and isinstance(source, Movable)
 
     def put_there(self) -> None:
         """Have a simulated rig move its ball to the ghost, as somebody would do by hand."""
-        from spherecal_gui.tasks.ghost import stage_ball
+        from spherecal_gui.tasks.ghost import stage_ball  # needs scipy
 
-        if self.can_put_there and self.guidance is not None and self.live is not None:
-            stage_ball(self.connection.source.stage, self.guidance.ghost, self.lying)
+        source = self.connection.source if self.connection is not None else None
+        ghost = self.guidance.ghost if self.guidance is not None else None
+        if isinstance(source, Movable) and ghost is not None and self.live is not None:
+            stage_ball(source.stage, ghost, self.lying)
             self.live.forget()
 
     @property
@@ -259,7 +297,7 @@ class SetControl(TuneControl):
         """Whether the next placement is being worked out."""
         return self.planner.running is not None
 
-    def _planned(self, found: Guidance | None) -> None:
+    def _planned(self, found: GuidanceView | None) -> None:
         if self._asked != self._planned_for:
             self._plan_anew()
             return
@@ -277,7 +315,7 @@ class SetControl(TuneControl):
 
     def add_placement(self) -> None:
         """Plan one more placement and go there."""
-        from spherecal.cameras.plan import PlannedSet
+        from spherecal.cameras.plan import PlannedSet  # needs scipy
 
         if self.project is None or self._recorded is None:
             return

@@ -3,7 +3,7 @@
 import time
 from collections.abc import Callable
 from dataclasses import replace
-from typing import Any
+from typing import TYPE_CHECKING, Protocol, runtime_checkable
 
 from PySide6.QtCore import QCoreApplication, QObject
 
@@ -16,10 +16,30 @@ from spherecal_gui.project import Rectangle
 from spherecal_gui.tasks.task import Runner
 from spherecal_gui.wizard.camera_control import CameraControl
 
+if TYPE_CHECKING:  # the window starts without the cameras' modules
+    from spherecal.cameras.protocol import CameraSettings, TriggerMode
+
 translate = QCoreApplication.translate
 
 _BLINKS, _BLINK_S = 8, 0.35
 _PATIENCE_MS = 10_000
+
+
+@runtime_checkable
+class Indicating(Protocol):
+    """A source whose cameras may have a light of their own."""
+
+    def indicate(self, serial: str, on: bool) -> bool:
+        """Switch a camera's own light; whether it has one that can be switched.
+
+        Parameters
+        ----------
+        serial
+            Which camera.
+        on
+            Whether it is lit.
+        """
+        ...
 
 
 class TuneControl(CameraControl):
@@ -28,7 +48,7 @@ class TuneControl(CameraControl):
     def __init__(self, parent: QObject | None = None) -> None:
         super().__init__(parent)
         self.blinker = Runner(self)
-        self._tuned: dict[str, Any] = {}
+        self._tuned: dict[str, CameraSettings] = {}
 
     def close_project(self) -> None:
         """Let go of cameras and project; all is on disk already."""
@@ -42,8 +62,9 @@ class TuneControl(CameraControl):
     def _real(self) -> bool:
         return self.project is not None and self.project.source.startswith("genicam")
 
-    def settings_of(self, serial: str) -> Any:
-        """A camera's settings (cameras.protocol) as they were set."""
+    def settings_of(self, serial: str) -> "CameraSettings":
+        """A camera's settings as they were set."""
+        # The window starts without the cameras' modules.
         from spherecal.cameras.profile import default_profile_path, read_profile
         from spherecal.cameras.protocol import CameraSettings
 
@@ -66,7 +87,19 @@ class TuneControl(CameraControl):
         return ""
 
     def set_camera(self, serial: str, name: str, exposure_us: float, gain_db: float) -> bool:
-        """Give a camera a name, an exposure and a gain; those of real cameras are kept in the camera profile."""
+        """Give a camera a name, an exposure and a gain; whether that was begun.
+
+        Those of real cameras are kept in the camera profile. A name that it cannot have now is left as it is.
+
+        Parameters
+        ----------
+        serial
+            Which camera.
+        name
+            The name it is to have.
+        exposure_us, gain_db
+            Exposure in µs and gain in dB.
+        """
         connection = self.connection
         if connection is None or self.runner.running:
             return False
@@ -84,8 +117,8 @@ class TuneControl(CameraControl):
         self._tuned[serial] = settings
         return self.runner.start("connect", work, self._set_up, self._failed("connect"))
 
-    def set_trigger(self, trigger: str) -> bool:
-        """Have all cameras exposed by this trigger (cameras.protocol.TriggerMode); kept in the camera profile."""
+    def set_trigger(self, trigger: "TriggerMode") -> bool:
+        """Have all cameras exposed by this trigger; kept in the camera profile."""
         connection = self.connection
         if connection is None or self.runner.running:
             return False
@@ -107,7 +140,15 @@ class TuneControl(CameraControl):
         return "" if self._real else translate("Connect", "Simulated cameras are all exposed at the same moment.")
 
     def name_camera(self, serial: str, name: str) -> None:
-        """Give a camera another name; the window says why it cannot have it."""
+        """Give a camera another name; the window says why it cannot have it.
+
+        Parameters
+        ----------
+        serial
+            Which camera.
+        name
+            The name it is to have.
+        """
         connection = self.connection
         if connection is None:
             return
@@ -130,12 +171,20 @@ class TuneControl(CameraControl):
 
     def can_blink(self) -> bool:
         """Whether the cameras may have a light of their own that can be switched."""
-        return self.connection is not None and hasattr(self.connection.source, "indicate")
+        return self.connection is not None and isinstance(self.connection.source, Indicating)
 
     def blink(self, serial: str, answered: Callable[[bool], None]) -> None:
-        """Let a camera's own light blink for some seconds; `answered` with whether it has one."""
+        """Let a camera's own light blink for some seconds.
+
+        Parameters
+        ----------
+        serial
+            Which camera.
+        answered
+            Is called at the end, in the window's thread, with whether the camera has such a light.
+        """
         source = self.connection.source if self.connection is not None else None
-        if source is None or not self.can_blink():
+        if not isinstance(source, Indicating):
             answered(False)
             return
 
@@ -155,7 +204,15 @@ class TuneControl(CameraControl):
     # --- masks -------------------------------------------------------------------------------------------------------
 
     def mask(self, serial: str, rectangle: Rectangle) -> None:
-        """Nothing in this part of a camera's image is a target from now on, in what was taken as well."""
+        """Nothing in this part of a camera's image is a target from now on, in what was taken as well.
+
+        Parameters
+        ----------
+        serial
+            Which camera.
+        rectangle
+            Left, top, width and height in px.
+        """
         if self.project is not None and self.connection is not None:
             self._with_masks(changes.with_mask(self.project, self.connection.names[serial], rectangle))
 
@@ -174,15 +231,16 @@ class TuneControl(CameraControl):
         self._update(project)
         if self.live is not None:
             self.live.masks = self._masks_by_serial(project)
+        connection = self.connection
         for folder in (self._recorded, self._checks):
-            if folder is not None:
-                self._try(lambda folder=folder: folder.set_cameras(self._masked_cameras(project)))
+            if folder is not None and connection is not None:
+                self._try(lambda folder=folder: folder.set_cameras(self._masked_cameras(project, connection)))
         self.changed.emit()
 
 
-def _keep(serial: str, name: str | None, settings: Any) -> None:
+def _keep(serial: str, name: str | None, settings: "CameraSettings") -> None:
     """Write a camera's name and settings into the camera profile."""
-    from spherecal.cameras.profile import default_profile_path, read_profile, write_profile
+    from spherecal.cameras.profile import default_profile_path, read_profile, write_profile  # as in settings_of
 
     path = default_profile_path()
     profile = read_profile(path)

@@ -4,7 +4,6 @@ import time
 from collections.abc import Callable, Mapping
 from datetime import datetime
 from pathlib import Path
-from typing import Any
 
 from PySide6.QtCore import Qt, QTimer
 from PySide6.QtGui import QCloseEvent, QFocusEvent, QGuiApplication, QKeyEvent, QKeySequence, QShortcut, QShowEvent
@@ -20,7 +19,7 @@ from spherecal_gui.presenters.start import source_word, validity_of
 from spherecal_gui.project_folder import load_project, profile_shown, rig_bench, write_bench
 from spherecal_gui.standing import camera_level
 from spherecal_gui.tasks.driver_question import DriverQuestion
-from spherecal_gui.tasks.task import Task
+from spherecal_gui.tasks.task import BackgroundTask
 from spherecal_gui.texts import error_text, reason_text, step_task, step_title
 from spherecal_gui.wizard.bench_control import show_bench
 from spherecal_gui.wizard.controller import Controller
@@ -55,7 +54,7 @@ class WizardWindow(WindowFrame):
         self.guard = Guard()
         self.keys = Keys(self, self.header, self.press)
         self._bumped: Mapping[str, float] = {}
-        self._timed: Task | None = None  # the work whose time is shown
+        self._timed: BackgroundTask | None = None  # the work whose time is shown
         self._doing_words = ""
         self._usual_s: float | None = None
         self.bench = ""  # what stands at the real rig, where the command line names it
@@ -130,8 +129,16 @@ class WizardWindow(WindowFrame):
         bench = (self.bench or (str(own) if own.is_file() else "")) if source == "genicam" else ""
         self._try(lambda: self.controller.new_project(source, self.projects, bench))
 
-    def new_board_project(self, board: dict[str, Any], source: str = "genicam") -> None:
-        """A new calibration with a board in place of the ball."""
+    def new_board_project(self, board: dict[str, object], source: str = "genicam") -> None:
+        """A new calibration with a board in place of the ball.
+
+        Parameters
+        ----------
+        board
+            As session.json has it.
+        source
+            Where the images come from, as for `new_project`.
+        """
         self._try(lambda: self.controller.new_project(source, self.projects, str(write_bench(self.projects, board))))
 
     def new_check(self, like: str) -> None:
@@ -299,7 +306,7 @@ class WizardWindow(WindowFrame):
                 self.controller.note(" ".join(bump_text(names)))
                 self.sounds.play("bad")
 
-    def _show_doing(self, task: Task | None) -> None:
+    def _show_doing(self, task: BackgroundTask | None) -> None:
         """What runs, for how long already, and how long such work usually takes."""
         if task is not self._timed:
             self._timed, self._doing_words = task, ""
@@ -406,7 +413,7 @@ class WizardWindow(WindowFrame):
 
     def offer_bundle(self) -> QDialog | None:
         """Show what a support bundle would hold and what is replaced in it; it is written once somebody agrees."""
-        from spherecal_gui.tasks.bundle import bundle_files, contents_text
+        from spherecal_gui.tasks.bundle import bundle_files, contents_text  # loads the calibration
 
         try:
             _, contents = bundle_files(*self._bundle_of(""))
@@ -422,7 +429,7 @@ class WizardWindow(WindowFrame):
 
         `trouble`: what went wrong inside the program.
         """
-        from spherecal_gui.tasks.bundle import make_bundle
+        from spherecal_gui.tasks.bundle import make_bundle  # loads the calibration
 
         output = self.projects / f"support-{datetime.now():%Y-%m-%d-%H%M%S}.zip"
         try:

@@ -11,7 +11,7 @@ from scipy.linalg.blas import dsyrk  # pyright: ignore[reportAttributeAccessIssu
 
 from spherecal.adjust.ball_model import Rigid, Stored
 from spherecal.adjust.kernel import INNER, KERNEL
-from spherecal.adjust.linear import Linear, Reduced, parts
+from spherecal.adjust.linear import Linear, Reduced, point_blocks
 from spherecal.adjust.problem import Problem
 from spherecal.base.arrays import IntArray
 from spherecal.base.kernels import njit
@@ -46,7 +46,7 @@ def eliminate(problem: Problem, linear: Linear, damping: float, points: IntArray
         some = points[first : first + _CHUNK]
         rows = np.zeros((3 * len(some), layout.expanded))
         done = 0
-        for part in parts(problem, linear, some):
+        for part in point_blocks(problem, linear, some):
             _couple(
                 part.points,
                 part.begin,

@@ -11,7 +11,7 @@ from spherecal.adjust.ball_model import Deformable
 from spherecal.adjust.deformable_kernel import eliminate_places, substitute_places
 from spherecal.adjust.kernel import INNER, KERNEL
 from spherecal.adjust.layout import POSE, Layout
-from spherecal.adjust.linear import Linear, Linearisation, PointEquations, Reduced, parts
+from spherecal.adjust.linear import Linear, Linearisation, PointEquations, Reduced, point_blocks
 from spherecal.adjust.problem import Problem
 from spherecal.adjust.schur_kernel import RUN, add_squares, eliminate_points
 from spherecal.adjust.state import State
@@ -132,7 +132,7 @@ def reduce(problem: Problem, linear: Linear, damping: float, known: PointEquatio
     place = np.arange(len(order))
     in_run = place - np.maximum.accumulate(np.where(is_other, place, 0)) if len(order) else place
     square = np.zeros((len(lenses[0]), linear.width, linear.width))
-    for part in parts(problem, linear, order, in_run % RUN == 0):
+    for part in point_blocks(problem, linear, order, in_run % RUN == 0):
         rows = (part.points, part.begin, part.end, part.camera, part.placement, problem.n_cameras, kept_block)
         derivatives = (part.linear.residual, part.linear.by_camera, part.linear.by_point, part.linear.by_placement)
         system = (matrix, gradient, diagonal, square, inverse, point_gradient)
@@ -184,7 +184,7 @@ def back_substitute(problem: Problem, linear: Linear, reduced: Reduced, step: Fl
     is_kept = np.zeros(problem.n_points, dtype=bool)
     is_kept[kept] = True
     squares = 0.0
-    for part in parts(problem, linear, np.arange(problem.n_points)):
+    for part in point_blocks(problem, linear, np.arange(problem.n_points)):
         rows = (part.points, part.begin, part.end, part.camera, part.placement, problem.n_cameras, is_kept)
         rest = (
             part.linear.residual,

@@ -119,7 +119,7 @@ def linear_model(problem: Problem, state: State, robust_weight: FloatArray | Non
 
 
 @dataclass(frozen=True)
-class Part:
+class PointBlock:
     """Some points (m,) and their observations: rows `begin` to `end` (m,) of what follows."""
 
     points: IntArray
@@ -131,7 +131,9 @@ class Part:
     linear: Linearisation
 
 
-def parts(problem: Problem, linear: Linear, points: IntArray, may_begin: BoolArray | None = None) -> Iterator[Part]:
+def point_blocks(
+    problem: Problem, linear: Linear, points: IntArray, may_begin: BoolArray | None = None
+) -> Iterator[PointBlock]:
     """The points in their order, in parts of some `ROWS_AT_ONCE` observations; all at once where they are held.
 
     Parameters
@@ -146,7 +148,7 @@ def parts(problem: Problem, linear: Linear, points: IntArray, may_begin: BoolArr
     placement, place = problem.ball.placement, problem.ball.place
     start = problem.point_start
     if isinstance(linear, Linearisation):
-        yield Part(points, start[points], start[points + 1], problem.camera, placement, place, linear)
+        yield PointBlock(points, start[points], start[points + 1], problem.camera, placement, place, linear)
         return
     count = start[points + 1] - start[points]
     at = np.arange(len(points)) if may_begin is None else np.flatnonzero(may_begin)
@@ -156,7 +158,7 @@ def parts(problem: Problem, linear: Linear, points: IntArray, may_begin: BoolArr
         end = np.cumsum(own)
         begin = end - own
         rows = np.repeat(start[some] - begin, own) + np.arange(end[-1])
-        yield Part(
+        yield PointBlock(
             some,
             begin,
             end,

@@ -10,7 +10,7 @@ from typing import Any, get_args
 from spherecal.cameras.protocol import CameraSettings, Region, TriggerMode
 from spherecal.files.atomic import write_file_whole
 from spherecal.files.codec import (
-    Format,
+    FileFormat,
     choice,
     field,
     integer,
@@ -123,7 +123,7 @@ def _check_names(cameras: Sequence[CameraDescription], value: JsonValue) -> None
 
 
 _CAMERAS = items("The cameras.", _CAMERA, differ="serial").checked(_check_names)
-CAMERAS = Format(
+CAMERAS = FileFormat(
     "spherecal/cameras",
     "cameras.json",
     "Settings of cameras by serial number, in the user's settings.",

@@ -19,7 +19,7 @@ from spherecal.targets.detect_images import STAGE
 from spherecal.targets.family import DOTS
 from spherecal.targets.images import read_image
 from spherecal.targets.masks import masked
-from spherecal.targets.predicted_search import LEAST_DOTS, Expected, Found, detect_predicted
+from spherecal.targets.predicted_search import LEAST_DOTS, ExpectedTargets, Found, detect_predicted
 
 # Beyond this angle between a sticker's normal and the line of sight its dots are a pixel wide and merge.
 MOST_VIEW_DEG = 76.0
@@ -69,7 +69,7 @@ class _Job:
     camera: int
     path: Path
     rig_camera: RigCamera
-    expected: Expected
+    expected: ExpectedTargets
 
 
 def _points_by_target(first: Calibration, table: CodeTable) -> FloatArray:
@@ -93,7 +93,7 @@ def _jobs(session: Session, observations: Observations, first: Calibration, tabl
             uv = _predict(camera, points[p][missed])
             inside = _inside(uv, camera) & ~masked(uv, spec.ignore).any(axis=1)
             if inside.any():
-                expected = Expected(table.ids[missed][inside], uv[inside], known, known_uv)
+                expected = ExpectedTargets(table.ids[missed][inside], uv[inside], known, known_uv)
                 yield _Job(p, c, path, camera, expected)
 
 

@@ -167,7 +167,7 @@ def explained_by_moves(
         for no limit.
     """
     state = solved.by_features.state
-    n_placements = int(features.placement.max(initial=0)) + 1
+    n_placements = max(n_ball, int(features.placement.max(initial=0)) + 1)  # the last ones may have no observations
     network = replace(network, free=network.free & ~solved.held[:, None], priors=NO_PRIORS)
     ball = BallNetwork(network, features, n_placements, n_ball, np.ones(len(network.uv), dtype=bool))
     alignment = ball.aligned(state.points)

@@ -9,7 +9,7 @@ not taken into it, and yet are more than chance, make the cameras as uncertain a
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.stats import chi2
+from scipy.special import chdtri
 
 from spherecal.adjust.ball_model import Rigid
 from spherecal.adjust.bundle import Adjustment
@@ -142,7 +142,7 @@ def sizes_to_fit(
     if test is None or free_variance is None:
         return None if test is None else test.sizes
     change = test.change
-    if not change.dof or change.statistic < chi2.isf(FALSE_ALARM, change.dof):
+    if not change.dof or change.statistic < chdtri(change.dof, FALSE_ALARM):
         return None
     unexplained = 2 * adjusted.minimum.cost - free_variance * adjusted.redundancy
     explained = change.statistic * adjusted.variance

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.polynomial.legendre import legvander2d
-from scipy.stats import chi2
+from scipy.special import chdtri
 
 from spherecal.base.arrays import FloatArray, IntArray
 from spherecal.base.context import Context
@@ -87,7 +87,7 @@ def misfits(
         before = moved.get(int(camera), np.zeros((len(rows), 2, 0)))
         g, a, own = probe.block(rows, np.concatenate([before, values], axis=2))
         change = change_of(*conditional(g, a, own, np.arange(before.shape[2])), probe.variance)
-        if change.dof and change.statistic > chi2.isf(FALSE_ALARM / len(tested), change.dof):
+        if change.dof and change.statistic > chdtri(change.dof, FALSE_ALARM / len(tested)):
             visible = np.sqrt((change.statistic - change.dof) / (2 * len(rows)))
             found.append(Misfit(int(camera), change.statistic, change.dof, float(visible * noise_px[camera])))
     return found

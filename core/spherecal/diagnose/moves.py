@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from scipy.stats import chi2
+from scipy.special import chdtri
 
 from spherecal.adjust.layout import POSE
 from spherecal.base.arrays import BoolArray, FloatArray, IntArray
@@ -163,7 +163,7 @@ def _block(probe: ScoreTest, rows: IntArray, image: IntArray, count: int) -> Blo
 
 def move_limit(tests: int) -> float:
     """The statistic that a move must exceed where so many are tested."""
-    return max(LEAST_STATISTIC, float(chi2.isf(FALSE_ALARM / tests, POSE)))
+    return max(LEAST_STATISTIC, float(chdtri(POSE, FALSE_ALARM / tests)))
 
 
 def alike(images: IntArray) -> list[tuple[int, ...]]:

@@ -12,7 +12,7 @@ from typing import Any, TypeAlias
 
 import numpy as np
 from scipy import sparse
-from scipy.stats import chi2
+from scipy.special import chdtrc
 
 from spherecal.adjust import engine
 from spherecal.adjust.covariance import Covariance
@@ -49,7 +49,10 @@ class Change:
     @property
     def log10_p(self) -> float:
         """The decimal logarithm of the probability of such a statistic without any change."""
-        return float(chi2.logsf(self.statistic, self.dof) / np.log(10)) if self.dof else 0.0
+        if not self.dof:
+            return 0.0
+        with np.errstate(divide="ignore"):  # beyond a statistic of some 1,500 the probability is no float: -inf
+            return float(np.log(chdtrc(self.dof, self.statistic)) / np.log(10))
 
 
 @dataclass(frozen=True)

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 from scipy.spatial import KDTree
-from scipy.stats import chi2
+from scipy.special import chdtri
 
 from spherecal.adjust.state import State
 from spherecal.base.arrays import BoolArray, FloatArray, IntArray
@@ -166,7 +166,7 @@ def _given_intrinsics(e: Evidence, reported: Sequence[Finding]) -> list[Finding]
             continue
         values = _by_intrinsics(probe, a.state, rows, common_focal=number == 0)
         change = change_of(*probe.block(rows, values), probe.variance)
-        limit = float(chi2.isf(FALSE_ALARM / len(tests), change.dof)) if change.dof else np.inf
+        limit = float(chdtri(change.dof, FALSE_ALARM / len(tests))) if change.dof else np.inf
         if change.statistic > limit and (best is None or change.statistic / limit > best[0]):
             best = change.statistic / limit, name, change.statistic, change.dof
     if best is None:

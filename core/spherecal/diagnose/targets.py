@@ -3,7 +3,7 @@
 from collections.abc import Collection
 
 import numpy as np
-from scipy.stats import binom
+from scipy.special import bdtrc
 
 from spherecal.base.arrays import IntArray
 from spherecal.base.messages.values import Phrase
@@ -41,7 +41,7 @@ def wrong_targets(e: Evidence, moved: Collection[str]) -> list[Finding]:
     share = np.maximum(LEAST_SHARE, others)
     # where few good images are left, one wrong image may have spoilt another that shows the target with it
     spoilt = (images - wrong < ENOUGH_GOOD).astype(np.int64)
-    chance = binom.sf(wrong - 1 - spoilt, images - spoilt, share)
+    chance = bdtrc(wrong - 1 - spoilt, images - spoilt, share)
     named = np.flatnonzero((wrong >= MANY * images) & (wrong >= LEAST_WRONG) & (chance < FALSE_ALARM / len(target)))
     found = []
     for i in named[np.argsort(chance[named], kind="stable")]:

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from scipy.stats import chi2
+from scipy.special import chdtri
 
 from spherecal.adjust.layout import POSE
 from spherecal.base.arrays import FloatArray
@@ -162,7 +162,7 @@ class _FewPoints:
             turn = exp_rotation(step[:3])
             pose = turn @ pose[0], turn @ pose[1] + step[3:]
         freedom = off.size - (free.stop - free.start)
-        return pose if off @ off < chi2.isf(BY_NOISE, freedom) else None
+        return pose if off @ off < chdtri(freedom, BY_NOISE) else None
 
     def _stay(self, pose: Pose) -> FloatArray:
         distance = np.linalg.norm(self.points @ pose[0].T + pose[1], axis=1).mean()

@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from functools import cache
 
 import numpy as np
-from scipy.stats import chi2
+from scipy.special import chdtri
 
 # Inflation counts as far as it is sure at this level, so that it is 1 with noise alone.
 SURE = 0.05
@@ -66,7 +66,7 @@ def _at_least(scatter: Scatter) -> float:
 
 @cache  # every camera asks for that of every other
 def _sure_chi_square(dof: int) -> float:
-    return float(chi2.isf(SURE, dof))
+    return float(chdtri(dof, SURE))
 
 
 def raised(limit: float, scatter: float) -> float:

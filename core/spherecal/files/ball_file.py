@@ -15,7 +15,7 @@ from spherecal.base.errors import InputError
 from spherecal.base.messages.values import Phrase
 from spherecal.data.rig import BallShape, RigScale
 from spherecal.files.codec import (
-    Format,
+    FileFormat,
     choice,
     date,
     field,
@@ -111,7 +111,7 @@ _DOT = record(
     ),
 )
 _DOTS = items("The dots in the ball's own frame.", _DOT, least=LEAST_DOTS).checked(_check_dots)
-BALL = Format(
+BALL = FileFormat(
     "spherecal/ball",
     BALL_FILE,
     "The shape of one ball as a calibration found it, for later ones.",
@@ -141,7 +141,7 @@ BALL = Format(
         software(),
         field("dots", replace(_DOTS, entry=lambda shape: [_DOT.entry(dot) for dot in _dots(shape)]), "shape"),
     ),
-    ("No dot is there twice.", "The dots do not lie on one line.", "A covariance is positive definite."),
+    ("No dot occurs twice.", "The dots are not all on one line.", "A covariance is positive definite."),
     lines="dots",
 )
 

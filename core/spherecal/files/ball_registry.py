@@ -11,7 +11,7 @@ import numpy as np
 from spherecal.base.arrays import ByValue
 from spherecal.base.messages.values import Phrase
 from spherecal.files.atomic import make_parent, write_file_whole
-from spherecal.files.codec import Format, field, items, name, only, optional, positive, record
+from spherecal.files.codec import FileFormat, field, items, name, only, optional, positive, record
 from spherecal.files.lock import locked
 from spherecal.files.target_set_file import TARGETS
 from spherecal.targets.target_set import TargetSet
@@ -91,7 +91,7 @@ _BALL = record(
     field("targets", TARGETS.kind.described("Its targets, as in targets.json."), "target_set"),
     optional("spacing", _SPACING, omit=None),
 )
-BALLS = Format(
+BALLS = FileFormat(
     "spherecal/balls",
     "balls.json",
     "The owner's balls, in the user's settings; `SPHERECAL_BALLS` names another file.",

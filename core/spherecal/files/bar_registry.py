@@ -19,7 +19,7 @@ from spherecal.data.session import Bar, BarLength, Certificate, Mark
 from spherecal.files.atomic import make_parent, write_file_whole
 from spherecal.files.codec import (
     Field,
-    Format,
+    FileFormat,
     Kind,
     date,
     entries,
@@ -270,7 +270,7 @@ LENGTH = record(
     field("length_mm", positive("The length at the reference temperature.", "mm")),
     _unless_assumed("expanded_uncertainty_mm", _EXPANDED),
     _unless_assumed("coverage_factor", number("The factor k of that uncertainty; 2 where absent.", *_COVERAGE_FACTORS)),
-    optional("nominal_mm", positive("What the length is called by, within 1 % of it.", "mm"), omit=None),
+    optional("nominal_mm", positive("The nominal length, within 1 % of it.", "mm"), omit=None),
     check=_check_length,
 )
 LENGTHS = items("The certified lengths.", LENGTH, least=1)
@@ -318,12 +318,12 @@ _BAR = record(
     *FIGURES,
     check=lambda bar, f: read_lengths(f["lengths"], bar.marks),
 )
-BARS = Format(
+BARS = FileFormat(
     "spherecal/bars",
     "bars.json",
     "The owner's reference bars, in the user's settings; `SPHERECAL_BARS` names another file.",
     only("bars", items("The bars.", _BAR, differ="serial")),
-    ("Serial numbers differ.", "A mark that is named is there."),
+    ("Serial numbers differ.", "Every named mark exists."),
     more="verification.md",
 )
 

@@ -11,7 +11,7 @@ from typing import Any
 
 from spherecal.base.errors import InputError
 from spherecal.base.messages.values import Phrase
-from spherecal.files.codec import Format, Kind, digest, field, record, software, text, unread
+from spherecal.files.codec import FileFormat, Kind, digest, field, record, software, text, unread
 from spherecal.files.json_file import JsonValue
 
 BUNDLE_FILE = "bundle.json"
@@ -42,10 +42,10 @@ _FILES = {
     "type": "object",
     "additionalProperties": text("").schema,
 }
-BUNDLE = Format(
+BUNDLE = FileFormat(
     "spherecal/bundle",
     BUNDLE_FILE,
-    "Beside a session whose images were left out for a support bundle: what the original was.",
+    "Describes the original of a session whose images were left out for a support bundle.",
     record(
         "",
         _Original,

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from spherecal.files.codec import (
-    Format,
+    FileFormat,
     celsius,
     entries,
     field,
@@ -117,7 +117,7 @@ SETS = items(
     "The sets of images, in the order in which they were taken.",
     replace(_SET, schema=_SET.schema | {"required": ["id", "taken", "images"]}),
 )
-CAPTURE = Format(
+CAPTURE = FileFormat(
     FORMAT,
     CAPTURE_FILE,
     "When and how a session was captured, beside its session.json.",

@@ -1,4 +1,4 @@
-"""What a file holds, declared once: a `Format` reads its files, writes them, and gives their JSON Schema.
+"""What a file holds, declared once: a `FileFormat` reads its files, writes them, and gives their JSON Schema.
 
 A format is a tree of kinds, each with its description first: `number("Age in hours.", 0)`. `record` makes a dataclass
 of an object, field by field, in the order in which they are written. What no kind says, such as that one field agrees
@@ -522,7 +522,7 @@ def only(key: str, kind: Kind[T], *others: Field) -> Kind[T]:
 
 
 @dataclass(frozen=True)
-class Format(Generic[T]):
+class FileFormat(Generic[T]):
     """One format: the name that its files have in the field `format`, its usual file, what it is for, what it holds.
 
     `rules` are sentences about what no schema can say, such as that ids differ. `is_read` is false for what is only

@@ -11,7 +11,7 @@ from typing import Any
 
 from spherecal.base.messages.values import as_json, from_json
 from spherecal.data.findings import AdvisedRepair, Finding, as_written
-from spherecal.files.codec import Format, choice, field, free, items, only, prose, record
+from spherecal.files.codec import FileFormat, choice, field, free, items, only, prose, record
 
 FINDINGS_FILE = "findings.json"
 
@@ -51,7 +51,7 @@ _FINDING = record(
     field("where", items("As in rig.json.", prose(""))),
     field("repairs", items("Repairs that may help.", _REPAIR)),
 )
-FINDINGS = Format(
+FINDINGS = FileFormat(
     "spherecal/findings",
     FINDINGS_FILE,
     "The values of the findings in the rig.json and verification.json beside it, for other languages; may be missing.",

@@ -7,7 +7,19 @@ import numpy as np
 
 from spherecal.base.messages.values import Phrase
 from spherecal.files.atomic import write_file_whole
-from spherecal.files.codec import Format, choice, field, items, name, number, numbers, optional, record, software, text
+from spherecal.files.codec import (
+    FileFormat,
+    choice,
+    field,
+    items,
+    name,
+    number,
+    numbers,
+    optional,
+    record,
+    software,
+    text,
+)
 from spherecal.files.json_file import JsonValue
 from spherecal.files.rig_file import rotation
 from spherecal.geometry.user_frame import TURNS, FrameDefinition, UserFrame
@@ -39,7 +51,7 @@ FIELDS = (
     optional("origin_sigma_mm", _SIGMAS.described("Standard uncertainties of the origin.")),
     optional("axes_sigma_deg", _SIGMAS.described("Standard uncertainties of the axes.")),
 )
-FRAME = Format(
+FRAME = FileFormat(
     "spherecal/frame",
     "frame.json",
     "The user's frame.",

@@ -27,7 +27,7 @@ from spherecal.data.rig import (
     unknown_quality,
 )
 from spherecal.files.codec import (
-    Format,
+    FileFormat,
     Kind,
     Schema,
     boolean,
@@ -449,7 +449,7 @@ _SCALE = record(
     field("source", choice("Its source.", ("target_spacing", "bar", "board", "ball", "given", "none"))),
     optional("relative_uncertainty", number("Relative standard uncertainty.", 0)),
 )
-RIG = Format(
+RIG = FileFormat(
     "spherecal/rig",
     "rig.json",
     "The calibrated cameras. The world is the reference camera's frame; lengths in mm. Of another program's rig only "

@@ -83,7 +83,7 @@ _PRIOR = record(
     _Prior,
     field("matrix", LENS_MATRIX),
     optional("distortion", Kind(distortion(_DISTORTION), read_distortion)),
-    optional("assumed", items("What nobody knows better.", choice("", ("focal_length",)))),
+    optional("assumed", items("Values that are only assumed.", choice("", ("focal_length",)))),
 )
 _CAMERA = record(
     "A camera. It needs `prior`, or `pixel_pitch_um` and `focal_length_mm`.",

@@ -12,7 +12,7 @@ from spherecal.geometry.camera import undistort_views
 from spherecal.initialise.path import Path, PathSettings, Search, find_paths
 from spherecal.initialise.planar import is_flat, reconstruct_planar_triple
 from spherecal.initialise.triple import MIN_POINTS, Triple, reconstruct_triple
-from spherecal.initialise.two_view import GATE_PX, Gate, Pair, relative_orientation, vote
+from spherecal.initialise.two_view import GATE_PX, Pair, TwoViewGate, relative_orientation, vote
 from spherecal.initialise.view_graph import (
     MIN_COMMON,
     CameraGraph,
@@ -113,7 +113,9 @@ def reconstruct_locally(
     return LocalNetwork(keep, counts, triples, graph, found)
 
 
-def _strongest_pair(gate: Gate, table: IntArray, xy: FloatArray, intrinsics: FloatArray, seed: int) -> Pair | None:
+def _strongest_pair(
+    gate: TwoViewGate, table: IntArray, xy: FloatArray, intrinsics: FloatArray, seed: int
+) -> Pair | None:
     """The two cameras with most points that they agree on; None without any, or where these do not show their pose.
 
     Two cameras alone are no rig: nothing would test what they say.
@@ -127,7 +129,7 @@ def _strongest_pair(gate: Gate, table: IntArray, xy: FloatArray, intrinsics: Flo
     return relative_orientation((i, j), xy[table[i, common]], xy[table[j, common]], focal_px, seed)
 
 
-def _is_flat(gate: Gate, table: IntArray, xy: FloatArray, intrinsics: FloatArray) -> bool:
+def _is_flat(gate: TwoViewGate, table: IntArray, xy: FloatArray, intrinsics: FloatArray) -> bool:
     """Whether most pairs of cameras see points of one plane, whose triples no factorisation reconstructs."""
     pairs = [(pair, common) for pair, common in gate.consistent.items() if len(common) >= MIN_COMMON]
     some = [pairs[i] for i in np.unique(np.linspace(0, len(pairs) - 1, FLAT_PAIRS).astype(int))] if pairs else []

@@ -22,7 +22,7 @@ MIN_IN_FRONT = 0.8  # of the points of a pair: of the four poses of an essential
 
 
 @dataclass(frozen=True)
-class Gate:
+class TwoViewGate:
     """What the two-view geometry supports: observations (n,), and for each pair (i < j) its consistent features."""
 
     keep: BoolArray
@@ -38,7 +38,7 @@ class Gate:
 
 def vote(
     feature_table: IntArray, flat: FloatArray, counts: IntArray, gate_px: float, seed: int, context: Context
-) -> Gate:
+) -> TwoViewGate:
     """Observations that at least half of their pairs of cameras find consistent (MAGSAC on fundamental matrices).
 
     Parameters
@@ -66,7 +66,7 @@ def vote(
         for some in (a, b):
             agreed[some] += good
             asked[some] += 1
-    return Gate(2 * agreed >= asked, consistent)
+    return TwoViewGate(2 * agreed >= asked, consistent)
 
 
 def _consistent(a: FloatArray, b: FloatArray, gate_px: float, seed: int) -> BoolArray:

@@ -7,7 +7,7 @@ import numpy as np
 from spherecal.base.errors import InputError
 from spherecal.base.messages.values import Phrase
 from spherecal.files.atomic import write_file_whole
-from spherecal.files.codec import Format, field, identifier, integer, items, name, number, optional, record
+from spherecal.files.codec import FileFormat, field, identifier, integer, items, name, number, optional, record
 from spherecal.measuring.task import CENTRE, Body, BodyPoint, PointName
 
 LEAST_POINTS = 3
@@ -30,7 +30,7 @@ _POINT = record(
     field("xyz_mm", items("Its place.", number("", -_MOST_MM, _MOST_MM, "mm"), length=3), "place_mm"),
     optional("sigma_mm", number("Standard deviation of that; 0 where absent.", 0, _MOST_MM, "mm")),
 )
-BODY = Format(
+BODY = FileFormat(
     "spherecal/body",
     "body.json",
     "A rigid body by named points in a frame of its own.",
@@ -40,7 +40,7 @@ BODY = Format(
         field("name", identifier("Its name.")),
         field("points", items("Its points.", _POINT, LEAST_POINTS, _MOST_POINTS, differ="name", what="point")),
     ),
-    ("No point is there twice.", "The points do not lie on one line."),
+    ("No point occurs twice.", "The points are not all on one line."),
     more="measuring.md#bodies",
 )
 

@@ -12,7 +12,7 @@ from spherecal.base.filesystem import write_below
 from spherecal.base.messages.values import Phrase
 from spherecal.files.codec import (
     Field,
-    Format,
+    FileFormat,
     Kind,
     celsius,
     choice,
@@ -102,7 +102,7 @@ _CHECK = record(
     field("balls", _BALLS),
     field("lengths", _LENGTHS),
 )
-PROFILE_CHECK = Format(
+PROFILE_CHECK = FileFormat(
     "spherecal/profile-check",
     "checks/*.json",
     "A quick check kept in a profile.",

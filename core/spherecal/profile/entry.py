@@ -11,7 +11,7 @@ from spherecal.base.filesystem import read_below
 from spherecal.base.messages.values import Phrase
 from spherecal.data.rig import Rig, Verdict
 from spherecal.files.codec import (
-    Format,
+    FileFormat,
     boolean,
     celsius,
     digest,
@@ -156,7 +156,7 @@ _SOFTWARE = group(
     unread("name", "Its name.", lambda _: "SphereCal"),
     is_needed=False,
 )
-ENTRY = Format(
+ENTRY = FileFormat(
     "spherecal/profile-entry",
     ENTRY_FILE,
     "A calibration in a profile: what was known when it was saved, and the files beside it.",

@@ -16,7 +16,7 @@ from spherecal.base.errors import InputError
 from spherecal.base.messages.values import Phrase
 from spherecal.files.atomic import make_parent, write_file_whole
 from spherecal.files.codec import (
-    Format,
+    FileFormat,
     Kind,
     boolean,
     choice,
@@ -208,7 +208,7 @@ _CHANGE = record(
     optional("before", _VALUE.described("Its value before."), omit=None),
     optional("after", _VALUE.described("Its value afterwards."), omit=None),
 )
-LIMITS = Format(
+LIMITS = FileFormat(
     "spherecal/limits",
     "limits.json",
     "What the responsible person has set, in the user's settings; `SPHERECAL_LIMITS` names another file.",

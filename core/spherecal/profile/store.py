@@ -26,7 +26,7 @@ from spherecal.base.filesystem import (
 )
 from spherecal.base.messages.values import Phrase
 from spherecal.data.rig import Rig
-from spherecal.files.codec import Format, field, items, name, number, optional, record, software, text, time
+from spherecal.files.codec import FileFormat, field, items, name, number, optional, record, software, text, time
 from spherecal.files.json_file import JsonValue, name_problem
 from spherecal.files.lock import LOCK, locked
 from spherecal.profile.checks import FOLDER as CHECKS
@@ -179,7 +179,7 @@ _EVENTS = items(
     most=_MOST_EVENTS,
     excess=Phrase("problem-many-events", {"most": _MOST_EVENTS}),
 )
-PROFILE = Format(
+PROFILE = FileFormat(
     "spherecal/profile",
     PROFILE_FILE,
     "A rig's profile: its name, limits, and which calibration was in use from when on.",

@@ -18,7 +18,7 @@ from spherecal import __version__
 from spherecal.base.errors import InputError
 from spherecal.base.messages.values import Phrase
 from spherecal.data.rig import RigCamera
-from spherecal.files.codec import Format, Kind, choice, field, optional, record, text
+from spherecal.files.codec import FileFormat, Kind, choice, field, optional, record, text
 from spherecal.files.codec import date as day
 from spherecal.files.json_file import JsonValue
 from spherecal.geometry.camera import INTRINSIC_NAMES, is_fisheye, lens_names
@@ -95,7 +95,7 @@ def _stated_contact(about: str) -> Kind[Contact]:
     )
 
 
-ISSUER = Format(
+ISSUER = FileFormat(
     "spherecal/issuer",
     "issuer.json",
     "What `spherecal report --issuer` needs for a calibration certificate: laboratory, customer, person, dates.",

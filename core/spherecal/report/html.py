@@ -16,7 +16,7 @@ from spherecal.report.rig_page import draw_view
 from spherecal.report.rig_view import OBLIQUE, TOP, make_scene
 from spherecal.report.scene_picture import ScenePicture, draw_scene
 from spherecal.report.sheet import PageBox, Sheet
-from spherecal.report.tables import Section, Table, made_by
+from spherecal.report.tables import ReportTable, Section, made_by
 from spherecal.report.uncertainty_page import draw_layers, layers_of
 from spherecal.report.verdict_page import severity_word, signed_by
 
@@ -119,7 +119,7 @@ def _section(section: Section, result: Result) -> list[str]:
     return body + [_table(table) for table in section.tables]
 
 
-def _table(table: Table) -> str:
+def _table(table: ReportTable) -> str:
     def cells(tag: str, row: tuple[str, ...]) -> str:
         return "".join(
             f"<{tag}{' class=l' if i < table.left else ''}>{escape(cell).replace(chr(10), '<br>')}</{tag}>"

@@ -3,7 +3,7 @@
 from spherecal.report.language import label, word, written
 from spherecal.report.result_folder import Result
 from spherecal.report.style import NONE, TO, count, number, significant
-from spherecal.report.tables import Section, Table
+from spherecal.report.tables import ReportTable, Section
 from spherecal.verify.verification_file import AcceptanceReport, BarReport, BudgetReport, ProcedureReport
 
 _MANY = 10_000
@@ -92,7 +92,7 @@ def _cameras(bars: BarReport) -> Section:
         label("report-rms-px"),
         label("report-state"),
     )
-    table = Table("", columns, (30.0, 22.0, 20.0, 22.0, 28.0), tuple(rows))
+    table = ReportTable("", columns, (30.0, 22.0, 20.0, 22.0, 28.0), tuple(rows))
     text = label("report-views-of-marks-that-another")
     return Section("bar-cameras", label("report-cameras-in-the-verification"), (text,), (table,))
 
@@ -119,7 +119,7 @@ def _statistics(bars: BarReport) -> Section:
         label("report-u-of-the-mean-mm"),
         "k",
     )
-    table = Table("", columns, (42.0, 12.0, 22.0, 20.0, 24.0, 22.0, 9.0), tuple(rows))
+    table = ReportTable("", columns, (42.0, 12.0, 22.0, 20.0, 24.0, 22.0, 9.0), tuple(rows))
     rule = label("report-rule", rule=written(bars.rule))
     text = label("report-rule-verdict", rule=rule, verdict=word(_VERDICTS, bars.verdict))
     return Section("bar-errors", label("report-length-errors"), (text,), (table,))
@@ -154,7 +154,7 @@ def _conformity(procedure: ProcedureReport) -> Section | None:
         label("report-limit-mm"),
         label("report-verdict"),
     )
-    table = Table("", columns, (42.0, 26.0, 24.0, 22.0, 22.0, 24.0), tuple(rows), 2)
+    table = ReportTable("", columns, (42.0, 26.0, 24.0, 22.0, 22.0, 24.0), tuple(rows), 2)
     verdict = word(_VERDICTS, acceptance.verdict).upper()
     rule = label("report-iso-rule")
     text = label("report-conformity", limit=acceptance.words, verdict=verdict, doubts=doubts, rule=rule)
@@ -168,7 +168,7 @@ def _budgets(procedure: ProcedureReport) -> Section | None:
     return Section("budget", label("report-uncertainty-budget"), (text,), tuple(_budget(b) for b in procedure.budgets))
 
 
-def _budget(budget: BudgetReport) -> Table:
+def _budget(budget: BudgetReport) -> ReportTable:
     title = label(
         "report-budget",
         length=name_of(budget.bar, budget.start, budget.end),
@@ -206,7 +206,7 @@ def _budget(budget: BudgetReport) -> Table:
         label("report-share"),
         "",
     )
-    return Table(title, columns, (30.0, 26.0, 12.0, 22.0, 22.0, 16.0, 48.0), tuple(rows), 2)
+    return ReportTable(title, columns, (30.0, 26.0, 12.0, 22.0, 22.0, 16.0, 48.0), tuple(rows), 2)
 
 
 def _freedom(value: float | None) -> str:
@@ -240,7 +240,7 @@ def _artefacts(procedure: ProcedureReport) -> Section | None:
         label("report-valid-until"),
         label("report-expansion-10-k"),
     )
-    about = Table("", columns, (16.0, 28.0, 32.0, 36.0, 22.0, 22.0, 18.0), tuple(rows), 6)
+    about = ReportTable("", columns, (16.0, 28.0, 32.0, 36.0, 22.0, 22.0, 18.0), tuple(rows), 6)
     lengths = [
         (
             name_of(bar.id, start, end),
@@ -253,7 +253,7 @@ def _artefacts(procedure: ProcedureReport) -> Section | None:
         for start, end, length, expanded, k in bar.lengths
     ]
     columns = (label("report-length"), label("report-certified-mm"), "U\nmm", "k", "at °C")
-    certified = Table("", columns, (46.0, 30.0, 22.0, 12.0, 14.0), tuple(lengths))
+    certified = ReportTable("", columns, (46.0, 30.0, 22.0, 12.0, 14.0), tuple(lengths))
     text = label("report-reference-bars-of-this-verification")
     return Section("artefacts", label("report-artefacts-and-certificates"), (text,), (about, certified))
 
@@ -268,7 +268,7 @@ def _temperatures(procedure: ProcedureReport) -> Section | None:
         else label("report-the-bars-temperatures-were-not")
     )
     rows = tuple((pose.id, pose.bar, number(pose.temperature_c, 2)) for pose in procedure.poses)
-    table = Table(
+    table = ReportTable(
         "", (label("report-pose"), label("report-bar"), label("report-temperature-c")), (40.0, 30.0, 30.0), rows, 2
     )
     return Section("temperatures", label("report-temperatures"), (text,), (table,))
@@ -304,5 +304,5 @@ def _measured(bars: BarReport) -> Section:
         "u (k = 1)\nmm",
         label("report-views"),
     )
-    table = Table("", columns, (26.0, 36.0, 25.0, 25.0, 20.0, 18.0, 11.0), tuple(rows), 2)
+    table = ReportTable("", columns, (26.0, 36.0, 25.0, 25.0, 20.0, 18.0, 11.0), tuple(rows), 2)
     return Section("measured", label("report-all-measured-lengths"), (), (table,))

@@ -9,7 +9,7 @@ from spherecal.report.language import label
 from spherecal.report.lens_columns import lens_columns, lens_model_words, lens_number
 from spherecal.report.result_folder import Result
 from spherecal.report.style import NONE, count, number, significant
-from spherecal.report.tables import Section, Table, calibrated_with, images_taken
+from spherecal.report.tables import ReportTable, Section, calibrated_with, images_taken
 
 # Cells along an image's longer side: a dot field of a hundred targets fills what it crosses.
 _CELLS = 10
@@ -71,7 +71,7 @@ def _cameras(result: Result) -> Section | None:
     )
     text = label("report-sd-standard-uncertainty-k-1")
     return Section(
-        "cameras", label("report-cameras"), (text,), (Table("", columns, (15.0,) * len(columns), tuple(rows), 2),)
+        "cameras", label("report-cameras"), (text,), (ReportTable("", columns, (15.0,) * len(columns), tuple(rows), 2),)
     )
 
 
@@ -83,7 +83,7 @@ def _lenses(result: Result) -> Section | None:
     rows = tuple((c.id, *(number(lens_number(c, i), 3 if i < 4 else 6) for i in which)) for c in cameras)
     columns = (label("report-camera"), *which.values())
     text = label("report-lens-note", model=lens_model_words(cameras))
-    return Section("lenses", label("report-lenses"), (text,), (Table("", columns, (15.0,) * len(columns), rows),))
+    return Section("lenses", label("report-lenses"), (text,), (ReportTable("", columns, (15.0,) * len(columns), rows),))
 
 
 def image_cells(result: Result, name: str) -> np.ndarray | None:
@@ -141,7 +141,7 @@ def _coverage(result: Result) -> Section | None:
         "coverage",
         label("report-coverage"),
         (text,),
-        (Table("", columns, (30.0, 24.0, 24.0, 26.0, 26.0), tuple(rows)),),
+        (ReportTable("", columns, (30.0, 24.0, 24.0, 26.0, 26.0), tuple(rows)),),
     )
 
 
@@ -171,7 +171,7 @@ def _excluded(result: Result) -> Section:
         label("report-of-its-own"),
         label("report-largest-residual-px"),
     )
-    tables = (Table("", columns, (30.0, 34.0, 24.0, 28.0), tuple(rows)),) if rows else ()
+    tables = (ReportTable("", columns, (30.0, 34.0, 24.0, 28.0), tuple(rows)),) if rows else ()
     return Section("exclusions", label("report-what-was-left-out"), tuple(texts), tables)
 
 
@@ -192,7 +192,9 @@ def _balls(result: Result) -> Section | None:
         label("report-out-of-round-sd", unit=unit),
     )
     text = label("report-the-sphere-that-fits-each")
-    return Section("balls", label("report-ball-at-each-placement"), (text,), (Table("", columns, (24.0,) * 6, rows),))
+    return Section(
+        "balls", label("report-ball-at-each-placement"), (text,), (ReportTable("", columns, (24.0,) * 6, rows),)
+    )
 
 
 def _lengths(result: Result) -> Section | None:
@@ -228,7 +230,7 @@ def _lengths(result: Result) -> Section | None:
         "uncertainty",
         label("report-uncertainty-in-the-volume"),
         (text,),
-        (Table("", columns, (30.0, 24.0, 24.0, 20.0), tuple(rows)),),
+        (ReportTable("", columns, (30.0, 24.0, 24.0, 20.0), tuple(rows)),),
     )
 
 
@@ -243,5 +245,5 @@ def _origin(result: Result) -> Section:
         if path.is_file():
             with path.open("rb") as file:
                 rows.append((name, hashlib.file_digest(file, "sha256").hexdigest()))
-    table = Table("", ("", label("report-sha-256-of-the-file")), (34.0, 140.0), tuple(rows), 2)
+    table = ReportTable("", ("", label("report-sha-256-of-the-file")), (34.0, 140.0), tuple(rows), 2)
     return Section("origin", label("report-software-and-hashes"), (), (table,))

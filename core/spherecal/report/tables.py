@@ -25,7 +25,7 @@ def calibrated_with(result: Result) -> str:
 
 
 @dataclass(frozen=True)
-class Table:
+class ReportTable:
     """A table: its title, headings (a second line after a line end), widths in mm, rows of texts as printed."""
 
     title: str
@@ -42,7 +42,7 @@ class Section:
     key: str
     title: str
     paragraphs: tuple[str, ...] = ()
-    tables: tuple[Table, ...] = ()
+    tables: tuple[ReportTable, ...] = ()
 
 
 def made_by(result: Result) -> str:

@@ -8,7 +8,7 @@ from spherecal.base.messages.values import Phrase
 from spherecal.targets.board_pattern import BoardPattern, figure
 from spherecal.targets.pdf_canvas import POINTS_PER_MM as MM
 from spherecal.targets.pdf_canvas import PdfCanvas
-from spherecal.targets.sheet import FOOT_MM, HEAD_MM, LEFT_MM, Drawing, draw_rulers
+from spherecal.targets.sheet import FOOT_MM, HEAD_MM, LEFT_MM, SheetDrawing, draw_rulers
 
 BOARD_PAGES_MM: dict[str, tuple[float, float]] = {
     "A4": (210.0, 297.0), "Letter": (215.9, 279.4), "A3": (297.0, 420.0), "A2": (420.0, 594.0),
@@ -43,7 +43,7 @@ def write_board_sheet(path: Path, pattern: BoardPattern, page: str = "A4") -> No
     across, down = drawn.size_mm
     width, height = _turned(BOARD_PAGES_MM[page], across, down, page)
     canvas = PdfCanvas(f"Board: {words(pattern)}", width * MM, height * MM)
-    drawing = Drawing(canvas, width, height)
+    drawing = SheetDrawing(canvas, width, height)
     for x, y, a, b, grey in drawn.rectangles:
         drawing.rectangle(LEFT_MM + x, HEAD_MM + y, a, b, grey)
     for x, y, diameter, grey in drawn.discs:

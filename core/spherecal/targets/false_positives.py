@@ -12,7 +12,7 @@ import numpy as np
 from spherecal.base.arrays import BoolArray, FloatArray
 from spherecal.targets import sticker_view as sv
 from spherecal.targets.family import TEMPLATE_DOTS
-from spherecal.targets.refinement import Dots
+from spherecal.targets.refinement import RefinedDots
 
 _CODE = len(TEMPLATE_DOTS)  # code dots from here on
 
@@ -36,7 +36,9 @@ _LEAST_DOTS = 7
 _SIZES = 0.8, 1.35
 
 
-def proven(dots: Dots, layouts: FloatArray, views: FloatArray, complete: BoolArray, camera: FloatArray) -> BoolArray:
+def proven(
+    dots: RefinedDots, layouts: FloatArray, views: FloatArray, complete: BoolArray, camera: FloatArray
+) -> BoolArray:
     """Which readings are targets, (n,).
 
     Parameters

@@ -21,7 +21,7 @@ _FOCAL_ERROR = 0.01  # relative, of a camera's focal length in a first adjustmen
 
 
 @dataclass(frozen=True)
-class Expected:
+class ExpectedTargets:
     """Where targets should be in one image: ids (n,), dots (n, 8, 2) px in the order of DOTS, NaN where not known.
 
     `known` (k,) and `known_uv` (k, 8, 2) are targets found before: they give the noise and the blur of the image.
@@ -42,7 +42,7 @@ class Found:
     sigma_uv: FloatArray
 
 
-def detect_predicted(image: GreyImage, expected: Expected, table: CodeTable, camera: Sequence[float]) -> Found:
+def detect_predicted(image: GreyImage, expected: ExpectedTargets, table: CodeTable, camera: Sequence[float]) -> Found:
     """The expected targets that the image really shows, with all dots that were expected of each.
 
     Parameters

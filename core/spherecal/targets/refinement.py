@@ -31,7 +31,7 @@ _FLOOR_PX = 0.001  # standard deviation that the fit's covariance does not know:
 
 
 @dataclass(frozen=True)
-class Dots:
+class RefinedDots:
     """Refined dots of n targets.
 
     `uv` (n, 8, 2) px: images of the centres of the dots' rims, NaN where there is none; `sigma` (n, 8, 2) px: their
@@ -49,7 +49,7 @@ class Dots:
 
 def refine(
     image: GreyImage, uv: FloatArray, layouts: FloatArray, radius: float, views: FloatArray, focal_error: float
-) -> Dots:
+) -> RefinedDots:
     """The dots of n targets, fitted to the image; a target whose fit fails has no dots.
 
     Dots may be brighter or darker than their background.
@@ -107,7 +107,7 @@ def refine(
     shift = _eccentricities(layouts, radius, views)
     good = present & ok[:, None]
     sigma = np.sqrt(covariance[:, :, [0, 2]] + _FLOOR_PX**2 + (focal_error * shift) ** 2)
-    return Dots(
+    return RefinedDots(
         np.where(good[..., None], dots[:, :, :2] + shift, np.nan),
         np.where(good[..., None], sigma, np.nan),
         shared[:, df.MISFIT],

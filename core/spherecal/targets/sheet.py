@@ -33,7 +33,7 @@ _LARGEST_SCALE_ERROR = 0.05
 
 
 @dataclass(frozen=True)
-class Drawing:
+class SheetDrawing:
     """A canvas that draws in millimetres, y down from the top of the page."""
 
     canvas: PdfCanvas
@@ -151,7 +151,7 @@ def write_sheet(
     width, height = PAGE_SIZES_MM[page]
     title = f"Coded targets {target_set.family}, {target_set.size_mm:g} mm, ids {ids[0]} to {ids[-1]}"
     canvas = PdfCanvas(title, width * MM, height * MM)
-    drawing = Drawing(canvas, width, height)
+    drawing = SheetDrawing(canvas, width, height)
     draw_instructions(drawing, target_set, ids)
     canvas.end_page()
     side = sticker_mm(target_set)
@@ -193,7 +193,7 @@ def sticker_places(page: Page, size_mm: float) -> list[tuple[float, float]]:
     return [(left + column * pitch, top + row * pitch) for row in range(rows) for column in range(columns)]
 
 
-def draw_sticker(drawing: Drawing, target_set: TargetSet, target: int, x: float, y: float) -> None:
+def draw_sticker(drawing: SheetDrawing, target_set: TargetSet, target: int, x: float, y: float) -> None:
     """Draw one target.
 
     Parameters
@@ -215,7 +215,7 @@ def draw_sticker(drawing: Drawing, target_set: TargetSet, target: int, x: float,
         drawing.disc(x + size / 2 + place[0], y + size / 2 + place[1], target_set.dot_diameter_mm, dots)
 
 
-def _draw_marker(drawing: Drawing, target_set: TargetSet, target: int, x: float, y: float) -> None:
+def _draw_marker(drawing: SheetDrawing, target_set: TargetSet, target: int, x: float, y: float) -> None:
     """A marker with its blank edge."""
     assert target_set.dictionary is not None
     side, dark = sticker_mm(target_set), 0.0 if target_set.polarity == "dark-on-light" else 1.0
@@ -275,7 +275,7 @@ def _chosen_ids(target_set: TargetSet, start_id: int | None, count: int | None) 
     return ids
 
 
-def _draw_cut_marks(drawing: Drawing, x: float, y: float, size_mm: float) -> None:
+def _draw_cut_marks(drawing: SheetDrawing, x: float, y: float, size_mm: float) -> None:
     """Two short lines at each corner, along the sticker's edges and outside it."""
     near, far = 0.25, 0.25 + 0.75
     for corner_x, outward_x in ((x, -1), (x + size_mm, 1)):
@@ -284,7 +284,7 @@ def _draw_cut_marks(drawing: Drawing, x: float, y: float, size_mm: float) -> Non
             drawing.line(corner_x, corner_y + outward_y * near, corner_x, corner_y + outward_y * far)
 
 
-def draw_rulers(drawing: Drawing) -> None:
+def draw_rulers(drawing: SheetDrawing) -> None:
     """Draw the horizontal check ruler at the foot of the page and the vertical one at its left, 100 mm each."""
     left, foot = _MARGIN_MM + _RULER_BAND_MM, drawing.height_mm - _MARGIN_MM - 4.0
     right, head = _MARGIN_MM + 4.0, drawing.height_mm - _MARGIN_MM - _RULER_BAND_MM - RULER_MM - 4.0
@@ -299,7 +299,7 @@ def draw_rulers(drawing: Drawing) -> None:
     drawing.text(right + 4.3, head + RULER_MM - 12.0, caption, turn_deg=90)
 
 
-def _draw_foot(drawing: Drawing, target_set: TargetSet, ids: list[int]) -> None:
+def _draw_foot(drawing: SheetDrawing, target_set: TargetSet, ids: list[int]) -> None:
     drawing.text(
         _MARGIN_MM + _RULER_BAND_MM,
         drawing.height_mm - _MARGIN_MM,

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 from spherecal.targets.family import DOTS
 from spherecal.targets.marker_set import sticker_mm
-from spherecal.targets.sheet import Drawing, draw_sticker
+from spherecal.targets.sheet import SheetDrawing, draw_sticker
 from spherecal.targets.target_set import TargetSet
 
 BALL_DIAMETER_MM = 500.0
@@ -71,7 +71,7 @@ def rings(targets: int = BALL_TARGETS, diameter_mm: float = BALL_DIAMETER_MM) ->
     return result
 
 
-def draw_instructions(drawing: Drawing, target_set: TargetSet, ids: list[int]) -> None:
+def draw_instructions(drawing: SheetDrawing, target_set: TargetSet, ids: list[int]) -> None:
     """Draw the page of instructions.
 
     Parameters
@@ -100,7 +100,7 @@ def draw_instructions(drawing: Drawing, target_set: TargetSet, ids: list[int]) -
     _draw_example(drawing, target_set, ids[0], _LEFT_MM + 105.0, y + 2.0)
 
 
-def _draw_rings(drawing: Drawing, y: float) -> None:
+def _draw_rings(drawing: SheetDrawing, y: float) -> None:
     table = rings()
     total = 2 * sum(ring.stickers for ring in table) - table[0].stickers
     title = f"{total} stickers on a ball of {BALL_DIAMETER_MM:g} mm"
@@ -118,7 +118,7 @@ def _draw_rings(drawing: Drawing, y: float) -> None:
             drawing.text(x, base, text, size_pt=9)
 
 
-def _draw_example(drawing: Drawing, target_set: TargetSet, target: int, x: float, y: float) -> None:
+def _draw_example(drawing: SheetDrawing, target_set: TargetSet, target: int, x: float, y: float) -> None:
     """One sticker with the names of its dots and the axes of its plane."""
     size = target_set.size_mm
     if size > 60.0:

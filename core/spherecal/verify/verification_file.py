@@ -10,7 +10,7 @@ from spherecal.data.findings import Finding
 from spherecal.files.bar_registry import CERTIFICATE, LENGTH
 from spherecal.files.codec import (
     Field,
-    Format,
+    FileFormat,
     Kind,
     choice,
     field,
@@ -350,7 +350,7 @@ _CERTIFIED = record(
     field("length_mm", _mm("The length.")),
     optional("expanded_uncertainty_mm", _mm("Its expanded uncertainty.")),
     optional("coverage_factor", _mm("The factor k.")),
-    unread("nominal_mm", "What it is called by."),
+    unread("nominal_mm", "Its nominal length."),
 )
 _BAR = record(
     "A bar and its certificate.",
@@ -452,7 +452,7 @@ PROCEDURE = record(
     field("budgets", items("A budget for each length.", _BUDGET), "procedure.budgets"),
     optional("cameras_moved", items("Cameras that moved since the calibration.", name("")), _moved, "cameras_moved"),
 )
-VERIFICATION = Format(
+VERIFICATION = FileFormat(
     "spherecal/verification",
     "verification.json",
     "What the check bars say about a rig; the single lengths are in bars.csv beside it.",

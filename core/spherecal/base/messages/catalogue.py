@@ -40,7 +40,7 @@ _OPTIONS = re.compile(r" ?\[[^\]]*\]")
 
 
 @dataclass(frozen=True)
-class Field:
+class TemplateField:
     """A field of a template: the value's name, `:` with a format, `#` with plural forms, or neither."""
 
     name: str
@@ -134,7 +134,7 @@ def fill(words: str, values: Mapping[str, Value], language: str = "en", *, with_
 
 
 @cache
-def parsed(words: str, with_options: bool | None = None) -> tuple[str | Field, ...]:
+def parsed(words: str, with_options: bool | None = None) -> tuple[str | TemplateField, ...]:
     """The literal text and the fields of a template, in their order.
 
     Parameters
@@ -146,15 +146,15 @@ def parsed(words: str, with_options: bool | None = None) -> tuple[str | Field, .
     """
     if with_options is not None:
         words = re.sub(r"[\[\]]", "", words) if with_options else _OPTIONS.sub("", words)
-    pieces: list[str | Field] = []
+    pieces: list[str | TemplateField] = []
     end = 0
     for found in _FIELD.finditer(words):
-        pieces += [words[end : found.start()], Field(found[1], found[2] or "", found[3] or "")]
+        pieces += [words[end : found.start()], TemplateField(found[1], found[2] or "", found[3] or "")]
         end = found.end()
     return (*pieces, words[end:])
 
 
-def _shown(value: Value, field: Field, language: str) -> str:
+def _shown(value: Value, field: TemplateField, language: str) -> str:
     if field.kind == "#":
         forms = field.spec.split("|")
         number = len(value) if isinstance(value, (tuple, str)) else value
@@ -178,5 +178,5 @@ def _joined(values: tuple[Value, ...], style: str, language: str) -> str:
     """A sequence; one within it, as a group of cameras, has spaces between its names."""
     styles = table(language)["lists"]
     between = styles[style] if style in styles else styles["default"]
-    inner, one = Field("", "", "spaces"), Field("", "", "" if style in styles else style)
+    inner, one = TemplateField("", "", "spaces"), TemplateField("", "", "" if style in styles else style)
     return between.join(_shown(value, inner if isinstance(value, tuple) else one, language) for value in values)

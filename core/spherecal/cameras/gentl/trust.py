@@ -23,7 +23,7 @@ from spherecal.base.errors import InputError, OutputError
 from spherecal.base.messages.values import Phrase
 from spherecal.cameras.gentl.driver_copy import NotTheSame, hash_of, private_copy
 from spherecal.files.atomic import write_file_whole
-from spherecal.files.codec import Format, field, items, only, record, text, unread
+from spherecal.files.codec import FileFormat, field, items, only, record, text, unread
 
 State = Literal["own", "known", "new", "changed", "unsafe", "unreadable"]
 
@@ -57,7 +57,7 @@ _DRIVER = record(
     field("file", text("Its real path.")),
     field("sha256", text("SHA-256 of its contents.")),
 )
-DRIVERS = Format(
+DRIVERS = FileFormat(
     "spherecal/drivers",
     "drivers.json",
     "Camera drivers that were allowed, in the user's settings.",

@@ -147,7 +147,9 @@ def _keys(node: ast.expr) -> frozenset[str] | None:
     return None if None in keys else frozenset(str(key) for key in keys)
 
 
-_ERRORS = {"SpherecalError", "InputError", "OutputError", "CameraError", "CamerasNotInstalled", "MissingPackage"}
+_ERRORS = {
+    "SpherecalError", "InputError", "OutputError", "InUse", "CameraError", "CamerasNotInstalled", "MissingPackage",
+}  # fmt: skip
 
 
 def errors_in_words() -> dict[str, list[int]]:

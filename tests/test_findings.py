@@ -340,6 +340,28 @@ def test_cameras_without_an_image_since_others_moved_together_are_unconfirmed() 
     assert _not_seen_since(evidence(1)) == [], "a camera that moved alone was knocked alone"  # type: ignore[arg-type]
 
 
+def test_without_a_scale_a_small_move_is_not_said_in_millimetres() -> None:
+    from types import SimpleNamespace
+
+    from spherecal.diagnose.unconfirmed_poses import UnconfirmedPose, _finding
+
+    pose = UnconfirmedPose(0, "small-move", 1, np.zeros((1, 6)), np.array([[0.0, 0.25, 0.0]]))
+
+    def finding(source: str) -> Finding:
+        return _finding(
+            SimpleNamespace(  # type: ignore[arg-type]
+                camera_ids=("C01",),
+                observations=SimpleNamespace(placements=("P1", "P2")),
+                solution=SimpleNamespace(scale=SimpleNamespace(source=source)),
+            ),
+            pose,
+        )
+
+    assert "by a move of 0.250 mm" in finding("bar").message
+    assert "by a move of 0.250 (no scale)" in finding("none").message
+    assert "shift_mm" not in finding("none").values
+
+
 def test_a_focal_length_that_was_only_assumed_is_contradicted_by_nothing() -> None:
     """Sessions made of images alone begin with 1.2 times the longer side."""
     session, _ = simulated("demo", 1)

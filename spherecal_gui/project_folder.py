@@ -130,19 +130,19 @@ def _with_fingerprints(document: Document) -> Document:
     drawn = sorted((one["camera"], tuple(map(float, one["rectangle"]))) for one in document.get("masks") or ())
     known = {repr(None): fingerprint(None), repr(drawn): fingerprint(drawn)}
     if document.get("artefacts") is not None:
-        given = {
-            key: tuple(value) if isinstance(value, list) else value for key, value in document["artefacts"].items()
-        }
+        given: Document = dict(document["artefacts"])
+        given["check_bars"] = tuple(given.get("check_bars") or ())
         artefacts = _artefacts(**given)
         words = {one.name: getattr(artefacts, one.name) for one in fields(artefacts) if one.name != "board"}
         known[f"Artefacts({_arguments(words)})"] = fingerprint(artefacts)
     for key in ("calibrated", "accepted", "checked", "verified", "repaired", "saved"):  # what follows from others last
-        if document.get(key) is None:
+        run: Document | None = document.get(key)
+        if run is None or not isinstance(run["inputs"], list):
             continue
-        was = Computation(tuple((name, text) for name, text in document[key]["inputs"]), document[key]["verdict"])
+        was = Computation(tuple((name, text) for name, text in run["inputs"]), run["verdict"])
         now = replace(was, inputs=tuple((name, known.get(text, text)) for name, text in was.inputs))
         known[f"Run({_arguments(vars(was))})"] = fingerprint(now)
-        document = document | {key: {"inputs": [list(pair) for pair in now.inputs], "verdict": now.verdict}}
+        document = document | {key: run | {"inputs": [list(pair) for pair in now.inputs]}}
     return document
 
 

@@ -137,7 +137,7 @@ def _with_fingerprints(document: Document) -> Document:
         known[f"Artefacts({_arguments(words)})"] = fingerprint(artefacts)
     for key in ("calibrated", "accepted", "checked", "verified", "repaired", "saved"):  # what follows from others last
         run: Document | None = document.get(key)
-        if run is None or not isinstance(run["inputs"], list):
+        if run is None or not isinstance(run["inputs"], list) or not all(isinstance(x, list) for x in run["inputs"]):
             continue
         was = Computation(tuple((name, text) for name, text in run["inputs"]), run["verdict"])
         now = replace(was, inputs=tuple((name, known.get(text, text)) for name, text in was.inputs))

@@ -58,7 +58,8 @@ def board_pattern(board: JsonValue) -> BoardPattern:
         raise given["rows"].error(Phrase("problem-board-odd"))
     for ring in given["rings"].items() if "rings" in given else ():
         row, column = ring.items(2)
-        row.integer(0, rows - 1), column.integer(0, columns - 1)
+        row.integer(0, rows - 1)
+        column.integer(0, columns - 1)
     dictionary = _dictionary(given["dictionary"]) if "dictionary" in f else APRILTAGS if kind == "aprilgrid" else ""
     tags = kind in ("charuco", "aprilgrid")
     if tags:

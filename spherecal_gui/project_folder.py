@@ -122,7 +122,7 @@ def _by_content(document: Document) -> Document:
     """
     try:
         return _with_fingerprints(document)
-    except (AttributeError, KeyError, TypeError, ValueError):
+    except (AttributeError, KeyError, OverflowError, TypeError, ValueError):
         return document
 
 

@@ -15,7 +15,7 @@ from spherecal_study.executor import workers_for
 
 
 def batch(options: argparse.Namespace) -> int:
-    """Calibrate all; 3 where any session failed or is not valid. A batch that was stopped goes on where it was."""
+    """`spherecal batch`: 3 where any session failed or is not valid. A batch that was stopped goes on where it was."""
     settings = {
         "method": options.method,
         "search": search_of(options),

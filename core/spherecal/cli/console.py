@@ -24,7 +24,7 @@ out = _Output(highlight=False, soft_wrap=True, width=None if sys.stdout.isatty()
 def say(*lines: str) -> None:
     """Print lines as they are: brackets in them are no markup."""
     for line in lines:
-        say(line)
+        out.print(line, markup=False)
 
 
 def number(value: float | None, digits: int) -> str:

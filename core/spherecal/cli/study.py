@@ -25,7 +25,7 @@ _LONG = ("rigB", "bar")  # on images only when asked for: big rigs, or not at al
 
 
 def study(options: argparse.Namespace) -> int:
-    """Run the studies named, or all; pages and results go into a folder, from which a stopped study goes on."""
+    """`spherecal study`: pages and results go into a folder, from which a stopped study goes on."""
     workers = workers_for(options.workers, options.cluster)
     run = _of_session if options.session is not None else _of_rigs
     pages = {}

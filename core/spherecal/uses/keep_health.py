@@ -38,7 +38,7 @@ def health_document(health: Health, rig: Rig) -> CheckEntry:
         for test in health.tests
         if not test.moved or test.id in named
     ]
-    worst: Verdict = max((state.verdict for state in states), key=_ORDER.index, default="ok")
+    worst = _ORDER[max((_ORDER.index(state.verdict) for state in states), default=0)]
     moved = [f"camera {state.test.id} {state.reason}" for state in states if state.verdict == worst != "ok"]
     said = "; ".join(moved) if moved else f"{len(states)} cameras agree with one another"
     return {

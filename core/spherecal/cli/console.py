@@ -3,8 +3,8 @@
 import os
 import sys
 from contextlib import suppress
+from math import isfinite
 
-import numpy as np
 from rich.console import Console
 
 
@@ -37,4 +37,4 @@ def number(value: float | None, digits: int) -> str:
     digits
         How many decimals.
     """
-    return "-" if value is None or not np.isfinite(value) else f"{value:.{digits}f}"
+    return "-" if value is None or not isfinite(value) else f"{value:.{digits}f}"

@@ -1,8 +1,8 @@
 """Calls every kernel of the engine as the program does, so that numba compiles it for the types that really come.
 
 installer/kernels.py learns the types from it, for the kernels compiled ahead; `spherecal compile-kernels` fills numba's
-cache by it. What no trial calls is compiled at its first call, or in a bundle without numba runs as plain Python, which
-the log says; `bundle.py` tries the finished bundle with SPHERECAL_KERNELS=strict, where that is an error.
+cache by it. What no trial calls is compiled at its first call. In a bundle without numba it runs as plain Python, and
+the log says so; `bundle.py` tries the finished bundle with SPHERECAL_KERNELS=strict, where that is an error.
 """
 
 import io

@@ -137,7 +137,8 @@ def _speaking(verbose: bool, quiet: bool, as_json: bool, beside: bool) -> Iterat
     `as_json`: no words on standard output, but progress.
     `beside`: what it says goes to standard error, since standard output takes the file.
     """
-    from spherecal.cli import progress  # here, since rich is nothing that help waits for
+    # here, since they load rich, which --help does not need
+    from spherecal.cli import progress
     from spherecal.cli.console import out
 
     logger, handler, level = logging.getLogger("spherecal"), logging.StreamHandler(sys.stderr), logging.INFO

@@ -44,7 +44,15 @@ def verify(options: argparse.Namespace) -> int:
 
 
 def show_verification(verification: Verification, folder: Path) -> None:
-    """The verification in words and a table, verdict first."""
+    """Print the verification in words and a table, verdict first.
+
+    Parameters
+    ----------
+    verification
+        The result.
+    folder
+        Where it was written.
+    """
     word = {"consistent": "[bold green]CONSISTENT[/]", "inconsistent": "[bold red]INCONSISTENT[/]"}
     out.print(
         f"{word.get(verification.decision.verdict, '[bold yellow]NO DATA[/]')}: {phrase(verification.decision.rule)}"

@@ -146,12 +146,28 @@ def output(to: To, metavar: str, text: str, *, required: bool = True, default: P
 
 
 def session(to: To, text: str = "the session folder") -> None:
-    """Add the argument SESSION with its help."""
+    """Add the argument SESSION.
+
+    Parameters
+    ----------
+    to
+        The parser or group.
+    text
+        Its help.
+    """
     path(to, "session", "SESSION", text)
 
 
 def result(to: To, text: str = "the result folder") -> None:
-    """Add the argument RESULT with its help."""
+    """Add the argument RESULT.
+
+    Parameters
+    ----------
+    to
+        The parser or group.
+    text
+        Its help.
+    """
     path(to, "result", "RESULT", text)
 
 
@@ -162,7 +178,15 @@ def rig_file(text: str) -> Path:
 
 
 def rig(to: To, name: str = "--rig") -> None:
-    """Add the rig.json that a command works with, as an option or, without dashes, as an argument."""
+    """Add the rig.json that a command works with.
+
+    Parameters
+    ----------
+    to
+        The parser or group.
+    name
+        An option that must be given, or without dashes an argument.
+    """
     path(to, name, "rig.json", "the rig, or the folder of its result", rig_file, required=name.startswith("-"))
 
 

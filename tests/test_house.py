@@ -97,10 +97,10 @@ MAY_WRITE = {
     "core/spherecal/cameras/plan.py": {"TemporaryDirectory"},
     "core/spherecal/cameras/producer/build.py": {"TemporaryDirectory", "chmod"},  # what was built here is a program
     "core/spherecal/cameras/producer/region.py": {"unlink"},
-    "core/spherecal/cli/commands.py": {"open"},  # /dev/null
     "core/spherecal/cli/compile_kernels.py": {"TemporaryDirectory"},
+    "core/spherecal/cli/console.py": {"open"},  # /dev/null
     "core/spherecal/cli/gige.py": {"TemporaryDirectory"},
-    "core/spherecal/cli/parsing.py": {"TemporaryDirectory"},  # what then goes to standard output
+    "core/spherecal/cli/output.py": {"TemporaryDirectory"},  # what then goes to standard output
     "core/spherecal/cli/main.py": {"open", "basicConfig"},  # /dev/null, the log file that the user names
     "core/spherecal/base/resources.py": {"mkdtemp"},
     "core/spherecal_scene/renderer.py": {"unlink"},  # shared memory

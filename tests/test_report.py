@@ -18,7 +18,8 @@ from matplotlib.text import Text
 from PIL import Image, ImageDraw
 
 from spherecal.base.errors import InputError, OutputError
-from spherecal.cli.main import DONE, main
+from spherecal.cli.exit_codes import DONE
+from spherecal.cli.main import main
 from spherecal.data.findings import as_written
 from spherecal.data.rig import Quality, Rig, RigScale
 from spherecal.files.read_session import read_session
@@ -428,7 +429,7 @@ def test_settings_are_restored_and_start_up_stays_light(demo, tmp_path):
     before = dict(matplotlib.rcParams)
     save_pictures(demo / "result", tmp_path)
     assert dict(matplotlib.rcParams) == before
-    code = "import sys, spherecal.cli.main, spherecal.cli.commands; sys.exit('matplotlib' in sys.modules)"
+    code = "import sys, spherecal.cli.main, spherecal.cli.calibrate; sys.exit('matplotlib' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", code], timeout=60, check=False).returncode == 0
     code = "import sys, spherecal.report.write_report; sys.exit('matplotlib.pyplot' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", code], timeout=60, check=False).returncode == 0

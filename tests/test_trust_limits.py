@@ -241,7 +241,7 @@ def test_lack_of_memory_is_one_line(monkeypatch: pytest.MonkeyPatch, capsys: pyt
     def lack(*_: object) -> None:
         raise MemoryError
 
-    monkeypatch.setattr("spherecal.cli.commands.doctor", lack)
+    monkeypatch.setattr("spherecal.cli.doctor.doctor", lack)
     assert main(["doctor"]) == 2
     assert "not enough memory" in capsys.readouterr().err
 

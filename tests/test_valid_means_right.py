@@ -12,7 +12,8 @@ import pytest
 
 from spherecal.base.errors import InputError
 from spherecal.calibrate import calibrate
-from spherecal.cli.main import DONE, NOT_VALID, main
+from spherecal.cli.exit_codes import DONE, NOT_VALID
+from spherecal.cli.main import main
 from spherecal.data.edits import Repairs, repaired
 from spherecal.data.findings import AdvisedRepair, Finding, as_written
 from spherecal.data.observations import Observations

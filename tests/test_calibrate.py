@@ -107,7 +107,9 @@ def test_sigmas_of_a_blurred_camera_are_used() -> None:
 def test_without_noise_nothing_is_wrong() -> None:
     calibration, _, truth = calibrated("demo", 1, sigma_px=0.0, targets=60)
     assert calibration.rig.quality.valid
-    assert calibration.used.sum() >= calibrated("demo", 1, targets=60)[0].used.sum()  # no chance loses a good observation
+    assert (
+        calibration.used.sum() >= calibrated("demo", 1, targets=60)[0].used.sum()
+    )  # no chance loses a good observation
     assert calibration.rig.quality.rms_px is not None and calibration.rig.quality.rms_px < 1e-6
     errors = errors_of(calibration, truth)
     np.testing.assert_allclose(errors.centre_mm, 0.0, atol=1e-4)

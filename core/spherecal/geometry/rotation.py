@@ -1,9 +1,24 @@
-"""Rotations: exponential map, logarithm and the nearest rotation."""
+"""Rotations: exponential map, logarithm and the nearest rotation; vector products."""
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 from spherecal.base.arrays import FloatArray
+
+
+def cross(a: FloatArray, b: FloatArray) -> FloatArray:
+    """Vector products (..., 3): numpy's, to the bit, without what `np.cross` takes to allow for other axes.
+
+    Parameters
+    ----------
+    a, b
+        Vectors (..., 3), broadcast together.
+    """
+    out = np.empty(np.broadcast_shapes(a.shape, b.shape))
+    for i, (j, k) in enumerate(((1, 2), (2, 0), (0, 1))):
+        np.multiply(a[..., j], b[..., k], out=out[..., i])
+        out[..., i] -= a[..., k] * b[..., j]
+    return out
 
 
 def cross_matrix(v: FloatArray) -> FloatArray:

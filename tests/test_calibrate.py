@@ -335,7 +335,7 @@ def test_degenerate_points_are_no_valid_result(name: str, noise_px: float) -> No
     check_is_refused(session_of_points("demo", NOTHING_TO_FIND[name](), noise_px)[0])
 
 
-@pytest.mark.parametrize("points", [plane()[None], plane(200).reshape(4, 50, 3)], ids=["once", "four times"])
+@pytest.mark.parametrize("points", [plane()[None], plane(400).reshape(4, 100, 3)], ids=["once", "four times"])
 def test_one_plane_is_calibrated_with_care(points: FloatArray) -> None:
     """Its intrinsics are held near their priors, and poses and focal lengths are as good as stated."""
     session, truth = session_of_points("demo", points, 0.04)

@@ -23,9 +23,10 @@ def cross(a: FloatArray, b: FloatArray) -> FloatArray:
 
 def cross_matrix(v: FloatArray) -> FloatArray:
     """The matrices [v] with [v] a = v x a; (..., 3) to (..., 3, 3)."""
-    zero = np.zeros(v.shape[:-1])
-    x, y, z = v[..., 0], v[..., 1], v[..., 2]
-    return np.stack([np.stack([zero, -z, y], -1), np.stack([z, zero, -x], -1), np.stack([-y, x, zero], -1)], -2)
+    out = np.zeros((*v.shape[:-1], 3, 3))
+    for i, (j, k) in enumerate(((1, 2), (2, 0), (0, 1))):
+        out[..., j, k], out[..., k, j] = -v[..., i], v[..., i]
+    return out
 
 
 def exp_rotation(w: FloatArray) -> FloatArray:

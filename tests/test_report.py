@@ -29,7 +29,7 @@ from spherecal.report.pictures import save_pictures
 from spherecal.report.result_folder import read_result
 from spherecal.report.rig_view import make_scene
 from spherecal.report.scene_picture import ScenePicture
-from spherecal.report.sheet import shortened, text_width, wrap
+from spherecal.report.sheet import fits, shortened, text_width, widest, wrap
 from spherecal.report.style import number, report_style, significant
 from spherecal.report.write_report import html_report, make_document, report_bytes, write_report
 from spherecal_sim.session import simulate_session
@@ -414,6 +414,17 @@ def test_wrap_and_shorten_keep_within_the_width():
     assert all(text_width(line, 8.0) <= 30.0 for line in lines)
     assert text_width(shortened(text, 30.0, 8.0), 8.0) <= 30.0
     assert shortened("short", 30.0, 8.0) == "short"
+
+
+@pytest.mark.parametrize("bold", [False, True])
+def test_no_line_is_wider_than_the_bound_that_saves_laying_it_out(bold):
+    texts = ["C01\u2013C10 0.031 mm", "fjfjfj", "AVAVAVTo", "rjrjrj", "\u76f8\u673a C01", "W", "j", "", "\u00b5\u0416\u2212"]
+    texts += ["".join(map(chr, row)) for row in np.random.default_rng(1).integers(0xA0, 0x2FF, (40, 12))]
+    with report_style():
+        for text in texts:
+            width = text_width(text, 8.0, bold)
+            assert width <= widest(text, 8.0, bold) <= 1.2 * width + 3.0, text
+            assert fits(text, width, 8.0, bold) and (width == 0 or not fits(text, width - 1e-6, 8.0, bold)), text
 
 
 def test_numbers():

@@ -429,7 +429,17 @@ def test_wrap_and_shorten_keep_within_the_width():
 
 @pytest.mark.parametrize("bold", [False, True])
 def test_no_line_is_wider_than_the_bound_that_saves_laying_it_out(bold):
-    texts = ["C01\u2013C10 0.031 mm", "fjfjfj", "AVAVAVTo", "rjrjrj", "\u76f8\u673a C01", "W", "j", "", "\u00b5\u0416\u2212"]
+    texts = [
+        "C01\u2013C10 0.031 mm",
+        "fjfjfj",
+        "AVAVAVTo",
+        "rjrjrj",
+        "\u76f8\u673a C01",
+        "W",
+        "j",
+        "",
+        "\u00b5\u0416\u2212",
+    ]
     texts += ["".join(map(chr, row)) for row in np.random.default_rng(1).integers(0xA0, 0x2FF, (40, 12))]
     with report_style():
         for text in texts:

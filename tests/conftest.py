@@ -143,6 +143,15 @@ def _live_images_leave_the_processors_to_the_tests() -> None:
         control.CameraControl.live_hz = 2.0
 
 
+@pytest.fixture(scope="module")
+def images_at_rest() -> Iterator[None]:
+    """For files about the window, not about live images: those of simulated cameras are drawn and examined once."""
+    from tests.gui_still import images_at_rest
+
+    with images_at_rest():
+        yield
+
+
 @pytest.hookimpl(wrapper=True)
 def pytest_runtest_teardown(item: pytest.Item, nextitem: pytest.Item | None) -> Iterator[None]:
     """Delete the windows of a test when it ends: Qt itself does so in an event loop only, and none runs here.
@@ -198,9 +207,10 @@ def walked(qapp: object, made_once: Callable[[str, Callable[[Path], None]], Path
     """The folder of a project of which everything is done, saved in `training-profile` beside it; to be copied."""
 
     def walk(home: Path) -> None:
+        from tests.gui_still import images_at_rest
         from tests.gui_walking import settle, walked_to
 
-        with pytest.MonkeyPatch.context() as patch:
+        with pytest.MonkeyPatch.context() as patch, images_at_rest():
             patch.setenv("SPHERECAL_SETTINGS", str(home / "settings.ini"))
             patch.setenv("SPHERECAL_3D", "2d")
             made = walked_to(home / "projects", "save")

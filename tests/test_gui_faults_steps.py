@@ -32,7 +32,7 @@ from tests.built_producer import built_producer
 from tests.conftest import ROOT
 from tests.gui_walking import PATIENCE_S, pump, settle, status, take
 
-pytestmark = pytest.mark.slow
+pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("images_at_rest")]
 
 STEPS = ("connect", "look", "placement:P2", "scale", "calibrate", "results", "verify", "save")
 

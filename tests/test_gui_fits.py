@@ -28,6 +28,8 @@ from spherecal_gui.wizard.window import WizardWindow
 from tests.gui_fit import covered, cut_short, scrolled, settled
 from tests.gui_walking import pump, settle
 
+pytestmark = pytest.mark.usefixtures("images_at_rest")
+
 SIZE = (1280, 800)
 STEPS = ("connect", "look", "placement:P1", "scale", "calibrate", "results", "verify", "save", "measure")
 FEW_DOTS = {"C01": 88, "C02": 90, "C03": 94, "C04": 97}

@@ -2,8 +2,10 @@
 
 Drawing and detecting the live images of six cameras takes two thirds of a processor for as long as a window is open.
 What is captured has noise of its own all the same, and a scene, a light or a fault that changes is seen at once.
+Files of captured images are not compressed, which takes as long as finding their dots.
 """
 
+import io
 from collections import OrderedDict
 from collections.abc import Hashable, Iterator
 from contextlib import contextmanager
@@ -14,9 +16,12 @@ from typing import Any
 
 import pytest
 
+from PIL import Image
+
 from spherecal.cameras.protocol import CameraSettings, Frame
 from spherecal.cameras.simulated.source import SimulatedSource
 from spherecal.targets.detection import Detections, DetectionSettings, Detector
+from spherecal.targets.images import balance_mosaic
 
 _KEPT = 96  # images of 1.3 MB
 
@@ -27,6 +32,7 @@ class _Image:
 
     frame: Frame
     found: dict[Hashable, Detections] = field(default_factory=dict)
+    is_grey: bool = False
 
 
 class _Images:
@@ -84,7 +90,23 @@ def images_at_rest() -> Iterator[None]:
             kept.found[key] = detect(self, image, settings)
         return kept.found[key]
 
+    def balance_once(image: Any) -> Any:
+        kept = images.of(image)
+        if kept is not None and kept.is_grey:
+            return image
+        balanced = balance_mosaic(image)
+        if kept is not None:
+            kept.is_grey = balanced is image
+        return balanced
+
+    def png(frame: Frame) -> bytes:
+        data = io.BytesIO()
+        Image.fromarray(frame.image).save(data, "PNG", compress_level=0)
+        return data.getvalue()
+
     with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("spherecal_gui.tasks.live.balance_mosaic", balance_once)
+        patch.setattr("spherecal.cameras.capture.png", png)
         patch.setattr(SimulatedSource, "take_image", take_image)
         patch.setattr(Detector, "detect", detect_once)
         yield

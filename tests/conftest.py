@@ -88,11 +88,26 @@ def shared_data() -> Path:
     return folder
 
 
+def _of_all_workers(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The temporary folder of this run, the same for every worker."""
+    own = tmp_path_factory.getbasetemp()
+    return own.parent if os.environ.get("PYTEST_XDIST_WORKER") else own
+
+
+@pytest.fixture(scope="session", autouse=True)
+def _shared_folder(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
+    """Where `tests/networks.py` keeps the calibrations of simulated sessions for all workers."""
+    folder = _of_all_workers(tmp_path_factory) / "calibrated"
+    folder.mkdir(exist_ok=True)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("SPHERECAL_TESTS_SHARED", str(folder))
+        yield
+
+
 @pytest.fixture(scope="session")
 def made_once(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str, Callable[[Path], None]], Path]:
     """`made_once(name, make)`: the folder that `make(folder)` fills, once for all workers; nobody may change it."""
-    own = tmp_path_factory.getbasetemp()
-    root = own.parent if os.environ.get("PYTEST_XDIST_WORKER") else own
+    root = _of_all_workers(tmp_path_factory)
 
     def made(name: str, make: Callable[[Path], None]) -> Path:
         from spherecal.files.lock import locked

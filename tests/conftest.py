@@ -167,6 +167,14 @@ def images_at_rest() -> Iterator[None]:
         yield
 
 
+@pytest.fixture(scope="module")
+def no_advice() -> Iterator[None]:
+    """For files that say nothing of where the ball should go next: it calibrates whenever a project is opened."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("spherecal_gui.wizard.set_control.SetControl._plan_next", lambda _: None)
+        yield
+
+
 @pytest.hookimpl(wrapper=True)
 def pytest_runtest_teardown(item: pytest.Item, nextitem: pytest.Item | None) -> Iterator[None]:
     """Delete the windows of a test when it ends: Qt itself does so in an event loop only, and none runs here.

@@ -15,13 +15,18 @@ from time import perf_counter
 from typing import Any
 
 import pytest
-
 from PIL import Image
 
+import spherecal.calibrate as engine
+from spherecal.base.context import Context
 from spherecal.cameras.protocol import CameraSettings, Frame
 from spherecal.cameras.simulated.source import SimulatedSource
+from spherecal.data.rig import Calibration
+from spherecal.data.session import Session
+from spherecal.methods.settings import CalibrationSettings
 from spherecal.targets.detection import Detections, DetectionSettings, Detector
 from spherecal.targets.images import balance_mosaic
+from tests.networks import computed_once
 
 _KEPT = 96  # images of 1.3 MB
 
@@ -109,4 +114,19 @@ def images_at_rest() -> Iterator[None]:
         patch.setattr("spherecal.cameras.capture.png", png)
         patch.setattr(SimulatedSource, "take_image", take_image)
         patch.setattr(Detector, "detect", detect_once)
+        yield
+
+
+@contextmanager
+def calibrated_once() -> Iterator[None]:
+    """The window calibrates the same images with equal settings once in a run of the tests; the rest is done again."""
+    compute = engine.calibrate
+
+    def known(
+        session: Session, settings: CalibrationSettings | None = None, context: Context | None = None
+    ) -> Calibration:
+        return computed_once(f"{session.input_sha256} {settings}", lambda: compute(session, settings, context))
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(engine, "calibrate", known)
         yield

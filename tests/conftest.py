@@ -236,6 +236,7 @@ def walked(qapp: object, made_once: Callable[[str, Callable[[Path], None]], Path
         with pytest.MonkeyPatch.context() as patch, images_at_rest():
             patch.setenv("SPHERECAL_SETTINGS", str(home / "settings.ini"))
             patch.setenv("SPHERECAL_3D", "2d")
+            patch.setattr("spherecal_gui.wizard.set_control.SetControl._plan_next", lambda _: None)
             made = walked_to(home / "projects", "save")
             assert made.profile_folder is not None
             made.save_profile(made.profile_folder, True, "by the tests")

@@ -158,6 +158,23 @@ def _live_images_leave_the_processors_to_the_tests() -> None:
         control.CameraControl.live_hz = 2.0
 
 
+@pytest.fixture(scope="module")
+def images_at_rest() -> Iterator[None]:
+    """For files about the window, not about live images: those of simulated cameras are drawn and examined once."""
+    from tests.gui_still import images_at_rest
+
+    with images_at_rest():
+        yield
+
+
+@pytest.fixture(scope="module")
+def no_advice() -> Iterator[None]:
+    """For files that say nothing of where the ball should go next: it calibrates whenever a project is opened."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("spherecal_gui.wizard.set_control.SetControl._plan_next", lambda _: None)
+        yield
+
+
 @pytest.hookimpl(wrapper=True)
 def pytest_runtest_teardown(item: pytest.Item, nextitem: pytest.Item | None) -> Iterator[None]:
     """Delete the windows of a test when it ends: Qt itself does so in an event loop only, and none runs here.
@@ -213,11 +230,13 @@ def walked(qapp: object, made_once: Callable[[str, Callable[[Path], None]], Path
     """The folder of a project of which everything is done, saved in `training-profile` beside it; to be copied."""
 
     def walk(home: Path) -> None:
+        from tests.gui_still import images_at_rest
         from tests.gui_walking import settle, walked_to
 
-        with pytest.MonkeyPatch.context() as patch:
+        with pytest.MonkeyPatch.context() as patch, images_at_rest():
             patch.setenv("SPHERECAL_SETTINGS", str(home / "settings.ini"))
             patch.setenv("SPHERECAL_3D", "2d")
+            patch.setattr("spherecal_gui.wizard.set_control.SetControl._plan_next", lambda _: None)
             made = walked_to(home / "projects", "save")
             assert made.profile_folder is not None
             made.save_profile(made.profile_folder, True, "by the tests")

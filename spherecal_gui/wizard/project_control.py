@@ -54,6 +54,7 @@ class ProjectControl(QObject):
         self.check_found: Check | CheckSummary | None = None
         self.course: CourseOfWork | None = None  # of the last calibration, for a window made anew
         self.check_after: Check | None = None  # the same check with the repaired rig
+        self._resolved: tuple[Project, Running, WorkflowState] | None = None
         self.draw_rig: Callable[[], bytes] | None = None  # a picture of the rig for its profile, where one is shown
 
     @property
@@ -92,7 +93,12 @@ class ProjectControl(QObject):
     @property
     def state(self) -> WorkflowState | None:
         """The workflow's state; None without a project."""
-        return None if self.project is None else resolve(self.project, self.running)
+        if self.project is None:
+            return None
+        running, known = self.running, self._resolved
+        if known is None or known[0] is not self.project or known[1] != running:
+            known = self._resolved = self.project, running, resolve(self.project, running)
+        return known[2]
 
     def _update(self, project: Project) -> None:
         """Take over a changed project: on disk first. Where the disk refuses it is said, and the next change tries."""

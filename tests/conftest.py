@@ -139,8 +139,8 @@ def _nothing_of_the_user(tmp_path_factory: pytest.TempPathFactory) -> Iterator[N
 @pytest.fixture(scope="session", autouse=True)
 def _live_images_leave_the_processors_to_the_tests() -> None:
     """Two rounds a second where a test asks for no other rate: detection would fill a processor all the while."""
-    if control := sys.modules.get("spherecal_gui.wizard.camera_control"):
-        control.CameraControl.live_hz = 2.0
+    if control := sys.modules.get("spherecal_gui.controllers.camera_controller"):
+        control.CameraController.live_hz = 2.0
 
 
 @pytest.hookimpl(wrapper=True)
@@ -205,7 +205,7 @@ def walked(qapp: object, made_once: Callable[[str, Callable[[Path], None]], Path
             patch.setenv("SPHERECAL_3D", "2d")
             made = walked_to(home / "projects", "save")
             assert made.profile_folder is not None
-            made.save_profile(made.profile_folder, True, "by the tests")
+            made.saving.save_profile(made.profile_folder, True, "by the tests")
             settle(made)
             made.close_project()
 

@@ -109,8 +109,7 @@ MAY_WRITE = {
     "spherecal_gui/sounds.py": {"open", "NamedTemporaryFile"},  # in memory; a tone for the player
     "spherecal_gui/tasks/guide.py": {"TemporaryDirectory"},
     "spherecal_gui/tasks/scene_process.py": {"unlink"},  # shared memory
-    "spherecal_gui/wizard/camera_control.py": {"save"},  # methods of ours
-    "spherecal_gui/wizard/set_control.py": {"save"},
+    "spherecal_gui/controllers/recording_controller.py": {"save"},  # a method of ours
 }
 
 

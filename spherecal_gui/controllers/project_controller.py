@@ -1,8 +1,7 @@
-"""What the wizard knows: the open project, the running work; every change is on disk before it is shown."""
+"""What all parts of the controller build on: the open project and its result, the running work, the messages."""
 
 import logging
 from collections.abc import Callable
-from dataclasses import replace
 from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -16,30 +15,24 @@ from spherecal_gui.project_folder import profile_of, save_project
 from spherecal_gui.tasks.outcome import Outcome
 from spherecal_gui.tasks.task import Runner
 from spherecal_gui.texts import error_text
-from spherecal_gui.workflow import Running, WorkflowState, resolve
 
-if TYPE_CHECKING:  # cameras, detection and results need scipy, for which the window does not wait
+if TYPE_CHECKING:  # results need scipy, for which the window does not wait
     from spherecal.report.result_folder import Result
-    from spherecal.uses.check import Check
-    from spherecal_gui.presenters.calibrate import CourseOfWork
-    from spherecal_gui.tasks.kept_check import CheckSummary
-    from spherecal_gui.tasks.live import Connection, LiveView
 
 log = logging.getLogger("spherecal.gui")
 translate = QCoreApplication.translate
 
 
-class ProjectControl(QObject):
-    """The open project and the one piece of work that runs; what all parts of the controller build on.
+class ProjectController(QObject):
+    """The open project and the one piece of work that runs; every change is on disk before it is shown.
 
     `changed` when the workflow's state may be another, `said` (kind, what, what to do) when people should know.
-    `logged` for the log pane, `taken` when a set was taken, `result_changed` when there is another result.
+    `logged` for the log pane, `result_changed` when there is another result.
     """
 
     changed = Signal()
     said = Signal(str, str, str)
     logged = Signal(str)
-    taken = Signal(str)
     result_changed = Signal()
 
     def __init__(self, parent: QObject | None = None) -> None:
@@ -48,13 +41,7 @@ class ProjectControl(QObject):
         self.runner.started.connect(self._work_started)
         self.runner.ended.connect(self._work_ended)
         self.project: Project | None = None
-        self.connection: Connection | None = None
-        self.live: LiveView | None = None
         self.outcome: Outcome | None = None
-        self.check_found: Check | CheckSummary | None = None
-        self.course: CourseOfWork | None = None  # of the last calibration, for a window made anew
-        self.check_after: Check | None = None  # the same check with the repaired rig
-        self.draw_rig: Callable[[], bytes] | None = None  # a picture of the rig for its profile, where one is shown
 
     @property
     def result(self) -> "Result | None":
@@ -66,41 +53,13 @@ class ProjectControl(QObject):
         """The profile of the rig that the project calibrates, beside the projects."""
         return profile_of(self.project) if self.project is not None else None
 
-    @property
-    def running(self) -> Running:
-        """What goes on now: the work, the cameras that are open, those that are lost or were moved."""
-        return Running(self.runner.running, self.connection is not None, self.lost_cameras(), self.moved_cameras())
-
-    def lost_cameras(self) -> tuple[str, ...]:
-        """The names of cameras that send no images now."""
-        if self.connection is None:
-            return ()
-        statuses = self.connection.source.statuses()
-        return tuple(
-            name
-            for serial, name in self.connection.names.items()
-            if serial in statuses and not statuses[serial].state.usable
-        )
-
-    def moved_cameras(self) -> tuple[str, ...]:
-        """The names of cameras that were moved, and that nobody has seen to yet."""
-        live = self.live
-        if live is None or self.connection is None:
-            return ()
-        return tuple(self.connection.names[serial] for serial in live.watch.bumped)
-
-    @property
-    def state(self) -> WorkflowState | None:
-        """The workflow's state; None without a project."""
-        return None if self.project is None else resolve(self.project, self.running)
-
-    def _update(self, project: Project) -> None:
+    def update(self, project: Project) -> None:
         """Take over a changed project: on disk first. Where the disk refuses it is said, and the next change tries."""
-        self._try(lambda: save_project(project))
+        self.attempt(lambda: save_project(project))
         self.project = project
         self.changed.emit()
 
-    def _try(self, act: Callable[[], object]) -> bool:
+    def attempt(self, act: Callable[[], object]) -> bool:
         """Do something that the disk may refuse; whether it was done. The window says what is in the way."""
         try:
             act()
@@ -108,6 +67,11 @@ class ProjectControl(QObject):
             self.tell("bad", *error_text(error))
             return False
         return True
+
+    def cancel(self) -> None:
+        """Ask the running work to stop."""
+        self.runner.cancel()
+        self.changed.emit()
 
     def _work_started(self, name: str) -> None:
         self.note(translate("Log", "{step}: started").format(step=name))
@@ -137,19 +101,14 @@ class ProjectControl(QObject):
         self.note(f"{text} {hint}".strip())
         self.said.emit(kind, text, hint)
 
-    def _failed(self, step: str) -> Callable[[BaseException], None]:
+    def failed(self, step: str) -> Callable[[BaseException], None]:
+        """What to call with the error when work for this step fails: it is noted with the step, and said."""
+
         def tell(error: BaseException) -> None:
             text, hint = error_text(error)
             log.error("%s", text, exc_info=error)
             if self.project is not None:
-                self._update(changes.with_failure(self.project, step, f"{text} {hint}".strip()))
+                self.update(changes.with_failure(self.project, step, f"{text} {hint}".strip()))
             self.tell("bad", text, hint)
 
         return tell
-
-    def go(self, step: str) -> None:
-        """Go to a step, if it is not blocked."""
-        state = self.state
-        if state is None or self.project is None or step == self.project.step or not state.of(step).open:
-            return
-        self._update(replace(self.project, step=step))

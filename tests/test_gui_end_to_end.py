@@ -46,8 +46,8 @@ def display() -> Iterator[str]:
 PROGRAM = """
 import sys
 from spherecal_gui.__main__ import main
-from spherecal_gui.wizard.controller import Controller
-Controller.live_hz = 2.5
+from spherecal_gui.controllers.camera_controller import CameraController
+CameraController.live_hz = 2.5
 sys.exit(main())
 """
 

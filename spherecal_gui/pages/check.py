@@ -8,6 +8,7 @@ from spherecal.base.errors import SpherecalError
 from spherecal.profile.store import open_profile
 from spherecal.uses.check import Check
 from spherecal_gui import limits
+from spherecal_gui.controllers.controller import Controller
 from spherecal_gui.pages.base import Page, PageAction
 from spherecal_gui.presenters.check import check_notes, check_rows, check_verdict, repaired_text, repaired_verdict
 from spherecal_gui.presenters.rig_scenes import check_scene, rig_scene
@@ -18,7 +19,6 @@ from spherecal_gui.texts import reason_text, verdict_word
 from spherecal_gui.widgets.basic import Card, button, enable, label, set_level
 from spherecal_gui.widgets.scene_panel import ScenePanel, SceneSplit
 from spherecal_gui.widgets.table import Cell, Table
-from spherecal_gui.wizard.controller import Controller
 from spherecal_gui.workflow import Status
 
 
@@ -69,9 +69,9 @@ class CheckPage(Page):
         self.mended = label("", "big")
         self.repair = button(self.tr("Repair"), "repair-cameras")
         self.repair.setToolTip(self.tr("Calibrates only the cameras that moved, from this placement; seconds."))
-        self.repair.clicked.connect(self.controller.repair_cameras)
+        self.repair.clicked.connect(self.controller.checks.repair_cameras)
         self.use = button(self.tr("Put the repair to use"), "use-repair")
-        self.use.clicked.connect(self.controller.use_repair)
+        self.use.clicked.connect(self.controller.checks.use_repair)
         self.calibrate = button(self.tr("Calibrate the rig"), "calibrate-rig")
         self.calibrate.clicked.connect(self.controller.calibrate_like_this)
         row.addWidget(self.mended, 1)
@@ -87,7 +87,7 @@ class CheckPage(Page):
     @property
     def _after(self) -> Check | None:
         """The check after a repair; None where nothing is repaired."""
-        return self.controller.check_after if self.open_project.repaired is not None else None
+        return self.controller.checks.after if self.open_project.repaired is not None else None
 
     @property
     def _in_use(self) -> bool:
@@ -95,7 +95,7 @@ class CheckPage(Page):
         return self.state is not None and self.state.status is Status.DONE
 
     def _show_mending(self, there: bool) -> None:
-        found, after, in_use = self.controller.check_found, self._after, self._in_use
+        found, after, in_use = self.controller.checks.found, self._after, self._in_use
         idle, repaired_run = self.controller.runner.running is None, self.open_project.repaired
         moved = found.to_repair if there and found is not None else ()
         repaired = there and after is not None
@@ -121,7 +121,7 @@ class CheckPage(Page):
         """Show what was found."""
         if self.project is None:
             return
-        found, state = self.controller.check_found, self.state
+        found, state = self.controller.checks.found, self.state
         there = found is not None and state is not None and state.status is not Status.STALE
         self.table.setVisible(there)
         self.notes.setVisible(there)
@@ -159,7 +159,7 @@ class CheckPage(Page):
         self.sentence.setText(text)
 
     def _fill(self) -> None:
-        found = self.controller.check_after or self.controller.check_found
+        found = self.controller.checks.after or self.controller.checks.found
         if found is None:
             return
         rows: list[list[tuple[str, Cell, str]]] = [
@@ -218,4 +218,4 @@ class CheckPage(Page):
         if self.controller.runner.running == "check":
             self.controller.cancel()
         else:
-            self.controller.check()
+            self.controller.checks.check()

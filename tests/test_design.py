@@ -11,9 +11,9 @@ os.environ.setdefault("QT_QPA_PLATFORM", "offscreen")
 
 pytest.importorskip("PySide6.QtWidgets", reason="Qt cannot be loaded here", exc_type=ImportError)
 
-from PySide6.QtCore import QSize
+from PySide6.QtCore import QEvent, QSize
 from PySide6.QtGui import QFontInfo
-from PySide6.QtWidgets import QLabel
+from PySide6.QtWidgets import QLabel, QWidget
 
 from spherecal.base.resources import resource_path
 from spherecal.support.licences import parts
@@ -126,3 +126,29 @@ def test_drawings_are_drawn(qapp, path: Path):
         text = text.replace(role, "#336699")
     drawn = svg_pixmap(text, QSize(240, 120)).toImage()
     assert any(drawn.pixelColor(x, 60).alpha() for x in range(240))
+
+
+def test_a_look_that_is_on_already_is_not_put_on_again(qapp, qtbot):
+    """Each widget is styled again by it, 0.3 s in a window."""
+
+    class Styled(QWidget):
+        times = 0
+
+        def changeEvent(self, event: QEvent) -> None:
+            self.times += event.type() == QEvent.Type.StyleChange
+
+    theme.apply(qapp, dark=False)
+    one = Styled()
+    qtbot.addWidget(one)
+    one.show()
+    small, before = theme.font(theme.BODY), one.times
+    theme.apply(qapp, dark=False)
+    assert one.times == before
+    theme.font(theme.BODY).setPointSizeF(3.0)
+    assert theme.font(theme.BODY) == small, "a font of its own for each who asks"
+    theme.apply(qapp, dark=True, far=True)
+    assert one.times > before
+    assert theme.font(theme.BODY).pointSizeF() == pytest.approx(small.pointSizeF() * theme.FAR_FACTOR, abs=0.1)
+    assert qapp.palette().window().color().name() == theme.DARK.window
+    theme.apply(qapp, dark=False)
+    assert theme.font(theme.BODY) == small

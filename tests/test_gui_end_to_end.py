@@ -47,7 +47,7 @@ PROGRAM = """
 import sys
 from spherecal_gui.__main__ import main
 from spherecal_gui.controllers.camera_controller import CameraController
-CameraController.live_hz = 2.5
+CameraController.live_hz = 1.0
 sys.exit(main())
 """
 

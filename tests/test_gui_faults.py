@@ -21,7 +21,7 @@ from tests.built_producer import built_producer
 from tests.gui_killed import exit_code_of, killed_while_taking
 from tests.gui_walking import begun, pump, settle, status, take
 
-pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("images_at_rest")]
+pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("images_at_rest", "no_advice")]
 
 
 @pytest.fixture

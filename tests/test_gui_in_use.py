@@ -27,6 +27,7 @@ from spherecal_gui.project_folder import TRAINING_PROFILE
 from spherecal_gui.wizard.window import WizardWindow
 from spherecal_gui.workflow import Status
 from tests.gui_walking import pump, settle, status, take
+from tests.networks import calibrated
 
 pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("images_at_rest", "no_advice")]
 
@@ -175,16 +176,13 @@ def test_another_limit_reads_no_image_again(projects, monkeypatch):
     walk.close_project()
 
 
-def test_the_reference_camera_stays_that_of_the_calibration_in_use(projects, profile, tmp_path):
-    from spherecal.calibrate import calibrate
-    from spherecal.files.read_session import read_session
+def test_the_reference_camera_stays_that_of_the_calibration_in_use(profile, tmp_path):
     from spherecal.methods.settings import CalibrationSettings
     from spherecal_gui.tasks import jobs
 
     kept = jobs.kept_reference(profile, tmp_path)
     assert kept == open_profile(profile).rig().reference_camera
     assert jobs.kept_reference(tmp_path, tmp_path) is None
-    folder = next(path.parent for path in projects.glob("calibration-*/wizard.json"))
     other = next(f"C0{i}" for i in range(1, 7) if f"C0{i}" != kept)
-    rig = calibrate(read_session(folder), CalibrationSettings(reference=other)).rig
+    rig = calibrated("demo", 1, CalibrationSettings(reference=other), targets=60)[0].rig
     assert rig.reference_camera == other and rig.quality.valid

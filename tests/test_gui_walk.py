@@ -481,6 +481,22 @@ def test_guidance_stands_on_the_placement_page(walk):
     assert any(word in page.guide_text.text() for word in ("Move", "Leave", "Enough"))
 
 
+def test_a_chart_is_drawn_when_its_tab_comes_into_sight(walk):
+    """Only the one in sight follows the cameras; the others must not be older when they are looked at."""
+    walk.controller.go("placement:P2")
+    QCoreApplication.processEvents()
+    page = walk.window.page
+    for chart, other in ((page.coverage, page.pairs), (page.pairs, page.coverage)):
+        page.tabs.setCurrentWidget(other.parentWidget())
+        chart.clear()
+        chart._drawn = None
+        page.tabs.setCurrentWidget(chart.parentWidget())
+        assert len(chart.plot_item.items) > 6
+    drawn = list(page.pairs.plot_item.items)
+    page.refresh()
+    assert page.pairs.plot_item.items == drawn, "nothing has changed: nothing is drawn"
+
+
 def test_an_image_can_be_left_out_and_taken_back(walk):
     walk.controller.go("results")
     QCoreApplication.processEvents()

@@ -99,7 +99,7 @@ def test_one_placement_is_enough_to_plan() -> None:
 
 def test_the_map_is_that_of_repeated_calibrations() -> None:
     """Lengths measured by six calibrations of one rig scatter about the truth as each of them predicts."""
-    session, truth = simulated("demo", 1, targets=50)
+    session, truth = simulated("demo", 1)
     centre = np.mean([truth.points_mm(t).mean(axis=0) for t in range(4)], axis=0)
     scores = []
     for run in range(6):

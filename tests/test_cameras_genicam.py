@@ -519,7 +519,8 @@ def test_end_to_end_over_the_simulated_producer(cti, tmp_path, capsys):
     """Rendered rig, simulated cameras, capture, calibrate, verify; each set is put on stage by the command line."""
     scene = tmp_path / "scene"
     profile = ["--profile", str(tmp_path / "p.json")]
-    assert main(["cameras", "capture", "--source", "simulated", "-o", str(scene), *profile]) == 0
+    capture = ["cameras", "capture", "--source", "simulated", "--placements", "2"]
+    assert main([*capture, "-o", str(scene), *profile]) == 0
     plan = scene / "plan.json"
     document = json.loads((scene / "session.json").read_text())
     document["bar_poses"] = [pose for pose in document["bar_poses"] if pose["id"].endswith("-01")]

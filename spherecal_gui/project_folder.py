@@ -12,7 +12,7 @@ from datetime import datetime
 from functools import partial
 from operator import itemgetter
 from pathlib import Path
-from typing import Any, TypeVar, get_args
+from typing import Any, get_args
 
 from spherecal.base import filesystem as files
 from spherecal.base.errors import InputError, OutputError, reason
@@ -52,7 +52,6 @@ _FOLDERS = ("result", "repair", "verification", "placements", "bars", "removed",
 CAPTURE = "capture.json"  # spherecal.cameras.capture, which takes a second to import
 _MOST_BYTES = 64 << 20
 
-T = TypeVar("T")
 Document = dict[str, Any]  # a JSON object, such as session.json: json itself gives Any
 
 
@@ -117,29 +116,38 @@ _FLAW = record(
 
 
 def _by_content(document: Document) -> Document:
-    """Version 1 knew what a computation was made from by Python's repr of it: the fingerprint of the same content."""
-    artefacts = _or_none(_ARTEFACTS, document.get("artefacts"))
-    drawn = sorted(_or_none(items("", _MASK), document.get("masks")) or ())
+    """Version 1 knew what a computation was made from by Python's repr of it: the fingerprint of the same content.
+
+    A document that is not as declared stays as it is, for the reader to say what is wrong.
+    """
+    try:
+        return _with_fingerprints(document)
+    except (AttributeError, KeyError, OverflowError, TypeError, ValueError):
+        return document
+
+
+def _with_fingerprints(document: Document) -> Document:
+    drawn = sorted((one["camera"], tuple(map(float, one["rectangle"]))) for one in document.get("masks") or ())
     known = {repr(None): fingerprint(None), repr(drawn): fingerprint(drawn)}
-    if artefacts is not None:
+    if document.get("artefacts") is not None:
+        given: Document = dict(document["artefacts"])
+        given["check_bars"] = tuple(given.get("check_bars") or ())
+        artefacts = _artefacts(**given)
         words = {one.name: getattr(artefacts, one.name) for one in fields(artefacts) if one.name != "board"}
         known[f"Artefacts({_arguments(words)})"] = fingerprint(artefacts)
     for key in ("calibrated", "accepted", "checked", "verified", "repaired", "saved"):  # what follows from others last
-        run = _or_none(_run(""), document.get(key))
-        if run is not None:
-            inputs = tuple((name, known.get(was, was)) for name, was in run.inputs)
-            now = Computation(inputs, run.verdict)
-            known[f"Run({_arguments(vars(run))})"] = fingerprint(now)
-            document = document | {key: {"inputs": [list(pair) for pair in inputs], "verdict": run.verdict}}
+        run: Document | None = document.get(key)
+        if run is None or not isinstance(run["inputs"], list) or not all(isinstance(x, list) for x in run["inputs"]):
+            continue
+        was = Computation(tuple((name, text) for name, text in run["inputs"]), run["verdict"])
+        now = replace(was, inputs=tuple((name, known.get(text, text)) for name, text in was.inputs))
+        known[f"Run({_arguments(vars(was))})"] = fingerprint(now)
+        document = document | {key: run | {"inputs": [list(pair) for pair in now.inputs]}}
     return document
 
 
 def _arguments(values: Mapping[str, object]) -> str:
     return ", ".join(f"{name}={value!r}" for name, value in values.items())
-
-
-def _or_none(kind: Kind[T], entry: object) -> T | None:
-    return None if entry is None else kind.read(JsonValue(entry, Path(FILE)))
 
 
 WIZARD = FileFormat(

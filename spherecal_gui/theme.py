@@ -88,6 +88,7 @@ TIGHT, SMALL, GAP, PAD, WIDE = 4, 8, 12, 16, 24
 
 _now = LIGHT
 _factor = 1.0
+_fonts: dict[tuple[float, bool], QFont] = {}  # made in this look: a font takes 70 us, and each drawing needs some
 # A capital letter of 26 pt is 6.6 mm high on a usual screen: 7.5 minutes of arc from three metres, what a driver's
 # sight test asks for with a margin of 1.5. Numbers that matter are drawn at least so large with large text.
 FAR_FACTOR = 1.35
@@ -118,10 +119,12 @@ def font(size: float, bold: bool = False) -> QFont:
     bold
         The semibold that is shipped.
     """
-    made = QFont(QApplication.font())
-    made.setPointSizeF(pt(size))
-    made.setWeight(QFont.Weight.DemiBold if bold else QFont.Weight.Normal)
-    return made
+    made = _fonts.get((size, bold))
+    if made is None:
+        made = _fonts[size, bold] = QFont(QApplication.font())
+        made.setPointSizeF(pt(size))
+        made.setWeight(QFont.Weight.DemiBold if bold else QFont.Weight.Normal)
+    return QFont(made)
 
 
 def mixed(first: str, second: str, share: float) -> str:
@@ -157,7 +160,7 @@ def colour(name: str) -> QColor:
 
 
 def apply(application: QApplication, dark: bool, far: bool = False) -> None:
-    """Dress the whole program.
+    """Dress the whole program; nothing is done where it is dressed so already, as each widget is styled again.
 
     Parameters
     ----------
@@ -170,10 +173,15 @@ def apply(application: QApplication, dark: bool, far: bool = False) -> None:
     """
     global _now, _factor
     _now, _factor = (DARK if dark else LIGHT), (FAR_FACTOR if far else 1.0)
-    application.setStyle("Fusion")
+    sheet, bare = style_sheet(_now), not application.styleSheet()
+    if application.styleSheet() == sheet:
+        return
+    if bare:
+        application.setStyle("Fusion")
+    _fonts.clear()
     application.setFont(_window_font())
     application.setPalette(_palette(_now))
-    application.setStyleSheet(style_sheet(_now))
+    application.setStyleSheet(sheet)
 
 
 def _palette(c: Colours) -> QPalette:

@@ -88,11 +88,26 @@ def shared_data() -> Path:
     return folder
 
 
+def _of_all_workers(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The temporary folder of this run, the same for every worker."""
+    own = tmp_path_factory.getbasetemp()
+    return own.parent if os.environ.get("PYTEST_XDIST_WORKER") else own
+
+
+@pytest.fixture(scope="session", autouse=True)
+def _shared_folder(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
+    """Where `tests/networks.py` keeps the calibrations of simulated sessions for all workers."""
+    folder = _of_all_workers(tmp_path_factory) / "calibrated"
+    folder.mkdir(exist_ok=True)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("SPHERECAL_TESTS_SHARED", str(folder))
+        yield
+
+
 @pytest.fixture(scope="session")
 def made_once(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str, Callable[[Path], None]], Path]:
     """`made_once(name, make)`: the folder that `make(folder)` fills, once for all workers; nobody may change it."""
-    own = tmp_path_factory.getbasetemp()
-    root = own.parent if os.environ.get("PYTEST_XDIST_WORKER") else own
+    root = _of_all_workers(tmp_path_factory)
 
     def made(name: str, make: Callable[[Path], None]) -> Path:
         from spherecal.files.lock import locked
@@ -141,6 +156,23 @@ def _live_images_leave_the_processors_to_the_tests() -> None:
     """Two rounds a second where a test asks for no other rate: detection would fill a processor all the while."""
     if control := sys.modules.get("spherecal_gui.controllers.camera_controller"):
         control.CameraController.live_hz = 2.0
+
+
+@pytest.fixture(scope="module")
+def images_at_rest() -> Iterator[None]:
+    """For files about the window, not about live images: those of simulated cameras are drawn and examined once."""
+    from tests.gui_still import images_at_rest
+
+    with images_at_rest():
+        yield
+
+
+@pytest.fixture(scope="module")
+def no_advice() -> Iterator[None]:
+    """For files that say nothing of where the ball should go next: it calibrates whenever a project is opened."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("spherecal_gui.controllers.advice_controller.AdviceController.plan_next", lambda _: None)
+        yield
 
 
 @pytest.hookimpl(wrapper=True)
@@ -198,11 +230,13 @@ def walked(qapp: object, made_once: Callable[[str, Callable[[Path], None]], Path
     """The folder of a project of which everything is done, saved in `training-profile` beside it; to be copied."""
 
     def walk(home: Path) -> None:
+        from tests.gui_still import images_at_rest
         from tests.gui_walking import settle, walked_to
 
-        with pytest.MonkeyPatch.context() as patch:
+        with pytest.MonkeyPatch.context() as patch, images_at_rest():
             patch.setenv("SPHERECAL_SETTINGS", str(home / "settings.ini"))
             patch.setenv("SPHERECAL_3D", "2d")
+            patch.setattr("spherecal_gui.controllers.advice_controller.AdviceController.plan_next", lambda _: None)
             made = walked_to(home / "projects", "save")
             assert made.profile_folder is not None
             made.saving.save_profile(made.profile_folder, True, "by the tests")

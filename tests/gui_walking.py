@@ -21,7 +21,7 @@ def pump(done: Callable[[], object], seconds: float = PATIENCE_S) -> None:
     while not done():
         assert time.monotonic() < until, "waited in vain"
         QCoreApplication.processEvents(QEventLoop.ProcessEventsFlag.AllEvents, 20)
-        time.sleep(0.002)
+        time.sleep(0.005)
 
 
 def words_shown(window: QWidget) -> str:
@@ -54,6 +54,19 @@ def begun(home: Path, source: str = "simulated:demo", bench: str = "") -> Contro
     settle(made)
     made.cameras.accept_look()
     return made
+
+
+# What each step's large button does.
+WORK: dict[str, Callable[[Controller], object]] = {
+    "connect": lambda c: c.recording.confirm_bench(),
+    "look": lambda c: c.cameras.accept_look(),
+    "placement:P2": lambda c: c.sets.take("P2", "placement:P2"),
+    "scale": lambda c: c.sets.take(c.project.scale_poses[0], "scale"),
+    "calibrate": lambda c: c.computation.calibrate(),
+    "results": lambda c: c.computation.accept_results(),
+    "verify": lambda c: c.computation.verify(),
+    "save": lambda c: c.saving.save_profile(c.profile_folder, True),
+}
 
 
 def step_of(controller: Controller, name: str) -> str:

@@ -1,8 +1,12 @@
 """Small networks whose truth is known, and calibrations of simulated sessions that several tests look at."""
 
-from collections.abc import Iterator
+import hashlib
+import os
+import pickle
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
-from typing import Literal
+from pathlib import Path
+from typing import Literal, TypeVar
 
 import numpy as np
 import pytest
@@ -17,6 +21,7 @@ from spherecal.calibrate import calibrate
 from spherecal.data.observations import Observations
 from spherecal.data.rig import Calibration
 from spherecal.data.session import Placement, Session
+from spherecal.files.lock import locked
 from spherecal.geometry.camera import FISHEYE_MARK, N_INTRINSICS, estimated_mask, project
 from spherecal.geometry.rotation import exp_rotation, log_rotation
 from spherecal.geometry.transform import fit_similarity
@@ -282,8 +287,36 @@ def _camera_columns(problem: Problem) -> tuple[dict[int, int], dict[tuple[int, i
     return pose, intrinsic, column
 
 
+T = TypeVar("T")
+
+# Environment variable with the folder that all workers of a run share (set by tests/conftest.py).
+SHARED_FOLDER = "SPHERECAL_TESTS_SHARED"
+
 _simulated: dict[str, tuple[Session, Truth]] = {}
 _calibrated: dict[str, Calibration] = {}
+
+
+def computed_once(key: str, compute: Callable[[], T]) -> T:
+    """What `compute()` returns, computed by one worker of a run and unpickled by the others; nobody may change it.
+
+    Parameters
+    ----------
+    key
+        Everything that the result depends on, as text.
+    compute
+        Computes the result, which can be pickled.
+    """
+    folder = os.environ.get(SHARED_FOLDER)
+    if folder is None:
+        return compute()
+    file = Path(folder) / f"{hashlib.sha256(key.encode()).hexdigest()[:32]}.pickle"
+    with locked(file.with_suffix(""), 1800.0):  # while one computes, the others wait for the result
+        if not file.is_file():
+            result = compute()
+            file.with_suffix(".part").write_bytes(pickle.dumps(result, pickle.HIGHEST_PROTOCOL))
+            file.with_suffix(".part").replace(file)
+            return result
+    return pickle.loads(file.read_bytes())
 
 
 def simulated(preset: str, seed: int = 1, **options: object) -> tuple[Session, Truth]:
@@ -298,11 +331,21 @@ def simulated(preset: str, seed: int = 1, **options: object) -> tuple[Session, T
 def calibrated(
     preset: str, seed: int = 1, settings: CalibrationSettings | None = None, **options: object
 ) -> tuple[Calibration, Session, Truth]:
-    """The calibration of such a session, computed once in a run of the tests."""
+    """The calibration of such a session, computed once in a run of the tests by all workers together.
+
+    Nobody may change it.
+
+    Parameters
+    ----------
+    preset, seed, options
+        As of `simulated`.
+    settings
+        How to calibrate, without a ball profile; None for the defaults.
+    """
     session, truth = simulated(preset, seed, **options)
     key = repr((preset, seed, truth.options, settings))
     if key not in _calibrated:
-        _calibrated[key] = calibrate(session, settings)
+        _calibrated[key] = computed_once(key, lambda: calibrate(session, settings))
     return _calibrated[key], session, truth
 
 

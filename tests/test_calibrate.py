@@ -49,9 +49,8 @@ def redundancy(calibration: Calibration) -> int:
 
 
 @pytest.mark.parametrize("preset", ["rigA", "rigB"])
-@pytest.mark.parametrize("seed", [1, 2, 3])
-def test_truth_is_found_within_the_noise(preset: str, seed: int) -> None:
-    calibration, session, truth = calibrated(preset, seed)
+def test_truth_is_found_within_the_noise(preset: str) -> None:
+    calibration, session, truth = calibrated(preset, 3)
     quality = calibration.rig.quality
     assert quality.valid
     assert len(calibration.rig.cameras) == len(session.cameras)
@@ -69,24 +68,22 @@ def test_truth_is_found_within_the_noise(preset: str, seed: int) -> None:
 
 
 def test_stated_uncertainties_are_no_exaggeration() -> None:
-    """Over many rigs the errors have the size that is stated: neither far less nor more."""
+    """The errors have the size that is stated, neither far less nor more (over many rigs: benchmarks/studies)."""
     scores = []
-    for preset in ("rigA", "rigB"):
-        for seed in (1, 2, 3):
-            calibration, _, truth = calibrated(preset, seed)
-            e = errors_of(calibration, truth)
-            scores.append([rms(s) for s in (e.centre_score, e.rotation_score, e.focal_score, e.point_score)])
+    for preset, seed in (("rigA", 3), ("rigB", 3), ("demo", 1)):
+        calibration, _, truth = calibrated(preset, seed)
+        e = errors_of(calibration, truth)
+        scores.append([rms(s) for s in (e.centre_score, e.rotation_score, e.focal_score, e.point_score)])
     each = np.sqrt(np.mean(np.square(scores), axis=0))
     assert (each > 0.5).all()
     assert (each < 1.7).all()
 
 
-@pytest.mark.parametrize("preset", ["rigA", "rigB"])
-def test_given_sigmas_make_unit_weight_one(preset: str) -> None:
-    session, _ = simulated(preset, 3)
+def test_given_sigmas_make_unit_weight_one() -> None:
+    session, _ = simulated("rigA", 3)
     o = observed(session)
     weighted = calibrate(replace(session, observations=replace(o, sigma=np.full(o.uv.shape, 0.04))))
-    plain = calibrated(preset, 3)[0]
+    plain = calibrated("rigA", 3)[0]
     assert weighted.rig.quality.sigma0 == pytest.approx(1.0, rel=4 / np.sqrt(2 * redundancy(weighted)))
     for one, other in zip(weighted.rig.cameras, plain.rig.cameras, strict=True):
         assert one.sigma is not None and other.sigma is not None
@@ -108,9 +105,11 @@ def test_sigmas_of_a_blurred_camera_are_used() -> None:
 
 
 def test_without_noise_nothing_is_wrong() -> None:
-    calibration, _, truth = calibrated("demo", 1, sigma_px=0.0)
+    calibration, _, truth = calibrated("demo", 1, sigma_px=0.0, targets=60)
     assert calibration.rig.quality.valid
-    assert calibration.used.sum() >= calibrated("demo", 1)[0].used.sum()  # no chance loses a good observation
+    assert (
+        calibration.used.sum() >= calibrated("demo", 1, targets=60)[0].used.sum()
+    )  # no chance loses a good observation
     assert calibration.rig.quality.rms_px is not None and calibration.rig.quality.rms_px < 1e-6
     errors = errors_of(calibration, truth)
     np.testing.assert_allclose(errors.centre_mm, 0.0, atol=1e-4)
@@ -119,8 +118,7 @@ def test_without_noise_nothing_is_wrong() -> None:
     assert errors.scale == pytest.approx(1.0, abs=1e-4)
 
 
-@pytest.mark.parametrize("preset", ["rigA", "rigB"])
-@pytest.mark.parametrize("fraction", [0.005, 0.02, 0.05])
+@pytest.mark.parametrize(("preset", "fraction"), [("rigA", 0.05), ("rigB", 0.005)])
 def test_outliers_lose_no_camera(preset: str, fraction: float) -> None:
     calibration, session, truth = calibrated(preset, 3, outlier_fraction=fraction)
     assert calibration.rig.quality.valid
@@ -148,15 +146,13 @@ OTHER_WAYS = {
 }
 
 
-@pytest.mark.parametrize(
-    ("preset", "way"), [("rigA", "none-OPT"), ("rigA", "dijkstra"), *(("rigB", way) for way in OTHER_WAYS)]
-)
-def test_other_ways_end_in_the_same_minimum(preset: str, way: str) -> None:
-    assert_same_minimum(calibrated(preset, 3, OTHER_WAYS[way])[0], calibrated(preset, 3)[0])
+@pytest.mark.parametrize("way", OTHER_WAYS)
+def test_other_ways_end_in_the_same_minimum(way: str) -> None:
+    assert_same_minimum(calibrated("rigB", 3, OTHER_WAYS[way], targets=60)[0], calibrated("rigB", 3, targets=60)[0])
 
 
 def test_the_reference_ends_in_the_same_minimum() -> None:
-    compiled, session, _ = calibrated("rigB", 3)
+    compiled, session, _ = calibrated("rigB", 3, targets=60)
     with reference_instead():
         assert_same_minimum(calibrate(session), compiled)
 
@@ -172,10 +168,9 @@ def assert_same_minimum(one: Calibration, other: Calibration) -> None:
         assert abs(a.intrinsics[0] - b.intrinsics[0]) < 0.01 * a.sigma.intrinsics[0]
 
 
-@pytest.mark.parametrize("preset", ["rigA", "rigB"])
-def test_the_papers_start_with_and_without_spherical_projection(preset: str) -> None:
-    with_spo = calibrated(preset, 3, CalibrationSettings(method="tao2021"))[0]
-    without = calibrated(preset, 3, CalibrationSettings(method="tao2021", spherical_projection=False))[0]
+def test_the_papers_start_with_and_without_spherical_projection() -> None:
+    with_spo = calibrated("rigB", 3, CalibrationSettings(method="tao2021"))[0]
+    without = calibrated("rigB", 3, CalibrationSettings(method="tao2021", spherical_projection=False))[0]
     assert_same_minimum(with_spo, without)
     assert with_spo.method == "tao2021"
     tangential = [6, 7, 13, 15, 9, 10, 11]
@@ -185,7 +180,7 @@ def test_the_papers_start_with_and_without_spherical_projection(preset: str) -> 
         assert (camera.sigma.intrinsics[tangential] == 0).all()
         assert (camera.sigma.intrinsics[[0, 1, 2, 3, 4, 5, 8, 12, 14]] > 0).all()
     # its prism terms stand for the tangential ones nearly as well
-    sigma0 = calibrated(preset, 3)[0].rig.quality.sigma0
+    sigma0 = calibrated("rigB", 3)[0].rig.quality.sigma0
     assert with_spo.rig.quality.sigma0 == pytest.approx(sigma0, rel=0.01)
 
 
@@ -216,7 +211,7 @@ def errors_of_without_focal(calibration: Calibration, truth) -> float:
 
 
 def test_shared_intrinsics_are_shared_and_own_ones_are_not() -> None:
-    session, _ = simulated("demo", 2)
+    session, _ = simulated("demo", 2, targets=60)
     shared = replace(session, cameras=tuple(replace(c, intrinsics_group="one") for c in session.cameras))
     result = calibrate(shared)
     first = result.rig.cameras[0].intrinsics
@@ -228,10 +223,9 @@ def test_shared_intrinsics_are_shared_and_own_ones_are_not() -> None:
     assert result.rig.quality.sigma0 > 5 * own.rig.quality.sigma0
 
 
-@pytest.mark.parametrize("seed", [5, 6])
-def test_rough_priors_end_in_the_same_minimum(seed: int) -> None:
-    rough, _, truth = calibrated("rigB", seed, prior_focal_error=0.1, prior_centre_error_px=100.0)
-    exact = calibrated("rigB", seed)[0]
+def test_rough_priors_end_in_the_same_minimum() -> None:
+    rough, _, truth = calibrated("rigB", 3, prior_focal_error=0.1, prior_centre_error_px=100.0)
+    exact = calibrated("rigB", 3)[0]
     assert len(rough.rig.cameras) == 12
     assert rough.rig.quality.sigma0 == pytest.approx(exact.rig.quality.sigma0, rel=1e-5)
     assert rms(errors_of(rough, truth).centre_score) < MODE
@@ -405,9 +399,9 @@ def test_three_cameras_are_enough() -> None:
 
 
 def test_missing_scale_is_a_warning_and_lengths_are_arbitrary() -> None:
-    session, _ = simulated("rigB", 2)
+    session, _ = simulated("rigB", 3)
     without = calibrate(replace(session, scale=None))
-    known = calibrated("rigB", 2)[0]
+    known = calibrated("rigB", 3)[0]
     assert without.rig.quality.valid
     assert without.rig.scale.source == "none" and without.rig.scale.relative_uncertainty is None
     finding = next(f for f in without.rig.quality.findings if f.code == "no-scale")
@@ -458,7 +452,7 @@ def test_session_without_observations_is_bad_input() -> None:
 @pytest.fixture(scope="module")
 def demo_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("session") / "demo"
-    write_session(*simulated("demo", 1), folder)
+    write_session(*simulated("demo", 1, targets=40), folder)
     return folder
 
 
@@ -470,10 +464,10 @@ def test_same_input_and_seed_give_the_same_bytes(demo_folder: Path, tmp_path: Pa
 
 
 def test_order_of_the_observations_does_not_matter() -> None:
-    session, _ = simulated("demo", 1)
+    session, _ = simulated("demo", 1, targets=60)
     o = observed(session)
     mixed = calibrate(replace(session, observations=o.select(np.random.default_rng(0).permutation(len(o)))))
-    plain = calibrated("demo", 1)[0]
+    plain = calibrated("demo", 1, targets=60)[0]
     assert mixed.rig.quality.sigma0 == pytest.approx(plain.rig.quality.sigma0, rel=1e-6)
     for a, b in zip(mixed.rig.cameras, plain.rig.cameras, strict=True):
         np.testing.assert_allclose(a.centre_mm, b.centre_mm, atol=1e-2)
@@ -492,7 +486,7 @@ class Stop:
 
 def test_progress_names_the_stages_and_never_leaves_its_range() -> None:
     told: list[Progress] = []
-    calibrate(simulated("demo", 1)[0], context=Context(told.append))
+    calibrate(simulated("demo", 1, targets=40)[0], context=Context(told.append))
     stages = list(dict.fromkeys(event.stage for event in told))
     assert {"two-view gate", "triples", "robust adjustment", "bundle adjustment", "uncertainty"} <= set(stages)
     assert all(0 <= event.fraction <= 1 for event in told)
@@ -500,7 +494,7 @@ def test_progress_names_the_stages_and_never_leaves_its_range() -> None:
 
 
 def test_cancelling_stops_at_once_in_every_stage() -> None:
-    session, _ = simulated("demo", 1)
+    session, _ = simulated("demo", 1, targets=40)
     never = Stop(10**9)
     calibrate(session, context=Context(is_cancelled=never))
     assert never.asked > 40  # asked all along

@@ -17,8 +17,9 @@ import pytest
 
 import spherecal.files.write_result as writing
 from spherecal.base.arrays import FloatArray
-from spherecal.cli import commands
-from spherecal.cli.main import BAD_INPUT, CANCELLED, DONE, NOT_VALID, main
+from spherecal.cli import calibrate as command
+from spherecal.cli.exit_codes import BAD_INPUT, CANCELLED, DONE, NOT_VALID
+from spherecal.cli.main import main
 from spherecal.files.rig_file import read_rig
 from spherecal_sim.session import simulate_session
 from spherecal_sim.session_folder import write_session
@@ -439,7 +440,7 @@ def test_ctrl_c_is_one_line(
     def interrupted(_: Path) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(commands, "read_session", interrupted)
+    monkeypatch.setattr(command, "read_session", interrupted)
     assert run("calibrate", session_folder, "-o", tmp_path / "out") == CANCELLED
     assert assert_one_plain_line(capsys.readouterr().err) == "spherecal: Cancelled."
     assert list(tmp_path.iterdir()) == []

@@ -36,6 +36,8 @@ from tests.gui_agreement import Watcher, disagreements
 from tests.gui_walking import settle
 from tests.test_gui_workflow import OPEN, statuses, taken_project
 
+pytestmark = pytest.mark.usefixtures("images_at_rest")
+
 LEVELS: tuple[Level, ...] = ("none", "good", "caution", "bad")
 BUTTONS = (None, *(Button(*three) for three in itertools.product((False, True), repeat=3)))
 

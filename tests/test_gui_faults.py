@@ -3,8 +3,6 @@
 import errno
 import os
 import signal
-import subprocess
-import sys
 from collections.abc import Iterator
 
 import pytest
@@ -20,10 +18,10 @@ from spherecal_gui.presenters.placement import advice
 from spherecal_gui.project_folder import load_project, taken_in
 from spherecal_gui.workflow import Status
 from tests.built_producer import built_producer
-from tests.conftest import ROOT
-from tests.gui_walking import PATIENCE_S, begun, pump, settle, status, take
+from tests.gui_killed import exit_code_of, killed_while_taking
+from tests.gui_walking import begun, pump, settle, status, take
 
-pytestmark = pytest.mark.slow
+pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("images_at_rest")]
 
 
 @pytest.fixture
@@ -217,40 +215,13 @@ def test_the_camera_process_killed_is_seen_and_the_walk_goes_on(qapp, tmp_path, 
             made.close_project()
 
 
-KILLED = """
-import os, signal, sys, time
-from pathlib import Path
-from PySide6.QtCore import QCoreApplication
-from spherecal_gui.recorded import RecordedSession
-from spherecal_gui.controllers.controller import Controller
-sys.path.insert(0, {root!r})
-from tests.gui_walking import begun, take
-where = {where!r}
-application = QCoreApplication([])
-made = begun(Path({home!r}))
-take(made, "P1")
-def die(*_):
-    os.kill(os.getpid(), signal.SIGKILL)
-if where == "before the images":
-    import spherecal.cameras.capture as capture
-    capture.png = die
-elif where == "before the metadata":
-    RecordedSession._write_metadata = die
-take(made, "P2")
-die()
-"""
-
-
 @pytest.mark.skipif(os.name == "nt", reason="kills by signal")
 @pytest.mark.parametrize(
     ("where", "there"),
     [("before the images", {"P1"}), ("before the metadata", {"P1"}), ("after all", {"P1", "P2"})],
 )
 def test_killed_while_taking_it_goes_on_at_the_same_step(qapp, tmp_path, where, there):
-    code = KILLED.format(root=str(ROOT), where=where, home=str(tmp_path))
-    env = os.environ | {"PYTHONPATH": os.pathsep.join([str(ROOT / "core"), str(ROOT)])}
-    done = subprocess.run([sys.executable, "-c", code], env=env, cwd=ROOT, timeout=PATIENCE_S, check=False)
-    assert done.returncode == -signal.SIGKILL
+    assert exit_code_of(killed_while_taking, str(tmp_path), where) == -signal.SIGKILL
     (folder,) = (path.parent for path in tmp_path.glob("*/wizard.json"))
     project = load_project(folder)
     assert set(project.taken) == there

@@ -5,8 +5,6 @@ import json
 import os
 import shutil
 import signal
-import subprocess
-import sys
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -29,10 +27,11 @@ from spherecal_gui.project_folder import load_project, save_project
 from spherecal_gui.wizard.window import WizardWindow
 from spherecal_gui.workflow import Status
 from tests.built_producer import built_producer
-from tests.conftest import ROOT
-from tests.gui_walking import PATIENCE_S, pump, settle, status, take
+from tests.gui_killed import exit_code_of, killed_in_step
+from tests.gui_still import calibrated_once
+from tests.gui_walking import WORK, pump, settle, status, take
 
-pytestmark = pytest.mark.slow
+pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("images_at_rest", "no_advice")]
 
 STEPS = ("connect", "look", "placement:P2", "scale", "calibrate", "results", "verify", "save")
 
@@ -152,10 +151,11 @@ def test_stopped_where_it_is_shows_what_there_is_and_goes_on_though_a_camera_is_
     assert opened.page.findings.shown[0].title == "The computation was stopped"
     assert opened.page.word.text() == "NOT VALID"
     again = next(one for one in opened.page.findings.findChildren(QPushButton) if one.text() == "Calibrate again")
-    again.click()
-    assert controller.state.current == "calibrate" and opened.page.is_running
-    controller.cameras.connection.source.inject(SimulatedFault("lose", "C04"))  # which harms no computation
-    settle(controller)
+    with calibrated_once():
+        again.click()
+        assert controller.state.current == "calibrate" and opened.page.is_running
+        controller.cameras.connection.source.inject(SimulatedFault("lose", "C04"))  # which harms no computation
+        settle(controller)
     assert status(controller, "calibrate") is Status.DONE
     assert controller.project.calibrated.verdict == "valid"
     pump(lambda: "without C04" in opened.source.text)
@@ -233,18 +233,6 @@ def full(*_: object, **__: object) -> None:
     raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
 
-WORK = {
-    "connect": lambda c: c.recording.confirm_bench(),
-    "look": lambda c: c.cameras.accept_look(),
-    "placement:P2": lambda c: c.sets.take("P2", "placement:P2"),
-    "scale": lambda c: c.sets.take(c.project.scale_poses[0], "scale"),
-    "calibrate": lambda c: c.computation.calibrate(),
-    "results": lambda c: c.computation.accept_results(),
-    "verify": lambda c: c.computation.verify(),
-    "save": lambda c: c.saving.save_profile(c.profile_folder, True),
-}
-
-
 def fill_the_disk(opened: WizardWindow, monkeypatch: pytest.MonkeyPatch) -> None:
     """It is said, nothing is lost, and the work is done once somebody has freed the disk."""
     controller, step = opened.controller, opened.controller.project.step
@@ -271,7 +259,8 @@ def fill_the_disk(opened: WizardWindow, monkeypatch: pytest.MonkeyPatch) -> None
 @pytest.mark.parametrize("opened", STEPS, indirect=True)
 def test_a_lost_camera_and_a_full_disk_are_said_in_every_step_and_lose_nothing(opened, monkeypatch):
     lose_a_camera(opened)
-    fill_the_disk(opened, monkeypatch)
+    with calibrated_once():  # what cannot be written and what is written then is the same
+        fill_the_disk(opened, monkeypatch)
 
 
 # --- the wrong ball, no bar ------------------------------------------------------------------------------------------
@@ -312,28 +301,6 @@ def test_the_ball_of_another_rig_is_found_out(opened):
 
 # --- the program is killed -------------------------------------------------------------------------------------------
 
-KILLED = """
-import os, signal, sys
-from pathlib import Path
-sys.path.insert(0, {root!r})
-from PySide6.QtCore import QCoreApplication, QTimer
-from spherecal_gui.controllers.controller import Controller
-from tests.gui_walking import pump, settle
-from tests.test_gui_faults_steps import WORK
-application = QCoreApplication([])
-made = Controller()
-made.cameras.live_hz = 1.0
-made.open_project(Path({folder!r}))
-settle(made)
-settle(made)
-assert made.state.current == {step!r}, made.state.current
-WORK[{step!r}](made)
-if made.runner.running is not None:  # in the middle of it
-    news = []
-    pump(lambda: made.runner.running is None or news.extend(made.runner.task.take_news()) or len(news) > 3)
-os.kill(os.getpid(), signal.SIGKILL)
-"""
-
 
 @pytest.mark.skipif(os.name == "nt", reason="kills by signal")
 @pytest.mark.parametrize("step", STEPS)
@@ -341,12 +308,7 @@ def test_killed_in_a_step_it_opens_there_with_the_counters_intact(qapp, home, wa
     folder = copied(walked, home, step)
     before = load_project(folder)
     whole = all_files(folder)
-    code = KILLED.format(root=str(ROOT), folder=str(folder), step=step)
-    env = os.environ | {"PYTHONPATH": os.pathsep.join([str(ROOT / "core"), str(ROOT)])}
-    done = subprocess.run(
-        [sys.executable, "-c", code], env=env, cwd=ROOT, timeout=PATIENCE_S, check=False, capture_output=True
-    )
-    assert done.returncode == -signal.SIGKILL, done.stderr.decode()[-2000:]
+    assert exit_code_of(killed_in_step, str(folder), step) == -signal.SIGKILL
     again = Controller()
     again.cameras.live_hz = 1.0
     try:

@@ -28,6 +28,8 @@ from spherecal_gui.wizard.window import WizardWindow
 from tests.gui_fit import covered, cut_short, scrolled, settled
 from tests.gui_walking import pump, settle
 
+pytestmark = pytest.mark.usefixtures("images_at_rest")
+
 SIZE = (1280, 800)
 STEPS = ("connect", "look", "placement:P1", "scale", "calibrate", "results", "verify", "save", "measure")
 FEW_DOTS = {"C01": 88, "C02": 90, "C03": 94, "C04": 97}
@@ -64,21 +66,13 @@ def test_every_page_is_complete(qapp, qtbot, home: Path, connected: Controller, 
         connected.sets.delete("P4")  # a placement that is not captured has the ghost, and most buttons
         connected.go("placement:P4")
         pump(lambda: connected.advice.to_go is not None)
-        wrong = [f"placement:P4, {one}" for one in faults(window)]
-        assert connected.advice.guidance is not None
-        connected.advice.guidance = longest_advice(connected.advice.guidance)
-        connected.advice.guidance_changed.emit()
-        wrong += [f"placement:P4, longest advice, {one}" for one in faults(window)]
-        shown = window.page
-        assert isinstance(shown, PlacementPage) and shown.guide_text.text() == move_text(connected.advice.guidance)
-        with pytest.MonkeyPatch.context() as patch:  # four cameras see too little, though the ball lies as it should
-            patch.setattr(placement, "advice", lambda *_: PlacementAdvice(short_text(FEW_DOTS), "caution"))
-            patch.setattr(placement, "is_stuck", lambda *_: True)
-            wrong += [f"placement:P4, few dots, {one}" for one in faults(window)]
-            assert shown.advice.text() == short_text(FEW_DOTS)
+        wrong = []
+        for large in (False, True):  # as seldom as can be: each change of size styles every widget again
+            window.header.far.setChecked(large)
+            wrong += faults_of_advice(window, connected, large)
         connected.sets.undo()
         settle(connected)
-        for large in (False, True):  # once for all steps: each change of size styles every widget again
+        for large in (True, False):
             window.header.far.setChecked(large)
             for step in STEPS:
                 connected.go(step)
@@ -99,6 +93,27 @@ def test_every_page_is_complete(qapp, qtbot, home: Path, connected: Controller, 
         window.close()
         languages.use("en")
         theme.apply(qapp, dark=False)
+
+
+def faults_of_advice(window: WizardWindow, connected: Controller, large: bool) -> list[str]:
+    """What does not fit on a placement not captured yet: with its advice, the longest one, where few dots are seen."""
+    wrong = [f"placement:P4, {one}" for one in faults_at(window, large)]
+    given = connected.advice.guidance
+    assert given is not None
+    connected.advice.guidance = longest_advice(given)
+    connected.advice.guidance_changed.emit()
+    wrong += [f"placement:P4, longest advice, {one}" for one in faults_at(window, large)]
+    shown = window.page
+    assert isinstance(shown, PlacementPage) and shown.guide_text.text() == move_text(connected.advice.guidance)
+    with pytest.MonkeyPatch.context() as patch:  # four cameras see too little, though the ball lies as it should
+        patch.setattr(placement, "advice", lambda *_: PlacementAdvice(short_text(FEW_DOTS), "caution"))
+        patch.setattr(placement, "is_stuck", lambda *_: True)
+        shown.tick()
+        wrong += [f"placement:P4, few dots, {one}" for one in faults_at(window, large)]
+        assert shown.advice.text() == short_text(FEW_DOTS)
+    connected.advice.guidance = given
+    connected.advice.guidance_changed.emit()
+    return wrong
 
 
 @pytest.fixture(scope="module")

@@ -28,7 +28,7 @@ from spherecal_gui.wizard.window import WizardWindow
 from spherecal_gui.workflow import Status
 from tests.gui_walking import pump, settle, status, take
 
-pytestmark = pytest.mark.slow
+pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("images_at_rest", "no_advice")]
 
 
 @pytest.fixture

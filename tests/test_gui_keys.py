@@ -27,6 +27,8 @@ from spherecal_gui.wizard.window import WizardWindow
 from tests.conftest import ROOT
 from tests.gui_walking import settle
 
+pytestmark = pytest.mark.usefixtures("images_at_rest", "no_advice")
+
 
 def test_a_page_that_was_not_seen_for_a_second_is_not_acted_on():
     now = [10.0]

@@ -33,6 +33,8 @@ from spherecal_gui.workflow import Status
 from tests.built_producer import built_producer
 from tests.gui_walking import begun, pump, settle, status, take
 
+pytestmark = pytest.mark.usefixtures("images_at_rest")
+
 
 @pytest.fixture
 def german(qapp):

@@ -31,6 +31,8 @@ from spherecal_gui.workflow import Status
 from tests.gui_walking import pump, words_shown
 from tests.gui_walking import settle as settled
 
+pytestmark = pytest.mark.usefixtures("images_at_rest")
+
 
 def settle(window: WizardWindow) -> None:
     """Until no work runs and what it left in the queue is done."""

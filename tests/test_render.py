@@ -10,10 +10,10 @@ from spherecal.base.context import Context
 from spherecal.base.errors import Cancelled, InputError
 from spherecal.data.session import Session
 from spherecal.files.read_session import read_session
-from spherecal.geometry.camera import project
+from spherecal.geometry.camera import fisheye_vector, project
 from spherecal.targets.target_set import TargetSet
 from spherecal_sim.ball import wrap
-from spherecal_sim.dot_truth import DotTruth, ball_dots, bar_dots
+from spherecal_sim.dot_truth import DotTruth, TrueDots, ball_dots, bar_dots, outline_dots
 from spherecal_sim.optics import Psf, Sensor, expose, gather, pixel_kernel, separable
 from spherecal_sim.radiance import CELLS, ideal_place
 from spherecal_sim.render import Rendered, render_image
@@ -140,6 +140,32 @@ def test_rays_go_through_the_whole_lens_model() -> None:
     for u, v in [(0.0, 0.0), (2063.0, 1543.0), (1000.0, 700.0), (50.0, 1500.0)]:
         x, y = ideal_place(c, u, v, 0.0, 0.0)
         np.testing.assert_allclose(project(np.array([[x, y, 1.0]]), c)[0], [u, v], atol=1e-8)
+
+
+def test_rays_go_through_the_fisheye_model() -> None:
+    c = fisheye_vector(np.array([[925.0, 0, 1036.0], [0, 925.5, 765.0], [0, 0, 1]]), [0.03, 0.004, -0.002, 0.0003])
+    x = y = 0.0
+    for u, v in [(-0.5, -0.5), (1036.0, 765.0), (1036.0, 764.0), (2063.5, 1543.5), (50.0, 1500.0)]:
+        x, y = ideal_place(c, u, v, x, y)
+        np.testing.assert_allclose(project(np.array([[x, y, 1.0]]), c)[0], [u, v], atol=1e-8)
+
+
+def test_a_fisheye_lens_shows_dots_where_the_truth_says() -> None:
+    rendered = ball_image(simulate_session("wide150", 0, RENDERED), FLAT, camera=0, size=400)
+    errors = centroid_errors(rendered, paper=0.8 / 0.85 * 0.04)
+    assert len(errors) >= 10
+    assert np.sqrt((errors**2).sum(axis=1).mean()) < 0.001
+
+
+def test_dots_in_the_outer_field_of_a_fisheye_lens_have_their_truth() -> None:
+    """They are 65 degrees off the axis, where a lens of the other model has no image."""
+    lens = fisheye_vector(np.array([[985.0, 0, 1031.5], [0, 985.0, 771.5], [0, 0, 1]]), [])
+    way = np.array([0.8 * np.sin(np.deg2rad(65.0)), 0.6 * np.sin(np.deg2rad(65.0)), np.cos(np.deg2rad(65.0))])
+    place = 1000.0 * way
+    rim = np.tile(place, (1, 32, 1))
+    dot = TrueDots(np.array([1]), np.array([0]), place[None], -way[None], rim, np.tile(place, (1, 4, 1)))
+    outlines = outline_dots(dot, Station("C01", np.eye(3), np.zeros(3), lens, (2064, 1544)))
+    assert list(outlines.dot) == [0]
 
 
 @pytest.mark.parametrize(

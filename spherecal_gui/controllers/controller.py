@@ -58,6 +58,7 @@ class Controller(ProjectController):
         self.keeps_empty = False  # a project that never had a camera, too: it is opened again at once
         self._is_new = False
         self._held = ExitStack()
+        self._resolved: tuple[Project, Running, WorkflowState] | None = None  # the state, and of what it was made
 
     # --- workflow ----------------------------------------------------------------------------------------------------
 
@@ -70,7 +71,12 @@ class Controller(ProjectController):
     @property
     def state(self) -> WorkflowState | None:
         """The workflow's state; None without a project."""
-        return None if self.project is None else resolve(self.project, self.running)
+        if self.project is None:
+            return None
+        running, known = self.running, self._resolved
+        if known is None or known[0] is not self.project or known[1] != running:
+            known = self._resolved = self.project, running, resolve(self.project, running)
+        return known[2]
 
     def go(self, step: str) -> None:
         """Go to a step, if it is not blocked."""

@@ -86,6 +86,7 @@ class PlacementPage(LivePage):
         column.addLayout(row, 1)
         column.addLayout(self._buttons())
         controller.advice.ball_seen.connect(self._ball_seen)
+        self.tabs.currentChanged.connect(self._tab_changed)
 
     def _buttons(self) -> QHBoxLayout:
         row = QHBoxLayout()
@@ -131,9 +132,9 @@ class PlacementPage(LivePage):
             column.addWidget(line)
         self.coverage_key = label(self.tr("Green: covered so far. Blue: what this placement adds."), "soft")
         column.addWidget(self.coverage_key)
+        self._covered, self._paired = covered, QWidget()
         self.tabs.addTab(covered, self.tr("Coverage"))
-        pairs = QWidget()
-        column = QVBoxLayout(pairs)
+        column = QVBoxLayout(self._paired)
         self.islands = label("", "big")
         column.addWidget(self.islands)
         self.pairs = PairMatrix()
@@ -141,7 +142,7 @@ class PlacementPage(LivePage):
         column.addWidget(
             label(self.tr("Dots that two cameras have in common, over all placements and this image."), "soft")
         )
-        self.tabs.addTab(pairs, self.tr("Pairs"))
+        self.tabs.addTab(self._paired, self.tr("Pairs"))
         self.guidance, self._next_title = QWidget(), self.tr("Where next")
         column = QVBoxLayout(self.guidance)
         self.guide_text, self.now, self.then = label("", "big"), label(""), label("")
@@ -383,20 +384,27 @@ class PlacementPage(LivePage):
             if name in self.controller.recording.dots and name != self.set_id
         ]
 
+    def _tab_changed(self) -> None:
+        """Another chart is in sight: it may be older than what the cameras see."""
+        if self.project is not None and self.step is not None:
+            self._draw(self.scene())
+
     def _draw(self, scene: Scene) -> None:
-        """Draw the charts, if anything in them has changed."""
+        """Draw the chart in sight and what is said of coverage, if anything in them has changed."""
         cameras = list(scene.counts)
         mine = self.controller.recording.dots.get(self.set_id)
         sights = self.sights()
         seen = {name: sight.dots for name, sight in sights.items() if name not in scene.lost}
         live = dict(mine) if mine is not None else seen
         counts = [len(live[name]) if name in live else 0 for name in cameras]
+        tab = self.tabs.currentWidget()
         key = (
             self.set_id,
             mine is not None,
             tuple(counts),
             tuple(self.controller.recording.dots),
-            self.tabs.currentIndex(),
+            tab,
+            tab.size().toTuple(),
         )
         if key == self._drawn:
             return
@@ -407,7 +415,8 @@ class PlacementPage(LivePage):
         self._lacking = any(one.need == "more" for one in found)
         before = [cov.cells([one[name] for one in sets if name in one]) for name in cameras]
         now = [cov.cells([live[name]]) if name in live else np.zeros((cov.CELLS, cov.CELLS), int) for name in cameras]
-        self.coverage.show_cells(cameras, before, now, [one.level for one in found])
+        if tab is self._covered:
+            self.coverage.show_cells(cameras, before, now, [one.level for one in found])
         project = self.open_project
         to_come = any(name not in project.taken for name in project.placements if name != self.set_id)
         more, spread = need_lists(found, to_come)
@@ -415,7 +424,8 @@ class PlacementPage(LivePage):
         self.more_dots.show_need(more)
         self.spread_dots.show_need(spread, "none" if to_come else "caution")
         common = cov.common_dots(everything, cameras)
-        self.pairs.show_common(cameras, common)
+        if tab is self._paired:
+            self.pairs.show_common(cameras, common)
         text, level = island_text(cov.islands(common), cameras)
         self.islands.setText(text)
         set_level(self.islands, level)

@@ -71,16 +71,16 @@ def code_table(target_set: TargetSet) -> CodeTable:
 
 def _cluster(dots: FloatArray) -> tuple[FloatArray, IntArray]:
     """Mean places of dots (n, 2) that are close together, and each dot's place (n,)."""
-    places: list[FloatArray] = []
-    members: list[list[FloatArray]] = []
+    places, members = np.empty((len(dots), 2)), list[list[FloatArray]]()
     place_of = np.empty(len(dots), dtype=np.int64)
     for i, dot in enumerate(dots):
-        near = [k for k, place in enumerate(places) if np.linalg.norm(dot - place) < _SAME_PLACE_MM]
-        if near:
+        known = len(members)
+        away = places[:known] - dot
+        near = np.flatnonzero(np.hypot(away[:, 0], away[:, 1]) < _SAME_PLACE_MM)
+        if len(near):
             place_of[i] = near[0]
             members[near[0]].append(dot)
         else:
-            place_of[i] = len(places)
-            places.append(dot)
+            place_of[i], places[known] = known, dot
             members.append([dot])
     return np.array([np.mean(group, axis=0) for group in members]), place_of

@@ -30,6 +30,8 @@ from spherecal_sim.truth import SimulationOptions, TrueBarPose, Truth
 SHARP_PX = 0.71
 _FULL_SCALE_OF_WHITE = 0.8
 
+_BALLS: dict[object, TrueDots] = {}  # the dots of the ball of late: half a second, and a rig is opened again and again
+
 Vector = tuple[float, float, float]
 # A shift in mm and a rotation vector in degrees, in the rig's frame, at a moment in s of perf_counter.
 Path = Callable[[float], tuple[Vector, Vector]]
@@ -180,8 +182,14 @@ class Stage:
 
     @cached_property
     def _ball_dots(self) -> TrueDots:
-        targets = self._targets
-        return ball_dots(self.truth.ball, targets.dot_diameter_mm / 2, targets.size_mm / 2)
+        ball, targets = self.truth.ball, self._targets
+        sizes = (targets.dot_diameter_mm / 2, targets.size_mm / 2)
+        arrays = (ball.frames, ball.layouts_mm, ball.dots_mm, ball.bumps.axes, ball.bumps.coefficients)
+        key = (ball.radius_mm, *sizes, *(array.tobytes() for array in arrays))
+        if key not in _BALLS:
+            _BALLS.clear()
+            _BALLS[key] = ball_dots(ball, *sizes)
+        return _BALLS[key]
 
     @property
     def _targets(self) -> TargetSet:

@@ -1,0 +1,74 @@
+"""Programs killed in the middle of a step: a server that has loaded them forks each, which saves 2 s a time."""
+
+import multiprocessing
+import os
+import signal
+from collections.abc import Callable, Mapping
+from pathlib import Path
+
+from PySide6.QtCore import QCoreApplication
+
+from spherecal_gui.controllers.controller import Controller
+from spherecal_gui.recorded import RecordedSession
+from tests.gui_still import images_at_rest
+from tests.gui_walking import PATIENCE_S, WORK, begun, pump, settle, take
+
+# What the program loads in its threads.
+_LOADED = (
+    "spherecal.calibrate", "spherecal.profile.save", "spherecal.report.result_folder", "spherecal.verify.bars",
+    "spherecal_gui.tasks.kept_check", "spherecal_gui.tasks.live",
+)  # fmt: skip
+
+
+def exit_code_of(program: Callable[..., None], *words: str) -> int | None:
+    """How a program ended that ran in a process of its own, with the environment of now."""
+    server = multiprocessing.get_context("forkserver")
+    server.set_forkserver_preload([__name__, *_LOADED])
+    process = server.Process(target=_run, args=(program, words, dict(os.environ)))
+    process.start()
+    process.join(PATIENCE_S)
+    code = process.exitcode
+    process.kill()
+    return code
+
+
+def _run(program: Callable[..., None], words: tuple[str, ...], environment: Mapping[str, str]) -> None:
+    os.environ.update(environment)
+    application = QCoreApplication([])
+    with images_at_rest():
+        program(*words)
+    application.quit()
+
+
+def die(*_: object) -> None:
+    """The program is killed."""
+    os.kill(os.getpid(), signal.SIGKILL)
+
+
+def killed_in_step(folder: str, step: str) -> None:
+    """Killed while the step's work runs, or right after it where there is nothing to wait for."""
+    made = Controller()
+    made.cameras.live_hz = 1.0
+    made.open_project(Path(folder))
+    settle(made)
+    settle(made)
+    assert made.state is not None and made.state.current == step
+    WORK[step](made)
+    if made.runner.running is not None:  # in the middle of it
+        news: list[object] = []
+        pump(lambda: made.runner.running is None or news.extend(made.runner.task.take_news()) or len(news) > 3)
+    die()
+
+
+def killed_while_taking(home: str, where: str) -> None:
+    """Killed while P2 is taken: `before the images` are written, `before the metadata` are, or `after all`."""
+    made = begun(Path(home))
+    take(made, "P1")
+    if where == "before the images":
+        from spherecal.cameras import capture
+
+        capture.png = die
+    elif where == "before the metadata":
+        RecordedSession._write_metadata = die
+    take(made, "P2")
+    die()

@@ -69,6 +69,6 @@ def killed_while_taking(home: str, where: str) -> None:
 
         capture.png = die
     elif where == "before the metadata":
-        RecordedSession._write_metadata = die
+        RecordedSession._write_metadata = die  # type: ignore[method-assign]
     take(made, "P2")
     die()

@@ -65,7 +65,7 @@ WORK: dict[str, Callable[[Controller], object]] = {
     "calibrate": lambda c: c.computation.calibrate(),
     "results": lambda c: c.computation.accept_results(),
     "verify": lambda c: c.computation.verify(),
-    "save": lambda c: c.saving.save_profile(c.profile_folder, True),
+    "save": lambda c: c.saving.save_profile(c.profile_folder or Path(), True),
 }
 
 

@@ -17,7 +17,7 @@ FORMAT = "spherecal/check"
 VERSION = 1
 
 
-class CameraEntry(TypedDict):
+class CheckedCameraEntry(TypedDict):
     """One camera as the document has it; lengths in mm, turns in degrees."""
 
     id: str
@@ -40,7 +40,7 @@ class CheckEntry(TypedDict):
     verdict: Verdict
     sentence: str
     tolerance_mm: float | None
-    cameras: list[CameraEntry]
+    cameras: list[CheckedCameraEntry]
     balls: list[dict[str, object]]
     lengths: list[dict[str, object]]
 
@@ -94,7 +94,7 @@ def check_json(found: Check) -> CheckDocument:
     }
 
 
-def camera_entry(one: CheckedCamera) -> CameraEntry:
+def camera_entry(one: CheckedCamera) -> CheckedCameraEntry:
     """One camera as the document has it."""
     return {
         "id": one.test.id,

@@ -65,7 +65,7 @@ WORK: dict[str, Callable[[Controller], object]] = {
     "calibrate": lambda c: c.calibrate(),
     "results": lambda c: c.accept_results(),
     "verify": lambda c: c.verify(),
-    "save": lambda c: c.save_profile(c.profile_folder, True),
+    "save": lambda c: c.profile_folder is not None and c.save_profile(c.profile_folder, True),
 }
 
 

@@ -120,11 +120,11 @@ def overlay(options: argparse.Namespace, home: Path) -> dict[str, object]:
     application, window = _window(home)
     window.controller.new_project("simulated:rigB", home / "overlay")
     _until(application, lambda: window.controller.runner.running is None)
-    window.controller.confirm_bench()
+    window.controller.recording.confirm_bench()
     _until(application, lambda: window.controller.runner.running is None)
     window.controller.go("look")
-    live = window.controller.live
-    names = window.controller.connection.names
+    live = window.controller.cameras.live
+    names = window.controller.cameras.connection.names
     _until(application, lambda: all(live.sight(serial) is not None for serial in names), 300)
     beat, counted, seen = Heartbeat(application), 0, dict.fromkeys(names)
     began = time.perf_counter()
@@ -198,9 +198,9 @@ def _connect(window: Any, source: Any) -> None:
     project = replace(project, artefacts=Artefacts("none", "", "", None))
     save_project(project)
     controller.project = project
-    controller.connection = Connection(source, discovery, reports, cameras, CapturePlan((), None, {}), names)
-    controller.live = LiveView(controller.connection)
-    controller.live.start(RATE_HZ)
+    controller.cameras.connection = Connection(source, discovery, reports, cameras, CapturePlan((), None, {}), names)
+    controller.cameras.live = LiveView(controller.cameras.connection)
+    controller.cameras.live.start(RATE_HZ)
     controller.changed.emit()
 
 
@@ -213,20 +213,20 @@ def calibrate(_: argparse.Namespace, home: Path) -> dict[str, object]:
     controller = window.controller
     controller.new_project("simulated:demo", home / "calibrate")
     _until(application, lambda: controller.runner.running is None)
-    controller.confirm_bench()
-    controller.accept_look()
+    controller.recording.confirm_bench()
+    controller.cameras.accept_look()
     for name in controller.project.sets:
         step = f"placement:{name}" if name in controller.project.placements else "scale"
         controller.go(step)
-        controller.show_pose(name)
-        controller.take(name, step)
+        controller.staging.show_pose(name)
+        controller.sets.take(name, step)
         _until(application, lambda: controller.runner.running is None)
-    _until(application, lambda: not controller.planning)
+    _until(application, lambda: not controller.advice.planning)
     controller.go("calibrate")
-    controller.calibrate()  # compiles what is not in the cache yet
+    controller.computation.calibrate()  # compiles what is not in the cache yet
     _until(application, lambda: controller.runner.running is None)
     beat, began = Heartbeat(application), time.perf_counter()
-    controller.calibrate()
+    controller.computation.calibrate()
     _until(application, lambda: controller.runner.running is None)
     seconds = time.perf_counter() - began
     beat.stop()
@@ -245,7 +245,7 @@ def calibrate(_: argparse.Namespace, home: Path) -> dict[str, object]:
 def _cancel_once(application: Any, window: Any, share: float) -> tuple[float, float]:
     """Seconds until the page says that it stops, and until it has stopped."""
     controller = window.controller
-    controller.calibrate()
+    controller.computation.calibrate()
     _until(application, lambda: window.page.course.fraction >= share or controller.runner.running is None)
     began = time.perf_counter()
     controller.cancel()

@@ -38,8 +38,8 @@ class Wizard:
         self.window.resize(1280, 800)
         self.window.show()
         self.control = self.window.controller
-        self.control.live_hz = 1.0
-        self.control.somebody_answers = False  # the driver is our own, just built
+        self.control.cameras.live_hz = 1.0
+        self.control.cameras.somebody_answers = False  # the driver is our own, just built
         self.control.new_project("genicam", folder / "projects", str(session))
         self._settle()
 
@@ -60,7 +60,7 @@ class Wizard:
     def _until_all_seen(self) -> None:
         """Until targets were found in a live image of every camera; the first time the detector is compiled."""
         until = time.monotonic() + _LIMIT_S
-        connection, live = self.control.connection, self.control.live
+        connection, live = self.control.cameras.connection, self.control.cameras.live
         assert connection is not None and live is not None
         while not all(live.sight(serial) for serial in connection.names) and time.monotonic() < until:
             self._live(0.2)
@@ -80,7 +80,7 @@ class Wizard:
         self.control.go(step)
         show(self._rig, self._scenes, shown or name)
         self._live(_IN_FLIGHT_S)
-        assert self.control.take(name, step), name
+        assert self.control.sets.take(name, step), name
         self._settle()
         if picture:
             self.picture(step.partition(":")[0])
@@ -90,7 +90,7 @@ class Wizard:
         """Every step in its order."""
         control = self.control
         assert control.project is not None, "the cameras are not connected"
-        control.confirm_bench()
+        control.recording.confirm_bench()
         self._settle()
         show(self._rig, self._scenes, control.project.placements[0])
         control.go("look")
@@ -98,15 +98,15 @@ class Wizard:
         self.picture("look")
         control.go("connect")
         self.picture("connect")
-        control.accept_look()
+        control.cameras.accept_look()
         for number, name in enumerate(control.project.placements):
             self.take(name, f"placement:{name}", picture=number == 0)
         for name in control.project.scale_poses:
             self.take(name, "scale")
         control.go("calibrate")
-        assert control.calibrate()
+        assert control.computation.calibrate()
         self._settle()
-        control.accept_results()
+        control.computation.accept_results()
         control.go("results")
         self.picture("results")
         bars = [
@@ -116,12 +116,12 @@ class Wizard:
         ]
         for name, bar in zip(control.project.check_poses, bars, strict=False):
             self.take(name, "verify", shown=bar)  # it lies where the rig was recorded, not where the plan wants it
-        assert control.verify()
+        assert control.computation.verify()
         self._settle()
         self.picture("verify")
         profile = control.profile_folder
         assert profile is not None
-        assert control.save_profile(profile, True)
+        assert control.saving.save_profile(profile, True)
         self._settle()
         control.go("save")
         self.picture("save")

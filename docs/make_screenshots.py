@@ -38,13 +38,13 @@ class Photographer:
         from PySide6.QtWidgets import QApplication
 
         from spherecal_gui import app
-        from spherecal_gui.wizard.controller import Controller
+        from spherecal_gui.controllers.camera_controller import CameraController
 
         application = QApplication.instance()
         self.application = application if isinstance(application, QApplication) else QApplication(["spherecal"])
         self.folder, self.languages, self.sizes, self.looks, self.number = folder, languages, sizes, looks, 0
         self.only = tuple(os.environ.get("SPHERECAL_PICTURES", "").split())
-        Controller.live_hz = 1.0  # leave the cores to the walk
+        CameraController.live_hz = 1.0  # leave the cores to the walk
         folder.mkdir(parents=True, exist_ok=True)
         self.window: Any = app.make_window(projects)  # each page has widgets of its own
         self.window.showNormal()  # not maximised, as it is at the first start
@@ -239,18 +239,18 @@ def walk(p: Photographer) -> None:
     _bench(p)
     p.go_on()
     p.go_on()
-    assert controller.live is not None
-    p.wait(lambda: all(controller.live.sight(serial) for serial in controller.connection.names))
+    assert controller.cameras.live is not None
+    p.wait(lambda: all(controller.cameras.live.sight(serial) for serial in controller.cameras.connection.names))
     p.take("look")
-    controller.mask("SIM-C02", (300.0, 200.0, 400.0, 300.0))
+    controller.recording.mask("SIM-C02", (300.0, 200.0, 400.0, 300.0))
     window.page.draw.setChecked(True)
     p.live(2.0)
     p.take("look-masks")
     window.page.draw.setChecked(False)
-    controller.clear_masks()
+    controller.recording.clear_masks()
     _lose(p, "C02", lambda: "C02" in window.page.summary.text())
     p.take("look-failed")
-    controller.connection.source.heal("C02")
+    controller.cameras.connection.source.heal("C02")
     p.wait(lambda: "C02" not in window.page.summary.text())
     p.go_on()
     p.go_on()
@@ -258,7 +258,7 @@ def walk(p: Photographer) -> None:
     p.take("placement-ready")
     _lose(p, "C05", lambda: "C05" in window.page.scene().lost)
     p.take("placement-failed")
-    controller.connection.source.heal("C05")
+    controller.cameras.connection.source.heal("C05")
     p.wait(lambda: not window.page.scene().lost)
     p.live(1.5)
     window.advance()
@@ -267,13 +267,13 @@ def walk(p: Photographer) -> None:
     p.wait()
     p.take("placement-done")
     p.go_on()
-    p.wait(lambda: controller.to_go is not None and not controller.guidance.coarse)
-    seen = controller.live.rounds
-    p.wait(lambda: controller.live.rounds > seen + 3)  # the ball as it stands now, not as it stood before
+    p.wait(lambda: controller.advice.to_go is not None and not controller.advice.guidance.coarse)
+    seen = controller.cameras.live.rounds
+    p.wait(lambda: controller.cameras.live.rounds > seen + 3)  # the ball as it stands now, not as it stood before
     p.live(1.5)
     p.take("placement-ghost")
     window.page.put_there.click()
-    p.wait(lambda: controller.to_go is not None and controller.to_go.near)
+    p.wait(lambda: controller.advice.to_go is not None and controller.advice.to_go.near)
     p.take("placement-there")
     p.reach("placement:P4")
     while not window.page.is_taken:
@@ -303,7 +303,7 @@ def computing(p: Photographer) -> None:
     p.live(1.0)
     p.take("results-stopped")
     controller.go("calibrate")
-    controller.calibrate()
+    controller.computation.calibrate()
     p.wait(lambda: controller.runner.running is None or window.page.course.fraction > 0.5)
     p.take("calibrate-running")
     p.wait()
@@ -320,7 +320,7 @@ def computing(p: Photographer) -> None:
     window.page.leave_image.click()
     window.page.tabs.setCurrentIndex(0)
     p.take("results-repair-asked-for")
-    controller.take_back("--leave-out", window.controller.project.repairs[0][1])
+    controller.computation.take_back("--leave-out", window.controller.project.repairs[0][1])
     window.page.map.setChecked(False)
     window.page.links.setChecked(False)
     p.go_on()
@@ -342,7 +342,7 @@ def measuring(p: Photographer) -> None:
 
     p.live(2.0)
     began = time.perf_counter()
-    p.window.controller.connection.source.stage.carry(carried)
+    p.window.controller.cameras.connection.source.stage.carry(carried)
     p.live(10.0)
     p.take_alone("measure")  # a second window would measure with the same cameras
     p.window.controller.go("save")
@@ -361,11 +361,11 @@ def saving(p: Photographer) -> None:
     measuring(p)
     window.page.axes.click()
     p.take_dialog(window.page.dialog, "save-origin-and-axes")
-    controller.delete("P2")
+    controller.sets.delete("P2")
     p.take("save-stale")
     window.controller.go("calibrate")
     p.take("calibrate-stale")
-    controller.undo()
+    controller.sets.undo()
     p.wait()
     window.show_start()
     p.take("start-with-projects")
@@ -379,20 +379,20 @@ def verifying(p: Photographer) -> None:
     page = window.page
     p.wait(lambda: page.guide is not None and page.guide.level == "good")
     p.take("verify-ready")
-    controller.connection.source.stage.move((0.0, 0.0, 0.0), (0.0, 0.0, 18.0))
-    controller.live.forget()
+    controller.cameras.connection.source.stage.move((0.0, 0.0, 0.0), (0.0, 0.0, 18.0))
+    controller.cameras.live.forget()
     p.wait(lambda: page.guide is not None and not page.guide.accepted)
     p.take("verify-bar-elsewhere")
-    controller.show_pose(page.current)
+    controller.staging.show_pose(page.current)
     for _ in range(3):
         p.wait(lambda: page.guide is not None and page.guide.level == "good")
         p.go_on()
-    controller.verify()
+    controller.computation.verify()
     p.wait()
     p.take("verify-done")
-    controller.set_limit("0.02+L/50000")
+    controller.bars.set_limit("0.02+L/50000")
     p.take("verify-stale")
-    controller.verify()
+    controller.computation.verify()
     p.wait()
     page.outcome.tables.setCurrentIndex(1)
     p.take("verify-limit-and-budget")
@@ -435,7 +435,7 @@ def _camera(p: Photographer) -> None:
 def _lose(p: Photographer, camera: str, shown: Callable[[], bool]) -> None:
     from spherecal.cameras.simulated.faults import SimulatedFault
 
-    p.window.controller.connection.source.inject(SimulatedFault("lose", camera))
+    p.window.controller.cameras.connection.source.inject(SimulatedFault("lose", camera))
     p.wait(shown)
 
 

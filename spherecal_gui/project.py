@@ -5,6 +5,8 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Literal
 
+from spherecal_gui.fingerprint import fingerprint
+
 # The engine's own FEW_PLACEMENTS (spherecal.diagnose.checks; a test compares them), which takes a second to import.
 FEW_PLACEMENTS = 3
 
@@ -51,12 +53,15 @@ class Artefacts:
     scale_bar: str | None = None
     check_bars: tuple[str, ...] = ()
     check: str = ""
-    board: bool = field(default=False, repr=False)  # what a calibration was made from is known by the repr
+    board: bool = False
 
 
 @dataclass(frozen=True)
-class Run:
-    """One finished computation: from which inputs it came, what it said."""
+class Computation:
+    """One finished computation: from which inputs it came, what it said.
+
+    `inputs` are names with the moment of taking, the words or the fingerprint of each.
+    """
 
     inputs: tuple[tuple[str, str], ...]
     verdict: Verdict
@@ -95,16 +100,16 @@ class Project:
     scale_poses: tuple[str, ...] = ()
     check_poses: tuple[str, ...] = ()
     taken: Mapping[str, str] = field(default_factory=dict)
-    calibrated: Run | None = None
-    accepted: Run | None = None
-    verified: Run | None = None
-    saved: Run | None = None
+    calibrated: Computation | None = None
+    accepted: Computation | None = None
+    verified: Computation | None = None
+    saved: Computation | None = None
     step: str = "connect"
     failures: Mapping[str, str] = field(default_factory=dict)
     repairs: tuple[tuple[str, str], ...] = ()
     purpose: Purpose = "calibrate"
-    checked: Run | None = None
-    repaired: Run | None = None
+    checked: Computation | None = None
+    repaired: Computation | None = None
     masks: tuple[tuple[str, Rectangle], ...] = ()
     limit: str = ""
     pose_bars: tuple[tuple[str, str], ...] = ()
@@ -140,7 +145,7 @@ class Project:
         sets = tuple((name, self.taken[name]) for name in self.sets if name in self.taken)
         words = " ".join(f"{option} {value}" for option, value in self.repairs_now)
         repairs = (("repairs", words),) if words else ()
-        return (*sets, ("artefacts", repr(self.artefacts)), *repairs, *self._mask_inputs, *self._moved_inputs)
+        return (*sets, ("artefacts", fingerprint(self.artefacts)), *repairs, *self._mask_inputs, *self._moved_inputs)
 
     @property
     def _moved_inputs(self) -> tuple[tuple[str, str], ...]:
@@ -156,7 +161,7 @@ class Project:
 
     @property
     def _mask_inputs(self) -> tuple[tuple[str, str], ...]:
-        return (("masks", repr(sorted(self.masks))),) if self.masks else ()
+        return (("masks", fingerprint(sorted(self.masks))),) if self.masks else ()
 
     @property
     def repairs_now(self) -> tuple[tuple[str, str], ...]:
@@ -168,7 +173,7 @@ class Project:
         """What a verification made now would be made from: the calibration, and the poses of check bars."""
         sets = tuple((name, self.taken[name]) for name in self.check_poses if name in self.taken)
         limit = (("limit", self.limit),) if self.limit else ()
-        return (*sets, ("calibration", repr(self.calibrated)), *limit, *self._mask_inputs)
+        return (*sets, ("calibration", fingerprint(self.calibrated)), *limit, *self._mask_inputs)
 
     @property
     def check_inputs(self) -> tuple[tuple[str, str], ...]:
@@ -324,7 +329,7 @@ def with_calibration(project: Project, verdict: Verdict) -> Project:
     verdict
         What came out.
     """
-    return _succeeded(replace(project, calibrated=Run(project.calibration_inputs, verdict)), "calibrate")
+    return _succeeded(replace(project, calibrated=Computation(project.calibration_inputs, verdict)), "calibrate")
 
 
 def with_accepted(project: Project) -> Project:
@@ -342,7 +347,7 @@ def with_verification(project: Project, verdict: Verdict) -> Project:
     verdict
         What came out.
     """
-    return _succeeded(replace(project, verified=Run(project.verification_inputs, verdict)), "verify")
+    return _succeeded(replace(project, verified=Computation(project.verification_inputs, verdict)), "verify")
 
 
 def with_check(project: Project, verdict: Verdict) -> Project:
@@ -355,7 +360,7 @@ def with_check(project: Project, verdict: Verdict) -> Project:
     verdict
         What came out.
     """
-    return _succeeded(replace(project, checked=Run(project.check_inputs, verdict)), "check")
+    return _succeeded(replace(project, checked=Computation(project.check_inputs, verdict)), "check")
 
 
 def with_poses(project: Project, poses: tuple[tuple[str, str], ...]) -> Project:
@@ -456,26 +461,27 @@ def with_repaired(project: Project, verdict: Verdict) -> Project:
     verdict
         The verdict on the calibration with these cameras placed again.
     """
-    return _succeeded(replace(project, repaired=Run((("check", repr(project.checked)),), verdict)), "check")
+    inputs = (("check", fingerprint(project.checked)),)
+    return _succeeded(replace(project, repaired=Computation(inputs, verdict)), "check")
 
 
 def with_repair_in_use(project: Project) -> Project:
     """The repaired calibration was put to use."""
     if project.repaired is None:
         return project
-    return replace(project, saved=Run((("repair", repr(project.repaired)),), project.repaired.verdict))
+    return replace(project, saved=Computation((("repair", fingerprint(project.repaired)),), project.repaired.verdict))
 
 
 def with_saved(project: Project) -> Project:
     """Calibration and verification as they are now were saved."""
     if project.calibrated is None:
         return project
-    return _succeeded(replace(project, saved=Run(saved_inputs(project), project.calibrated.verdict)), "save")
+    return _succeeded(replace(project, saved=Computation(saved_inputs(project), project.calibrated.verdict)), "save")
 
 
 def saved_inputs(project: Project) -> tuple[tuple[str, str], ...]:
     """What would be saved now."""
-    return (("calibration", repr(project.calibrated)), ("verification", repr(project.verified)))
+    return (("calibration", fingerprint(project.calibrated)), ("verification", fingerprint(project.verified)))
 
 
 def with_repair(project: Project, option: str, value: str) -> Project:

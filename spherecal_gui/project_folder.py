@@ -7,7 +7,7 @@ import hashlib
 import json
 import os
 from collections.abc import Mapping
-from dataclasses import replace
+from dataclasses import fields, replace
 from datetime import datetime
 from functools import partial
 from operator import itemgetter
@@ -42,7 +42,8 @@ from spherecal.files.codec import (
     text,
 )
 from spherecal.files.json_file import JsonValue
-from spherecal_gui.project import Artefacts, Flaw, FlawCode, Project, Purpose, Rectangle, Run, Verdict
+from spherecal_gui.fingerprint import fingerprint
+from spherecal_gui.project import Artefacts, Computation, Flaw, FlawCode, Project, Purpose, Rectangle, Verdict
 
 # What is simulated keeps a profile of its own: it must never pass for the calibration of the rig.
 PROFILE, TRAINING_PROFILE = "rig-profile", "training-profile"
@@ -88,10 +89,10 @@ _ARTEFACTS = record(
 _PAIR = items("", prose(""), length=2)
 
 
-def _run(about: str) -> Kind[Run]:
+def _run(about: str) -> Kind[Computation]:
     return record(
         f"The last {about}.",
-        Run,
+        Computation,
         field("inputs", items("What it was made of.", _PAIR)),
         field("verdict", choice("Its verdict.", get_args(Verdict))),
     )
@@ -112,6 +113,43 @@ _FLAW = record(
     field("cameras", items("The cameras.", text(""))),
     field("kept", boolean("Whether somebody keeps it so.")),
 )
+
+
+def _by_content(document: Document) -> Document:
+    """Version 1 knew what a computation was made from by Python's repr of it: the fingerprint of the same content.
+
+    A document that is not as declared stays as it is, for the reader to say what is wrong.
+    """
+    try:
+        return _with_fingerprints(document)
+    except (AttributeError, KeyError, OverflowError, TypeError, ValueError):
+        return document
+
+
+def _with_fingerprints(document: Document) -> Document:
+    drawn = sorted((one["camera"], tuple(map(float, one["rectangle"]))) for one in document.get("masks") or ())
+    known = {repr(None): fingerprint(None), repr(drawn): fingerprint(drawn)}
+    if document.get("artefacts") is not None:
+        given: Document = dict(document["artefacts"])
+        given["check_bars"] = tuple(given.get("check_bars") or ())
+        artefacts = _artefacts(**given)
+        words = {one.name: getattr(artefacts, one.name) for one in fields(artefacts) if one.name != "board"}
+        known[f"Artefacts({_arguments(words)})"] = fingerprint(artefacts)
+    for key in ("calibrated", "accepted", "checked", "verified", "repaired", "saved"):  # what follows from others last
+        run: Document | None = document.get(key)
+        if run is None or not isinstance(run["inputs"], list) or not all(isinstance(x, list) for x in run["inputs"]):
+            continue
+        was = Computation(tuple((name, text) for name, text in run["inputs"]), run["verdict"])
+        now = replace(was, inputs=tuple((name, known.get(text, text)) for name, text in was.inputs))
+        known[f"Run({_arguments(vars(was))})"] = fingerprint(now)
+        document = document | {key: run | {"inputs": [list(pair) for pair in now.inputs]}}
+    return document
+
+
+def _arguments(values: Mapping[str, object]) -> str:
+    return ", ".join(f"{name}={value!r}" for name, value in values.items())
+
+
 WIZARD = FileFormat(
     "spherecal/wizard",
     FILE,
@@ -147,6 +185,8 @@ WIZARD = FileFormat(
         optional("note", prose("What the operator has written.")),
         optional("flaws", items("What is wrong with a set.", _FLAW)),
     ),
+    version=2,
+    migrations={1: _by_content},
 )
 
 

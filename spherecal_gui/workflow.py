@@ -4,7 +4,8 @@ from dataclasses import dataclass
 from enum import StrEnum
 from typing import Literal
 
-from spherecal_gui.project import FEW_PLACEMENTS, VERIFIED, Flaw, Project, Run, saved_inputs, usable
+from spherecal_gui.fingerprint import fingerprint
+from spherecal_gui.project import FEW_PLACEMENTS, VERIFIED, Computation, Flaw, Project, saved_inputs, usable
 
 StepKind = Literal[
     "connect", "look", "placement", "scale", "calibrate", "results", "verify", "save", "check", "measure"
@@ -258,7 +259,7 @@ def _calibrate(_: Step, project: Project, __: Running) -> Judged:
     return _judge_verdict(project.calibrated)
 
 
-def _judge_verdict(calibrated: Run) -> Judged:
+def _judge_verdict(calibrated: Computation) -> Judged:
     """A calibration by its verdict."""
     if not usable(calibrated.verdict):
         return Status.FAILED, Reason("not valid", (), "results")
@@ -275,7 +276,7 @@ def _flawed_sets(project: Project) -> Reason | None:
     return None
 
 
-def _changed(run: Run, inputs: tuple[tuple[str, str], ...]) -> tuple[str, ...]:
+def _changed(run: Computation, inputs: tuple[tuple[str, str], ...]) -> tuple[str, ...]:
     """The names of inputs that are not as they were."""
     before, now = dict(run.inputs), dict(inputs)
     return tuple(sorted(name for name in before.keys() | now.keys() if before.get(name) != now.get(name)))
@@ -303,13 +304,13 @@ def _verify(step: Step, project: Project, running: Running) -> Judged:
     return _judge_verified(project.verified, _calibrate(step, project, running)[0], project)
 
 
-def _begin(calibrated: Run) -> Judged:
+def _begin(calibrated: Computation) -> Judged:
     """A step that uses the calibration and has done nothing yet: no better than a calibration that is not valid."""
     judged = _judge_verdict(calibrated)
     return judged if judged[0] is Status.FAILED else (Status.READY, None)
 
 
-def _judge_verified(verified: Run, calibration: Status, project: Project) -> Judged:
+def _judge_verified(verified: Computation, calibration: Status, project: Project) -> Judged:
     changed = _changed(verified, project.verification_inputs)
     if calibration is Status.STALE:
         return Status.STALE, Reason("calibration stale", (), "calibrate")
@@ -353,13 +354,13 @@ def _check(_: Step, project: Project, __: Running) -> Judged:
 
 def _repair_made(project: Project) -> bool:
     """Whether the cameras that this check found moved were calibrated again."""
-    return project.repaired is not None and project.repaired.inputs == (("check", repr(project.checked)),)
+    return project.repaired is not None and project.repaired.inputs == (("check", fingerprint(project.checked)),)
 
 
 def _repair_in_use(project: Project) -> bool:
     """Whether that is in use."""
     saved = project.saved
-    return _repair_made(project) and saved is not None and saved.inputs == (("repair", repr(project.repaired)),)
+    return _repair_made(project) and saved is not None and saved.inputs == (("repair", fingerprint(project.repaired)),)
 
 
 def _save(step: Step, project: Project, running: Running) -> Judged:

@@ -154,8 +154,8 @@ def _nothing_of_the_user(tmp_path_factory: pytest.TempPathFactory) -> Iterator[N
 @pytest.fixture(scope="session", autouse=True)
 def _live_images_leave_the_processors_to_the_tests() -> None:
     """Two rounds a second where a test asks for no other rate: detection would fill a processor all the while."""
-    if control := sys.modules.get("spherecal_gui.wizard.camera_control"):
-        control.CameraControl.live_hz = 2.0
+    if control := sys.modules.get("spherecal_gui.controllers.camera_controller"):
+        control.CameraController.live_hz = 2.0
 
 
 @pytest.fixture(scope="module")
@@ -171,7 +171,7 @@ def images_at_rest() -> Iterator[None]:
 def no_advice() -> Iterator[None]:
     """For files that say nothing of where the ball should go next: it calibrates whenever a project is opened."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("spherecal_gui.wizard.set_control.SetControl._plan_next", lambda _: None)
+        patch.setattr("spherecal_gui.controllers.advice_controller.AdviceController.plan_next", lambda _: None)
         yield
 
 
@@ -236,10 +236,10 @@ def walked(qapp: object, made_once: Callable[[str, Callable[[Path], None]], Path
         with pytest.MonkeyPatch.context() as patch, images_at_rest():
             patch.setenv("SPHERECAL_SETTINGS", str(home / "settings.ini"))
             patch.setenv("SPHERECAL_3D", "2d")
-            patch.setattr("spherecal_gui.wizard.set_control.SetControl._plan_next", lambda _: None)
+            patch.setattr("spherecal_gui.controllers.advice_controller.AdviceController.plan_next", lambda _: None)
             made = walked_to(home / "projects", "save")
             assert made.profile_folder is not None
-            made.save_profile(made.profile_folder, True, "by the tests")
+            made.saving.save_profile(made.profile_folder, True, "by the tests")
             settle(made)
             made.close_project()
 

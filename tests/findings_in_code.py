@@ -3,6 +3,7 @@
 import ast
 from collections.abc import Iterator
 from dataclasses import dataclass, field
+from functools import cache, cached_property
 from pathlib import Path
 
 from tests.conftest import ROOT
@@ -24,11 +25,13 @@ class Made:
     values: frozenset[str] | None = field(default=None)
 
 
+@cache
 def findings_in_code(*paths: Path) -> list[Made]:
     """Every finding that is made in some files or folders of the engine, all of it by default."""
     return [_finding(module, call) for module, call in _calls("Finding", paths or (ENGINE.parent,))]
 
 
+@cache
 def phrases_in_code() -> list[Made]:
     """Every phrase that is made in the engine and in the window, labels of the report among them."""
     found = []
@@ -65,12 +68,15 @@ class _Module:
         while names - known:  # what is assigned to them, and to the names in that
             name = (names - known).pop()
             known.add(name)
-            for value in self._assigned(name):
+            for value in self.assigned.get(name, ()):
                 found |= _constants(value)
                 names |= _names(value)
         return frozenset(found) or frozenset(["*"])
 
-    def _assigned(self, name: str) -> Iterator[ast.expr]:
+    @cached_property
+    def assigned(self) -> dict[str, list[ast.expr]]:
+        """What is assigned to each name, anywhere in the module."""
+        found: dict[str, list[ast.expr]] = {}
         for one in ast.walk(self.tree):
             if isinstance(one, ast.Assign):
                 targets, value = one.targets, one.value
@@ -80,8 +86,18 @@ class _Module:
                 targets, value = [one.target], one.iter
             else:
                 continue
-            if any(name in _names(target) for target in targets):
-                yield value
+            for name in set[str]().union(*map(_names, targets)):
+                found.setdefault(name, []).append(value)
+        return found
+
+    @cached_property
+    def calls(self) -> dict[str, list[ast.Call]]:
+        """The calls of each function that is named, anywhere in the module."""
+        found: dict[str, list[ast.Call]] = {}
+        for one in ast.walk(self.tree):
+            if isinstance(one, ast.Call) and isinstance(one.func, ast.Name):
+                found.setdefault(one.func.id, []).append(one)
+        return found
 
 
 # These make findings and phrases out of files and other phrases.
@@ -115,14 +131,14 @@ def _constants(node: ast.AST) -> set[str]:
 
 def _calls(name: str, paths: tuple[Path, ...]) -> Iterator[tuple[_Module, ast.Call]]:
     files = [file for path in paths for file in (sorted(path.rglob("*.py")) if path.is_dir() else [path])]
-    for file in files:
-        tree = ast.parse(file.read_text(encoding="utf-8"))
-        module = _Module(file.relative_to(ROOT).as_posix(), tree)
-        if module.name in _READERS:
-            continue
-        for node in ast.walk(tree):
-            if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id == name:
-                yield module, node
+    for module in map(_module, files):
+        if module.name not in _READERS:
+            yield from ((module, call) for call in module.calls.get(name, ()))
+
+
+@cache
+def _module(file: Path) -> _Module:
+    return _Module(file.relative_to(ROOT).as_posix(), ast.parse(file.read_text(encoding="utf-8")))
 
 
 _PARAMETERS = ("code", "severity", "values", "where", "repairs", "kind")
@@ -147,7 +163,9 @@ def _keys(node: ast.expr) -> frozenset[str] | None:
     return None if None in keys else frozenset(str(key) for key in keys)
 
 
-_ERRORS = {"SpherecalError", "InputError", "OutputError", "CameraError", "CamerasNotInstalled", "MissingPackage"}
+_ERRORS = {
+    "SpherecalError", "InputError", "OutputError", "InUse", "CameraError", "CamerasNotInstalled", "MissingPackage",
+}  # fmt: skip
 
 
 def errors_in_words() -> dict[str, list[int]]:
@@ -155,7 +173,7 @@ def errors_in_words() -> dict[str, list[int]]:
     found: dict[str, list[int]] = {}
     for folder in (ENGINE.parent, ROOT / "spherecal_gui"):
         for file in sorted(folder.rglob("*.py")):
-            for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
+            for node in ast.walk(_module(file).tree):
                 if isinstance(node, ast.Call) and _is_error(node.func) and any(map(_is_text, node.args)):
                     found.setdefault(file.relative_to(ROOT).as_posix(), []).append(node.lineno)
     return found

@@ -9,8 +9,8 @@ from pathlib import Path
 import pytest
 from PySide6.QtCore import QCoreApplication
 
+from spherecal_gui.controllers.controller import Controller
 from spherecal_gui.recorded import RecordedSession
-from spherecal_gui.wizard.controller import Controller
 from tests.gui_still import images_at_rest
 from tests.gui_walking import PATIENCE_S, WORK, begun, pump, settle, take
 
@@ -49,7 +49,7 @@ def die(*_: object) -> None:
 def killed_in_step(folder: str, step: str) -> None:
     """Killed while the step's work runs, or right after it where there is nothing to wait for."""
     made = Controller()
-    made.live_hz = 1.0
+    made.cameras.live_hz = 1.0
     made.open_project(Path(folder))
     settle(made)
     settle(made)

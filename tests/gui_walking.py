@@ -8,7 +8,7 @@ from pathlib import Path
 from PySide6.QtCore import QCoreApplication, QEventLoop
 from PySide6.QtWidgets import QAbstractButton, QLabel, QTabBar, QWidget
 
-from spherecal_gui.wizard.controller import Controller
+from spherecal_gui.controllers.controller import Controller
 from spherecal_gui.workflow import Status
 
 # For an idle machine; where others work too, everything takes longer by about the load of a core.
@@ -47,25 +47,25 @@ def status(controller: Controller, step: str) -> Status:
 def begun(home: Path, source: str = "simulated:demo", bench: str = "") -> Controller:
     """Connected, confirmed, looked at."""
     made = Controller()
-    made.live_hz = 1.0  # leave the cores to the walk
+    made.cameras.live_hz = 1.0  # leave the cores to the walk
     made.new_project(source, home, bench)
     settle(made)
-    made.confirm_bench()
+    made.recording.confirm_bench()
     settle(made)
-    made.accept_look()
+    made.cameras.accept_look()
     return made
 
 
 # What each step's large button does.
 WORK: dict[str, Callable[[Controller], object]] = {
-    "connect": lambda c: c.confirm_bench(),
-    "look": lambda c: c.accept_look(),
-    "placement:P2": lambda c: c.take("P2", "placement:P2"),
-    "scale": lambda c: c.take(c.project.scale_poses[0], "scale"),
-    "calibrate": lambda c: c.calibrate(),
-    "results": lambda c: c.accept_results(),
-    "verify": lambda c: c.verify(),
-    "save": lambda c: c.profile_folder is not None and c.save_profile(c.profile_folder, True),
+    "connect": lambda c: c.recording.confirm_bench(),
+    "look": lambda c: c.cameras.accept_look(),
+    "placement:P2": lambda c: c.sets.take("P2", "placement:P2"),
+    "scale": lambda c: c.sets.take(c.project.scale_poses[0], "scale"),
+    "calibrate": lambda c: c.computation.calibrate(),
+    "results": lambda c: c.computation.accept_results(),
+    "verify": lambda c: c.computation.verify(),
+    "save": lambda c: c.saving.save_profile(c.profile_folder or c.project.folder, True),
 }
 
 
@@ -81,8 +81,8 @@ def take(controller: Controller, name: str, shown: str = "") -> None:
     """Take a set; `shown` is what stands there instead."""
     step = step_of(controller, name)
     controller.go(step)
-    controller.show_pose(shown or name)
-    assert controller.take(name, step)
+    controller.staging.show_pose(shown or name)
+    assert controller.sets.take(name, step)
     settle(controller)
 
 
@@ -96,13 +96,13 @@ def walked_to(home: Path, step: str) -> Controller:
         if order.index(step_of(made, name)) < until:
             take(made, name)
     if until > order.index("calibrate"):
-        assert made.calibrate()
+        assert made.computation.calibrate()
         settle(made)
-        made.accept_results()
+        made.computation.accept_results()
     if until >= order.index("verify"):
         take(made, made.project.check_poses[0])
     if until > order.index("verify"):
-        assert made.verify()
+        assert made.computation.verify()
         settle(made)
     made.go(step)
     return made

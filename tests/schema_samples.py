@@ -6,6 +6,7 @@ Each has every optional field, so that every value can be spoilt in turn.
 import json
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -116,12 +117,17 @@ def _session() -> dict[str, Any]:
     return full
 
 
+@cache
+def _stage() -> Stage:
+    return Stage("demo")
+
+
 def _read_capture(folder: Path, _: dict[str, Any]) -> object:
     cameras = tuple(
         SessionCamera(serial, {"id": name, "image_size": [640, 480], "serial": serial})
         for name, serial in (("C01", "S1"),)
     )
-    with SimulatedSource(stage=Stage("demo")) as source:
+    with SimulatedSource(stage=_stage()) as source:
         SessionFolder(folder, CapturePlan((PlannedSet("P1"),), None, {}), cameras, source).start(True)
     return read_captured_sets(folder), taken_in(folder)
 

@@ -10,7 +10,7 @@ from spherecal.adjust import engine
 from spherecal.adjust.bundle import Adjustment, adjust, datum_defect, residual_size
 from spherecal.adjust.covariance import covariance
 from spherecal.adjust.least_squares import minimise, total_cost
-from spherecal.adjust.levenberg import Minimum, Settings
+from spherecal.adjust.levenberg import Damping, Minimum, Settings, levenberg_marquardt
 from spherecal.adjust.network import Network, free_network
 from spherecal.adjust.problem import Problem, length_residuals, prior_residuals
 from spherecal.adjust.rows import LengthRows, Priors
@@ -128,6 +128,33 @@ def test_far_start_costs_more_steps_and_a_limit_is_kept() -> None:
     assert not short.converged
     assert len(short.costs) <= 3
     assert short.costs and short.cost < short.costs[0]
+
+
+def test_refused_steps_count_whether_it_converged_or_not() -> None:
+    """A valley of one unknown, x^2 about 0; every step but the last leads uphill."""
+
+    class Uphill:
+        damping, count = Damping(), 1
+
+        def __init__(self, good_after: int) -> None:
+            self.good_after, self.steps = good_after, 0
+
+        def linearise(self, _state: float) -> float:
+            return 0.0
+
+        def cost(self, state: float, _linear: float) -> float:
+            return state**2
+
+        def accepted(self, _state: float, cost: float) -> tuple[None, float]:
+            return None, cost
+
+        def step(self, state: float, _linear: float, _damping: float) -> tuple[float, float]:
+            self.steps += 1
+            return (state + 1.0 if self.steps <= self.good_after else state * (1 - 1e-12)), 1.0
+
+    for good_after, converged in ((5, False), (2, True)):
+        ended = levenberg_marquardt(Uphill(good_after), 1.0, Settings(max_iterations=3))  # type: ignore[arg-type]
+        assert (ended.converged, ended.iterations) == (converged, 3)
 
 
 @pytest.mark.usefixtures("either_engine")

@@ -36,10 +36,10 @@ def form_of(calibration: Calibration) -> Finding:
 
 def test_noise_agrees_by_chance_only(agreements: list[Agreement], monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(spherecal.ball.selection, "NOTICEABLE", 0.0)
-    for seed in range(1, 7):
+    for seed in (1, 2, 3, 4):
         calibrate(simulated("demo", seed, targets=TARGETS)[0])
     score = np.array([a.value / a.sd for a in agreements])
-    assert len(score) == 6
+    assert len(score) == 4
     assert abs(score.mean()) < 1.3 and 0.3 < np.sqrt((score**2).mean()) < 1.8
     assert not any(a.is_certain for a in agreements)
 

@@ -1,5 +1,7 @@
 """A ball that grows between placements, a print that is longer one way: found, taken into account, and stated."""
 
+from functools import cache
+
 import numpy as np
 import pytest
 
@@ -14,9 +16,12 @@ from tests.networks import one_thread
 
 __all__ = ["one_thread"]
 
+TARGETS = 120  # of the ball; with 200 each calibration takes half as long again
 
-def done(make: Make, size: float, rig: str = "rigA", seed: int = 401) -> Judged:
-    case = make(make_world(rig, seed), size, np.random.default_rng(seed))
+
+@cache
+def done(make: Make, size: float, rig: str = "rigA", seed: int = 401, targets: int = TARGETS) -> Judged:
+    case = make(make_world(rig, seed, targets), size, np.random.default_rng(seed))
     return calibrated_and_judged(case.session, case.reference, case.settings)
 
 
@@ -28,13 +33,13 @@ def largest_mm(judged: Judged) -> float:
     return max(camera.centre_mm for camera in judged.cameras)
 
 
-@pytest.mark.parametrize(("rig", "seed"), [("rigA", 401), ("rigA", 402), ("rigB", 403), ("random", 404)])
+@pytest.mark.parametrize(("rig", "seed"), [("rigA", 401), ("rigB", 403), ("random", 404)])
 def test_a_ball_that_keeps_its_size_is_not_said_to_change(rig: str, seed: int) -> None:
     clean = done(growing_ball, 0.0, rig, seed)
     assert not found(clean, "ball-size-changed") and not found(clean, "print-stretched")
 
 
-@pytest.mark.parametrize(("rig", "seed", "ppm"), [("rigA", 401, 300), ("rigB", 403, 150), ("rigB", 403, 1500)])
+@pytest.mark.parametrize(("rig", "seed", "ppm"), [("rigA", 401, 1500), ("rigB", 403, 150)])
 def test_a_ball_that_grows_costs_nothing_but_certainty_of_the_scale(rig: str, seed: int, ppm: float) -> None:
     """Taken for one of fixed size, 200 ppm left a camera 0.31 mm off (rig A) and 0.21 mm (rig B)."""
     clean, grown = done(growing_ball, 0.0, rig, seed), done(growing_ball, ppm, rig, seed)
@@ -48,11 +53,13 @@ def test_a_ball_that_grows_costs_nothing_but_certainty_of_the_scale(rig: str, se
 
 
 @pytest.mark.parametrize(
-    ("make", "ppm", "seed"), [(growing_ball, 200, 201), (growing_ball, 400, 201), (warming, 100, 314)]
+    ("make", "ppm", "seed", "targets"), [(growing_ball, 200, 201, TARGETS), (warming, 100, 314, 200)]
 )
-def test_sizes_that_are_not_certain_make_cameras_and_lengths_less_so(make: Make, ppm: float, seed: int) -> None:
+def test_sizes_that_are_not_certain_make_cameras_and_lengths_less_so(
+    make: Make, ppm: float, seed: int, targets: int
+) -> None:
     """In a hall cameras were up to 5.1 times their U off, and 75 % of the lengths within theirs; valid."""
-    judged = done(make, ppm, "hall12", seed)
+    judged = done(make, ppm, "hall12", seed, targets)
     assert judged.verdict == "valid" and not judged.wrong
     assert judged.covered == 1.0 and np.median(judged.lengths_over_u) > 0.05
 

@@ -367,14 +367,15 @@ def test_real_pair_with_the_print_estimated(dotboard):
     assert baseline(result) == pytest.approx(89.65, abs=0.1)
 
 
-def test_a_focal_length_that_is_only_assumed_may_be_far_off(recording, calibration):
+def test_a_focal_length_that_is_only_assumed_may_be_far_off(recording):
     """As `session new` writes it where EXIF says nothing: lenses may be four times as long."""
+    session = without(recording.session, lambda o: o.placement % 2 == 1)  # half of the boards, in half of the time
     scaled = np.array([0.24, 0.24, 1, 1, *[1.0] * 12])
-    cameras = tuple(replace(c, prior=c.prior * scaled, assumed=("focal_length",)) for c in recording.session.cameras)
-    found = calibrate_board(replace(recording.session, cameras=cameras))
+    cameras = tuple(replace(c, prior=c.prior * scaled, assumed=("focal_length",)) for c in session.cameras)
+    found = calibrate_board(replace(session, cameras=cameras))
     assert found.rig.quality.valid and len(found.rig.cameras) == 6
-    for ours, known in zip(found.rig, calibration.rig, strict=True):
+    for ours, known in zip(found.rig, calibrate_board(session).rig, strict=True):
         assert ours.K[0, 0] == pytest.approx(known.K[0, 0], rel=1e-4)
     stated = tuple(replace(camera, assumed=()) for camera in cameras)
-    refused = calibrate_board(replace(recording.session, cameras=stated))
+    refused = calibrate_board(replace(session, cameras=stated))
     assert not refused.rig.quality.valid or len(refused.rig.cameras) < 6 or refused.rig.quality.rms_px > 0.1

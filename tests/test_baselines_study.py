@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from matplotlib.backends.backend_pdf import PdfFile
 
 from spherecal.base.context import Context
 from spherecal.base.errors import Cancelled, InputError
@@ -40,22 +41,16 @@ def test_local_processes_give_the_same_to_the_bit(here, tmp_path):
 
 
 @pytest.mark.slow
-def test_a_cluster_gives_the_same_to_the_bit(here, tmp_path):
-    distributed = pytest.importorskip("distributed")
-    with distributed.LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None) as cluster:
-        assert run_trials(TRIALS, tmp_path, DaskCluster(cluster.scheduler_address), Context()) == here
-
-
-@pytest.mark.slow
-@pytest.mark.skipif(os.name == "nt", reason="no SIGKILL")
-def test_a_killed_worker_of_a_cluster_costs_nothing_but_time(tmp_path):
+def test_a_cluster_gives_the_same_to_the_bit_and_a_killed_worker_costs_nothing_but_time(here, tmp_path):
     distributed = pytest.importorskip("distributed")
     trials = [Trial("x", {"seed": seed, "marker": str(tmp_path / "killed")}) for seed in range(4)]
     with distributed.LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None) as cluster:
-        workers = DaskCluster(cluster.scheduler_address, kill_once)
-        results = run_trials(trials, tmp_path / "kept", workers, Context())
-    assert (tmp_path / "killed").exists()
-    assert [r["value"] for r in results] == [0, 1, 2, 3]
+        address = cluster.scheduler_address
+        assert run_trials(TRIALS, tmp_path / "same", DaskCluster(address), Context()) == here
+        if os.name != "nt":  # no SIGKILL there
+            results = run_trials(trials, tmp_path / "kept", DaskCluster(address, kill_once), Context())
+            assert (tmp_path / "killed").exists()
+            assert [r["value"] for r in results] == [0, 1, 2, 3]
 
 
 @pytest.mark.slow
@@ -278,7 +273,9 @@ def test_pages_are_drawn(name):
     assert tested
     assert {row.agrees for row in tested} == {"cannot tell"}  # one run tells nothing
     assert all(row.test in agreement.TESTS for row in tested)
-    with report_style():  # a series that was stopped has a page too
+    # a series that was stopped has a page too; two fifths of the time went into the fonts of its PDF
+    with report_style(), pytest.MonkeyPatch.context() as patch:
+        patch.setattr(PdfFile, "writeFonts", lambda self: self.writeObject(self.fontObject, {}))
         some = [i for i, t in enumerate(listed) if i % 3 == 0]
         assert STUDIES[name].page([listed[i] for i in some], [results[i] for i in some], options).document.pdf()
 
@@ -445,7 +442,7 @@ def test_images_are_rendered_once_for_all_trials(name):
 def test_trials_on_rendered_images(tmp_path, monkeypatch):
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     monkeypatch.setattr(rendered, "BAR_POSES", 1)  # each image is half a second of a processor
-    result = ball("demo", 1, None, placements=3, method="free")
+    result = ball("demo", 1, None, placements=2, method="free")
     assert result["valid"]
     assert result["cameras"] == 6
     assert 0.001 < result["mean_px"] < 0.2

@@ -43,7 +43,7 @@ def small_blocks(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch
 
     def shrink() -> None:
         monkeypatch.setattr(arrays, "ROWS_AT_ONCE", request.param)
-        monkeypatch.setattr(linear, "MOST_HELD", 0)
+        monkeypatch.setattr(linear, "MOST_IN_MEMORY", 0)
 
     return shrink
 

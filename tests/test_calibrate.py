@@ -107,7 +107,9 @@ def test_sigmas_of_a_blurred_camera_are_used() -> None:
 def test_without_noise_nothing_is_wrong() -> None:
     calibration, _, truth = calibrated("demo", 1, sigma_px=0.0, targets=60)
     assert calibration.rig.quality.valid
-    assert calibration.used.sum() >= calibrated("demo", 1, targets=60)[0].used.sum()  # no chance loses a good observation
+    assert (
+        calibration.used.sum() >= calibrated("demo", 1, targets=60)[0].used.sum()
+    )  # no chance loses a good observation
     assert calibration.rig.quality.rms_px is not None and calibration.rig.quality.rms_px < 1e-6
     errors = errors_of(calibration, truth)
     np.testing.assert_allclose(errors.centre_mm, 0.0, atol=1e-4)
@@ -333,7 +335,7 @@ def test_degenerate_points_are_no_valid_result(name: str, noise_px: float) -> No
     check_is_refused(session_of_points("demo", NOTHING_TO_FIND[name](), noise_px)[0])
 
 
-@pytest.mark.parametrize("points", [plane()[None], plane(200).reshape(4, 50, 3)], ids=["once", "four times"])
+@pytest.mark.parametrize("points", [plane()[None], plane(400).reshape(4, 100, 3)], ids=["once", "four times"])
 def test_one_plane_is_calibrated_with_care(points: FloatArray) -> None:
     """Its intrinsics are held near their priors, and poses and focal lengths are as good as stated."""
     session, truth = session_of_points("demo", points, 0.04)

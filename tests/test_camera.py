@@ -4,7 +4,7 @@ import json
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
-from types import ModuleType
+from types import ModuleType, SimpleNamespace
 from typing import Any
 
 import cv2
@@ -18,17 +18,23 @@ from spherecal.adjust import engine as compiled
 from spherecal.adjust.problem import Problem, moved
 from spherecal.adjust.state import State
 from spherecal.base.arrays import FloatArray
+from spherecal.data.rig_camera import RigCamera
+from spherecal.detect.redetection import _predict
 from spherecal.geometry.camera import (
     INTRINSIC_NAMES,
     camera_matrix,
     distort,
     distort_with_jacobian,
+    fisheye_vector,
     intrinsics_vector,
+    is_unfolded,
     project,
     project_with_derivatives,
     project_with_point_derivatives,
     undistort,
 )
+from spherecal.guidance.next_placement import _cameras_at, _in_view
+from spherecal.predict.lengths import Cameras, predict_lengths
 from tests import reference_engine as reference
 from tests.networks import small_network
 
@@ -296,3 +302,64 @@ def test_undistortion_takes_each_point_with_its_own_camera() -> None:
     assert converged.all()
     np.testing.assert_allclose(found, xy, atol=1e-10)
     assert undistort(np.zeros((0, 2)), cameras[:0])[0].shape == (0, 2)
+
+
+SIZE = (2064, 1544)
+# usual: 65 degrees off the axis its polynomial comes back into the image, which shows 30
+USUAL = intrinsics_vector(np.array([[2319.0, 0, 1031.5], [0, 2319.0, 771.5], [0, 0, 1]]), [-0.1, 0.09, 0, 0, -0.025])
+FISHEYE = fisheye_vector(np.array([[985.0, 0, 1031.5], [0, 985.0, 771.5], [0, 0, 1]]), [])
+
+
+def off_axis(degrees: float) -> FloatArray:
+    """A place towards the image's corner, mm."""
+    angle = np.deg2rad(degrees)
+    return 1000.0 * np.array([0.8 * np.sin(angle), 0.6 * np.sin(angle), np.cos(angle)])
+
+
+def test_a_folded_model_shows_no_point() -> None:
+    folded = off_axis(65.0)[None]
+    assert (np.abs(project(folded, USUAL) - USUAL[2:4]) < np.array(SIZE) / 2).all(), "else this says nothing"
+    assert not is_unfolded(folded, USUAL[None]).any()
+    turning = fisheye_vector(camera_matrix(FISHEYE), [-0.3])  # rises up to 60 degrees
+    angles = (1.0, 59.0, 62.0, 85.0)
+    x = np.array([off_axis(a) for a in angles])
+    np.testing.assert_array_equal(is_unfolded(x, np.tile(turning, (4, 1))), [True, True, False, False])
+    mixed = np.stack([FISHEYE, USUAL, USUAL, FISHEYE])
+    np.testing.assert_array_equal(is_unfolded(x, mixed), [True, False, False, True])
+
+
+@pytest.mark.parametrize(("lens", "size"), [(USUAL, SIZE), (FISHEYE, SIZE), (WIDE, (5312, 2988))])
+def test_no_part_of_an_image_is_folded(lens: FloatArray, size: tuple[int, int]) -> None:
+    uv = np.random.default_rng(0).uniform(-0.5, np.array(size) - 0.5, (500, 2))
+    xy, good = undistort(uv, lens)
+    assert good.mean() > 0.9  # of the third lens, corners are seen 75 degrees off the axis and more
+    assert is_unfolded(np.column_stack([xy, np.ones(500)])[good], np.tile(lens, (good.sum(), 1))).all()
+
+
+def test_only_what_the_lenses_show_is_predicted() -> None:
+    """Lengths, the next placement and the second look at images ask for it."""
+    both = np.stack([USUAL, FISHEYE])
+    middle, outer = off_axis(5.0), off_axis(65.0)
+    towards = np.array([-1.0, 0, 0])  # two cameras of each lens at one place, the second one beside it
+    where = np.tile(np.eye(3), (4, 1, 1))
+    beside = np.array([np.zeros(3), np.zeros(3), towards, towards])
+    lenses, sizes = np.tile(both, (2, 1)), np.tile(np.array(SIZE, dtype=float), (4, 1))
+    cameras = Cameras(lenses, where, beside, sizes, np.zeros((24, 24)), np.empty(0, dtype=np.int64))
+    ends = np.stack([[middle, off_axis(6.0)], [outer, off_axis(64.0)]])
+    np.testing.assert_array_equal(predict_lengths(cameras, ends, 0.05).views, [4, 2])
+
+    known = SimpleNamespace(
+        state=SimpleNamespace(rotation=where, translation=np.zeros((4, 3)), intrinsics=lenses),
+        size=sizes,
+        body=SimpleNamespace(radius_mm=10.0),
+    )
+    places = np.stack([middle, outer])
+    np.testing.assert_array_equal(_cameras_at(known, places), [[True] * 4, [False, True] * 2])  # pyright: ignore[reportArgumentType]
+    ball = SimpleNamespace(dots=places, normals=-places / 1000.0)
+    seen = _in_view(ball, known, np.eye(3), np.zeros(3))  # pyright: ignore[reportArgumentType]
+    np.testing.assert_array_equal(seen, [[True, False], [True, True]] * 2)
+
+    for lens, shown in ((USUAL, False), (FISHEYE, True)):
+        camera = RigCamera("C01", None, SIZE, lens, np.eye(3), np.zeros(3), None, 0, None)
+        uv = _predict(camera, np.tile(outer, (1, 8, 1)))
+        assert np.isfinite(uv).all() if shown else np.isnan(uv).all()

@@ -14,7 +14,8 @@ from conftest import ROOT
 
 import spherecal
 from spherecal.base.resources import manual_page
-from spherecal.cli.main import BAD_INPUT, DONE, NOT_VALID, main
+from spherecal.cli.exit_codes import BAD_INPUT, DONE, NOT_VALID
+from spherecal.cli.main import main
 from spherecal.cli.options import make_parser
 from spherecal.cli.parsing import is_leaf, parsers_below
 

@@ -11,11 +11,16 @@ import pytest
 
 import spherecal
 from spherecal.base import early
-from spherecal.cli import cameras, commands, doctor, progress
-from spherecal.cli.main import BAD_INPUT, DONE, NOT_VALID, main
+from spherecal.cli import doctor, progress
+from spherecal.cli.commands import COMMANDS, command_of
+from spherecal.cli.console import out as console
+from spherecal.cli.exit_codes import BAD_INPUT, DONE, NOT_VALID
+from spherecal.cli.main import main
 from spherecal.cli.options import make_parser
+from spherecal.cli.parsers.shared import PATH_BASE
 from spherecal.cli.parsing import is_leaf, parsers_below
 from spherecal.data.findings import counted
+from spherecal.initialise.path import BASE
 
 PARSERS = dict(parsers_below(make_parser()))
 LEAVES = {words: parser for words, parser in PARSERS.items() if is_leaf(parser)}
@@ -86,9 +91,32 @@ def test_one_name_has_one_meaning(words: tuple[str, ...]) -> None:
 
 
 def test_every_command_can_be_run() -> None:
-    for words in LEAVES:
-        if words[0] not in ("help", "cameras"):
-            assert callable(getattr(commands, words[0].replace("-", "_"))), words
+    assert {" ".join(words) for words in LEAVES} == {*COMMANDS, "help"}
+    for words in COMMANDS:
+        command, _, action = words.partition(" ")
+        run_by = command_of(argparse.Namespace(command=command, action=action or None))
+        assert callable(run_by) and run_by.__doc__ and f"`spherecal {words}" in run_by.__doc__, words
+
+
+def test_help_loads_no_engine() -> None:
+    """Whoever asks for help waits for the parsers alone."""
+    code = (
+        "import sys\n"
+        "from spherecal.cli.main import main\n"
+        "try:\n    main(sys.argv[1:])\n"
+        "except SystemExit:\n    print(*sys.modules, file=sys.stderr)\n"
+    )
+    for words in (["--help"], ["calibrate", "--help"], ["cameras", "capture", "--help"]):
+        done = subprocess.run([sys.executable, "-c", code, *words], capture_output=True, text=True, check=True)
+        loaded = done.stderr.split()
+        assert "spherecal.cli.parsers.calibrate" in loaded
+        rooms = {name.split(".")[1] for name in loaded if name.startswith("spherecal.")}
+        assert rooms == {"base", "cli"}, rooms
+        assert not {"scipy", "cv2", "numba", "rich", "spherecal_sim"} & set(loaded)
+
+
+def test_the_default_of_path_base_is_the_methods() -> None:
+    assert PATH_BASE == BASE
 
 
 # --- ways in ---------------------------------------------------------------------------------------------------------
@@ -183,7 +211,7 @@ def test_quiet_says_nothing_but_the_json(session_folder: Path, tmp_path: Path, c
     assert capsys.readouterr() == ("", "")
     assert run("calibrate", tmp_path / "none", "-o", tmp_path / "c", "-q") == BAD_INPUT
     assert "there is no such folder" in capsys.readouterr().err
-    assert not commands.out.quiet and not progress.quiet, "the next command speaks again"
+    assert not console.quiet and not progress.quiet, "the next command speaks again"
     assert run("calibrate", session_folder, "-o", tmp_path / "a") == DONE
     assert capsys.readouterr().out.startswith("VALID")
 
@@ -324,4 +352,3 @@ def test_listing_cameras_ends_with_3_where_there_are_none(monkeypatch, tmp_path:
     assert run("cameras", "list", "--json", *profile) == NOT_VALID
     assert json.loads(capsys.readouterr().out)["cameras"] == []
     assert run("cameras", "list", "--source", "simulated", *profile) == DONE
-    assert cameras.console() is commands.out

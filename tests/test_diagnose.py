@@ -42,8 +42,8 @@ CHOSEN = (
 @cache
 def told(fault: str) -> tuple[Case, tuple[Finding, ...]]:
     simulate = diagnosis._simulate
-    with pytest.MonkeyPatch.context() as patch:  # a ball with half of the targets takes half of the time
-        patch.setattr(diagnosis, "_simulate", lambda rig, seed, **o: simulate(rig, seed, **{"targets": 110, **o}))
+    with pytest.MonkeyPatch.context() as patch:  # a ball with a third of the targets takes half of the time
+        patch.setattr(diagnosis, "_simulate", lambda rig, seed, **o: simulate(rig, seed, **{"targets": 80, **o}))
         case = FAULTS[fault]("demo", 1, np.random.default_rng([1, 7]))
     settings = CalibrationSettings(method=case.method, repair_by_itself=False)
     return case, calibrate(case.session, settings).rig.quality.findings

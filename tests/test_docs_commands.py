@@ -8,6 +8,7 @@ import shutil
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cache
+from hashlib import sha256
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -56,6 +57,11 @@ def test_a_translated_page_has_the_commands_of_the_english_one(page: Path) -> No
     assert list(blocks(page)) == list(blocks(page.parents[1] / page.name))
 
 
+# Commands that only read files and write what `-o` names: what a page has run, the next need not run on the same files.
+REPEATED = ("calibrate", "report")
+_written: dict[str, dict[str, bytes]] = {}
+
+
 def run_line(line: str) -> None:
     """Run one line of a shell block in this process; only our own commands are known."""
     words = shlex.split(line, comments=True)
@@ -63,7 +69,24 @@ def run_line(line: str) -> None:
         return
     assert words[0] == "spherecal", f"only spherecal commands may stand in a block that is run: {line}"
     assert not set(words) & {"|", "&&", "&", ">"}, f"no shell syntax, please: {line}"
-    assert main(words[1:]) == 0, line
+    if words[1] not in REPEATED:
+        assert main(words[1:]) == 0, line
+        return
+    output = Path(make_parser().parse_args(words[1:]).output)
+    others = [word for word in words[1:] if word != str(output)]
+    assert len(others) == len(words) - 2, line
+    known = repr((others, output.suffix, {name: sha256(data).digest() for name, data in files(Path()).items()}))
+    if known not in _written:
+        assert main(words[1:]) == 0, line
+        _written[known] = files(output) if output.is_dir() else {"": output.read_bytes()}
+    for name, data in _written[known].items():
+        (output / name).parent.mkdir(parents=True, exist_ok=True)
+        (output / name).write_bytes(data)
+
+
+def files(folder: Path) -> dict[str, bytes]:
+    """The bytes of every file in a folder, by their names there."""
+    return {str(path.relative_to(folder)): path.read_bytes() for path in sorted(folder.rglob("*")) if path.is_file()}
 
 
 @pytest.mark.parametrize("page", RUNNABLE, ids=lambda page: str(page.relative_to(DOCS)))

@@ -40,9 +40,14 @@ from tests.test_calibrate import cloud, line
 __all__ = ["one_thread"]
 
 
-def rig() -> Session:
+def rig(targets: int = 100) -> Session:
     """A rig without a fault, its scale by a bar."""
-    return simulated("rigA", 3, scale="bar", bar_poses=6)[0]
+    return simulated("rigA", 3, scale="bar", bar_poses=6, targets=targets)[0]
+
+
+def small_rig() -> Session:
+    """The same with a ball of half as many targets."""
+    return rig(50)
 
 
 @pytest.fixture(scope="module")
@@ -117,7 +122,7 @@ def without_corners(session: Session) -> Session:
 
 def hardly_seen(session: Session) -> Session:
     o = observed(session)
-    few = np.flatnonzero(o.camera == 7)[::60]
+    few = np.flatnonzero(o.camera == 7)[::30]
     return with_observations(session, (o.camera != 7) | np.isin(np.arange(len(o)), few))
 
 
@@ -127,19 +132,19 @@ def unseen(session: Session) -> Session:
 
 # code -> a session that must be told so
 DESERVED: dict[str, Callable[[], Session]] = {
-    "cameras-unlinked": lambda: unseen(rig()),
+    "cameras-unlinked": lambda: unseen(small_rig()),
     "nothing-reconstructed": lambda: session_of_points("demo", cloud(15)[None])[0],
     "degenerate-geometry": lambda: session_of_points("demo", line(50)[None], 0.0)[0],
-    "mirrored": lambda: mirrored(rig()),
-    "intrinsics-held": lambda: hardly_seen(rig()),
-    "weak-self-calibration": lambda: of_strangers(placements(simulated("rigA", 3)[0], 2)),
-    "few-placements": lambda: placements(rig(), 2),
+    "mirrored": lambda: mirrored(small_rig()),
+    "intrinsics-held": lambda: hardly_seen(small_rig()),
+    "weak-self-calibration": lambda: of_strangers(placements(simulated("rigA", 3, targets=60)[0], 2)),
+    "few-placements": lambda: placements(small_rig(), 2),
     "two-view-points": lambda: in_two_views(placements(rig(), 1)),
     "little-coverage": lambda: without_corners(rig()),
-    "outliers-removed": lambda: simulated("rigA", 3, outlier_fraction=0.02)[0],
-    "no-scale": lambda: replace(rig(), scale=None),
-    "scale-uncertainty": lambda: simulated("rigA", 3)[0],
-    "length-uncertainty": rig,
+    "outliers-removed": lambda: simulated("rigA", 3, outlier_fraction=0.02, targets=50)[0],
+    "no-scale": lambda: replace(small_rig(), scale=None),
+    "scale-uncertainty": lambda: simulated("rigA", 3, targets=50)[0],
+    "length-uncertainty": small_rig,
 }
 WHOM = {"intrinsics-held": ("C08",), "little-coverage": ("C04",)}
 FATAL = {"cameras-unlinked", "nothing-reconstructed", "degenerate-geometry", "mirrored"}
@@ -182,7 +187,7 @@ def test_all_findings_are_plain_words() -> None:
 
 
 def test_errors_come_first() -> None:
-    findings = calibrate(unseen(placements(rig(), 2))).rig.quality.findings
+    findings = calibrate(unseen(placements(small_rig(), 2))).rig.quality.findings
     rank = {"error": 0, "warning": 1, "info": 2}
     ranks = [rank[finding.severity] for finding in findings]
     assert ranks == sorted(ranks)
@@ -237,12 +242,12 @@ def test_mirrored_needs_the_target_set(evidence: Evidence) -> None:
 
 
 def test_upside_down_images_are_not_mirrored() -> None:
-    assert "mirrored" not in {finding.code for finding in calibrate(turned(rig())).rig.quality.findings}
+    assert "mirrored" not in {finding.code for finding in calibrate(turned(small_rig())).rig.quality.findings}
 
 
 def test_mirrored_is_found_on_every_rig() -> None:
     for preset in ("rigB", "demo"):
-        right, session, _ = calibrated(preset, 2)
+        right, session, _ = calibrated(preset, 2, targets=60)
         assert "mirrored" not in {finding.code for finding in right.rig.quality.findings}
         assert "mirrored" in {finding.code for finding in calibrate(mirrored(session)).rig.quality.findings}
 
@@ -267,7 +272,7 @@ def test_coverage_is_the_share_of_cells() -> None:
 
 def test_thresholds_are_those_of_the_user(evidence: Evidence) -> None:
     assert (FEW_PLACEMENTS, MANY_TWO_VIEW, LITTLE_COVERAGE) == (3, 0.5, 0.6)
-    assert "few-placements" not in {f.code for f in calibrate(placements(rig(), 3)).rig.quality.findings}
+    assert "few-placements" not in {f.code for f in calibrate(placements(small_rig(), 3)).rig.quality.findings}
 
 
 def test_many_outliers_are_an_error_few_are_not(evidence: Evidence) -> None:
@@ -294,7 +299,7 @@ def test_scale_uncertainty_is_in_millimetres(evidence: Evidence) -> None:
 
 
 def test_fixed_intrinsics_are_never_weak() -> None:
-    session, truth = simulated("rigA", 3)
+    session, truth = simulated("rigA", 3, targets=50)
     known = tuple(
         replace(camera, prior=true.intrinsics) for camera, true in zip(session.cameras, truth.cameras, strict=True)
     )
@@ -340,9 +345,31 @@ def test_cameras_without_an_image_since_others_moved_together_are_unconfirmed() 
     assert _not_seen_since(evidence(1)) == [], "a camera that moved alone was knocked alone"  # type: ignore[arg-type]
 
 
+def test_without_a_scale_a_small_move_is_not_said_in_millimetres() -> None:
+    from types import SimpleNamespace
+
+    from spherecal.diagnose.unconfirmed_poses import UnconfirmedPose, _finding
+
+    pose = UnconfirmedPose(0, "small-move", 1, np.zeros((1, 6)), np.array([[0.0, 0.25, 0.0]]))
+
+    def finding(source: str) -> Finding:
+        return _finding(
+            SimpleNamespace(  # type: ignore[arg-type]
+                camera_ids=("C01",),
+                observations=SimpleNamespace(placements=("P1", "P2")),
+                solution=SimpleNamespace(scale=SimpleNamespace(source=source)),
+            ),
+            pose,
+        )
+
+    assert "by a move of 0.250 mm" in finding("bar").message
+    assert "by a move of 0.250 (no scale)" in finding("none").message
+    assert "shift_mm" not in finding("none").values
+
+
 def test_a_focal_length_that_was_only_assumed_is_contradicted_by_nothing() -> None:
     """Sessions made of images alone begin with 1.2 times the longer side."""
-    session, _ = simulated("demo", 1)
+    session, _ = simulated("demo", 1, targets=60)
     cameras = [
         replace(camera, prior=np.concatenate([[0.9 * camera.prior[0]], camera.prior[1:]])) for camera in session.cameras
     ]

@@ -236,7 +236,7 @@ def test_cameras_without_a_common_view_are_linked_by_the_ball(step_deg: float, t
 
     Without a single dot seen from both sides at 50 degrees the trees of both sides stay apart: said, not linked.
     """
-    session, truth = simulated("rigB", 1, turns="moved")
+    session, truth = simulated("rigB", 1, turns="moved", targets=70)
     about_z = exp_rotation(np.deg2rad(step_deg) * np.arange(4)[:, None] * np.array([0.0, 0.0, 1.0]))
     tilt = exp_rotation(np.deg2rad(tilt_deg) * np.array([[0.0], [1.0], [-1.0], [0.0]]) * np.array([1.0, 0.0, 0.0]))
     about_z = tilt @ about_z
@@ -275,15 +275,15 @@ def in_pairs(session: Session, seed: int) -> Session:
     return with_observations(session, keep)
 
 
-@pytest.mark.parametrize("rig", ["demo", "rigA", "rigB"])
+@pytest.mark.parametrize("rig", ["demo", "rigB"])
 def test_a_rig_of_which_no_three_cameras_see_the_same_dots(rig: str) -> None:
     """As five cameras around a ball: the strongest pair starts, the turned ball links the others."""
-    session, truth = simulated(rig, 2)
+    clean, session, truth = calibrated(rig, 2)
     done = calibrate(in_pairs(session, 2))
     assert done.rig.quality.verdict == "valid"
     assert len(done.rig.cameras) == len(session.cameras)
     errors = errors_of(done, truth)
-    whole = errors_of(calibrate(session), truth)
+    whole = errors_of(clean, truth)
     assert rms(errors.centre_score) < 2
     assert rms(errors.centre_mm) < 4 * rms(whole.centre_mm)
 

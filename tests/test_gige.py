@@ -1,6 +1,5 @@
 """GigE Vision cameras on a simulated wire, by the Aravis producer, through the real Harvesters and genicam."""
 
-import argparse
 import json
 import os
 import re
@@ -23,6 +22,7 @@ from spherecal.cameras.gige.control import GigeCamera, GigeRig
 from spherecal.cameras.producer import build
 from spherecal.cameras.protocol import CameraSettings, CameraState, CaptureRequest
 from spherecal.cli import gige as command
+from spherecal.cli.options import make_parser
 from tests.gige_rig import SMALL, aravis_producer, wired
 from tests.producer_client import Client, end, gentl, new_client, noise, picture, shoot
 
@@ -328,8 +328,5 @@ def test_cameras_are_listed_by_the_program_itself(rig: GigeRig) -> None:
 
 
 def test_the_parser_knows_the_command() -> None:
-    parser = argparse.ArgumentParser()
-    kinds = parser.add_subparsers()
-    command.add_parser(lambda name, text: kinds.add_parser(name, help=text))
-    options = parser.parse_args(["simulate-gige", "rigA", "--cameras", "3", "--run", "true"])
+    options = make_parser().parse_args(["cameras", "simulate-gige", "rigA", "--cameras", "3", "--run", "true"])
     assert (options.rig, options.cameras, options.run, options.mtu) == ("rigA", 3, "true", 1500)

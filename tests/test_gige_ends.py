@@ -14,7 +14,8 @@ import pytest
 
 from benchmarks.gige_fuzz import PAYLOAD, TRAILER, Wire
 from spherecal.cameras.gige.namespaces import why_not
-from spherecal.cli.main import BAD_INPUT, CANCELLED, main
+from spherecal.cli.exit_codes import BAD_INPUT, CANCELLED
+from spherecal.cli.main import main
 from tests.gige_rig import aravis_producer, wired
 
 SPHERECAL = [sys.executable, "-m", "spherecal.cli.main"]

@@ -58,13 +58,13 @@ def centre_errors_mm(rig_file: Path, stage: Stage) -> np.ndarray:
     return np.linalg.norm(a @ rotation - b, axis=1)
 
 
-def test_four_placements_over_the_wire_become_the_true_rig(
+def test_two_placements_over_the_wire_become_the_true_rig(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     scene, session, result = tmp_path / "scene", tmp_path / "session", tmp_path / "result"
     monkeypatch.setenv("GENICAM_GENTL64_PATH", str(aravis_producer().parent))
     profile = ["--profile", str(tmp_path / "profile.json")]
-    assert main(["cameras", "capture", "--source", "simulated", "-o", str(scene), "--placements", "4", *profile]) == 0
+    assert main(["cameras", "capture", "--source", "simulated", "-o", str(scene), "--placements", "2", *profile]) == 0
     plan = scene / "plan.json"
     document = json.loads((scene / "session.json").read_text())
     document["bar_poses"] = [pose for pose in document["bar_poses"] if pose["id"].endswith("-01")]
@@ -79,7 +79,7 @@ def test_four_placements_over_the_wire_become_the_true_rig(
         assert code == 0, capsys.readouterr().out
 
     taken = read_session(session)
-    assert [placement.id for placement in taken.placements] == ["P1", "P2", "P3", "P4"]
+    assert [placement.id for placement in taken.placements] == ["P1", "P2"]
     for group in (*taken.placements, *taken.bar_poses):
         seen = scenes.images(group.id)
         for camera in taken.cameras:

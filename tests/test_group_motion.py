@@ -67,7 +67,7 @@ def test_cameras_on_one_beam_are_named_together(since: int, size: float) -> None
     assert motion.ambiguous == (since in (1, PLACEMENTS - 1))
     if not motion.ambiguous:
         assert motion.kind == "cameras" and motion.placements == tuple(range(since, PLACEMENTS))
-        assert motion.turn_rad == pytest.approx(size * np.linalg.norm(MOTION[:3]), rel=0.2)
+        assert motion.rotation_rad == pytest.approx(size * np.linalg.norm(MOTION[:3]), rel=0.2)
 
 
 def test_a_ball_that_moved_between_exposures_differs_from_cameras_that_moved() -> None:
@@ -138,7 +138,7 @@ def test_a_camera_with_two_moves_is_unstable() -> None:
     assert single is not None and [move.camera for move in single.moves] == [2, 2]
     motion = unstable_camera(single)
     assert (motion.kind, motion.cameras) == ("ball", (2,)) and motion.dof == 2 * POSE
-    assert motion.shift == pytest.approx(max(np.linalg.norm(move.step[3:]) for move in single.moves))
+    assert motion.translation == pytest.approx(max(np.linalg.norm(move.step[3:]) for move in single.moves))
 
 
 def test_cameras_that_see_one_placement_say_nothing_of_others() -> None:

@@ -15,6 +15,7 @@ pytest.importorskip("PySide6.QtWidgets", reason="Qt cannot be loaded here", exc_
 
 from spherecal.cameras.simulated.faults import SimulatedFault
 from spherecal_gui import project as changes
+from spherecal_gui.controllers.camera_controller import CameraController
 from spherecal_gui.presenters.start import FAULTS
 from spherecal_gui.project import Project
 from spherecal_gui.project_folder import load_project, save_project
@@ -29,7 +30,6 @@ from spherecal_gui.standing import (
     worse,
     worst,
 )
-from spherecal_gui.wizard.controller import Controller
 from spherecal_gui.wizard.window import WizardWindow
 from spherecal_gui.workflow import Running, Status, resolve
 from tests.gui_agreement import Watcher, disagreements
@@ -142,7 +142,7 @@ def test_a_lost_camera_is_red_at_connect():
 def begun_window(qtbot, home: Path, source: str) -> Watcher:
     window = WizardWindow(home / "projects")
     qtbot.addWidget(window)
-    window.controller.live_hz = 3.0
+    window.controller.cameras.live_hz = 3.0
     window.show()
     window.new_project(source)
     watcher = Watcher(window)
@@ -164,9 +164,9 @@ def test_no_page_contradicts_itself_with_a_fault_of_the_training(qtbot, home, fa
             lambda: window.page.action() is not None and (window.page.action().enabled or window.page.action().done)
         )
         if step != "connect":
-            assert controller.live is not None
-            seen = controller.live.rounds
-            watcher.until(lambda seen=seen: controller.live.rounds > seen + 2)
+            assert controller.cameras.live is not None
+            seen = controller.cameras.live.rounds
+            watcher.until(lambda seen=seen: controller.cameras.live.rounds > seen + 2)
         if window.page.standing().level == "bad":
             red.add(step)
         if not window.page.action().done:
@@ -187,7 +187,7 @@ STEPS = ("connect", "look", "placement:P1", "placement:P4", "scale", "calibrate"
 
 @pytest.fixture
 def opened(qtbot, home, walked, monkeypatch) -> Iterator[WizardWindow]:
-    monkeypatch.setattr(Controller, "live_hz", 4.0)
+    monkeypatch.setattr(CameraController, "live_hz", 4.0)
     folder = home / "projects" / walked.name
     shutil.copytree(walked, folder)
     save_project(replace(load_project(folder), saved=None))
@@ -211,9 +211,9 @@ def test_no_step_of_a_finished_project_contradicts_itself(opened, fault):
     """A camera fails, or is knocked, while somebody goes through everything that is done."""
     watcher, controller = Watcher(opened), opened.controller
     controller.go("look")
-    seen = controller.live.rounds
-    watcher.until(lambda: controller.live.rounds > seen + 8)
-    controller.connection.source.inject(fault)
+    seen = controller.cameras.live.rounds
+    watcher.until(lambda: controller.cameras.live.rounds > seen + 8)
+    controller.cameras.connection.source.inject(fault)
     watcher.until(lambda: opened.page.standing().level in ("bad", "caution"))
     for step in STEPS:
         controller.go(step)
@@ -229,10 +229,10 @@ def test_no_step_of_a_finished_project_contradicts_itself(opened, fault):
 def test_fixed_again_asks_for_everything_that_was_taken_before(opened):
     watcher, controller = Watcher(opened), opened.controller
     controller.go("look")
-    seen = controller.live.rounds
-    watcher.until(lambda: controller.live.rounds > seen + 8)
-    controller.connection.source.inject(SimulatedFault("bump", "C03"))
-    watcher.until(controller.moved_cameras)
+    seen = controller.cameras.live.rounds
+    watcher.until(lambda: controller.cameras.live.rounds > seen + 8)
+    controller.cameras.connection.source.inject(SimulatedFault("bump", "C03"))
+    watcher.until(controller.cameras.moved)
     opened.page.fixed.click()
     state = controller.state
     assert state.of("placement:P1").status is state.of("placement:P4").status is Status.FAILED

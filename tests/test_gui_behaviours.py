@@ -26,6 +26,8 @@ from spherecal.files.write_result import write_result
 from spherecal.profile.save import SaveOptions, save_result
 from spherecal.profile.store import apply, create_profile, open_profile
 from spherecal.uses.check_file import FORMAT, VERSION
+from spherecal_gui.controllers.controller import Controller
+from spherecal_gui.fingerprint import fingerprint
 from spherecal_gui.pages.calibrate import CalibratePage
 from spherecal_gui.pages.check import CheckPage
 from spherecal_gui.pages.profile_dialog import ProfileDialog
@@ -38,12 +40,11 @@ from spherecal_gui.presenters.placement import AutoTrigger, Scene
 from spherecal_gui.presenters.results import culprit
 from spherecal_gui.presenters.rig_scenes import check_scene
 from spherecal_gui.presenters.start import number_in_use, picture_name, validity_of
-from spherecal_gui.project import Project, Run
+from spherecal_gui.project import Computation, Project
 from spherecal_gui.project_folder import save_project
 from spherecal_gui.tasks.kept_check import read_kept_check
-from spherecal_gui.tasks.task import Task
+from spherecal_gui.tasks.task import BackgroundTask
 from spherecal_gui.widgets.tile import Wall
-from spherecal_gui.wizard.controller import Controller
 from spherecal_gui.wizard.window import WizardWindow
 from spherecal_gui.workflow import Step
 from tests.gui_walking import pump, settle
@@ -90,15 +91,15 @@ def test_a_name_that_cannot_be_changed_says_why_and_is_not_edited(wall):
 def test_the_controller_refuses_a_name_that_another_camera_has(monkeypatch):
     controller, said, done = Controller(), [], []
     connection: Any = SimpleNamespace(names={"S1": "C1", "S2": "C2"})
-    controller.connection = connection
+    controller.cameras.connection = connection
     controller.said.connect(lambda *one: said.append(one[1]))
-    monkeypatch.setattr(controller, "why_not_renamed", lambda _: "")
-    monkeypatch.setattr(controller, "settings_of", lambda _: CameraSettings())
-    monkeypatch.setattr(controller, "set_camera", lambda *one: done.append(one))
-    controller.name_camera("S1", "C2")
-    controller.name_camera("S1", "a/b")
+    monkeypatch.setattr(controller.tuning, "why_not_renamed", lambda _: "")
+    monkeypatch.setattr(controller.tuning, "settings_of", lambda _: CameraSettings())
+    monkeypatch.setattr(controller.tuning, "set_camera", lambda *one: done.append(one))
+    controller.tuning.name_camera("S1", "C2")
+    controller.tuning.name_camera("S1", "a/b")
     assert len(said) == 2 and "C2" in said[0] and not done
-    controller.name_camera("S1", "left")
+    controller.tuning.name_camera("S1", "left")
     assert done[0][:2] == ("S1", "left")
 
 
@@ -272,18 +273,18 @@ def course(*stages):
 
 
 def test_a_cancelled_stage_is_not_ticked(page):
-    page.course = page.controller.course = course("detect", "triples")
+    page.course = page.controller.computation.course = course("detect", "triples")
     page._draw()
     assert page._stages.text().count("✓") == 1 and page._stages.text().count("✕") == 1
-    page.course = page.controller.course = course("detect", "triples", "writing the result")
+    page.course = page.controller.computation.course = course("detect", "triples", "writing the result")
     page._draw()
     assert page._stages.text().count("✓") == 3 and "✕" not in page._stages.text()
 
 
 def test_what_the_computation_said_last_counts(page):
     """It ended between two ticks of the window: a valid calibration had a cross at its last stage."""
-    task = Task("calibrate", lambda context: context.on_progress(Progress("writing the result", 1.0)))
-    page.course = page.controller.course = course("detect", "triples")
+    task = BackgroundTask("calibrate", lambda context: context.on_progress(Progress("writing the result", 1.0)))
+    page.course = page.controller.computation.course = course("detect", "triples")
     page.course.task = task
     task.run()
     page._last_news()
@@ -291,11 +292,11 @@ def test_what_the_computation_said_last_counts(page):
 
 
 def test_a_window_made_anew_shows_the_stages_and_another_project_does_not(page, qtbot):
-    page.controller.course = course("detect", "triples")
+    page.controller.computation.course = course("detect", "triples")
     other = CalibratePage(page.controller)
     qtbot.addWidget(other)
     assert "Linking three cameras" in other._stages.text()
-    page.controller.course = None
+    page.controller.computation.course = None
     other.step = Step("calibrate", "calibrate")
     other.refresh()
     assert other._stages.text() == ""
@@ -303,7 +304,7 @@ def test_a_window_made_anew_shows_the_stages_and_another_project_does_not(page, 
 
 def test_a_check_that_is_opened_again_has_its_numbers(tmp_path, monkeypatch):
     project = Project(tmp_path / "check", "simulated:demo", purpose="check", placements=("P1",), step="check")
-    save_project(replace(project, checked=Run((("P1", "x"),), "recalibrate")))
+    save_project(replace(project, checked=Computation((("P1", "x"),), "recalibrate")))
     camera = {
         "id": "C03", "verdict": "recalibrate", "points": 90, "rms_px": 2.0, "calibrated_rms_px": 0.1, "moved": True,
         "move_px": 9.1, "shift_mm": 4.5, "turn_deg": 0.3, "point_mm": 7.5, "probability": 0.0, "reason": "",
@@ -322,9 +323,9 @@ def test_a_check_that_is_opened_again_has_its_numbers(tmp_path, monkeypatch):
     assert (row.move_px, row.point_mm, row.shift_mm) == (9.1, 7.5, 4.5) and row.turn_deg == pytest.approx(0.3)
     assert len(check_notes(found)) == 3 and found.to_repair == ("C03",)
     controller = Controller()
-    monkeypatch.setattr(controller, "connect_cameras", lambda: None)
+    monkeypatch.setattr(controller.cameras, "connect_all", lambda: None)
     controller.open_project(project.folder)
-    assert controller.check_found.to_repair == ("C03",)
+    assert controller.checks.found.to_repair == ("C03",)
     drawn = check_scene(example_calibration().rig, found)
     assert drawn is not None and drawn.moved == (), "where to is not kept: nothing is drawn, and nothing fails"
     controller.close_project()
@@ -383,7 +384,7 @@ def test_the_profile_dialog_opens_once_and_goes_with_the_project(qtbot, profile,
         return [one for one in window.findChildren(ProfileDialog) if one.isVisible()]
 
     assert len(there()) == 1
-    monkeypatch.setattr(window.controller, "connect_cameras", lambda: None)
+    monkeypatch.setattr(window.controller.cameras, "connect_all", lambda: None)
     window.new_project("simulated:demo")
     assert there() == []
     window.close()
@@ -391,24 +392,24 @@ def test_the_profile_dialog_opens_once_and_goes_with_the_project(qtbot, profile,
 
 def test_advice_is_gone_once_other_placements_are_there(monkeypatch, tmp_path):
     controller, told, asked = Controller(), [], []
-    controller.guidance_changed.connect(lambda: told.append(controller.guidance))
-    monkeypatch.setattr(controller, "_ask", lambda dots, coarse: asked.append(sorted(dots)))
+    controller.advice.guidance_changed.connect(lambda: told.append(controller.advice.guidance))
+    monkeypatch.setattr(controller.advice, "_ask", lambda dots, coarse: asked.append(sorted(dots)))
     controller.project = Project(tmp_path / "p", "simulated:demo", taken={"P1": "a", "P2": "b"})
     connection: Any = SimpleNamespace(plan=None)
     recorded: Any = SimpleNamespace()
-    controller.connection, controller._recorded = connection, recorded
-    monkeypatch.setattr(type(controller), "dots", property(lambda _: {"P1": {}, "P2": {}, "P3": {}}))
-    controller._plan_next()
-    monkeypatch.setattr(controller, "guidance", "move it left")
+    controller.cameras.connection, controller.recording.session = connection, recorded
+    monkeypatch.setattr(type(controller.recording), "dots", property(lambda _: {"P1": {}, "P2": {}, "P3": {}}))
+    controller.advice.plan_next()
+    monkeypatch.setattr(controller.advice, "guidance", "move it left")
     controller.project = replace(controller.project, taken={"P1": "a"})
-    controller._plan_next()
-    assert controller.guidance is None and told[-1] is None and asked == [["P1", "P2"], ["P1"]]
+    controller.advice.plan_next()
+    assert controller.advice.guidance is None and told[-1] is None and asked == [["P1", "P2"], ["P1"]]
 
 
 def test_why_a_repair_cannot_be_used_is_in_sight(qtbot, tmp_path):
     controller = Controller()
-    checked = Run((("P1", "x"),), "recalibrate")
-    repaired = Run((("check", repr(checked)),), "not valid")
+    checked = Computation((("P1", "x"),), "recalibrate")
+    repaired = Computation((("check", fingerprint(checked)),), "not valid")
     controller.project = Project(
         tmp_path / "c",
         "simulated:demo",
@@ -422,7 +423,7 @@ def test_why_a_repair_cannot_be_used_is_in_sight(qtbot, tmp_path):
     found: Any = SimpleNamespace(
         verdict="recalibrate", to_repair=("C03",), cameras=(), findings=(), untested=(), balls=(), tolerance_mm=None
     )
-    controller.check_found = controller.check_after = found
+    controller.checks.found = controller.checks.after = found
     page = CheckPage(controller)
     qtbot.addWidget(page)
     page.enter(Step("check", "check"))

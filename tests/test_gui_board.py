@@ -47,17 +47,17 @@ def test_a_board_calibrates_in_the_wizard_as_on_the_command_line(recorded: Path,
     try:
         project = controller.project
         assert project is not None and project.by_board and len(project.placements) == 8
-        titles = [row.title for row in bench_rows(controller.connection, project.artefacts)]
+        titles = [row.title for row in bench_rows(controller.cameras.connection, project.artefacts)]
         assert titles == ["Board", "Scale from the board's pitch"]
         for name in project.placements:
             take(controller, name)
         window.refresh()
         page = window.pages["placement"]
         assert isinstance(page, PlacementPage)
-        assert all(25 < len(seen) <= 35 for one in controller.dots.values() for seen in one.values())
-        assert controller.guidance is None and controller.planner.running is None
+        assert all(25 < len(seen) <= 35 for one in controller.recording.dots.values() for seen in one.values())
+        assert controller.advice.guidance is None and controller.advice.planner.running is None
         assert status(controller, "calibrate") is Status.READY
-        assert controller.calibrate()
+        assert controller.computation.calibrate()
         settle(controller)
         assert controller.project.calibrated is not None
         assert controller.project.calibrated.verdict in ("valid", "use with care")  # eight small images
@@ -68,7 +68,7 @@ def test_a_board_calibrates_in_the_wizard_as_on_the_command_line(recorded: Path,
         assert abs(baseline - BASELINE_MM) < 0.3  # as in tests/test_boards.py
         shown = window.pages["results"]
         assert isinstance(shown, ResultsPage) and shown.word.text().startswith(("VALID", "USE WITH CARE"))
-        line = shlex.split(controller.commands()[0])
+        line = shlex.split(controller.saving.commands()[0])
         assert line[:2] == ["spherecal", "calibrate"] and line[line.index("--method") + 1] == "board"
         line[line.index("-o") + 1] = str(tmp_path / "again")
         assert main(line[1:]) == 0
@@ -108,13 +108,13 @@ def test_a_board_begins_a_project_with_live_cameras(qtbot, tmp_path: Path) -> No
         window.new_board_project(ENTRY, "simulated:demo")
         controller = window.controller
         settle(controller)
-        controller.confirm_bench()
+        controller.recording.confirm_bench()
         settle(controller)
         project = controller.project
         assert project is not None and project.by_board and len(project.placements) == 12
         assert json.loads(Path(project.bench).read_text(encoding="utf-8"))["board"] == ENTRY
         assert write_bench(tmp_path, ENTRY) == Path(project.bench), "one file for one board"
-        assert controller.connection is not None and controller.connection.plan.target_set is None
+        assert controller.cameras.connection is not None and controller.cameras.connection.plan.target_set is None
     finally:
         window.close()
 

@@ -105,20 +105,20 @@ def test_a_bump_on_the_wall_is_said_at_once(qtbot, tmp_path, monkeypatch):
     monkeypatch.setenv("SPHERECAL_SETTINGS", str(tmp_path / "settings.ini"))
     window = WizardWindow(tmp_path / "projects")
     qtbot.addWidget(window)
-    window.controller.live_hz = 4.0
+    window.controller.cameras.live_hz = 4.0
     window.show()
     window.new_project("simulated:demo")
     controller = window.controller
     settle(controller)
-    controller.confirm_bench()
+    controller.recording.confirm_bench()
     controller.go("look")
     page = window.page
     assert isinstance(page, LookPage)
     pump(lambda: "sharp and well lit" in page.summary.text())
     assert page.fixed.isHidden()
-    seen = controller.live.rounds
-    pump(lambda: controller.live.rounds > seen + 8)
-    source = controller.connection.source
+    seen = controller.cameras.live.rounds
+    pump(lambda: controller.cameras.live.rounds > seen + 8)
+    source = controller.cameras.connection.source
     assert isinstance(source, SimulatedSource)
     source.inject(SimulatedFault("bump", "C03"))
     pump(lambda: page.summary.text().startswith("C03 was moved."))

@@ -19,10 +19,10 @@ from spherecal.cameras.driver_help import DriverTrouble, LocalAddress
 from spherecal.cameras.gentl import discovery
 from spherecal.cameras.gentl.trust import TrustStore
 from spherecal.cameras.gige.gvcp import NetworkCamera
+from spherecal_gui.controllers.controller import Controller
 from spherecal_gui.pages.connect import ConnectPage
 from spherecal_gui.pages.drivers_panel import DriversPanel, MakersDialog
 from spherecal_gui.presenters.drivers import driver_notes, makers_rows
-from spherecal_gui.wizard.controller import Controller
 from spherecal_gui.workflow import Step
 from tests.gui_walking import settle
 
@@ -110,13 +110,13 @@ def test_without_a_driver_the_page_says_so(page):
 def test_a_driver_that_is_not_allowed_is_allowed_on_the_page(page):
     file = page.folder / "cti" / "maker.cti"
     file.write_bytes(b"no library")
-    page.controller.somebody_answers = True
-    page.controller.driver_asked.connect(lambda question: question.answer(False))
+    page.controller.cameras.somebody_answers = True
+    page.controller.cameras.driver_asked.connect(lambda question: question.answer(False))
     page.controller.new_project("genicam", page.folder)
     settle(page.controller)
     page.page.enter(Step("connect", "connect"))
     assert "maker.cti is not allowed" in shown(page.page)
-    page.controller.allow_driver(str(file))
+    page.controller.cameras.allow_driver(str(file))
     settle(page.controller)
     page.page.refresh()
     assert TrustStore().look(str(file)).state == "known"

@@ -46,8 +46,8 @@ def display() -> Iterator[str]:
 PROGRAM = """
 import sys
 from spherecal_gui.__main__ import main
-from spherecal_gui.wizard.controller import Controller
-Controller.live_hz = 1.0
+from spherecal_gui.controllers.camera_controller import CameraController
+CameraController.live_hz = 1.0
 sys.exit(main())
 """
 

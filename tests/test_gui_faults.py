@@ -13,9 +13,9 @@ pytest.importorskip("PySide6.QtWidgets", reason="Qt cannot be loaded here", exc_
 
 from spherecal.cameras.gentl.source import GenicamSource
 from spherecal.cameras.simulated.faults import SimulatedFault
+from spherecal_gui.controllers.controller import Controller
 from spherecal_gui.presenters.placement import advice
 from spherecal_gui.project_folder import load_project, taken_in
-from spherecal_gui.wizard.controller import Controller
 from spherecal_gui.workflow import Status
 from tests.built_producer import built_producer
 from tests.gui_killed import exit_code_of, killed_while_taking
@@ -65,7 +65,7 @@ def test_a_full_disk_while_retaking_keeps_the_one_before(wizard, monkeypatch):
         patch.setattr("spherecal.cameras.capture.png", full)
         take(wizard, "P1")
     assert taken_in(wizard.project.folder) == {"P1": at}, "at once, without anybody's undo"
-    assert wizard.can_undo is None
+    assert wizard.sets.can_undo is None
     assert len(list((wizard.project.folder / "placements" / "P1").iterdir())) == 6
 
 
@@ -73,7 +73,7 @@ def test_a_retake_that_is_cut_short_leaves_the_one_before(wizard):
     """The program is killed after the old placement was put aside and before the new one is there."""
     take(wizard, "P1")
     folder, at = wizard.project.folder, wizard.project.taken["P1"]
-    wizard._recorded.remove("P1", retaking=True)
+    wizard.recording.session.remove("P1", retaking=True)
     assert taken_in(folder) == {}
     again = Controller()
     try:
@@ -81,8 +81,8 @@ def test_a_retake_that_is_cut_short_leaves_the_one_before(wizard):
         settle(again)
         assert dict(again.project.taken) == {"P1": at} == taken_in(folder)
         assert len(list((folder / "placements" / "P1").iterdir())) == 6
-        assert set(again.dots["P1"]) == {f"C0{i}" for i in range(1, 7)}
-        again.delete("P1")  # a deletion is meant: it does not come back
+        assert set(again.recording.dots["P1"]) == {f"C0{i}" for i in range(1, 7)}
+        again.sets.delete("P1")  # a deletion is meant: it does not come back
         again.close_project()
         again.open_project(folder)
         settle(again)
@@ -92,19 +92,19 @@ def test_a_retake_that_is_cut_short_leaves_the_one_before(wizard):
 
 
 def test_a_camera_lost_while_taking_is_named_and_the_others_are_kept(wizard, said):
-    wizard.connection.source.inject(SimulatedFault("lose", "C04"))
+    wizard.cameras.connection.source.inject(SimulatedFault("lose", "C04"))
     take(wizard, "P1")
     assert status(wizard, "placement:P1") is Status.FAILED, "it is kept, and never called done"
     assert "P1 is captured, but without C04." in [text for _, text, _ in said]
-    wizard.connection.source.heal("C04")
+    wizard.cameras.connection.source.heal("C04")
     take(wizard, "P1")
     assert status(wizard, "placement:P1") is Status.DONE
-    assert set(wizard.dots["P1"]) == {f"C0{i}" for i in range(1, 7)}
+    assert set(wizard.recording.dots["P1"]) == {f"C0{i}" for i in range(1, 7)}
 
 
 def test_all_cameras_lost_while_taking_is_an_error_and_nothing_else(wizard, said):
     for i in range(1, 7):
-        wizard.connection.source.inject(SimulatedFault("lose", f"C0{i}"))
+        wizard.cameras.connection.source.inject(SimulatedFault("lose", f"C0{i}"))
     take(wizard, "P1")
     assert status(wizard, "placement:P1") is Status.FAILED
     assert "No camera delivered an image of P1." in said[-1][1]
@@ -119,14 +119,14 @@ def test_a_calibration_that_fails_names_the_file_and_keeps_everything(wizard, sa
     image = wizard.project.folder / "placements" / "P2" / "C03.png"
     kept = image.read_bytes()
     image.write_bytes(b"no picture")
-    assert wizard.calibrate()
+    assert wizard.computation.calibrate()
     settle(wizard)
     assert status(wizard, "calibrate") is Status.FAILED
     assert "C03.png" in said[-1][1]
     assert not wizard.project.result_folder.exists()
     assert set(wizard.project.taken) == {"P1", "P2", "P3", *wizard.project.scale_poses}
     image.write_bytes(kept)
-    assert wizard.calibrate()
+    assert wizard.computation.calibrate()
     settle(wizard)
     assert wizard.project.calibrated.verdict == "not valid"
     codes = {finding.code: finding for finding in wizard.result.rig.quality.findings}
@@ -174,7 +174,7 @@ def test_detection_that_breaks_is_said_once_and_the_window_lives(qtbot, tmp_path
     window.show()
     window.new_project("simulated:demo")
     pump(lambda: window.banner.isVisible() and "wrong inside the program" in window.banner.text, 60)
-    assert window.controller.connection is not None
+    assert window.controller.cameras.connection is not None
     window.close()
 
 
@@ -192,16 +192,16 @@ def test_the_camera_process_killed_is_seen_and_the_walk_goes_on(qapp, tmp_path, 
         monkeypatch.setenv("GENICAM_GENTL64_PATH", str(cti.parent))
         monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path))
         made = Controller()
-        made.live_hz = 2.0
+        made.cameras.live_hz = 2.0
         try:
             made.new_project("genicam", tmp_path / "projects", str(session))
             settle(made)
-            assert made.connection is not None, made.project.failures
-            made.confirm_bench()
-            made.accept_look()
+            assert made.cameras.connection is not None, made.project.failures
+            made.recording.confirm_bench()
+            made.cameras.accept_look()
             take(made, "P1")
             assert status(made, "placement:P1") is Status.DONE
-            source = made.connection.source
+            source = made.cameras.connection.source
             assert isinstance(source, GenicamSource)
             before = source.service_pid
             assert before is not None
@@ -230,7 +230,7 @@ def test_killed_while_taking_it_goes_on_at_the_same_step(qapp, tmp_path, where, 
     try:
         again.open_project(folder)
         settle(again)
-        pump(lambda: set(again.dots) == there, 60)
+        pump(lambda: set(again.recording.dots) == there, 60)
         if "P2" not in there:
             take(again, "P2")
             assert set(taken_in(folder)) == {"P1", "P2"}

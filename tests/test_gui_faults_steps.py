@@ -21,9 +21,9 @@ from PySide6.QtWidgets import QPushButton
 from spherecal.cameras.producer.feed import RigFeed
 from spherecal.cameras.simulated.faults import SimulatedFault
 from spherecal.cameras.simulated.source import SimulatedSource
+from spherecal_gui.controllers.controller import Controller
 from spherecal_gui.pages.placement import PlacementPage
 from spherecal_gui.project_folder import load_project, save_project
-from spherecal_gui.wizard.controller import Controller
 from spherecal_gui.wizard.window import WizardWindow
 from spherecal_gui.workflow import Status
 from tests.built_producer import built_producer
@@ -72,14 +72,14 @@ def all_files(folder: Path) -> dict[str, bytes]:
 
 
 def counters(controller: Controller) -> dict[str, dict[str, int]]:
-    return {name: {c: len(d) for c, d in dots.items()} for name, dots in controller.dots.items()}
+    return {name: {c: len(d) for c, d in dots.items()} for name, dots in controller.recording.dots.items()}
 
 
 def opened_window(qtbot, home, folder) -> WizardWindow:
     """A window that shows a project, its cameras connected."""
     window = WizardWindow(home / "projects")
     qtbot.addWidget(window)
-    window.controller.live_hz = 2.0
+    window.controller.cameras.live_hz = 2.0
     window.show()
     window.open_project(str(folder))
     settle(window.controller)
@@ -113,7 +113,7 @@ def lose_a_camera(opened: WizardWindow) -> None:
     """It is named, nothing is lost, and it comes back."""
     controller = opened.controller
     before = all_files(controller.project.folder)
-    source = controller.connection.source
+    source = controller.cameras.connection.source
     assert isinstance(source, SimulatedSource)
     source.inject(SimulatedFault("lose", "C04"))
     pump(lambda: "without C04" in opened.source.text)
@@ -136,7 +136,7 @@ def lose_a_camera(opened: WizardWindow) -> None:
 def test_stopped_where_it_is_shows_what_there_is_and_goes_on_though_a_camera_is_lost(opened):
     """Pressed at once: the free form, marked as stopped, to be looked at and not to be taken for a calibration."""
     controller = opened.controller
-    assert controller.calibrate()
+    assert controller.computation.calibrate()
     QCoreApplication.processEvents()
     opened.page.stop_here.click()
     assert opened.page.word.text().startswith("Stopping as soon as") and not opened.page.stop_here.isEnabled()
@@ -154,7 +154,7 @@ def test_stopped_where_it_is_shows_what_there_is_and_goes_on_though_a_camera_is_
     with calibrated_once():
         again.click()
         assert controller.state.current == "calibrate" and opened.page.is_running
-        controller.connection.source.inject(SimulatedFault("lose", "C04"))  # which harms no computation
+        controller.cameras.connection.source.inject(SimulatedFault("lose", "C04"))  # which harms no computation
         settle(controller)
     assert status(controller, "calibrate") is Status.DONE
     assert controller.project.calibrated.verdict == "valid"
@@ -165,10 +165,10 @@ def test_stopped_where_it_is_shows_what_there_is_and_goes_on_though_a_camera_is_
 def test_a_pose_without_a_camera_is_taken_and_said(opened):
     controller, step = opened.controller, opened.controller.project.step
     poses = controller.project.scale_poses if step == "scale" else controller.project.check_poses
-    controller.connection.source.inject(SimulatedFault("lose", "C04"))
+    controller.cameras.connection.source.inject(SimulatedFault("lose", "C04"))
     take(controller, poses[0])
     assert f"{poses[0]} is captured, but without C04." in opened.banner.text
-    assert "C04" not in controller.dots[poses[0]]
+    assert "C04" not in controller.recording.dots[poses[0]]
 
 
 # --- the cameras' process is killed ----------------------------------------------------------------------------------
@@ -186,7 +186,7 @@ def real(qtbot, home, walked, monkeypatch, request) -> Iterator[tuple[WizardWind
         monkeypatch.setenv("GENICAM_GENTL64_PATH", str(cti.parent))
         monkeypatch.setenv("XDG_CONFIG_HOME", str(home))
         window = opened_window(qtbot, home, folder)
-        assert window.controller.connection is not None, window.controller.project.failures
+        assert window.controller.cameras.connection is not None, window.controller.project.failures
         yield window, feed
         window.close()
 
@@ -196,9 +196,9 @@ def real(qtbot, home, walked, monkeypatch, request) -> Iterator[tuple[WizardWind
 def test_the_camera_process_killed_is_said_and_all_cameras_come_back(real):
     window, feed = real
     controller = window.controller
-    step, source = controller.project.step, controller.connection.source
+    step, source = controller.project.step, controller.cameras.connection.source
     before, dots = all_files(controller.project.folder), counters(controller)
-    pump(lambda: all(controller.live.sight(serial) for serial in controller.connection.names))
+    pump(lambda: all(controller.cameras.live.sight(serial) for serial in controller.cameras.connection.names))
     assert "without" not in window.source.text
     pid = source.service_pid
     os.kill(pid, signal.SIGKILL)
@@ -221,9 +221,9 @@ def test_the_camera_process_killed_is_said_and_all_cameras_come_back(real):
     else:
         pose = controller.project.check_poses[1]
         feed.show(controller.project.scale_poses[0])
-        assert controller.take(pose, "verify")
+        assert controller.sets.take(pose, "verify")
         settle(controller)
-        assert set(controller.dots[pose]) == {f"C0{i}" for i in range(1, 7)}
+        assert set(controller.recording.dots[pose]) == {f"C0{i}" for i in range(1, 7)}
 
 
 # --- the disk is full ------------------------------------------------------------------------------------------------
@@ -271,14 +271,14 @@ def test_a_bar_that_is_not_there_is_said_before_and_after_measuring(opened):
     controller = opened.controller
     page = opened.page
     pose = controller.project.check_poses[0]
-    controller.connection.source.show("P1")  # the ball still lies there
-    controller.live.forget()
+    controller.cameras.connection.source.show("P1")  # the ball still lies there
+    controller.cameras.live.forget()
     pump(lambda: page.guide is not None and page.guide.lying is None)
     assert "Lay bar" in page.message.text()
     assert not page.action().enabled
-    assert controller.take(pose, "verify")  # as it lies: nobody is forced
+    assert controller.sets.take(pose, "verify")  # as it lies: nobody is forced
     settle(controller)
-    controller.verify()
+    controller.computation.verify()
     settle(controller)
     assert controller.project.verified.verdict == "no data"
     assert status(controller, "verify") is Status.CARE
@@ -291,9 +291,9 @@ def test_a_bar_that_is_not_there_is_said_before_and_after_measuring(opened):
 def test_the_ball_of_another_rig_is_found_out(opened):
     """Other targets than those of the bench: nothing is seen, and the page says so before anything is taken."""
     controller = opened.controller
-    controller.delete("P2")
-    controller.connection.source.stage.show(controller.connection.plan.sets[-1].id)  # no ball at all
-    controller.live.forget()
+    controller.sets.delete("P2")
+    controller.cameras.connection.source.stage.show(controller.cameras.connection.plan.sets[-1].id)  # no ball at all
+    controller.cameras.live.forget()
     page = opened.page
     pump(lambda: len(page.sights()) == 6 and all(len(s.dots) < 50 for s in page.sights().values()))
     pump(lambda: page.advice.text().startswith(("Put the ball", "Turn or move")))
@@ -310,7 +310,7 @@ def test_killed_in_a_step_it_opens_there_with_the_counters_intact(qapp, home, wa
     whole = all_files(folder)
     assert exit_code_of(killed_in_step, str(folder), step) == -signal.SIGKILL
     again = Controller()
-    again.live_hz = 1.0
+    again.cameras.live_hz = 1.0
     try:
         again.open_project(folder)
         settle(again)
@@ -318,12 +318,12 @@ def test_killed_in_a_step_it_opens_there_with_the_counters_intact(qapp, home, wa
         assert again.project is not None and again.state is not None
         assert again.state.current == step
         assert set(before.taken) <= set(again.project.taken)
-        pump(lambda: set(again.dots) >= set(before.taken))
+        pump(lambda: set(again.recording.dots) >= set(before.taken))
         assert all(counters(again)[name] for name in before.taken)
         after = all_files(folder)
         images = [name for name in whole if name.endswith(".png")]
         assert all(name in after for name in images)
-        assert again.connection is not None
+        assert again.cameras.connection is not None
         QCoreApplication.processEvents()
     finally:
         again.close_project()

@@ -16,14 +16,14 @@ pytest.importorskip("PySide6.QtWidgets", reason="Qt cannot be loaded here", exc_
 from PySide6.QtWidgets import QPushButton, QWidget
 
 from spherecal_gui import languages, theme
+from spherecal_gui.controllers.controller import Controller
 from spherecal_gui.pages import placement
 from spherecal_gui.pages.placement import PlacementPage
 from spherecal_gui.pages.verify import VerifyPage
-from spherecal_gui.presenters.guidance import Guidance, move_text
-from spherecal_gui.presenters.placement import Advice, short_text
+from spherecal_gui.presenters.guidance import GuidanceView, move_text
+from spherecal_gui.presenters.placement import PlacementAdvice, short_text
 from spherecal_gui.project_folder import TRAINING_PROFILE, load_project, save_project
 from spherecal_gui.widgets.basic import label
-from spherecal_gui.wizard.controller import Controller
 from spherecal_gui.wizard.window import WizardWindow
 from tests.gui_fit import covered, cut_short, scrolled, settled
 from tests.gui_walking import pump, settle
@@ -46,7 +46,7 @@ def connected(walked, tmp_path_factory) -> Iterator[Controller]:
         patch.setenv("SPHERECAL_SETTINGS", str(home / "settings.ini"))
         patch.setenv("SPHERECAL_3D", "2d")
         made = Controller()
-        made.live_hz = 0.2  # what is measured are the widgets, not the images in them
+        made.cameras.live_hz = 0.2  # what is measured are the widgets, not the images in them
         made.open_project(folder)
         settle(made)
         settle(made)
@@ -63,14 +63,14 @@ def test_every_page_is_complete(qapp, qtbot, home: Path, connected: Controller, 
         qtbot.addWidget(window)
         window.showNormal()
         window.resize(*SIZE)
-        connected.delete("P4")  # a placement that is not captured has the ghost, and most buttons
+        connected.sets.delete("P4")  # a placement that is not captured has the ghost, and most buttons
         connected.go("placement:P4")
-        pump(lambda: connected.to_go is not None)
+        pump(lambda: connected.advice.to_go is not None)
         wrong = []
         for large in (False, True):  # as seldom as can be: each change of size styles every widget again
             window.header.far.setChecked(large)
             wrong += faults_of_advice(window, connected, large)
-        connected.undo()
+        connected.sets.undo()
         settle(connected)
         for large in (True, False):
             window.header.far.setChecked(large)
@@ -98,21 +98,21 @@ def test_every_page_is_complete(qapp, qtbot, home: Path, connected: Controller, 
 def faults_of_advice(window: WizardWindow, connected: Controller, large: bool) -> list[str]:
     """What does not fit on a placement not captured yet: with its advice, the longest one, where few dots are seen."""
     wrong = [f"placement:P4, {one}" for one in faults_at(window, large)]
-    given = connected.guidance
+    given = connected.advice.guidance
     assert given is not None
-    connected.guidance = longest_advice(given)
-    connected.guidance_changed.emit()
+    connected.advice.guidance = longest_advice(given)
+    connected.advice.guidance_changed.emit()
     wrong += [f"placement:P4, longest advice, {one}" for one in faults_at(window, large)]
     shown = window.page
-    assert isinstance(shown, PlacementPage) and shown.guide_text.text() == move_text(connected.guidance)
+    assert isinstance(shown, PlacementPage) and shown.guide_text.text() == move_text(connected.advice.guidance)
     with pytest.MonkeyPatch.context() as patch:  # four cameras see too little, though the ball lies as it should
-        patch.setattr(placement, "advice", lambda *_: Advice(short_text(FEW_DOTS), "caution"))
+        patch.setattr(placement, "advice", lambda *_: PlacementAdvice(short_text(FEW_DOTS), "caution"))
         patch.setattr(placement, "is_stuck", lambda *_: True)
         shown.tick()
         wrong += [f"placement:P4, few dots, {one}" for one in faults_at(window, large)]
         assert shown.advice.text() == short_text(FEW_DOTS)
-    connected.guidance = given
-    connected.guidance_changed.emit()
+    connected.advice.guidance = given
+    connected.advice.guidance_changed.emit()
     return wrong
 
 
@@ -120,16 +120,16 @@ def faults_of_advice(window: WizardWindow, connected: Controller, large: bool) -
 def checked(connected: Controller) -> Iterator[Controller]:
     """A check of the calibration in use, as far as its answer: a camera has moved, which has most to say."""
     folder = connected.project.folder
-    connected.save_profile(folder.parent / TRAINING_PROFILE, True)
+    connected.saving.save_profile(folder.parent / TRAINING_PROFILE, True)
     settle(connected)
     again = Controller()
     again.new_check(replace(load_project(folder), source="simulated:demo+bump:C03:0.3"))
     settle(again)
-    again.confirm_bench()
-    again.accept_look()
-    assert again.take("P1", "placement:P1")
+    again.recording.confirm_bench()
+    again.cameras.accept_look()
+    assert again.sets.take("P1", "placement:P1")
     settle(again)
-    assert again.check()
+    assert again.checks.check()
     settle(again)
     yield again
     again.close_project()
@@ -165,7 +165,7 @@ def test_the_check_and_the_start_page_are_complete(
         theme.apply(qapp, dark=False)
 
 
-def longest_advice(shown: Guidance) -> Guidance:
+def longest_advice(shown: GuidanceView) -> GuidanceView:
     """The same with a move and a turn that take most words in the language of now."""
     moved = replace(shown, away_mm=1280.0, turn_deg=45.0, next_mm=0.5 * (shown.now_mm or 1))
     tipped = {"tip": np.array([1.0, 0.0]), "tip_towards": shown.names[0]}

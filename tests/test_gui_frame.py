@@ -21,13 +21,13 @@ from spherecal.files.write_result import write_result
 from spherecal.geometry.user_frame import FrameDefinition
 from spherecal_gui import languages, theme
 from spherecal_gui import project as changes
+from spherecal_gui.controllers.controller import Controller
 from spherecal_gui.pages.frame_dialog import FrameDialog
 from spherecal_gui.pages.save import SavePage
 from spherecal_gui.presenters.frame import FrameChoice, frame_words
 from spherecal_gui.project import Artefacts, Project
 from spherecal_gui.project_folder import profile_of
 from spherecal_gui.tasks.outcome import read_outcome
-from spherecal_gui.wizard.controller import Controller
 from spherecal_gui.wizard.window import WizardWindow
 from spherecal_gui.workflow import Step
 from spherecal_sim.session_folder import write_session
@@ -230,87 +230,95 @@ def test_from_afar_it_fits_a_small_screen(qtbot, qapp, outcome, language):
 
 def test_the_frame_is_kept_used_and_given_up(controller, folder, tmp_path):
     definition = replace(THREE, offset_mm=(0.0, 0.0, 250.0), turns=("x90", "x90"))
-    assert controller.set_frame(definition)
-    assert controller.frame.definition == definition
-    assert controller.export("csv", tmp_path / "rig.csv")
+    assert controller.user_frame.choose(definition)
+    assert controller.user_frame.frame.definition == definition
+    assert controller.saving.export("csv", tmp_path / "rig.csv")
     settle(controller)
     line = (tmp_path / "rig.csv").read_text().splitlines()[1].split(",")
     rig = controller.result.rig
     camera = rig.camera(line[0])
-    assert np.array(line[-3:], dtype=float) == pytest.approx(controller.frame.apply(camera.centre_mm[None])[0])
-    assert controller.set_frame(FrameDefinition())
-    assert controller.frame is None and not (folder / "frame.json").exists()
+    assert np.array(line[-3:], dtype=float) == pytest.approx(
+        controller.user_frame.frame.apply(camera.centre_mm[None])[0]
+    )
+    assert controller.user_frame.choose(FrameDefinition())
+    assert controller.user_frame.frame is None and not (folder / "frame.json").exists()
 
 
 def test_the_command_makes_the_same_file(controller, folder, tmp_path, capsys):
-    controller.set_frame(replace(THREE, offset_mm=(-1.5, 0.0, 250.0), turns=("x90", "z-90")))
-    assert controller.commands()[-1].startswith("spherecal frame ")
-    words = list(controller.frame_command())
+    controller.user_frame.choose(replace(THREE, offset_mm=(-1.5, 0.0, 250.0), turns=("x90", "z-90")))
+    assert controller.saving.commands()[-1].startswith("spherecal frame ")
+    words = list(controller.user_frame.command())
     words[words.index("-o") + 1] = str(tmp_path / "again.json")
     assert main(words[1:]) == 0
     assert (tmp_path / "again.json").read_bytes() == (folder / "frame.json").read_bytes()
 
 
 def test_another_calibration_makes_the_frame_anew_or_says_that_it_cannot(controller, folder, outcome):
-    controller.set_frame(THREE)
+    controller.user_frame.choose(THREE)
     before = read_frame(folder / "frame.json")
     moved = {n: replace(p, place_mm=p.place_mm + np.array([0, 0, 5.0])) for n, p in outcome.places.items()}
     controller.outcome = replace(outcome, places=moved)
     controller.result_changed.emit()
     after = read_frame(folder / "frame.json")
     assert after.origin_mm == pytest.approx(before.origin_mm + np.array([0, 0, 5.0]))
-    assert controller.frame.origin_mm == pytest.approx(after.origin_mm)
+    assert controller.user_frame.frame.origin_mm == pytest.approx(after.origin_mm)
 
     said = []
     controller.said.connect(lambda *words: said.append(" ".join(words)))
     controller.outcome = replace(outcome, places={n: p for n, p in outcome.places.items() if n != "P3"})
     controller.result_changed.emit()
-    assert controller.frame is None
-    assert 'no place "P3"' in controller.frame_problem
+    assert controller.user_frame.frame is None
+    assert 'no place "P3"' in controller.user_frame.problem
     assert len(said) == 1 and "Choose origin and axes again" in said[0]
-    assert controller.frame_definition == THREE
-    controller.set_frame(replace(THREE, xy="P4"))
-    assert controller.frame is not None and not controller.frame_problem
+    assert controller.user_frame.definition == THREE
+    controller.user_frame.choose(replace(THREE, xy="P4"))
+    assert controller.user_frame.frame is not None and not controller.user_frame.problem
 
 
 def test_the_rigs_frame_is_the_default_of_later_calibrations(controller, folder, outcome):
     """As it is, in the world that the reference camera keeps: the ball of today stands elsewhere."""
     profile = profile_of(controller.project)
-    assert controller.set_frame(THREE)
-    kept = controller.frame
-    assert controller.save_profile(profile, True, "for the test")
+    assert controller.user_frame.choose(THREE)
+    kept = controller.user_frame.frame
+    assert controller.saving.save_profile(profile, True, "for the test")
     settle(controller)
     (folder / "frame.json").unlink()
     moved = {n: replace(p, place_mm=p.place_mm + np.array([0, 0, 5.0])) for n, p in outcome.places.items()}
     controller.outcome = replace(outcome, places=moved)
     controller.result_changed.emit()
-    assert controller.frame is not None and np.array_equal(controller.frame.rotation, kept.rotation)
-    assert np.array_equal(controller.frame.translation_mm, kept.translation_mm)
-    assert controller.frame_command() == (), "it was not made of this calibration's places"
-    assert controller.set_frame(FrameDefinition())
-    assert controller.frame is not None and controller.frame.definition == FrameDefinition(), "and it can be given up"
+    assert controller.user_frame.frame is not None and np.array_equal(
+        controller.user_frame.frame.rotation, kept.rotation
+    )
+    assert np.array_equal(controller.user_frame.frame.translation_mm, kept.translation_mm)
+    assert controller.user_frame.command() == (), "it was not made of this calibration's places"
+    assert controller.user_frame.choose(FrameDefinition())
+    assert controller.user_frame.frame is not None and controller.user_frame.frame.definition == FrameDefinition(), (
+        "and it can be given up"
+    )
     other = next(one.id for one in outcome.result.rig.cameras if one.id != outcome.result.rig.reference_camera)
     write_frame(replace(kept, reference_camera=other), profile / "frame.json")
     (folder / "frame.json").unlink()
     controller.outcome = outcome
     controller.result_changed.emit()
-    assert controller.frame is None, "another camera's world"
+    assert controller.user_frame.frame is None, "another camera's world"
     shutil.rmtree(profile)  # the other tests' projects share it
 
 
 def test_a_project_opens_again_with_its_frame(controller, folder, outcome):
-    controller.set_frame(THREE)
+    controller.user_frame.choose(THREE)
     again = Controller()
     again.project = controller.project
     again.changed.emit()
-    assert again.frame is not None and again.frame.definition == THREE, "before the result is read"
+    assert again.user_frame.frame is not None and again.user_frame.frame.definition == THREE, (
+        "before the result is read"
+    )
     (folder / "frame.json").write_text("{")
     again.project = None
     again.changed.emit()
     again.project = controller.project
     again.outcome = outcome
     again.result_changed.emit()
-    assert again.frame is None and "frame.json" in again.frame_problem
+    assert again.user_frame.frame is None and "frame.json" in again.user_frame.problem
 
 
 @pytest.mark.parametrize(("source", "wanted"), [("simulated:demo", "SIMULATED-rig-csv"), ("genicam", "rig-csv")])
@@ -355,7 +363,7 @@ def test_without_a_result_there_is_nothing_to_choose(qtbot, controller):
     qtbot.addWidget(page)
     page.enter(Step("save", "save"))
     assert not page.axes.isEnabled() and page.axes.toolTip() == "There is no calibration yet."
-    assert not controller.set_frame(THREE)
+    assert not controller.user_frame.choose(THREE)
 
 
 def test_a_world_of_another_camera_is_warned_of(qtbot, folder, outcome, tmp_path):
@@ -365,14 +373,14 @@ def test_a_world_of_another_camera_is_warned_of(qtbot, folder, outcome, tmp_path
     controller = opened(project, outcome)
     assert controller.project is not None and controller.result is not None
     controller.project = replace(controller.project, step="calibrate")
-    assert controller.save_profile(profile_of(controller.project), True, "for the test")
+    assert controller.saving.save_profile(profile_of(controller.project), True, "for the test")
     settle(controller)
     before = controller.result.rig.reference_camera
     window = WizardWindow(project.parent, controller=controller)
     qtbot.addWidget(window)
     window.show()
 
-    assert controller.calibrate()
+    assert controller.computation.calibrate()
     settle(controller)
     assert controller.result.rig.reference_camera == before
     assert not window.banner.isVisible(), window.banner.text
@@ -380,7 +388,7 @@ def test_a_world_of_another_camera_is_warned_of(qtbot, folder, outcome, tmp_path
     table = project / "observations.csv"
     lines = table.read_text(encoding="utf-8").splitlines(keepends=True)
     table.write_text("".join(one for one in lines if one.split(",")[1] != before), encoding="utf-8")
-    assert controller.calibrate()
+    assert controller.computation.calibrate()
     settle(controller)
     now = controller.result.rig.reference_camera
     assert now != before

@@ -14,7 +14,7 @@ pytest.importorskip("PySide6.QtWidgets", reason="Qt cannot be loaded here", exc_
 from spherecal.base.context import Context
 from spherecal.base.errors import Cancelled
 from spherecal_gui.presenters import coverage as cov
-from spherecal_gui.presenters.guidance import Guidance, move_text, next_text, now_text
+from spherecal_gui.presenters.guidance import GuidanceView, move_text, next_text, now_text
 from spherecal_gui.tasks.guide import plan_next, printed_scale, session_of_dots
 from spherecal_sim.session_folder import session_json
 from tests.networks import one_thread, simulated
@@ -80,7 +80,7 @@ def test_the_printed_scale_is_a_distance_that_all_targets_share(demo):
         assert np.linalg.norm(layout[scale["from"]] - layout[scale["to"]]) == pytest.approx(scale["distance_mm"])
 
 
-BASE = Guidance(
+BASE = GuidanceView(
     0.2,
     0.1,
     ("C01", "C02"),

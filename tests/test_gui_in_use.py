@@ -16,13 +16,14 @@ from PySide6.QtWidgets import QInputDialog
 
 from spherecal.base.errors import InputError
 from spherecal.profile.store import open_profile
+from spherecal_gui.controllers.camera_controller import CameraController
+from spherecal_gui.controllers.controller import Controller
 from spherecal_gui.in_use import number_of, result_of
 from spherecal_gui.last_verification import keep_verification, last_verification
 from spherecal_gui.pages.profile_dialog import ProfileDialog
 from spherecal_gui.pages.save import SavePage
 from spherecal_gui.presenters.start import next_check_text, validity_of, verified_text
 from spherecal_gui.project_folder import TRAINING_PROFILE
-from spherecal_gui.wizard.controller import Controller
 from spherecal_gui.wizard.window import WizardWindow
 from spherecal_gui.workflow import Status
 from tests.gui_walking import pump, settle, status, take
@@ -117,7 +118,7 @@ def test_the_calibration_in_use_is_a_result_again(profile, tmp_path):
 
 def test_verify_the_rig_verifies_the_calibration_in_use(projects, profile, qtbot, monkeypatch):
     """From the start page to the end; the project that it was made in may be gone."""
-    monkeypatch.setattr(Controller, "live_hz", 2.0)
+    monkeypatch.setattr(CameraController, "live_hz", 2.0)
     window = WizardWindow(projects)
     qtbot.addWidget(window)
     window.show()
@@ -127,19 +128,19 @@ def test_verify_the_rig_verifies_the_calibration_in_use(projects, profile, qtbot
     settle(controller)
     assert controller.project.purpose == "verify"
     assert [one.step.kind for one in controller.state.steps] == ["connect", "look", "verify", "save"]
-    controller.confirm_bench()
+    controller.recording.confirm_bench()
     settle(controller)
-    controller.accept_look()
+    controller.cameras.accept_look()
     assert status(controller, "verify") is Status.READY
     pump(lambda: controller.result is not None)
     for pose in controller.project.check_poses[:2]:
         take(controller, pose)
-    assert controller.verify()
+    assert controller.computation.verify()
     settle(controller)
     assert status(controller, "verify") is Status.DONE, controller.project.verified
     kept = last_verification(profile, "0001")
     assert kept is not None and kept.verdict == "consistent"
-    assert "verify" in controller.commands()[0]
+    assert "verify" in controller.saving.commands()[0]
     controller.go("save")
     QCoreApplication.processEvents()
     page = window.page
@@ -157,21 +158,21 @@ def test_another_limit_reads_no_image_again(projects, monkeypatch):
     from spherecal_gui.tasks import jobs
 
     walk = Controller()
-    walk.live_hz = 1.0
+    walk.cameras.live_hz = 1.0
     folder = next(path.parent for path in projects.glob("calibration-*/wizard.json"))
     walk.open_project(folder)
     settle(walk)
     settle(walk)
-    assert walk.verify()
+    assert walk.computation.verify()
     settle(walk)
     import spherecal.detect.session_images as engine
 
     monkeypatch.setattr(engine, "observed", lambda *_, **__: pytest.fail("detected again"))
-    assert walk.set_limit("0.5") == ""
-    assert walk.verify()
+    assert walk.bars.set_limit("0.5") == ""
+    assert walk.computation.verify()
     settle(walk)
     assert walk.project.verified.verdict in ("pass", "undecided") and "verify" not in walk.project.failures
-    assert isinstance(walk._seen_bars, jobs.ObservedBars)
+    assert isinstance(walk.computation.seen_bars, jobs.ObservedBars)
     walk.close_project()
 
 

@@ -19,9 +19,9 @@ from PySide6.QtCore import QCoreApplication, QPoint, Qt
 from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication, QTabWidget, QWidget
 
+from spherecal_gui.controllers.camera_controller import CameraController
 from spherecal_gui.project import Project
 from spherecal_gui.project_folder import load_project, save_project
-from spherecal_gui.wizard.controller import Controller
 from spherecal_gui.wizard.keys import SEEN_S, Guard
 from spherecal_gui.wizard.window import WizardWindow
 from tests.conftest import ROOT
@@ -54,7 +54,7 @@ def test_a_page_that_was_not_seen_for_a_second_is_not_acted_on():
 def window(qtbot, home):
     made = WizardWindow(home / "projects")
     qtbot.addWidget(made)
-    made.controller.live_hz = 1.0
+    made.controller.cameras.live_hz = 1.0
     made.show()
     made.activateWindow()
     made.guard = Guard(lambda: time.monotonic() + 1e6)
@@ -118,7 +118,7 @@ def test_an_opening_that_failed_leaves_no_project_behind(window, home):
 @pytest.fixture
 def finished(qtbot, home, walked, monkeypatch) -> Iterator[WizardWindow]:
     """A window on a project of which everything but the last step is done: space goes on."""
-    monkeypatch.setattr(Controller, "live_hz", 1.0)
+    monkeypatch.setattr(CameraController, "live_hz", 1.0)
     folder = home / "projects" / walked.name
     shutil.copytree(walked, folder)
     save_project(replace(load_project(folder), saved=None, step="placement:P1"))

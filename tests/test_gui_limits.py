@@ -25,6 +25,7 @@ from spherecal.profile.store import apply, create_profile, open_profile
 from spherecal.profile.validity import ValidityLimits
 from spherecal_gui import languages, limits, theme
 from spherecal_gui import project as changes
+from spherecal_gui.controllers.controller import Controller
 from spherecal_gui.pages.limits_dialog import LimitsDialog
 from spherecal_gui.pages.profile_dialog import ProfileDialog
 from spherecal_gui.pages.save import SavePage
@@ -35,7 +36,6 @@ from spherecal_gui.presenters.limits import Gate, LimitsDesk, limit_problems, lo
 from spherecal_gui.presenters.placement import Scene
 from spherecal_gui.project import Artefacts, Project
 from spherecal_gui.tasks import jobs
-from spherecal_gui.wizard.controller import Controller
 from spherecal_gui.wizard.window import WizardWindow
 from tests.test_results import example_calibration
 
@@ -403,7 +403,7 @@ def test_verify_shows_the_check_bars_nominal_length(qtbot, home):
     qtbot.addWidget(page)
     controller.project = replace(Project(home / "one", "simulated:demo"), artefacts=ARTEFACTS)
     for nominal, text in ((None, ""), (500.0, "A (mm): 500 nominal, 500.012 certified")):
-        controller.connection = a_bench(nominal)
+        controller.cameras.connection = a_bench(nominal)
         page._show_lengths()
         assert page.lengths.text() == text and page.lengths.isHidden() is not bool(text)
-    controller.connection = None
+    controller.cameras.connection = None

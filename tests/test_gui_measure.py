@@ -37,7 +37,10 @@ class Bench(QObject):
         source.open(source.discover().serials, {})
         names = {f"SIM-{camera.id}": camera.id for camera in cameras}
         plan = SimpleNamespace(target_set=session.target_set, bars=session.bars)
-        self.connection = SimpleNamespace(source=source, names=names, plan=plan)
+        connection = SimpleNamespace(source=source, names=names, plan=plan)
+        self.cameras = SimpleNamespace(connection=connection, live=None)
+        self.tuning = SimpleNamespace(settings_of=lambda _: CameraSettings())
+        self.bars = SimpleNamespace(celsius=lambda: 20.0)
         K = {
             c.id: [[c.intrinsics[0], 0, c.intrinsics[2]], [0, c.intrinsics[1], c.intrinsics[3]], [0, 0, 1]]
             for c in cameras
@@ -48,14 +51,8 @@ class Bench(QObject):
                 {c.id: c.kind.image_size for c in cameras},
             )
         )
-        self.project, self.state, self.live = SimpleNamespace(folder=folder), None, None
+        self.project, self.state = SimpleNamespace(folder=folder), None
         self.said: list[tuple[str, str]] = []
-
-    def bar_celsius(self) -> float:
-        return 20.0
-
-    def settings_of(self, serial: str) -> CameraSettings:
-        return CameraSettings()
 
     def tell(self, kind: str, text: str, hint: str = "") -> None:
         self.said.append((kind, text))
@@ -70,7 +67,7 @@ def page(qtbot, tmp_path):
     made.enter(Step("measure", "measure"))
     yield made
     made.close_page()
-    made.controller.connection.source.close()
+    made.controller.cameras.connection.source.close()
 
 
 def ticking(page: MeasurePage, done) -> bool:
@@ -117,7 +114,7 @@ def test_leaving_the_page_ends_the_measurement_and_writes_what_was_recorded(qtbo
 
 def test_cameras_that_are_gone_are_said(qtbot, page):
     qtbot.waitUntil(lambda: ticking(page, lambda: page._shown is not None), timeout=PATIENCE_MS)
-    page.controller.connection.source.close()
+    page.controller.cameras.connection.source.close()
     qtbot.waitUntil(lambda: ticking(page, lambda: page._run.problem is not None), timeout=PATIENCE_MS)
     page.tick()
     assert "open" in page.trust.text().lower(), page.trust.text()  # "Open them again.", or "No camera is open."

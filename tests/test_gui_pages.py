@@ -127,7 +127,7 @@ def test_connect_shows_the_cameras_images_and_the_bench_to_scale(qtbot, window):
     shown = window.page.drawn._shown
     assert (shown.diameter_mm, shown.targets) == (500.0, 200)
     assert [name for name, _ in shown.bars] == ["A", "B"]
-    lengths = {bar.id: {one.length_mm for one in bar.lengths} for bar in window.controller.connection.plan.bars}
+    lengths = {bar.id: {one.length_mm for one in bar.lengths} for bar in window.controller.cameras.connection.plan.bars}
     for name, marks in shown.bars:
         between = {abs(a - b) for a in marks for b in marks}
         assert all(min(abs(one - d) for d in between) < 1e-6 for one in lengths[name]), "every length is there"
@@ -200,9 +200,9 @@ def test_windows_leave_nothing_behind(qtbot, home, qapp):
         made = WizardWindow(home / "projects")
         made.show()
         made.new_project("simulated:demo")
-        qtbot.waitUntil(lambda made=made: made.controller.connection is not None, timeout=60_000)
-        made.controller.confirm_bench()
-        made.controller.accept_look()
+        qtbot.waitUntil(lambda made=made: made.controller.cameras.connection is not None, timeout=60_000)
+        made.controller.recording.confirm_bench()
+        made.controller.cameras.accept_look()
         made.controller.go("placement:P1" if number else "look")
         made.controller.go("placement:P1")
         assert made.close()

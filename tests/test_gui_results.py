@@ -26,7 +26,7 @@ from spherecal_gui import project as changes
 from spherecal_gui import theme
 from spherecal_gui.presenters.results import (
     Action,
-    Advice,
+    FindingAdvice,
     advice,
     camera_rows,
     compared_text,
@@ -86,7 +86,7 @@ def test_a_repair_that_was_asked_for_is_listed_and_can_be_taken_back(qtbot):
     shown = FindingsList()
     qtbot.addWidget(shown)
     asked = Action("--split", "C05@P3", "Split C05 from P3 on")
-    shown.show_advice([Advice("caution", "Moved", "It moved.", "", (asked,))], (("--split", "C05@P3"),))
+    shown.show_advice([FindingAdvice("caution", "Moved", "It moved.", "", (asked,))], (("--split", "C05@P3"),))
     back, _, split = shown.findChildren(QPushButton)  # between them “Details”
     assert not split.isEnabled() and "calibrate again" in split.toolTip()
     with qtbot.waitSignal(shown.taken_back) as caught:
@@ -277,7 +277,7 @@ def test_the_marks_of_findings_take_the_colours_of_the_look(qtbot, qapp):
     try:
         for dark in (False, True):
             theme.apply(qapp, dark=dark)
-            found.show_advice([Advice("none", "Some dots were left out", "", "", where="C01")])
+            found.show_advice([FindingAdvice("none", "Some dots were left out", "", "", where="C01")])
             mark = next(one for one in reversed(found.findChildren(QLabel)) if not one.pixmap().isNull())
             image = mark.pixmap().toImage()
             inked = {image.pixelColor(x, y).name() for x in range(image.width()) for y in range(image.height())

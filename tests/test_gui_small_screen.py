@@ -15,6 +15,7 @@ from PySide6.QtWidgets import QLabel, QPushButton, QScrollArea, QVBoxLayout, QWi
 
 from spherecal.base.context import Progress
 from spherecal_gui import languages, theme
+from spherecal_gui.controllers.controller import Controller
 from spherecal_gui.pages.base import PageAction
 from spherecal_gui.pages.calibrate import CalibratePage
 from spherecal_gui.pages.connect import ConnectPage
@@ -23,7 +24,6 @@ from spherecal_gui.pages.verify import VerifyPage
 from spherecal_gui.presenters.connect import BenchRow, CameraLine
 from spherecal_gui.project import Project
 from spherecal_gui.standing import Standing
-from spherecal_gui.wizard.controller import Controller
 from spherecal_gui.wizard.footer import Footer
 from spherecal_gui.workflow import Running, Step, resolve
 
@@ -45,7 +45,7 @@ def test_connect_from_afar_fits_a_small_screen(qtbot, afar, count, word):
     qtbot.addWidget(page)
     serials = {f"S{i}": f"C{i:02d}" for i in range(1, count + 1)}
     connection: Any = SimpleNamespace(names=serials)
-    page.controller.connection = connection
+    page.controller.cameras.connection = connection
     lines = [
         CameraLine(name, "acA2440-20gm", f"4001{i:04d}", word, "good", f"4001{i:04d} · 2448 x 2048")
         for i, name in enumerate(serials.values())
@@ -62,7 +62,7 @@ def test_connect_from_afar_fits_a_small_screen(qtbot, afar, count, word):
     page.show()
     for _ in range(5):  # a layout asks for its size anew, round after round
         QCoreApplication.processEvents()
-    page.controller.connection = None
+    page.controller.cameras.connection = None
     assert page.minimumSizeHint().width() <= ROOM[0]
     for area in page.findChildren(QScrollArea):
         assert area.widget().width() <= area.viewport().width(), "nothing is out of sight to the right"

@@ -46,7 +46,7 @@ def german(qapp):
 @pytest.fixture
 def wizard(qapp, home):
     made = begun(home / "projects")
-    made.live_hz = 2.0
+    made.cameras.live_hz = 2.0
     yield made
     made.close_project()
 
@@ -96,14 +96,14 @@ def test_dots_in_masks_do_not_count():
 @pytest.mark.slow
 def test_masks_count_live_in_what_was_taken_and_in_the_session_and_can_be_undone(wizard, home):
     take(wizard, "P1")
-    free = len(wizard.dots["P1"]["C02"])
-    where = np.percentile(wizard.dots["P1"]["C02"].uv, (25, 75), axis=0)
+    free = len(wizard.recording.dots["P1"]["C02"])
+    where = np.percentile(wizard.recording.dots["P1"]["C02"].uv, (25, 75), axis=0)
     rectangle = (float(where[0, 0]), float(where[0, 1]), *(float(x) for x in where[1] - where[0]))
-    wizard.mask("SIM-C02", rectangle)
-    left = len(wizard.dots["P1"]["C02"])
+    wizard.recording.mask("SIM-C02", rectangle)
+    left = len(wizard.recording.dots["P1"]["C02"])
     assert 0 < left < free
-    assert len(wizard.dots["P1"]["C01"]) > 0
-    pump(lambda: (s := wizard.live.sight("SIM-C02")) is not None and len(s.dots) <= left + 8)
+    assert len(wizard.recording.dots["P1"]["C01"]) > 0
+    pump(lambda: (s := wizard.cameras.live.sight("SIM-C02")) is not None and len(s.dots) <= left + 8)
     session = read_session(wizard.project.folder)
     masks = {camera.id: camera.ignore for camera in session.cameras}
     (mask,) = masks.pop("C02")
@@ -111,11 +111,11 @@ def test_masks_count_live_in_what_was_taken_and_in_the_session_and_can_be_undone
     assert set(masks.values()) == {()}
     assert load_project(wizard.project.folder).masks == (("C02", rectangle),)
     assert ("masks" in dict(wizard.project.calibration_inputs)) and wizard.project.masks
-    wizard.mask("SIM-C03", (0.0, 0.0, 5.0, 5.0))
-    wizard.undo_mask()
+    wizard.recording.mask("SIM-C03", (0.0, 0.0, 5.0, 5.0))
+    wizard.recording.undo_mask()
     assert [camera for camera, _ in wizard.project.masks] == ["C02"]
-    wizard.clear_masks()
-    assert len(wizard.dots["P1"]["C02"]) == free
+    wizard.recording.clear_masks()
+    assert len(wizard.recording.dots["P1"]["C02"]) == free
     assert all(not camera.ignore for camera in read_session(wizard.project.folder).cameras)
     assert "masks" not in dict(wizard.project.calibration_inputs)
 
@@ -132,14 +132,14 @@ def test_a_cameras_dialog_shows_it_live_and_sets_it(qtbot, wizard):
     assert not dialog.name_field.isEnabled() and "simulated" in dialog.name_field.toolTip()
     assert not dialog.blink.isEnabled(), "a simulated camera has no light"
     assert not dialog.trigger.isEnabled() and "Simulated" in dialog.trigger.toolTip()
-    pump(lambda: wizard.live.sight("SIM-C03") is not None)
-    before = wizard.live.sight("SIM-C03").brightness
+    pump(lambda: wizard.cameras.live.sight("SIM-C03") is not None)
+    before = wizard.cameras.live.sight("SIM-C03").brightness
     dialog.exposure.setValue(3.0)
     dialog.apply.click()
     settle(wizard)
-    assert wizard.settings_of("SIM-C03").exposure_us == pytest.approx(3000)
-    pump(lambda: wizard.live.sight("SIM-C03").brightness < 0.6 * before)
-    assert wizard.settings_of("SIM-C01").exposure_us == pytest.approx(10_000), "only this one"
+    assert wizard.tuning.settings_of("SIM-C03").exposure_us == pytest.approx(3000)
+    pump(lambda: wizard.cameras.live.sight("SIM-C03").brightness < 0.6 * before)
+    assert wizard.tuning.settings_of("SIM-C01").exposure_us == pytest.approx(10_000), "only this one"
 
 
 @pytest.mark.slow
@@ -176,31 +176,31 @@ def test_real_cameras_blink_are_renamed_and_asked_about(qtbot, home, monkeypatch
         pump(lambda: getattr(window, "question", None) is not None)
         press(window.question, "driver-no")
         settle(controller)
-        assert controller.connection is None
-        assert [one.kind for one in controller.driver_troubles] == ["not-allowed"]
+        assert controller.cameras.connection is None
+        assert [one.kind for one in controller.cameras.driver_troubles] == ["not-allowed"]
         del window.question
-        controller.connect_cameras()
+        controller.cameras.connect_all()
         pump(lambda: getattr(window, "question", None) is not None)
         question = window.question
         assert isinstance(question, QMessageBox) and str(stranger) in question.informativeText()
         press(window.question, "driver-yes")
         settle(controller)
-        assert controller.connection is not None, controller.project.failures
+        assert controller.cameras.connection is not None, controller.project.failures
         assert str(stranger) in (home / "drivers.json").read_text()
 
         answers: list[bool] = []
         states: set[object] = set()
-        controller.blink("SIM2", answers.append)
+        controller.tuning.blink("SIM2", answers.append)
         pump(lambda: states.add(control.settings("SIM2")["indicator"]) or answers)
         assert answers == [True]
         assert states == {0, 1}
         assert control.settings("SIM2")["indicator"] == 0, "as it was"
 
-        assert controller.why_not_renamed("SIM1") == ""
-        assert controller.set_camera("SIM1", "left", 5000.0, 0.0)
+        assert controller.tuning.why_not_renamed("SIM1") == ""
+        assert controller.tuning.set_camera("SIM1", "left", 5000.0, 0.0)
         settle(controller)
         settle(controller)
-        assert controller.connection.names["SIM1"] == "left"
+        assert controller.cameras.connection.names["SIM1"] == "left"
         assert control.settings("SIM1")["exposure_us"] == pytest.approx(5000)
         assert json.loads(default_profile_path().read_text())["cameras"][0]["name"] == "left"
 
@@ -320,8 +320,8 @@ def test_a_lost_camera_is_said_in_german(wizard, german):
     from spherecal.cameras.simulated.faults import SimulatedFault
     from spherecal_gui.presenters.connect import camera_lines
 
-    wizard.connection.source.inject(SimulatedFault("lose", "C02"))
-    pump(lambda: not wizard.connection.source.statuses()["SIM-C02"].state.usable)
-    lines = {line.name: line for line in camera_lines(wizard.connection, wizard.project.cameras)}
+    wizard.cameras.connection.source.inject(SimulatedFault("lose", "C02"))
+    pump(lambda: not wizard.cameras.connection.source.statuses()["SIM-C02"].state.usable)
+    lines = {line.name: line for line in camera_lines(wizard.cameras.connection, wizard.project.cameras)}
     assert lines["C02"].word.startswith("Verloren.")
     assert status(wizard, "look") is Status.DONE

@@ -21,10 +21,11 @@ from PySide6.QtWidgets import QApplication
 
 from spherecal.cameras.simulated.faults import SimulatedFault
 from spherecal.cli.main import main
+from spherecal_gui.controllers.camera_controller import CameraController
+from spherecal_gui.controllers.controller import Controller
 from spherecal_gui.pages.verify import VerifyPage
 from spherecal_gui.project_folder import load_project
 from spherecal_gui.tasks.live import wait_for_sight
-from spherecal_gui.wizard.controller import Controller
 from spherecal_gui.wizard.window import WizardWindow
 from spherecal_gui.workflow import Status
 from tests.gui_walking import pump, words_shown
@@ -110,7 +111,7 @@ def walk(qapp: QApplication, tmp_path_factory: pytest.TempPathFactory) -> Iterat
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("SPHERECAL_SETTINGS", str(home / "settings.ini"))
         patch.setenv("SPHERECAL_3D", "2d")
-        patch.setattr(Controller, "live_hz", 2.0)  # leave the cores to the walk
+        patch.setattr(CameraController, "live_hz", 2.0)  # leave the cores to the walk
         patch.setattr(sys, "excepthook", lambda _kind, value, _trace: lost.append(value))
         patch.setattr(threading, "excepthook", lambda args: lost.append(args.exc_value))
         before = set(threading.enumerate())
@@ -182,9 +183,9 @@ def test_the_check_bar_is_guided_over_seven_lines(walk):
     page.more.click()
     pump(lambda: page.guide is not None and page.guide.level == "good")
     assert page.message.text() == "L2-2 · Ready: press space"
-    source = walk.controller.connection.source
+    source = walk.controller.cameras.connection.source
     source.stage.move((0.0, 0.0, 0.0), (0.0, 0.0, 30.0))
-    walk.controller.live.forget()
+    walk.controller.cameras.live.forget()
     pump(lambda: page.guide is not None and not page.guide.accepted)
     assert "bar A" in page.message.text(), "turned, moved, or laid anew if it left the images"
     assert not page.action().enabled and page.action().why == page.guide.text
@@ -206,7 +207,7 @@ def test_the_verification_is_in_the_window(walk):
 
 def test_the_command_line_gives_the_same_bytes(walk, tmp_path, capsys):
     """What "copy as command" promises."""
-    calibrate, verify = walk.controller.commands()
+    calibrate, verify = walk.controller.saving.commands()
     result = str(walk.folder / "result")
     other = tmp_path / "other"
     for line in (calibrate, verify):
@@ -224,13 +225,13 @@ def test_after_a_crash_it_reopens_at_the_same_step_with_the_counters_intact(walk
     again = Controller()
     try:
         again.open_project(walk.folder)
-        pump(lambda: again.runner.running is None and again.connection is not None)
+        pump(lambda: again.runner.running is None and again.cameras.connection is not None)
         pump(lambda: again.runner.running is None)
         assert again.project == walk.controller.project
         assert again.state is not None
         assert again.state.current == walk.step()
-        counts = {name: {c: len(d) for c, d in dots.items()} for name, dots in walk.controller.dots.items()}
-        assert {name: {c: len(d) for c, d in dots.items()} for name, dots in again.dots.items()} == counts
+        counts = {name: {c: len(d) for c, d in dots.items()} for name, dots in walk.controller.recording.dots.items()}
+        assert {name: {c: len(d) for c, d in dots.items()} for name, dots in again.recording.dots.items()} == counts
         pump(lambda: again.result is not None, 60)
     finally:
         again.close_project()
@@ -241,22 +242,22 @@ def test_lost_counters_are_found_again_in_the_images(walk, qapp):
     again = Controller()
     try:
         again.open_project(walk.folder)
-        pump(lambda: "P2" in again.dots, 120)
-        before = {camera: len(dots) for camera, dots in walk.controller.dots["P2"].items()}
-        assert {camera: len(dots) for camera, dots in again.dots["P2"].items()} == before
+        pump(lambda: "P2" in again.recording.dots, 120)
+        before = {camera: len(dots) for camera, dots in walk.controller.recording.dots["P2"].items()}
+        assert {camera: len(dots) for camera, dots in again.recording.dots["P2"].items()} == before
         pump(lambda: again.runner.running is None)
     finally:
         again.close_project()
 
 
 def test_delete_makes_stale_and_undo_makes_current(walk):
-    walk.controller.delete("P3")
+    walk.controller.sets.delete("P3")
     assert not (walk.folder / "placements" / "P3").exists()
     found = walk.statuses()
     assert found["placement:P3"] is Status.READY
     assert found["calibrate"] is found["results"] is found["verify"] is Status.STALE
     assert load_project(walk.folder).taken.keys() == walk.controller.project.taken.keys()
-    walk.controller.undo()
+    walk.controller.sets.undo()
     settle(walk.window)
     found = walk.statuses()
     assert found.pop("save") is found.pop("measure") is Status.READY
@@ -268,7 +269,7 @@ def test_cancelling_takes_effect_at_once_and_keeps_everything(walk):
     walk.controller.go("calibrate")
     before = {path.name: path.read_bytes() for path in (walk.folder / "result").iterdir()}
     taken = dict(walk.controller.project.taken)
-    assert walk.controller.calibrate()
+    assert walk.controller.computation.calibrate()
     task = walk.controller.runner.task
     pump(lambda: walk.window.page.tick() or walk.window.page.course.fraction > 0.03)
     began = time.perf_counter()
@@ -297,7 +298,7 @@ def test_what_was_chosen_stays_when_the_look_changes(walk):
 
 def test_a_valid_result_is_not_given_away_for_a_part_of_one(walk):
     walk.controller.go("calibrate")
-    assert walk.controller.calibrate()
+    assert walk.controller.computation.calibrate()
     QCoreApplication.processEvents()
     page = walk.window.page
     assert page.stop_here.isVisible() and not page.stop_here.isEnabled()
@@ -311,7 +312,7 @@ def test_a_valid_result_is_not_given_away_for_a_part_of_one(walk):
 def test_a_lost_camera_is_named_on_the_page(walk):
     walk.controller.go("placement:P1")
     QCoreApplication.processEvents()
-    source, page = walk.controller.connection.source, walk.window.page
+    source, page = walk.controller.cameras.connection.source, walk.window.page
     source.inject(SimulatedFault("lose", "C02"))
     pump(lambda: "C02" in page.scene().lost, 60)
     assert walk.statuses()["connect"] is Status.FAILED, "the state is that of now, though the project is the same"
@@ -327,22 +328,22 @@ def test_a_lost_camera_is_named_on_the_page(walk):
 def test_a_set_without_a_camera_is_taken_and_said(walk):
     walk.controller.go("placement:P4")
     QCoreApplication.processEvents()
-    source = walk.controller.connection.source
+    source = walk.controller.cameras.connection.source
     source.inject(SimulatedFault("lose", "C05"))
     walk.window.page.again.click()
     settle(walk.window)
     source.heal("C05")
     page, rail = walk.window.page, walk.window.rail.item("placement:P4")
-    pump(lambda: not walk.controller.lost_cameras())
+    pump(lambda: not walk.controller.cameras.lost())
     pump(lambda: page.advice.text() == "Captured without C05: retake it.")
     assert page.ready.text() == "5 / 6" and rail.level == "bad"
     assert walk.window.footer.default == "action" and page.action().text == "Retake  (space)"
     assert walk.statuses()["placement:P4"] is Status.FAILED
     page.keep.click()
     assert walk.statuses()["placement:P4"] is Status.CARE and walk.window.footer.default == "next"
-    assert "C05" not in walk.controller.dots["P4"]
+    assert "C05" not in walk.controller.recording.dots["P4"]
     assert walk.statuses()["calibrate"] is Status.STALE
-    walk.controller.undo()
+    walk.controller.sets.undo()
     settle(walk.window)
     assert walk.statuses()["calibrate"] is Status.DONE
 
@@ -368,7 +369,7 @@ def test_the_profile_is_saved_and_put_to_use(walk):
 
 
 def test_live_detection_sees_the_ball(walk):
-    sight = wait_for_sight(walk.controller.live, "SIM-C01", 30)
+    sight = wait_for_sight(walk.controller.cameras.live, "SIM-C01", 30)
     assert sight is not None
     assert 0.4 < (sight.blur_px or 0.7) < 1.0
     assert 0.0 < sight.brightness < 0.5
@@ -379,18 +380,18 @@ def test_a_replay_of_the_recording_is_a_source_too(walk, tmp_path):
     try:
         again.new_project(f"replay:{walk.folder}", tmp_path)
         pump(lambda: again.runner.running is None)
-        assert again.connection is not None
-        assert again.connection.source.label.startswith("REPLAY")
+        assert again.cameras.connection is not None
+        assert again.cameras.connection.source.label.startswith("REPLAY")
         assert again.project is not None
         assert again.project.placements == ("P1", "P2", "P3", "P4")
         assert again.project.check_poses == (), "check bars are in a session of their own"
-        again.confirm_bench()
-        again.accept_look()
-        again.show_pose("P2")
-        assert again.take("P2", "placement:P2")
+        again.recording.confirm_bench()
+        again.cameras.accept_look()
+        again.staging.show_pose("P2")
+        assert again.sets.take("P2", "placement:P2")
         pump(lambda: again.runner.running is None)
-        counts = {camera: len(dots) for camera, dots in again.dots["P2"].items()}
-        assert counts == {camera: len(dots) for camera, dots in walk.controller.dots["P2"].items()}
+        counts = {camera: len(dots) for camera, dots in again.recording.dots["P2"].items()}
+        assert counts == {camera: len(dots) for camera, dots in walk.controller.recording.dots["P2"].items()}
     finally:
         again.close_project()
 
@@ -400,13 +401,13 @@ def checked(folder: Path, source: str = "") -> Controller:
     again = Controller()
     again.new_check(replace(load_project(folder), source=source or "simulated:demo"))
     pump(lambda: again.runner.running is None)
-    again.confirm_bench()
-    again.accept_look()
+    again.recording.confirm_bench()
+    again.cameras.accept_look()
     assert again.state is not None
     assert [one.step.id for one in again.state.steps] == ["connect", "look", "placement:P1", "check"]
-    assert again.take("P1", "placement:P1")
+    assert again.sets.take("P1", "placement:P1")
     pump(lambda: again.runner.running is None)
-    assert again.check()
+    assert again.checks.check()
     pump(lambda: again.runner.running is None)
     return again
 
@@ -415,7 +416,7 @@ def saved(walk):
     """The profile, which another worker may have saved in a walk of its own."""
     profile = walk.projects / "training-profile"
     if not (profile / "rig.json").is_file():
-        walk.controller.save_profile(profile, True)
+        walk.controller.saving.save_profile(profile, True)
         settle(walk.window)
     return profile
 
@@ -424,10 +425,10 @@ def test_a_check_says_that_all_is_as_it_was(walk):
     saved(walk)
     again = checked(walk.folder)
     try:
-        assert again.check_found.verdict == "ok"
+        assert again.checks.found.verdict == "ok"
         assert again.state is not None and again.state.of("check").status is Status.DONE
         assert (again.project.folder / "check.json").is_file()
-        (line,) = again.commands()
+        (line,) = again.saving.commands()
         assert line.startswith("spherecal check ") and "training-profile" in line
     finally:
         again.close_project()
@@ -440,8 +441,8 @@ def test_a_check_names_the_camera_that_was_knocked(walk, qtbot):
     saved(walk)
     again = checked(walk.folder, "simulated:demo+bump:C03:0.3")
     try:
-        assert again.check_found.verdict == "recalibrate"
-        assert again.check_found.to_repair == ("C03",)
+        assert again.checks.found.verdict == "recalibrate"
+        assert again.checks.found.to_repair == ("C03",)
         assert again.state is not None and again.state.of("check").status is Status.FAILED
         page = CheckPage(again)
         qtbot.addWidget(page)
@@ -454,8 +455,8 @@ def test_a_check_names_the_camera_that_was_knocked(walk, qtbot):
         page.refresh()
         assert (page.word.text(), page.sentence.text()) == ("REPAIRED", "Not in use yet.")
         assert "now by 0.00" in page.mended.text() and page.use.isVisibleTo(page)
-        assert again.check_after is not None
-        assert repaired_verdict(again.check_after, in_use=True).word == "OK"
+        assert again.checks.after is not None
+        assert repaired_verdict(again.checks.after, in_use=True).word == "OK"
     finally:
         again.close_project()
 
@@ -474,11 +475,11 @@ def test_the_profile_lists_the_calibration_in_use(walk, qtbot):
 
 def test_guidance_stands_on_the_placement_page(walk):
     walk.controller.go("placement:P4")
-    pump(lambda: walk.controller.guidance is not None, 60)
+    pump(lambda: walk.controller.advice.guidance is not None, 60)
     page = walk.window.page
     assert page.tabs.tabText(0) == "Where next"
     pump(lambda: page.now.text().startswith("If you stop now: 0."), 60)
-    pump(lambda: not walk.controller.guidance.coarse, 60)
+    pump(lambda: not walk.controller.advice.guidance.coarse, 60)
     assert any(word in page.guide_text.text() for word in ("Move", "Leave", "Enough"))
 
 
@@ -510,6 +511,6 @@ def test_an_image_can_be_left_out_and_taken_back(walk):
     assert walk.controller.project.repairs_now == (("--leave-out", "C02@P3"),)
     assert walk.statuses()["calibrate"] is Status.STALE
     assert page.action().text == "Calibrate again"
-    assert "--leave-out C02@P3" in walk.controller.commands()[0]
+    assert "--leave-out C02@P3" in walk.controller.saving.commands()[0]
     walk.window.page.findings.taken_back.emit("--leave-out", "C02@P3")
     assert walk.statuses()["calibrate"] is Status.DONE

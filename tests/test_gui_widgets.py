@@ -21,9 +21,9 @@ from spherecal_gui import sounds, theme
 from spherecal_gui.presenters import coverage as cov
 from spherecal_gui.presenters.bar_guide import BarGuide
 from spherecal_gui.presenters.bars import Errors
-from spherecal_gui.presenters.guidance import Guidance
+from spherecal_gui.presenters.guidance import GuidanceView
 from spherecal_gui.presenters.placement import NeedLine
-from spherecal_gui.presenters.results import Action, Advice, CameraResiduals
+from spherecal_gui.presenters.results import Action, CameraResiduals, FindingAdvice
 from spherecal_gui.project import Project
 from spherecal_gui.widgets.bar_view import BarView
 from spherecal_gui.widgets.basic import button, once
@@ -154,7 +154,7 @@ def test_findings_have_buttons_that_ask_for_what_they_advise(qtbot):
     findings = FindingsList()
     qtbot.addWidget(findings)
     actions = (Action("add placement", "", "Add a placement"),)
-    findings.show_advice([Advice("caution", "Few", "Few placements.", "Add one.", actions)])
+    findings.show_advice([FindingAdvice("caution", "Few", "Few placements.", "Add one.", actions)])
     details, button = findings.findChildren(QPushButton)
     said = next(one for one in findings.findChildren(QLabel) if one.text() == "Few placements.")
     findings.show()
@@ -172,7 +172,9 @@ def test_findings_have_buttons_that_ask_for_what_they_advise(qtbot):
 def test_a_finding_that_asks_for_nothing_is_one_line(qtbot):
     findings = FindingsList()
     qtbot.addWidget(findings)
-    findings.show_advice([Advice("none", "Few", "Few placements.", "Add one.", (Action("add placement", "", "Add"),))])
+    findings.show_advice(
+        [FindingAdvice("none", "Few", "Few placements.", "Add one.", (Action("add placement", "", "Add"),))]
+    )
     findings.show()
     hint = next(one for one in findings.findChildren(QLabel) if one.text() == "Add one.")
     add, details = sorted(findings.findChildren(QPushButton), key=lambda one: one.text())
@@ -253,7 +255,7 @@ def test_guidance_is_drawn_when_there_is_some(qtbot):
     view.resize(300, 260)
     assert theme.now().good not in colours_of(view)
     view.show_guidance(
-        Guidance(
+        GuidanceView(
             0.2,
             0.05,
             ("C01",),

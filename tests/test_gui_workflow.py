@@ -3,10 +3,11 @@
 import json
 import os
 import tempfile
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import pytest
+from conftest import ROOT
 from hypothesis import settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, precondition, rule
@@ -18,8 +19,9 @@ pytest.importorskip("PySide6.QtWidgets", reason="Qt cannot be loaded here", exc_
 from spherecal.base.errors import InputError, OutputError
 from spherecal_gui import project as changes
 from spherecal_gui import workflow
+from spherecal_gui.fingerprint import fingerprint
 from spherecal_gui.project import Artefacts, Project
-from spherecal_gui.project_folder import load_project, new_folder, recent_projects, save_project, taken_in
+from spherecal_gui.project_folder import WIZARD, load_project, new_folder, recent_projects, save_project, taken_in
 from spherecal_gui.texts import reason_text, step_task, step_title
 from spherecal_gui.workflow import Reason, Running, Status, resolve, steps_of
 
@@ -495,3 +497,36 @@ class Walk(RuleBasedStateMachine):
 
 TestWalk = Walk.TestCase
 TestWalk.settings = settings(max_examples=25, stateful_step_count=20, deadline=None)
+
+
+def test_what_version_1_computed_is_as_current_as_before():
+    """It knew inputs by Python's repr of them; the file is of that version."""
+    project = WIZARD.read(ROOT / "tests" / "data" / "wizard_v1.json")
+    times = {"P1": "10:00", "P2": "10:05", "B-01": "10:07", "A-01": "10:09"}
+    project = replace(project, taken={name: f"2026-11-20T{time}:00Z" for name, time in times.items()})
+    assert project.calibrated is not None and project.calibrated.inputs == project.calibration_inputs
+    assert project.accepted == project.calibrated
+    assert project.verified is not None and project.verified.inputs == project.verification_inputs
+    assert project.saved is not None and project.saved.inputs == changes.saved_inputs(project)
+    assert project.repaired is not None and project.repaired.inputs == (("check", fingerprint(project.checked)),)
+    assert project.artefacts is not None
+    other = replace(project, artefacts=replace(project.artefacts, ball="ball 400 mm"))
+    assert other.calibrated is not None and other.calibrated.inputs != other.calibration_inputs
+
+
+def test_a_field_that_a_later_version_adds_changes_no_fingerprint():
+    @dataclass(frozen=True)
+    class Earlier:
+        name: str
+        places: tuple[float, ...] = ()
+
+    @dataclass(frozen=True)
+    class Later:
+        places: tuple[float, ...] = ()
+        kind: str = "ball"
+        name: str = ""
+
+    assert fingerprint(Earlier("A", (1.0,))) == fingerprint(Later((1.0,), name="A"))
+    assert fingerprint(Earlier("A")) == fingerprint([Later(name="A")][0])
+    others = (Earlier("B"), Earlier("A", (2.0,)), Later((), "board", "A"), None, "A", [])
+    assert len({fingerprint(one) for one in (Earlier("A"), *others)}) == 1 + len(others)

@@ -49,7 +49,7 @@ def looking(calibration: Calibration) -> Cameras:
 
 
 def test_every_placement_is_predicted_to_help_and_does() -> None:
-    session, _ = simulated("demo", 1)
+    session, _ = simulated("demo", 1, targets=60)
     stated = []
     for count in (2, 3, 4):
         so_far = first_placements(session, count)
@@ -83,14 +83,14 @@ def test_the_advice_is_a_place_where_every_camera_sees_enough_wherever_there_is_
 
 
 def test_turning_the_ball_beats_moving_it() -> None:
-    session, _ = simulated("rigA", 1, placements=2)
+    session, _ = simulated("rigA", 1, placements=2, targets=60)
     guidance = advise(session, calibrate(session))
     assert guidance is not None and guidance.best is not None
     assert guidance.best.axis is not None
 
 
 def test_one_placement_is_enough_to_plan() -> None:
-    session, _ = simulated("rigA", 1)
+    session, _ = simulated("rigA", 1, targets=60)
     alone = first_placements(session, 1)
     guidance = advise(alone, calibrate(alone))
     assert guidance is not None and guidance.best is not None and guidance.now_mm is not None
@@ -191,7 +191,7 @@ def test_what_cannot_be_selected_is_refused() -> None:
 
 
 def test_every_placement_is_predicted_by_the_others() -> None:
-    session, _ = simulated("demo", 1)
+    session, _ = simulated("demo", 1, targets=60)
     _, found = cross_validate(session, CalibrationSettings())
     assert [one.placement for one in found] == [p.id for p in session.placements]
     for one in found:
@@ -203,7 +203,7 @@ def test_every_placement_is_predicted_by_the_others() -> None:
 
 
 def test_the_commands(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    session, truth = simulated("demo", 1)
+    session, truth = simulated("demo", 1, targets=50)
     write_session(session, truth, tmp_path / "session")
     picture = tmp_path / "next.png"
     assert main(["guide", str(tmp_path / "session"), "--json", "--picture", str(picture)]) == 0

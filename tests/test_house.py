@@ -13,6 +13,7 @@ from typing import Any
 
 import pytest
 from conftest import ROOT
+from docstrings_in_code import LONGEST, lacking
 from writing_calls import files_that_write, writing_calls
 
 import dev
@@ -34,6 +35,7 @@ VIOLATIONS = [
     ("core/spherecal/report/planted.py", "import spherecal_scene", "The method knows no simulator, study or scene"),
     ("core/spherecal/verify/planted_too.py", "import harvesters", "Camera drivers stay inside spherecal.cameras"),
     ("spherecal_gui/planted.py", "import genicam", "Camera drivers stay inside spherecal.cameras"),
+    ("spherecal_gui/controllers/planted.py", "import spherecal_gui.pages", "The controllers know no widgets"),
     ("core/spherecal/adjust/planted_too.py", "import cv2", "OpenCV stays where images and two-view geometry are"),
     ("spherecal_gui/planted_too.py", "import cv2", "OpenCV stays where images and two-view geometry are"),
 ]
@@ -96,10 +98,10 @@ MAY_WRITE = {
     "core/spherecal/cameras/plan.py": {"TemporaryDirectory"},
     "core/spherecal/cameras/producer/build.py": {"TemporaryDirectory", "chmod"},  # what was built here is a program
     "core/spherecal/cameras/producer/region.py": {"unlink"},
-    "core/spherecal/cli/commands.py": {"open"},  # /dev/null
     "core/spherecal/cli/compile_kernels.py": {"TemporaryDirectory"},
+    "core/spherecal/cli/console.py": {"open"},  # /dev/null
     "core/spherecal/cli/gige.py": {"TemporaryDirectory"},
-    "core/spherecal/cli/parsing.py": {"TemporaryDirectory"},  # what then goes to standard output
+    "core/spherecal/cli/output.py": {"TemporaryDirectory"},  # what then goes to standard output
     "core/spherecal/cli/main.py": {"open", "basicConfig"},  # /dev/null, the log file that the user names
     "core/spherecal/base/resources.py": {"mkdtemp"},
     "core/spherecal_scene/renderer.py": {"unlink"},  # shared memory
@@ -109,8 +111,7 @@ MAY_WRITE = {
     "spherecal_gui/sounds.py": {"open", "NamedTemporaryFile"},  # in memory; a tone for the player
     "spherecal_gui/tasks/guide.py": {"TemporaryDirectory"},
     "spherecal_gui/tasks/scene_process.py": {"unlink"},  # shared memory
-    "spherecal_gui/wizard/camera_control.py": {"save"},  # methods of ours
-    "spherecal_gui/wizard/set_control.py": {"save"},
+    "spherecal_gui/controllers/recording_controller.py": {"save"},  # a method of ours
 }
 
 
@@ -171,6 +172,26 @@ def test_a_renamed_function_of_our_own_skips_no_test():
     }
     assert "PySide6.QtWidgets" in asked
     assert not {name: file for name, file in asked.items() if name.startswith(("spherecal", "tests"))}
+
+
+def test_every_public_function_describes_its_parameters() -> None:
+    files = [path for folder in ("core", "spherecal_gui") for path in sorted((ROOT / folder).rglob("*.py"))]
+    assert [line for path in files for line in lacking(path)] == []
+
+
+def test_a_parameter_that_nobody_describes_turns_red(tmp_path: Path) -> None:
+    section = "\n\n    Parameters\n    ----------\n    a\n        One.\n    "
+    for text, count in (
+        (f'def f(a, b):\n    """Both.{section}"""', 1),
+        (f'def f(a, b):\n    """Both.{section}b\n        Two.\n    """', 0),
+        ('def f(a):\n    """One."""', 0),
+        ('def _f(a, b):\n    """Private."""', 0),
+        ('class C:\n    def f(self, a, b):\n        """Both."""', 2),
+        (f'"""{"word " * (LONGEST + 1)}."""', 1),
+        (f'def _f(a, b):\n    """{"word " * (LONGEST + 1)}."""', 1),
+    ):
+        (tmp_path / "module.py").write_text(text, encoding="utf-8")
+        assert len(lacking(tmp_path / "module.py")) == count, text
 
 
 def test_the_engine_loads_no_window():

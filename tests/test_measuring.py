@@ -12,6 +12,7 @@ from spherecal.data.rig import Rig
 from spherecal.data.rig_camera import posed
 from spherecal.data.session import Session
 from spherecal.geometry.rotation import exp_rotation, log_rotation
+from spherecal.measuring.health import RigHealth
 from spherecal.measuring.measurer import Measurer, measure_sets
 from spherecal.measuring.places import Layouts, _centres
 from spherecal.measuring.rejection import reject_views
@@ -22,6 +23,7 @@ from spherecal.targets.centre import target_centre
 from spherecal.uses.check import check
 from spherecal.uses.keep_health import health_document
 from spherecal.verify.bars import verify
+from spherecal.verify.consistency import CameraTest, Consistency
 from spherecal.verify.marks import centre_by_point
 from spherecal.verify.outlying_views import CheckedPoints, Views
 from tests.networks import calibrated, one_thread
@@ -460,6 +462,36 @@ def test_a_camera_that_is_knocked_is_named_and_no_other(demo: tuple[Session, Rig
     document = health_document(measurer.health, rig)
     assert document["verdict"] in ("watch", "recalibrate")
     assert knocked in document["sentence"]
+
+
+def test_a_camera_that_was_named_stays_in_the_document_when_it_sees_nothing(demo: tuple[Session, Rig]) -> None:
+    rig = demo[1]
+    rng = np.random.default_rng(3)
+    measurer = Measurer(rig)
+    knocked, places = rig.cameras[1].id, cloud(rig, 20, 9)
+    for k in range(1, 6):
+        measurer.measure(seen_points(rig, places, rng, k, moved={knocked: np.array([0.6, 0.3])}))
+    for k in range(6, 11):
+        one = seen_points(rig, places, rng, k)
+        measurer.measure(replace(one, observations=one.observations.select(one.observations.camera != 1)))
+    assert measurer.health.moved == (knocked,)
+    assert knocked in health_document(measurer.health, rig)["sentence"]
+
+
+def test_the_health_is_judged_by_the_test_over_many_sets(demo: tuple[Session, Rig]) -> None:
+    rig = demo[1]
+    health = RigHealth(rig)
+    names = [camera.id for camera in rig.cameras[:3]]
+
+    def learn(kind: str, rms_px: float, cameras: list[str]) -> None:
+        tests = (CameraTest(name, 50, rms_px, 0.0, np.zeros(3), np.zeros(3), 0.0, 0.5, False) for name in cameras)
+        health._learn(1, kind, Consistency(tuple(tests), (), 1.0, 0))
+
+    learn("fast", 0.3, names)
+    assert [test.rms_px for test in health.state.tests] == [0.3, 0.3, 0.3]
+    learn("slow", 0.1, names[:2])
+    learn("fast", 0.2, names)
+    assert [(test.id, test.rms_px) for test in health.state.tests] == list(zip(names, (0.1, 0.1, 0.2), strict=True))
 
 
 def test_a_tiny_move_is_not_named_however_sure(demo: tuple[Session, Rig]) -> None:

@@ -81,10 +81,10 @@ def test_the_first_version_of_a_profile_opens(tmp_path: Path) -> None:
 def test_a_later_version_is_refused_and_left_alone(release: Path, what: str) -> None:
     name, opened = OPENED[what]
     document = json.loads((release / name).read_text(encoding="utf-8"))
-    document["version"] += 1
+    document["version"] = 99
     written = json.dumps(document).encode()
     (release / name).write_bytes(written)
-    with pytest.raises(InputError, match=r"the file's version is 2, this program reads 1"):
+    with pytest.raises(InputError, match=r"the file's version is 99, this program reads [12]"):
         opened(release)
     assert (release / name).read_bytes() == written
 

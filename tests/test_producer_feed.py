@@ -15,7 +15,8 @@ from spherecal.base.errors import InputError
 from spherecal.cameras.producer.control import ProducerControl
 from spherecal.cameras.producer.feed import RigFeed
 from spherecal.cli import producer as command
-from spherecal.cli.main import DONE, main
+from spherecal.cli.exit_codes import DONE
+from spherecal.cli.main import main
 from spherecal.files.target_set_file import write_target_set
 from spherecal.targets.family import make_target_set
 from spherecal_sim.session import simulate_session

@@ -10,10 +10,10 @@ from spherecal.base.context import Context
 from spherecal.base.errors import Cancelled, InputError
 from spherecal.data.session import Session
 from spherecal.files.read_session import read_session
-from spherecal.geometry.camera import project
+from spherecal.geometry.camera import fisheye_vector, project
 from spherecal.targets.target_set import TargetSet
 from spherecal_sim.ball import wrap
-from spherecal_sim.dot_truth import DotTruth, ball_dots, bar_dots
+from spherecal_sim.dot_truth import DotTruth, TrueDots, ball_dots, bar_dots, outline_dots
 from spherecal_sim.optics import Psf, Sensor, expose, gather, pixel_kernel, separable
 from spherecal_sim.radiance import CELLS, ideal_place
 from spherecal_sim.render import Rendered, render_image
@@ -25,6 +25,10 @@ from spherecal_sim.tracing import flatten
 from spherecal_sim.truth import Truth
 
 FLAT = RenderSettings(lighting="flat", vignetting=False, sensor=Sensor(noise=False, bits=16))
+
+
+# What is seen of a scene as a whole, and not dot by dot, shows in a smaller crop as well.
+SMALL = 240
 
 
 @pytest.fixture(scope="module")
@@ -49,6 +53,17 @@ def station_of(truth: Truth, camera: int) -> Station:
     return Station(c.id, c.rotation, c.translation_mm, c.intrinsics, c.kind.image_size)
 
 
+_dots: dict[tuple[int, float, float], TrueDots] = {}
+
+
+def dots_of(truth: Truth, radius_mm: float, half_mm: float) -> TrueDots:
+    """The ball's dots, computed once."""
+    key = (id(truth), radius_mm, half_mm)
+    if key not in _dots:
+        _dots[key] = ball_dots(truth.ball, radius_mm, half_mm)
+    return _dots[key]
+
+
 def ball_image(
     simulated: tuple[Session, Truth],
     settings: RenderSettings,
@@ -61,7 +76,7 @@ def ball_image(
     session, truth = simulated
     targets = targets or target_set(session)
     scene = lit_for(ball_scene(truth, targets, 0, settings), truth, camera, settings)
-    dots = ball_dots(truth.ball, targets.dot_diameter_mm / 2, targets.size_mm / 2)
+    dots = dots_of(truth, targets.dot_diameter_mm / 2, targets.size_mm / 2)
     dots = dots.moved(truth.ball_rotations[0], truth.ball_places_mm[0])
     station = station_of(truth, camera)
     middle = project((truth.ball_places_mm[0] @ station.rotation.T + station.translation_mm)[None], station.intrinsics)[
@@ -142,6 +157,32 @@ def test_rays_go_through_the_whole_lens_model() -> None:
         np.testing.assert_allclose(project(np.array([[x, y, 1.0]]), c)[0], [u, v], atol=1e-8)
 
 
+def test_rays_go_through_the_fisheye_model() -> None:
+    c = fisheye_vector(np.array([[925.0, 0, 1036.0], [0, 925.5, 765.0], [0, 0, 1]]), [0.03, 0.004, -0.002, 0.0003])
+    x = y = 0.0
+    for u, v in [(-0.5, -0.5), (1036.0, 765.0), (1036.0, 764.0), (2063.5, 1543.5), (50.0, 1500.0)]:
+        x, y = ideal_place(c, u, v, x, y)
+        np.testing.assert_allclose(project(np.array([[x, y, 1.0]]), c)[0], [u, v], atol=1e-8)
+
+
+def test_a_fisheye_lens_shows_dots_where_the_truth_says() -> None:
+    rendered = ball_image(simulate_session("wide150", 0, RENDERED), FLAT, camera=0, size=400)
+    errors = centroid_errors(rendered, paper=0.8 / 0.85 * 0.04)
+    assert len(errors) >= 10
+    assert np.sqrt((errors**2).sum(axis=1).mean()) < 0.001
+
+
+def test_dots_in_the_outer_field_of_a_fisheye_lens_have_their_truth() -> None:
+    """They are 65 degrees off the axis, where a lens of the other model has no image."""
+    lens = fisheye_vector(np.array([[985.0, 0, 1031.5], [0, 985.0, 771.5], [0, 0, 1]]), [])
+    way = np.array([0.8 * np.sin(np.deg2rad(65.0)), 0.6 * np.sin(np.deg2rad(65.0)), np.cos(np.deg2rad(65.0))])
+    place = 1000.0 * way
+    rim = np.tile(place, (1, 32, 1))
+    dot = TrueDots(np.array([1]), np.array([0]), place[None], -way[None], rim, np.tile(place, (1, 4, 1)))
+    outlines = outline_dots(dot, Station("C01", np.eye(3), np.zeros(3), lens, (2064, 1544)))
+    assert list(outlines.dot) == [0]
+
+
 @pytest.mark.parametrize(
     ("psf", "variance_px2"),
     [(Psf("gaussian", 0.65), 0.65**2), (Psf("gaussian", 2.0), 4.0), (Psf("disc", 1.5), 1.5**2 / 4)],
@@ -202,25 +243,29 @@ def test_noise_is_shot_and_read_noise() -> None:
 
 def test_the_same_seed_gives_the_same_image(simulated) -> None:
     settings = RenderSettings(blobs=100, specks=1.0, scratches=0.5, arm=True)
-    first, again = (ball_image(simulated, settings, seed=3).image for _ in range(2))
+    first, again = (ball_image(simulated, settings, seed=3, size=SMALL).image for _ in range(2))
     assert np.array_equal(first, again)
-    assert not np.array_equal(first, ball_image(simulated, settings, seed=4).image)
+    assert not np.array_equal(first, ball_image(simulated, settings, seed=4, size=SMALL).image)
 
 
 def test_polarity_defocus_exposure_and_gloss(simulated) -> None:
     session, _ = simulated
-    plain = ball_image(simulated, FLAT)
-    dark = ball_image(simulated, FLAT, replace(target_set(session), polarity="dark-on-light"))
+
+    def image(settings: RenderSettings, targets: TargetSet | None = None) -> Rendered:
+        return ball_image(simulated, settings, targets, size=SMALL)
+
+    plain = image(FLAT)
+    dark = image(FLAT, replace(target_set(session), polarity="dark-on-light"))
     u, v = np.rint(plain.dots.uv[plain.dots.fully_visible][0]).astype(int)
     assert plain.exposure[v, u] > 0.7 and dark.exposure[v, u] < 0.1
-    soft = ball_image(simulated, replace(FLAT, psf=Psf("disc", 3.5)))
+    soft = image(replace(FLAT, psf=Psf("disc", 3.5)))
     assert (soft.exposure > 0.7).sum() < 0.5 * (plain.exposure > 0.7).sum()
-    assert ball_image(simulated, replace(FLAT, exposure=4.0)).image.max() == 65535
+    assert image(replace(FLAT, exposure=4.0)).image.max() == 65535
     lit = RenderSettings(sensor=Sensor(noise=False), gloss=0.0)
-    glossy = ball_image(simulated, replace(lit, gloss=0.3)).exposure - ball_image(simulated, lit).exposure
+    glossy = image(replace(lit, gloss=0.3)).exposure - image(lit).exposure
     assert glossy.min() >= -1e-6 and glossy.max() > 0.05
     of_one = replace(FLAT, psf_of={"C08": Psf("disc", 3.5)})
-    assert np.array_equal(ball_image(simulated, of_one).image, soft.image)
+    assert np.array_equal(image(of_one).image, soft.image)
 
 
 def test_an_arm_and_dirt_hide_dots(simulated) -> None:

@@ -15,21 +15,23 @@ from spherecal.base.errors import InputError
 from spherecal.calibrate import calibrate
 from spherecal.cli.main import main
 from spherecal.data.edits import Repairs, repaired
-from spherecal.data.rig import Calibration
+from spherecal.data.rig import Affected, Calibration
 from spherecal.data.session import Session
 from spherecal.diagnose.automatic_edits import is_last_pose, keeps_a_tested_pose, may_be_exchanged
 from spherecal.files.rig_file import read_rig
 from spherecal.files.write_result import write_result
 from spherecal.geometry.rotation import log_rotation
+from spherecal.geometry.transform import fit_similarity
 from spherecal.methods.settings import CalibrationSettings
 from spherecal_sim.session_folder import write_session
 from spherecal_sim.truth import CameraMove, Truth
 from tests.networks import calibrated, codes, errors_of, observed, one_thread, rms, simulated
+from tests.wrong_recordings import recording, sagged
 
 __all__ = ["one_thread"]
 
 SHIFT_MM, TURN_RAD = 0.3, 2e-4
-TARGETS = 100
+TARGETS = 85
 
 
 def knocked() -> tuple[Session, Truth]:
@@ -253,10 +255,13 @@ def test_a_camera_whose_other_images_contradict_each_other_was_not_only_moved_on
 def test_names_are_put_back_only_between_placements_that_have_them(place: str, verdict: str) -> None:
     """Exchanged from the second of four placements on, cameras were named by the majority: 536 mm off."""
     swapped = repaired(faultless(), Repairs(swap=(f"C02,C03@{place}",)))
-    done = calibrate(swapped).rig.quality
-    (finding,) = (f for f in done.findings if f.code == ("swapped-back" if verdict == "valid" else "cameras-swapped"))
+    rig = calibrate(swapped).rig
+    code = "swapped-back" if verdict == "valid" else "cameras-swapped"
+    (finding,) = (f for f in rig.quality.findings if f.code == code)
     assert finding.where == ("C02", "C03", place)
-    assert done.verdict == verdict
+    assert rig.quality.verdict == verdict
+    put_back = [("--swap", f"C02,C03@{place}", True)] if verdict == "valid" else []
+    assert [(r.option, r.value, r.automatic) for r in rig.repairs] == put_back
 
 
 @pytest.mark.parametrize(
@@ -273,19 +278,31 @@ def test_first_images_are_kept_where_another_camera_had_none(until: str, out: tu
     assert may_be_exchanged(session, way, "C02") == perhaps
 
 
+def test_cameras_that_no_image_shows_since_a_beam_sagged_are_as_uncertain_as_it_was_large() -> None:
+    """On a beam that sagged after their last images, cameras were 66 U off, and the rig valid."""
+    session, truth = recording("rigA", 2, targets=60)
+    on_beam = [0, 1, 2, 3, 4]
+    recorded = sagged(session, truth, on_beam, 2.0)
+    o = observed(recorded)
+    done = calibrate(replace(recorded, observations=o.select((o.camera != 0) | (o.placement < 2)))).rig
+    assert done.quality.verdict == "use-with-care" and done.quality.affected == (Affected(camera="C01"),)
+    assert {r.value for r in done.repairs} == {f"C0{k}@P3" for k in (2, 3, 4, 5)}
+    now = np.array([c.centre_mm for c in truth.cameras])
+    now[on_beam, 2] -= 2.0
+    found = np.array([c.centre_mm for c in done.cameras])
+    off = np.linalg.norm(fit_similarity(found[1:], now[1:]).apply(found) - now, axis=1)
+    stated = [np.linalg.norm(c.sigma.centre_mm) for c in done.cameras if c.sigma is not None]
+    assert off[0] > 1.0 and (off < 3 * np.array(stated)).all()
+
+
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    ("kind", "size", "named"), [("two cameras moved", 10, {"C08"}), ("beam sags", 2, {"C01", "C04"})]
-)
-def test_cameras_that_no_image_shows_since_a_move_are_as_uncertain_as_it_was_large(
-    kind: str, size: float, named: set[str]
-) -> None:
-    """Moved before a last image of 7 dots, two of them unknown, C08 was 337 U off; C01 to C04 on a sagging beam 66."""
-    mischief = next(one for one in KINDS if one.name == kind)
-    seed = [17009, RIGS.index("hall12"), list(KINDS).index(mischief), int(1e6 * size)]
-    case = mischief.make(make_world("hall12", 17009), size, np.random.default_rng(seed))
+def test_cameras_that_no_image_shows_since_a_move_are_as_uncertain_as_it_was_large() -> None:
+    """Moved before a last image of 7 dots, two of them unknown, C08 was 337 U off."""
+    mischief = next(one for one in KINDS if one.name == "two cameras moved")
+    seed = [17009, RIGS.index("hall12"), list(KINDS).index(mischief), 10_000_000]
+    case = mischief.make(make_world("hall12", 17009), 10, np.random.default_rng(seed))
     judged = calibrated_and_judged(case.session, case.reference, case.settings)
     assert judged.verdict == "use-with-care"
-    assert named <= judged.affected
+    assert "C08" in judged.affected
     assert max(camera.over_u for camera in judged.cameras) < 3
     assert not judged.lengths_wrong

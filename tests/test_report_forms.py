@@ -15,6 +15,7 @@ from spherecal.base.errors import InputError
 from spherecal.cli.main import main
 from spherecal.report.content import make_content
 from spherecal.report.dcc import clean, dcc_bytes, decimal, read_issuer
+from spherecal.report.html import _STYLE
 from spherecal.report.result_folder import read_result
 from spherecal.report.sections_rig import image_cells
 from spherecal.report.write_report import write_report
@@ -103,6 +104,12 @@ def test_all_forms_say_the_same(result: Path, tmp_path: Path) -> None:
         assert name in joined and name in shown
     budget = next(s for s in document["sections"] if s["key"] == "budget")
     assert {row[0] for row in budget["tables"][0]["rows"]} >= {"certificate", "calibration", "repeatability"}
+
+
+def test_the_style_sheet_is_whole() -> None:
+    assert _STYLE.count("{") == _STYLE.count("}")
+    numbers = re.findall(r"[ :(,]([\d.]+)(?:rem|px|%|fr)", _STYLE)
+    assert "1.2" in numbers and not [n for n in numbers if re.match(r"0\d", n)], "two numbers without a blank"
 
 
 def test_hostile_names_stay_text(tmp_path: Path, result: Path) -> None:

@@ -8,6 +8,8 @@ from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
+import cv2
+import numpy as np
 import pytest
 from matplotlib.text import Text
 
@@ -17,7 +19,9 @@ from spherecal.cli.main import main
 from spherecal.data.findings import as_written
 from spherecal.files.written_phrase import Sentence
 from spherecal.report import language as language_module
+from spherecal.report.cameras_page import add_cameras_page
 from spherecal.report.content import Content, make_content
+from spherecal.report.detection_page import Detection, add_detection_pages
 from spherecal.report.document import Document
 from spherecal.report.language import label, speaking, word, written
 from spherecal.report.result_folder import Result, read_result
@@ -158,6 +162,25 @@ def test_the_first_page_speaks(result: Path, name: str, word: str) -> None:
     assert word in text
     assert ("The calibration may be used" in text) == (name == "en")
     assert "length-doubtful" not in text
+
+
+def test_pages_of_cameras_and_detections_speak(result: Path, tmp_path: Path) -> None:
+    read = read_result(result)
+    camera = read.rig.cameras[0]
+    assert camera.sigma is not None
+    fixed = replace(camera, sigma=replace(camera.sigma, intrinsics=np.zeros_like(camera.sigma.intrinsics)))
+    read = replace(read, rig=replace(read.rig, cameras=(fixed, *read.rig.cameras[1:])))
+    file = tmp_path / "image.png"
+    cv2.imwrite(str(file), np.zeros(camera.image_size[::-1], np.uint8))
+    uv = np.array([[400.0, 400.0], [420.0, 400.0]])
+    seen = Detection("P1", camera.id, file, uv, np.array([1, 1]), np.array([True, True]))
+    for name, words in (("en", {"fixed", "Detail"}), ("de", {"fest", "Ausschnitt"})):
+        with speaking(name), report_style():
+            document = Document("A4", "", "")
+            add_cameras_page(document, read)
+            add_detection_pages(document, read, [seen])
+            texts = {one.get_text() for sheet in document.sheets for one in sheet.figure.findobj(Text)}
+        assert words <= texts
 
 
 @pytest.mark.parametrize("name", OTHERS)

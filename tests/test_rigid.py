@@ -58,8 +58,8 @@ def assert_motions(ball: Turned, found, placements: list[int], atol: float = 1e-
     for t in placements:
         root = found.root[t]
         turn = ball.rotation[t] @ ball.rotation[root].T
-        np.testing.assert_allclose(found.turn[t], turn, atol=atol)
-        np.testing.assert_allclose(found.shift[t], ball.shift[t] - turn @ ball.shift[root], atol=1e3 * atol)
+        np.testing.assert_allclose(found.rotation[t], turn, atol=atol)
+        np.testing.assert_allclose(found.translation[t], ball.shift[t] - turn @ ball.shift[root], atol=1e3 * atol)
 
 
 def test_placements_are_aligned_to_one() -> None:
@@ -70,9 +70,9 @@ def test_placements_are_aligned_to_one() -> None:
     assert_motions(ball, found, [0, 1, 2, 3])
     assert (found.shared[np.triu_indices(4, 1)] == 80).all()
     root = found.root[0]
-    np.testing.assert_array_equal(found.turn[root], np.eye(3))
-    np.testing.assert_array_equal(found.shift[root], 0.0)
-    expected = [np.rad2deg(np.arccos((np.trace(found.turn[t]) - 1) / 2)) for t in np.flatnonzero(found.moved)]
+    np.testing.assert_array_equal(found.rotation[root], np.eye(3))
+    np.testing.assert_array_equal(found.translation[root], 0.0)
+    expected = [np.rad2deg(np.arccos((np.trace(found.rotation[t]) - 1) / 2)) for t in np.flatnonzero(found.moved)]
     np.testing.assert_allclose(found.turned_deg, expected, rtol=1e-6)
 
 
@@ -101,7 +101,7 @@ def test_the_tree_takes_the_pairs_that_share_most() -> None:
     good = replace(ball, points=points)
     assert_motions(good, found, [0, 1])
     turn = ball.rotation[2] @ ball.rotation[1].T
-    assert np.rad2deg(np.arccos((np.trace(found.turn[2].T @ turn) - 1) / 2)) < 0.1
+    assert np.rad2deg(np.arccos((np.trace(found.rotation[2].T @ turn) - 1) / 2)) < 0.1
 
 
 def test_blunders_do_no_harm() -> None:
@@ -165,7 +165,7 @@ def test_bar_poses_are_left_alone() -> None:
     ball = turned_ball(everything(6, 10))
     found = align(ball.features, ball.points, 6, 3)  # the last three are a bar's
     assert found.root[3:].tolist() == [3, 4, 5]
-    np.testing.assert_array_equal(found.turn[3:], np.tile(np.eye(3), (3, 1, 1)))
+    np.testing.assert_array_equal(found.rotation[3:], np.tile(np.eye(3), (3, 1, 1)))
     assert (found.shared[3:] == 0).all() and (found.shared[:, 3:] == 0).all()
     assert found.moved.sum() == 2
 

@@ -2,7 +2,6 @@
 
 import copy
 import json
-import random
 import re
 from collections.abc import Iterator
 from pathlib import Path
@@ -63,17 +62,15 @@ def complaint(name: str, folder: Path, document: Any) -> str | None:
     return None
 
 
-# All 20,000 take minutes: the usual run takes a part of them, another for each format.
-@pytest.mark.parametrize("most", [80, pytest.param(10**6, marks=pytest.mark.slow)])
+@pytest.mark.slow
 @pytest.mark.parametrize("name", SAMPLES)
-def test_schema_and_reader_agree(name: str, most: int, tmp_path: Path) -> None:
+def test_schema_and_reader_agree(name: str, tmp_path: Path) -> None:
     sample, schema = SAMPLES[name], PUBLISHED[name]
     assert list(problems(sample.short, schema, closed=True)) == []
     assert complaint(name, tmp_path, sample.short) is None
     beyond = re.compile("|".join(sample.beyond) or "(?!)")
     refused = accepted = 0
-    documents = [one for one in spoilt(sample.short) if isinstance(one, dict)]
-    for document in random.Random(name).sample(documents, min(most, len(documents))):
+    for document in (one for one in spoilt(sample.short) if isinstance(one, dict)):
         said = complaint(name, tmp_path, document)
         fits = is_valid(document, schema)
         if said is None:

@@ -31,7 +31,7 @@ from spherecal.verify.bars import VerifySettings, verify
 from spherecal.verify.limit import parse_limit
 from spherecal.verify.write_verification import write_verification
 from spherecal_gui.last_verification import keep_verification
-from spherecal_gui.project import Artefacts, Flaw, Project, Run
+from spherecal_gui.project import Artefacts, Computation, Flaw, Project
 from spherecal_gui.project_folder import save_project
 from spherecal_sim.session_folder import write_session
 from tests.example_session import VALID
@@ -134,7 +134,7 @@ def test_the_wizards_project_is_described(tmp_path: Path) -> None:
     project = Project(tmp_path / "project", "replay:x", cameras=("S1",), looked=("S1",), placements=("P1",))
     save_project(project)
     assert_described(_load(tmp_path / "project" / "wizard.json"))
-    done = Run((("a", "b"),), "valid")
+    done = Computation((("a", "b"),), "valid")
     save_project(
         replace(
             project,

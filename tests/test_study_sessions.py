@@ -21,7 +21,7 @@ from spherecal_study.recorded import apart_mm, seen_along_the_thinnest
 @pytest.fixture(scope="module")
 def session(tmp_path_factory) -> Path:
     folder = tmp_path_factory.mktemp("recorded") / "monday"
-    session, truth = simulate_session("demo", 3, SimulationOptions(placements=3, targets=60, bar_poses=3))
+    session, truth = simulate_session("demo", 3, SimulationOptions(placements=3, targets=40, bar_poses=2))
     write_session(session, truth, folder)
     return folder
 

@@ -46,19 +46,21 @@ def test_a_lock_names_its_holder_and_goes_with_it(tmp_path: Path) -> None:
     with locked(tmp_path / "x"):
         with locked(tmp_path / "x"):  # the same thread may
             pass
-        said: list[str] = []
+        refused: list[OutputError] = []
 
         def other() -> None:
             try:
                 with locked(tmp_path / "x", wait_s=0.05):
-                    said.append("taken")
+                    pass
             except OutputError as error:
-                said.append(str(error))
+                refused.append(error)
 
         thread = threading.Thread(target=other)
         thread.start()
         thread.join()
-        assert f"process {os.getpid()}" in said[0]
+        assert refused[0].code == "error-in-use"
+        for language, word in (("en", "process"), ("de", "Prozess"), ("zh_CN", "进程")):
+            assert f"{word} {os.getpid()}" in refused[0].words(language)[0]
     assert list(tmp_path.iterdir()) == []
 
 
@@ -239,7 +241,7 @@ def test_lack_of_memory_is_one_line(monkeypatch: pytest.MonkeyPatch, capsys: pyt
     def lack(*_: object) -> None:
         raise MemoryError
 
-    monkeypatch.setattr("spherecal.cli.commands.doctor", lack)
+    monkeypatch.setattr("spherecal.cli.doctor.doctor", lack)
     assert main(["doctor"]) == 2
     assert "not enough memory" in capsys.readouterr().err
 

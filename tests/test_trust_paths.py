@@ -16,11 +16,13 @@ from spherecal.cameras.capture import SessionCamera, SessionFolder
 from spherecal.cameras.plan import CapturePlan, PlannedSet
 from spherecal.cameras.protocol import CameraSource, Frame, FrameSet
 from spherecal.cli.main import main
+from spherecal.files.atomic import RESULT, check_folder
 from spherecal.files.rig_file import rig_bytes
 from spherecal.profile.save import save_result
 from spherecal.profile.store import apply, create_profile, open_profile
 from spherecal_gui import project, project_folder, recorded
 from spherecal_gui.tasks import dot_store
+from spherecal_gui.tasks.bundle import bundle_files
 
 pytestmark = pytest.mark.skipif(os.name == "nt", reason="links and pipes as POSIX has them")
 
@@ -231,3 +233,24 @@ def test_a_recorded_session_is_never_replaced_by_a_simulated_one(tmp_path: Path)
         check_folder(folder, SESSION)
     (folder / "truth.json").write_text("{}")
     check_folder(folder, SESSION)
+
+
+# --- folders that cannot be listed -----------------------------------------------------------------------------------
+
+
+def test_a_folder_that_cannot_be_listed_stops_no_support_bundle(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    folder, listed = result_folder(tmp_path / "result"), os.scandir
+    (folder / "closed").mkdir()
+
+    def closed(path: Path) -> object:
+        if Path(path).name == "closed":
+            raise PermissionError(13, "Permission denied", str(path))
+        return listed(path)
+
+    monkeypatch.setattr(os, "scandir", closed)
+    found, _ = bundle_files(folder, "", "")
+    assert set(found) == {"project/rig.json", "about.txt", "log.txt"}
+    with pytest.raises(OutputError, match="permission denied"):  # as a folder to be replaced it is refused
+        check_folder(folder, RESULT)

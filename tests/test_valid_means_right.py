@@ -4,7 +4,6 @@ import json
 from collections.abc import Callable
 from dataclasses import replace
 from datetime import UTC, datetime, timedelta
-from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +11,8 @@ import pytest
 
 from spherecal.base.errors import InputError
 from spherecal.calibrate import calibrate
-from spherecal.cli.main import DONE, NOT_VALID, main
+from spherecal.cli.exit_codes import DONE, NOT_VALID
+from spherecal.cli.main import main
 from spherecal.data.edits import Repairs, repaired
 from spherecal.data.findings import AdvisedRepair, Finding, as_written
 from spherecal.data.observations import Observations
@@ -34,7 +34,7 @@ from spherecal.verify.pose_plan import BarMarks, facing_cameras, plan_poses
 from spherecal_sim.session_folder import write_session
 from spherecal_sim.truth import CameraMove, Truth
 from tests.findings_in_code import ENGINE, findings_in_code
-from tests.networks import one_thread, with_observations
+from tests.networks import calibrated, one_thread, with_observations
 from tests.wrong_recordings import (
     again,
     as_built,
@@ -69,10 +69,9 @@ def as_recorded_and_repaired(session: Session) -> tuple[Calibration, Calibration
     return runs[0], done
 
 
-@cache
-def calibrated(rig: str, seed: int, bar_poses: int = 6) -> Calibration:
-    """A faultless recording's calibration; several tests begin with it, and none changes it."""
-    return calibrate(recording(rig, seed, bar_poses=bar_poses)[0])
+def faultless(rig: str, seed: int, bar_poses: int = 6) -> Calibration:
+    """The calibration of `recording` without a fault; several tests begin with it, and none changes it."""
+    return calibrated(rig, seed, targets=80, bar_poses=bar_poses)[0]
 
 
 def codes(done: Calibration, least: str = "info") -> set[str]:
@@ -93,7 +92,7 @@ def within_its_uncertainty(done: Calibration, truth: Truth, moved: CameraMove | 
     return bool((off <= 3 * np.sqrt(np.sum(np.square(stated), axis=1)) + 0.1).all())
 
 
-@pytest.mark.parametrize(("rig", "camera", "placement"), [("demo", 2, 2), ("demo", 4, 1), ("rigA", 3, 3)])
+@pytest.mark.parametrize(("rig", "camera", "placement"), [("demo", 4, 1), ("demo", 2, 3)])
 def test_a_stale_image_is_left_out_and_the_rest_is_right(rig: str, camera: int, placement: int) -> None:
     """Case A, the last placement included, where a stale image could pass for a knock."""
     session, truth = recording(rig, 1)
@@ -116,10 +115,10 @@ def test_a_stale_image_of_the_next_placement_is_left_out_too() -> None:
     assert done.rig.quality.verdict == "valid" and within_its_uncertainty(done, truth)
 
 
-@pytest.mark.parametrize("mm", [30.0, 0.3])
-def test_a_moved_camera_is_split_and_has_its_pose_of_today(mm: float) -> None:
+@pytest.mark.parametrize(("mm", "targets"), [(30.0, 50), (0.3, 80)])
+def test_a_moved_camera_is_split_and_has_its_pose_of_today(mm: float, targets: int) -> None:
     """Case E."""
-    session, truth = camera_moved("demo", 3, "C03", mm)
+    session, truth = camera_moved("demo", 3, "C03", mm, targets=targets)
     before, done = as_recorded_and_repaired(session)
     assert before.rig.quality.verdict == "not-valid" and not before.rig.repairs
     assert repairs(done) == [("--split", "C03@P3", True)]
@@ -232,11 +231,11 @@ def test_a_ball_that_moves_between_exposures() -> None:
 
 def test_a_ball_that_moves_between_two_trigger_groups() -> None:
     """The cameras of the group are named, however little the ball moved."""
-    session, truth = recording("rigA", 2, targets=100)
+    session, truth = recording("demo", 2, targets=100)
     rng = np.random.default_rng(0)
     step = rng.normal(size=(len(truth.placements), 3))
     step *= 0.05 / np.linalg.norm(step, axis=1, keepdims=True)
-    for group in ([1, 3, 4, 8], [6]):
+    for group in ([1, 3], [2]):
         done = calibrate(again(session, truth, as_built(truth), lambda c, t, g=group: step[t] * (c in g)))
         (finding,) = (f for f in done.rig.quality.findings if f.code == "ball-moved")
         assert done.rig.quality.verdict == "not-valid" and not done.rig.repairs
@@ -245,7 +244,7 @@ def test_a_ball_that_moves_between_two_trigger_groups() -> None:
 
 def test_cameras_on_a_beam_that_sags_are_split_together() -> None:
     """Case F: which half of the rig moved in the world is open, how its cameras stand to each other is not."""
-    session, truth = recording("rigA", 2)
+    session, truth = recording("rigA", 2, targets=60)
     recorded = sagged(session, truth, [0, 1, 2, 3, 4], 2.0)
     before, done = as_recorded_and_repaired(recorded)
     found = before.rig.quality
@@ -280,7 +279,7 @@ def test_a_last_image_of_few_points_that_all_contradict_asks_for_care(points: in
 
     Where no pose explains the points, as after binning, no uncertainty covers what may have changed.
     """
-    session, truth = recording("rigB", 3)
+    session, truth = recording("demo", 3)
 
     def pose(c: int, t: int) -> tuple[np.ndarray, np.ndarray]:
         rotation, translation = as_built(truth)(c, t)
@@ -326,10 +325,10 @@ def test_a_knock_hardly_larger_than_what_shows_asks_for_care(shift_mm: float, ve
 
 def test_skew_asks_for_care() -> None:
     """Case J: pixels sheared by 2 px, which no model has."""
-    session, truth = recording("rigA", 2)
+    session, truth = recording("demo", 2)
     done = calibrate(skewed(session, truth, 2.0))
     assert done.rig.quality.verdict == "use-with-care"
-    clean = calibrated("rigA", 2)
+    clean = faultless("demo", 2)
     assert done.rig.length_map is not None and clean.rig.length_map is not None
     assert done.rig.length_map.typical_mm > 2 * clean.rig.length_map.typical_mm  # type: ignore[operator]
 
@@ -341,9 +340,9 @@ def test_a_mirrored_camera_is_never_valid() -> None:
 @pytest.mark.parametrize(("rig", "options"), [("demo", {}), ("demo", {"scale": "bar"}), ("rigA", {"turns": "same"}),
                                               ("rigB", {"outlier_fraction": 0.02})])  # fmt: skip
 def test_normal_rigs_are_valid_and_nothing_is_amber(rig: str, options: dict[str, object]) -> None:
-    for seed in (5, 6):
-        done = calibrate(recording(rig, seed, **options)[0])
-        assert done.rig.quality.verdict == "valid" and not codes(done, "warning") and not done.rig.repairs
+    """One recording of each; many of them are in benchmarks/studies/wrong.py."""
+    done = calibrate(recording(rig, 5, **options)[0])
+    assert done.rig.quality.verdict == "valid" and not codes(done, "warning") and not done.rig.repairs
 
 
 # --- the table ---------------------------------------------------------------------------------------------------
@@ -393,8 +392,8 @@ def test_images_whose_poses_scatter_widen_their_cameras() -> None:
     both = widening([scattering, lens], ["C01", "C02", "C03"], "rigid")
     assert [f.tolist() for f in both] == [[1.5, 1, 4], [1.5, 1, 6]]
     assert affected([scattering], ["C01", "C02", "C03"]) == ()
-    session, truth = recording("rigA", 2)
-    clean, rolled = calibrated("rigA", 2), calibrate(moved_between_exposures(session, truth, 0.02))
+    session, truth = recording("demo", 2)
+    clean, rolled = faultless("demo", 2), calibrate(moved_between_exposures(session, truth, 0.02))
     assert "poses-scatter" not in codes(clean) and "poses-scatter" in codes(rolled)
     assert rolled.rig.length_map.typical_mm > 1.3 * clean.rig.length_map.typical_mm  # type: ignore[union-attr, operator]
 
@@ -420,7 +419,7 @@ def test_the_verdict_is_one_of_three_and_read_back(tmp_path: Path) -> None:
 
 def test_no_repair_where_too_much_is_wrong_or_two_may_have_moved() -> None:
     session, _ = recording("demo", 2)
-    done = calibrate(session)
+    done = faultless("demo", 2)
 
     def told(*findings: Finding) -> Calibration:
         return replace(done, rig=replace(done.rig, quality=replace(done.rig.quality, findings=findings, valid=False)))
@@ -442,15 +441,14 @@ def test_no_repair_where_too_much_is_wrong_or_two_may_have_moved() -> None:
 
 
 def test_exchanged_cameras_whose_names_nobody_knows_are_not_valid() -> None:
-    """Exchanged at two of four placements either name may be right; the first two were put "back": 290 mm off."""
-    session, _ = recording("rigA", 3)
-    half = repaired(session, Repairs(swap=("C06,C07@P3", "C06,C07@P4")))
+    """Exchanged at two of four placements either name may be right; the first two were put "back": 290 mm off.
+
+    Exchanged at one placement: `test_names_are_put_back_only_between_placements_that_have_them`.
+    """
+    session, _ = recording("demo", 3)
+    half = repaired(session, Repairs(swap=("C02,C03@P3", "C02,C03@P4")))
     done = calibrate(half)
     assert done.rig.quality.verdict == "not-valid" and "cameras-swapped" in codes(done)
-    last = calibrate(repaired(session, Repairs(swap=("C06,C07@P4",))))
-    assert last.rig.quality.verdict == "not-valid" and "cameras-swapped" in codes(last)
-    before = calibrate(repaired(session, Repairs(swap=("C06,C07@P2",))))
-    assert before.rig.quality.verdict == "valid" and repairs(before) == [("--swap", "C06,C07@P2", True)]
 
 
 def test_a_repair_that_does_not_help_is_not_kept() -> None:
@@ -532,7 +530,7 @@ def turned_away(done: Calibration, name: str) -> Calibration:
 def test_a_wrong_camera_never_passes_whatever_the_others_say() -> None:
     """Case A2: all views of the wrong camera are discarded, and the lengths of the others are right."""
     session, _ = recording("rigA", 4, bar_poses=10)
-    done = turned_away(calibrated("rigA", 4, 10), "C03")
+    done = turned_away(faultless("rigA", 4, 10), "C03")
     for settings in (VerifySettings(), VerifySettings(parse_limit("0.5"))):
         found = verify(session, done.rig, None, settings)
         assert found.decision.verdict == "inconsistent" and found.decision.cameras == ("C03",) and found.failed
@@ -546,7 +544,7 @@ def test_a_wrong_camera_never_passes_whatever_the_others_say() -> None:
 
 def test_a_camera_that_saw_no_mark_is_no_pass() -> None:
     session, _ = recording("rigA", 4, bar_poses=10)
-    rig = calibrated("rigA", 4, 10).rig
+    rig = faultless("rigA", 4, 10).rig
     limit = VerifySettings(parse_limit("0.5"))
     whole = verify(session, rig, None, limit).procedure
     assert whole is not None and whole.acceptance is not None and whole.acceptance.verdict == "pass"
@@ -579,8 +577,8 @@ def test_inconsistent_exits_3_with_and_without_a_limit(tmp_path: Path) -> None:
 
 
 def test_bars_are_planned_for_every_camera() -> None:
-    session, truth = recording("rigB", 2)
-    rig = calibrate(session).rig
+    session, truth = recording("demo", 2)
+    rig = faultless("demo", 2).rig
     marks = [BarMarks.of(bar.id, bar.lengths) for bar in session.bars]
     plan = plan_poses(rig, marks, (truth.volume_mm[0], truth.volume_mm[1]))
     count = {c.id: sum(c.id in facing_cameras(rig, pose) for pose in plan.poses) for c in rig.cameras}
@@ -590,7 +588,7 @@ def test_bars_are_planned_for_every_camera() -> None:
 
 def test_a_check_is_not_ok_where_a_camera_is_wrong_or_unchecked() -> None:
     session, _ = recording("demo", 4)
-    done = calibrate(session)
+    done = faultless("demo", 4)
     one = replace(session, placements=session.placements[:1], bar_poses=(), bars=())
     o = session.observations
     assert o is not None

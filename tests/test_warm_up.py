@@ -69,13 +69,13 @@ def test_it_stands_below_the_sentence(qtbot, home):
     window.show()
     window.new_project("simulated:demo")
     settle(window.controller)
-    window.controller.confirm_bench()
+    window.controller.recording.confirm_bench()
     window.controller.go("look")
-    pump(lambda: window.controller.live is not None)
-    page, live = window.page, window.controller.live
+    pump(lambda: window.controller.cameras.live is not None)
+    page, live = window.page, window.controller.cameras.live
     page.tick()
     assert not page.warm_up.isVisible()
-    serial = next(s for s, name in window.controller.connection.names.items() if name == "C02")
+    serial = next(s for s, name in window.controller.cameras.connection.names.items() if name == "C02")
     for number, value in enumerate(heating(0.8, 4, 0.1)):
         live.warm_up.feed(serial, 5.0 * number, float(value))
     page.tick()

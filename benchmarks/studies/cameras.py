@@ -142,7 +142,7 @@ def soak(minutes: float) -> Iterator[Look]:
                     poor,
                 )
             for serial in made.control.serials:
-                source.preview(serial)
+                source.latest(serial)
             time.sleep(0.1)
 
 

@@ -262,10 +262,18 @@ _CLEAN = RealisticOptions(
 )
 
 
-def make_world(rig: str, seed: int) -> World:
-    """A rig as built, with its ball at the method's placements."""
+def make_world(rig: str, seed: int, targets: int = _TARGETS) -> World:
+    """A rig as built, with its ball at the method's placements.
+
+    Parameters
+    ----------
+    rig, seed
+        One of `RIGS`, and the random numbers of what differs from one to the next.
+    targets
+        Targets on the ball, as many as the session's set at most.
+    """
     if rig == "random":
-        _, truth = simulate_realistic(seed, _CLEAN)
+        _, truth = simulate_realistic(seed, replace(_CLEAN, targets=targets))
         return World(
             truth.rig.cameras,
             truth.lenses,
@@ -276,7 +284,7 @@ def make_world(rig: str, seed: int) -> World:
             seed,
         )
     placements = 8 if rig.startswith("hall") else 4
-    options = SimulationOptions(bar_poses=0, placements=placements, targets=_TARGETS)
+    options = SimulationOptions(bar_poses=0, placements=placements, targets=targets)
     _, truth = simulate_session(rig, seed, options)
     border = np.array([[-1.0, -1.0], [1.0, 1.0]])
     lenses = tuple(TrueLens(c.kind.image_size, c.intrinsics, np.zeros((1, 2)), border) for c in truth.cameras)

@@ -5,7 +5,6 @@ Nothing here computes by itself: each function is the one that the command of th
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -37,6 +36,7 @@ from spherecal.measuring.results import BodyPose, MeasuredSet, MeasuredValue, Ob
 from spherecal.measuring.task import Body, BodyPoint, PointName, Ruler, Task
 from spherecal.methods.settings import CalibrationSettings
 from spherecal.profile.compare import Comparison
+from spherecal.profile.source import corners_beside
 from spherecal.profile.store import Profile
 from spherecal.targets.detection import Detections, DetectionSettings
 from spherecal.targets.target_set import TargetSet
@@ -186,7 +186,7 @@ __all__ = [
 ]
 
 
-def save_calibration(calibration: Calibration, folder: AnyPath, details: Mapping[str, Any] | None = None) -> None:
+def save_calibration(calibration: Calibration, folder: AnyPath, details: Mapping[str, object] | None = None) -> None:
     """Write the result folder, whole or not at all.
 
     Parameters
@@ -324,8 +324,6 @@ def export_rig(
     OutputError
         Where it cannot be written.
     """
-    from spherecal.profile.source import corners_beside
-
     if volume_mm is not None:
         low, high = volume_mm
         box = np.asarray(low, dtype=float), np.asarray(high, dtype=float)

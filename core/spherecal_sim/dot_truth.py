@@ -7,7 +7,7 @@ from scipy.spatial import KDTree
 
 from spherecal.base.arrays import BoolArray, FloatArray, IntArray
 from spherecal.base.kernels import njit
-from spherecal.geometry.camera import project
+from spherecal.geometry.camera import project, reach_of
 from spherecal_sim.ball import Ball, wrap
 from spherecal_sim.station import Station
 from spherecal_sim.tracing import TracedScene, trace
@@ -165,7 +165,7 @@ def outline_dots(dots: TrueDots, station: Station) -> Outlines:
     rotation, translation, intrinsics = station.rotation, station.translation_mm, station.intrinsics
     x = dots.places @ rotation.T + translation
     corner = np.maximum(intrinsics[2:4], np.array(station.size) - intrinsics[2:4])
-    reach = 1.3 * np.hypot(*corner) / intrinsics[0]  # as in observe: beyond, the lens polynomial may fold
+    reach = reach_of(np.hypot(*corner)[None], intrinsics[None])  # as in observe: beyond, the lens polynomial may fold
     towards = _view_angles(dots, station.centre_mm) < 92.0  # half of a dot on the limb may still show
     near = np.flatnonzero(towards & (x[:, 2] > 0) & (np.hypot(x[:, 0], x[:, 1]) < reach * x[:, 2]))
     rims = dots.rims[near].reshape(-1, 3) @ rotation.T + translation

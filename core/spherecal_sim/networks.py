@@ -14,7 +14,7 @@ from spherecal.base.arrays import BoolArray, FloatArray, IntArray
 from spherecal.base.errors import InputError
 from spherecal.data.observations import Observations
 from spherecal.data.session import Bar, BarLength, BarPose, CameraSpec, Mark, Placement, Scale, Session
-from spherecal.geometry.camera import N_INTRINSICS, project
+from spherecal.geometry.camera import N_INTRINSICS, image_reach, project
 from spherecal.geometry.rotation import exp_rotation
 from spherecal_sim.heavy_tails import heavy_noise
 from spherecal_sim.rigs import look_at
@@ -310,7 +310,7 @@ def _visible(
     """Which station sees which point (c, p), by view angle below each station's limit, depth and frame."""
     seen = np.zeros((len(limit_deg), len(points)), dtype=bool)
     size = np.array(lens.size)
-    reach = 1.3 * np.hypot(*size) / 2 / lens.intrinsics[0]  # beyond it the lens polynomial may fold
+    reach = image_reach(lens.intrinsics[None], size[None])
     for c, limit in enumerate(np.cos(np.deg2rad(limit_deg))):
         x = points @ stations.rotation[c].T + stations.translation[c]
         ray = -stations.rotation[c].T @ stations.translation[c] - points

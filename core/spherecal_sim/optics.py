@@ -133,7 +133,7 @@ def vignetting(intrinsics: FloatArray, size: tuple[int, int]) -> NDArray[np.floa
     Parameters
     ----------
     intrinsics
-        Intrinsics, (16,); distortion is left out.
+        Intrinsics, (16,); distortion is left out. A fisheye lens darkens as a pinhole of its focal length does.
     size
         Image size (width, height), px.
     """

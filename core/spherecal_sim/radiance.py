@@ -4,7 +4,7 @@ Dots are sampled 16 x 16 times a pixel, edges 4 x 4 times, plain surfaces once. 
 whose point-spread function reaches it, so neighbouring pixels share their samples.
 
 In all kernels `rotation` (3, 3) is world to camera, `centre` (3,) mm the projection centre, and `intrinsics` (16,)
-follow OpenCV's model. Values of four corners have the order of `bilinear`.
+follow OpenCV's model or its fisheye model. Values of four corners have the order of `bilinear`.
 """
 
 import numpy as np
@@ -12,6 +12,8 @@ from numpy.typing import NDArray
 
 from spherecal.base.arrays import FloatArray
 from spherecal.base.kernels import njit
+from spherecal.geometry.camera import FISHEYE_MARK
+from spherecal.geometry.fisheye import WIDEST
 from spherecal_sim.shading import albedo, dirt_distance, light
 from spherecal_sim.tracing import ARM, DOT, MARK, PAPER, STICKER, TracedScene, place_on, trace
 from spherecal_sim.unowned import unowned
@@ -36,6 +38,8 @@ def ideal_place(intrinsics, u, v, x, y):
     x, y
         Where to begin, such as the result for a neighbouring point.
     """
+    if intrinsics[15] == FISHEYE_MARK:
+        return _fisheye_place(intrinsics, u, v, x, y)
     fu, fv, u0, v0, k1, k2, p1, p2, k3, k4, k5, k6, s1, s2, s3, s4 = intrinsics
     gx, gy = (u - u0) / fu, (v - v0) / fv
     for _ in range(20):
@@ -55,6 +59,29 @@ def ideal_place(intrinsics, u, v, x, y):
         if abs(dx) + abs(dy) < 1e-13:
             break
     return x, y
+
+
+@njit(nogil=True, cache=True)
+def _fisheye_place(intrinsics, u, v, x, y):
+    """`ideal_place` of a fisheye lens; what is farther off the axis than 89 degrees is brought to 89 degrees."""
+    k1, k2, k3, k4 = intrinsics[4], intrinsics[5], intrinsics[6], intrinsics[7]
+    gx, gy = (u - intrinsics[2]) / intrinsics[0], (v - intrinsics[3]) / intrinsics[1]
+    goal = np.sqrt(gx * gx + gy * gy)
+    if goal < 1e-9:
+        return gx, gy
+    theta = np.arctan(np.sqrt(x * x + y * y))
+    for _ in range(20):
+        t2 = theta * theta
+        error = theta * (1.0 + t2 * (k1 + t2 * (k2 + t2 * (k3 + t2 * k4)))) - goal
+        rise = 1.0 + t2 * (3 * k1 + t2 * (5 * k2 + t2 * (7 * k3 + t2 * 9 * k4)))
+        step = theta - error / rise
+        step = min(max(step, 0.0), WIDEST)
+        done = abs(step - theta) < 1e-13
+        theta = step
+        if done:
+            break
+    factor = np.tan(theta) / goal
+    return gx * factor, gy * factor
 
 
 @njit(nogil=True, cache=True)

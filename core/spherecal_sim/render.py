@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from spherecal.base.arrays import FloatArray
 from spherecal.base.context import Context
-from spherecal.geometry.camera import project
+from spherecal.geometry.camera import image_reach, is_fisheye, project
 from spherecal_sim.dot_bound import dot_bounds
 from spherecal_sim.dot_truth import DotTruth, Outlines, TrueDots, outline_dots, see_dots
 from spherecal_sim.optics import Image, expose, gather, pixel_kernel, separable, vignetting
@@ -144,7 +144,8 @@ def _boxes(station: Station, figures: FloatArray) -> tuple[FloatArray, FloatArra
     """Lowest and highest image points (n, 2) of figures (n, m, 3) in the world; empty boxes for those out of view."""
     n, m = figures.shape[:2]
     x = figures.reshape(-1, 3) @ station.rotation.T + station.translation_mm
-    out = (x[:, 2] <= 0) | (np.hypot(x[:, 0], x[:, 1]) > x[:, 2])
+    widest = image_reach(station.intrinsics[None], np.array([station.size])) if is_fisheye(station.intrinsics) else 1.0
+    out = (x[:, 2] <= 0) | (np.hypot(x[:, 0], x[:, 1]) > widest * x[:, 2])
     x[out] = np.nan
     uv = project(x, station.intrinsics).reshape(n, m, 2)
     seen = ~np.isnan(uv).any(axis=(1, 2))

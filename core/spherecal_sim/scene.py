@@ -197,8 +197,9 @@ def _sticker_grid(centres: FloatArray, reach: float) -> NDArray[np.int32]:
     middle = (np.arange(g) + 0.5) / g * 2 - 1
     cells = np.stack(np.meshgrid(middle, middle, middle, indexing="ij"), axis=-1)
     # a chord is at most the arc; a cell's corner is sqrt(3) / g from its middle; 5 % for bumps and bending
-    near = np.linalg.norm(cells[..., None, :] - centres, axis=-1) < 1.05 * reach + np.sqrt(3) / g
-    return _candidate_lists(near)
+    chord = 1.05 * reach + np.sqrt(3) / g
+    squares = (cells**2).sum(axis=-1)[..., None] + (centres**2).sum(axis=-1) - 2 * cells @ centres.T
+    return _candidate_lists(squares < chord**2)
 
 
 def _candidate_lists(near: NDArray[np.bool_]) -> NDArray[np.int32]:

@@ -2,7 +2,6 @@
 
 from file_formats.vocabulary import (
     Schema,
-    boolean,
     celsius,
     choice,
     distortion,
@@ -24,9 +23,8 @@ from file_formats.vocabulary import (
 from spherecal.files.bar_registry import FIGURES, SERIAL
 from spherecal.files.bundle_file import BUNDLE
 from spherecal.files.capture_file import CAPTURE
-from spherecal.files.session_file import BAR_POSES, CAMERAS, PLACEMENTS, SCALE, SPHERE
+from spherecal.files.session_file import BAR_POSES, BOARD, CAMERAS, PLACEMENTS, SCALE, SPHERE
 from spherecal.files.target_set_file import TARGETS, given
-from spherecal.targets.board_pattern import BOARD_KINDS
 
 _FIGURES: dict[str, Schema] = {one.key: one.kind.schema for one in FIGURES}
 _BAR: Schema = record(
@@ -40,39 +38,6 @@ _BAR: Schema = record(
     },
 ) | {"anyOf": [given("marks", "lengths"), given("serial")]}
 _BAR["properties"] |= {key: _FIGURES[key] for key in _FIGURES if key not in _BAR["properties"]}
-_BOARD_POINT = record(
-    "",
-    {"target": integer("The target."), "point": name("Its point."), "xyz_mm": numbers("Its place on the board.", 3)},
-)
-_BOARD = record(
-    "The board of `--method board`: `points`, or `rows`, `columns` and `pitch_mm`; for images `kind` as well.",
-    {
-        "points?": items("The board's points, for observations.", _BOARD_POINT, least=1),
-        "kind?": choice("What is printed.", BOARD_KINDS),
-        "rows?": integer("Rows of dots, inner corners or tags.", 2, 1000),
-        "columns?": integer("Columns.", 2, 1000),
-        "pitch_mm?": positive("Distance of neighbours."),
-        "polarity?": choice("The colour of dots; `dark-on-light` where absent.", ("dark-on-light", "light-on-dark")),
-        "rings?": items("`[row, column]` of the dots that have a hole.", items("", integer("", 0, 999), length=2)),
-        "rows_upward?": boolean("Whether rows count from the bottom."),
-        "dot_diameter_mm?": positive("Diameter of a dot."),
-        "marker_mm?": positive("Side of a marker, smaller than `pitch_mm`."),
-        "dictionary?": text("OpenCV's name of the markers' dictionary."),
-        "legacy?": boolean("Whether a ChArUco board was printed before OpenCV 4.6."),
-        "border_bits?": integer("Black bits around a tag.", 1, 2),
-        "relative_uncertainty?": number("Relative standard uncertainty of the pitch.", 0, 0.05),
-        "shape?": choice("Whether the points are estimated; `nominal` where absent.", ("nominal", "estimated")),
-    },
-) | {
-    "anyOf": [
-        given("points"),
-        given(
-            "rows", "columns", "pitch_mm", kind={"enum": [*sorted(set(BOARD_KINDS) - {"charuco", "aprilgrid"}), None]}
-        ),
-        given("rows", "columns", "pitch_mm", "marker_mm", kind={"enum": ["aprilgrid"]}),
-        given("rows", "columns", "pitch_mm", "marker_mm", "dictionary"),
-    ]
-}
 SESSION = written(
     "session",
     "session.json",
@@ -85,7 +50,7 @@ SESSION = written(
         "scale?": SCALE.schema,
         "bars?": items("The reference bars.", _BAR),
         "bar_poses?": BAR_POSES.schema,
-        "board?": _BOARD,
+        "board?": BOARD.schema,
     },
     (
         "Ids of cameras, bars, and of placements and bar poses together, differ.",

@@ -2,12 +2,12 @@
 
 from PySide6.QtWidgets import QHBoxLayout, QLabel, QVBoxLayout, QWidget
 
+from spherecal_gui.controllers.controller import Controller
 from spherecal_gui.pages.base import PageAction
 from spherecal_gui.pages.live_page import LivePage
 from spherecal_gui.presenters.bars import next_pose, pose_state
 from spherecal_gui.widgets.basic import MARKS, button, clear, enable, label, set_level
 from spherecal_gui.widgets.tile import Wall
-from spherecal_gui.wizard.controller import Controller
 from spherecal_gui.workflow import Step
 
 
@@ -50,7 +50,7 @@ class ScalePage(LivePage):
 
     def bar_targets(self) -> frozenset[int]:
         """The targets on the bar of the next pose; empty where its bar is not known."""
-        project, connection = self.project, self.controller.connection
+        project, connection = self.project, self.controller.cameras.connection
         if project is None or connection is None or project.artefacts is None:
             return frozenset()
         scale = project.artefacts.scale_bar if self.current in project.scale_poses else None
@@ -71,8 +71,8 @@ class ScalePage(LivePage):
 
     def _stage(self) -> None:
         pose = self.current or (self.pose_ids()[-1] if self.pose_ids() else None)
-        if pose is not None and self.controller.can_show(pose):
-            self.controller.show_pose(pose)
+        if pose is not None and self.controller.staging.can_show(pose):
+            self.controller.staging.show_pose(pose)
 
     def refresh(self) -> None:
         """A pose was taken."""
@@ -86,7 +86,7 @@ class ScalePage(LivePage):
         self._show_poses()
         idle = self.controller.runner.running is None
         none = self.tr("No pose is captured yet.")
-        enable(self.again, idle and bool(taken) and self.controller.connection is not None, none)
+        enable(self.again, idle and bool(taken) and self.controller.cameras.connection is not None, none)
         self.tick()
         self.action_changed.emit()
 
@@ -117,9 +117,9 @@ class ScalePage(LivePage):
 
     def _retake(self) -> None:
         if self._last is not None and self.step is not None:
-            if self.controller.can_show(self._last):
-                self.controller.show_pose(self._last)
-            self.controller.take(self._last, self.step.id)
+            if self.controller.staging.can_show(self._last):
+                self.controller.staging.show_pose(self._last)
+            self.controller.sets.take(self._last, self.step.id)
 
     def action(self) -> PageAction | None:
         """Take the next pose."""
@@ -129,7 +129,7 @@ class ScalePage(LivePage):
         text = self.tr("Capture {pose}  (space)").format(pose=pose)
         if running:
             return PageAction(text, False, self.tr("Work is running."))
-        if self.controller.connection is None:
+        if self.controller.cameras.connection is None:
             return PageAction(text, False, self.tr("The cameras are not connected."))
         return PageAction(text, accepts=True)
 
@@ -137,4 +137,4 @@ class ScalePage(LivePage):
         """Take it."""
         pose = self.current
         if pose is not None and self.step is not None:
-            self.controller.take(pose, self.step.id)
+            self.controller.sets.take(pose, self.step.id)

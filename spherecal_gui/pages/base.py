@@ -5,11 +5,11 @@ from dataclasses import dataclass
 from PySide6.QtCore import Signal
 from PySide6.QtWidgets import QLabel, QWidget
 
+from spherecal_gui.controllers.controller import Controller
 from spherecal_gui.project import Project
 from spherecal_gui.standing import NEEDS_CAMERAS, Button, Level, Part, Standing, level_of, stand
 from spherecal_gui.texts import moved_text, reason_text
 from spherecal_gui.widgets.basic import set_level
-from spherecal_gui.wizard.controller import Controller
 from spherecal_gui.workflow import Reason, Status, Step, StepState
 
 

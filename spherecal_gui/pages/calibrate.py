@@ -8,6 +8,7 @@ from PySide6.QtGui import QResizeEvent
 from PySide6.QtWidgets import QHBoxLayout, QLabel, QPlainTextEdit, QProgressBar, QVBoxLayout, QWidget
 
 from spherecal_gui import languages, theme
+from spherecal_gui.controllers.controller import Controller
 from spherecal_gui.pages.base import Page, PageAction
 from spherecal_gui.presenters import coverage as cov
 from spherecal_gui.presenters.calibrate import CourseOfWork, input_rows, time_text
@@ -19,7 +20,6 @@ from spherecal_gui.widgets.basic import Card, button, enable, label
 from spherecal_gui.widgets.charts import ConvergenceChart, CoverageChart
 from spherecal_gui.widgets.icons import give_icon
 from spherecal_gui.widgets.table import Table
-from spherecal_gui.wizard.controller import Controller
 from spherecal_gui.workflow import Status
 
 _MOST_STAGES, _MOST_FROM_AFAR = 11, 6  # what fits 1280 x 800
@@ -32,7 +32,7 @@ class CalibratePage(Page):
 
     def __init__(self, controller: Controller, parent: QWidget | None = None) -> None:
         super().__init__(controller, parent)
-        self.course: CourseOfWork = controller.course or CourseOfWork()
+        self.course: CourseOfWork = controller.computation.course or CourseOfWork()
         self._was_running = False
         self._drawn_s = 0.0
         column = QVBoxLayout(self)
@@ -120,11 +120,11 @@ class CalibratePage(Page):
         if self.project is None:
             return
         if self.is_running and not self._was_running and not self._is_running_on:
-            self.course = self.controller.course = CourseOfWork(task=self.controller.runner.task)
+            self.course = self.controller.computation.course = CourseOfWork(task=self.controller.runner.task)
             self.lines.clear()
             self._draw()
-        elif self.controller.course is not self.course:  # another project, or a window made anew
-            self.course = self.controller.course or CourseOfWork()
+        elif self.controller.computation.course is not self.course:  # another project, or a window made anew
+            self.course = self.controller.computation.course or CourseOfWork()
             self._draw()
         if self._was_running and not self.is_running:
             self._last_news()
@@ -142,7 +142,9 @@ class CalibratePage(Page):
             return
         there, lacking = (self.tr("captured"), "good"), (self.tr("not captured"), "caution")
         rows = []
-        for one in input_rows((*self.open_project.placements, *self.open_project.scale_poses), self.controller.dots):
+        for one in input_rows(
+            (*self.open_project.placements, *self.open_project.scale_poses), self.controller.recording.dots
+        ):
             word, level = there if one.captured else lacking
             rows.append(
                 [
@@ -157,7 +159,7 @@ class CalibratePage(Page):
 
     def _show_coverage(self) -> None:
         """What the images of all placements cover, camera by camera."""
-        connection, dots = self.controller.connection, self.controller.dots
+        connection, dots = self.controller.cameras.connection, self.controller.recording.dots
         cameras = list(connection.names.values()) if connection is not None else []
         sets = [dots[name] for name in self.open_project.placements if name in dots]
         for part in (self.coverage, self.covered_key):
@@ -178,7 +180,11 @@ class CalibratePage(Page):
     def _is_running_on(self) -> bool:
         """Whether the computation began in another window, which was exchanged for this one."""
         task = self.controller.runner.task
-        return task is not None and self.controller.course is not None and self.controller.course.task is task
+        return (
+            task is not None
+            and self.controller.computation.course is not None
+            and self.controller.computation.course.task is task
+        )
 
     def _show_word(self) -> None:
         state = self.state
@@ -248,7 +254,7 @@ class CalibratePage(Page):
             )
 
     def _stop_here(self) -> None:
-        self.controller.stop_here()
+        self.controller.computation.stop_here()
         self.refresh()
 
     def dress(self) -> None:
@@ -329,4 +335,4 @@ class CalibratePage(Page):
         elif self._is_computed and state is not None and state.status is Status.FAILED:
             self.controller.go("results")
         else:
-            self.controller.calibrate()
+            self.controller.computation.calibrate()

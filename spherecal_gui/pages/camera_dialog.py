@@ -13,11 +13,11 @@ from PySide6.QtWidgets import (
     QWidget,
 )
 
+from spherecal_gui.controllers.controller import Controller
 from spherecal_gui.presenters.connect import model_text
 from spherecal_gui.presenters.look import tile_state
 from spherecal_gui.widgets.basic import button, enable, label, plain, set_level
 from spherecal_gui.widgets.tile import CameraTile
-from spherecal_gui.wizard.controller import Controller
 
 _TICK_MS = 100
 _MOST_EXPOSURE_MS, _MOST_GAIN_DB = 10_000.0, 48.0
@@ -29,7 +29,7 @@ class CameraDialog(QDialog):
     def __init__(self, controller: Controller, serial: str, parent: QWidget | None = None) -> None:
         super().__init__(parent)
         self.controller, self.serial = controller, serial
-        connection = controller.connection
+        connection = controller.cameras.connection
         assert connection is not None
         info = connection.info(serial)
         self.name = connection.names[serial]
@@ -44,9 +44,9 @@ class CameraDialog(QDialog):
         side.addWidget(label(self.tr("Hold a hand before a lens: the picture that goes dark is that camera's.")))
         self.blink = button(self.tr("Let its light blink"), "blink")
         self.blink.clicked.connect(self._blink)
-        enable(self.blink, controller.can_blink(), self.tr("These cameras have no light."))
+        enable(self.blink, controller.tuning.can_blink(), self.tr("These cameras have no light."))
         side.addWidget(self.blink)
-        self.message = label("" if controller.can_blink() else self.tr("These cameras have no light."), "soft")
+        self.message = label("" if controller.tuning.can_blink() else self.tr("These cameras have no light."), "soft")
         side.addWidget(self.message)
         side.addStretch(1)
         side.addLayout(self._form())
@@ -61,11 +61,11 @@ class CameraDialog(QDialog):
         self._tick()
 
     def _form(self) -> QFormLayout:
-        settings = self.controller.settings_of(self.serial)
+        settings = self.controller.tuning.settings_of(self.serial)
         form = QFormLayout()
         self.name_field = QLineEdit(self.name)
         self.name_field.setObjectName("camera-name")
-        why = self.controller.why_not_renamed(self.serial)
+        why = self.controller.tuning.why_not_renamed(self.serial)
         self.name_field.setEnabled(not why)
         self.name_field.setToolTip(plain(why))
         self.why_not = label(why, "soft")
@@ -101,8 +101,8 @@ class CameraDialog(QDialog):
         ):
             self.trigger.addItem(text, mode)
         self.trigger.setCurrentIndex(self.trigger.findData(chosen))
-        enable(self.trigger, not self.controller.why_no_trigger(), self.controller.why_no_trigger())
-        self.trigger.activated.connect(lambda _: self.controller.set_trigger(self.trigger.currentData()))
+        enable(self.trigger, not self.controller.tuning.why_no_trigger(), self.controller.tuning.why_no_trigger())
+        self.trigger.activated.connect(lambda _: self.controller.tuning.set_trigger(self.trigger.currentData()))
         return self.trigger
 
     def _buttons(self) -> QHBoxLayout:
@@ -117,7 +117,7 @@ class CameraDialog(QDialog):
 
     def _tick(self) -> None:
         """Follow the camera; the dialog goes when the camera is no longer there."""
-        connection, live = self.controller.connection, self.controller.live
+        connection, live = self.controller.cameras.connection, self.controller.cameras.live
         if connection is None or self.serial not in connection.names:
             if self.controller.runner.running is None:
                 self.close()
@@ -135,13 +135,13 @@ class CameraDialog(QDialog):
 
     def _apply(self) -> None:
         name = self.name_field.text().strip() or self.name
-        self.controller.set_camera(self.serial, name, 1e3 * self.exposure.value(), self.gain.value())
+        self.controller.tuning.set_camera(self.serial, name, 1e3 * self.exposure.value(), self.gain.value())
 
     def _blink(self) -> None:
         self.message.setText(self.tr("Its light blinks for some seconds."))
         set_level(self.message, "none")
         self.blink.setEnabled(False)
-        self.controller.blink(self.serial, self._blinked)
+        self.controller.tuning.blink(self.serial, self._blinked)
 
     def _blinked(self, has_light: bool) -> None:
         try:

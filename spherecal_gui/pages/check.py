@@ -8,17 +8,17 @@ from spherecal.base.errors import SpherecalError
 from spherecal.profile.store import open_profile
 from spherecal.uses.check import Check
 from spherecal_gui import limits
+from spherecal_gui.controllers.controller import Controller
 from spherecal_gui.pages.base import Page, PageAction
 from spherecal_gui.presenters.check import check_notes, check_rows, check_verdict, repaired_text, repaired_verdict
 from spherecal_gui.presenters.rig_scenes import check_scene, rig_scene
 from spherecal_gui.project import usable
 from spherecal_gui.standing import Level
-from spherecal_gui.tasks.kept_check import KeptCheck
+from spherecal_gui.tasks.kept_check import CheckSummary
 from spherecal_gui.texts import reason_text, verdict_word
 from spherecal_gui.widgets.basic import Card, button, enable, label, set_level
 from spherecal_gui.widgets.scene_panel import ScenePanel, SceneSplit
 from spherecal_gui.widgets.table import Cell, Table
-from spherecal_gui.wizard.controller import Controller
 from spherecal_gui.workflow import Status
 
 
@@ -56,7 +56,7 @@ class CheckPage(Page):
         self.panel = ScenePanel()
         self.panel.said.connect(self.controller.tell)
         # The profile's folder, and what was found.
-        self._drawn: tuple[Path | None, Check | KeptCheck | None] = (None, None)
+        self._drawn: tuple[Path | None, Check | CheckSummary | None] = (None, None)
         column.addWidget(SceneSplit(self.panel, self.table, (540, 560)), 1)
         self.notes = Card()
         self.message = label("", "soft")
@@ -69,9 +69,9 @@ class CheckPage(Page):
         self.mended = label("", "big")
         self.repair = button(self.tr("Repair"), "repair-cameras")
         self.repair.setToolTip(self.tr("Calibrates only the cameras that moved, from this placement; seconds."))
-        self.repair.clicked.connect(self.controller.repair_cameras)
+        self.repair.clicked.connect(self.controller.checks.repair_cameras)
         self.use = button(self.tr("Put the repair to use"), "use-repair")
-        self.use.clicked.connect(self.controller.use_repair)
+        self.use.clicked.connect(self.controller.checks.use_repair)
         self.calibrate = button(self.tr("Calibrate the rig"), "calibrate-rig")
         self.calibrate.clicked.connect(self.controller.calibrate_like_this)
         row.addWidget(self.mended, 1)
@@ -87,7 +87,7 @@ class CheckPage(Page):
     @property
     def _after(self) -> Check | None:
         """The check after a repair; None where nothing is repaired."""
-        return self.controller.check_after if self.open_project.repaired is not None else None
+        return self.controller.checks.after if self.open_project.repaired is not None else None
 
     @property
     def _in_use(self) -> bool:
@@ -95,7 +95,7 @@ class CheckPage(Page):
         return self.state is not None and self.state.status is Status.DONE
 
     def _show_mending(self, there: bool) -> None:
-        found, after, in_use = self.controller.check_found, self._after, self._in_use
+        found, after, in_use = self.controller.checks.found, self._after, self._in_use
         idle, repaired_run = self.controller.runner.running is None, self.open_project.repaired
         moved = found.to_repair if there and found is not None else ()
         repaired = there and after is not None
@@ -121,7 +121,7 @@ class CheckPage(Page):
         """Show what was found."""
         if self.project is None:
             return
-        found, state = self.controller.check_found, self.state
+        found, state = self.controller.checks.found, self.state
         there = found is not None and state is not None and state.status is not Status.STALE
         self.table.setVisible(there)
         self.notes.setVisible(there)
@@ -159,7 +159,7 @@ class CheckPage(Page):
         self.sentence.setText(text)
 
     def _fill(self) -> None:
-        found = self.controller.check_after or self.controller.check_found
+        found = self.controller.checks.after or self.controller.checks.found
         if found is None:
             return
         rows: list[list[tuple[str, Cell, str]]] = [
@@ -179,7 +179,7 @@ class CheckPage(Page):
         self._draw(found)
         self.message.setText("\n".join(check_notes(found)))
 
-    def _draw(self, found: Check | KeptCheck | None) -> None:
+    def _draw(self, found: Check | CheckSummary | None) -> None:
         """The rig as it was calibrated, with the cameras that moved; without a check (None) as it is in use."""
         folder = self.controller.profile_folder
         if folder is None or (self._drawn[0] == folder and self._drawn[1] is found):
@@ -218,4 +218,4 @@ class CheckPage(Page):
         if self.controller.runner.running == "check":
             self.controller.cancel()
         else:
-            self.controller.check()
+            self.controller.checks.check()

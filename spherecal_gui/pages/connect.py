@@ -4,6 +4,7 @@ from PySide6.QtGui import QResizeEvent
 from PySide6.QtWidgets import QFileDialog, QGridLayout, QHBoxLayout, QLabel, QPushButton, QVBoxLayout, QWidget
 
 from spherecal_gui import theme
+from spherecal_gui.controllers.controller import Controller
 from spherecal_gui.pages.base import Page, PageAction
 from spherecal_gui.pages.camera_dialog import CameraDialog
 from spherecal_gui.pages.drivers_panel import DriversPanel
@@ -20,7 +21,6 @@ from spherecal_gui.presenters.drivers import driver_notes
 from spherecal_gui.widgets.basic import MARKS, Card, Downwards, button, clear, label, plain, set_level
 from spherecal_gui.widgets.bench_view import BenchView
 from spherecal_gui.widgets.thumbnail import Thumbnail
-from spherecal_gui.wizard.controller import Controller
 
 _PICTURES, _WORDS = 1, 3  # columns of the table of cameras
 _ROOMY_PX = 1200
@@ -60,13 +60,13 @@ class ConnectPage(Page):
         column.setContentsMargins(0, 0, 0, 0)
         column.addWidget(inner, 100)  # the rows grow with the page
         self.drivers = DriversPanel()
-        self.drivers.allowed.connect(self.controller.allow_driver)
+        self.drivers.allowed.connect(self.controller.cameras.allow_driver)
         column.addWidget(self.drivers)
         column.addStretch(1)
         scroll.setWidget(top)
         self.cameras.body.addWidget(scroll, 1)
         self.again = button(self.tr("Search again"), "search-again")
-        self.again.clicked.connect(self.controller.connect_cameras)
+        self.again.clicked.connect(self.controller.cameras.connect_all)
         self.cameras.body.addLayout(_at_the_left(self.again))
         row.addWidget(self.cameras, 3)
         self.bench = Card(self.tr("On the bench"))
@@ -101,7 +101,7 @@ class ConnectPage(Page):
         """Show what is there."""
         if self.project is None:
             return
-        connection, running = self.controller.connection, self.controller.runner.running
+        connection, running = self.controller.cameras.connection, self.controller.runner.running
         lines = camera_lines(connection, self.project.cameras)
         failure = self.project.failures.get("connect", "")
         wrong = recording_text(self.project.source) if failure else ""
@@ -112,7 +112,7 @@ class ConnectPage(Page):
         self.other.setVisible(bool(wrong))
         self.again.setVisible(not wrong)
         self._show_lines(lines)
-        self.drivers.show_notes([] if running == "connect" else driver_notes(self.controller.driver_troubles))
+        self.drivers.show_notes([] if running == "connect" else driver_notes(self.controller.cameras.driver_troubles))
         self._show_bench(bench_rows(connection, self.project.artefacts))
         self.drawn.show_bench(drawn_bench(connection))
         self.again.setEnabled(running is None)
@@ -127,8 +127,8 @@ class ConnectPage(Page):
 
     def tick(self) -> None:
         """States of cameras change by themselves."""
-        if self.project is not None and self.controller.connection is not None:
-            lines = camera_lines(self.controller.connection, self.project.cameras)
+        if self.project is not None and self.controller.cameras.connection is not None:
+            lines = camera_lines(self.controller.cameras.connection, self.project.cameras)
             if lines != getattr(self, "_shown", None):
                 self.refresh()
             self._follow()
@@ -149,7 +149,7 @@ class ConnectPage(Page):
 
     def _follow(self) -> None:
         """Show the newest images."""
-        live = self.controller.live
+        live = self.controller.cameras.live
         if live is None:
             return
         for serial, picture in self._pictures.items():
@@ -184,7 +184,7 @@ class ConnectPage(Page):
                 self._grid.addWidget(word, 2 * number + 1, 2, 1, 2)
             else:
                 self._grid.addWidget(word, 2 * number, _WORDS)
-            connection = self.controller.connection
+            connection = self.controller.cameras.connection
             if connection is not None and line.serial in connection.names:
                 picture = self._pictures[line.serial] = Thumbnail()
                 picture.setVisible(self._has_room)
@@ -197,7 +197,7 @@ class ConnectPage(Page):
 
     def _open_camera(self) -> None:
         sender = self.sender()
-        if sender is not None and self.controller.connection is not None:
+        if sender is not None and self.controller.cameras.connection is not None:
             if self.dialog is not None:  # not deleted on close: PySide crashes where its page goes at that very moment
                 self.dialog.deleteLater()
             self.dialog = CameraDialog(self.controller, str(sender.property("serial")), self)
@@ -221,11 +221,11 @@ class ConnectPage(Page):
             self, self.tr("Description of the bench"), str(self.open_project.folder.parent), "session.json (*.json)"
         )
         if path:
-            self.controller.choose_bench(path)
+            self.controller.cameras.choose_bench(path)
 
     def action(self) -> PageAction:
         """Confirm the bench: nobody calibrates with the wrong bar by default."""
-        connection, running = self.controller.connection, self.controller.runner.running
+        connection, running = self.controller.cameras.connection, self.controller.runner.running
         done = self.project is not None and self.project.artefacts is not None and connection is not None
         text = self.tr("Bench confirmed") if done else self.tr("Yes, this matches")
         if running:
@@ -236,4 +236,4 @@ class ConnectPage(Page):
 
     def act(self) -> None:
         """Confirm."""
-        self.controller.confirm_bench()
+        self.controller.recording.confirm_bench()

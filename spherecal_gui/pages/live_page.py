@@ -26,20 +26,20 @@ class LivePage(Page):
 
     def show_cameras(self) -> None:
         """One tile for every camera that is open."""
-        connection = self.controller.connection
+        connection = self.controller.cameras.connection
         self.wall.set_cameras(dict(connection.names) if connection is not None else {})
         for serial, tile in self.wall.tiles.items():
-            exposure = self.controller.settings_of(serial).exposure_us / 1e3
+            exposure = self.controller.tuning.settings_of(serial).exposure_us / 1e3
             message = translate(
                 "Tile", "{name}, serial {serial}, exposure {ms:g} ms. Double click to enlarge, again to go back."
             ).format(name=tile.name, serial=serial, ms=exposure)
             tile.setToolTip(plain(message))
-            tile.why_not_renamed = self.controller.why_not_renamed(serial)
+            tile.why_not_renamed = self.controller.tuning.why_not_renamed(serial)
         self.wall.follow_worst()
 
     def follow(self) -> list[TileState]:
         """Show the newest images and states; what the tiles say."""
-        live, connection = self.controller.live, self.controller.connection
+        live, connection = self.controller.cameras.live, self.controller.cameras.connection
         if live is None or connection is None:
             return []
         statuses = connection.source.statuses()
@@ -57,7 +57,7 @@ class LivePage(Page):
                 frame is not None,
                 live.watch.bumped.get(serial),
             )
-            exposure_us = self.controller.settings_of(serial).exposure_us
+            exposure_us = self.controller.tuning.settings_of(serial).exposure_us
             state = replace(state, figures=figures_text(serial, statuses.get(serial), exposure_us))
             states.append(state)
             if not tile.isVisible():
@@ -71,7 +71,7 @@ class LivePage(Page):
 
     def sights(self) -> "dict[str, Sight]":
         """The newest examined images by camera name."""
-        live, connection = self.controller.live, self.controller.connection
+        live, connection = self.controller.cameras.live, self.controller.cameras.connection
         if live is None or connection is None:
             return {}
         found = {name: live.sight(serial) for serial, name in connection.names.items()}

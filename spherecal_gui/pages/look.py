@@ -2,6 +2,7 @@
 
 from PySide6.QtWidgets import QHBoxLayout, QLabel, QVBoxLayout, QWidget
 
+from spherecal_gui.controllers.controller import Controller
 from spherecal_gui.pages.base import PageAction
 from spherecal_gui.pages.live_page import LivePage
 from spherecal_gui.presenters.look import summary, warm_up_text
@@ -9,7 +10,6 @@ from spherecal_gui.standing import Level
 from spherecal_gui.texts import moved_text
 from spherecal_gui.widgets.basic import button, enable, label, set_level
 from spherecal_gui.widgets.tile import Wall
-from spherecal_gui.wizard.controller import Controller
 from spherecal_gui.workflow import Status, Step
 
 
@@ -27,8 +27,8 @@ class LookPage(LivePage):
         self.warm_up.hide()
         column.addWidget(self.warm_up)
         self.wall = Wall(renames=True)
-        self.wall.masked.connect(self.controller.mask)
-        self.wall.renamed.connect(self.controller.name_camera)
+        self.wall.masked.connect(self.controller.recording.mask)
+        self.wall.renamed.connect(self.controller.tuning.name_camera)
         column.addLayout(self._mask_row())
         column.addWidget(self.wall, 1)
         self._seen_all, self._have_images = False, False
@@ -43,9 +43,9 @@ class LookPage(LivePage):
         self.draw.setToolTip(self.tr("Draw a rectangle over a reflection: nothing in it counts as a target."))
         self.draw.toggled.connect(self._masking)
         self.undo = button(self.tr("Undo the last mask"), "undo-mask")
-        self.undo.clicked.connect(self.controller.undo_mask)
+        self.undo.clicked.connect(self.controller.recording.undo_mask)
         self.clear = button(self.tr("Clear all masks"), "clear-masks")
-        self.clear.clicked.connect(self.controller.clear_masks)
+        self.clear.clicked.connect(self.controller.recording.clear_masks)
         self.fixed = button(self.tr("Fixed again"), "fixed-again")
         self.fixed.setToolTip(self.tr("The cameras that were moved are fixed: they count as they stand now."))
         self.fixed.clicked.connect(self._fixed)
@@ -66,7 +66,7 @@ class LookPage(LivePage):
 
     def _fixed(self) -> None:
         """Somebody has seen to the cameras that were moved."""
-        self.controller.cameras_fixed()
+        self.controller.cameras.accept_moved()
         self.tick()
 
     def _masking(self, on: bool) -> None:
@@ -81,7 +81,7 @@ class LookPage(LivePage):
         self.message.setText(text)
         idle = self.controller.runner.running is None
         busy, none = self.tr("Work is running."), self.tr("There are no masks.")
-        enable(self.draw, idle and self.controller.connection is not None, busy)
+        enable(self.draw, idle and self.controller.cameras.connection is not None, busy)
         for one in (self.undo, self.clear):
             enable(one, idle and bool(masks), none if idle else busy)
 
@@ -92,9 +92,9 @@ class LookPage(LivePage):
     def enter(self, step: Step) -> None:
         """Show the ball's first place, where nobody moves it by hand."""
         super().enter(step)
-        poses = self.controller.staged_poses
+        poses = self.controller.cameras.staged_poses
         if poses:
-            self.controller.show_pose(poses[0])
+            self.controller.staging.show_pose(poses[0])
 
     def refresh(self) -> None:
         """Show the cameras that are open."""
@@ -106,14 +106,14 @@ class LookPage(LivePage):
     def tick(self) -> None:
         """Follow the cameras."""
         states = self.follow()
-        live = self.controller.live
+        live = self.controller.cameras.live
         self.fixed.setVisible(live is not None and bool(live.watch.bumped))
         if not states:
             return
         self._show_warm_up()
         have_images = all(tile.has_image for tile in self.wall.tiles.values())
         text, level = summary(states, have_images)
-        if moved := self.controller.moved_cameras():
+        if moved := self.controller.cameras.moved():
             text, level = moved_text(moved), "bad"
         self._level = level
         self.say(text, level)
@@ -123,7 +123,7 @@ class LookPage(LivePage):
             self.action_changed.emit()
 
     def _show_warm_up(self) -> None:
-        live, connection = self.controller.live, self.controller.connection
+        live, connection = self.controller.cameras.live, self.controller.cameras.connection
         rates = live.warm_up.unsteady() if live is not None else {}
         names = connection.names if connection is not None else {}
         text = warm_up_text({names[serial]: rate for serial, rate in rates.items() if serial in names})
@@ -149,4 +149,4 @@ class LookPage(LivePage):
 
     def act(self) -> None:
         """Accept."""
-        self.controller.accept_look()
+        self.controller.cameras.accept_look()

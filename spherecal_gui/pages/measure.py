@@ -13,6 +13,7 @@ from spherecal.base.errors import SpherecalError
 from spherecal.measuring.results import MeasuredSet
 from spherecal.measuring.task import Task
 from spherecal_gui import theme
+from spherecal_gui.controllers.controller import Controller
 from spherecal_gui.pages.base import Page, PageAction
 from spherecal_gui.presenters.measure import (
     pace_text,
@@ -28,7 +29,6 @@ from spherecal_gui.texts import error_text
 from spherecal_gui.widgets.basic import Card, label, set_level
 from spherecal_gui.widgets.charts import Chart
 from spherecal_gui.widgets.table import Cell, Table
-from spherecal_gui.wizard.controller import Controller
 from spherecal_gui.workflow import Step
 
 
@@ -117,24 +117,26 @@ class MeasurePage(Page):
     def leave(self) -> None:
         """End it; a series that is being recorded is written."""
         self._end()
-        if self.controller.live is not None:
-            self.controller.live.start(self.controller.live_hz)
+        if self.controller.cameras.live is not None:
+            self.controller.cameras.live.start(self.controller.cameras.live_hz)
 
     def close_page(self) -> None:
         """The program ends."""
         self._end()
 
     def _begin(self) -> None:
-        connection, result = self.controller.connection, self.controller.result
+        connection, result = self.controller.cameras.connection, self.controller.result
         if self._run is not None or connection is None or result is None or connection.plan.target_set is None:
             return
-        if self.controller.live is not None:
-            self.controller.live.stop()  # its detection would take the time that measuring needs
-        by_hardware = all(self.controller.settings_of(serial).trigger == "hardware" for serial in connection.names)
+        if self.controller.cameras.live is not None:
+            self.controller.cameras.live.stop()  # its detection would take the time that measuring needs
+        by_hardware = all(
+            self.controller.tuning.settings_of(serial).trigger == "hardware" for serial in connection.names
+        )
         task = Task(
             connection.plan.target_set,
             bars=tuple(connection.plan.bars),
-            temperature_c=self.controller.bar_celsius(),
+            temperature_c=self.controller.bars.celsius(),
             exposure_sd_s=0.0 if by_hardware else None,
         )
         self._run = LiveMeasurement(connection.source, dict(connection.names), result.rig, task)
@@ -150,7 +152,7 @@ class MeasurePage(Page):
 
     def refresh(self) -> None:
         """The large button may have changed; cameras may have come or gone."""
-        if self._run is not None and self.controller.connection is None:
+        if self._run is not None and self.controller.cameras.connection is None:
             self._end()
         self.action_changed.emit()
 

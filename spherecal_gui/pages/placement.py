@@ -10,6 +10,7 @@ from PySide6.QtWidgets import QHBoxLayout, QLabel, QProgressBar, QTabWidget, QVB
 
 from spherecal.base.arrays import IntArray
 from spherecal_gui import theme
+from spherecal_gui.controllers.controller import Controller
 from spherecal_gui.pages.base import PageAction
 from spherecal_gui.pages.live_page import LivePage
 from spherecal_gui.presenters import coverage as cov
@@ -34,7 +35,6 @@ from spherecal_gui.widgets.need_label import NeedLabel
 from spherecal_gui.widgets.scene import SceneView, make_scene_view
 from spherecal_gui.widgets.tile import Wall
 from spherecal_gui.widgets.top_view import TopView
-from spherecal_gui.wizard.controller import Controller
 from spherecal_gui.wizard.keys import SEEN_S
 from spherecal_gui.workflow import Step
 
@@ -60,7 +60,7 @@ class PlacementPage(LivePage):
         self._carried_s = 0.0
         self._by_itself = False  # what is shown was captured by itself
         self._good_since: float | None = None
-        controller.guidance_changed.connect(self._show_guidance)
+        controller.advice.guidance_changed.connect(self._show_guidance)
         column = QVBoxLayout(self)
         head = QHBoxLayout()
         self.ready = label("", "huge", wrap=False)
@@ -85,7 +85,7 @@ class PlacementPage(LivePage):
         row.addWidget(self._tabs(), 3)
         column.addLayout(row, 1)
         column.addLayout(self._buttons())
-        controller.ball_seen.connect(self._ball_seen)
+        controller.advice.ball_seen.connect(self._ball_seen)
         self.tabs.currentChanged.connect(self._tab_changed)
 
     def _buttons(self) -> QHBoxLayout:
@@ -98,18 +98,18 @@ class PlacementPage(LivePage):
         self.delete = button(self.tr("Delete"), "delete-set")
         self.delete.clicked.connect(self._delete)
         self.undo = button(self.tr("Undo"), "undo")
-        self.undo.clicked.connect(self.controller.undo)
+        self.undo.clicked.connect(self.controller.sets.undo)
         self.more = button(self.tr("One more placement"), "more")
-        self.more.clicked.connect(self.controller.add_placement)
+        self.more.clicked.connect(self.controller.sets.add_placement)
         self.turned = button(self.tr("It was turned"), "was-turned")
         self.turned.setToolTip(self.tr("The ball stands where it stood, but shows another side."))
         self.turned.clicked.connect(self._was_turned)
         self.turned.hide()
         self.keep = button(self.tr("Keep it as it is"), "keep-set")
-        self.keep.clicked.connect(lambda: self.controller.keep_set(self.set_id))
+        self.keep.clicked.connect(lambda: self.controller.sets.keep(self.set_id))
         self.fixed = button(self.tr("Fixed again"), "fixed-again")
         self.fixed.setToolTip(self.tr("The cameras that were moved are fixed: they count as they stand now."))
-        self.fixed.clicked.connect(self.controller.cameras_fixed)
+        self.fixed.clicked.connect(self.controller.cameras.accept_moved)
         row.addWidget(self.automatic)
         row.addStretch(1)
         for one in (self.put_there, self.fixed, self.turned, self.keep, self.again, self.delete, self.undo, self.more):
@@ -150,7 +150,7 @@ class PlacementPage(LivePage):
         self.to_go = label("", "title")
         self.put_there = button(self.tr("Put it there"), "put-there")
         self.put_there.setToolTip(self.tr("Training: moves the simulated ball to where it should go."))
-        self.put_there.clicked.connect(self.controller.put_there)
+        self.put_there.clicked.connect(self.controller.staging.put_there)
         self.put_there.hide()  # until it is known where to
         column.addWidget(self.guide_text)
         column.addWidget(self.to_go)
@@ -203,8 +203,8 @@ class PlacementPage(LivePage):
         self.step = step
         if not self.is_taken and self.tabs.indexOf(self.guidance) >= 0:
             self.tabs.setCurrentWidget(self.guidance)
-        if self.controller.staged_poses:
-            self.controller.show_pose(self.set_id)
+        if self.controller.cameras.staged_poses:
+            self.controller.staging.show_pose(self.set_id)
         super().enter(step)
 
     def resizeEvent(self, event: QResizeEvent) -> None:
@@ -226,21 +226,23 @@ class PlacementPage(LivePage):
         busy = self.tr("Work is running.")
         there = self.tr("This placement is not captured yet.")
         enable(
-            self.again, idle and self.is_taken and self.controller.connection is not None, busy if not idle else there
+            self.again,
+            idle and self.is_taken and self.controller.cameras.connection is not None,
+            busy if not idle else there,
         )
         spare = not self.is_taken and len(self.project.placements) > FEW_PLACEMENTS
         self.delete.setText(self.tr("Skip this placement") if spare else self.tr("Delete"))
         enable(self.delete, idle and (self.is_taken or spare), busy if not idle else there)
         self.delete.setVisible(self.is_taken or spare)
-        undo = self.controller.can_undo
+        undo = self.controller.sets.can_undo
         enable(self.undo, idle and undo is not None, busy if not idle else self.tr("Nothing was deleted."))
         self.undo.setText(self.tr("Undo {name}").format(name=undo) if undo else self.tr("Undo"))
-        enable(self.more, idle and self.controller.connection is not None, busy)
+        enable(self.more, idle and self.controller.cameras.connection is not None, busy)
         flawed = self.is_taken and self._is_flawed
         self.keep.setVisible(flawed and idle)
         self.again.setVisible(self.is_taken and not flawed)  # then it is the large button
         self.undo.setVisible(undo is not None)
-        self.fixed.setVisible(bool(self.controller.moved_cameras()))
+        self.fixed.setVisible(bool(self.controller.cameras.moved()))
         self._show_guidance()
         self._drawn = None
         self.tick()
@@ -256,7 +258,7 @@ class PlacementPage(LivePage):
 
     def scene(self) -> Scene:
         """What the cameras see now."""
-        connection, sights = self.controller.connection, self.sights()
+        connection, sights = self.controller.cameras.connection, self.sights()
         if connection is None:
             return Scene({}, None)
         statuses = connection.source.statuses()
@@ -283,7 +285,7 @@ class PlacementPage(LivePage):
         self._show_planning()
         scene = self.scene()
         self._draw(scene)
-        to_go = self.controller.to_go
+        to_go = self.controller.advice.to_go
         in_place = self.is_taken or (to_go is not None and to_go.near)
         scene = replace(scene, made_up=bool(scene.short) and in_place and not self._lacking)
         self.some_are_enough = scene.made_up
@@ -307,13 +309,13 @@ class PlacementPage(LivePage):
 
     def _carry(self) -> None:
         """In training the ball goes to its ghost by itself where it is captured by itself: nobody carries it there."""
-        to_go, guidance = self.controller.to_go, self.controller.guidance
+        to_go, guidance = self.controller.advice.to_go, self.controller.advice.guidance
         if to_go is None or guidance is None or to_go.near or self.is_taken or not self.automatic.isChecked():
             return
         now = time.monotonic()
-        if now - self._carried_s > _CARRY_S and not guidance.coarse and self.controller.can_put_there:
+        if now - self._carried_s > _CARRY_S and not guidance.coarse and self.controller.staging.can_put_there:
             self._carried_s = now
-            self.controller.put_there()
+            self.controller.staging.put_there()
 
     def _go_on_by_itself(self) -> None:
         """On to the next placement, once what was captured by itself has been in sight for a while and is good."""
@@ -346,7 +348,7 @@ class PlacementPage(LivePage):
 
     def _show_counter(self, scene: Scene) -> None:
         """The cameras that see enough: in what was taken, else now."""
-        mine = self.controller.dots.get(self.set_id) if self.is_taken else None
+        mine = self.controller.recording.dots.get(self.set_id) if self.is_taken else None
         if mine is not None:
             seen = {name: len(mine[name]) if name in mine else 0 for name in scene.counts}
             scene = replace(scene, counts=seen, still=True, lost=())
@@ -365,7 +367,7 @@ class PlacementPage(LivePage):
             key=lambda name: self.open_project.taken[name],
             default=None,
         )
-        before = self.controller.dots.get(last) if last is not None else None
+        before = self.controller.recording.dots.get(last) if last is not None else None
         now = {name: sight.dots for name, sight in self.sights().items()}
         return before is not None and cov.same_place(before, now)
 
@@ -377,9 +379,9 @@ class PlacementPage(LivePage):
     def _sets(self) -> list[cov.SetDots]:
         """The dots of all placements taken but this one."""
         return [
-            self.controller.dots[name]
+            self.controller.recording.dots[name]
             for name in self.open_project.placements
-            if name in self.controller.dots and name != self.set_id
+            if name in self.controller.recording.dots and name != self.set_id
         ]
 
     def _tab_changed(self) -> None:
@@ -390,13 +392,20 @@ class PlacementPage(LivePage):
     def _draw(self, scene: Scene) -> None:
         """Draw the chart in sight and what is said of coverage, if anything in them has changed."""
         cameras = list(scene.counts)
-        mine = self.controller.dots.get(self.set_id)
+        mine = self.controller.recording.dots.get(self.set_id)
         sights = self.sights()
         seen = {name: sight.dots for name, sight in sights.items() if name not in scene.lost}
         live = dict(mine) if mine is not None else seen
         counts = [len(live[name]) if name in live else 0 for name in cameras]
         tab = self.tabs.currentWidget()
-        key = (self.set_id, mine is not None, tuple(counts), tuple(self.controller.dots), tab, tab.size().toTuple())
+        key = (
+            self.set_id,
+            mine is not None,
+            tuple(counts),
+            tuple(self.controller.recording.dots),
+            tab,
+            tab.size().toTuple(),
+        )
         if key == self._drawn:
             return
         self._drawn = key
@@ -439,7 +448,7 @@ class PlacementPage(LivePage):
         now = time.monotonic()
         if self.is_taken or self.is_taking or now - self._looked_s < _LOOK_S:
             return
-        if self.controller.look_at_ball(self.sights()):
+        if self.controller.advice.look_at_ball(self.sights()):
             self._looked_s = now
 
     def _ball_seen(self) -> None:
@@ -449,10 +458,10 @@ class PlacementPage(LivePage):
 
     def _show_ghosts(self) -> None:
         """The ghost and the ball in every image, and how far it is to go."""
-        guidance, to_go = self.controller.guidance, self.controller.to_go
+        guidance, to_go = self.controller.advice.guidance, self.controller.advice.to_go
         ghost = guidance.ghost if guidance is not None and not self.is_taken and not self._is_enough() else None
         wanted = ghost is not None
-        found = drawn(ghost, self.controller.lying) if ghost is not None else {}
+        found = drawn(ghost, self.controller.advice.lying) if ghost is not None else {}
         for tile in self.wall.tiles.values():
             tile.show_ghost(found.get(tile.name), to_go is not None and to_go.near)
         text, level = to_go_text(to_go) if wanted and to_go is not None else ("", "none")
@@ -464,17 +473,17 @@ class PlacementPage(LivePage):
         set_level(self.to_go, level)
         self.to_go.setVisible(bool(text))
         near = to_go is not None and to_go.near
-        self.put_there.setVisible(wanted and self.controller.can_put_there and to_go is not None and not near)
+        self.put_there.setVisible(wanted and self.controller.staging.can_put_there and to_go is not None and not near)
 
     @property
     def _is_away(self) -> bool:
         """Whether the ball is known not to be where it should go."""
-        to_go = self.controller.to_go
+        to_go = self.controller.advice.to_go
         return to_go is not None and not to_go.near and not self._is_enough()
 
     def _is_enough(self) -> bool:
         """Whether one more placement would not be worth it."""
-        shown = self.controller.guidance
+        shown = self.controller.advice.guidance
         return shown is not None and is_enough(shown, self._all_taken)
 
     @property
@@ -483,14 +492,14 @@ class PlacementPage(LivePage):
 
     def _show_planning(self) -> None:
         """For how long the advice has been worked out."""
-        seconds = self.controller.planning_s
-        if self.controller.guidance is None and seconds is not None:
+        seconds = self.controller.advice.planning_s
+        if self.controller.advice.guidance is None and seconds is not None:
             text = self.tr("Working out where the ball should go next: {seconds:.0f} s").format(seconds=seconds)
             self.guide_text.setText(text)
 
     def _show_in_space(self) -> None:
         """The advice in space in place of from above."""
-        shown, wanted = self.controller.guidance, self.in_space.isChecked()
+        shown, wanted = self.controller.advice.guidance, self.in_space.isChecked()
         if wanted and self.space is None:
             self.space = make_scene_view()
             layout = self.guidance.layout()
@@ -511,7 +520,7 @@ class PlacementPage(LivePage):
 
     def _show_guidance(self) -> None:
         """The engine's advice, where it gives one."""
-        shown, planning = self.controller.guidance, self.controller.planning
+        shown, planning = self.controller.advice.guidance, self.controller.advice.planning
         at = self.tabs.indexOf(self.guidance)
         if shown is None and not planning:
             if at >= 0:
@@ -538,7 +547,7 @@ class PlacementPage(LivePage):
 
     def _show_camera(self, name: str) -> None:
         """One camera's picture, large; without a name those of all."""
-        connection = self.controller.connection
+        connection = self.controller.cameras.connection
         if connection is None:
             return
         self.wall.show_alone(next((serial for serial, one in connection.names.items() if one == name), None))
@@ -547,19 +556,19 @@ class PlacementPage(LivePage):
 
     def _take(self) -> None:
         if self.step is not None:
-            self.controller.take(self.set_id, self.step.id)
+            self.controller.sets.take(self.set_id, self.step.id)
             self.refresh()
 
     def _delete(self) -> None:
         if self.is_taken:
-            self.controller.delete(self.set_id)
+            self.controller.sets.delete(self.set_id)
         else:
-            self.controller.drop_placement(self.set_id)
+            self.controller.sets.drop_placement(self.set_id)
 
     def action(self) -> PageAction:
         """Take it."""
         running = self.controller.runner.running
-        lost = self.controller.lost_cameras()
+        lost = self.controller.cameras.lost()
         text = self.tr("Captured") if self.is_taken else self.tr("Capture  (space)")
         if self._stuck and not self.is_taken:
             text = self.tr("Capture anyway  (space)")
@@ -570,10 +579,10 @@ class PlacementPage(LivePage):
         if running:
             return PageAction(text, False, self.tr("Work is running."))
         if self.is_taken and self._is_flawed:
-            return PageAction(self.tr("Retake  (space)"), self.controller.connection is not None)
+            return PageAction(self.tr("Retake  (space)"), self.controller.cameras.connection is not None)
         if self.is_taken:
             return PageAction(text, False, self.tr("It is captured; Retake replaces it."), done=True)
-        if self.controller.connection is None:
+        if self.controller.cameras.connection is None:
             return PageAction(text, False, self.tr("The cameras are not connected."))
         return PageAction(text, accepts=True)
 

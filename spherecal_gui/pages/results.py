@@ -5,6 +5,7 @@ from PySide6.QtGui import QImage, QPixmap
 from PySide6.QtWidgets import QComboBox, QHBoxLayout, QLabel, QTabWidget, QVBoxLayout, QWidget
 
 from spherecal_gui import theme
+from spherecal_gui.controllers.controller import Controller
 from spherecal_gui.pages.base import Page, PageAction
 from spherecal_gui.presenters.results import (
     CameraResiduals,
@@ -25,7 +26,6 @@ from spherecal_gui.widgets.findings import FindingsList
 from spherecal_gui.widgets.residual_view import ResidualView
 from spherecal_gui.widgets.scene_panel import ScenePanel, SceneSplit
 from spherecal_gui.widgets.table import Cell, Table
-from spherecal_gui.wizard.controller import Controller
 from spherecal_gui.workflow import Status
 
 # A camera this much worse than the middle one stands out: rig A's differ by a tenth, a blurred one is 2 times worse.
@@ -40,7 +40,7 @@ class ResultsPage(Page):
         super().__init__(controller, parent)
         self._shown: object = None
         self._camera: str | None = None
-        controller.draw_rig = self._rig_png
+        controller.saving.draw_rig = self._rig_png
         column = QVBoxLayout(self)
         head = QHBoxLayout()
         self.word = label("", "huge", wrap=False)
@@ -65,7 +65,7 @@ class ResultsPage(Page):
         self.tabs = QTabWidget()
         self.findings = FindingsList()
         self.findings.asked.connect(self._do)
-        self.findings.taken_back.connect(self.controller.take_back)
+        self.findings.taken_back.connect(self.controller.computation.take_back)
         self.table = Table(
             [
                 self.tr("Camera"),
@@ -234,7 +234,7 @@ class ResultsPage(Page):
         """The image behind the residuals of one placement."""
         if shown is None or shown.placement is None:
             return None
-        path = self.controller.image_path(shown.placement, shown.camera)
+        path = self.controller.recording.image_path(shown.placement, shown.camera)
         if path is None or not path.is_file():
             return None
         image = QImage(str(path))
@@ -251,12 +251,12 @@ class ResultsPage(Page):
     def _leave_image(self) -> None:
         placement = self.image.currentData()
         if self._camera is not None and placement is not None:
-            self.controller.repair("--leave-out", f"{self._camera}@{placement}")
+            self.controller.computation.repair("--leave-out", f"{self._camera}@{placement}")
             self.show_camera(self._camera, placement)
 
     def _leave_camera(self) -> None:
         if self._camera is not None:
-            self.controller.repair("--leave-out", f"camera:{self._camera}")
+            self.controller.computation.repair("--leave-out", f"camera:{self._camera}")
             self.show_camera(self._camera, self.image.currentData())
 
     def _selected(self) -> None:
@@ -267,7 +267,7 @@ class ResultsPage(Page):
     def _do(self, kind: str, target: str) -> None:
         """Do what a finding advises."""
         if kind == "add placement":
-            self.controller.add_placement()
+            self.controller.sets.add_placement()
         elif kind == "retake":
             self.controller.go(f"placement:{target}")
         elif kind == "show camera":
@@ -278,7 +278,7 @@ class ResultsPage(Page):
         elif kind == "calibrate":
             self._calibrate_again()
         elif kind.startswith("--"):
-            self.controller.repair(kind, target)
+            self.controller.computation.repair(kind, target)
 
     def action(self) -> PageAction:
         """Accept the result, valid or not; the technician decides."""
@@ -301,11 +301,11 @@ class ResultsPage(Page):
         if state is not None and state.status is Status.STALE:
             self._calibrate_again()
         else:
-            self.controller.accept_results()
+            self.controller.computation.accept_results()
 
     def _calibrate_again(self) -> None:
         self.controller.go("calibrate")
-        self.controller.calibrate()
+        self.controller.computation.calibrate()
 
     def _rig_png(self) -> bytes:
         """The scene as a PNG file; empty where nothing is shown."""

@@ -17,6 +17,7 @@ from PySide6.QtWidgets import (
 
 from spherecal.export.write_export import FORMATS
 from spherecal_gui import limits, theme
+from spherecal_gui.controllers.controller import Controller
 from spherecal_gui.pages.base import Page, PageAction
 from spherecal_gui.pages.frame_dialog import FrameDialog
 from spherecal_gui.presenters.frame import FrameChoice, frame_words
@@ -27,7 +28,6 @@ from spherecal_gui.project_folder import profile_of
 from spherecal_gui.standing import Level
 from spherecal_gui.widgets.basic import Card, button, details_button, enable, label, open_file, option, set_level
 from spherecal_gui.widgets.scene import make_scene_view
-from spherecal_gui.wizard.controller import Controller
 from spherecal_gui.workflow import Status, Step
 
 
@@ -70,7 +70,7 @@ class SavePage(Page):
         self.note.setAccessibleName(self.tr("Note: by whom, and why"))
         self.note.setPlaceholderText(self.tr("Note: by whom, and why"))
         self.note.textChanged.connect(self._enable)
-        self.note.editingFinished.connect(lambda: self.controller.set_note(self.note.text().strip()))
+        self.note.editingFinished.connect(lambda: self.controller.saving.set_note(self.note.text().strip()))
         self.apply.toggled.connect(self._enable)
         self.discard = button(self.tr("Discard"), "discard")
         self.discard.setToolTip(
@@ -146,7 +146,7 @@ class SavePage(Page):
         busy = self.tr("Work is running.")
         enable(self.profile, idle and not why, why or busy)
         stale = self.tr("The calibration is out of date.") if self._is_stale else ""
-        problem = self.controller.frame_problem
+        problem = self.controller.user_frame.problem
         enable(self.export, idle and not stale and not problem, stale or problem if idle else busy)
         shown = idle and not stale and self.controller.outcome is not None
         enable(self.axes, shown, stale or self.tr("There is no calibration yet.") if idle else busy)
@@ -258,7 +258,7 @@ class SavePage(Page):
                 self._open_report()
         self._show_end()
         self.folder.setText(str(self.project.result_folder))
-        commands = "\n".join(self.controller.commands())
+        commands = "\n".join(self.controller.saving.commands())
         if commands != self.commands.toPlainText():
             self.commands.setPlainText(commands)
         self._enable()
@@ -300,19 +300,19 @@ class SavePage(Page):
         return self.word
 
     def _save_profile(self) -> None:
-        self.controller.set_note(self.note.text().strip())
-        self.controller.save_profile(self.profile_path, self.apply.isChecked(), self.note.text().strip())
+        self.controller.saving.set_note(self.note.text().strip())
+        self.controller.saving.save_profile(self.profile_path, self.apply.isChecked(), self.note.text().strip())
 
     def _export(self) -> None:
         name = self.form.currentText()
         named = f"SIMULATED-rig-{name}" if self.open_project.simulated else f"rig-{name}"
         path, _ = QFileDialog.getSaveFileName(self, self.tr("Export"), str(self.open_project.folder / named))
         if path:
-            self.controller.export(name, Path(path))
+            self.controller.saving.export(name, Path(path))
 
     def _tell_frame(self, problem: str) -> None:
         """In which frame exports are given."""
-        result, frame = self.controller.result, self.controller.frame
+        result, frame = self.controller.result, self.controller.user_frame.frame
         given = frame_words(frame.definition if frame else None, result.rig.reference_camera if result else None)
         self.given_in.setText(problem or self.tr("Exports are given in: {frame}.").format(frame=given))
         set_level(self.given_in, "bad" if problem else "none")
@@ -322,11 +322,11 @@ class SavePage(Page):
         outcome = self.controller.outcome
         if outcome is None:
             return
-        choice = FrameChoice(outcome.result, outcome.places, self.controller.frame_definition)
+        choice = FrameChoice(outcome.result, outcome.places, self.controller.user_frame.definition)
         if self.dialog is not None:  # not deleted on close: PySide crashes where its page goes at that very moment
             self.dialog.deleteLater()
         self.dialog = FrameDialog(choice, self)
-        self.dialog.accepted.connect(lambda: self.controller.set_frame(choice.definition))
+        self.dialog.accepted.connect(lambda: self.controller.user_frame.choose(choice.definition))
         self.dialog.open()
 
     def _open(self) -> None:
@@ -354,7 +354,7 @@ class SavePage(Page):
         self.folder.setVisible(not lines)
 
     def _copy(self) -> None:
-        QGuiApplication.clipboard().setText("\n".join(self.controller.commands()))
+        QGuiApplication.clipboard().setText("\n".join(self.controller.saving.commands()))
         self.controller.tell("info", self.tr("Copied."))
 
     def action(self) -> PageAction:
@@ -379,5 +379,5 @@ class SavePage(Page):
             self.finished.emit()
         else:
             self._opens = True
-            self.controller.set_note(self.note.text().strip())
-            self.controller.write_report(self.report_path)
+            self.controller.saving.set_note(self.note.text().strip())
+            self.controller.saving.write_report(self.report_path)

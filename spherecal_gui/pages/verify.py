@@ -14,6 +14,7 @@ from PySide6.QtWidgets import (
 )
 
 from spherecal_gui import limits, theme
+from spherecal_gui.controllers.controller import Controller
 from spherecal_gui.pages.bars import ScalePage
 from spherecal_gui.pages.base import PageAction
 from spherecal_gui.presenters.bar_guide import BarGuide, lay_text, pose_columns
@@ -26,7 +27,6 @@ from spherecal_gui.tasks.outcome import Outcome
 from spherecal_gui.widgets.bar_view import BarView
 from spherecal_gui.widgets.basic import MARKS, button, clear, enable, label, option, plain, set_level
 from spherecal_gui.widgets.verification import VerificationView
-from spherecal_gui.wizard.controller import Controller
 from spherecal_gui.workflow import Status, Step
 
 _NOT_READ_C = -10.0  # no bar is measured with in the frost: this stands for a temperature that nobody has read
@@ -46,7 +46,7 @@ class VerifyPage(ScalePage):
         self._staged: str | None = None  # what a simulated rig was asked to show
         self._was_taking = False
         self._drawn: Outcome | None = None  # the outcome whose bars the scene shows
-        controller.bar_seen.connect(self._bar_seen)
+        controller.bars.seen.connect(self._bar_seen)
         self.column.removeWidget(self.wall)
         self.pose_box = QWidget()
         self.grid = QGridLayout(self.pose_box)
@@ -124,12 +124,12 @@ class VerifyPage(ScalePage):
     @property
     def guided(self) -> bool:
         """Whether the engine says where the bar goes."""
-        return self.current is not None and self.controller.planned_pose(self.current) is not None
+        return self.current is not None and self.controller.bars.planned_pose(self.current) is not None
 
     @property
     def guide(self) -> BarGuide | None:
         """What was last seen of the bar in the pose that is asked for."""
-        guide = self.controller.guide
+        guide = self.controller.bars.guide
         return guide if guide is not None and guide.pose == self.current else None
 
     @property
@@ -140,7 +140,7 @@ class VerifyPage(ScalePage):
     @property
     def is_taking_pose(self) -> bool:
         """Whether images of a pose are being taken, and nothing is computed."""
-        return self.is_taking and self.controller.taking is not None
+        return self.is_taking and self.controller.sets.taking is not None
 
     @property
     def shows_outcome(self) -> bool:
@@ -153,7 +153,7 @@ class VerifyPage(ScalePage):
         """Show the first pose that is missing."""
         self._chosen, self._again, self._accepted_s, self._staged = None, False, None, None
         self.limit.setText(self.open_project.limit)
-        warm = self.controller.bar_celsius()
+        warm = self.controller.bars.celsius()
         self.celsius.setValue(_NOT_READ_C if warm is None else warm)
         super().enter(step)
 
@@ -190,17 +190,17 @@ class VerifyPage(ScalePage):
 
     def _celsius_given(self) -> None:
         value = self.celsius.value()
-        if value != self.controller.bar_celsius():
-            self.controller.set_bar_celsius(None if value == _NOT_READ_C else value)
+        if value != self.controller.bars.celsius():
+            self.controller.bars.set_celsius(None if value == _NOT_READ_C else value)
         self.setFocus()
 
     def _measure(self) -> None:
         """Measure with the poses that are there, and show what comes out."""
         self._again, self._chosen = False, None
-        self.controller.verify()
+        self.controller.computation.verify()
 
     def _limit_given(self) -> None:
-        wrong = self.controller.set_limit(self.limit.text().strip())
+        wrong = self.controller.bars.set_limit(self.limit.text().strip())
         if wrong:
             self.controller.tell("bad", wrong)
         self.setFocus()
@@ -229,7 +229,7 @@ class VerifyPage(ScalePage):
         idle = self.controller.runner.running is None
         busy = self.tr("Work is running.")
         enable(self.enough, idle and taken > 0, busy if not idle else self.tr("No pose is captured yet."))
-        ready = idle and self.controller.connection is not None and self.current is not None
+        ready = idle and self.controller.cameras.connection is not None and self.current is not None
         enable(self.as_it_lies, ready, busy)
         self._show_limit(idle)
         self.celsius.setEnabled(idle)
@@ -262,14 +262,16 @@ class VerifyPage(ScalePage):
     def _show_lengths(self) -> None:
         """What the check bars are called by, where the bench's description has it."""
         artefacts = self.open_project.artefacts
-        known = bars_with_nominal(self.controller.connection, artefacts.check_bars if artefacts is not None else ())
+        known = bars_with_nominal(
+            self.controller.cameras.connection, artefacts.check_bars if artefacts is not None else ()
+        )
         self._show_certificates(artefacts)
         self.lengths.setText("\n".join(f"{bar.id} (mm): {'; '.join(lengths_texts(bar))}" for bar in known))
         self.lengths.setVisible(bool(known))
 
     def _show_certificates(self, artefacts: Artefacts | None) -> None:
         """A reminder of certificates that have expired or soon will, before anything is measured."""
-        connection = self.controller.connection
+        connection = self.controller.cameras.connection
         checks = artefacts.check_bars if artefacts is not None else ()
         bars = [bar for bar in connection.plan.bars if bar.id in checks] if connection is not None else []
         found = reminder(bars, date.today())
@@ -278,7 +280,9 @@ class VerifyPage(ScalePage):
         self.certificates.setVisible(bool(found.text))
 
     def _stage(self) -> None:
-        self._staged = self.current if self.current is not None and self.controller.can_show(self.current) else None
+        self._staged = (
+            self.current if self.current is not None and self.controller.staging.can_show(self.current) else None
+        )
         super()._stage()
 
     def tick(self) -> None:
@@ -297,7 +301,7 @@ class VerifyPage(ScalePage):
     def _show_ghosts(self) -> None:
         """The bar where it should lie, in every image."""
         pose = self.current if not self.is_taking else None
-        found = self.controller.bar_ghosts(pose) if pose is not None else {}
+        found = self.controller.bars.ghosts(pose) if pose is not None else {}
         accepted = self.guide is not None and self.guide.accepted
         for tile in self.wall.tiles.values():
             tile.show_ghost(found.get(tile.name), accepted)
@@ -306,7 +310,7 @@ class VerifyPage(ScalePage):
         now, pose = time.monotonic(), self.current
         if pose is None or self.is_taking or now - self._looked_s < _LOOK_S:
             return
-        if self.controller.look_at_bar(pose, self.sights()):
+        if self.controller.bars.look_at(pose, self.sights()):
             self._looked_s = now
 
     def _bar_seen(self) -> None:
@@ -335,7 +339,7 @@ class VerifyPage(ScalePage):
         if self.tabs.indexOf(self.view) < 0:
             self.tabs.insertTab(0, self.view, self.tr("Where"))
             self.tabs.setCurrentIndex(0)
-        guide, planned = self.guide, self.controller.planned_pose(self.current)
+        guide, planned = self.guide, self.controller.bars.planned_pose(self.current)
         self.view.show_guide(guide)
         text, level = (guide.text, guide.level) if guide is not None else ("", "none")
         if self.is_taking:

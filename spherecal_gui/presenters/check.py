@@ -12,7 +12,7 @@ from spherecal_gui.presenters.results import VerdictText
 
 if TYPE_CHECKING:  # imports scipy and OpenCV
     from spherecal.uses.check import Check
-    from spherecal_gui.tasks.kept_check import KeptCheck
+    from spherecal_gui.tasks.kept_check import CheckSummary
 
 translate = QCoreApplication.translate
 
@@ -34,7 +34,7 @@ class CheckRow:
     turn_deg: float
 
 
-def check_verdict(found: "Check | KeptCheck") -> VerdictText:
+def check_verdict(found: "Check | CheckSummary") -> VerdictText:
     """The verdict of a check (check.check)."""
     words = {
         "ok": translate("Check", "OK"),
@@ -44,7 +44,7 @@ def check_verdict(found: "Check | KeptCheck") -> VerdictText:
     return VerdictText(words[found.verdict], _LEVELS[found.verdict], _sentence(found))
 
 
-def repaired_verdict(after: "Check | KeptCheck", in_use: bool) -> VerdictText:
+def repaired_verdict(after: "Check | CheckSummary", in_use: bool) -> VerdictText:
     """The verdict once the cameras that moved are recalibrated: by the check after it, in use or not yet.
 
     Parameters
@@ -61,7 +61,7 @@ def repaired_verdict(after: "Check | KeptCheck", in_use: bool) -> VerdictText:
     return VerdictText(word, "caution", unused if after.verdict == "ok" else f"{unused} {message.sentence}")
 
 
-def _sentence(found: "Check | KeptCheck") -> str:
+def _sentence(found: "Check | CheckSummary") -> str:
     if found.verdict == "ok":
         if not found.cameras:
             return translate("Check", "The bars are measured as certified; single cameras were not checked.")
@@ -81,7 +81,7 @@ def _sentence(found: "Check | KeptCheck") -> str:
     return " ".join(dict.fromkeys(parts))
 
 
-def check_rows(found: "Check | KeptCheck") -> list[CheckRow]:
+def check_rows(found: "Check | CheckSummary") -> list[CheckRow]:
     """The cameras, worst first."""
     words = {
         "ok": translate("Check", "as calibrated"),
@@ -104,7 +104,7 @@ def check_rows(found: "Check | KeptCheck") -> list[CheckRow]:
     ]
 
 
-def repaired_text(found: "Check | KeptCheck", after: "Check | KeptCheck", in_use: bool) -> tuple[str, Level]:
+def repaired_text(found: "Check | CheckSummary", after: "Check | CheckSummary", in_use: bool) -> tuple[str, Level]:
     """What a repair has done: by how much a point was off before and after, worst camera of those that moved.
 
     Parameters
@@ -126,7 +126,7 @@ def repaired_text(found: "Check | KeptCheck", after: "Check | KeptCheck", in_use
     return text.format(cameras=names, before=before, now=now), "good" if after.verdict == "ok" else "caution"
 
 
-def check_notes(found: "Check | KeptCheck") -> list[str]:
+def check_notes(found: "Check | CheckSummary") -> list[str]:
     """What else is to be known: the tolerance, cameras that were not tested, the balls."""
     notes = []
     if found.tolerance_mm is not None:

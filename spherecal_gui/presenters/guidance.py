@@ -32,7 +32,7 @@ WORTH = 0.1
 
 
 @dataclass(frozen=True, eq=False)
-class Guidance:
+class GuidanceView:
     """One piece of advice, seen from above: places in mm in one plane.
 
     `now_mm` and `next_mm`: what a length of 500 mm is measured to (k = 2) when stopping now and after the next
@@ -74,7 +74,7 @@ class Guidance:
         return bool(np.hypot(self.away_mm, self.up_mm) < _SAME_PLACE * self.radius_mm)
 
 
-def guidance_of(found: "Advised", rig: "Rig", spheres: "Sequence[PlacedSphere]") -> Guidance | None:
+def guidance_of(found: "Advised", rig: "Rig", spheres: "Sequence[PlacedSphere]") -> GuidanceView | None:
     """The engine's answer as the window shows it; None where nothing helps.
 
     Parameters
@@ -107,7 +107,7 @@ def guidance_of(found: "Advised", rig: "Rig", spheres: "Sequence[PlacedSphere]")
     turn, tip, tip_towards = _turn(best, axes)
     if tip is not None:
         tip_towards = _camera_towards(names, flat, place, tip)
-    return Guidance(
+    return GuidanceView(
         found.now_mm,
         best.expanded_mm,
         names,
@@ -154,7 +154,7 @@ def _turn(best: "Candidate", axes: FloatArray) -> tuple[float, FloatArray | None
     return float(best.turn_deg), top / np.linalg.norm(top), ""
 
 
-def move_text(shown: Guidance) -> str:
+def move_text(shown: GuidanceView) -> str:
     """Where to put the ball and how to turn it."""
     if shown.same_place:
         place = translate("Guidance", "Leave the ball where it is")
@@ -179,7 +179,7 @@ def move_text(shown: Guidance) -> str:
     return translate("Guidance", "{place}, {turn}.").format(place=place, turn=turn)
 
 
-def is_enough(shown: Guidance, planned_taken: bool) -> bool:
+def is_enough(shown: GuidanceView, planned_taken: bool) -> bool:
     """Whether all that was planned is taken and one more placement would not be worth it.
 
     Parameters
@@ -194,7 +194,7 @@ def is_enough(shown: Guidance, planned_taken: bool) -> bool:
     return shown.next_mm > (1 - WORTH) * shown.now_mm
 
 
-def advice_text(shown: Guidance, planned_taken: bool) -> str:
+def advice_text(shown: GuidanceView, planned_taken: bool) -> str:
     """Where to put the ball next; "Enough" where all that was planned is taken and no move is worth a tenth.
 
     Parameters
@@ -222,7 +222,7 @@ def to_go_text(to_go: "ToGo") -> tuple[str, Level]:
     return text.format(away=away, turn=to_go.turn_deg), "caution"
 
 
-def now_text(shown: Guidance) -> tuple[str, Level]:
+def now_text(shown: GuidanceView) -> tuple[str, Level]:
     """What stopping now would give."""
     if shown.coarse:
         return translate("Guidance", "If you stop now: being worked out"), "none"
@@ -233,7 +233,7 @@ def now_text(shown: Guidance) -> tuple[str, Level]:
     return text, "caution" if gain else "good"
 
 
-def next_text(shown: Guidance, planned_taken: bool = False) -> str:
+def next_text(shown: GuidanceView, planned_taken: bool = False) -> str:
     """What the next placement would give, or one more than was planned.
 
     Parameters

@@ -55,14 +55,14 @@ class Scene:
 
 
 @dataclass(frozen=True)
-class Advice:
+class PlacementAdvice:
     """The one sentence for the person at the rig, with its colour."""
 
     text: str
     level: Level
 
 
-def advice(scene: Scene, taken: bool, taking: bool, as_before: bool = False, away: bool = False) -> Advice:
+def advice(scene: Scene, taken: bool, taking: bool, as_before: bool = False, away: bool = False) -> PlacementAdvice:
     """What to do now; one sentence at a time, the most urgent.
 
     Parameters
@@ -79,9 +79,9 @@ def advice(scene: Scene, taken: bool, taking: bool, as_before: bool = False, awa
         It is not where it should go.
     """
     if taking:
-        return Advice(translate("Placement", "Hold still: images are being captured"), "caution")
+        return PlacementAdvice(translate("Placement", "Hold still: images are being captured"), "caution")
     if taken:
-        return Advice(translate("Placement", "Captured. Press space to go on"), "good")
+        return PlacementAdvice(translate("Placement", "Captured. Press space to go on"), "good")
     if scene.board and not scene.lost:
         return _board_advice(scene, as_before)
     poor = list(scene.short)
@@ -104,7 +104,7 @@ def advice(scene: Scene, taken: bool, taking: bool, as_before: bool = False, awa
         text, level = translate("Placement", "Move the ball to its ghost"), "none"
     else:
         text, level = _ready_text(poor), "good"
-    return Advice(text, level)
+    return PlacementAdvice(text, level)
 
 
 def _ready_text(poor: Sequence[str]) -> str:
@@ -138,17 +138,17 @@ def short_text(short: Mapping[str, int]) -> str:
     return message.format(needed=needed_dots(), cameras=", ".join(f"{name} ({count})" for name, count in worst))
 
 
-def _board_advice(scene: Scene, as_before: bool) -> Advice:
+def _board_advice(scene: Scene, as_before: bool) -> PlacementAdvice:
     """What to do now with a board."""
     if not any(scene.counts.values()):
-        return Advice(translate("Placement", "Show the board to the cameras"), "bad")
+        return PlacementAdvice(translate("Placement", "Show the board to the cameras"), "bad")
     if as_before:
-        return Advice(translate("Placement", "Move the board: elsewhere, and tilted otherwise"), "caution")
+        return PlacementAdvice(translate("Placement", "Move the board: elsewhere, and tilted otherwise"), "caution")
     if scene.still is None:
-        return Advice(translate("Placement", "Checking that the board is still"), "none")
+        return PlacementAdvice(translate("Placement", "Checking that the board is still"), "none")
     if not scene.still:
-        return Advice(translate("Placement", "Hold the board still"), "caution")
-    return Advice(translate("Placement", "Ready: press space"), "good")
+        return PlacementAdvice(translate("Placement", "Hold the board still"), "caution")
+    return PlacementAdvice(translate("Placement", "Ready: press space"), "good")
 
 
 class AutoTrigger:

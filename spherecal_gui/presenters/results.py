@@ -77,7 +77,7 @@ class Action:
 
 
 @dataclass(frozen=True)
-class Advice:
+class FindingAdvice:
     """A finding in words, and the buttons that do what it advises; `where` are the names that its title lacks."""
 
     level: Level
@@ -304,7 +304,7 @@ _MORE = (
 _BENCH = ("no-scale", "target-distance", "ball-diameter")
 
 
-def advice(result: "Result", placements: tuple[str, ...]) -> list[Advice]:
+def advice(result: "Result", placements: tuple[str, ...]) -> list[FindingAdvice]:
     """The findings, errors first, each with what can be done at once.
 
     Parameters
@@ -332,12 +332,12 @@ def advice(result: "Result", placements: tuple[str, ...]) -> list[Advice]:
     return found
 
 
-def _advice_of(finding: Finding, level: Level, actions: tuple[Action, ...]) -> Advice:
+def _advice_of(finding: Finding, level: Level, actions: tuple[Action, ...]) -> FindingAdvice:
     """A finding in the reader's language; options of the command line are not named where there are buttons."""
     has_buttons = any(action.kind.startswith("--") for action in actions)
     title = finding.words("title", languages.now())
     named = [] if any(name in title for name in finding.where) else list(finding.where)
-    return Advice(
+    return FindingAdvice(
         level,
         title,
         finding.words("message", languages.now()),

@@ -14,7 +14,7 @@ from spherecal_scene.model import DrawnBall, SceneData, scene_data, with_bars, w
 if TYPE_CHECKING:  # imports scipy and OpenCV, for which the window does not wait
     from spherecal.data.rig import PlacedSphere, Rig
     from spherecal.uses.check import Check
-    from spherecal_gui.tasks.kept_check import KeptCheck
+    from spherecal_gui.tasks.kept_check import CheckSummary
     from spherecal_gui.tasks.outcome import Outcome
 
 
@@ -80,7 +80,7 @@ def next_scene(rig: "Rig", spheres: "Sequence[PlacedSphere]", centre_mm: ArrayLi
     return replace(data, scene=replace(data.scene, placements=balls), wanted=wanted)
 
 
-def check_scene(rig: "Rig", found: "Check | KeptCheck") -> SceneData | None:
+def check_scene(rig: "Rig", found: "Check | CheckSummary") -> SceneData | None:
     """The calibration in use, and those cameras that a check found moved where they are now.
 
     Parameters

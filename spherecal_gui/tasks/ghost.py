@@ -55,7 +55,7 @@ class Lenses:
 
 
 @dataclass(frozen=True, eq=False)
-class Body:
+class LastBall:
     """The ball as it stood last: known dots `keys` (k,) at `dots` (k, 3) mm, its centre and the way up (3,)."""
 
     keys: IntArray
@@ -70,7 +70,7 @@ class Ghost:
     """Where the ball should go: centre (3,) mm and turn (3, 3) against how it stood last."""
 
     lenses: Lenses
-    body: Body
+    body: LastBall
     centre: FloatArray
     turn: FloatArray
 
@@ -116,7 +116,7 @@ def keys_of(target: IntArray, point: IntArray) -> IntArray:
     return np.asarray(target, dtype=np.int64) * 64 + np.asarray(point, dtype=np.int64)
 
 
-def body_of(calibration: "Calibration", last: str, up: FloatArray) -> Body | None:
+def body_of(calibration: "Calibration", last: str, up: FloatArray) -> LastBall | None:
     """The ball as it stood at a placement, with the dots that other placements have shown of it as well.
 
     None where the ball was not fitted at that placement.
@@ -147,10 +147,10 @@ def body_of(calibration: "Calibration", last: str, up: FloatArray) -> Body | Non
         new = ~np.isin(other_keys, keys)
         moved = fit_similarity(other_dots[b], dots[a], with_scale=False)
         keys, dots = np.concatenate([keys, other_keys[new]]), np.vstack([dots, moved.apply(other_dots[new])])
-    return Body(keys, dots, spheres[last].centre_mm, float(spheres[last].radius_mm), up)
+    return LastBall(keys, dots, spheres[last].centre_mm, float(spheres[last].radius_mm), up)
 
 
-def lying_ball(lenses: Lenses, body: Body, dots: Mapping[str, Dots]) -> Lying | None:
+def lying_ball(lenses: Lenses, body: LastBall, dots: Mapping[str, Dots]) -> Lying | None:
     """Where the ball is, from the dots that the cameras see now; None where too few are seen by two of them.
 
     Parameters

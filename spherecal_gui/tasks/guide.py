@@ -19,7 +19,7 @@ from spherecal.targets.marker_set import CORNERS
 from spherecal.targets.target_set import TargetSet
 from spherecal_gui import limits
 from spherecal_gui.presenters.coverage import SetDots
-from spherecal_gui.presenters.guidance import Guidance, guidance_of
+from spherecal_gui.presenters.guidance import GuidanceView, guidance_of
 from spherecal_gui.presenters.rig_scenes import next_scene
 from spherecal_gui.project_folder import Document
 
@@ -36,7 +36,7 @@ _COARSE_DOTS = 160
 
 def plan_coarse(
     document: Document, target_set: TargetSet | None, dots: Mapping[str, SetDots], context: Context
-) -> Guidance | None:
+) -> GuidanceView | None:
     """A first answer, from a few dots and by geometry alone; None where they give nothing to plan with.
 
     Parameters
@@ -76,7 +76,7 @@ def _dots_in(sets: Mapping[str, SetDots]) -> int:
 
 def plan_next(
     document: Document, target_set: TargetSet | None, dots: Mapping[str, SetDots], context: Context
-) -> Guidance | None:
+) -> GuidanceView | None:
     """Where to put the ball next; None where the placements so far give nothing to plan with.
 
     Parameters
@@ -105,7 +105,7 @@ def plan_next(
 
 def _shown(
     session: "Session", calibration: "Calibration", found: "Advised | None", coarse: bool = False
-) -> Guidance | None:
+) -> GuidanceView | None:
     """The engine's answer as the window shows it, with the ghost of the ball at the proposed place."""
     from spherecal_gui.tasks.ghost import Ghost, Lenses, body_of, turn_of
 

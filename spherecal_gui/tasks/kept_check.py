@@ -42,7 +42,7 @@ class _Ball:
 
 
 @dataclass(frozen=True)
-class KeptCheck:
+class CheckSummary:
     """What the page needs of a check (spherecal.uses.check.Check)."""
 
     verdict: str
@@ -58,13 +58,13 @@ class KeptCheck:
         return tuple(camera.test.id for camera in self.cameras if camera.test.moved)
 
 
-def read_kept_check(folder: Path) -> KeptCheck | None:
+def read_kept_check(folder: Path) -> CheckSummary | None:
     """The check of a project; None where there is none that can be read."""
     try:
         f = read_json(folder / FILE, FORMAT, VERSION, below=folder).fields(
             ("verdict", "cameras", "untested", "balls", "findings"), ("tolerance_mm",)
         )
-        return KeptCheck(
+        return CheckSummary(
             f["verdict"].choice("ok", "watch", "recalibrate"),
             _optional(f, "tolerance_mm"),
             tuple(_camera(one) for one in f["cameras"].items()),

@@ -17,7 +17,7 @@ Work = Callable[[Context], T]
 _ABANDONED: list[QThread] = []  # kept alive until the program ends
 
 
-class Task(QThread):
+class BackgroundTask(QThread):
     """Runs `work(context)`; ends with exactly one of `succeeded`, `failed`, `cancelled`.
 
     Progress is a mailbox of one: a fast stage must not fill the window's queue of events.
@@ -92,7 +92,7 @@ class Runner(QObject):
 
     def __init__(self, parent: QObject | None = None) -> None:
         super().__init__(parent)
-        self.task: Task | None = None
+        self.task: BackgroundTask | None = None
         self._on_done: Callable[[Any], None] | None = None  # Any: a signal of Qt carries the result
         self._on_failed: Callable[[BaseException], None] | None = None
         self._on_cancelled: Callable[[], None] | None = None
@@ -128,7 +128,7 @@ class Runner(QObject):
         if self.task is not None:
             return False
         self._on_done, self._on_failed, self._on_cancelled = on_done, on_failed, on_cancelled
-        task = Task(name, work, self)
+        task = BackgroundTask(name, work, self)
         task.succeeded.connect(self._succeeded)
         task.failed.connect(self._failed)
         task.cancelled.connect(self._cancelled)

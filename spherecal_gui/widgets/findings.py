@@ -4,7 +4,7 @@ from PySide6.QtCore import Qt, Signal
 from PySide6.QtWidgets import QHBoxLayout, QScrollArea, QVBoxLayout, QWidget
 
 from spherecal_gui import theme
-from spherecal_gui.presenters.results import Action, Advice, repair_text
+from spherecal_gui.presenters.results import Action, FindingAdvice, repair_text
 from spherecal_gui.widgets.basic import button, clear, details_button, label, set_level
 from spherecal_gui.widgets.icons import level_pixmap
 
@@ -22,11 +22,11 @@ class FindingsList(QScrollArea):
         self._column = QVBoxLayout(self._inner)
         self._column.setSpacing(theme.SMALL)
         self.setWidget(self._inner)
-        self.shown: list[Advice] = []
+        self.shown: list[FindingAdvice] = []
         self.repairs: tuple[tuple[str, str], ...] = ()
         self._worn: tuple[theme.Colours, float] | None = None
 
-    def show_advice(self, advice: list[Advice], repairs: tuple[tuple[str, str], ...] = ()) -> None:
+    def show_advice(self, advice: list[FindingAdvice], repairs: tuple[tuple[str, str], ...] = ()) -> None:
         """Show these findings, and the repairs that were asked for.
 
         Parameters
@@ -51,7 +51,7 @@ class FindingsList(QScrollArea):
             self._column.addWidget(self._row(one))
         self._column.addStretch(1)
 
-    def _row(self, one: Advice) -> QWidget:
+    def _row(self, one: FindingAdvice) -> QWidget:
         box = QWidget()
         row = QHBoxLayout(box)
         row.setContentsMargins(0, 0, 0, 0)

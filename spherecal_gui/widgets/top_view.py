@@ -9,7 +9,7 @@ from PySide6.QtWidgets import QWidget
 
 from spherecal.base.arrays import FloatArray
 from spherecal_gui import theme
-from spherecal_gui.presenters.guidance import Guidance, move_text
+from spherecal_gui.presenters.guidance import GuidanceView, move_text
 from spherecal_gui.widgets.name_tags import place_tags
 
 At = Callable[[FloatArray], QPointF]
@@ -24,10 +24,10 @@ class TopView(QWidget):
 
     def __init__(self, parent: QWidget | None = None) -> None:
         super().__init__(parent)
-        self._shown: Guidance | None = None
+        self._shown: GuidanceView | None = None
         self.setMinimumSize(200, 40)
 
-    def show_guidance(self, guidance: Guidance | None) -> None:
+    def show_guidance(self, guidance: GuidanceView | None) -> None:
         """Show it, or nothing."""
         self._shown = guidance
         self.setAccessibleName("" if guidance is None else move_text(guidance))
@@ -51,7 +51,7 @@ class TopView(QWidget):
         self._draw_taken(painter, shown, at, radius)
         self._draw_next(painter, shown, at, radius)
 
-    def _map(self, shown: Guidance) -> tuple[At, float]:
+    def _map(self, shown: GuidanceView) -> tuple[At, float]:
         """From places in mm to the widget, and pixels per mm."""
         places = np.vstack([shown.cameras.reshape(-1, 2), shown.taken.reshape(-1, 2), shown.place.reshape(1, 2)])
         low, high = places.min(axis=0) - 1.3 * shown.radius_mm, places.max(axis=0) + 1.3 * shown.radius_mm
@@ -84,13 +84,13 @@ class TopView(QWidget):
         text = f"{each / 1000:g} m" if each >= _METRE else f"{each:.0f} mm"
         painter.drawText(QPointF(left + 4, low - 6), text)
 
-    def _draw_views(self, painter: QPainter, shown: Guidance, places: list[QPointF]) -> None:
+    def _draw_views(self, painter: QPainter, shown: GuidanceView, places: list[QPointF]) -> None:
         """Which way each camera looks."""
         painter.setPen(QPen(theme.colour("soft"), 2))
         for place, view in zip(places, shown.views, strict=False):
             painter.drawLine(place, place + QPointF(view[0], -view[1]) * (2.2 * _CAMERA_PX))
 
-    def _draw_cameras(self, painter: QPainter, shown: Guidance, at: At) -> None:
+    def _draw_cameras(self, painter: QPainter, shown: GuidanceView, at: At) -> None:
         c = theme.now()
         painter.setFont(theme.font(11, bold=True))
         metrics, message = painter.fontMetrics(), (shown.towards, shown.tip_towards)
@@ -109,14 +109,14 @@ class TopView(QWidget):
         for name, box in boxes.items():
             painter.drawText(box, Qt.AlignmentFlag.AlignCenter, name)
 
-    def _draw_taken(self, painter: QPainter, shown: Guidance, at: At, radius: float) -> None:
+    def _draw_taken(self, painter: QPainter, shown: GuidanceView, at: At, radius: float) -> None:
         painter.setFont(theme.font(11, bold=True))
         painter.setPen(QPen(QColor(theme.now().good), 2))
         for name, place in zip(shown.taken_names, shown.taken.reshape(-1, 2), strict=True):
             painter.drawEllipse(at(place), radius, radius)
             painter.drawText(at(place) + QPointF(-radius * 0.7, -radius * 0.55), name)
 
-    def _draw_next(self, painter: QPainter, shown: Guidance, at: At, radius: float) -> None:
+    def _draw_next(self, painter: QPainter, shown: GuidanceView, at: At, radius: float) -> None:
         c, middle = theme.now(), at(shown.place)
         tint = QColor(c.accent)
         filled = QColor(c.accent)

@@ -1,1 +1,1 @@
-"""The wizard: its controller, which knows no widgets, and its window."""
+"""The window: its frame, header, footer, keys and dialogs."""

@@ -2,8 +2,8 @@
 
 from collections.abc import Callable
 
+from spherecal_gui.controllers.controller import Controller
 from spherecal_gui.pages.base import Page
-from spherecal_gui.wizard.controller import Controller
 
 
 def page_class(kind: str) -> Callable[[Controller], Page]:

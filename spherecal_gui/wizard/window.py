@@ -11,6 +11,7 @@ from PySide6.QtWidgets import QDialog, QWidget
 
 from spherecal.base.errors import SpherecalError
 from spherecal_gui import theme
+from spherecal_gui.controllers.controller import Controller
 from spherecal_gui.pages.base import Page
 from spherecal_gui.presenters.look import bump_text
 from spherecal_gui.presenters.pace import as_text, expected_s, kind_of, pace_text, read_durations, with_duration
@@ -19,14 +20,13 @@ from spherecal_gui.presenters.start import source_word, validity_of
 from spherecal_gui.project_folder import load_project, profile_shown, rig_bench, write_bench
 from spherecal_gui.standing import camera_level
 from spherecal_gui.tasks.driver_question import DriverQuestion
-from spherecal_gui.tasks.task import Task
+from spherecal_gui.tasks.task import BackgroundTask
 from spherecal_gui.texts import error_text, reason_text, step_task, step_title
-from spherecal_gui.wizard.bench_control import show_bench
-from spherecal_gui.wizard.controller import Controller
+from spherecal_gui.wizard.bench_editor import show_bench
 from spherecal_gui.wizard.dialogs import bundle_dialog, driver_dialog, help_dialog, versions
 from spherecal_gui.wizard.frame import WindowFrame
 from spherecal_gui.wizard.keys import Guard, Keys
-from spherecal_gui.wizard.limits_control import show_limits, take_over_limits
+from spherecal_gui.wizard.limits_viewer import show_limits, take_over_limits
 from spherecal_gui.wizard.page_classes import page_class
 from spherecal_gui.workflow import Status, Step
 
@@ -54,7 +54,7 @@ class WizardWindow(WindowFrame):
         self.guard = Guard()
         self.keys = Keys(self, self.header, self.press)
         self._bumped: Mapping[str, float] = {}
-        self._timed: Task | None = None  # the work whose time is shown
+        self._timed: BackgroundTask | None = None  # the work whose time is shown
         self._doing_words = ""
         self._usual_s: float | None = None
         self.bench = ""  # what stands at the real rig, where the command line names it
@@ -76,8 +76,8 @@ class WizardWindow(WindowFrame):
         self.controller.runner.started.connect(self._work)
         self.controller.runner.lasted.connect(self._remember_pace)
         if self._own:
-            self.controller.driver_asked.connect(self._ask_driver)
-            self.controller.somebody_answers = True
+            self.controller.cameras.driver_asked.connect(self._ask_driver)
+            self.controller.cameras.somebody_answers = True
         self.header.home.clicked.connect(self.show_start)
         self.header.help.clicked.connect(self.show_help)
         self.header.bundle.connect(self.offer_bundle)
@@ -155,7 +155,7 @@ class WizardWindow(WindowFrame):
 
     def copy_command(self) -> None:
         """The command lines that give the same files."""
-        commands = self.controller.commands() if self.controller.project is not None else []
+        commands = self.controller.saving.commands() if self.controller.project is not None else []
         if not commands:
             self._say("info", self.tr("There is no command yet: calibrate first."), "")
             return
@@ -236,11 +236,11 @@ class WizardWindow(WindowFrame):
         self.footer.show_action(self.page.action(), state, self.controller.runner.running is not None, standing)
 
     def _show_status(self) -> None:
-        project, connection = self.controller.project, self.controller.connection
+        project, connection = self.controller.project, self.controller.cameras.connection
         self.source.setVisible(project is not None)
         if project is not None:
             found = self.tr("not connected")
-            lost = self.controller.lost_cameras()
+            lost = self.controller.cameras.lost()
             if connection is not None:
                 found = self.tr("{count} cameras").format(count=len(connection.names))
             if lost:
@@ -283,7 +283,7 @@ class WizardWindow(WindowFrame):
     def _tick(self) -> None:
         if self.page is not None:
             self.page.tick()
-        if self.controller.lost_cameras() != self._lost:
+        if self.controller.cameras.lost() != self._lost:
             self.refresh()
         if self.banner.alarms != self._alarmed:
             self._alarmed = self.banner.alarms
@@ -292,7 +292,7 @@ class WizardWindow(WindowFrame):
                 self.page.show_standing()
         task = self.controller.runner.task
         self._show_doing(task)
-        live = self.controller.live
+        live = self.controller.cameras.live
         if live is None:
             return
         if live.problem is not None:
@@ -306,7 +306,7 @@ class WizardWindow(WindowFrame):
                 self.controller.note(" ".join(bump_text(names)))
                 self.sounds.play("bad")
 
-    def _show_doing(self, task: Task | None) -> None:
+    def _show_doing(self, task: BackgroundTask | None) -> None:
         """What runs, for how long already, and how long such work usually takes."""
         if task is not self._timed:
             self._timed, self._doing_words = task, ""

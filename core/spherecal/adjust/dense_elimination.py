@@ -18,7 +18,7 @@ from spherecal.base.kernels import njit
 
 # Fewer columns than these (hall24: 510) are as fast by runs.
 LEAST_COLUMNS = 1000
-# Points whose couplings are held at a time: 1,200 rows of 2,000 columns are 19 MB.
+# Points whose couplings are in memory at a time: 1,200 rows of 2,000 columns are 19 MB.
 _CHUNK = 400
 
 

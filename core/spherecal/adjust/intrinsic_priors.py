@@ -1,4 +1,4 @@
-"""Cameras whose intrinsics the data cannot carry: each held by a prior, which a finding says."""
+"""Cameras whose intrinsics the data do not determine: each gets a prior, and a finding says so."""
 
 from dataclasses import replace
 
@@ -41,8 +41,8 @@ def prior_sigmas(intrinsics: FloatArray) -> FloatArray:
     return sigma
 
 
-def with_intrinsic_priors(network: Network, known: FloatArray, held: BoolArray, noise: float) -> Network:
-    """The network with a prior on the intrinsics (c,16) of the held cameras' groups, and on rational denominators.
+def with_intrinsic_priors(network: Network, known: FloatArray, has_prior: BoolArray, noise: float) -> Network:
+    """The network with a prior on the intrinsics (c,16) of the groups of these cameras, and on rational denominators.
 
     Priors are to weigh against image points as both really scatter.
 
@@ -52,15 +52,15 @@ def with_intrinsic_priors(network: Network, known: FloatArray, held: BoolArray, 
         The network.
     known
         Intrinsics before the adjustment, (c,16).
-    held
+    has_prior
         Cameras whose intrinsics the data cannot carry, (c,).
     noise
         Standard deviation of unit weight.
     """
     rational = network.free[:, _DENOMINATOR].any(axis=1)
-    if not (held | rational).any():
+    if not (has_prior | rational).any():
         return network
-    members = np.isin(network.group, network.group[held])
+    members = np.isin(network.group, network.group[has_prior])
     noise = noise if noise > LEAST_NOISE else LEAST_NOISE
     sigma = np.where(members[:, None], prior_sigmas(known) / noise, np.inf)
     sigma[rational & ~members, _DENOMINATOR] = RATIONAL_SD

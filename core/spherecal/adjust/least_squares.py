@@ -87,7 +87,7 @@ class _Bundle:
 def minimise(problem: Problem, state: State, settings: Settings, on_step: OnStep | None = None) -> Minimum:
     """The state of least cost (2) near `state`; the shape noise of a deformable ball's dots is in its `shape_residual`.
 
-    BLAS is held to one thread: beside compiled kernels more threads made small factorisations 3-10 times slower.
+    BLAS runs on one thread: beside compiled kernels more threads made small factorisations 3-10 times slower.
 
     Parameters
     ----------

@@ -48,7 +48,10 @@ class Settings:
 
 @dataclass(frozen=True)
 class Minimum:
-    """Where the minimiser ended: the state, half the (robust) sum of squares, and whether it converged."""
+    """Where the minimiser ended: the state, half the (robust) sum of squares, and whether it converged.
+
+    `iterations` are all steps, refused ones included; `costs` those at the start and after every step that was taken.
+    """
 
     state: State
     cost: float
@@ -172,7 +175,7 @@ def levenberg_marquardt(
         return Minimum(state, 0.0, 0, False, (0.0,))
     linear: L | None = model.linearise(state)
     cost, damping, failures = model.cost(state, linear), settings.first_damping, 0
-    costs = [cost]
+    costs, iteration = [cost], 0
     for iteration in range(1, settings.max_iterations + 1):
         if linear is None:
             linear = model.linearise(state)
@@ -196,7 +199,7 @@ def levenberg_marquardt(
             return Minimum(state, cost, iteration, True, tuple(costs))
         if damping > MOST_DAMPING:
             break
-    return Minimum(state, cost, len(costs) - 1, False, tuple(costs))
+    return Minimum(state, cost, iteration, False, tuple(costs))
 
 
 def solve_damped(matrix: FloatArray, gradient: FloatArray, diagonal: FloatArray, damping: float) -> FloatArray | None:

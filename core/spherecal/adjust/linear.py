@@ -1,4 +1,4 @@
-"""The linearisation of a large problem, computed block by block where it is needed instead of held.
+"""The linearisation of a large problem, computed block by block where it is needed instead of kept in memory.
 
 Its derivatives take 400 bytes an observation, ten times what the observation itself does.
 """
@@ -18,9 +18,9 @@ from spherecal.adjust.state import State
 from spherecal.base import arrays
 from spherecal.base.arrays import BoolArray, FloatArray, IntArray, blocks
 
-# Up to this number of observations (60 MB) the linearisation is held: computed again where it is needed, a step of
-# the bench's hall50 and hall100 takes 1.3 times as long.
-MOST_HELD = 150_000
+# Up to this number of observations (60 MB) the linearisation is kept in memory. Computed again where it is needed, a
+# step of the bench's hall50 and hall100 takes 1.3 times as long.
+MOST_IN_MEMORY = 150_000
 
 
 @dataclass(frozen=True)
@@ -106,14 +106,14 @@ Linear: TypeAlias = Linearisation | LinearByBlocks
 
 
 def linear_model(problem: Problem, state: State, robust_weight: FloatArray | None, linearise: Linearise) -> Linear:
-    """The linearisation: held where that takes little memory or places have shape noise, else computed by blocks.
+    """The linearisation: in memory where that is small or places have shape noise, else computed by blocks.
 
     Parameters
     ----------
     problem, state, robust_weight, linearise
         The adjustment, where to linearise, factors of the rows (n,) or None, and what linearises.
     """
-    if len(problem.uv) <= MOST_HELD or isinstance(problem.ball, Deformable):
+    if len(problem.uv) <= MOST_IN_MEMORY or isinstance(problem.ball, Deformable):
         return linearise(problem, state, robust_weight)
     return LinearByBlocks(problem, state, robust_weight, linearise)
 
@@ -134,7 +134,7 @@ class PointBlock:
 def point_blocks(
     problem: Problem, linear: Linear, points: IntArray, may_begin: BoolArray | None = None
 ) -> Iterator[PointBlock]:
-    """The points in their order, in parts of some `ROWS_AT_ONCE` observations; all at once where they are held.
+    """The points in their order, in parts of some `ROWS_AT_ONCE` observations; all at once where they are in memory.
 
     Parameters
     ----------

@@ -14,7 +14,7 @@ from spherecal.adjust.problem import Problem
 from spherecal.adjust.state import State
 from spherecal.base import arrays
 from spherecal.base.arrays import FloatArray, IntArray, blocks, blocks_of_groups
-from spherecal.geometry.rotation import cross_matrix
+from spherecal.geometry.rotation import cross, cross_matrix
 
 # Points whose columns are multiplied at a time, which bounds the memory: 3 * 512 rows of at most 5,000 columns, 60 MB.
 _CHUNK = 512
@@ -32,7 +32,7 @@ class PointFactors(CovarianceFactors):
     Attributes
     ----------
     shifts
-        -V^-1 W' of all points by all columns (3p,e), held where there are very many observations of few points.
+        -V^-1 W' of all points by all columns (3p,e), kept where there are very many observations of few points.
     """
 
     shifts: sparse.csr_array | None
@@ -103,7 +103,7 @@ class PointFactors(CovarianceFactors):
         points = np.zeros((self.problem.n_points, 3))
         np.add.at(points, self.places.point, np.einsum("fji,fj->fi", self.rotation, gradient))
         poses = np.zeros((self.problem.n_placements, POSE))
-        np.add.at(poses, self.places.placement, np.concatenate([np.cross(self.lever_arm, gradient), gradient], axis=1))
+        np.add.at(poses, self.places.placement, np.concatenate([cross(self.lever_arm, gradient), gradient], axis=1))
         start = self.n_camera_columns
         columns[start : start + poses.size] = poses.ravel()
         return points, columns
@@ -225,7 +225,7 @@ def shift_matrix(parts: PointFactors) -> sparse.csr_array:
     start = np.cumsum(count, dtype=np.int32)
     values, columns = np.empty(int(start[-1])), np.empty(int(start[-1]), dtype=np.int32)
     end = len(values)
-    while pieces:  # each is let go as soon as it is copied, so that they are never held twice
+    while pieces:  # each is let go as soon as it is copied, so that they are never in memory twice
         piece = pieces.pop()
         own, end = slice(end - piece.nnz, end), end - piece.nnz
         values[own], columns[own] = piece.data, piece.indices

@@ -18,8 +18,8 @@ from spherecal.base.arrays import BoolArray, FloatArray, IntArray
 from spherecal.base.memory import release_freed
 from spherecal.initialise.incremental import InitialPoses
 
-# Nominal intrinsics that are simply wrong make the fit many times worse when held; right ones hardly change it.
-MOST_WORSE_BY_HOLDING = 2.0
+# Nominal intrinsics that are simply wrong make the fit many times worse when fixed; right ones hardly change it.
+MOST_WORSE_BY_FIXING = 2.0
 
 
 @dataclass(frozen=True)
@@ -27,15 +27,15 @@ class BallFit:
     """A network solved in one form, in the reference camera's frame.
 
     `network` has the weights and priors of the solution; in the rigid form its features are dots of the ball, and
-    `rigid` says which. `held` (c,): cameras whose intrinsics the data cannot carry. `ambiguous` (c,): those without a
-    pose because two fit equally well. `free`: of the soft form, the free one, which shows what is wrong without taking
-    a moved camera for a ball that gave way.
+    `rigid` says which. `has_prior` (c,): cameras whose intrinsics have a prior, since the data do not determine them.
+    `ambiguous` (c,): those without a pose because two fit equally well. `free`: of the soft form, the free one, which
+    shows what is wrong without taking a moved camera for a ball that gave way.
     """
 
     network: Network
     adjusted: Adjustment
     cofactors: Covariance | None
-    held: BoolArray
+    has_prior: BoolArray
     placed: BoolArray
     rigid: RigidNetwork | None = None
     free: "BallFit | None" = None
@@ -129,7 +129,7 @@ def with_lengths(solved: BallFit, rows: LengthRows, factor: float, run: Run) -> 
     state = solved.adjusted.state.scaled(factor)
     adjusted = refine(network, state, solved.adjusted.used, solved.placed, run.context)
     again = finished_solution(network, adjusted, solved.placed, replace(run, plain=True), solved.rigid)
-    return replace(again, held=solved.held, free=free)
+    return replace(again, has_prior=solved.has_prior, free=free)
 
 
 def finished_solution(
@@ -166,7 +166,7 @@ def solve_with_priors(
     solution: Callable[[Network], BallFit],
     run: Run,
 ) -> BallFit:
-    """The solution; cameras whose intrinsics the data cannot carry are held by their prior.
+    """The solution; cameras whose intrinsics the data do not determine get a prior.
 
     Parameters
     ----------
@@ -180,18 +180,18 @@ def solve_with_priors(
         What the stages share.
     """
     known = run.known
-    held = poorly_observed(network, candidates) & placed
-    solved = solution(with_intrinsic_priors(network, known, held, 1.0))
-    if held.any():  # again with the noise that only the adjustment tells
-        solved = solution(with_intrinsic_priors(network, known, held, np.sqrt(solved.adjusted.variance)))
+    has_prior = poorly_observed(network, candidates) & placed
+    solved = solution(with_intrinsic_priors(network, known, has_prior, 1.0))
+    if has_prior.any():  # again with the noise that only the adjustment tells
+        solved = solution(with_intrinsic_priors(network, known, has_prior, np.sqrt(solved.adjusted.variance)))
     while solved.cofactors is not None:
         weak = poorly_determined(
             solved.adjusted.problem, solved.adjusted.state, solved.cofactors, solved.adjusted.variance
         )
-        if not (weak & ~held).any():
+        if not (weak & ~has_prior).any():
             break
-        again = solution(with_intrinsic_priors(network, known, held | weak, np.sqrt(solved.adjusted.variance)))
-        if again.adjusted.variance > MOST_WORSE_BY_HOLDING * solved.adjusted.variance:
+        again = solution(with_intrinsic_priors(network, known, has_prior | weak, np.sqrt(solved.adjusted.variance)))
+        if again.adjusted.variance > MOST_WORSE_BY_FIXING * solved.adjusted.variance:
             break
-        solved, held = again, held | weak
-    return replace(solved, held=held)
+        solved, has_prior = again, has_prior | weak
+    return replace(solved, has_prior=has_prior)

@@ -127,8 +127,8 @@ def solve_images(
     enough = np.bincount(images.camera, minlength=len(images.group)) >= LEAST_POINTS
     if together.sum() < 2 or enough.sum() > MOST_IMAGES:
         return None
-    rotation = np.einsum("cij,tjk->ctik", state.rotation, alignment.turn[:n_ball])
-    translation = np.einsum("cij,tj->cti", state.rotation, alignment.shift[:n_ball]) + state.translation[:, None]
+    rotation = np.einsum("cij,tjk->ctik", state.rotation, alignment.rotation[:n_ball])
+    translation = np.einsum("cij,tj->cti", state.rotation, alignment.translation[:n_ball]) + state.translation[:, None]
     start = State(
         rotation.reshape(-1, 3, 3),
         translation.reshape(-1, 3),

@@ -148,10 +148,15 @@ def _rig(
     placed = start.placed.copy()
     for c, pose in cameras.items():
         rotation[c], translation[c], placed[c] = pose.rotation, pose.translation, True
-    turn, shift, roots = alignment.turn.copy(), alignment.shift.copy(), np.arange(len(alignment.root))
+    lenses = grown.state.intrinsics[::n_ball]
+    state = replace(start.state, rotation=rotation, translation=translation, intrinsics=lenses)
+    roots = np.arange(len(alignment.root))
+    ball_rotation, ball_translation = alignment.rotation.copy(), alignment.translation.copy()
     for t, pose in placements.items():
-        turn[taken[t]], shift[taken[t]], roots[taken[t]] = pose.rotation, pose.translation, taken[root]
-    state = replace(
-        start.state, rotation=rotation, translation=translation, intrinsics=grown.state.intrinsics[::n_ball]
-    )
-    return InitialPoses(state, placed), replace(alignment, root=roots, turn=turn, shift=shift)
+        ball_rotation[taken[t]], ball_translation[taken[t]], roots[taken[t]] = (
+            pose.rotation,
+            pose.translation,
+            taken[root],
+        )
+    linked = replace(alignment, root=roots, rotation=ball_rotation, translation=ball_translation)
+    return InitialPoses(state, placed), linked

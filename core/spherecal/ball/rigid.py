@@ -31,13 +31,13 @@ class Alignment:
     """How the placements of a network hang together by dots they share.
 
     - `root` (t,): the placement in whose frame each one's ball is described, itself where it shares too little.
-    - `turn` (t,3,3) and `shift` (t,3) carry that ball to the placement (I and 0 for roots).
+    - `rotation` (t,3,3) and `translation` (t,3) carry that ball to the placement (I and 0 for roots).
     - `shared` (t,t) counts dots.
     """
 
     root: IntArray
-    turn: FloatArray
-    shift: FloatArray
+    rotation: FloatArray
+    translation: FloatArray
     shared: IntArray
 
     @property
@@ -48,7 +48,7 @@ class Alignment:
     @property
     def turned_deg(self) -> FloatArray:
         """The angle (k,) by which the ball is turned at each moved placement, against its root, degrees."""
-        return np.rad2deg(np.linalg.norm(log_rotation(self.turn[self.moved]), axis=1))
+        return np.rad2deg(np.linalg.norm(log_rotation(self.rotation[self.moved]), axis=1))
 
 
 @dataclass(frozen=True)
@@ -65,8 +65,8 @@ class RigidNetwork:
 
     def as_features(self, state: State) -> State:
         """The state with a point for every feature of the free network, where its placement carries it."""
-        turn = state.placement_rotation[self.places.placement]
-        points = np.einsum("fij,fj->fi", turn, state.points[self.places.point])
+        rotation = state.placement_rotation[self.places.placement]
+        points = np.einsum("fij,fj->fi", rotation, state.points[self.places.point])
         points += state.placement_translation[self.places.placement]
         if len(state.shape_residual):
             points += state.shape_residual
@@ -120,12 +120,12 @@ def align(features: Features, points: FloatArray, n_placements: int, n_ball: int
     np.fill_diagonal(counts, 0)
     target = np.unique(np.stack([features.target, features.point], axis=1), axis=0)[:, 0]
     root = np.arange(n_placements)
-    turn, shift = np.tile(np.eye(3), (n_placements, 1, 1)), np.zeros((n_placements, 3))
+    rotation, translation = np.tile(np.eye(3), (n_placements, 1, 1)), np.zeros((n_placements, 3))
     for t, (start, motion) in _outward(counts, _tree(counts, place, known, target)).items():
-        root[t], turn[t], shift[t] = start, motion.rotation, motion.translation
+        root[t], rotation[t], translation[t] = start, motion.rotation, motion.translation
     shared = np.zeros((n_placements, n_placements), dtype=np.int64)
     shared[:n_ball, :n_ball] = counts
-    return Alignment(root, turn, shift, shared)
+    return Alignment(root, rotation, translation, shared)
 
 
 def _by_dot(features: Features, points: FloatArray, n_ball: int) -> FloatArray:
@@ -223,7 +223,7 @@ def share_shape(network: Network, features: Features, state: State, alignment: A
     start = replace(
         state,
         points=np.full((len(dots), 3), np.nan),
-        placement_rotation=np.concatenate([np.eye(3)[None], alignment.turn[alignment.moved]]),
-        placement_translation=np.concatenate([np.zeros((1, 3)), alignment.shift[alignment.moved]]),
+        placement_rotation=np.concatenate([np.eye(3)[None], alignment.rotation[alignment.moved]]),
+        placement_translation=np.concatenate([np.zeros((1, 3)), alignment.translation[alignment.moved]]),
     )
     return RigidNetwork(rigid, Places(point, block[features.placement]), alignment, network.feature), start

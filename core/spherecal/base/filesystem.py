@@ -593,6 +593,8 @@ Known = Callable[[str], bool]
 def plain_files(folder: Path, most: int) -> list[str]:
     """The regular files below a folder, with "/" between parts; links are not followed.
 
+    Folders that cannot be listed are left out.
+
     Parameters
     ----------
     folder
@@ -604,11 +606,9 @@ def plain_files(folder: Path, most: int) -> list[str]:
     ------
     InputError
         Where folders are nested too deeply.
-    OSError
-        Where a folder cannot be listed.
     """
     found: list[str] = []
-    for relative, state in _entries(folder, ""):
+    for relative, state in _entries(folder, "", on_error=lambda _error: None):
         if stat.S_ISREG(state.st_mode) and not is_link(state) and path_problem(relative) is None:
             found.append(relative)
             if len(found) == most:
@@ -647,17 +647,28 @@ def strangers(folder: Path, known: Known, most: int = 3) -> list[str]:
     return found
 
 
-def _entries(folder: Path, prefix: str, depth: int = 0) -> Iterator[tuple[str, os.stat_result]]:
+def _raised(error: OSError) -> None:
+    raise error
+
+
+def _entries(
+    folder: Path, prefix: str, depth: int = 0, on_error: Callable[[OSError], None] = _raised
+) -> Iterator[tuple[str, os.stat_result]]:
     if depth > _DEEPEST:
         raise InputError(Phrase("error-nested-folders", {"folder": folder}))
-    with os.scandir(folder) as scan:
-        for entry in sorted(scan, key=lambda one: one.name):
-            state = entry.stat(follow_symlinks=False)
-            if stat.S_ISDIR(state.st_mode) and not is_link(state):
-                inner = list(_entries(Path(entry.path), f"{prefix}{entry.name}/", depth + 1))
-                yield from inner or [(f"{prefix}{entry.name}/", state)]
-            else:
-                yield prefix + entry.name, state
+    listed: list[tuple[os.DirEntry[str], os.stat_result]] = []
+    try:
+        with os.scandir(folder) as scan:
+            for entry in sorted(scan, key=lambda one: one.name):
+                listed.append((entry, entry.stat(follow_symlinks=False)))
+    except OSError as error:
+        on_error(error)
+    for entry, state in listed:
+        if stat.S_ISDIR(state.st_mode) and not is_link(state):
+            inner = list(_entries(Path(entry.path), f"{prefix}{entry.name}/", depth + 1, on_error))
+            yield from inner or [(f"{prefix}{entry.name}/", state)]
+        else:
+            yield prefix + entry.name, state
 
 
 def remove_folder_below(root: Path, relative: str, known: Known) -> bool:

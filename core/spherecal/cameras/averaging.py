@@ -119,6 +119,7 @@ def _averaged(sets: Sequence[FrameSet], whole: Sequence[str]) -> FrameSet:
         max(taken.attempts for taken in sets),
         sum(taken.seconds for taken in sets),
         max(spreads, default=None),
+        all(taken.common_clock for taken in sets),
     )
 
 

@@ -12,7 +12,7 @@ _DRIFT_PER_S = 1e-4
 # simulator of the standard's own reference (TLSimu) stamps the nanoseconds of a second only.
 _BACK_S, _SPAN_S, _RATIO = 0.5, 3.0, 2.0
 _DOUBTS = 2  # a clock that was set once (PTP, a reset) makes one
-_JUMP_S = 5.0  # an image cannot be this much older than all before it: the camera's clock was set anew
+_JUMP_S = 5.0  # an image cannot be this much older than all before it: somebody set the camera's clock
 
 
 class CameraClock:

@@ -134,7 +134,7 @@ def _judge_light(frame: Frame | None) -> Finding | None:
 
 def _link(source: CameraSource, status: CameraStatus, before: CameraStatus | None, seconds: float) -> LinkReport:
     now, old = status.counters, before.counters if before else Counters()
-    same = now.delivered >= old.delivered  # else it was opened anew
+    same = now.delivered >= old.delivered  # else it was opened again meanwhile
     counted = Counters(
         now.delivered - old.delivered * same,
         now.incomplete - old.incomplete * same,

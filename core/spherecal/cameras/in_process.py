@@ -253,19 +253,6 @@ class InProcessSource(ABC):
         """The camera's newest image, None if there was none yet."""
         return self._latest.get(serial)
 
-    def preview(self, serial: str, step: int = 5) -> Frame | None:
-        """The camera's newest image in small, None if there was none yet.
-
-        Parameters
-        ----------
-        serial
-            Serial number of the camera.
-        step
-            Distance of the pixels and lines that are kept, px.
-        """
-        frame = self._latest.get(serial)
-        return None if frame is None else replace(frame, image=frame.image[::step, ::step])
-
     def capture_set(self, request: CaptureRequest | None = None, context: Context | None = None) -> FrameSet:
         """Take one set, with exposures 1 ms apart from one camera to the next.
 

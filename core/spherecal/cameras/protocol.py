@@ -13,7 +13,7 @@ in the same way::
 
 Cameras are named by serial number everywhere; names for people are in the camera profile (profile.py). Times ending in
 `_s` are seconds of `time.perf_counter()`, which all processes of a machine share. Methods may be called from any
-thread. `latest`, `preview`, `statuses` and `take_events` never wait; the others may, and raise `CameraError`. The data
+thread. `latest`, `statuses` and `take_events` never wait; the others may, and raise `CameraError`. The data
 types are part of the protocol: fields may be added, with a default, but not renamed.
 """
 
@@ -394,18 +394,6 @@ class CameraSource(Protocol):
 
     def latest(self, serial: str) -> Frame | None:
         """The camera's newest image (a one-slot mailbox: older ones are dropped), None if there was none yet."""
-        ...
-
-    def preview(self, serial: str, step: int = 5) -> Frame | None:
-        """As `latest`, but only every `step`-th pixel of every `step`-th line: for tiles, at a fraction of the cost.
-
-        Parameters
-        ----------
-        serial
-            Serial number of the camera.
-        step
-            Distance of the pixels that are kept, px.
-        """
         ...
 
     def capture_set(self, request: CaptureRequest | None = None, context: Context | None = None) -> FrameSet:

@@ -1,45 +1,21 @@
 """`spherecal batch`: a whole folder of sessions calibrated, on this machine or on a cluster."""
 
 import argparse
-from collections.abc import Callable
-from pathlib import Path
+
+from rich.markup import escape
+from rich.table import Table
 
 from spherecal.cli.answer import answer
+from spherecal.cli.console import out, say
+from spherecal.cli.exit_codes import DONE, NOT_VALID
+from spherecal.cli.parsers.shared import search_of
 from spherecal.cli.progress import shown_progress
-from spherecal.cli.search import add_search, search_of
-from spherecal.cli.study import add_workers
-
-
-def add_parsers(add: Callable[[str, str], argparse.ArgumentParser]) -> None:
-    """The command's options."""
-    parser = add("batch", "Calibrate every session below a folder; a result each and a table page of all.")
-    parser.add_argument("folder", type=Path, metavar="FOLDER", help="the folder with the session folders")
-    parser.add_argument("-o", "--output", type=Path, required=True, metavar="DIR", help="folder for all results")
-    parser.add_argument(
-        "--method",
-        choices=("auto", "tao2021", "free", "rigid", "board", "bar"),
-        default="auto",
-        help="as of `calibrate` (default auto)",
-    )
-    add_search(parser)
-    parser.add_argument(
-        "--intrinsics", choices=("free", "fixed"), default="free", help="as of `calibrate` (default free)"
-    )
-    parser.add_argument("--own-intrinsics", action="store_true", help="every camera for itself")
-    parser.add_argument("--seed", type=int, default=0, help="of the random choices of triples (default 0)")
-    add_workers(parser)
+from spherecal_study.batch import run_batch
+from spherecal_study.executor import workers_for
 
 
 def batch(options: argparse.Namespace) -> int:
-    """Calibrate all; 3 where any session failed or is not valid. A batch that was stopped goes on where it was."""
-    from rich.markup import escape
-    from rich.table import Table
-
-    from spherecal.cli.commands import out
-    from spherecal.cli.main import DONE, NOT_VALID
-    from spherecal_study.batch import run_batch
-    from spherecal_study.executor import workers_for
-
+    """`spherecal batch`: 3 where any session failed or is not valid. A batch that was stopped goes on where it was."""
     settings = {
         "method": options.method,
         "search": search_of(options),
@@ -59,5 +35,5 @@ def batch(options: argparse.Namespace) -> int:
         cells = (row["session"], row["outcome"], cameras, px, row["verification"] or "-", row["message"])
         table.add_row(*map(escape, cells))
     out.print(table)
-    out.print(f"Table in {done.page}.", markup=False)
+    say(f"Table in {done.page}.")
     return DONE if done.valid else NOT_VALID

@@ -12,25 +12,21 @@ from spherecal.base.messages.values import Phrase
 from spherecal.cameras.averaging import AveragedSet, take_averaged
 from spherecal.cameras.capture import SessionFolder
 from spherecal.cameras.in_process import Staged
-from spherecal.cameras.plan import (
-    CapturePlan,
-    plan_of,
-    read_plan,
-    simple_plan,
-)
-from spherecal.cameras.profile import CameraProfile
+from spherecal.cameras.plan import CapturePlan, plan_of, read_plan, simple_plan
 from spherecal.cameras.protocol import CameraError, CameraSource, CaptureRequest, FrameSet, session_behind
 from spherecal.cli.answer import answer
-from spherecal.cli.cameras import ask, console, discovered, open_named
-from spherecal.cli.main import DONE, NOT_VALID
+from spherecal.cli.cameras_source import ask, discovered, open_named, profile_of
+from spherecal.cli.console import out, say
+from spherecal.cli.exit_codes import DONE, NOT_VALID
 from spherecal.cli.progress import shown_progress
 from spherecal.data.findings import counted
 from spherecal.targets.detection import Detector
 from spherecal.uses.capture import session_cameras
 
 
-def capture(options: argparse.Namespace, profile: CameraProfile) -> int:
+def capture(options: argparse.Namespace) -> int:
     """`spherecal cameras capture`."""
+    profile = profile_of(options)
     if options.average < 1 or options.retries < 0:
         raise InputError(Phrase("error-average-retries"))
     with open_named(options, profile) as source, shown_progress() as context:
@@ -57,9 +53,9 @@ def capture(options: argparse.Namespace, profile: CameraProfile) -> int:
             record.append(_record_of(planned.id, averaged, names))
     total = len(plan.sets)
     answer(options, {"session": options.output, "cameras": list(names.values()), "sets": record})
-    console().print(f"{counted(total, 'set')} of {counted(len(cameras), 'camera')} in {escape(str(options.output))}.")
+    out.print(f"{counted(total, 'set')} of {counted(len(cameras), 'camera')} in {escape(str(options.output))}.")
     if poor:
-        console().print(f"{poor} of them {'is' if poor == 1 else 'are'} incomplete or not still; see above.")
+        out.print(f"{poor} of them {'is' if poor == 1 else 'are'} incomplete or not still; see above.")
     return NOT_VALID if poor else DONE
 
 
@@ -118,7 +114,6 @@ def _spread(taken: FrameSet) -> str:
 def _show_set(set_id: str, averaged: AveragedSet, names: dict[str, str]) -> bool:
     """Say how a set went; True if it is incomplete or was not still."""
     taken = averaged.taken
-    out = console()
     spread = _spread(taken)
     out.print(
         f"{escape(set_id)}: {len(taken.frames)} of {counted(len(names), 'camera')} in {taken.seconds:.2f} s{spread}."
@@ -127,12 +122,10 @@ def _show_set(set_id: str, averaged: AveragedSet, names: dict[str, str]) -> bool
     if noises:
         out.print(f"  noise floor of a dot: {min(noises):.4f} to {max(noises):.4f} px.")
     if taken.late:
-        out.print(
-            f"  tried {counted(taken.attempts, 'time')} for {', '.join(names[s] for s in taken.late)}.", markup=False
-        )
+        say(f"  tried {counted(taken.attempts, 'time')} for {', '.join(names[s] for s in taken.late)}.")
     for one in taken.missing:
-        out.print(f"  missing: {names[one.camera]}. {one.cause} {one.remedy}", markup=False)
+        say(f"  missing: {names[one.camera]}. {one.cause} {one.remedy}")
     for serial in averaged.moved:
         moved = averaged.stillness[serial].motion_px
-        out.print(f"  camera {names[serial]} saw motion of {moved:.3f} px: let the scene come to rest.", markup=False)
+        say(f"  camera {names[serial]} saw motion of {moved:.3f} px: let the scene come to rest.")
     return bool(taken.missing or averaged.moved)

@@ -3,23 +3,25 @@
 import argparse
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING
-
-from rich.console import Console
 
 from spherecal.base.errors import InputError
 from spherecal.base.messages.values import Phrase
+from spherecal.cameras.gige.lines import LineExamination, examine_lines, load_of
 from spherecal.cameras.profile import CameraProfile, write_profile
 from spherecal.cameras.protocol import CameraSource, Discovery, features_of
-
-if TYPE_CHECKING:
-    from spherecal.cameras.gige.lines import LineExamination
+from spherecal.cli.console import say
 
 
-def examined(source: CameraSource, discovery: Discovery, rate_hz: float) -> "tuple[LineExamination, ...]":
-    """The lines of the GigE cameras that a source has open; none where there are no such cameras."""
-    from spherecal.cameras.gige.lines import examine_lines, load_of
+def examined(source: CameraSource, discovery: Discovery, rate_hz: float) -> tuple[LineExamination, ...]:
+    """The lines of the GigE cameras that a source has open; none where there are no such cameras.
 
+    Parameters
+    ----------
+    source, discovery
+        The source and the cameras that it found.
+    rate_hz
+        How many images a second every camera is to send.
+    """
     serials = [info.serial for info in discovery.cameras if info.transport in ("GEV", "GigEVision")]
     if source.kind != "genicam" or not serials:
         return ()
@@ -27,32 +29,46 @@ def examined(source: CameraSource, discovery: Discovery, rate_hz: float) -> "tup
     return examine_lines({serial: load for serial, load in loads.items() if load is not None})
 
 
-def well(lines: "Sequence[LineExamination]") -> bool:
+def well(lines: Sequence[LineExamination]) -> bool:
     """Whether nothing is wrong with them."""
     return all(finding.severity == "info" for line in lines for finding in line.findings)
 
 
-def show(lines: "Sequence[LineExamination]", out: Console) -> None:
+def show(lines: Sequence[LineExamination]) -> None:
     """A sentence for every line, and the delays with which its cameras would share it."""
     for one in lines:
         line = one.line
         speed = "speed unknown" if line.mbit_s is None else f"{line.mbit_s:.0f} Mbit/s"
-        out.print(
+        say(
             f"{line.interface} ({line.address}, {speed}, packets to {line.mtu} bytes): {len(one.cameras)} GigE cameras "
-            f"want {one.wanted_bytes_s * 8e-6:.0f} Mbit/s.",
-            markup=False,
+            f"want {one.wanted_bytes_s * 8e-6:.0f} Mbit/s."
         )
         if one.staggers:
             delays = ", ".join(f"{s.serial} {s.packet_delay} {s.frame_delay}" for s in one.staggers)
-            out.print(
-                f"  To share it (camera, GevSCPD, GevSCFTD in ticks; --stagger keeps them): {delays}.", markup=False
-            )
+            say(f"  To share it (camera, GevSCPD, GevSCFTD in ticks; --stagger keeps them): {delays}.")
 
 
 def keep_staggered(
-    options: argparse.Namespace, profile: CameraProfile, source: CameraSource, lines: "Sequence[LineExamination]"
+    options: argparse.Namespace, profile: CameraProfile, source: CameraSource, lines: Sequence[LineExamination]
 ) -> None:
-    """Write the proposed delays into the profile and the cameras. InputError where no line says its speed."""
+    """Write the proposed delays into the profile and the cameras.
+
+    Parameters
+    ----------
+    options
+        Those of the command, which name the profile's file.
+    profile
+        The user's settings.
+    source
+        Whose cameras are open.
+    lines
+        What `examined` found.
+
+    Raises
+    ------
+    InputError
+        Where no delays are proposed, as no line says its speed.
+    """
     staggers = [stagger for line in lines for stagger in line.staggers]
     if not staggers:
         raise InputError(Phrase("error-no-delays"))

@@ -1,66 +1,41 @@
 """`spherecal check`: whether the rig still measures as it was calibrated."""
 
 import argparse
-from collections.abc import Callable
 from dataclasses import replace
-from pathlib import Path
-from typing import TYPE_CHECKING
 
-if TYPE_CHECKING:
-    from spherecal.data.rig import Rig
-    from spherecal.data.session import Session
-    from spherecal.uses.check import Check
+import numpy as np
+from rich.markup import escape
+from rich.table import Table
+
+from spherecal.base.errors import InputError
+from spherecal.base.messages.values import Phrase
+from spherecal.cli.answer import answer
+from spherecal.cli.console import out, say
+from spherecal.cli.exit_codes import DONE, NOT_VALID
+from spherecal.cli.findings import show_findings
+from spherecal.cli.output import to_output
+from spherecal.cli.progress import shown_progress
+from spherecal.data.rig import Rig
+from spherecal.data.session import Session
+from spherecal.files.atomic import RESULT, check_folder
+from spherecal.files.json_file import json_bytes
+from spherecal.files.read_session import read_session
+from spherecal.files.write_result import write_result
+from spherecal.profile.source import points_file, read_source
+from spherecal.profile.store import is_profile, open_profile
+from spherecal.uses.check import Check
+from spherecal.uses.check import check as run
+from spherecal.uses.check_ball import read_known_ball
+from spherecal.uses.check_file import check_json, keep
+from spherecal.uses.repose import repose
+from spherecal.verify.limit import parse_limit
 
 _COLOURS = {"ok": "bold green", "watch": "bold yellow", "recalibrate": "bold red"}
 _WORDS = {"ok": "OK", "watch": "WATCH", "recalibrate": "RECALIBRATE"}
 
 
-def add_parsers(add: Callable[[str, str], argparse.ArgumentParser]) -> None:
-    """The command's options."""
-    check = add(
-        "check",
-        "Look at the ball once, or at a bar, and tell whether the calibration still holds: OK, watch or recalibrate, "
-        "with numbers per camera. Nothing is calibrated. Exit code 3 where the answer is recalibrate.",
-    )
-    check.add_argument(
-        "session", type=Path, metavar="SESSION", help="a session with one placement or bar pose, or more"
-    )
-    check.add_argument(
-        "--profile", type=Path, required=True, metavar="PROFILE", help="profile, result folder or rig.json to check"
-    )
-    check.add_argument("--only", metavar="P1[,P2]", help="only these placements and bar poses")
-    check.add_argument("--limit", metavar="A+L/K", help="limit of a bar's error, A in mm, instead of its uncertainty")
-    check.add_argument("--temperature", type=float, metavar="C", help="of the rig now, for a profile's validity")
-    check.add_argument(
-        "--not-kept",
-        action="store_true",
-        help="do not keep the check in the profile (spherecal profile trend --checks)",
-    )
-    check.add_argument(
-        "--repair",
-        type=Path,
-        metavar="RESULT",
-        help="calibrate the poses of cameras that moved anew, the others locked",
-    )
-    check.add_argument("-o", "--output", type=Path, metavar="FILE", help="write the check as JSON")
-
-
 def check(options: argparse.Namespace) -> int:
     """`spherecal check`."""
-    from spherecal.cli.answer import answer
-    from spherecal.cli.commands import out
-    from spherecal.cli.main import DONE, NOT_VALID
-    from spherecal.cli.parsing import to_output
-    from spherecal.cli.progress import shown_progress
-    from spherecal.files.atomic import RESULT, check_folder
-    from spherecal.files.json_file import json_bytes
-    from spherecal.files.read_session import read_session
-    from spherecal.profile.source import points_file, read_source
-    from spherecal.uses.check import check as run
-    from spherecal.uses.check_ball import read_known_ball
-    from spherecal.uses.check_file import check_json, keep
-    from spherecal.verify.limit import parse_limit
-
     limit = None if options.limit is None else parse_limit(options.limit)
     if options.repair is not None:
         check_folder(options.repair, RESULT)
@@ -75,16 +50,13 @@ def check(options: argparse.Namespace) -> int:
     answer(options, document)
     _show(found, _chip(options))
     if kept is not None:
-        out.print(kept, markup=False)
+        say(kept)
     if options.repair is not None:
         _repair(options, session, source.rig, found)
     return NOT_VALID if found.verdict == "recalibrate" else DONE
 
 
-def _only(session: "Session", only: str | None) -> "Session":
-    from spherecal.base.errors import InputError
-    from spherecal.base.messages.values import Phrase
-
+def _only(session: Session, only: str | None) -> Session:
     if only is None:
         return session
     wanted = [name for name in only.split(",") if name]
@@ -97,8 +69,6 @@ def _only(session: "Session", only: str | None) -> "Session":
     kept = [p.id for p in (*placements, *poses)]
     o = session.observations
     if o is not None:
-        import numpy as np
-
         index = np.array([kept.index(name) if name in kept else -1 for name in o.placements])
         o = o.select(index[o.placement] >= 0)
         o = replace(o, placements=tuple(kept), placement=index[o.placement])
@@ -107,22 +77,16 @@ def _only(session: "Session", only: str | None) -> "Session":
 
 def _chip(options: argparse.Namespace) -> str | None:
     """A profile's validity by age and temperature."""
-    from spherecal.profile.store import is_profile, open_profile
-
     if not (options.profile.is_dir() and is_profile(options.profile)):
         return None
     state = open_profile(options.profile).validity(options.temperature)
     return f"{state.state} ({'; '.join(state.reasons)})"
 
 
-def _show(found: "Check", chip: str | None) -> None:
-    from rich.markup import escape
-
-    from spherecal.cli.commands import out, show_findings
-
+def _show(found: Check, chip: str | None) -> None:
     out.print(f"[{_COLOURS[found.verdict]}]{_WORDS[found.verdict]}[/] {escape(found.sentence)}")
     if chip is not None:
-        out.print(f"The calibration in use is {chip}.", markup=False)
+        say(f"The calibration in use is {chip}.")
     if found.cameras:
         _print_cameras(found)
     for ball in found.balls:
@@ -140,13 +104,7 @@ def _show(found: "Check", chip: str | None) -> None:
         out.print(f"To repair: spherecal check ... --repair RESULT, or recalibrate --only {','.join(found.to_repair)}")
 
 
-def _print_cameras(found: "Check") -> None:
-    import numpy as np
-    from rich.markup import escape
-    from rich.table import Table
-
-    from spherecal.cli.commands import out
-
+def _print_cameras(found: Check) -> None:
     table = Table("camera", box=None)
     for heading in ("points", "rms px", "at calibration", "move px", "shift mm", "turn deg", "point mm", "chance"):
         table.add_column(heading, justify="right")
@@ -173,19 +131,12 @@ def _print_cameras(found: "Check") -> None:
         )
 
 
-def _repair(options: argparse.Namespace, session: "Session", rig: "Rig", found: "Check") -> None:
+def _repair(options: argparse.Namespace, session: Session, rig: Rig, found: Check) -> None:
     """The cameras that moved resected and adjusted on the ball, all others as they were."""
-    from spherecal.cli.commands import out
-    from spherecal.cli.progress import shown_progress
-    from spherecal.files.write_result import write_result
-    from spherecal.uses.repose import repose
-
     if not found.to_repair:
         out.print("No camera has moved: there is nothing to repair.")
         return
     with shown_progress() as context:
         done = repose(session, rig, found.to_repair, context)
         write_result(done, options.repair, {"method": "selected", "only": list(found.to_repair), "estimate": "pose"})
-    out.print(
-        f"Cameras {', '.join(found.to_repair)} recalibrated; the repaired rig is in {options.repair}.", markup=False
-    )
+    say(f"Cameras {', '.join(found.to_repair)} recalibrated; the repaired rig is in {options.repair}.")

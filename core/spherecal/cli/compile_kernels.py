@@ -1,6 +1,7 @@
 """`spherecal compile-kernels`: numba's cache filled now, instead of during the first calibration."""
 
 import argparse
+import ctypes
 import importlib
 import json
 import logging
@@ -14,29 +15,21 @@ from contextlib import contextmanager, suppress
 from multiprocessing.connection import Connection, wait
 from multiprocessing.process import BaseProcess
 from pathlib import Path
-from typing import Any
+from typing import cast
 
 from spherecal.base.context import Context
 from spherecal.base.errors import Cancelled, SpherecalError
+from spherecal.base.kernels import is_marked, mark_compiled, state, wanted
 from spherecal.base.messages.values import Phrase
+from spherecal.cli.console import out
+from spherecal.cli.progress import shown_progress
 
 log = logging.getLogger("spherecal")
 _TRIAL = "spherecal.cli.kernel_trial"
 
 
-def add_parsers(add: Callable[[str, str], argparse.ArgumentParser]) -> None:
-    """Add the command to the command line."""
-    one = add("compile-kernels", "Compile the numeric kernels now, instead of during the first calibration.")
-    one.add_argument("--idle", action="store_true", help="only while the processor has nothing else to do")
-    one.add_argument("--json", action="store_true", help="a line of JSON for every step: how many of how many")
-
-
 def compile_kernels(options: argparse.Namespace) -> int:
     """`spherecal compile-kernels`."""
-    from spherecal.base.kernels import state
-    from spherecal.cli.commands import out
-    from spherecal.cli.progress import shown_progress
-
     if state() != "to compile":
         print(json.dumps({"done": 1, "all": 1})) if options.json else out.print("The kernels are compiled.")
         return 0
@@ -59,8 +52,6 @@ def compile_kernels(options: argparse.Namespace) -> int:
 def run_when_idle() -> None:
     """From now on this process and its children get the processor only when nobody else wants it."""
     if sys.platform == "win32":
-        import ctypes
-
         kernel32 = ctypes.windll.kernel32  # pyright: ignore[reportAttributeAccessIssue]
         kernel32.SetPriorityClass(kernel32.GetCurrentProcess(), 0x40)  # IDLE_PRIORITY_CLASS
         return
@@ -71,13 +62,20 @@ def run_when_idle() -> None:
 
 
 def compile_all(tell: Callable[[int, int], None], trial: str = _TRIAL) -> None:
-    """Run the trial of the kernels, its parts side by side; `tell(done, all)` after every step.
+    """Run the trial of the kernels, its parts side by side: they are in numba's cache afterwards, and a stamp says so.
 
-    `trial` is the module with the PARTS.
-    SpherecalError where a part fails. The kernels are in numba's cache afterwards, and a stamp says so.
+    Parameters
+    ----------
+    tell
+        Called as `tell(done, all)` after every step.
+    trial
+        The module with the PARTS.
+
+    Raises
+    ------
+    SpherecalError
+        Where a part fails.
     """
-    from spherecal.base.kernels import mark_compiled, wanted
-
     made_from = wanted()
     with _side_by_side(trial, "PARTS") as finish:
         finish(tell)
@@ -87,8 +85,6 @@ def compile_all(tell: Callable[[int, int], None], trial: str = _TRIAL) -> None:
 @contextmanager
 def demo_kernels(context: Context) -> Iterator[None]:
     """Compile what the demo needs beside what the body does, where that has not been done yet."""
-    from spherecal.base.kernels import is_marked, mark_compiled, state, wanted
-
     made_from = f"demo{wanted()}"
     if state() != "to compile" or is_marked(made_from):
         yield
@@ -120,14 +116,14 @@ def _side_by_side(trial: str, table: str) -> Iterator[Callable[[Callable[[int, i
     parts = getattr(importlib.import_module(trial), table)
     count = sum(len(steps) for steps in parts.values())
     context = multiprocessing.get_context("spawn")
-    running: dict[Any, tuple[str, BaseProcess]] = {}
+    running: dict[Connection, tuple[str, BaseProcess]] = {}
 
     def finish(tell: Callable[[int, int], None]) -> None:
         done = 0
         tell(done, count)
         while running:
             for ended in wait(list(running), timeout=0.2):
-                ours: Any = ended
+                ours = cast(Connection, ended)
                 name, process = running[ours]
                 try:
                     said = ours.recv()
@@ -151,7 +147,7 @@ def _side_by_side(trial: str, table: str) -> Iterator[Callable[[Callable[[int, i
                 with _ctrl_c_blocked():
                     process.start()
                 theirs.close()
-                running[ours] = name, process
+                running[cast(Connection, ours)] = name, process  # PipeConnection on Windows
             yield finish
         finally:
             for _, process in running.values():

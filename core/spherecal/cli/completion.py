@@ -1,7 +1,9 @@
-"""Completion scripts for shells, from the parser itself: commands, options and the choices of options."""
+"""`spherecal completion`: scripts for shells, from the parser itself: commands, options and the choices of options."""
 
 import argparse
 
+from spherecal.cli.exit_codes import DONE
+from spherecal.cli.options import make_parser
 from spherecal.cli.parsing import parsers_below
 
 _BASH = """\
@@ -28,8 +30,22 @@ complete -o bashdefault -o default -F _spherecal spherecal
 _ZSH = "autoload -U +X compinit && compinit\nautoload -U +X bashcompinit && bashcompinit\n"
 
 
+def completion(options: argparse.Namespace) -> int:
+    """`spherecal completion`."""
+    print(script(make_parser(), options.shell), end="")
+    return DONE
+
+
 def script(parser: argparse.ArgumentParser, shell: str) -> str:
-    """The script for bash, zsh or fish."""
+    """The script for a shell.
+
+    Parameters
+    ----------
+    parser
+        The parser of all commands.
+    shell
+        bash, zsh or fish.
+    """
     if shell == "fish":
         return _fish(parser)
     made = _BASH.format(shell=shell, tables="\n".join(_tables(parser)))

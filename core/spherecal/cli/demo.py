@@ -4,7 +4,6 @@ import argparse
 import csv
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from rich.markup import escape
@@ -12,11 +11,17 @@ from rich.markup import escape
 from spherecal.base.errors import InputError
 from spherecal.base.messages.values import Phrase
 from spherecal.cli.answer import answer
+from spherecal.cli.compile_kernels import demo_kernels
+from spherecal.cli.console import out, say
+from spherecal.cli.exit_codes import DONE
+from spherecal.cli.main import main
 from spherecal.cli.parsing import is_standard_output
+from spherecal.cli.progress import shown_progress
 from spherecal.data.findings import counted
 from spherecal.data.verdict import WORDS
 from spherecal.files.rig_file import read_rig
 from spherecal.report.verification_file import read_bar_report
+from spherecal_sim.render_session import demo_session
 
 
 def demo(options: argparse.Namespace) -> int:
@@ -24,12 +29,6 @@ def demo(options: argparse.Namespace) -> int:
 
     Without matplotlib there is no report, and a sixth line says so.
     """
-    from spherecal.cli.commands import out
-    from spherecal.cli.compile_kernels import demo_kernels
-    from spherecal.cli.main import DONE, main
-    from spherecal.cli.progress import shown_progress
-    from spherecal_sim.render_session import demo_session
-
     folder: Path = options.output
     if is_standard_output(folder):
         raise InputError(Phrase("error-folder-to-output"))
@@ -59,11 +58,11 @@ def demo(options: argparse.Namespace) -> int:
     record, lines = _found(result, folder, report)
     answer(options, record)
     for line in lines:
-        out.print(line, markup=False)
+        say(line)
     return DONE
 
 
-def _found(result: Path, folder: Path, report: Path | None) -> tuple[dict[str, Any], list[str]]:
+def _found(result: Path, folder: Path, report: Path | None) -> tuple[dict[str, object], list[str]]:
     """What the demo found: for programs, and in five lines; in one more why there is no report."""
     rig, bars = read_rig(result / "rig.json"), read_bar_report(result)
     quality = rig.quality

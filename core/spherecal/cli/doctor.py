@@ -1,5 +1,6 @@
-"""What this machine has and lacks: packages, system libraries, a window, cores."""
+"""`spherecal doctor`: what this machine has and lacks: packages, system libraries, a window, cores."""
 
+import argparse
 import ctypes.util
 import importlib
 import importlib.metadata
@@ -10,7 +11,13 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Literal
 
+from rich.markup import escape
+from rich.table import Table
+
 from spherecal import __version__
+from spherecal.cli.answer import answer
+from spherecal.cli.console import out
+from spherecal.cli.exit_codes import DONE, NOT_VALID
 
 
 @dataclass(frozen=True)
@@ -37,6 +44,18 @@ _OPTIONAL = {  # what it is for, what pip installs for it
 _SYSTEM_PYTHON = f"libpython{sys.version_info.major}.{sys.version_info.minor}"  # which genicam loads
 _PACKAGES = {"pyvista": "the package spherecal-3d"}  # beside the .deb, which pip does not touch
 _QT_LIBRARIES = ("GL", "EGL", "glib-2.0", "fontconfig", "dbus-1", "xkbcommon")
+
+
+def doctor(options: argparse.Namespace) -> int:
+    """`spherecal doctor`: 3 where something is missing that the program needs."""
+    table, found = Table("", "what", "found", box=None), tuple(examine())
+    code = NOT_VALID if any(one.state == "missing" for one in found) else DONE
+    answer(options, [{"what": one.name, "state": one.state, "found": one.found} for one in found])
+    for one in found:
+        mark = {"ok": "[green]ok[/]", "missing": "[red]missing[/]", "optional": "[yellow]optional[/]"}[one.state]
+        table.add_row(mark, one.name, escape(one.found))
+    out.print(table)
+    return code
 
 
 def examine() -> Iterator[DoctorLine]:
@@ -88,7 +107,7 @@ def _package(name: str, absent: Literal["missing", "optional"], purpose: str) ->
 def _kernels() -> DoctorLine:
     """The numeric kernels: compiled ahead, in numba's cache, or still to be compiled by numba."""
     try:
-        from spherecal.base.kernels import AHEAD, state
+        from spherecal.base.kernels import AHEAD, state  # here, since it fails where numba is missing
 
         found = state()
     except ImportError as error:

@@ -4,29 +4,26 @@ import argparse
 import sys
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from spherecal.base.errors import InputError
 from spherecal.base.messages.values import Phrase
+from spherecal.cameras.gentl.discovery import producer_files
+from spherecal.cameras.gentl.trust import Ask, Driver, TrustStore, who_may_change
+from spherecal.cli.answer import answer
+from spherecal.cli.console import say
 
-if TYPE_CHECKING:
-    from spherecal.cameras.gentl.trust import Ask, Driver, TrustStore
 
-
-def asked_before(producers: Sequence[str]) -> "Ask | None":
+def asked_before(producers: Sequence[str]) -> Ask | None:
     """Ask at the terminal about every driver that is new or has changed, before any is loaded; None without one."""
     if not (sys.stdin is not None and sys.stdin.isatty() and sys.stderr.isatty()):
         return None
-    from spherecal.cameras.gentl.discovery import producer_files
-    from spherecal.cameras.gentl.trust import TrustStore
-
     store = TrustStore()
     looked = [store.look(file) for file in producer_files(producers)]
     answers = {driver.file: _yes(driver) for driver in looked if driver.state in ("new", "changed")}
     return lambda driver: answers.get(driver.file, False)
 
 
-def _yes(driver: "Driver") -> bool:
+def _yes(driver: Driver) -> bool:
     why = "is new" if driver.state == "new" else "has changed since you allowed it"
     print(
         f"The camera driver {driver.file} {why}.\nA driver is a program: load it only if you or your administrator "
@@ -40,29 +37,23 @@ def _yes(driver: "Driver") -> bool:
 
 def trust(options: argparse.Namespace) -> int:
     """`spherecal cameras trust`."""
-    from spherecal.cameras.gentl.trust import TrustStore
-    from spherecal.cli.answer import answer
-    from spherecal.cli.commands import out
-
     store = TrustStore()
     if not options.files:
         for file, digest in sorted(store.allowed().items()):
-            out.print(f"{digest}  {file}", markup=False)
+            say(f"{digest}  {file}")
     for file in options.files:
         if options.forget:
-            out.print(f"{file}: {'forgotten' if store.forget(file) else 'was not on the list'}.", markup=False)
+            say(f"{file}: {'forgotten' if store.forget(file) else 'was not on the list'}.")
         else:
             _allow(store, file)
-            out.print(f"{file}: allowed.", markup=False)
+            say(f"{file}: allowed.")
     answer(options, {"allowed": store.allowed()})
     return 0
 
 
-def _allow(store: "TrustStore", file: str) -> None:
+def _allow(store: TrustStore, file: str) -> None:
     if not Path(file).is_file():
         raise InputError(Phrase("error-no-driver-file", {"file": file}))
-    from spherecal.cameras.gentl.trust import who_may_change
-
     driver = store.look(file)
     if driver.state == "unreadable":
         raise InputError(Phrase("error-driver-unreadable", {"file": file}))

@@ -10,48 +10,27 @@ import tempfile
 from collections.abc import Callable, Iterable
 from contextlib import ExitStack, suppress
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from spherecal.base.errors import InputError, SpherecalError
+from spherecal.cameras.gige.control import FAULTS, MOST_CAMERAS, GigeCamera, GigeRig
+from spherecal.cameras.producer.build import build_producer
+from spherecal.cameras.producer.feed import SessionScenes
+from spherecal.cli.answer import answer
+from spherecal.cli.console import say
+from spherecal.cli.exit_codes import CANCELLED, DONE
+from spherecal.cli.producer import ended_by_signals
+from spherecal.cli.progress import shown_progress
+from spherecal_sim.render_session import demo_session, render_session
+from spherecal_sim.rigs import PRESETS
 
 _END_S = 3.0
 _KILLED = 128  # and the signal's number, as shells say it
 
-if TYPE_CHECKING:
-    from spherecal.cameras.gige.control import GigeRig
-    from spherecal.cameras.producer.feed import SessionScenes
-
-
-def add_parser(add: Callable[[str, str], argparse.ArgumentParser]) -> None:
-    """The command's options; `add` makes a command of the group `cameras`."""
-    simulate = add(
-        "simulate-gige",
-        "Let the cameras of a rig speak GigE Vision in this machine (Linux, root or user namespaces), until Ctrl-C. "
-        "Commands read from standard input: the name of a placement or bar pose, a fault, quit.",
-    )
-    simulate.add_argument(
-        "rig", nargs="?", metavar="PRESET|SESSION", help="a preset of `spherecal simulate` or a folder; default: demo"
-    )
-    simulate.add_argument("--cameras", type=int, metavar="N", help="the first N only (default: all, at most 12)")
-    simulate.add_argument("--show", metavar="SCENE", help="placement or bar pose to begin with (default: the first)")
-    simulate.add_argument("--mtu", type=int, default=1500, metavar="BYTES", help="largest packet (default 1500)")
-    simulate.add_argument(
-        "--run", metavar="COMMAND", help="run this on the rig's computer, and end with it; its exit code is ours"
-    )
-
 
 def simulate(options: argparse.Namespace) -> int:
     """`spherecal cameras simulate-gige`."""
-    from spherecal.cameras.gige.control import MOST_CAMERAS, GigeCamera, GigeRig
-    from spherecal.cameras.producer.build import build_producer
-    from spherecal.cameras.producer.feed import SessionScenes
-    from spherecal.cli.answer import answer
-    from spherecal.cli.commands import out
-    from spherecal.cli.main import CANCELLED, DONE
-    from spherecal.cli.producer import ended_by_signals
-
     if options.cameras is not None and not 1 <= options.cameras <= MOST_CAMERAS:
         raise InputError(f"--cameras {options.cameras}: 1 to {MOST_CAMERAS} cameras can be simulated.")
     with ExitStack() as stack:
@@ -69,17 +48,27 @@ def simulate(options: argparse.Namespace) -> int:
             options, {"cameras": rig.addresses, "scene": scene, "scenes": scenes.names, "producers": producer.parent}
         )
         for serial, address in rig.addresses.items():
-            out.print(f"{serial} at {address}", markup=False)
-        out.print(f"They see {scene} of {', '.join(scenes.names)}.", markup=False)
-        out.print(f"On the rig's computer: {shlex.join(rig.inside())} COMMAND", markup=False)
-        out.print(f"Programs find the cameras there after: export GENICAM_GENTL64_PATH={producer.parent}", markup=False)
+            say(f"{serial} at {address}")
+        say(f"They see {scene} of {', '.join(scenes.names)}.")
+        say(f"On the rig's computer: {shlex.join(rig.inside())} COMMAND")
+        say(f"Programs find the cameras there after: export GENICAM_GENTL64_PATH={producer.parent}")
         sys.stdout.flush()
-        follow(rig, scenes, sys.stdin, lambda text: out.print(text, markup=False))
+        follow(rig, scenes, sys.stdin, say)
     return CANCELLED if options.run else DONE  # the command's own code has been returned above
 
 
-def show(rig: "GigeRig", scenes: "SessionScenes", scene: str) -> None:
-    """Let the cameras of the rig see a scene; images with more than 8 bits lose their lowest."""
+def show(rig: GigeRig, scenes: SessionScenes, scene: str) -> None:
+    """Let the cameras of the rig see a scene; images with more than 8 bits lose their lowest.
+
+    Parameters
+    ----------
+    rig
+        The simulated cameras.
+    scenes
+        The images of a session, by placement and bar pose.
+    scene
+        The placement or bar pose that they see from now on.
+    """
     bits = scenes.bits
     images = scenes.images(scene)
     for serial in scenes.cameras:
@@ -87,24 +76,34 @@ def show(rig: "GigeRig", scenes: "SessionScenes", scene: str) -> None:
             rig.set_image(serial[:15], (images[serial] >> (bits[serial] - 8)).astype(np.uint8))
 
 
-def follow(rig: "GigeRig", scenes: "SessionScenes", lines: Iterable[str], say: Callable[[str], None]) -> None:
-    """Obey commands line by line until `quit`; when there are no more, the rig stays until the program is ended."""
+def follow(rig: GigeRig, scenes: SessionScenes, lines: Iterable[str], tell: Callable[[str], None]) -> None:
+    """Obey commands line by line until `quit`; when there are no more, the rig stays until the program is ended.
+
+    Parameters
+    ----------
+    rig
+        The simulated cameras.
+    scenes
+        What they can see.
+    lines
+        The commands: a scene, a fault with its values, `quit`.
+    tell
+        Takes the answer to each.
+    """
     for line in lines:
         words = line.split()
         if words == ["quit"]:
             return
         try:
             if words:
-                say(_obey(rig, scenes, words))
+                tell(_obey(rig, scenes, words))
         except SpherecalError as error:
-            say(str(error))
+            tell(str(error))
         sys.stdout.flush()
     signal.pause()
 
 
-def _obey(rig: "GigeRig", scenes: "SessionScenes", words: list[str]) -> str:
-    from spherecal.cameras.gige.control import FAULTS
-
+def _obey(rig: GigeRig, scenes: SessionScenes, words: list[str]) -> str:
     name, *rest = words
     if name in FAULTS:
         wanted = FAULTS[name].split()
@@ -135,9 +134,7 @@ def _number(word: str) -> float:
     return int(value) if value.is_integer() else value
 
 
-def _run(rig: "GigeRig", command: str, producers: Path) -> int:
-    from spherecal.cli.main import CANCELLED
-
+def _run(rig: GigeRig, command: str, producers: Path) -> int:
     environment = os.environ | {"GENICAM_GENTL64_PATH": str(producers)}
     program = subprocess.Popen(rig.shell(command), env=environment)
     try:
@@ -155,10 +152,6 @@ def _run(rig: "GigeRig", command: str, producers: Path) -> int:
 
 def _session(named: str | None, stack: ExitStack) -> Path:
     """The folder of the session whose cameras are to be seen; a preset is rendered."""
-    from spherecal.cli.progress import shown_progress
-    from spherecal_sim.render_session import demo_session, render_session
-    from spherecal_sim.rigs import PRESETS
-
     if named is not None and named not in PRESETS:
         return Path(named)
     context = stack.enter_context(shown_progress())

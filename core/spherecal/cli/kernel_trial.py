@@ -1,8 +1,8 @@
 """Calls every kernel of the engine as the program does, so that numba compiles it for the types that really come.
 
 installer/kernels.py learns the types from it, for the kernels compiled ahead; `spherecal compile-kernels` fills numba's
-cache by it. What no trial calls is compiled at its first call, or in a bundle without numba runs as plain Python, which
-the log says; `bundle.py` tries the finished bundle with SPHERECAL_KERNELS=strict, where that is an error.
+cache by it. What no trial calls is compiled at its first call. In a bundle without numba it runs as plain Python, and
+the log says so; `bundle.py` tries the finished bundle with SPHERECAL_KERNELS=strict, where that is an error.
 """
 
 import io
@@ -10,15 +10,24 @@ from collections.abc import Callable, Iterator
 from contextlib import redirect_stderr, redirect_stdout
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
 from unittest.mock import patch
 
 import numpy as np
 
+from spherecal.adjust import dense_elimination
+from spherecal.cameras.simulated.draw import digitise
+from spherecal.cameras.simulated.stage import Stage, StageView
+from spherecal.cli.main import main
+from spherecal.files.target_set_file import write_target_set
+from spherecal.targets.code_book import admissible_triples, clean_margins, lattice
+from spherecal.targets.detection import DetectionSettings, Detector
+from spherecal.targets.sticker_view import VIEW_SIZE, place_of
 from spherecal.targets.target_set import TargetSet
-
-if TYPE_CHECKING:
-    from spherecal.cameras.simulated.stage import Stage
+from spherecal_sim.optics import Sensor
+from spherecal_sim.render_session import DEMO as RENDERED
+from spherecal_sim.render_session import render_placement, write_png
+from spherecal_sim.scene import RenderSettings
+from spherecal_sim.session import simulate_session
 
 Step = Callable[[Path], None]
 
@@ -33,8 +42,6 @@ def run_all(folder: Path) -> None:
 
 def _drawn(folder: Path) -> None:
     """Images as the simulated cameras draw them, of 8 and of 16 bits; their dots found."""
-    from spherecal.cameras.simulated.stage import Stage
-
     stage = Stage("demo")
     targets = stage.session.target_set
     assert targets is not None
@@ -48,8 +55,6 @@ def _drawn(folder: Path) -> None:
 
 def _traced(folder: Path) -> None:
     """Images as the simulated cameras and the simulator render them."""
-    from spherecal.cameras.simulated.stage import Stage
-
     stage = Stage("demo")
     stage.show(stage.poses[-1])
     _digitised(stage, rendered=True)
@@ -57,21 +62,14 @@ def _traced(folder: Path) -> None:
         pass
 
 
-def _digitised(stage: "Stage", rendered: bool = False) -> list[np.ndarray]:
+def _digitised(stage: Stage, rendered: bool = False) -> list[np.ndarray]:
     """What the first camera sees of the stage, of 8 and of 16 bits."""
-    from spherecal.cameras.simulated.draw import digitise
-    from spherecal.cameras.simulated.stage import StageView
-
     picture = stage.picture(0, StageView(), rendered)
     return [digitise(picture, bits, 1.0, np.random.default_rng(bits)) for bits in (8, 12)]
 
 
 def _rendered(folder: Path) -> None:
     """A rendered image of the ball with its dots' truth; the dots found, by a command too."""
-    from spherecal.cameras.simulated.stage import Stage
-    from spherecal.files.target_set_file import write_target_set
-    from spherecal_sim.render_session import write_png
-
     stage = Stage("demo")
     assert stage.session.target_set is not None
     stage.show(stage.poses[-1])
@@ -86,12 +84,7 @@ def _rendered(folder: Path) -> None:
 
 
 def _rendered_images() -> Iterator[tuple[np.ndarray, TargetSet]]:
-    from spherecal_sim.optics import Sensor
-    from spherecal_sim.render_session import DEMO, render_placement
-    from spherecal_sim.scene import RenderSettings
-    from spherecal_sim.session import simulate_session
-
-    session, truth = simulate_session("demo", 1, DEMO)
+    session, truth = simulate_session("demo", 1, RENDERED)
     targets = session.target_set
     assert targets is not None
     for bits in (8, 12):
@@ -109,16 +102,11 @@ def _rendered_images() -> Iterator[tuple[np.ndarray, TargetSet]]:
 
 
 def _find_dots(image: np.ndarray, targets: TargetSet) -> None:
-    from spherecal.targets.detection import DetectionSettings, Detector
-
     Detector(targets).detect(image, DetectionSettings(focal_px=1700.0))
 
 
 def _seldom(_: Path) -> None:
     """What the code book was made by, and what only doubtful targets need."""
-    from spherecal.targets.code_book import admissible_triples, clean_margins, lattice
-    from spherecal.targets.sticker_view import VIEW_SIZE, place_of
-
     places = lattice()
     clean_margins(admissible_triples(places)[:5], places)
     place_of(np.zeros(VIEW_SIZE), np.float64(1.0), np.float64(2.0))
@@ -134,8 +122,6 @@ def _calibrated(*options: str) -> Step:
 
 
 def _dense(folder: Path) -> None:
-    from spherecal.adjust import dense_elimination
-
     with patch.object(dense_elimination, "LEAST_COLUMNS", 1):  # otherwise only rigs of a hundred cameras go that way
         _calibrated("--method", "rigid")(folder)
 
@@ -147,8 +133,6 @@ def _verified(folder: Path) -> None:
 
 def _command(*words: str) -> None:
     """A command in this process."""
-    from spherecal.cli.main import main
-
     with redirect_stdout(io.StringIO()), redirect_stderr(io.StringIO()) as said:
         code = main(list(words))
     if code not in (0, 3):

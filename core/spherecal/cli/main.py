@@ -15,10 +15,10 @@ from spherecal.base import interrupts
 from spherecal.base.errors import Cancelled, OutputError, SpherecalError, needing, reason
 from spherecal.base.messages.catalogue import language
 from spherecal.base.messages.values import Phrase
+from spherecal.cli.commands import command_of
+from spherecal.cli.exit_codes import BAD_INPUT, CANCELLED, DONE
 from spherecal.cli.options import make_parser
 from spherecal.cli.parsing import is_standard_output, parsers_below
-
-DONE, BAD_INPUT, NOT_VALID, CANCELLED = 0, 2, 3, 130
 
 # without --log nothing is logged anywhere: Python's last resort would print each error a second time
 logging.getLogger("spherecal").addHandler(logging.NullHandler())
@@ -116,14 +116,8 @@ def _run(arguments: Sequence[str] | None) -> int:
     as_json = getattr(options, "json", False)
     with _speaking(options.verbose, options.quiet, as_json, beside):
         logging.getLogger("spherecal").info("spherecal %s: %s", __version__, options.command)
-        if options.command == "cameras":
-            from spherecal.cli import cameras
-
-            return cameras.run(options)
-        from spherecal.cli import commands
-
         with needing("matplotlib", Phrase("documents")):
-            return getattr(commands, options.command.replace("-", "_"))(options)
+            return command_of(options)(options)
 
 
 def _help(parser: argparse.ArgumentParser, words: Sequence[str]) -> int:
@@ -143,27 +137,29 @@ def _speaking(verbose: bool, quiet: bool, as_json: bool, beside: bool) -> Iterat
     `as_json`: no words on standard output, but progress.
     `beside`: what it says goes to standard error, since standard output takes the file.
     """
-    from spherecal.cli import commands, progress
+    # here, since they load rich, which --help does not need
+    from spherecal.cli import progress
+    from spherecal.cli.console import out
 
     logger, handler, level = logging.getLogger("spherecal"), logging.StreamHandler(sys.stderr), logging.INFO
     handler.setFormatter(logging.Formatter("  %(message)s"))
     handler.addFilter(lambda record: record.levelno < logging.ERROR)  # errors are printed by themselves
-    before = logger.level, commands.out.quiet, progress.quiet
+    before = logger.level, out.quiet, progress.quiet
     if verbose:
         logger.addHandler(handler)
         logger.setLevel(level)
     if quiet or as_json:
-        commands.out.quiet, progress.quiet = True, quiet or progress.quiet
+        out.quiet, progress.quiet = True, quiet or progress.quiet
     if beside:
-        commands.out.file = sys.stderr
+        out.file = sys.stderr
     try:
         yield
     finally:
         if beside:
-            commands.out.file = None  # type: ignore[assignment]  # whatever standard output is then
+            out.file = None  # type: ignore[assignment]  # whatever standard output is then
         logger.removeHandler(handler)
         logger.setLevel(before[0])
-        commands.out.quiet, progress.quiet = before[1:]
+        out.quiet, progress.quiet = before[1:]
 
 
 def _complain(error: SpherecalError) -> None:

@@ -5,96 +5,47 @@ import json
 import sys
 import time
 from collections.abc import Callable, Iterator
-from contextlib import ExitStack, contextmanager
-from pathlib import Path
-from typing import TYPE_CHECKING
+from contextlib import ExitStack
 
-if TYPE_CHECKING:
-    from spherecal.base.context import Context
-    from spherecal.cameras.protocol import CameraSource
-    from spherecal.data.rig import Rig
-    from spherecal.data.session import Bar, Session
-    from spherecal.measuring.measurer import Measurer
-    from spherecal.measuring.results import Health, MeasuredSet, ObservedSet
-    from spherecal.measuring.task import Task
+import numpy as np
+from rich.markup import escape
+from rich.table import Table
+
+from spherecal.base.context import Context
+from spherecal.base.errors import InputError
+from spherecal.base.messages.values import Phrase
+from spherecal.cameras.profile import default_profile_path, read_profile
+from spherecal.cli.cameras_source import discovered, open_asking
+from spherecal.cli.console import out, say
+from spherecal.cli.exit_codes import DONE, NOT_VALID
+from spherecal.cli.output import check_output_folder
+from spherecal.cli.progress import shown_progress
+from spherecal.data.findings import counted
+from spherecal.data.rig import Rig
+from spherecal.data.session import Bar, Session
+from spherecal.files.bar_registry import read_registry
+from spherecal.files.read_session import read_session
+from spherecal.files.target_set_file import read_target_set
+from spherecal.measuring.body_file import read_body
+from spherecal.measuring.live import LiveSets, LiveSettings, rig_cameras_of
+from spherecal.measuring.measurer import Measurer
+from spherecal.measuring.results import Health, MeasuredSet, ObservedSet
+from spherecal.measuring.run import run
+from spherecal.measuring.series_file import SERIES, check_table_kind
+from spherecal.measuring.sets import sets_of_session
+from spherecal.measuring.stream import MeasurementStream
+from spherecal.measuring.tables import set_json
+from spherecal.measuring.task import Task, parse_point, parse_ruler, registered
+from spherecal.profile.source import read_source
+from spherecal.targets.family import make_target_set
+from spherecal.uses.capture import camera_name
+from spherecal.uses.keep_health import keep_health
 
 _SHOWN_S = 0.5  # between lines of a live measurement on the terminal
 
 
-def add_parsers(add: Callable[[str, str], argparse.ArgumentParser]) -> None:
-    """The command's options."""
-    measure = add(
-        "measure",
-        "Measure coded targets with a calibrated rig: positions with uncertainties, distances, angles, reference bars, "
-        "poses of bodies. From a recorded session, or live until Ctrl-C. Exit code 3 where a camera has moved since "
-        "the calibration, or the rig is not valid.",
-    )
-    measure.add_argument("session", type=Path, nargs="?", metavar="SESSION", help="a recorded session")
-    measure.add_argument(
-        "--cameras",
-        nargs="?",
-        const="genicam",
-        metavar="SOURCE",
-        help="live cameras instead: genicam (default), replay:SESSION or simulated[:PRESET]",
-    )
-    measure.add_argument(
-        "--rig", type=Path, required=True, metavar="rig.json", help="the rig: rig.json, result folder or profile"
-    )
-    measure.add_argument("-o", "--output", type=Path, metavar="SERIES", help="the folder to record the series in")
-    measure.add_argument(
-        "--table", choices=("csv", "parquet"), default="csv", help="kind of its tables (default csv; parquet: pyarrow)"
-    )
-    _add_wanted(measure)
-    _add_live(measure)
-    measure.add_argument("--stream", type=int, metavar="PORT", help="send every set as JSON lines to 127.0.0.1:PORT")
-    measure.add_argument("--not-kept", action="store_true", help="do not keep the rig's health in the profile")
-    measure.add_argument("--json", action="store_true", help="print every set as a line of JSON")
-
-
-def _add_wanted(measure: argparse.ArgumentParser) -> None:
-    """What is measured."""
-    wanted = measure.add_argument_group("what to measure, besides all targets; each may be given again")
-    wanted.add_argument("--point", action="append", default=[], metavar="12/A", help="dot A of target 12")
-    wanted.add_argument("--distance", action="append", default=[], metavar="12,14[=MM]", help="between two points")
-    wanted.add_argument("--angle", action="append", default=[], metavar="12,13,14[=DEG]", help="at the second point")
-    wanted.add_argument("--bar", action="append", default=[], metavar="SERIAL", help="a bar of `spherecal bars`")
-    wanted.add_argument("--body", action="append", default=[], type=Path, metavar="body.json", help="a body's pose")
-    wanted.add_argument("--temperature", type=float, metavar="C", help="of the bars")
-
-
-def _add_live(measure: argparse.ArgumentParser) -> None:
-    """How live cameras are used, and what is known of their moments of exposure."""
-    live = measure.add_argument_group("live cameras")
-    live.add_argument("--targets", type=Path, metavar="targets.json", help="the target set (default: as printed here)")
-    live.add_argument("--rate", type=float, default=10.0, metavar="HZ", help="sets a second at most (default 10)")
-    live.add_argument("--sets", type=int, metavar="N", help="end after so many sets")
-    live.add_argument("--seconds", type=float, metavar="S", help="end after so many seconds")
-    live.add_argument("--producer", action="append", default=[], metavar="FILE", help="a .cti file or folder as well")
-    live.add_argument("--fault", action="append", default=[], metavar="FAULT", help="of a simulated camera")
-    live.add_argument("--camera-profile", type=Path, metavar="FILE", help="camera settings instead of the user's own")
-    live.add_argument(
-        "--skew-ms",
-        type=float,
-        metavar="MS",
-        help="standard uncertainty of a camera's moment of exposure (default: 0 where all cameras are triggered by "
-        "hardware, else as their times scatter)",
-    )
-    live.add_argument(
-        "--exact-times",
-        action="store_true",
-        help="the cameras' exposure times are exact (PTP): moving targets are brought to one moment by them",
-    )
-
-
 def measure(options: argparse.Namespace) -> int:
     """`spherecal measure`."""
-    from spherecal.cli.commands import out
-    from spherecal.cli.main import DONE, NOT_VALID
-    from spherecal.cli.progress import shown_progress
-    from spherecal.measuring.measurer import Measurer
-    from spherecal.profile.source import read_source
-    from spherecal.uses.keep_health import keep_health
-
     _check(options)
     with ExitStack() as stack:
         context = stack.enter_context(shown_progress())
@@ -110,18 +61,13 @@ def measure(options: argparse.Namespace) -> int:
     if not options.json:
         _summary(options, health, rig)
         if kept is not None:
-            out.print(kept, markup=False)
+            say(kept)
     if ended_by_user and (options.sets is not None or options.seconds is not None or session is not None):
         raise KeyboardInterrupt
     return NOT_VALID if health.moved or not rig.quality.valid else DONE
 
 
 def _check(options: argparse.Namespace) -> None:
-    from spherecal.base.errors import InputError
-    from spherecal.base.messages.values import Phrase
-    from spherecal.cli.parsing import check_output_folder
-    from spherecal.measuring.series_file import SERIES, check_table_kind
-
     if (options.session is None) == (options.cameras is None):
         raise InputError(Phrase("error-session-or-cameras"))
     if not 0 < options.rate <= 1000:
@@ -137,18 +83,11 @@ def _check(options: argparse.Namespace) -> None:
         check_output_folder(options.output, SERIES)
 
 
-def _session(options: argparse.Namespace) -> "Session | None":
-    from spherecal.files.read_session import read_session
-
+def _session(options: argparse.Namespace) -> Session | None:
     return None if options.session is None else read_session(options.session)
 
 
-def _task(options: argparse.Namespace, session: "Session | None") -> "Task":
-    from spherecal.files.target_set_file import read_target_set
-    from spherecal.measuring.body_file import read_body
-    from spherecal.measuring.task import Task, parse_point, parse_ruler
-    from spherecal.targets.family import make_target_set
-
+def _task(options: argparse.Namespace, session: Session | None) -> Task:
     if options.targets is not None:
         targets = read_target_set(options.targets)
     else:
@@ -167,8 +106,6 @@ def _task(options: argparse.Namespace, session: "Session | None") -> "Task":
 
 def _exposure_sd(options: argparse.Namespace) -> float | None:
     """As the options say; 0 for cameras that are all triggered by hardware; None: as their times scatter."""
-    from spherecal.cameras.profile import default_profile_path, read_profile
-
     if options.skew_ms is not None:
         return options.skew_ms * 1e-3
     if options.cameras is None:
@@ -177,13 +114,8 @@ def _exposure_sd(options: argparse.Namespace) -> float | None:
     return 0.0 if settings and all(one.trigger == "hardware" for one in settings) else None
 
 
-def _bars(serials: list[str], session: "Session | None") -> "tuple[Bar, ...]":
+def _bars(serials: list[str], session: Session | None) -> tuple[Bar, ...]:
     """The session's bars, and those of the owner's registry."""
-    from spherecal.base.errors import InputError
-    from spherecal.base.messages.values import Phrase
-    from spherecal.files.bar_registry import read_registry
-    from spherecal.measuring.task import registered
-
     own = () if session is None else session.bars
     known = read_registry() if serials else {}
     if unknown := [serial for serial in serials if serial not in known]:
@@ -196,31 +128,23 @@ def _bars(serials: list[str], session: "Session | None") -> "tuple[Bar, ...]":
 
 def _sets(
     options: argparse.Namespace,
-    session: "Session | None",
-    rig: "Rig",
-    task: "Task",
-    context: "Context",
+    session: Session | None,
+    rig: Rig,
+    task: Task,
+    context: Context,
     stack: ExitStack,
-) -> "Iterator[ObservedSet]":
-    from spherecal.measuring.sets import sets_of_session
-
+) -> Iterator[ObservedSet]:
     if session is not None:
         return sets_of_session(session, rig, context)
     return _live_sets(options, rig, task, context, stack)
 
 
 def _live_sets(
-    options: argparse.Namespace, rig: "Rig", task: "Task", context: "Context", stack: ExitStack
-) -> "Iterator[ObservedSet]":
-    from spherecal.base.errors import InputError
-    from spherecal.base.messages.values import Phrase
-    from spherecal.cameras.profile import default_profile_path, read_profile
-    from spherecal.cli.cameras import discovered
-    from spherecal.measuring.live import LiveSets, LiveSettings, rig_cameras_of
-    from spherecal.uses.capture import camera_name
-
+    options: argparse.Namespace, rig: Rig, task: Task, context: Context, stack: ExitStack
+) -> Iterator[ObservedSet]:
     profile = read_profile(options.camera_profile or default_profile_path())
-    source = stack.enter_context(_open(options, profile.producers))
+    producers = (*options.producer, *profile.producers)
+    source = stack.enter_context(open_asking(options.cameras, producers, options.fault))
     discovery = discovered(source, context)
     names = {info.serial: camera_name(profile, info) for info in discovery.cameras}
     cameras = rig_cameras_of(rig, discovery, names)
@@ -233,22 +157,8 @@ def _live_sets(
     return iter(LiveSets(source, cameras, task.target_set, settings, context))
 
 
-@contextmanager
-def _open(options: argparse.Namespace, producers: tuple[str, ...]) -> "Iterator[CameraSource]":
-    from spherecal.cameras.sources import open_source
-    from spherecal.cli import drivers
-
-    files = (*options.producer, *producers)
-    ask = drivers.asked_before(files) if options.cameras == "genicam" else None
-    with open_source(options.cameras, files, options.fault, ask) as source:
-        yield source
-
-
-def _listener(options: argparse.Namespace, measurer: "Measurer", stack: ExitStack) -> "Callable[[MeasuredSet], None]":
+def _listener(options: argparse.Namespace, measurer: Measurer, stack: ExitStack) -> Callable[[MeasuredSet], None]:
     """What is done with every set besides recording it: the stream, the terminal."""
-    from spherecal.measuring.stream import MeasurementStream
-    from spherecal.measuring.tables import set_json
-
     stream = None
     if options.stream is not None:
         about = {"cameras": [camera.id for camera in measurer.rig.cameras]}
@@ -256,7 +166,7 @@ def _listener(options: argparse.Namespace, measurer: "Measurer", stack: ExitStac
         print(f"Every set is sent to 127.0.0.1:{stream.port}.", file=sys.stderr, flush=True)
     shown = _Shown(options, measurer)
 
-    def seen(measured: "MeasuredSet") -> None:
+    def seen(measured: MeasuredSet) -> None:
         document = set_json(measured, measurer.health) if stream is not None or options.json else None
         if stream is not None and document is not None:
             stream.send(document)
@@ -270,14 +180,12 @@ def _listener(options: argparse.Namespace, measurer: "Measurer", stack: ExitStac
 
 def _run(
     options: argparse.Namespace,
-    sets: "Iterator[ObservedSet]",
-    measurer: "Measurer",
-    seen: "Callable[[MeasuredSet], None]",
-    context: "Context",
+    sets: Iterator[ObservedSet],
+    measurer: Measurer,
+    seen: Callable[[MeasuredSet], None],
+    context: Context,
 ) -> bool:
     """Measure all sets; whether Ctrl-C ended it (what there was is written)."""
-    from spherecal.measuring.run import run
-
     try:
         run(sets, measurer, seen, options.output, options.table, context)
     except KeyboardInterrupt:
@@ -290,15 +198,13 @@ def _run(
 class _Shown:
     """Sets on the terminal: each of a session, of live cameras some a second; contradictions when they are new."""
 
-    def __init__(self, options: argparse.Namespace, measurer: "Measurer") -> None:
+    def __init__(self, options: argparse.Namespace, measurer: Measurer) -> None:
         self._live, self._measurer = options.session is None, measurer
         self._last_s = -1e9
         self._named: set[tuple[int, str | None]] = set()
         self._moved: tuple[str, ...] = ()
 
-    def show(self, measured: "MeasuredSet") -> None:
-        from spherecal.cli.commands import out
-
+    def show(self, measured: MeasuredSet) -> None:
         for one in measured.contradictions:
             # single dots are left out now and then, by dirt or a hand; half a target is worth a line
             if 2 * one.views >= one.of and (one.target, one.camera) not in self._named:
@@ -306,7 +212,7 @@ class _Shown:
                 who = (
                     "its views contradict one another" if one.camera is None else f"{one.camera} contradicts the others"
                 )
-                out.print(f"set {measured.number}, target {one.target}: {who} ({one.views} of {one.of})", markup=False)
+                say(f"set {measured.number}, target {one.target}: {who} ({one.views} of {one.of})")
         moved = self._measurer.health.moved
         for camera in sorted(set(moved) - set(self._moved)):
             out.print(f"[bold red]Camera {camera} has moved[/] since the calibration (set {measured.number}).")
@@ -315,12 +221,10 @@ class _Shown:
         if self._live and now - self._last_s < _SHOWN_S:
             return
         self._last_s = now
-        out.print(_line(measured), markup=False)
+        say(_line(measured))
 
 
-def _line(measured: "MeasuredSet") -> str:
-    import numpy as np
-
+def _line(measured: MeasuredSet) -> str:
     at = measured.id or (f"{measured.time_s:.2f} s" if measured.time_s is not None else str(measured.number))
     parts = [f"{at}: {len(measured.names)} points"]
     if len(measured.names):
@@ -334,13 +238,7 @@ def _line(measured: "MeasuredSet") -> str:
     return "; ".join(parts)
 
 
-def _summary(options: argparse.Namespace, health: "Health", rig: "Rig") -> None:
-    from rich.markup import escape
-    from rich.table import Table
-
-    from spherecal.cli.commands import out
-    from spherecal.data.findings import counted
-
+def _summary(options: argparse.Namespace, health: Health, rig: Rig) -> None:
     table = Table("camera", box=None)
     for heading in ("image points", "rms px", "at calibration", "left out"):
         table.add_column(heading, justify="right")

@@ -2,18 +2,12 @@
 
 import argparse
 import difflib
-import sys
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
-from tempfile import TemporaryDirectory
-from typing import TYPE_CHECKING, Any, NoReturn
+from typing import NoReturn
 
-from spherecal.base.errors import InputError
-from spherecal.base.messages.values import Phrase
-
-if TYPE_CHECKING:
-    from spherecal.files.atomic import Marker
+# Adds a command by its name and a sentence on it.
+Add = Callable[[str, str], argparse.ArgumentParser]
 
 # Sixteen misspellings and shortenings of our commands ("verfy", "barz", "calib") score 0.71 to 0.96 against the right
 # one; of 325 pairs of commands three are above 0.6.
@@ -23,13 +17,9 @@ _TEXT = (("help",), ("completion",))
 
 
 class Parser(argparse.ArgumentParser):
-    """A parser that takes no abbreviated options and says which word may be meant; its subparsers are such too."""
+    """A parser that says which word may be meant; `commands_below` makes its subparsers."""
 
-    def __init__(self, *args: Any, **kwargs: Any) -> None:
-        super().__init__(*args, **{"allow_abbrev": False, **kwargs})
-        self.set_defaults(leaf=self)
-
-    def _check_value(self, action: argparse.Action, value: Any) -> None:
+    def _check_value(self, action: argparse.Action, value: object) -> None:
         choices = action.choices
         if choices is None or value in choices:
             return
@@ -43,9 +33,9 @@ class Parser(argparse.ArgumentParser):
             rest = f'is "{meant[0]}" meant?' if meant else ""
         raise argparse.ArgumentError(action, "; ".join(filter(None, (problem, rest))))
 
-    def parse_args(self, args: Any = None, namespace: Any = None) -> Any:  # pyright: ignore[reportIncompatibleMethodOverride]
+    def parse_args(self, args: Sequence[str] | None = None) -> argparse.Namespace:  # pyright: ignore[reportIncompatibleMethodOverride]
         """The options; words that no parser knows end the program with a message of the command they were given to."""
-        options, unknown = self.parse_known_args(args, namespace)
+        options, unknown = self.parse_known_args(args, argparse.Namespace())
         if unknown:
             options.leaf.refuse(unknown)
         return options
@@ -56,6 +46,51 @@ class Parser(argparse.ArgumentParser):
         option = next((word.split("=")[0] for word in unknown if word.startswith("-")), None)
         meant = difflib.get_close_matches(option, known, 1, _LIKE) if option is not None else []
         self.error(f"not known: {' '.join(unknown)}" + (f'; is "{meant[0]}" meant?' if meant else ""))
+
+
+def main_parser(program: str, description: str, epilog: str) -> Parser:
+    """A parser without options yet: no option may be abbreviated.
+
+    Parameters
+    ----------
+    program
+        The name of the program.
+    description, epilog
+        What its help begins and ends with.
+    """
+    parser = Parser(prog=program, description=description, epilog=epilog, allow_abbrev=False)
+    parser.set_defaults(leaf=parser)
+    return parser
+
+
+def commands_below(
+    parser: argparse.ArgumentParser,
+    metavar: str = "ACTION",
+    dest: str = "action",
+    *,
+    required: bool = True,
+) -> Add:
+    """The function that adds a command below this one.
+
+    Parameters
+    ----------
+    parser
+        The parser of the command above.
+    metavar
+        How the help calls the word that names a command.
+    dest
+        The option that this word becomes.
+    required
+        Whether the word must be given.
+    """
+    commands = parser.add_subparsers(dest=dest, required=required, metavar=metavar)
+
+    def add(name: str, text: str) -> argparse.ArgumentParser:
+        one = commands.add_parser(name, help=text, description=text, allow_abbrev=False)
+        one.set_defaults(leaf=one)
+        return one
+
+    return add
 
 
 def parsers_below(parser: argparse.ArgumentParser) -> Iterator[tuple[tuple[str, ...], argparse.ArgumentParser]]:
@@ -76,55 +111,16 @@ def is_leaf(parser: argparse.ArgumentParser) -> bool:
 def add_common(parser: argparse.ArgumentParser) -> None:
     """Add the options of all commands; before or after the command they mean the same."""
     for words, one in parsers_below(parser):
-        kept: dict[str, Any] = {"default": argparse.SUPPRESS} if words else {}
+        path, said = (argparse.SUPPRESS, argparse.SUPPRESS) if words else (None, False)  # what they are unless given
         group = one.add_argument_group("output")
-        group.add_argument("--log", type=Path, metavar="FILE", help="write a log to this file", **kept)
+        group.add_argument("--log", type=Path, metavar="FILE", default=path, help="write a log to this file")
         voice = group.add_mutually_exclusive_group()
-        voice.add_argument("-v", "--verbose", action="store_true", help="show the log on standard error", **kept)
-        voice.add_argument("-q", "--quiet", action="store_true", help="print errors and JSON only", **kept)
+        voice.add_argument("-v", "--verbose", action="store_true", default=said, help="show the log on standard error")
+        voice.add_argument("-q", "--quiet", action="store_true", default=said, help="print errors and JSON only")
         if is_leaf(one) and words not in _TEXT and "--json" not in one._option_string_actions:
             group.add_argument("--json", action="store_true", help="print what the command tells as JSON, nothing else")
-
-
-def rig_file(text: str) -> Path:
-    """A rig.json, named itself or by the folder of the result or profile that holds it."""
-    path = Path(text)
-    return path / "rig.json" if path.is_dir() else path
-
-
-def check_output_folder(path: Path, marker: "Marker") -> None:
-    """InputError for "-", as a folder cannot go to standard output; else as `check_folder`."""
-    from spherecal.files.atomic import check_folder
-
-    if is_standard_output(path):
-        raise InputError(Phrase("error-folder-to-output"))
-    check_folder(path, marker)
-
-
-def to_output(path: Path, data: bytes) -> None:
-    """Write a single file whole; "-" is standard output."""
-    from spherecal.files.atomic import write_file_whole
-
-    with output_file(path) as place:
-        write_file_whole(place, data)
 
 
 def is_standard_output(path: object) -> bool:
     """Whether an option names standard output."""
     return isinstance(path, Path) and str(path) == "-"
-
-
-@contextmanager
-def output_file(path: Path) -> Iterator[Path]:
-    """Where to write a command's one file: `path`, or for "-" a temporary file that then goes to standard output."""
-    if not is_standard_output(path):
-        yield path
-        return
-    with TemporaryDirectory() as folder:
-        place = Path(folder) / "output"
-        yield place
-        if place.is_dir():
-            raise InputError(Phrase("error-folder-to-output"))
-        sys.stdout.flush()
-        sys.stdout.buffer.write(place.read_bytes())
-        sys.stdout.buffer.flush()

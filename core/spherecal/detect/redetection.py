@@ -13,7 +13,7 @@ from spherecal.base.messages.values import Phrase
 from spherecal.data.observations import Observations
 from spherecal.data.rig import Calibration, RigCamera
 from spherecal.data.session import Session
-from spherecal.geometry.camera import project
+from spherecal.geometry.camera import is_unfolded, project
 from spherecal.targets.code_table import CodeTable, code_table
 from spherecal.targets.detect_images import STAGE
 from spherecal.targets.family import DOTS
@@ -124,10 +124,12 @@ def _facing(camera: RigCamera, points: FloatArray) -> BoolArray:
 
 
 def _predict(camera: RigCamera, points: FloatArray) -> FloatArray:
-    """Image points (n, 8, 2) px of dots (n, 8, 3), NaN where they are unknown or behind the camera."""
+    """Image points (n, 8, 2) px of dots (n, 8, 3), NaN where they are unknown or the camera cannot show them."""
     x = points.reshape(-1, 3) @ camera.rotation.T + camera.translation_mm
     with np.errstate(invalid="ignore"):
-        uv = np.where(x[:, 2:3] > 0, project(x, camera.intrinsics), np.nan)
+        shown = x[:, 2] > 0
+        shown[shown] = is_unfolded(x[shown], np.broadcast_to(camera.intrinsics, (int(shown.sum()), 16)))
+        uv = np.where(shown[:, None], project(x, camera.intrinsics), np.nan)
     return uv.reshape(*points.shape[:2], 2)
 
 

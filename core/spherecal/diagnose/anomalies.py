@@ -157,7 +157,7 @@ def explained_by_moves(
     network, features
         The network in the free form, and what its features are. Its priors are not used.
     solved
-        The solution: start values of the images' poses, and the cameras that are placed or held.
+        The solution: start values of the images' poses, the cameras that are placed and those with a prior.
     n_ball
         Placements of the ball; they are the first ones.
     context
@@ -168,7 +168,7 @@ def explained_by_moves(
     """
     state = solved.by_features.state
     n_placements = max(n_ball, int(features.placement.max(initial=0)) + 1)  # the last ones may have no observations
-    network = replace(network, free=network.free & ~solved.held[:, None], priors=NO_PRIORS)
+    network = replace(network, free=network.free & ~solved.has_prior[:, None], priors=NO_PRIORS)
     ball = BallNetwork(network, features, n_placements, n_ball, np.ones(len(network.uv), dtype=bool))
     alignment = ball.aligned(state.points)
     images = solve_images(ball, state, solved.placed, alignment, context)

@@ -179,7 +179,7 @@ def wrong_focal_lengths(e: Evidence, fixed: FixedFocal) -> list[Finding]:
     prior = np.array([camera.prior[:2].mean() for camera in e.session.cameras])
     ratio = e.solution.state.intrinsics[:, :2].mean(axis=1) / prior
     free = e.adjusted.problem.free_intrinsics[:, 0] & e.placed
-    off = free & ~e.solved.held & (np.abs(ratio - 1) > WRONG_FOCAL)
+    off = free & ~e.solved.has_prior & (np.abs(ratio - 1) > WRONG_FOCAL)
     found = _estimated_otherwise(e, off, prior, ratio) + _unplaced(e, prior)
     for c in np.flatnonzero(fixed.statistic > CONTRADICTED):
         name = e.camera_ids[c]

@@ -184,7 +184,7 @@ def _mirrored(e: Evidence) -> bool:
 
 
 def _held_intrinsics(e: Evidence) -> list[Finding]:
-    ids = tuple(e.camera_ids[c] for c in np.flatnonzero(e.solved.held & e.placed))
+    ids = tuple(e.camera_ids[c] for c in np.flatnonzero(e.solved.has_prior & e.placed))
     return [Finding("intrinsics-held", "warning", where=ids, kind="ball")] if ids else []
 
 
@@ -193,7 +193,7 @@ def _weak_self_calibration(e: Evidence) -> list[Finding]:
     if cofactors is None or not len(columns) or columns[0] != 0:
         return []
     sd = np.sqrt(e.adjusted.variance * cofactors.cameras[:, POSE, POSE]) / e.solution.state.intrinsics[:, 0]
-    free = e.adjusted.problem.free_intrinsics[:, 0] & e.placed & ~e.solved.held
+    free = e.adjusted.problem.free_intrinsics[:, 0] & e.placed & ~e.solved.has_prior
     weak = np.flatnonzero(free & (sd > WEAK_FOCAL_SD))
     if not len(weak):
         return []

@@ -51,7 +51,7 @@ def _faults(e: Evidence) -> list[Finding]:
         return [*found, *wrong_focal_lengths(e, fixed)]
     anomalies = find_anomalies(e, bool(wrong))
     release_freed()
-    # what looks like a move may be a focal length that is held wrong, if that explains more
+    # what looks like a move may be a focal length that is fixed at a wrong value, if that explains more
     anomalies = replace(anomalies, moves=tuple(m for m in anomalies.moves if m.statistic > fixed.statistic[m.camera]))
     motion = anomalies.group_motion
     if motion is not None and MOST_OF_IT * motion.statistic <= fixed.statistic.max(initial=0.0):

@@ -39,8 +39,9 @@ class GroupMotion:
     from those at the other placements.
 
     `cameras`, `placements`: indices. `image_change_px`: by how much image points shift, rms per axis, in all of these
-    images. `shift` (network units), `turn_rad`: the largest motion, of the cameras' middle or the ball's. `statistic`
-    chi-square on `dof`; `variance_factor` with the motion in the model. `ambiguous`: another kind explains as much.
+    images. `translation` (network units), `rotation_rad`: the largest motion, of the cameras' centroid or the ball's.
+    `statistic`: chi-square on `dof`. `variance_factor`: with the motion in the model. `ambiguous`: another kind
+    explains as much.
     """
 
     kind: Kind
@@ -50,8 +51,8 @@ class GroupMotion:
     dof: int
     variance_factor: float
     image_change_px: float
-    shift: float
-    turn_rad: float
+    translation: float
+    rotation_rad: float
     ambiguous: bool = False
 
 
@@ -229,7 +230,7 @@ def _described(images: ImagePoses, n_cameras: int, best: _Tried, still: Fitted, 
     times = tuple(sorted(t for placements in hypothesis.motions for t in placements))
     if hypothesis.kind == "ball" and len(hypothesis.motions) > 1:  # the first is only where they are counted from
         times = tuple(int(t) for t in np.unique(images.placement))
-    rows, steps, shift = (
+    rows, steps, translation = (
         _displaced(images, n_cameras, fitted)
         if hypothesis.group is None
         else _moved_together(images, hypothesis, fitted, ball_centre)
@@ -243,7 +244,7 @@ def _described(images: ImagePoses, n_cameras: int, best: _Tried, still: Fitted, 
         _dof(best, still),
         variance_factor(images, fitted),
         images.change_px(rows, steps),
-        shift,
+        translation,
         float(np.linalg.norm(steps[:, :3], axis=1).max(initial=0.0)),
     )
 
@@ -251,33 +252,33 @@ def _described(images: ImagePoses, n_cameras: int, best: _Tried, still: Fitted, 
 def _moved_together(
     images: ImagePoses, hypothesis: _Hypothesis, fitted: Fitted, ball_centre: FloatArray
 ) -> tuple[IntArray, FloatArray, float]:
-    """The images (k,) that show the motions, how their poses change (k,6), and the largest shift of the group."""
+    """The images (k,) that show the motions, how their poses change (k,6), and the largest translation of the group."""
     assert hypothesis.group is not None
     layout = fitted.layout
     first = layout.cameras + layout.balls
     rotation, translation = fitted.rotation[first:], fitted.translation[first:]
-    shifts = []
+    translations = []
     for k, placements in enumerate(hypothesis.motions):
         if hypothesis.kind == "ball":
             ball = layout.cameras + placements[0]
             centre = fitted.rotation[ball] @ ball_centre + fitted.translation[ball]
-            shifts.append(np.linalg.norm(rotation[k] @ centre + translation[k] - centre))
+            translations.append(np.linalg.norm(rotation[k] @ centre + translation[k] - centre))
         else:
             own = np.flatnonzero(hypothesis.group)
-            middle = -np.einsum("cji,cj->ci", fitted.rotation[own], fitted.translation[own]).mean(axis=0)
-            shifts.append(np.linalg.norm(rotation[k].T @ (middle - translation[k]) - middle))
+            centroid = -np.einsum("cji,cj->ci", fitted.rotation[own], fitted.translation[own]).mean(axis=0)
+            translations.append(np.linalg.norm(rotation[k].T @ (centroid - translation[k]) - centroid))
     rows = np.flatnonzero(layout.motion >= 0)
     motions = np.concatenate([log_rotation(rotation), translation], axis=1)[layout.motion[rows]]
-    return rows, np.einsum("mij,mj->mi", fitted.by_ball[rows], motions), float(max(shifts))
+    return rows, np.einsum("mij,mj->mi", fitted.by_ball[rows], motions), float(max(translations))
 
 
 def _displaced(images: ImagePoses, n_cameras: int, fitted: Fitted) -> tuple[IntArray, FloatArray, float]:
-    """The images (k,) with poses of their own at one placement, their changes of pose (k,6), and the largest shift."""
+    """The images (k,) with poses of their own at one placement, their changes of pose (k,6), largest translation."""
     rows = np.flatnonzero(fitted.layout.camera >= n_cameras)
     before, after = images.camera[rows], fitted.layout.camera[rows]
     centres = -np.einsum("cji,cj->ci", fitted.rotation, fitted.translation)
-    shift = np.linalg.norm(centres[after] - centres[before], axis=1).max(initial=0.0)
+    largest = np.linalg.norm(centres[after] - centres[before], axis=1).max(initial=0.0)
     steps = pose_change(
         fitted.rotation[before], fitted.translation[before], fitted.rotation[after], fitted.translation[after]
     )
-    return rows, steps, float(shift)
+    return rows, steps, float(largest)

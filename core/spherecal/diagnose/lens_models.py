@@ -141,7 +141,7 @@ def _trial(solved: BallFit, network: Network, start: State, model: LensModel | N
     """The network with other lenses, from a start; None where that has no end."""
     adjusted = solved.adjusted
     noise = float(np.sqrt(adjusted.variance))
-    network = with_intrinsic_priors(replace(network, priors=NO_PRIORS), start.intrinsics, solved.held, noise)
+    network = with_intrinsic_priors(replace(network, priors=NO_PRIORS), start.intrinsics, solved.has_prior, noise)
     problem, _ = network.problem(adjusted.used, network.free, solved.placed, weighted=True)
     found = minimise(problem, start, Settings(max_iterations=_ITERATIONS))
     rows, before, after = 2 * len(adjusted.rows), 2 * adjusted.minimum.cost, 2 * found.cost
@@ -158,11 +158,11 @@ def _trial(solved: BallFit, network: Network, start: State, model: LensModel | N
 
 
 def _changeable(solved: BallFit) -> IntArray:
-    """Intrinsics groups whose distortion is estimated, none of them held; of placed cameras."""
+    """Intrinsics groups whose distortion is estimated, none of them with a prior; of placed cameras."""
     network = solved.network
     estimated = network.free[:, 4:].any(axis=1) & solved.placed
-    held = np.unique(network.group[solved.held])
-    return np.setdiff1d(np.unique(network.group[estimated]), held)
+    has_prior = np.unique(network.group[solved.has_prior])
+    return np.setdiff1d(np.unique(network.group[estimated]), has_prior)
 
 
 def _model_of(free: BoolArray, intrinsics: FloatArray) -> LensModel | None:

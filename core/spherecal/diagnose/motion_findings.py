@@ -11,7 +11,7 @@ from spherecal.diagnose.evidence import Evidence
 from spherecal.diagnose.group_motion import GroupMotion
 from spherecal.diagnose.images import WrongImage
 from spherecal.diagnose.moves import LEAST_STATISTIC, Move
-from spherecal.diagnose.two_poses import Knock, find_knock
+from spherecal.diagnose.two_poses import TwoPoseFit, resect_two_poses
 
 # Moves larger than this are measured by resection: linear tests are good for small ones.
 FAR_PX = 3.0
@@ -37,19 +37,19 @@ def motion_findings(e: Evidence, anomalies: Anomalies, wrong: Sequence[WrongImag
     mixed_up = {image.camera for image in wrong if image.kind in ("other-camera", "other-placement")}
     contradicting = {i.camera for i in wrong if i.kind in ("moved", "unknown")} if not mixed_up else set()
     far = {move.camera for move in anomalies.moves if move.image_change_px > FAR_PX} - mixed_up
-    knocks = [knock for c in sorted(contradicting | far) if (knock := find_knock(e, c)) is not None]
-    reported = {knock.camera for knock in knocks} | mixed_up
+    found = [fit for c in sorted(contradicting | far) if (fit := resect_two_poses(e, c)) is not None]
+    reported = {fit.camera for fit in found} | mixed_up
     seen_elsewhere = [] if mixed_up else [i for i in wrong if i.kind == "moved" and i.camera not in reported]
     left_out = [_left_out(e, own, anomalies.moves) for own in _by_camera(seen_elsewhere)]
     reported |= {image.camera for image in seen_elsewhere}
     rest = [_moved(e, move) for move in anomalies.moves if move.camera not in reported]
-    return [*(_knocked(e, knock) for knock in knocks), *left_out, *rest]
+    return [*(_from_two_poses(e, fit) for fit in found), *left_out, *rest]
 
 
 def _group_motion(e: Evidence, found: GroupMotion) -> Finding:
     """The finding on cameras that moved together, on a ball that moved between exposures, or on another rig."""
     at = tuple(e.observations.placements[t] for t in found.placements)
-    size = _degrees(e, found.shift * e.solution.factor, found.turn_rad)
+    size = _degrees(e, found.translation * e.solution.factor, found.rotation_rad)
     sure = Phrase(
         "shows-group",
         {
@@ -119,10 +119,10 @@ def moved_cameras(e: Evidence, findings: Sequence[Finding]) -> set[str]:
 
 
 def _moved(e: Evidence, move: Move) -> Finding:
-    turn, shift = (float(np.linalg.norm(part)) for part in (move.step[:3], move.step[3:] * e.solution.factor))
-    size = _size(e, move.camera, shift, turn)
+    turn, translation = (float(np.linalg.norm(part)) for part in (move.step[:3], move.step[3:] * e.solution.factor))
+    size = _size(e, move.camera, translation, turn)
     if turn < _TINY_RAD:
-        size = Phrase("move-microradians", {"shift": _shift(e, shift), "microradians": 1e6 * turn})
+        size = Phrase("move-microradians", {"shift": _shift(e, translation), "microradians": 1e6 * turn})
     sure = Phrase(
         "shows-move",
         {
@@ -135,27 +135,27 @@ def _moved(e: Evidence, move: Move) -> Finding:
     return _finding(e, move.camera, set(move.placements), size, sure, move.rivals)
 
 
-def _knocked(e: Evidence, knock: Knock) -> Finding:
-    sure = Phrase("shows-knock", {"one_px": knock.fit_px[0], "two_px": knock.fit_px[1]})
-    size = _size(e, knock.camera, knock.shift, knock.turn_rad)
-    return _finding(e, knock.camera, set(knock.placements), size, sure)
+def _from_two_poses(e: Evidence, fit: TwoPoseFit) -> Finding:
+    sure = Phrase("shows-knock", {"one_px": fit.fit_px[0], "two_px": fit.fit_px[1]})
+    size = _size(e, fit.camera, fit.translation, fit.rotation_rad)
+    return _finding(e, fit.camera, set(fit.placements), size, sure)
 
 
-def _size(e: Evidence, camera: int, shift: float, turn_rad: float) -> Phrase:
+def _size(e: Evidence, camera: int, translation: float, rotation_rad: float) -> Phrase:
     """How far a camera moved; only turned where its shift moves the images ten times less than its turn."""
     state = e.solution.state
     seen = state.points[np.unique(e.features.of_observation[(e.observations.camera == camera) & e.used])]
     distance = np.median(np.linalg.norm(seen @ state.rotation[camera].T + state.translation[camera], axis=1))
-    key = "move-turned" if shift < 0.1 * turn_rad * distance else "move-degrees"
-    return Phrase(key, {"shift": _shift(e, shift), "degrees": np.rad2deg(turn_rad)})
+    key = "move-turned" if translation < 0.1 * rotation_rad * distance else "move-degrees"
+    return Phrase(key, {"shift": _shift(e, translation), "degrees": np.rad2deg(rotation_rad)})
 
 
-def _degrees(e: Evidence, shift: float, turn_rad: float) -> Phrase:
-    return Phrase("move-degrees", {"shift": _shift(e, shift), "degrees": np.rad2deg(turn_rad)})
+def _degrees(e: Evidence, translation: float, rotation_rad: float) -> Phrase:
+    return Phrase("move-degrees", {"shift": _shift(e, translation), "degrees": np.rad2deg(rotation_rad)})
 
 
-def _shift(e: Evidence, shift: float) -> Phrase:
-    return Phrase("shift-mm" if e.solution.scale.source != "none" else "shift-no-scale", {"shift": shift})
+def _shift(e: Evidence, translation: float) -> Phrase:
+    return Phrase("shift-mm" if e.solution.scale.source != "none" else "shift-no-scale", {"shift": translation})
 
 
 def _finding(

@@ -158,7 +158,7 @@ def _images(camera: IntArray, placement: IntArray) -> tuple[IntArray, IntArray, 
 def _block(probe: ScoreTest, rows: IntArray, image: IntArray, count: int) -> Block:
     """The block of a camera with `count` images, from its rows (k,) and the image of each."""
     shape = (2 * len(rows), POSE * count)
-    return probe.block(rows, spread(probe.by_pose(rows), np.arange(len(rows)), POSE * image, shape))
+    return probe.block(rows, spread(probe.by_pose(rows), POSE * image, shape))
 
 
 def move_limit(tests: int) -> float:

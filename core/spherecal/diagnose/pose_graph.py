@@ -8,6 +8,7 @@ the right one the rest fits.
 """
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from scipy import sparse
@@ -295,8 +296,11 @@ def fit_layout(images: ImagePoses, layout: PoseComposition, steps: int = STEPS) 
     poses, damping = start, FIRST_DAMPING
     offset = system.offset(poses)
     cost = float(offset @ images.normal @ offset)
+    equations = None
     for _ in range(steps):
-        step = system.step(poses, offset, damping)
+        if equations is None:
+            equations = system.normal_equations(poses)
+        step = system.step(equations, offset, damping)
         trial = system.moved(poses, step)
         there = system.offset(trial)
         new = float(there @ images.normal @ there)
@@ -308,14 +312,18 @@ def fit_layout(images: ImagePoses, layout: PoseComposition, steps: int = STEPS) 
         # rigs sway so easily that a damped step is small far from the minimum too
         done = cost - new < LAST_DECREASE * (images.variance + new) and damping <= SETTLED_DAMPING
         poses, offset, cost, damping = trial, there, new, max(damping / GROWTH, LEAST_DAMPING)
+        equations = None
         if done:
             break
-    stiffness = system.stiffness(poses)
+    stiffness = system.stiffness(system.normal_equations(poses) if equations is None else equations)
     forces, by_ball = stiffness @ offset, _by_ball(poses[0][layout.camera], poses[1][layout.camera])
     return Fitted(cost, *poses, layout, forces, stiffness, by_ball)
 
 
 Poses = tuple[FloatArray, FloatArray]  # rotations (k,3,3) and translations (k,3): of cameras, balls, motions
+Equations = tuple[FloatArray, FloatArray]  # weighted derivatives (6m,u) and the unknowns' normal matrix (u,u)
+# Rows and columns of what `_by_ball` fills: a shift turns nothing.
+_NOT_ZERO = np.nonzero(np.kron([[1, 0], [1, 1]], np.ones((3, 3))))
 
 
 def _start(images: ImagePoses, layout: PoseComposition) -> Poses | None:
@@ -360,6 +368,26 @@ class _System:
         used = np.isin(np.arange(self.count), np.concatenate([self.camera, self.ball, self.motion]))
         used[self.ball[np.argmax(np.where(layout.motion < 0, images.points, 0))]] = False  # the world
         self.columns = (POSE * np.flatnonzero(used)[:, None] + np.arange(POSE)).ravel()
+        self.transposed, self._order = self._pattern()
+
+    def _pattern(self) -> tuple[Any, IntArray]:
+        """The transposed derivatives, sparse, of which `normal_equations` sets the numbers; and their order.
+
+        They are those by the cameras' poses, by the ball's and by motions, one after the other.
+        """
+        m, place = len(self.camera), np.full(POSE * self.count, -1)
+        place[self.columns] = np.arange(len(self.columns))
+        every, (of_row, of_column) = POSE * np.arange(m)[:, None], _NOT_ZERO
+        own = np.arange(POSE)
+        rows = [every + own, every + of_row, every[self.moving] + of_row]
+        poses = [(self.camera, own), (self.ball, of_column), (self.motion, of_column)]
+        row = np.concatenate([one.ravel() for one in rows])
+        column = place[np.concatenate([(POSE * pose[:, None] + within).ravel() for pose, within in poses])]
+        order = np.lexsort((column, row))
+        order = order[column[order] >= 0]
+        begin = np.searchsorted(row[order], np.arange(POSE * m + 1))
+        numbers = (np.zeros(len(order)), column[order], begin)
+        return sparse.csc_array(numbers, shape=(len(self.columns), POSE * m)), order
 
     def _seen_by(self, poses: Poses) -> Poses:
         """Poses (m,3,3), (m,3) from the ball's world to the images: the cameras' after the motions."""
@@ -375,29 +403,23 @@ class _System:
         own = self.images.rotation, self.images.translation
         return pose_change(*own, first @ poses[0][self.ball], there).ravel()
 
-    def derivatives(self, poses: Poses) -> FloatArray:
-        """The offsets' derivatives by the unknowns (6m,u)."""
-        m = len(self.camera)
-        jacobian = np.zeros((m, POSE, self.count, POSE))
-        jacobian[np.arange(m), :, self.camera] = np.eye(POSE)
-        jacobian[np.arange(m), :, self.ball] = _by_ball(*self._seen_by(poses))
-        own = self.camera[self.moving]
-        jacobian[self.moving, :, self.motion] = _by_ball(poses[0][own], poses[1][own])
-        return jacobian.reshape(POSE * m, -1)[:, self.columns]
-
-    def _normal_equations(self, poses: Poses) -> tuple[FloatArray, FloatArray]:
-        """The weighted derivatives (6m,u) and the unknowns' normal matrix (u,u).
+    def normal_equations(self, poses: Poses) -> Equations:
+        """The weighted derivatives (6m,u) of the offsets by the unknowns, and the unknowns' normal matrix (u,u).
 
         The derivatives are sparse, as an image follows two or three poses: with dense ones the search for motions took
         163 s instead of 60 (12 cameras, 25 placements).
         """
-        jacobian = sparse.csr_array(self.derivatives(poses))
-        weighted = (jacobian.T @ self.images.normal).T
-        return weighted, jacobian.T @ weighted
+        own, (of_row, of_column) = self.camera[self.moving], _NOT_ZERO
+        by_ball = _by_ball(*self._seen_by(poses))[:, of_row, of_column]
+        by_motion = _by_ball(poses[0][own], poses[1][own])[:, of_row, of_column]
+        numbers = np.concatenate([np.ones(POSE * len(self.camera)), by_ball.ravel(), by_motion.ravel()])
+        self.transposed.data[:] = numbers[self._order]
+        weighted = (self.transposed @ self.images.normal).T
+        return weighted, self.transposed @ weighted
 
-    def stiffness(self, poses: Poses) -> FloatArray:
-        """The images' normal matrix (6m,6m) past what the unknowns take up."""
-        weighted, matrix = self._normal_equations(poses)
+    def stiffness(self, equations: Equations) -> FloatArray:
+        """The images' normal matrix (6m,6m) past what the unknowns take up; the equations are used up."""
+        weighted, matrix = equations
         size = 1 / np.sqrt(np.maximum(matrix.diagonal(), 1e-300))
         weighted *= size
         return (
@@ -405,9 +427,9 @@ class _System:
             - weighted @ np.linalg.pinv(matrix * size[:, None] * size, rcond=1e-12, hermitian=True) @ weighted.T
         )
 
-    def step(self, poses: Poses, offset: FloatArray, damping: float) -> FloatArray:
+    def step(self, equations: Equations, offset: FloatArray, damping: float) -> FloatArray:
         """The damped Gauss-Newton step (k,6)."""
-        weighted, matrix = self._normal_equations(poses)
+        weighted, matrix = equations
         gradient = weighted.T @ offset
         size = 1 / np.sqrt(np.maximum(matrix.diagonal(), 1e-300))
         matrix = matrix * size[:, None] * size + damping * np.eye(len(size))

@@ -99,7 +99,7 @@ class ScoreTest:
             pulled += self._by_point(linear, some).T @ columns[both]
             if self.shift is not None:
                 force += self._direct(linear, some).T @ columns[both]
-        following = spread(self.cofactors_of_points, np.arange(p), 3 * np.arange(p), (3 * p, 3 * p)) @ pulled
+        following = spread(self.cofactors_of_points, 3 * np.arange(p), (3 * p, 3 * p)) @ pulled
         step = None if self.shift is None else self.inverse @ (force + self.shift.T @ pulled)
         moved = None if self.shift is None else self.shift @ step
         left = np.empty_like(columns)
@@ -115,19 +115,18 @@ class ScoreTest:
     def _by_point(self, linear: Linearisation, rows: slice) -> Sparse:
         """Derivatives (2k, 3p) of some rows by the points."""
         count = len(linear.residual)
-        return spread(
-            linear.by_point, np.arange(count), 3 * self.problem.point[rows], (2 * count, 3 * self.problem.n_points)
-        )
+        return spread(linear.by_point, 3 * self.problem.point[rows], (2 * count, 3 * self.problem.n_points))
 
     def _direct(self, linear: Linearisation, rows: slice | IntArray) -> Sparse:
         """Derivatives (2k, e) of some rows by the expanded columns."""
         problem, count, width = self.problem, len(linear.residual), linear.width
         shape = (2 * count, problem.layout.expanded)
-        direct = spread(linear.by_camera, np.arange(count), width * problem.camera[rows], shape)
-        if problem.n_placements:
-            first = width * problem.n_cameras + POSE * problem.placement[rows]
-            direct += spread(linear.by_placement, np.arange(count), first, shape)
-        return sparse.csr_array(direct)
+        if not problem.n_placements:
+            return spread(linear.by_camera, width * problem.camera[rows], shape)
+        first = width * problem.n_cameras + POSE * problem.placement[rows]
+        of_camera = (width * problem.camera[rows])[:, None] + np.arange(width)
+        columns = np.concatenate([of_camera, first[:, None] + np.arange(POSE)], axis=1)
+        return _of_rows(np.concatenate([linear.by_camera, linear.by_placement], axis=2), columns, shape)
 
     def forces(self, rows: IntArray, residuals: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Scores of residuals: by the columns, the points following, (k,e); by points (k,3p). Needs `shift`.
@@ -141,7 +140,7 @@ class ScoreTest:
         """
         assert self.shift is not None
         linear, count = self.linear.at(rows), 3 * self.problem.n_points
-        pulled = spread(linear.by_point, np.arange(len(rows)), 3 * self.problem.point[rows], (2 * len(rows), count))
+        pulled = spread(linear.by_point, 3 * self.problem.point[rows], (2 * len(rows), count))
         by_points = pulled.T @ residuals
         following = (3 * np.unique(self.problem.point[rows])[:, None] + np.arange(3)).ravel()
         force = self._direct(linear, rows).T @ residuals + self.shift[following].T @ by_points[following]
@@ -178,7 +177,7 @@ class ScoreTest:
         own = _full(flat.T @ flat)
         point, local = np.unique(self.problem.point[rows], return_inverse=True)
         linear = self.linear.at(rows)
-        pulled = spread(linear.by_point, np.arange(len(rows)), 3 * local, (len(both), 3 * len(point)))
+        pulled = spread(linear.by_point, 3 * local, (len(both), 3 * len(point)))
         by_point = _full(pulled.T @ flat)
         weighted = self.cofactors_of_points[point] @ by_point.reshape(len(point), 3, -1)
         a = own - by_point.T @ weighted.reshape(by_point.shape)
@@ -221,23 +220,30 @@ def _fast(matrix: Sparse) -> Sparse | FloatArray:
     return matrix.toarray() if matrix.nnz > FULL * np.prod(matrix.shape) else matrix
 
 
-def spread(blocks: FloatArray, row: IntArray, column: IntArray, shape: tuple[int, int]) -> Sparse:
-    """A sparse matrix with blocks at given places.
+def spread(blocks: FloatArray, column: IntArray, shape: tuple[int, int]) -> Sparse:
+    """A sparse matrix with one block after the other in its rows.
 
     Parameters
     ----------
     blocks
         The blocks, (n,a,b).
-    row, column
-        Where each begins, (n,): the row counted in blocks, the column in columns.
+    column
+        Column where each begins, (n,).
     shape
-        Rows and columns of the matrix.
+        Rows, n a of them, and columns of the matrix.
     """
-    _, a, b = blocks.shape
-    rows, columns = row.astype(np.int32), column.astype(np.int32)  # half the memory of the indices
-    i = np.broadcast_to(a * rows[:, None, None] + np.arange(a, dtype=np.int32)[:, None], blocks.shape)
-    j = np.broadcast_to(columns[:, None, None] + np.arange(b, dtype=np.int32), blocks.shape)
-    return sparse.csr_array((blocks.ravel(), (i.ravel(), j.ravel())), shape=shape)
+    return _of_rows(blocks, column[:, None] + np.arange(blocks.shape[2]), shape)
+
+
+def _of_rows(blocks: FloatArray, columns: IntArray, shape: tuple[int, int]) -> Sparse:
+    """The same of blocks (n,a,b) whose columns (n,b) need not follow each other, but rise.
+
+    It is written in the form of the product: sorting it from single numbers took as long as what it is for.
+    """
+    n, a, b = blocks.shape
+    column = np.broadcast_to(columns.astype(np.int32)[:, None], (n, a, b))  # half the memory of the indices
+    begin = np.arange(0, n * a * b + 1, b, dtype=np.int32) if b else np.zeros(n * a + 1, dtype=np.int32)
+    return sparse.csr_array((blocks.ravel(), column.ravel(), begin), shape=shape)
 
 
 def conditional(

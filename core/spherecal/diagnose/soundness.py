@@ -177,7 +177,7 @@ def _given_intrinsics(e: Evidence, reported: Sequence[Finding]) -> list[Finding]
 
 
 def locked(e: Evidence) -> bool:
-    """Whether cameras are held where another calibration has them: their errors then show as other things."""
+    """Whether cameras are locked where another calibration has them: their errors then show as other things."""
     return not e.adjusted.problem.free_pose[e.placed].all()
 
 

@@ -19,7 +19,7 @@ def swapped_cameras(e: Evidence) -> list[Finding]:
     """Pairs of cameras whose estimated focal lengths and principal points are each other's priors."""
     prior = np.array([camera.prior[:4] for camera in e.session.cameras])
     estimated = e.solution.state.intrinsics[:, :4]
-    known = np.flatnonzero(e.placed & e.adjusted.problem.free_intrinsics[:, 0] & ~e.solved.held)
+    known = np.flatnonzero(e.placed & e.adjusted.problem.free_intrinsics[:, 0] & ~e.solved.has_prior)
     if len(known) < 2:
         return []
     own = np.linalg.norm(estimated - prior, axis=1)

@@ -24,21 +24,21 @@ BETTER = 1.5
 
 
 @dataclass(frozen=True)
-class Knock:
-    """A camera's images in `placements` were taken from elsewhere: by a turn and a shift.
+class TwoPoseFit:
+    """A camera's images in `placements` were taken from elsewhere: by a rotation and a translation.
 
-    `shift` is in mm, arbitrary without a scale. `fit_px`: mean size of the residuals with one pose and with two.
+    `translation` is in mm, arbitrary without a scale. `fit_px`: mean size of the residuals with one pose and with two.
     """
 
     camera: int
     placements: tuple[int, ...]
-    turn_rad: float
-    shift: float
+    rotation_rad: float
+    translation: float
     fit_px: tuple[float, float]
 
 
-def find_knock(e: Evidence, camera: int) -> Knock | None:
-    """The best way to part a camera's images in two, None where one pose fits them as well.
+def resect_two_poses(e: Evidence, camera: int) -> TwoPoseFit | None:
+    """The best partition of a camera's images in two, None where one pose fits them as well.
 
     Parameters
     ----------
@@ -48,11 +48,11 @@ def find_knock(e: Evidence, camera: int) -> Knock | None:
         The camera, an index.
     """
     both = (e.solution.state.intrinsics[camera], e.session.cameras[camera].prior)
-    knocks = [knock for intrinsics in both if (knock := _parted(e, camera, intrinsics)) is not None]
-    return min(knocks, key=lambda knock: knock.fit_px[1], default=None)
+    found = [fit for intrinsics in both if (fit := _best_partition(e, camera, intrinsics)) is not None]
+    return min(found, key=lambda fit: fit.fit_px[1], default=None)
 
 
-def _parted(e: Evidence, camera: int, intrinsics: FloatArray) -> Knock | None:
+def _best_partition(e: Evidence, camera: int, intrinsics: FloatArray) -> TwoPoseFit | None:
     o, state = e.observations, e.solution.state
     points = state.points[e.features.of_observation]
     rows = np.flatnonzero((o.camera == camera) & np.isfinite(points[:, 0]))
@@ -72,14 +72,14 @@ def _parted(e: Evidence, camera: int, intrinsics: FloatArray) -> Knock | None:
             continue
         error = float(np.average([parts[0][0], parts[1][0]], weights=[(~there).sum(), there.sum()]))
         if best is None or error < best[0]:
-            turn = log_rotation(parts[1][1] @ parts[0][1].T)
+            rotation_change = log_rotation(parts[1][1] @ parts[0][1].T)
             centres = [-part[1].T @ part[2] for part in parts if part is not None]
-            best = (error, some, turn, centres[1] - centres[0])
+            best = (error, some, rotation_change, centres[1] - centres[0])
     whole = GATE_PX if one is None else one[0]
     if best is None or whole < BETTER * best[0]:
         return None
-    turn, shift = float(np.linalg.norm(best[2])), float(np.linalg.norm(best[3]))
-    return Knock(camera, best[1], turn, shift, (whole, best[0]))
+    rotation_change, translation = float(np.linalg.norm(best[2])), float(np.linalg.norm(best[3]))
+    return TwoPoseFit(camera, best[1], rotation_change, translation, (whole, best[0]))
 
 
 def _fit(

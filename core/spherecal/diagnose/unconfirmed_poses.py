@@ -80,12 +80,15 @@ def unconfirmed_findings(e: Evidence) -> list[Finding]:
 def _finding(e: Evidence, pose: UnconfirmedPose) -> Finding:
     name, place = e.camera_ids[pose.camera], e.observations.placements[pose.image]
     values: dict[str, object] = {"place": place}
+    no_scale = pose.kind == "small-move" and e.solution.scale.source == "none"
     if pose.kind == "small-move":
-        values["shift_mm"] = float(np.linalg.norm(pose.centre_shifts[0]))
+        values["shift" if no_scale else "shift_mm"] = float(np.linalg.norm(pose.centre_shifts[0]))
     elif pose.kind in ("last-image", "unlike-any-pose"):
         values["points"] = int(e.image_counts(e.candidates)[pose.image, pose.camera])
     repairs = leave_out(f"{name}@{place}") if pose.kind == "one-image" else ()
-    return Finding("pose-unconfirmed", "warning", values, (name,), repairs, pose.kind)
+    return Finding(
+        "pose-unconfirmed", "warning", values, (name,), repairs, "small-move-no-scale" if no_scale else pose.kind
+    )
 
 
 def _unconfirmed(e: Evidence, c: int, kind: Kind, image: int, others: Sequence[Pose]) -> UnconfirmedPose:

@@ -77,7 +77,7 @@ def locked(path: Path, wait_s: float = WAIT_S) -> Iterator[None]:
             if taken:
                 break
             if time.monotonic() > deadline:
-                raise InUse(f"{path}: is in use by {_holder(file)}.", "Wait until it is done, or close it there.")
+                raise InUse(Phrase("error-in-use", {"file": path, "holder": _holder(file)}))
             time.sleep(_POLL_S)
         yield
     finally:
@@ -180,15 +180,15 @@ def _write_holder(descriptor: int) -> None:
     os.write(descriptor, json.dumps(holder).encode())
 
 
-def _holder(file: Path) -> str:
+def _holder(file: Path) -> Phrase:
     try:
         with file.open("rb") as opened:
             holder = json.loads(opened.read(2000))
-        return "process {process} of {user} on {host} since {since}".format(
-            **{key: "".join(c for c in str(value)[:60] if c.isprintable()) for key, value in holder.items()}
-        )
-    except (OSError, ValueError, KeyError, AttributeError):
-        return "another program"
+        names = ("process", "user", "host", "since")
+        values = {name: "".join(c for c in str(holder[name])[:60] if c.isprintable()) for name in names}
+    except (OSError, ValueError, KeyError, TypeError):
+        return Phrase("holder-unknown")
+    return Phrase("holder-process", values)
 
 
 def _free(file: Path, descriptor: int) -> None:

@@ -17,7 +17,7 @@ from spherecal.files.capture_file import last_taken, read_captured_sets
 from spherecal.files.json_file import JsonValue, read_json, unique
 from spherecal.files.observations_file import read_observations
 from spherecal.files.read_bars import read_bars
-from spherecal.files.session_file import BAR_POSES, CAMERAS, PLACEMENTS, SCALE, SPHERE
+from spherecal.files.session_file import BAR_POSES, BOARD, CAMERAS, PLACEMENTS, SCALE, SPHERE
 from spherecal.files.target_set_file import read_target_set
 from spherecal.targets.board_grid import board_grid
 from spherecal.targets.target_set import TargetSet
@@ -29,7 +29,6 @@ OBSERVATIONS_FILE = "observations.csv"
 
 _OPTIONAL = ("placements", "bars", "bar_poses", "scale", "board", "sphere", "target_set")
 _MOST_BYTES = 1 << 30  # of one file; images of 150 MP with 16 bits have 300 MB
-_LARGEST_BOARD = 1000  # rows or columns
 
 
 def read_session(folder: Path) -> Session:
@@ -191,23 +190,10 @@ def _check_spacing_points(scale: JsonValue, target_set: TargetSet | None, observ
 
 def _read_board(board: JsonValue) -> tuple[BoardPoint, ...]:
     """The board's points; the shorthand counts them row by row from 0, x along the rows, y along the columns."""
-    f = board.fields((), ("points", "kind", "marker_mm", "rows", "columns", "pitch_mm"))
-    if "points" not in f:
-        f |= board.fields(("rows", "columns", "pitch_mm"))
-        rows, columns = (f[key].integer(2, _LARGEST_BOARD) for key in ("rows", "columns"))
-        kind = f["kind"].text() if "kind" in f else "circles"
-        if kind == "aprilgrid":
-            f |= board.fields(("marker_mm",))
-        marker = f["marker_mm"].positive("mm") if "marker_mm" in f else None
-        places = board_grid(kind, rows, columns, f["pitch_mm"].positive("mm"), marker)
-        return tuple(BoardPoint(i, "centre", (float(x), float(y), 0.0)) for i, (x, y) in enumerate(places))
-    values = f["points"].items(least=1)
-    points = tuple(_read_board_point(value) for value in values)
-    unique(values, [f"{point.target} {point.point}" for point in points], "target and point")
-    return points
-
-
-def _read_board_point(value: JsonValue) -> BoardPoint:
-    f = value.fields(("target", "point", "xyz_mm"))
-    x, y, z = f["xyz_mm"].numbers(3)
-    return BoardPoint(f["target"].integer(), f["point"].name(), (x, y, z))
+    f = BOARD.read(board)
+    if "points" in f:
+        return f["points"]
+    kind = f.get("kind", "circles")
+    board.fields(("rows", "columns", "pitch_mm", *(("marker_mm",) if kind == "aprilgrid" else ())))
+    places = board_grid(kind, f["rows"], f["columns"], f["pitch_mm"], f.get("marker_mm"))
+    return tuple(BoardPoint(i, "centre", (float(x), float(y), 0.0)) for i, (x, y) in enumerate(places))

@@ -1,4 +1,4 @@
-"""What session.json holds, part by part: cameras, placements, poses of bars, scale (docs/formats.md)."""
+"""What session.json holds, part by part: cameras, placements, poses of bars, scale, board (docs/formats.md)."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -9,9 +9,10 @@ import numpy as np
 from spherecal.base.arrays import FloatArray
 from spherecal.base.messages.values import Phrase
 from spherecal.data.lens_model import prior_in_model
-from spherecal.data.session import CameraSpec, Scale
+from spherecal.data.session import BoardPoint, CameraSpec, Scale
 from spherecal.files.codec import (
     Kind,
+    boolean,
     celsius,
     choice,
     entries,
@@ -21,6 +22,7 @@ from spherecal.files.codec import (
     items,
     name,
     number,
+    numbers,
     one_of,
     only,
     optional,
@@ -29,15 +31,18 @@ from spherecal.files.codec import (
     serial,
     text,
 )
-from spherecal.files.json_file import MOST_CAMERAS, JsonValue
+from spherecal.files.json_file import MOST_CAMERAS, JsonValue, unique
 from spherecal.files.rig_file import LENS_MATRIX, distortion, read_distortion
 from spherecal.files.target_set_file import given
 from spherecal.geometry.camera import LENS_MODELS, LensModel, fisheye_vector, intrinsics_vector
 from spherecal.geometry.opencv import FISHEYE_LENGTH
+from spherecal.targets.board_pattern import BOARD_KINDS
 from spherecal.targets.masks import Rectangle
 
 _PATH = r"^(?!/)(?!\.$)(?!(.*/)?\.\.(/|$))[^\\\u0000-\u001f]+$"
 _LARGEST_IMAGE_PX = 65536
+MOST_BOARD_ROWS = 1000  # and columns
+_DOT_COLOURS = ("dark-on-light", "light-on-dark")
 
 
 def named_file(about: str) -> Kind[JsonValue]:
@@ -189,3 +194,50 @@ def _read_scale(value: JsonValue) -> Scale:
 
 
 SCALE = replace(one_of("Where the scale comes from.", _BAR_SCALE, _SPACING), read=_read_scale)
+
+
+# --- board -----------------------------------------------------------------------------------------------------------
+
+
+def _check_points(points: Sequence[BoardPoint], value: JsonValue) -> None:
+    unique(value.items(), [f"{point.target} {point.point}" for point in points], "target and point")
+
+
+_BOARD_POINT = record(
+    "",
+    BoardPoint,
+    field("target", integer("The target.")),
+    field("point", name("Its point.")),
+    field("xyz_mm", numbers("Its place on the board.", 3)),
+)
+_POINTS = items("The board's points, for observations.", _BOARD_POINT, least=1).checked(_check_points)
+_RING = items("", integer("", 0, MOST_BOARD_ROWS - 1), length=2)
+_BOARD = record(
+    "The board of `--method board`: `points`, or `rows`, `columns` and `pitch_mm`; for images `kind` as well.",
+    dict,
+    optional("points", _POINTS),
+    optional("kind", choice("What is printed.", BOARD_KINDS)),
+    optional("rows", integer("Rows of dots, inner corners or tags.", 2, MOST_BOARD_ROWS)),
+    optional("columns", integer("Columns.", 2, MOST_BOARD_ROWS)),
+    optional("pitch_mm", positive("Distance of neighbours.", "mm")),
+    optional(
+        "polarity", choice("The colour of dots; `dark-on-light` where absent.", ("dark-on-light", "light-on-dark"))
+    ),
+    optional("rings", items("`[row, column]` of the dots that have a hole.", _RING)),
+    optional("rows_upward", boolean("Whether rows count from the bottom.")),
+    optional("dot_diameter_mm", positive("Diameter of a dot.", "mm")),
+    optional("marker_mm", positive("Side of a marker, smaller than `pitch_mm`.", "mm")),
+    optional("dictionary", text("OpenCV's name of the markers' dictionary.")),
+    optional("legacy", boolean("Whether a ChArUco board was printed before OpenCV 4.6.")),
+    optional("border_bits", integer("Black bits around a tag.", 1, 2)),
+    optional("relative_uncertainty", number("Relative standard uncertainty of the pitch.", 0, 0.05)),
+    optional("shape", choice("Whether the points are estimated; `nominal` where absent.", ("nominal", "estimated"))),
+)
+_WITHOUT_TAGS = {"enum": [*sorted(set(BOARD_KINDS) - {"charuco", "aprilgrid"}), None]}
+_BOARD_FORMS = [
+    given("points"),
+    given("rows", "columns", "pitch_mm", kind=_WITHOUT_TAGS),
+    given("rows", "columns", "pitch_mm", "marker_mm", kind={"enum": ["aprilgrid"]}),
+    given("rows", "columns", "pitch_mm", "marker_mm", "dictionary"),
+]
+BOARD = replace(_BOARD, schema=_BOARD.schema | {"anyOf": _BOARD_FORMS})

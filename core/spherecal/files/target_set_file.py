@@ -64,7 +64,8 @@ def _stickers(f: dict[str, Any], document: JsonValue) -> TargetSet:
     if given["dot_diameter_mm"].positive("mm") >= f["size_mm"]:
         raise given["dot_diameter_mm"].error(Phrase("problem-dot-size"))
     _check_reach(f["layouts"], given["targets"], f["size_mm"])
-    return TargetSet(**f | {"dictionary": None})
+    f.pop("dictionary", None)
+    return TargetSet(**f)
 
 
 def _markers(f: dict[str, Any], document: JsonValue) -> TargetSet:

@@ -112,8 +112,40 @@ def image_reach(intrinsics: FloatArray, sizes: FloatArray) -> FloatArray:
     sizes
         Width and height of their images, (n, 2) px.
     """
-    reach = _REACH * np.hypot(sizes[:, 0], sizes[:, 1]) / 2 / intrinsics[:, 0]
+    return reach_of(np.hypot(sizes[:, 0], sizes[:, 1]) / 2, intrinsics)
+
+
+def reach_of(radius_px: FloatArray, intrinsics: FloatArray) -> FloatArray:
+    """The largest tan of the angle off the axis of what may show within a distance of the principal point, (n,).
+
+    Parameters
+    ----------
+    radius_px
+        The distances, (n,) px.
+    intrinsics
+        The lenses, (n, 16).
+    """
+    reach = _REACH * radius_px / intrinsics[:, 0]
     return np.where(is_fisheye(intrinsics), np.tan(np.minimum(reach, _WIDEST_REACH)), reach)
+
+
+def is_unfolded(x_camera: FloatArray, intrinsics: FloatArray) -> BoolArray:
+    """Whether the image radius rises all the way from the axis to each point, (n,).
+
+    Elsewhere the lens model has folded: `project` may bring the point into the image, but no lens shows it there.
+
+    Parameters
+    ----------
+    x_camera
+        Points in the camera frame, in front of the camera, (n, 3).
+    intrinsics
+        The lens of each point, (n, 16).
+    """
+    r2, wide = (x_camera[:, 0] ** 2 + x_camera[:, 1] ** 2) / x_camera[:, 2] ** 2, is_fisheye(intrinsics)
+    rises = np.empty(len(r2), dtype=bool)
+    rises[~wide] = _rises(r2[~wide], intrinsics[~wide])
+    rises[wide] = fisheye.rises(r2[wide], intrinsics[wide, 4:8])
+    return rises
 
 
 def distort(xy: FloatArray, intrinsics: FloatArray) -> FloatArray:

@@ -119,6 +119,20 @@ def undistort(distorted: FloatArray, k: FloatArray) -> tuple[FloatArray, BoolArr
     return np.where(good[:, None], distorted * factor[:, None], np.nan), good
 
 
+def rises(r2: FloatArray, k: FloatArray) -> BoolArray:
+    """Whether theta_d rises all the way from the axis to each point at r^2, (n,).
+
+    Parameters
+    ----------
+    r2
+        Squared distances from the axis of ideal points at z = 1, (n,).
+    k
+        k1 to k4 of each point, (n, 4).
+    """
+    theta = np.arctan(np.sqrt(r2)) * (np.arange(1, _BRACKETS + 1)[:, None] / _BRACKETS)
+    return np.asarray((_angle(theta, k)[1] > 0).all(axis=0))
+
+
 def _bracket(goal: FloatArray, k: FloatArray) -> tuple[FloatArray, FloatArray, BoolArray]:
     """Angles (n,) between which theta_d first reaches the goal (n,), and where it does so while it rises."""
     low, high = np.zeros_like(goal), np.full_like(goal, WIDEST)
@@ -137,7 +151,7 @@ def _bracket(goal: FloatArray, k: FloatArray) -> tuple[FloatArray, FloatArray, B
 
 
 def _angle(theta: FloatArray, k: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """theta_d (n,) and its derivative by theta (n,)."""
+    """theta_d (..., n) and its derivative by theta (..., n), of lenses k (n, 4)."""
     k1, k2, k3, k4 = k.T
     t2 = theta * theta
     value = theta * (1 + t2 * (k1 + t2 * (k2 + t2 * (k3 + t2 * k4))))

@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 
 from spherecal.base.arrays import BoolArray, FloatArray
-from spherecal.geometry.rotation import exp_rotation
+from spherecal.geometry.rotation import cross, exp_rotation
 
 # Fewest points a resected camera must agree with: six unknowns, and chance agreement of wrong matches at 12 px.
 MIN_AGREEING = 6
@@ -170,7 +170,7 @@ def _minimised(
         by_x = np.zeros((len(x), 2, 3))
         by_x[:, 0, 0] = by_x[:, 1, 1] = 1.0 / x[:, 2]
         by_x[:, :, 2] = -flat / x[:, 2:]
-        by_turn = np.cross(turned[:, None, :], by_x)  # of exp(w) R X by w
+        by_turn = cross(turned[:, None, :], by_x)  # of exp(w) R X by w
         jacobian = np.concatenate([by_turn, by_x], axis=2)
         normal = np.einsum("nki,n,nkj->ij", jacobian, weight, jacobian)
         gradient = np.einsum("nki,n,nk->i", jacobian, weight, residual)

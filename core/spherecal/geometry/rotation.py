@@ -1,4 +1,4 @@
-"""Rotations: exponential map, logarithm and the nearest rotation."""
+"""Rotations: exponential map, logarithm and the nearest rotation; vector products."""
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -6,11 +6,27 @@ from scipy.spatial.transform import Rotation
 from spherecal.base.arrays import FloatArray
 
 
+def cross(a: FloatArray, b: FloatArray) -> FloatArray:
+    """Vector products (..., 3): numpy's, to the bit, without what `np.cross` takes to allow for other axes.
+
+    Parameters
+    ----------
+    a, b
+        Vectors (..., 3), broadcast together.
+    """
+    out = np.empty(np.broadcast_shapes(a.shape, b.shape))
+    for i, (j, k) in enumerate(((1, 2), (2, 0), (0, 1))):
+        np.multiply(a[..., j], b[..., k], out=out[..., i])
+        out[..., i] -= a[..., k] * b[..., j]
+    return out
+
+
 def cross_matrix(v: FloatArray) -> FloatArray:
     """The matrices [v] with [v] a = v x a; (..., 3) to (..., 3, 3)."""
-    zero = np.zeros(v.shape[:-1])
-    x, y, z = v[..., 0], v[..., 1], v[..., 2]
-    return np.stack([np.stack([zero, -z, y], -1), np.stack([z, zero, -x], -1), np.stack([-y, x, zero], -1)], -2)
+    out = np.zeros((*v.shape[:-1], 3, 3))
+    for i, (j, k) in enumerate(((1, 2), (2, 0), (0, 1))):
+        out[..., j, k], out[..., k, j] = -v[..., i], v[..., i]
+    return out
 
 
 def exp_rotation(w: FloatArray) -> FloatArray:

@@ -8,6 +8,7 @@ import numpy as np
 from spherecal.base.arrays import BoolArray, FloatArray, IntArray, blocks_of_groups
 from spherecal.geometry.camera import project, project_with_point_derivatives, undistort
 from spherecal.geometry.posed import PosedCameras
+from spherecal.geometry.rotation import cross
 
 # Rays closer to parallel than this (0.02 to 0.03 px at f = 2300 to 3500 px, the noise of a good dot centre) carry no
 # depth; it also keeps the normal matrices, whose condition grows with 1/angle^2, within double precision.
@@ -173,7 +174,7 @@ def _largest_angle(feature: IntArray, ray: FloatArray, n_features: int) -> Float
         step += 1
         first = first[first + step < len(feature)]
         first = first[feature[first] == feature[first + step]]
-        np.maximum.at(sine, feature[first], np.linalg.norm(np.cross(ray[first], ray[first + step]), axis=1))
+        np.maximum.at(sine, feature[first], np.linalg.norm(cross(ray[first], ray[first + step]), axis=1))
     return np.arcsin(sine.clip(max=1.0))
 
 
@@ -256,6 +257,6 @@ def _sum_by(feature: IntArray, values: FloatArray, n_features: int) -> FloatArra
 
 def _inverse(a: FloatArray) -> FloatArray:
     """Inverses of 3x3 matrices (m, 3, 3) by their adjugates; not finite, without an exception, where singular."""
-    columns = np.stack([np.cross(a[:, 1], a[:, 2]), np.cross(a[:, 2], a[:, 0]), np.cross(a[:, 0], a[:, 1])], axis=2)
+    columns = np.stack([cross(a[:, 1], a[:, 2]), cross(a[:, 2], a[:, 0]), cross(a[:, 0], a[:, 1])], axis=2)
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
         return columns / np.einsum("mi,mi->m", a[:, 0], columns[:, :, 0])[:, None, None]

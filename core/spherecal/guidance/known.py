@@ -79,7 +79,7 @@ def what_is_known(session: Session, calibration: Calibration) -> KnownNetwork | 
     # any placement gives a dot's place on the ball; those of the root itself come last and win
     located = np.isfinite(points[:, 0])
     for rows in (np.flatnonzero(~at_root & located), np.flatnonzero(at_root & located)):
-        turn, shift = alignment.turn[features.placement[rows]], alignment.shift[features.placement[rows]]
+        turn, shift = alignment.rotation[features.placement[rows]], alignment.translation[features.placement[rows]]
         world[shared.places.point[rows]] = np.einsum("fji,fj->fi", turn, points[rows] - shift)
     body = _body(session, calibration, alignment, shared.places, world)
     if body is None:
@@ -103,8 +103,8 @@ def what_is_known(session: Session, calibration: Calibration) -> KnownNetwork | 
         tuple(session.placements[t].id for t in mine),
         _noise(calibration),
         rig.scale.relative_uncertainty or 0.0,
-        np.array([alignment.turn[t] @ body.centre + alignment.shift[t] for t in mine]),
-        np.array([alignment.turn[t] for t in mine]),
+        np.array([alignment.rotation[t] @ body.centre + alignment.translation[t] for t in mine]),
+        np.array([alignment.rotation[t] for t in mine]),
     )
 
 

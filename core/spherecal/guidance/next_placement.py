@@ -19,7 +19,7 @@ from spherecal.base.context import Context
 from spherecal.base.threads import on_one_blas_thread
 from spherecal.data.rig import Calibration
 from spherecal.data.session import Session
-from spherecal.geometry.camera import project
+from spherecal.geometry.camera import is_unfolded, project
 from spherecal.geometry.rotation import exp_rotation
 from spherecal.guidance.known import KnownNetwork, what_is_known
 from spherecal.predict.lengths import Cameras, predict_lengths
@@ -198,7 +198,10 @@ def _cameras_at(known: KnownNetwork, places: FloatArray) -> FloatArray:
         uv = project(x.reshape(-1, 3), k).reshape(n, c, 2)
         margin = INSIDE * known.body.radius_mm * known.state.intrinsics[:, 0] / x[:, :, 2]
     inside = ((uv >= margin[:, :, None]) & (uv <= known.size - 1 - margin[:, :, None])).all(axis=2)
-    return inside & (x[:, :, 2] > 1.5 * known.body.radius_mm)
+    inside &= x[:, :, 2] > 1.5 * known.body.radius_mm
+    place, camera = np.nonzero(inside)
+    inside[place, camera] = is_unfolded(x[place, camera], known.state.intrinsics[camera])
+    return inside
 
 
 def _candidate_places(known: KnownNetwork, volume: Volume) -> FloatArray:
@@ -301,7 +304,10 @@ def _in_view(ball: _Ball, known: KnownNetwork, turn: FloatArray, shift: FloatArr
     sight = -np.einsum("cji,cpj->cpi", known.state.rotation, x)
     facing = np.einsum("cpi,pi->cp", sight, normals) / np.linalg.norm(sight, axis=2)
     inside = ((uv > 4) & (uv < known.size[:, None] - 5)).all(axis=2) & (x[:, :, 2] > 0)
-    return inside & (facing > np.cos(np.deg2rad(VIEW_LIMIT_DEG)))
+    inside &= facing > np.cos(np.deg2rad(VIEW_LIMIT_DEG))
+    camera, dot = np.nonzero(inside)
+    inside[camera, dot] = is_unfolded(x[camera, dot], known.state.intrinsics[camera])
+    return inside
 
 
 def _predicted(ball: _Ball, known: KnownNetwork, turn: FloatArray, shift: FloatArray) -> _Shown | None:

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from spherecal.base.arrays import BoolArray, FloatArray, IntArray
-from spherecal.geometry.rotation import nearest_rotation
+from spherecal.geometry.rotation import cross, nearest_rotation
 
 # Fewest points of an eight-point estimate with some redundancy left.
 MIN_POINTS = 12
@@ -123,7 +123,7 @@ def _scaled_measurements(rays: FloatArray) -> FloatArray | None:
     for j in (1, 2):
         fundamental = _eight_point(rays[0], rays[j])
         epipole = np.linalg.svd(fundamental)[0][:, 2]  # e_jg: e' F = 0
-        across = np.cross(epipole, rays[j])
+        across = cross(epipole, rays[j])
         norm = (across * across).sum(axis=1)
         if (norm < 1e-12).any():
             return None

@@ -54,7 +54,8 @@ class RigHealth:
         # of the last sets, and of the many since the long test before: a creep is seen by the latter alone
         self._moved: dict[str, dict[str, CameraTest | None]] = {"fast": {}, "slow": {}}
         self._named_at: dict[str, int] = {}
-        self._tests: tuple[CameraTest, ...] = ()
+        # the newest of each kind, by camera
+        self._tests: dict[str, dict[str, CameraTest]] = {"fast": {}, "slow": {}}
         self.sets = 0
 
     def add(
@@ -116,8 +117,8 @@ class RigHealth:
         return self._moved["fast"].get(camera) or self._moved["slow"].get(camera)
 
     def _learn(self, number: int, kind: str, found: Consistency) -> None:
-        self._tests = found.cameras
         for test in found.cameras:
+            self._tests[kind][test.id] = test
             named = test.moved and test.move_px > self._least_move(test.id)
             self._moved[kind][test.id] = test if named else None
             if named:
@@ -146,7 +147,8 @@ class RigHealth:
                     self._named_at.get(camera.id),
                 )
             )
-        return Health(self.sets, tuple(cameras), self._tests)
+        tests = self._tests["fast"] | self._tests["slow"]
+        return Health(self.sets, tuple(cameras), tuple(tests[c.id] for c in self._rig.cameras if c.id in tests))
 
 
 def _sample(views: Views, good: BoolArray, most: int) -> _Sample:

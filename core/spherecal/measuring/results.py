@@ -148,7 +148,7 @@ class CameraHealth:
 class Health:
     """The rig while it measures: sets so far and every camera.
 
-    `tests` are those of the newest test, be it over the last few sets or over many.
+    `tests`: of each camera the newest test over many sets, before there is one that over a few.
     """
 
     sets: int

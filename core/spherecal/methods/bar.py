@@ -113,7 +113,7 @@ def _result(
         adjusted.used,
         adjusted.variance,
         adjusted.minimum.converged,
-        adjusted.held,
+        adjusted.has_prior,
         adjusted.joint,
     )
     scale = RigScale("none", None)

@@ -26,7 +26,7 @@ from spherecal.methods.bar_model import BarModel, Lengths
 from spherecal.methods.board_adjustment import START_ITERATIONS, progress
 from spherecal.methods.frames import minimise, redundancy
 from spherecal.methods.frames_covariance import FrameCovariance, frame_covariance
-from spherecal.methods.held_cameras import poorly_determined, poorly_observed, priors_of
+from spherecal.methods.intrinsic_priors import poorly_determined, poorly_observed, priors_of
 
 
 @dataclass(frozen=True)
@@ -43,7 +43,7 @@ class BarNetwork:
 
 @dataclass(frozen=True)
 class BarAdjusted:
-    """An adjusted network: state, model, used (n,), who is held by a prior (c,), cofactors of `points` (p,).
+    """An adjusted network: state, model, used (n,), whose intrinsics have a prior (c,), cofactors of `points` (p,).
 
     `noise_known`: the priors are weighed by the sigma0 of an adjustment. `joint` False: cameras are as they were
     chained.
@@ -56,7 +56,7 @@ class BarAdjusted:
     redundancy: int
     covariance: FrameCovariance | None
     points: IntArray
-    held: BoolArray
+    has_prior: BoolArray
     noise_known: bool = False
     joint: bool = True
 
@@ -72,7 +72,7 @@ class BarAdjusted:
 
 
 def adjust_bar(work: BarNetwork, state: State, context: Context) -> BarAdjusted:
-    """The least-squares network from a start, with covariance; cameras that the data cannot carry are held.
+    """The least-squares network from a start, with covariance; intrinsics that the data do not determine get a prior.
 
     Parameters
     ----------
@@ -84,19 +84,19 @@ def adjust_bar(work: BarNetwork, state: State, context: Context) -> BarAdjusted:
     network, candidates = work.network, work.placed[work.network.camera]
     state, good = _robust_start(work, state, candidates, context)
     used = candidates & good[network.feature]
-    held = poorly_observed(network.group, network.free, network.camera[used], network.feature[used])
-    priors = priors_of(network.group, work.known, held, 1.0)
+    has_prior = poorly_observed(network.group, network.free, network.camera[used], network.feature[used])
+    priors = priors_of(network.group, work.known, has_prior, 1.0)
     adjusted = _refine(work, state, used, priors, _usual_noise(work, state, used), context)
     for _ in range(1 + len(network.group)):
         weak = poorly_determined(adjusted.model.problem, adjusted.state, adjusted.covariance, adjusted.variance)
-        again = held | weak
-        if (again == held).all() and (adjusted.noise_known or not again.any()):
+        again = has_prior | weak
+        if (again == has_prior).all() and (adjusted.noise_known or not again.any()):
             break
-        held = again
-        priors = priors_of(network.group, work.known, held, adjusted.sigma0)
+        has_prior = again
+        priors = priors_of(network.group, work.known, has_prior, adjusted.sigma0)
         adjusted = _refine(work, adjusted.state, adjusted.used, priors, adjusted.sigma0, context)
         adjusted = replace(adjusted, noise_known=True)
-    return replace(adjusted, held=held & network.free.any(axis=1))
+    return replace(adjusted, has_prior=has_prior & network.free.any(axis=1))
 
 
 def chain_pairs(work: BarNetwork, state: State, parents: tuple[tuple[int, int], ...], context: Context) -> BarAdjusted:
@@ -191,7 +191,7 @@ def _usual_noise(work: BarNetwork, state: State, used: BoolArray) -> float:
 def _refine(
     work: BarNetwork, state: State, used: BoolArray, priors: Priors, noise: float, context: Context
 ) -> BarAdjusted:
-    """The adjusted network, none of its cameras noted as held."""
+    """The adjusted network, no camera marked as having a prior."""
     network, rounds = work.network, 0
     while True:
         rounds += 1

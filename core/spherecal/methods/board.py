@@ -1,6 +1,6 @@
 """The classical method: a plane board (or any rigid figure of known points) shown to the cameras in many placements.
 
-Each camera alone, cameras chained in overlapping groups of four, then everything together, the board's points held.
+Each camera alone, cameras chained in overlapping groups of four, then everything together, the board's points fixed.
 """
 
 from dataclasses import replace
@@ -160,7 +160,7 @@ def _chained(
 def _adjusted(
     session: Session, network: BoardNetwork, state: State, candidates: BoolArray, context: Context, joint: bool
 ) -> tuple[BoardSolution, list[Finding]]:
-    """The joint adjustment with the board's points held or estimated, and what is to be said about its shape."""
+    """The joint adjustment with the board's points fixed or estimated, and what is to be said about its shape."""
     views = network.views
     linked = np.isfinite(state.translation[views.camera, 0])
     linked &= np.isfinite(state.placement_translation[views.placement, 0])
@@ -242,7 +242,7 @@ def _result(
         used,
         solution.variance,
         solution.converged,
-        solution.held,
+        solution.has_prior,
         solution.joint,
     )
     scale = RigScale("board", None)

@@ -18,7 +18,7 @@ from spherecal.methods.board_model import BoardModel, BoardViews
 from spherecal.methods.board_start import LEAST_POINTS, BoardPose
 from spherecal.methods.frames import cameras_only, minimise, redundancy
 from spherecal.methods.frames_covariance import FrameCovariance, frame_covariance
-from spherecal.methods.held_cameras import poorly_determined, poorly_observed, priors_of
+from spherecal.methods.intrinsic_priors import poorly_determined, poorly_observed, priors_of
 
 START_ITERATIONS = 60
 ViewPoses = dict[tuple[int, int], list[BoardPose]]
@@ -28,7 +28,7 @@ ViewPoses = dict[tuple[int, int], list[BoardPose]]
 class BoardNetwork:
     """What a joint adjustment works on: views, intrinsics to estimate (c,16), who shares them (c,), known ones (c,16).
 
-    `reference` is the camera whose pose is held.
+    `reference` is the camera whose pose is fixed.
     """
 
     views: BoardViews
@@ -40,7 +40,7 @@ class BoardNetwork:
 
 @dataclass(frozen=True)
 class BoardAdjusted:
-    """An adjusted network: state, model, rows (observation of each row), used (n,), and who is held by a prior (c,).
+    """An adjusted network: state, model, rows (observation of each row), used (n,), who has a prior (c,).
 
     `noise_known`: the priors are weighed by the sigma0 of an adjustment. `joint` False: cameras are as they were
     chained.
@@ -53,7 +53,7 @@ class BoardAdjusted:
     minimum: Minimum
     redundancy: int
     covariance: FrameCovariance | None
-    held: BoolArray
+    has_prior: BoolArray
     noise_known: bool = False
     joint: bool = True
 
@@ -151,7 +151,7 @@ def robust_start(network: BoardNetwork, state: State, candidates: BoolArray, con
 def adjust_boards(
     network: BoardNetwork, start: State, first: BoolArray, candidates: BoolArray, context: Context
 ) -> BoardAdjusted:
-    """The least-squares network from a start, with covariance; cameras that the data cannot carry are held.
+    """The least-squares network from a start, with covariance; intrinsics that the data do not determine get a prior.
 
     Parameters
     ----------
@@ -166,18 +166,18 @@ def adjust_boards(
     """
     state = robust_start(network, start, first, context)
     group, views = network.group, network.views
-    held = poorly_observed(group, network.free, views.camera[candidates], views.placement[candidates])
-    priors = priors_of(group, network.known, held, 1.0)
-    adjusted = _refine(network, state, candidates, priors, held, context)
+    has_prior = poorly_observed(group, network.free, views.camera[candidates], views.placement[candidates])
+    priors = priors_of(group, network.known, has_prior, 1.0)
+    adjusted = _refine(network, state, candidates, priors, has_prior, context)
     for _ in range(1 + views.n_cameras):
         weak = poorly_determined(adjusted.model.problem, adjusted.state, adjusted.covariance, adjusted.variance)
-        again = held | weak
-        if not again.any() or ((again == held).all() and adjusted.noise_known):
+        again = has_prior | weak
+        if not again.any() or ((again == has_prior).all() and adjusted.noise_known):
             break
         # again with the noise that only the adjustment tells
-        noise, held = adjusted.sigma0, again
-        priors = priors_of(group, network.known, held, noise)
-        adjusted = _refine(network, adjusted.state, candidates, priors, held, context)
+        noise, has_prior = adjusted.sigma0, again
+        priors = priors_of(group, network.known, has_prior, noise)
+        adjusted = _refine(network, adjusted.state, candidates, priors, has_prior, context)
         adjusted = replace(adjusted, noise_known=True)
     return adjusted
 
@@ -205,7 +205,7 @@ def leave_chained(network: BoardNetwork, state: State, candidates: BoolArray, co
 
 
 def _refine(
-    network: BoardNetwork, state: State, candidates: BoolArray, priors: Priors, held: BoolArray, context: Context
+    network: BoardNetwork, state: State, candidates: BoolArray, priors: Priors, has_prior: BoolArray, context: Context
 ) -> BoardAdjusted:
     used, rounds = candidates, 0
     while True:
@@ -221,7 +221,7 @@ def _refine(
     views = network.views
     covariance = frame_covariance(model, state, model.point_rows(state, *board_points(views, gated)))
     return BoardAdjusted(
-        state, model, rows, gated, minimum, redundancy(model, state), covariance, held & network.free.any(axis=1)
+        state, model, rows, gated, minimum, redundancy(model, state), covariance, has_prior & network.free.any(axis=1)
     )
 
 

@@ -118,7 +118,7 @@ class BoardModel:
         return linear.residual, linear.by_camera, linear.by_placement
 
     def ties(self, state: State) -> Ties:
-        """None: a board's points are held."""
+        """None: a board's points are fixed."""
         return Ties(np.zeros(0, dtype=np.int64), np.zeros((0, POSE)), np.zeros(0))
 
     def moved_frames(self, state: State, step: FloatArray) -> State:

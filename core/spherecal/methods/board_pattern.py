@@ -12,14 +12,11 @@ from spherecal.base.messages.values import Phrase
 from spherecal.data.session import Session
 from spherecal.files.json_file import JsonValue, parse_json, printable, read_bytes, read_json
 from spherecal.files.read_session import FORMAT, SESSION_FILE, VERSION
-from spherecal.targets.board_pattern import APRILTAGS, BOARD_KINDS, BoardKind, BoardPattern, tag_dictionary
+from spherecal.files.session_file import BOARD
+from spherecal.targets.board_pattern import APRILTAGS, BoardKind, BoardPattern, tag_dictionary
 
-_FIELDS = (
-    "kind", "rows", "columns", "pitch_mm", "polarity", "rings", "rows_upward", "dot_diameter_mm", "marker_mm",
-    "dictionary", "legacy", "border_bits", "relative_uncertainty", "points", "shape",
-)  # fmt: skip
+_FIELDS = tuple(BOARD.schema["properties"])
 _TEXTS = ("kind", "polarity", "dictionary", "shape")
-_WORST_RELATIVE_UNCERTAINTY = 0.05
 _MOST_BYTES = 1 << 20
 _LONGEST = 1000  # characters of --board
 
@@ -46,35 +43,41 @@ def board_pattern(board: JsonValue) -> BoardPattern:
     InputError
         Where a field cannot be as it is; the error names it.
     """
-    f = board.fields(("kind",), [name for name in _FIELDS if name != "kind"])
-    kind: BoardKind = f["kind"].choice(*BOARD_KINDS)
-    if "points" in f:
-        raise f["points"].error(Phrase("problem-board-points"))
+    f, given = BOARD.read(board), board.fields(("kind",), _FIELDS)
+    kind: BoardKind = f["kind"]
+    if "points" in given:
+        raise given["points"].error(Phrase("problem-board-points"))
     also = {"charuco": ("marker_mm", "dictionary"), "aprilgrid": ("marker_mm",)}.get(kind, ())
-    f |= board.fields(("rows", "columns", "pitch_mm", *also))
-    rows, columns, pitch = f["rows"].integer(2, 1000), f["columns"].integer(2, 1000), f["pitch_mm"].positive("mm")
-    diameter = f["dot_diameter_mm"].positive("mm") if "dot_diameter_mm" in f else None
-    if diameter is not None and diameter >= pitch * (2**0.5 if kind == "asymmetric-circles" else 1):
-        raise f["dot_diameter_mm"].error(Phrase("problem-board-dot"))
+    board.fields(("rows", "columns", "pitch_mm", *also))
+    rows, columns, pitch = f["rows"], f["columns"], f["pitch_mm"]
+    if f.get("dot_diameter_mm", 0.0) >= pitch * (2**0.5 if kind == "asymmetric-circles" else 1):
+        raise given["dot_diameter_mm"].error(Phrase("problem-board-dot"))
+    if f.get("marker_mm", 0.0) >= pitch:
+        raise given["marker_mm"].error(Phrase("problem-board-marker"))
     if kind == "asymmetric-circles" and rows % 2 == 0:
-        raise f["rows"].error(Phrase("problem-board-odd"))
+        raise given["rows"].error(Phrase("problem-board-odd"))
+    for ring in given["rings"].items() if "rings" in given else ():
+        row, column = ring.items(2)
+        row.integer(0, rows - 1)
+        column.integer(0, columns - 1)
+    dictionary = _dictionary(given["dictionary"]) if "dictionary" in f else APRILTAGS if kind == "aprilgrid" else ""
     tags = kind in ("charuco", "aprilgrid")
-    dictionary = _dictionary(f["dictionary"]) if "dictionary" in f else APRILTAGS if kind == "aprilgrid" else ""
     if tags:
-        _check_count(f["rows"], dictionary, (rows + 1) * (columns + 1) // 2 if kind == "charuco" else rows * columns)
+        needed = (rows + 1) * (columns + 1) // 2 if kind == "charuco" else rows * columns
+        _check_count(given["rows"], dictionary, needed)
     return BoardPattern(
         kind,
         rows,
         columns,
         pitch,
-        light="polarity" in f and f["polarity"].choice("dark-on-light", "light-on-dark") == "light-on-dark",
-        rings=tuple(_ring(value, rows, columns) for value in f["rings"].items()) if "rings" in f else (),
-        rows_upward=f["rows_upward"].boolean() if "rows_upward" in f else kind == "aprilgrid",
-        dot_diameter_mm=diameter,
-        marker_mm=_marker(f["marker_mm"], pitch) if "marker_mm" in f else None,
+        light=f.get("polarity") == "light-on-dark",
+        rings=f.get("rings", ()),
+        rows_upward=f.get("rows_upward", kind == "aprilgrid"),
+        dot_diameter_mm=f.get("dot_diameter_mm"),
+        marker_mm=f.get("marker_mm"),
         dictionary=dictionary,
-        legacy="legacy" in f and f["legacy"].boolean(),
-        border_bits=f["border_bits"].integer(1, 2) if "border_bits" in f else None,
+        legacy=f.get("legacy", False),
+        border_bits=f.get("border_bits"),
     )
 
 
@@ -136,8 +139,7 @@ def board_uncertainty(session: Session) -> float | None:
         Where session.json cannot be read, or states one out of range.
     """
     board = _board(session)
-    f = board.fields((), ("relative_uncertainty",)) if board is not None else {}
-    return f["relative_uncertainty"].number(0, _WORST_RELATIVE_UNCERTAINTY) if f else None
+    return None if board is None else BOARD.read(board).get("relative_uncertainty")
 
 
 def shape_estimated(session: Session) -> bool:
@@ -149,8 +151,7 @@ def shape_estimated(session: Session) -> bool:
         Where session.json cannot be read, or says neither `nominal` nor `estimated`.
     """
     board = _board(session)
-    f = board.fields((), ("shape",)) if board is not None else {}
-    return bool(f) and f["shape"].choice("nominal", "estimated") == "estimated"
+    return board is not None and BOARD.read(board).get("shape") == "estimated"
 
 
 def _board(session: Session) -> JsonValue | None:
@@ -171,18 +172,6 @@ def recorded_board(session: Session) -> dict[str, Any] | None:
     board = _board(session)
     entry = board.value if board is not None else None
     return entry if isinstance(entry, dict) and "kind" in entry else None
-
-
-def _ring(value: JsonValue, rows: int, columns: int) -> tuple[int, int]:
-    row, column = value.items(2)
-    return row.integer(0, rows - 1), column.integer(0, columns - 1)
-
-
-def _marker(value: JsonValue, pitch: float) -> float:
-    marker = value.positive("mm")
-    if marker >= pitch:
-        raise value.error(Phrase("problem-board-marker"))
-    return marker
 
 
 def _dictionary(value: JsonValue) -> str:

@@ -20,7 +20,7 @@ from spherecal.geometry.transform import fit_similarity
 from spherecal.methods.board_adjustment import BoardAdjusted, BoardNetwork, board_points, gate, progress
 from spherecal.methods.frames import cameras_only
 from spherecal.methods.frames_covariance import FrameCovariance
-from spherecal.methods.held_cameras import priors_of
+from spherecal.methods.intrinsic_priors import priors_of
 
 # Shifts of points that noise alone makes up explain their own number's worth of residuals: 1.0 +- 0.1 for 80 points.
 # The laser print of the shared recording has 11 in each camera alone.
@@ -36,7 +36,7 @@ class BoardSolution:
     used: BoolArray
     variance: float
     converged: bool
-    held: BoolArray
+    has_prior: BoolArray
     covariance: FrameCovariance | None
     print_mm: float | None = None
     print_relative: float = 0.0
@@ -44,14 +44,14 @@ class BoardSolution:
 
 
 def nominal_solution(adjusted: BoardAdjusted) -> BoardSolution:
-    """The solution with the board's points held."""
+    """The solution with the board's points fixed."""
     return BoardSolution(
         adjusted.state,
         adjusted.model.problem,
         adjusted.used,
         adjusted.variance,
         adjusted.minimum.converged,
-        adjusted.held,
+        adjusted.has_prior,
         adjusted.covariance,
         joint=adjusted.joint,
     )
@@ -90,12 +90,12 @@ def estimated_solution(
 ) -> BoardSolution:
     """The solution with the board's points estimated too; their mean size is the nominal one's.
 
-    It starts from the adjustment with held points, whose gate their errors widen.
+    It starts from the adjustment with fixed points, whose gate their errors widen.
 
     Parameters
     ----------
     network, adjusted
-        The network, and its adjustment with held points.
+        The network, and its adjustment with fixed points.
     candidates
         Observations that may take part, (n,).
     context
@@ -106,7 +106,7 @@ def estimated_solution(
     state, used, rounds = adjusted.state, adjusted.used, 0
     while True:
         rounds += 1
-        priors = priors_of(network.group, network.known, adjusted.held, noise)
+        priors = priors_of(network.group, network.known, adjusted.has_prior, noise)
         problem, seen = _problem(network, used, priors)
         state = _world_is_first_board(state, problem)
         settings = Settings(max_iterations=200)
@@ -132,7 +132,7 @@ def estimated_solution(
         used,
         variance,
         minimum.converged,
-        adjusted.held,
+        adjusted.has_prior,
         _as_frames(cofactors, problem, state, placement, point),
         per_coordinate,
         per_coordinate / spread,

@@ -82,7 +82,7 @@ def _convergence(fit: Fit, what: Shown) -> list[Finding]:
 
 
 def _held(session: Session, fit: Fit, what: Shown) -> list[Finding]:
-    ids = tuple(session.cameras[c].id for c in np.flatnonzero(fit.held & fit.placed))
+    ids = tuple(session.cameras[c].id for c in np.flatnonzero(fit.has_prior & fit.placed))
     return [Finding("intrinsics-held", "warning", where=ids, kind=what)] if ids else []
 
 
@@ -92,7 +92,7 @@ def _weak(session: Session, fit: Fit, what: Shown) -> list[Finding]:
         return []
     cofactors = np.maximum(fit.covariance.cameras[:, POSE, POSE], 0.0)
     sd = np.sqrt(fit.variance * cofactors) / fit.state.intrinsics[:, 0]
-    weak = np.flatnonzero(fit.problem.free_intrinsics[:, 0] & fit.placed & ~fit.held & (sd > WEAK_FOCAL_SD))
+    weak = np.flatnonzero(fit.problem.free_intrinsics[:, 0] & fit.placed & ~fit.has_prior & (sd > WEAK_FOCAL_SD))
     if not len(weak):
         return []
     worst = weak[np.argmax(sd[weak])]

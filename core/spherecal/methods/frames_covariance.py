@@ -92,7 +92,7 @@ def _transformed(
     within = np.where(points.in_datum[:, None, None], motions.transpose(0, 2, 1) @ points.by_frame, 0.0)
     pull_frames = sum_by(points.frame, within, model.n_frames)  # (f,7,q)
     noise = np.einsum("fgq,fqr,fhr->gh", pull_frames, normal.inverse, pull_frames)
-    pull = np.zeros((7, len(inverse)))
+    gauge_rows = np.zeros((7, len(inverse)))
     order = np.argsort(points.frame, kind="stable")
     bounds = points.frame[order]
     covariance = np.zeros((len(points.place), 3, 3))
@@ -100,7 +100,7 @@ def _transformed(
     for first, dense in dense_couplings(normal, model.problem.n_cameras):
         block = slice(first, first + len(dense))
         shift = -normal.inverse[block] @ dense  # K (b,q,e)
-        pull += np.einsum("bgq,bqe->ge", pull_frames[block], shift)
+        gauge_rows += np.einsum("bgq,bqe->ge", pull_frames[block], shift)
     at_once = max(1, _BLOCK // (normal.inverse.shape[1] * max(len(inverse), 1)))
     for first, dense in dense_couplings(normal, model.problem.n_cameras):
         begin, end = np.searchsorted(bounds, [first, first + len(dense)])
@@ -108,13 +108,13 @@ def _transformed(
             own = order[start : min(start + at_once, end)]
             frame = points.frame[own]
             through = points.by_frame[own] @ normal.inverse[frame]
-            by_camera = -through @ dense[frame - first] - moved[own] @ pull
+            by_camera = -through @ dense[frame - first] - moved[own] @ gauge_rows
             mixed = through @ pull_frames[frame].transpose(0, 2, 1) @ moved[own].transpose(0, 2, 1)
             covariance[own] = (by_camera @ inverse) @ by_camera.transpose(0, 2, 1)
             covariance[own] += through @ points.by_frame[own].transpose(0, 2, 1) - mixed - mixed.transpose(0, 2, 1)
     covariance += moved @ noise @ moved.transpose(0, 2, 1)
-    similarity = moments @ (pull @ inverse @ pull.T + noise) @ moments
-    cameras = _all_cameras(inverse, camera_motions @ moments, pull, noise)
+    similarity = moments @ (gauge_rows @ inverse @ gauge_rows.T + noise) @ moments
+    cameras = _all_cameras(inverse, camera_motions @ moments, gauge_rows, noise)
     width = len(cameras) // model.problem.n_cameras
     own = np.array([cameras[c : c + width, c : c + width] for c in range(0, len(cameras), width)])
     relative = float(np.sqrt(similarity[6, 6])) / spread
@@ -130,7 +130,9 @@ def _motions(model: FrameModel, state: State, points: PointRows) -> tuple[FloatA
     return of_points, moved_cameras(model.problem, state, centroid, spread), spread
 
 
-def _all_cameras(inverse: FloatArray, held: FloatArray, pull: FloatArray, noise: FloatArray) -> FloatArray:
+def _all_cameras(
+    inverse: FloatArray, gauge_weights: FloatArray, gauge_rows: FloatArray, noise: FloatArray
+) -> FloatArray:
     """B C B' + G M N M G', B = 1 - G M A, (e,e)."""
-    mixed = inverse @ pull.T @ held.T
-    return inverse - mixed - mixed.T + held @ (pull @ inverse @ pull.T + noise) @ held.T
+    mixed = inverse @ gauge_rows.T @ gauge_weights.T
+    return inverse - mixed - mixed.T + gauge_weights @ (gauge_rows @ inverse @ gauge_rows.T + noise) @ gauge_weights.T

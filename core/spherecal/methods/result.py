@@ -40,7 +40,7 @@ class Fit:
     used: BoolArray
     variance: float
     converged: bool
-    held: BoolArray
+    has_prior: BoolArray
     joint: bool = True
 
 

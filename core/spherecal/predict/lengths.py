@@ -6,11 +6,8 @@ import numpy as np
 
 from spherecal.base import arrays
 from spherecal.base.arrays import BoolArray, FloatArray, IntArray
-from spherecal.geometry.camera import project_with_derivatives
+from spherecal.geometry.camera import is_unfolded, project_with_derivatives
 from spherecal.geometry.rotation import cross_matrix
-
-# Beyond this many times the corner's distance from the axis the lens polynomial may fold and bring a point back.
-_REACH = 1.3
 
 
 @dataclass(frozen=True)
@@ -116,11 +113,10 @@ def _gradients(
 
 def _inside(x: FloatArray, uv: FloatArray, cameras: Cameras) -> BoolArray:
     """Which camera's image holds which point, (p,c)."""
-    with np.errstate(divide="ignore", invalid="ignore"):
-        off_axis = np.hypot(x[:, :, 0], x[:, :, 1]) / x[:, :, 2]
-    reach = _REACH * np.hypot(*cameras.size.T) / 2 / cameras.intrinsics[:, 0]
-    in_image = ((uv >= 0) & (uv <= cameras.size - 1)).all(axis=2)
-    return (x[:, :, 2] > 0) & (off_axis < reach) & in_image
+    inside = (x[:, :, 2] > 0) & ((uv >= 0) & (uv <= cameras.size - 1)).all(axis=2)
+    point, camera = np.nonzero(inside)
+    inside[point, camera] = is_unfolded(x[point, camera], cameras.intrinsics[camera])
+    return inside
 
 
 def _inverse(normal: FloatArray, views: IntArray) -> tuple[FloatArray, BoolArray]:

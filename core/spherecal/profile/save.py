@@ -17,13 +17,14 @@ from spherecal.data.session import CameraSpec, Session
 from spherecal.data.verdict import named
 from spherecal.files.capture_file import CapturedSet, last_taken, read_captured_sets
 from spherecal.files.json_file import read_bytes, read_json
-from spherecal.files.read_session import read_session
+from spherecal.files.read_session import FORMAT, SESSION_FILE, VERSION, read_session
 from spherecal.files.rig_file import read_rig
 from spherecal.files.target_set_file import TARGETS
 from spherecal.files.write_result import POINT_COLUMNS
 from spherecal.profile.entry import FILES, RIG_FILE, CameraEntry, Entry
 from spherecal.profile.store import Profile, add_entry
 from spherecal.report.csv_table import read_csv
+from spherecal.verify.verification_file import VERIFICATION
 
 _MOST_BYTES = 64 << 20
 
@@ -183,7 +184,7 @@ def _verification(path: Path) -> tuple[str | None, float | None, float | None]:
     """Verdict, mean and largest error in mm of a verification.json; nothing where there is none."""
     if not path.is_file():
         return None, None, None
-    f = read_json(path, "spherecal/verification", 1).fields(("overall", "decision"))
+    f = read_json(path, VERIFICATION.name, VERIFICATION.version).fields(("overall", "decision"))
     overall = f["overall"].fields((), ("mean_error_mm", "max_abs_error_mm"))
     verdict = f["decision"].fields(("verdict",))["verdict"].text()
     mean, most = (overall[key].number() if key in overall else None for key in ("mean_error_mm", "max_abs_error_mm"))
@@ -214,7 +215,7 @@ def _files(result: Path, session: Session | None) -> dict[str, bytes]:
     there = [name for name in FILES if os.path.lexists(result / name)]
     files = {name: read_below(result, name, _MOST_BYTES) for name in there}  # what a link leads to is not taken over
     if session is not None and session.target_set is not None and "targets.json" not in files:
-        named = read_json(session.folder / "session.json", "spherecal/session", 1).fields(("target_set",))
+        named = read_json(session.folder / SESSION_FILE, FORMAT, VERSION).fields(("target_set",))
         path = session.folder / named["target_set"].text()
         read_json(path, TARGETS.name, TARGETS.version)
         files["targets.json"] = read_bytes(path, _MOST_BYTES)

@@ -139,7 +139,8 @@ def _row(camera: RigCamera, result: Result, serials: bool) -> list[Cell]:
     norms = (NONE, NONE, NONE)
     if sigma is not None:
         values = float(sigma.intrinsics[0]), *(float(np.linalg.norm(v)) for v in (sigma.centre_mm, sigma.rotation_deg))
-        norms = "fixed" if values[0] == 0 else significant(values[0], 3), number(values[1], 3), number(values[2], 4)
+        focal = label("report-fixed") if values[0] == 0 else significant(values[0], 3)
+        norms = focal, number(values[1], 3), number(values[2], 4)
     return [
         camera.id + (" *" if camera.id == result.rig.reference_camera else ""),
         *([camera.serial or NONE] if serials else []),

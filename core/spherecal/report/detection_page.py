@@ -138,7 +138,7 @@ def add_detection_pages(document: Document, result: Result, detections: list[Det
         if room < 40.0:
             continue
         document.y += 3.0
-        document.sheet.text(document.left, document.y, "Detail", SMALL_PT, bold=True)
+        document.sheet.text(document.left, document.y, label("report-detection-detail"), SMALL_PT, bold=True)
         document.y += 1.5
         box = PageBox(document.left, document.y, document.width, room)
         draw_detail(document.sheet, box, image, detection)

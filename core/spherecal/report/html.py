@@ -33,7 +33,7 @@ h2{border-bottom:2px solid #1a1a1a;margin:2.2rem 0 .6rem}
 .figures div{border-top:2px solid#41546b}
 .figures b{font-size:1.3rem}
 small,.note{color:#5f6368}
-table{border-collapse:collapse;font-size:.82rem;margin:.6rem 01.2rem;font-variant-numeric:tabular-nums}
+table{border-collapse:collapse;font-size:.82rem;margin:.6rem 0 1.2rem;font-variant-numeric:tabular-nums}
 th{color:#5f6368;font-weight:400;text-align:right;vertical-align:bottom;
 border-bottom:1px solid #5f6368;padding:.15rem .6rem}
 td{padding:.15rem .6rem;text-align:right;overflow-wrap:anywhere}
@@ -49,7 +49,7 @@ svg{max-width:100%;height:auto}
 .sign{display:grid;grid-template-columns:repeat(3,1fr);gap:2rem;margin-top:4rem}
 .sign div{border-top:1px solid #5f6368}
 @media print{h2{break-after:avoid}
-table,svg{break-inside:avoid}
+table,svg{break-inside:avoid}}
 """
 
 

@@ -4,8 +4,10 @@ import re
 from bisect import bisect_right
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any, Literal
 
+from matplotlib import rcParams
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.font_manager import FontProperties
@@ -39,6 +41,51 @@ def text_width(text: str, size_pt: float, bold: bool = False) -> float:
     return text_to_path.get_text_width_height_descent(text, prop, ismath=False)[0] * MM_PER_PT if text else 0.0
 
 
+# Letters that are set one after the other, each with an advance of its own, whatever is beside it.
+_ONE_BY_ONE = re.compile(r"[ -~\xa0-\u02ff\u0370-\u058f\u2010-\u2027\u2030-\u22ff\u2e80-\u9fff\uff00-\uffef]*")
+
+
+def fits(text: str, width_mm: float, size_pt: float, bold: bool = False) -> bool:
+    """Whether the width of a line of text is at most `width_mm`; to lay it out takes longest, most need not be.
+
+    Parameters
+    ----------
+    text
+        The text.
+    width_mm
+        The width, mm.
+    size_pt
+        Size of the type, pt.
+    bold
+        Whether it is bold.
+    """
+    if _ONE_BY_ONE.fullmatch(text) and widest(text, size_pt, bold) <= width_mm:
+        return True
+    return text_width(text, size_pt, bold) <= width_mm
+
+
+def widest(text: str, size_pt: float, bold: bool = False) -> float:
+    """A bound of the width of a line of such letters, mm: their advances, and room for kerning and for what overhangs.
+
+    Parameters
+    ----------
+    text
+        The text.
+    size_pt
+        Size of the type, pt.
+    bold
+        Whether it is bold.
+    """
+    fonts = (*rcParams["font.family"], *rcParams["font.sans-serif"])
+    return size_pt * (1.05 * sum(_advance(letter, bold, fonts) for letter in text) + 0.3 * MM_PER_PT)
+
+
+@lru_cache(maxsize=4096)
+def _advance(letter: str, bold: bool, _fonts: tuple[str, ...]) -> float:
+    """The advance of a letter, mm for a type of 1 pt."""
+    return text_width(f"|{letter}|", 1.0, bold) - text_width("||", 1.0, bold)
+
+
 # A Chinese character is a word of its own; marks that end a phrase (commas, stops, closing brackets) stay with it,
 # those that begin one go with the next.
 _CHINESE, _BEGINS = r"\u2e80-\u9fff\uff00-\uffef", r"\uff08\u300a\u201c"
@@ -68,7 +115,7 @@ def wrap(text: str, width_mm: float, size_pt: float, bold: bool = False) -> list
             continue
         longer = f"{line}{gap}{word}" if line else word
         gap = ""
-        if text_width(longer, size_pt, bold) <= width_mm:
+        if fits(longer, width_mm, size_pt, bold):
             line = longer
             continue
         if line:
@@ -81,7 +128,7 @@ def wrap(text: str, width_mm: float, size_pt: float, bold: bool = False) -> list
 def _cut(word: str, width_mm: float, size_pt: float, bold: bool) -> list[str]:
     pieces = [""]
     for letter in word:
-        if pieces[-1] and text_width(pieces[-1] + letter, size_pt, bold) > width_mm:
+        if pieces[-1] and not fits(pieces[-1] + letter, width_mm, size_pt, bold):
             pieces.append("")
         pieces[-1] += letter
     return pieces
@@ -101,7 +148,7 @@ def shortened(text: str, width_mm: float, size_pt: float, bold: bool = False) ->
     bold
         Whether it is bold.
     """
-    if text_width(text, size_pt, bold) <= width_mm:
+    if fits(text, width_mm, size_pt, bold):
         return text
     most = bisect_right(range(len(text)), width_mm, key=lambda n: text_width(text[:n] + "…", size_pt, bold)) - 1
     return text[: max(most, 0)].rstrip() + "…"

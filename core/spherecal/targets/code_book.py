@@ -26,10 +26,10 @@ IntArray = NDArray[np.int64]
 _LEAST_DISTANCE_MM = 5.0  # two dots of 3 mm keep 2 mm between their edges: they stay apart to 65 degrees
 _LATTICE_HALF_STEPS = 4  # lattice places reach the template's corners at +-10 mm
 
-# A wrong reading is harmless when it misses the decoder's tolerances by this factor. At 3 the greedy search
-# finds 354 codes, at 4 only 317.
+# A wrong reading is harmless when it misses these tolerances by this factor: the decoder's own are narrower today
+# (grouping.py). At 3 the greedy search finds 354 codes, at 4 only 317.
 _LEAST_MARGIN = 3.0
-_TEMPLATE_TOLERANCE_MM = 0.25  # the decoder's, see decode.py
+_TEMPLATE_TOLERANCE_MM = 0.25
 _LATTICE_TOLERANCE_MM = 0.6
 _STEEPEST_VIEW_DEG = 80.0
 

@@ -41,9 +41,9 @@ _ALONG_TOLERANCE = (0.06, 1.5)
 _ACROSS_TOLERANCE = (0.05, 1.0)
 _PREDICTION_NOISE_PX = 0.6
 
-# As readings.py lists them. Stickers printed 0.1 mm off a coordinate still pass. No random cluster of 7 to 14 dots was
-# read as a target in 240,000 with 0.25 and 0.6 mm; of 48,000 stickers with 8 % of the dots lost and as many specks one
-# was read as another then.
+# As code_reading.py lists them. Stickers printed 0.1 mm off a coordinate still pass. No random cluster of 7 to 14 dots
+# was read as a target in 240,000 with 0.25 and 0.6 mm; of 48,000 stickers with 8 % of the dots lost and as many specks
+# one was read as another then.
 _EXACTNESS = (0.18, 0.5, 0.5, 5.0, 0.7)
 
 

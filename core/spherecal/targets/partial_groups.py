@@ -35,7 +35,7 @@ from spherecal.targets.neighbours import (
 )
 from spherecal.targets.sticker_view import VIEW_SIZE, place_of
 
-# As readings.py lists them: seven dots with print errors of 0.05 mm a coordinate leave 0.05 mm. Four template dots
+# As code_reading.py lists them: seven dots with print errors of 0.05 mm a coordinate leave 0.05 mm. Four template dots
 # define an affine view only; sag and perspective put dots up to 0.5 mm off, code dots up to 1.1 mm.
 _EXACTNESS = (0.08, 0.25, 0.8, 3.0, 0.2)
 _LOOSE_EXACTNESS = (0.5, 1.1, 0.8, 3.0, 0.3)

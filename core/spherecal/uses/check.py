@@ -145,7 +145,7 @@ def _check_balls(
     return [ball for ball in balls if ball is not None]
 
 
-def _of_rig(session: Session, rig: Rig) -> tuple[Observations, np.ndarray]:
+def _of_rig(session: Session, rig: Rig) -> tuple[Observations, IntArray]:
     """The observations by the rig's cameras, and each one's camera in the rig."""
     o = session.observations
     assert o is not None

@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import TypedDict
 
 import numpy as np
 
@@ -11,13 +11,51 @@ from spherecal.files.findings_file import FINDING
 from spherecal.files.json_file import finite, software_entry
 from spherecal.profile.checks import keep_check
 from spherecal.profile.store import is_profile, open_profile
-from spherecal.uses.check import Check, CheckedCamera
+from spherecal.uses.check import Check, CheckedCamera, Verdict
 
 FORMAT = "spherecal/check"
 VERSION = 1
 
 
-def check_json(found: Check) -> dict[str, Any]:
+class CameraEntry(TypedDict):
+    """One camera as the document has it; lengths in mm, turns in degrees."""
+
+    id: str
+    verdict: Verdict
+    points: int
+    rms_px: float | None
+    calibrated_rms_px: float | None
+    moved: bool
+    move_px: float | None
+    shift_mm: float | None
+    turn_deg: float | None
+    point_mm: float | None
+    probability: float | None
+    reason: str
+
+
+class CheckEntry(TypedDict):
+    """What a profile keeps of a check, and of the rig's health while measuring."""
+
+    verdict: Verdict
+    sentence: str
+    tolerance_mm: float | None
+    cameras: list[CameraEntry]
+    balls: list[dict[str, object]]
+    lengths: list[dict[str, object]]
+
+
+class CheckDocument(CheckEntry):
+    """The whole check.json."""
+
+    format: str
+    version: int
+    untested: list[str]
+    findings: list[dict[str, object]]
+    software: dict[str, object]
+
+
+def check_json(found: Check) -> CheckDocument:
     """The document; lengths in mm, turns in degrees."""
     return {
         "format": FORMAT,
@@ -56,7 +94,7 @@ def check_json(found: Check) -> dict[str, Any]:
     }
 
 
-def camera_entry(one: CheckedCamera) -> dict[str, Any]:
+def camera_entry(one: CheckedCamera) -> CameraEntry:
     """One camera as the document has it."""
     return {
         "id": one.test.id,
@@ -74,7 +112,7 @@ def camera_entry(one: CheckedCamera) -> dict[str, Any]:
     }
 
 
-def keep(profile: Path, check: Mapping[str, Any], temperature_c: float | None = None) -> str | None:
+def keep(profile: Path, check: Mapping[str, object], temperature_c: float | None = None) -> str | None:
     """Keep a check in the profile that it was made against; what to say of it, None for no profile.
 
     A profile that cannot be written to does not spoil the check: the sentence says so.

@@ -1,7 +1,6 @@
 """The rig's health while measuring, as an entry among the profile's quick checks: it joins their trend."""
 
 from pathlib import Path
-from typing import Any
 
 from spherecal.base.errors import OutputError
 from spherecal.data.rig import Rig
@@ -11,7 +10,7 @@ from spherecal.measuring.results import Health
 from spherecal.profile.checks import keep_check
 from spherecal.profile.store import is_profile, open_profile
 from spherecal.uses.check import Verdict, camera_state
-from spherecal.uses.check_file import camera_entry
+from spherecal.uses.check_file import CheckEntry, camera_entry
 
 _ORDER: tuple[Verdict, ...] = ("ok", "watch", "recalibrate")
 
@@ -42,7 +41,7 @@ def keep_health(profile: Path, health: Health, rig: Rig, temperature_c: float | 
     return f"The rig's health is kept in the profile: spherecal profile trend {profile} --checks"
 
 
-def health_document(health: Health, rig: Rig) -> dict[str, Any]:
+def health_document(health: Health, rig: Rig) -> CheckEntry:
     """The health in the form of check.json: every camera that was tested, by its newest test.
 
     Parameters
@@ -59,7 +58,7 @@ def health_document(health: Health, rig: Rig) -> dict[str, Any]:
         for test in health.tests
         if not test.moved or test.id in named
     ]
-    worst = max((state.verdict for state in states), key=_ORDER.index, default="ok")
+    worst = _ORDER[max((_ORDER.index(state.verdict) for state in states), default=0)]
     moved = [f"camera {state.test.id} {state.reason}" for state in states if state.verdict == worst != "ok"]
     said = "; ".join(moved) if moved else f"{len(states)} cameras agree with one another"
     return {

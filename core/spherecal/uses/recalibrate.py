@@ -14,7 +14,7 @@ from spherecal.adjust.state import State
 from spherecal.ball.fit import BallFit, solve_free
 from spherecal.ball.run import Run
 from spherecal.ball.selection import ModelChoice
-from spherecal.base.arrays import BoolArray
+from spherecal.base.arrays import BoolArray, IntArray
 from spherecal.base.context import Context, Stopwatch
 from spherecal.base.errors import InputError
 from spherecal.base.messages.values import Phrase
@@ -171,7 +171,7 @@ def _start(network: Network, before: State, selected: BoolArray, what: What, loc
     return InitialPoses(replace(state, rotation=rotation, translation=translation), np.ones(len(selected), dtype=bool))
 
 
-def _in_the_rigs_scale(session: Session, rig: Rig, placement: np.ndarray, solved: BallFit) -> Solution:
+def _in_the_rigs_scale(session: Session, rig: Rig, placement: IntArray, solved: BallFit) -> Solution:
     """The network as it is: the locked cameras are in millimetres. Their own uncertainty is not part of the result."""
     state, cofactors = solved.by_features.state, solved.cofactors
     spheres = fit_spheres(state.points, placement, len(session.placements))

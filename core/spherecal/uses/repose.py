@@ -13,7 +13,7 @@ from spherecal.data.rig import Calibration, CameraCovariance, CameraSigma, Quali
 from spherecal.data.session import Session
 from spherecal.detect.session_images import observed
 from spherecal.predict.lengths import Cameras
-from spherecal.predict.volume_map import Volume, length_map
+from spherecal.predict.volume_map import LengthMap, Volume, length_map
 from spherecal.uses.recalibrate import Selection, recalibrate
 from spherecal.verify.bars import views_of
 from spherecal.verify.consistency import camera_normal
@@ -124,7 +124,7 @@ def _root(matrix: FloatArray) -> FloatArray:
     return np.sqrt(np.maximum(np.diag(matrix), 0.0))
 
 
-def _map(rig: Rig, before: Rig):
+def _map(rig: Rig, before: Rig) -> LengthMap | None:
     """The map of a length's uncertainty in the volume of the former one, where there was one."""
     if before.length_map is None or rig.covariance is None or rig.reference_camera != before.reference_camera:
         return None

@@ -1,64 +1,79 @@
 """What each command does, as one function (docs/api.md): read, call the engine's entry point, give back the result."""
 
 import os
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from datetime import datetime
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Literal, TypedDict, Unpack
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from spherecal.base.context import Context
 from spherecal.base.errors import InputError, OutputError, needing
 from spherecal.base.messages.values import Phrase
 from spherecal.calibrate import calibrate
+from spherecal.cameras.protocol import CameraSource
 from spherecal.data.rig import Calibration, Rig
 from spherecal.data.rig_camera import ImageSize
-from spherecal.data.session import Session
+from spherecal.data.session import Bar, BarPose, Scale, Session
 from spherecal.detect.session_images import observed
 from spherecal.files.atomic import write_file_whole
 from spherecal.files.ball_file import BallProfile, ball_bytes, read_ball
-from spherecal.files.bar_registry import (
-    RegisteredBar,
-    changing_registry,
-    read_registry,
-    registry_path,
-    write_registry,
-)
+from spherecal.files.bar_registry import RegisteredBar, changing_registry, read_registry, registry_path, write_registry
+from spherecal.files.from_arrays import Lens
+from spherecal.files.json_file import JsonValue
+from spherecal.files.new_session import Contents, NewSession, StatedCameras, make_session
 from spherecal.files.read_session import read_session
 from spherecal.files.rig_file import COVARIANCE_FILE, covariance_bytes, read_rig, rig_bytes
 from spherecal.files.target_set_file import read_target_set, write_target_set
+from spherecal.geometry.camera import LensModel
+from spherecal.guidance.next_placement import Guidance, advise
+from spherecal.measuring.body_file import read_body, write_body
+from spherecal.measuring.live import LiveSets, LiveSettings, rig_cameras_of
+from spherecal.measuring.measurer import Measurer
+from spherecal.measuring.results import MeasuredSet, ObservedSet, Series
+from spherecal.measuring.run import run as measure_sets
+from spherecal.measuring.series_file import TableKind
+from spherecal.measuring.sets import sets_of_session
+from spherecal.measuring.task import Body, Task
+from spherecal.methods.board_pattern import board_entry, board_pattern
 from spherecal.methods.settings import CalibrationSettings, Method
+from spherecal.profile.compare import Comparison, compare
+from spherecal.profile.save import SaveOptions, prepare
+from spherecal.profile.source import Source, corners_beside, points_file, read_source, volume_of
+from spherecal.profile.store import Profile, add_entry, create_profile, open_profile
+from spherecal.profile.store import apply as put_to_use
+from spherecal.targets import board_sheet
 from spherecal.targets.detection import Detections, DetectionSettings, detect
 from spherecal.targets.family import make_target_set
 from spherecal.targets.images import as_grey, read_image
+from spherecal.targets.sheet import Page, write_sheet
 from spherecal.targets.target_set import TargetSet
+from spherecal.uses.check import Check, check
+from spherecal.uses.check_ball import read_known_ball
+from spherecal.uses.cross_validate import LeftOut, cross_validate
+from spherecal.uses.recalibrate import Selection, What, recalibrate
 from spherecal.verify.bars import VerifySettings, verify
 from spherecal.verify.limit import LengthLimit, parse_limit
+from spherecal.verify.pose_plan import BarMarks, PosePlan, plan_poses
 from spherecal.verify.verification import Verification
-
-if TYPE_CHECKING:
-    from spherecal.cameras.protocol import CameraSource
-    from spherecal.files.from_arrays import Lens
-    from spherecal.files.new_session import NewSession
-    from spherecal.geometry.camera import LensModel
-    from spherecal.guidance.next_placement import Guidance
-    from spherecal.measuring.live import LiveSets, LiveSettings
-    from spherecal.measuring.results import MeasuredSet, ObservedSet, Series
-    from spherecal.measuring.series_file import TableKind
-    from spherecal.measuring.task import Body, Task
-    from spherecal.profile.compare import Comparison
-    from spherecal.profile.source import Source
-    from spherecal.profile.store import Profile
-    from spherecal.targets.sheet import Page
-    from spherecal.uses.check import Check
-    from spherecal.uses.cross_validate import LeftOut
-    from spherecal.uses.recalibrate import What
-    from spherecal.verify.pose_plan import PosePlan
-    from spherecal_sim.truth import SimulationOptions, Truth
+from spherecal_sim.session import simulate_session as simulate
+from spherecal_sim.session_folder import write_session
+from spherecal_sim.truth import SimulationOptions, Truth
 
 AnyPath = str | os.PathLike[str]
+
+
+class SessionParts(TypedDict, total=False):
+    """What else `Session.from_arrays` takes."""
+
+    fisheye: bool | Collection[str]
+    scale: Scale | None
+    bars: Sequence[Bar]
+    bar_poses: Sequence[BarPose]
+    target_set: TargetSet | None
+    sphere_diameter_mm: float | None
 
 
 # --- sessions, calibration, verification -----------------------------------------------------------------------------
@@ -80,15 +95,15 @@ def new_session(
     images: AnyPath,
     *,
     pattern: str | None = None,
-    board: Mapping[str, Any] | str | None = None,
+    board: Mapping[str, object] | str | None = None,
     targets: TargetSet | AnyPath | None = None,
     sphere_diameter_mm: float | None = None,
     focal_length_mm: float | None = None,
     pixel_pitch_um: float | None = None,
-    lens_model: "LensModel | None" = None,
+    lens_model: LensModel | None = None,
     frames: int = 30,
     context: Context | None = None,
-) -> "NewSession":
+) -> NewSession:
     """A session folder made from the images, or synchronised videos, in another folder, and how they were read.
 
     Camera and placement are taken from the paths, as cam1/0001.png, 0001/cam1.png or cam1_0001.png, or by `pattern`.
@@ -127,9 +142,6 @@ def new_session(
     Cancelled
         Where the context says so.
     """
-    from spherecal.files.new_session import Contents, StatedCameras, make_session
-    from spherecal.methods.board_pattern import board_entry
-
     for name, value in (
         ("focal_length_mm", focal_length_mm),
         ("pixel_pitch_um", pixel_pitch_um),
@@ -186,13 +198,13 @@ def calibrate_session(
 
 
 def calibrate_points(
-    observations: Any,
-    cameras: "Mapping[str, Lens]",
+    observations: ArrayLike | Mapping[str, object],
+    cameras: Mapping[str, Lens],
     image_size: ImageSize | None = None,
     *,
     settings: CalibrationSettings | None = None,
     context: Context | None = None,
-    **session: Any,
+    **session: Unpack[SessionParts],
 ) -> Calibration:
     """The rig that sees these image points: `Session.from_arrays` and `calibrate_session` in one.
 
@@ -244,8 +256,6 @@ def verify_rig(
     Cancelled
         Where the context says so.
     """
-    from spherecal.profile.source import corners_beside
-
     context = context or Context()
     settings = VerifySettings(_limit(limit), None, None if isinstance(rig, Rig) else corners_beside(Path(rig)))
     seen = observed(_session(session), context, bar_poses_only=True)
@@ -258,7 +268,7 @@ def check_rig(
     *,
     limit: LengthLimit | str | None = None,
     context: Context | None = None,
-) -> "Check":
+) -> Check:
     """Whether a rig still is as it was calibrated, by one look at the ball or a bar: `spherecal check`.
 
     Parameters
@@ -279,10 +289,6 @@ def check_rig(
     Cancelled
         Where the context says so.
     """
-    from spherecal.profile.source import points_file
-    from spherecal.uses.check import check
-    from spherecal.uses.check_ball import read_known_ball
-
     known = None if isinstance(rig, Rig) else read_known_ball(points_file(Path(rig)))
     return check(_session(session), _source(rig).rig, known, _limit(limit), context)
 
@@ -291,7 +297,7 @@ def recalibrate_cameras(
     session: Session | AnyPath,
     rig: Rig | AnyPath,
     cameras: Sequence[str],
-    what: "What" = "all",
+    what: What = "all",
     *,
     settings: CalibrationSettings | None = None,
     context: Context | None = None,
@@ -320,8 +326,6 @@ def recalibrate_cameras(
     Cancelled
         Where the context says so.
     """
-    from spherecal.uses.recalibrate import Selection, recalibrate
-
     chosen = Selection((cameras,) if isinstance(cameras, str) else tuple(cameras), what)
     return recalibrate(_session(session), rig_of(rig), chosen, settings, context)
 
@@ -347,12 +351,10 @@ def cross_validate_session(
     Cancelled
         Where the context says so.
     """
-    from spherecal.uses.cross_validate import cross_validate
-
     return cross_validate(_session(session), settings, context)
 
 
-def guide_next_placement(session: Session | AnyPath, context: Context | None = None) -> "Guidance":
+def guide_next_placement(session: Session | AnyPath, context: Context | None = None) -> Guidance:
     """Where to put the ball next, and what stopping now would give.
 
     Parameters
@@ -369,8 +371,6 @@ def guide_next_placement(session: Session | AnyPath, context: Context | None = N
     Cancelled
         Where the context says so.
     """
-    from spherecal.guidance.next_placement import advise
-
     context = context or Context()
     seen = observed(_session(session), context)
     guidance = advise(seen, calibrate(seen, None, context), context)
@@ -379,7 +379,7 @@ def guide_next_placement(session: Session | AnyPath, context: Context | None = N
     return guidance
 
 
-def compare_rigs(a: Rig | AnyPath, b: Rig | AnyPath) -> "tuple[Comparison, Comparison]":
+def compare_rigs(a: Rig | AnyPath, b: Rig | AnyPath) -> tuple[Comparison, Comparison]:
     """What has changed from rig a to rig b: after the best similarity, and metric, without a change of scale.
 
     Parameters
@@ -392,14 +392,11 @@ def compare_rigs(a: Rig | AnyPath, b: Rig | AnyPath) -> "tuple[Comparison, Compa
     InputError
         Where the two cannot be compared.
     """
-    from spherecal.profile.compare import compare
-    from spherecal.profile.source import volume_of
-
     first = _source(a)
     return compare(first.rig, _source(b).rig, volume_of(first))
 
 
-def plan_bar_poses(rig: Rig | AnyPath, bars: "Sequence[RegisteredBar]") -> "PosePlan":
+def plan_bar_poses(rig: Rig | AnyPath, bars: Sequence[RegisteredBar]) -> PosePlan:
     """Where to lay bars to verify a rig (VDI/VDE 2634-1, reduced): seven lines over its volume.
 
     Parameters
@@ -415,21 +412,18 @@ def plan_bar_poses(rig: Rig | AnyPath, bars: "Sequence[RegisteredBar]") -> "Pose
     InputError
         Where there is no rig at the path, or a rig of fewer than two cameras and no points.
     """
-    from spherecal.profile.source import volume_of
-    from spherecal.verify.pose_plan import BarMarks, plan_poses
-
     source = _source(rig)
     box = volume_of(source)
     return plan_poses(source.rig, [BarMarks.of(bar.serial, bar.lengths) for bar in bars], (box.low_mm, box.high_mm))
 
 
 def measure(
-    recording: "Session | AnyPath | Iterable[ObservedSet]",
+    recording: Session | AnyPath | Iterable[ObservedSet],
     rig: Rig | AnyPath,
-    task: "Task | None" = None,
+    task: Task | None = None,
     *,
     output: AnyPath | None = None,
-    table: "TableKind" = "csv",
+    table: TableKind = "csv",
     context: Context | None = None,
 ) -> "Series":
     """All sets of a session, or of live cameras, measured with a rig: points, values, bodies, health.
@@ -462,12 +456,6 @@ def measure(
     Cancelled
         Where the context says so.
     """
-    from spherecal.measuring.measurer import Measurer
-    from spherecal.measuring.results import Series
-    from spherecal.measuring.run import run
-    from spherecal.measuring.sets import sets_of_session
-    from spherecal.measuring.task import Task
-
     measured_with = _source(rig).rig
     if isinstance(recording, str | os.PathLike | Session):
         session = _session(recording)
@@ -475,20 +463,20 @@ def measure(
         sets = sets_of_session(session, measured_with, context)
     else:
         sets = iter(recording)
-    measurer, found = Measurer(measured_with, task), list["MeasuredSet"]()
-    run(sets, measurer, found.append, _path(output), table, context)
+    measurer, found = Measurer(measured_with, task), list[MeasuredSet]()
+    measure_sets(sets, measurer, found.append, _path(output), table, context)
     return Series(tuple(found), measurer.health)
 
 
 def live_sets(
-    source: "CameraSource",
+    source: CameraSource,
     rig: Rig | AnyPath,
     targets: TargetSet | AnyPath,
-    settings: "LiveSettings | None" = None,
+    settings: LiveSettings | None = None,
     *,
     names: Mapping[str, str] | None = None,
     context: Context | None = None,
-) -> "LiveSets":
+) -> LiveSets:
     """The sets of the live cameras of an open source, for `measure`; targets are looked for around their last places.
 
     Parameters
@@ -514,14 +502,12 @@ def live_sets(
     Cancelled
         Where the context says so.
     """
-    from spherecal.measuring.live import LiveSets, rig_cameras_of
-
     cameras = rig_cameras_of(_source(rig).rig, source.discover(context), names)
     chosen = targets if isinstance(targets, TargetSet) else load_targets(targets)
     return LiveSets(source, cameras, chosen, settings, context)
 
 
-def load_body(path: AnyPath) -> "Body":
+def load_body(path: AnyPath) -> Body:
     """The rigid body in a body.json.
 
     Raises
@@ -529,12 +515,10 @@ def load_body(path: AnyPath) -> "Body":
     InputError
         Names what is wrong in it.
     """
-    from spherecal.measuring.body_file import read_body
-
     return read_body(Path(path))
 
 
-def save_body(body: "Body", path: AnyPath) -> None:
+def save_body(body: Body, path: AnyPath) -> None:
     """Write body.json, whole or not at all.
 
     Parameters
@@ -551,8 +535,6 @@ def save_body(body: "Body", path: AnyPath) -> None:
     OutputError
         Where the file cannot be written.
     """
-    from spherecal.measuring.body_file import write_body
-
     write_body(body, Path(path))
 
 
@@ -571,7 +553,7 @@ def load_rig(path: AnyPath) -> Rig:
     return read_rig(path / "rig.json" if path.is_dir() else path)
 
 
-def save_rig(rig: Rig, path: AnyPath, details: Mapping[str, Any] | None = None) -> None:
+def save_rig(rig: Rig, path: AnyPath, details: Mapping[str, object] | None = None) -> None:
     """Write a rig.json (into a folder: under that name), and beside it the cameras' covariance, if the rig has it.
 
     Parameters
@@ -642,12 +624,12 @@ def write_report(
         Where the report cannot be written.
     """
     with needing("matplotlib", Phrase("documents")):
-        from spherecal.report.write_report import write_report as write
+        from spherecal.report.write_report import write_report as write  # here, since it loads matplotlib
 
     write(Path(result), Path(output), _path(session), page, _path(issuer), language)
 
 
-def load_profile(folder: AnyPath) -> "Profile":
+def load_profile(folder: AnyPath) -> Profile:
     """The profile in a folder: a rig's calibrations over time, which is in use, and whether it is still good.
 
     Raises
@@ -655,8 +637,6 @@ def load_profile(folder: AnyPath) -> "Profile":
     InputError
         Where the folder is no profile.
     """
-    from spherecal.profile.store import open_profile
-
     return open_profile(Path(folder))
 
 
@@ -696,9 +676,6 @@ def save_to_profile(
     OutputError
         Where the profile cannot be written.
     """
-    from spherecal.profile.save import SaveOptions, prepare
-    from spherecal.profile.store import add_entry, create_profile
-
     known = SaveOptions(_path(session), None, temperature_c, note, calibrated_at)
     prepared = prepare(Path(result), known)  # before a folder is made for it
     saved = add_entry(create_profile(Path(profile)), *prepared)
@@ -707,7 +684,7 @@ def save_to_profile(
     return saved
 
 
-def apply_calibration(profile: AnyPath, calibration: str, *, note: str = "", anyway: bool = False) -> "Profile":
+def apply_calibration(profile: AnyPath, calibration: str, *, note: str = "", anyway: bool = False) -> Profile:
     """Put a calibration of a profile's history to use.
 
     Parameters
@@ -728,9 +705,7 @@ def apply_calibration(profile: AnyPath, calibration: str, *, note: str = "", any
     OutputError
         Where the profile cannot be written.
     """
-    from spherecal.profile.store import apply, open_profile
-
-    return apply(open_profile(Path(profile)), calibration, note, anyway)
+    return put_to_use(open_profile(Path(profile)), calibration, note, anyway)
 
 
 def load_bars(path: AnyPath | None = None) -> dict[str, RegisteredBar]:
@@ -799,7 +774,9 @@ def save_ball(ball: BallProfile, path: AnyPath) -> None:
 
 
 def detect_targets(
-    image: NDArray[Any] | AnyPath, targets: TargetSet | AnyPath | None = None, settings: DetectionSettings | None = None
+    image: NDArray[np.generic] | AnyPath,
+    targets: TargetSet | AnyPath | None = None,
+    settings: DetectionSettings | None = None,
 ) -> Detections:
     """The coded targets in an image, dot by dot with standard uncertainties in px.
 
@@ -878,7 +855,7 @@ def save_targets(targets: TargetSet, path: AnyPath) -> None:
     write_target_set(Path(path), targets)
 
 
-def write_target_sheet(targets: TargetSet, path: AnyPath, page: "Page" = "A4") -> None:
+def write_target_sheet(targets: TargetSet, path: AnyPath, page: Page = "A4") -> None:
     """Write the stickers as a PDF to print.
 
     Parameters
@@ -897,12 +874,10 @@ def write_target_sheet(targets: TargetSet, path: AnyPath, page: "Page" = "A4") -
     OutputError
         Where the file cannot be written.
     """
-    from spherecal.targets.sheet import write_sheet
-
     write_sheet(Path(path), targets, page)
 
 
-def write_board_sheet(board: Mapping[str, Any] | str, path: AnyPath, page: str = "A4") -> str:
+def write_board_sheet(board: Mapping[str, object] | str, path: AnyPath, page: str = "A4") -> str:
     """Write a calibration board at full size as a PDF to print; the board in one line, as `--board` takes it.
 
     Parameters
@@ -921,25 +896,20 @@ def write_board_sheet(board: Mapping[str, Any] | str, path: AnyPath, page: str =
     OutputError
         Where the file cannot be written.
     """
-    from spherecal.files.json_file import JsonValue
-    from spherecal.methods.board_pattern import board_entry, board_pattern
-    from spherecal.targets.board_sheet import words
-    from spherecal.targets.board_sheet import write_board_sheet as write
-
     pattern = board_pattern(JsonValue(board_entry(board), Path("board")))
-    write(Path(path), pattern, page)
-    return words(pattern)
+    board_sheet.write_board_sheet(Path(path), pattern, page)
+    return board_sheet.words(pattern)
 
 
 def simulate_session(
     preset: str,
     seed: int = 1,
-    options: "SimulationOptions | None" = None,
+    options: SimulationOptions | None = None,
     *,
     folder: AnyPath | None = None,
     images: bool = False,
     context: Context | None = None,
-) -> "tuple[Session, Truth]":
+) -> tuple[Session, Truth]:
     """A session of a simulated rig and the truth behind it; the same seed gives the same.
 
     Parameters
@@ -966,11 +936,9 @@ def simulate_session(
     Cancelled
         Where the context says so.
     """
-    from spherecal_sim.render_session import render_session
-    from spherecal_sim.session import simulate_session as simulate
-    from spherecal_sim.session_folder import write_session
-
     if images:
+        from spherecal_sim.render_session import render_session  # here, since it loads the renderer
+
         if folder is None:
             raise InputError(Phrase("error-images-need-folder"))
         truth = render_session(preset, seed, Path(folder), context, options)
@@ -982,10 +950,8 @@ def simulate_session(
     return read_session(Path(folder)), truth
 
 
-def _source(rig: Rig | AnyPath) -> "Source":
+def _source(rig: Rig | AnyPath) -> Source:
     """A rig with the box of its points, where that is known."""
-    from spherecal.profile.source import Source, read_source
-
     return Source(rig, None) if isinstance(rig, Rig) else read_source(Path(rig))
 
 

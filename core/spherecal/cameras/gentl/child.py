@@ -465,7 +465,7 @@ class _Service:
             self._touch.set(-1, 0)
         self._say(slot, *assess(slot, device, now))
         if device.outgrown:
-            self._set_up(slot, slot.settings)  # its ring is made anew
+            self._set_up(slot, slot.settings)  # with a larger ring
 
     def _note_slowness(self, slot: Slot, seconds: float) -> None:
         """A camera that answers slowly delays all others: check it less often, and report it from time to time."""

@@ -56,20 +56,12 @@ class FrameStore:
         """Note the newest image of a camera; its pixels are in its ring."""
         self._newest[meta.serial] = meta
 
-    def read(self, meta: FrameMeta, step: int = 1) -> Frame | None:
-        """A copy of an image, None if it has been overwritten.
-
-        Parameters
-        ----------
-        meta
-            The image as the camera process announced it.
-        step
-            Only every `step`-th pixel of every `step`-th line is copied.
-        """
+    def read(self, meta: FrameMeta) -> Frame | None:
+        """A copy of an image as the camera process announced it, None if it has been overwritten."""
         ring = self._rings.get(meta.serial)
         if ring is None or ring.name != meta.ring:
             return None
-        image = ring.read(meta.slot, meta.sequence, meta.height, meta.width, meta.deep, step)
+        image = ring.read(meta.slot, meta.sequence, meta.height, meta.width, meta.deep)
         if image is None:
             return None
         image.flags.writeable = False
@@ -102,23 +94,6 @@ class FrameStore:
                 return frame
         kept = self._mailbox.get(serial)
         return kept[1] if kept else None
-
-    def preview(self, serial: str, step: int) -> Frame | None:
-        """The newest image in small, None if there was none yet; only the pixels that it has are copied.
-
-        Parameters
-        ----------
-        serial
-            Serial number of the camera.
-        step
-            Every `step`-th pixel of every `step`-th line is in it.
-        """
-        for _ in range(_TRIES):
-            meta = self._newest.get(serial)
-            frame = None if meta is None else self.read(meta, step)
-            if meta is None or frame is not None:
-                return frame
-        return None
 
     def close(self) -> None:
         """Free all shared memory."""

@@ -108,7 +108,7 @@ class Ring:
         """The highest image number in the ring."""
         return max(int(head[0]) for head in self._heads)
 
-    def read(self, slot: int, sequence: int, height: int, width: int, deep: bool, step: int = 1) -> GreyPixels | None:
+    def read(self, slot: int, sequence: int, height: int, width: int, deep: bool) -> GreyPixels | None:
         """A copy of an image (h, w); None if it has been overwritten meanwhile, or cannot be in the ring.
 
         Parameters
@@ -119,8 +119,6 @@ class Ring:
             Its size, px.
         deep
             Whether it has 16 bits a pixel, else 8.
-        step
-            Only every `step`-th pixel of every `step`-th line is copied.
         """
         heads, bodies = self._heads, self._bodies
         if not bodies:  # closed meanwhile
@@ -133,7 +131,7 @@ class Ring:
             return None
         data = bodies[slot][: height * width * (2 if deep else 1)]
         whole: GreyPixels = data.view(np.uint16) if deep else data
-        image = whole.reshape(height, width)[::step, ::step].copy()
+        image = whole.reshape(height, width).copy()
         return image if head[0] == sequence else None
 
     def close(self) -> None:

@@ -199,18 +199,6 @@ class GenicamSource:
         """The camera's newest image, None if there was none yet."""
         return self._service.frames.latest(serial) if self._service is not None else None
 
-    def preview(self, serial: str, step: int = 5) -> Frame | None:
-        """The camera's newest image in small, None if there was none yet.
-
-        Parameters
-        ----------
-        serial
-            Serial number of the camera.
-        step
-            Every `step`-th pixel of every `step`-th line is in it.
-        """
-        return self._service.frames.preview(serial, step) if self._service is not None else None
-
     def statuses(self) -> dict[str, CameraStatus]:
         """The state of every open camera, by serial."""
         return self._service.status_log.statuses() if self._service is not None else {}

@@ -185,7 +185,7 @@ class ProducerControl:
             )
         _check_room(image.nbytes)
         number = int(record["image_begun"]) + 1
-        record["image_begun"] = number  # from here on a camera that still reads the older one in this slot starts anew
+        record["image_begun"] = number  # from here on a camera that still reads the older one in this slot starts over
         self._region.slot(index, number)[: image.nbytes] = np.ascontiguousarray(image).view(np.uint8).ravel()
         record["image_published"] = number
         return number

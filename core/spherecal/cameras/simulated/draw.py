@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from spherecal.base.arrays import FloatArray
 from spherecal.base.kernels import njit
-from spherecal.geometry.camera import project
+from spherecal.geometry.camera import image_reach, project
 from spherecal_sim.dot_truth import RIM_POINTS, TrueDots
 from spherecal_sim.station import Station
 
@@ -73,7 +73,7 @@ def draw(solid: Solid, dots: TrueDots, station: Station, blur_px: float, white: 
 def _image_points(points: FloatArray, station: Station) -> FloatArray:
     """Image points (..., 2) px of world points (..., 3); NaN behind the camera or far outside the lens's field."""
     flat = points.reshape(-1, 3) @ station.rotation.T + station.translation_mm
-    wide = 1.3 * np.hypot(*station.size) / 2 / station.intrinsics[0]
+    wide = image_reach(station.intrinsics[None], np.array([station.size]))
     out = (flat[:, 2] <= 1.0) | (np.hypot(flat[:, 0], flat[:, 1]) > wide * flat[:, 2])
     uv = project(np.where(out[:, None], [0.0, 0.0, 1.0], flat), station.intrinsics)
     uv[out] = np.nan

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 from PySide6.QtCore import QCoreApplication
 from PySide6.QtWidgets import QWidget
 
-from spherecal_gui.wizard.controller import Controller
+from spherecal_gui.controllers.controller import Controller
 
 if TYPE_CHECKING:  # the window stands before these are loaded
     from spherecal_gui.pages.bench_dialog import BenchDialog
@@ -41,7 +41,7 @@ def show_bench(controller: Controller, projects: Path, window: QWidget) -> "Benc
     from spherecal_gui.pages.bench_dialog import BenchDialog  # needs scipy, as the next
     from spherecal_gui.tasks.bench_desk import BenchDesk
 
-    project, connection = controller.project, controller.connection
+    project, connection = controller.project, controller.cameras.connection
     real = project is not None and not project.simulated and connection is not None
     plan = connection.plan if real and connection is not None and connection.plan.target_set is not None else None
     folder = project.folder.parent if project is not None else projects
@@ -51,7 +51,7 @@ def show_bench(controller: Controller, projects: Path, window: QWidget) -> "Benc
         now = controller.project
         controller.note(translate("Log", "bench saved: {file}").format(file=path or dialog.desk.library))
         if path and now is not None and not now.simulated and not now.taken and controller.runner.running is None:
-            controller.choose_bench(path)
+            controller.cameras.choose_bench(path)
         controller.changed.emit()
 
     dialog.saved.connect(saved)

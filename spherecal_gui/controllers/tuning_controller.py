@@ -1,20 +1,20 @@
-"""What is set at a camera: its name, exposure and gain, its light, the parts of its image that do not count."""
+"""What is set at a camera: its name, exposure and gain, its light."""
 
 import time
 from collections.abc import Callable
 from dataclasses import replace
 from typing import TYPE_CHECKING, Protocol, runtime_checkable
 
-from PySide6.QtCore import QCoreApplication, QObject
+from PySide6.QtCore import QCoreApplication
 
 from spherecal.base.context import Context
 from spherecal.base.filesystem import id_problem
 from spherecal.base.messages.catalogue import phrase
 from spherecal_gui import languages
-from spherecal_gui import project as changes
-from spherecal_gui.project import Rectangle
+from spherecal_gui.controllers.camera_controller import CameraController
+from spherecal_gui.controllers.controller_part import ControllerPart
+from spherecal_gui.controllers.project_controller import ProjectController
 from spherecal_gui.tasks.task import Runner
-from spherecal_gui.wizard.camera_control import CameraControl
 
 if TYPE_CHECKING:  # the window starts without the cameras' modules
     from spherecal.cameras.protocol import CameraSettings, TriggerMode
@@ -42,21 +42,19 @@ class Indicating(Protocol):
         ...
 
 
-class TuneControl(CameraControl):
-    """Settings of single cameras, and masks."""
+class TuningController(ControllerPart):
+    """Settings of single cameras."""
 
-    def __init__(self, parent: QObject | None = None) -> None:
-        super().__init__(parent)
+    def __init__(self, main: ProjectController, cameras: CameraController) -> None:
+        super().__init__(main)
+        self._cameras = cameras
         self.blinker = Runner(self)
         self._tuned: dict[str, CameraSettings] = {}
 
-    def close_project(self) -> None:
-        """Let go of cameras and project; all is on disk already."""
+    def close(self) -> None:
+        """Stop what blinks, and forget the settings; all is on disk already."""
         self.blinker.abandon(_PATIENCE_MS)
         self._tuned = {}
-        super().close_project()
-
-    # --- one camera --------------------------------------------------------------------------------------------------
 
     @property
     def _real(self) -> bool:
@@ -75,7 +73,7 @@ class TuneControl(CameraControl):
 
     def why_not_renamed(self, serial: str) -> str:
         """Why a camera cannot have another name now; empty where it can."""
-        project, connection = self.project, self.connection
+        project, connection = self.project, self._cameras.connection
         if not self._real or connection is None or project is None:
             return translate("Connect", "The names come from the recording or the simulated rig.")
         if project.taken:
@@ -100,7 +98,7 @@ class TuneControl(CameraControl):
         exposure_us, gain_db
             Exposure in µs and gain in dB.
         """
-        connection = self.connection
+        connection = self._cameras.connection
         if connection is None or self.runner.running:
             return False
         settings = replace(self.settings_of(serial), exposure_us=exposure_us, gain_db=gain_db)
@@ -115,11 +113,11 @@ class TuneControl(CameraControl):
             return renamed
 
         self._tuned[serial] = settings
-        return self.runner.start("connect", work, self._set_up, self._failed("connect"))
+        return self.runner.start("connect", work, self._set_up, self.main.failed("connect"))
 
     def set_trigger(self, trigger: "TriggerMode") -> bool:
         """Have all cameras exposed by this trigger; kept in the camera profile."""
-        connection = self.connection
+        connection = self._cameras.connection
         if connection is None or self.runner.running:
             return False
         of_all = {serial: replace(self.settings_of(serial), trigger=trigger) for serial in connection.names}
@@ -133,7 +131,7 @@ class TuneControl(CameraControl):
             return False
 
         self._tuned.update(of_all)
-        return self.runner.start("connect", work, self._set_up, self._failed("connect"))
+        return self.runner.start("connect", work, self._set_up, self.main.failed("connect"))
 
     def why_no_trigger(self) -> str:
         """Why the cameras' trigger cannot be chosen; empty where it can."""
@@ -149,7 +147,7 @@ class TuneControl(CameraControl):
         name
             The name it is to have.
         """
-        connection = self.connection
+        connection = self._cameras.connection
         if connection is None:
             return
         why = self.why_not_renamed(serial)
@@ -158,20 +156,20 @@ class TuneControl(CameraControl):
         if not why and (problem := id_problem(name)) is not None:
             why = f"{name}: {phrase(problem, languages.now())}."
         if why:
-            self.tell("bad", why)
+            self.main.tell("bad", why)
             return
         settings = self.settings_of(serial)
         self.set_camera(serial, name, settings.exposure_us, settings.gain_db)
 
     def _set_up(self, renamed: bool) -> None:
         if renamed:
-            self.connect_cameras()
+            self._cameras.connect_all()
         else:
-            self.changed.emit()
+            self.main.changed.emit()
 
     def can_blink(self) -> bool:
         """Whether the cameras may have a light of their own that can be switched."""
-        return self.connection is not None and isinstance(self.connection.source, Indicating)
+        return self._cameras.connection is not None and isinstance(self._cameras.connection.source, Indicating)
 
     def blink(self, serial: str, answered: Callable[[bool], None]) -> None:
         """Let a camera's own light blink for some seconds.
@@ -183,7 +181,7 @@ class TuneControl(CameraControl):
         answered
             Is called at the end, in the window's thread, with whether the camera has such a light.
         """
-        source = self.connection.source if self.connection is not None else None
+        source = self._cameras.connection.source if self._cameras.connection is not None else None
         if not isinstance(source, Indicating):
             answered(False)
             return
@@ -200,42 +198,6 @@ class TuneControl(CameraControl):
             return True
 
         self.blinker.start("blink", work, answered, lambda _: answered(False), lambda: None)
-
-    # --- masks -------------------------------------------------------------------------------------------------------
-
-    def mask(self, serial: str, rectangle: Rectangle) -> None:
-        """Nothing in this part of a camera's image is a target from now on, in what was taken as well.
-
-        Parameters
-        ----------
-        serial
-            Which camera.
-        rectangle
-            Left, top, width and height in px.
-        """
-        if self.project is not None and self.connection is not None:
-            self._with_masks(changes.with_mask(self.project, self.connection.names[serial], rectangle))
-
-    def undo_mask(self) -> None:
-        """Take the mask back that was drawn last."""
-        if self.project is not None:
-            self._with_masks(changes.without_last_mask(self.project))
-
-    def clear_masks(self) -> None:
-        """Take all masks back."""
-        if self.project is not None:
-            self._with_masks(changes.without_masks(self.project))
-
-    def _with_masks(self, project: changes.Project) -> None:
-        """On disk first: wizard.json, then the two session folders that calibration and verification read."""
-        self._update(project)
-        if self.live is not None:
-            self.live.masks = self._masks_by_serial(project)
-        connection = self.connection
-        for folder in (self._recorded, self._checks):
-            if folder is not None and connection is not None:
-                self._try(lambda folder=folder: folder.set_cameras(self._masked_cameras(project, connection)))
-        self.changed.emit()
 
 
 def _keep(serial: str, name: str | None, settings: "CameraSettings") -> None:

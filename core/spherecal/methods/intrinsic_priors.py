@@ -1,4 +1,4 @@
-"""Cameras whose intrinsics an adjustment over frames cannot carry: held by a prior (`adjust/intrinsic_priors.py`)."""
+"""Cameras whose intrinsics an adjustment over frames does not determine: they get a prior, as in `adjust`."""
 
 import numpy as np
 
@@ -14,8 +14,8 @@ from spherecal.methods.frames_covariance import FrameCovariance
 _LEAST_FRAMES = 2
 
 
-def priors_of(group: IntArray, known: FloatArray, held: BoolArray, noise: float) -> Priors:
-    """Priors (c,16) of the held cameras' groups, weighed against image points as both scatter; or NO_PRIORS.
+def priors_of(group: IntArray, known: FloatArray, has_prior: BoolArray, noise: float) -> Priors:
+    """Priors (c,16) of these cameras' groups, weighed against image points as both scatter; or NO_PRIORS.
 
     Parameters
     ----------
@@ -23,14 +23,14 @@ def priors_of(group: IntArray, known: FloatArray, held: BoolArray, noise: float)
         Which cameras share intrinsics, (c,).
     known
         Intrinsics before the adjustment, (c,16).
-    held
+    has_prior
         Cameras whose intrinsics the data cannot carry, (c,).
     noise
         Standard deviation of unit weight.
     """
-    if not held.any():
+    if not has_prior.any():
         return NO_PRIORS
-    members = np.isin(group, group[held])
+    members = np.isin(group, group[has_prior])
     sigma = prior_sigmas(known) / max(noise, LEAST_NOISE)
     return Priors(known, np.where(members[:, None], sigma, np.inf))
 

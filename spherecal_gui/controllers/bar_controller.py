@@ -3,46 +3,48 @@
 from typing import TYPE_CHECKING
 
 import numpy as np
-from PySide6.QtCore import QObject, Signal
+from PySide6.QtCore import Signal
 
 from spherecal.base.arrays import FloatArray
 from spherecal.base.errors import InputError
 from spherecal.verify.limit import parse_limit
 from spherecal_gui import project as changes
+from spherecal_gui.controllers.camera_controller import CameraController
+from spherecal_gui.controllers.controller_part import ControllerPart
+from spherecal_gui.controllers.project_controller import ProjectController
+from spherecal_gui.controllers.recording_controller import RecordingController
 from spherecal_gui.presenters.bar_guide import BarGuide, bar_guide
-from spherecal_gui.tasks import jobs
-from spherecal_gui.tasks.guided_bar import lay_bar, lying_ends
+from spherecal_gui.tasks.guided_bar import lying_ends
 from spherecal_gui.tasks.task import Runner
 from spherecal_gui.texts import error_line
-from spherecal_gui.wizard.set_control import Movable, SetControl
 
 if TYPE_CHECKING:  # planning, ghosts and live images need scipy, for which the window does not wait
     from spherecal.data.session import Bar
     from spherecal.verify.pose_plan import PlannedPose, PosePlan
     from spherecal_gui.tasks.ghost import Drawn
-    from spherecal_gui.tasks.live import Connection, Sight
+    from spherecal_gui.tasks.live import Sight
 
 _PATIENCE_MS = 5000
 
 
-class BarControl(SetControl):
-    """What is done with check bars; `bar_seen` when the bar was looked at again."""
+class BarController(ControllerPart):
+    """What is done with check bars; `seen` when the bar was looked at again."""
 
-    bar_seen = Signal()
+    seen = Signal()
 
-    def __init__(self, parent: QObject | None = None) -> None:
-        super().__init__(parent)
+    def __init__(self, main: ProjectController, cameras: CameraController, recording: RecordingController) -> None:
+        super().__init__(main)
+        self._cameras, self._recording = cameras, recording
         self.looker = Runner(self)
         self.guide: BarGuide | None = None
         self.lying_ends: FloatArray | None = None  # of the bar as it was seen last, (2, 3) mm
 
-    def close_project(self) -> None:
-        """Let go of cameras and project; all is on disk already."""
+    def close(self) -> None:
+        """Stop looking at the bar."""
         self.looker.abandon(_PATIENCE_MS)
         self.guide = self.lying_ends = None
-        super().close_project()
 
-    def _take_over_plan(self) -> None:
+    def take_over_plan(self) -> None:
         """Plan the check bars' poses as the new result asks; a recording has the poses that it has."""
         project, plan = self.project, self._plan
         if project is None or plan is None or project.source.startswith("replay") or project.purpose == "check":
@@ -51,17 +53,12 @@ class BarControl(SetControl):
         if any(pose in project.taken for pose in project.check_poses) or project.pose_bars == wanted:
             return  # poses that are being taken stay what they are
         project = changes.with_poses(project, wanted)
-        connection = self.connection
-        if connection is not None and self._checks is not None:
-            planned = jobs.calibration_plan(connection.plan, project.check_poses, dict(project.pose_bars))
-            self._checks.plan_instead(planned.sets)
-        elif connection is not None and self._recorded is not None:
-            self._try(lambda: self._open_checks(project, connection))
-        self._update(project)
+        self._recording.plan_checks(project)
+        self.main.update(project)
 
     @property
     def _plan(self) -> "PosePlan | None":
-        return self.outcome.plan if self.outcome is not None else None
+        return self.main.outcome.plan if self.main.outcome is not None else None
 
     def planned_pose(self, pose: str) -> "PlannedPose | None":
         """A pose of the engine's plan; None for one that it does not know."""
@@ -70,32 +67,22 @@ class BarControl(SetControl):
             return None
         return next((one for one in self._plan.poses if one.id == pose), None)
 
-    def show_pose(self, pose: str) -> None:
-        """Have a simulated or recorded rig show a pose; a guided one is laid as the plan asks."""
-        planned, connection, result = self.planned_pose(pose), self.connection, self.result
-        source = connection.source if connection is not None else None
-        if planned is None or connection is None or result is None or not isinstance(source, Movable):
-            super().show_pose(pose)
-            return
-        lay_bar(source.stage, result.rig, planned, _bar(connection, planned.bar))
-        if self.live is not None:
-            self.live.forget()
+    def bar(self, name: str) -> "Bar":
+        """A bar on the bench."""
+        assert self._cameras.connection is not None
+        return next(one for one in self._cameras.connection.plan.bars if one.id == name)
 
-    def bar_ghosts(self, pose: str) -> "dict[str, Drawn]":
+    def ghosts(self, pose: str) -> "dict[str, Drawn]":
         """The bar of a guided pose as each camera would see it where it should lie, and as it lies."""
         from spherecal_gui.tasks.ghost import Lenses, drawn_bar  # needs scipy
 
         planned = self.planned_pose(pose)
-        if planned is None or self.result is None:
+        if planned is None or self.main.result is None:
             return {}
         seen = self.lying_ends if self.guide is not None and self.guide.pose == pose else None
-        return drawn_bar(Lenses.of(self.result.rig), np.stack([planned.start_mm, planned.end_mm]), seen)
+        return drawn_bar(Lenses.of(self.main.result.rig), np.stack([planned.start_mm, planned.end_mm]), seen)
 
-    def can_show(self, pose: str) -> bool:
-        """Whether a simulated or recorded rig can show a bar's pose: one of its own, or one that the plan describes."""
-        return pose in self.staged_poses or (bool(self.staged_poses) and self.planned_pose(pose) is not None)
-
-    def look_at_bar(self, pose: str, sights: "dict[str, Sight]") -> bool:
+    def look_at(self, pose: str, sights: "dict[str, Sight]") -> bool:
         """Work out where the bar lies now, beside the window; whether that was begun.
 
         Parameters
@@ -105,42 +92,42 @@ class BarControl(SetControl):
         sights
             The newest examined images by camera name.
         """
-        planned, outcome, connection = self.planned_pose(pose), self.outcome, self.connection
+        planned, outcome, connection = self.planned_pose(pose), self.main.outcome, self._cameras.connection
         if planned is None or outcome is None or connection is None or self.looker.running is not None:
             return False
         dots = {name: sight.dots for name, sight in sights.items()}
-        bar, rig, target_set = _bar(connection, planned.bar), outcome.result.rig, connection.plan.target_set
+        bar, rig, target_set = self.bar(planned.bar), outcome.result.rig, connection.plan.target_set
         targets = {mark.target for mark in bar.marks.values()}
         seeing = [s for s in sights.values() if targets & set(s.dots.target.tolist())]
         still = all(sight.still for sight in seeing) if seeing else None
 
-        def seen(ends: FloatArray | None) -> None:
-            if self.outcome is outcome and outcome.planes is not None and outcome.plan is not None:
+        def looked(ends: FloatArray | None) -> None:
+            if self.main.outcome is outcome and outcome.planes is not None and outcome.plan is not None:
                 self.lying_ends = ends
                 self.guide = bar_guide(outcome.planes, outcome.plan, planned, ends, still)
-                self.bar_seen.emit()
+                self.seen.emit()
 
         return self.looker.start(
             "bar",
             lambda _: lying_ends(rig, bar, target_set, dots),
-            seen,
-            lambda error: self.note(f"bar {planned.bar}: {error}"),
+            looked,
+            lambda error: self.main.note(f"bar {planned.bar}: {error}"),
         )
 
-    def bar_celsius(self) -> float | None:
+    def celsius(self) -> float | None:
         """The bars' temperature: as it was read, else as the bench's description has it."""
         if self.project is None or self.project.bar_celsius is not None:
             return self.project.bar_celsius if self.project is not None else None
-        if self.connection is None:
+        if self._cameras.connection is None:
             return None
-        plan = self.connection.plan
+        plan = self._cameras.connection.plan
         bars = {bar.id for bar in plan.bars if bar.role == "check"}
         return next((one.temperature_c for one in plan.sets if one.bar in bars and one.temperature_c is not None), None)
 
-    def set_bar_celsius(self, celsius: float | None) -> None:
+    def set_celsius(self, celsius: float | None) -> None:
         """Poses taken from now on have this temperature."""
         if self.project is not None and celsius != self.project.bar_celsius:
-            self._update(changes.with_bar_temperature(self.project, celsius))
+            self.main.update(changes.with_bar_temperature(self.project, celsius))
 
     def set_limit(self, limit: str) -> str:
         """Judge the errors by this limit (A+L/K, empty: none); what is wrong with it, empty where all is well."""
@@ -151,10 +138,5 @@ class BarControl(SetControl):
                 parse_limit(limit)
         except InputError as error:
             return error_line(error)
-        self._update(changes.with_limit(self.project, limit))
+        self.main.update(changes.with_limit(self.project, limit))
         return ""
-
-
-def _bar(connection: "Connection", bar: str) -> "Bar":
-    """A bar on the bench."""
-    return next(one for one in connection.plan.bars if one.id == bar)

@@ -1,4 +1,4 @@
-"""What the wizard does: each button ends here. Knows no widgets; the parts before this one add role upon role."""
+"""What is written: the report, the rig's profile, exports; and the command lines that do the same."""
 
 import shlex
 from collections.abc import Callable
@@ -10,26 +10,36 @@ from spherecal.base.context import Context
 from spherecal.base.filesystem import write_below
 from spherecal_gui import languages
 from spherecal_gui import project as changes
+from spherecal_gui.controllers.computation_controller import ComputationController
+from spherecal_gui.controllers.controller_part import ControllerPart
+from spherecal_gui.controllers.frame_controller import FrameController
+from spherecal_gui.controllers.project_controller import ProjectController
 from spherecal_gui.presenters.start import picture_name
 from spherecal_gui.tasks import jobs
-from spherecal_gui.wizard.frame_control import FrameControl
 
 translate = QCoreApplication.translate
 
 
-class Controller(FrameControl):
-    """The open project and all that can be done with it; here: what is written."""
+class SavingController(ControllerPart):
+    """What is written of the open project."""
+
+    def __init__(
+        self, main: ProjectController, computation: ComputationController, user_frame: FrameController
+    ) -> None:
+        super().__init__(main)
+        self._computation, self._user_frame = computation, user_frame
+        self.draw_rig: Callable[[], bytes] | None = None  # a picture of the rig for its profile, where one is shown
 
     def _save(self, work: Callable[[Context], Path | str], message: str) -> bool:
         def done(what: Path | str) -> None:
             if self.project is not None:
-                self._update(changes.with_saved(self.project))
-            self.tell("good", message.format(what=what))
+                self.main.update(changes.with_saved(self.project))
+            self.main.tell("good", message.format(what=what))
 
         if self.project is None:
             return False
-        self._update(changes.without_failure(self.project, "save"))
-        return self.runner.start("save", work, done, self._failed("save"))
+        self.main.update(changes.without_failure(self.project, "save"))
+        return self.runner.start("save", work, done, self.main.failed("save"))
 
     def write_report(self, output: Path) -> bool:
         """Write the report as a PDF; whether that was begun."""
@@ -44,16 +54,7 @@ class Controller(FrameControl):
     def set_note(self, note: str) -> None:
         """What the operator has written on the calibration; it goes into the profile and the report."""
         if self.project is not None and note != self.project.note:
-            self._update(changes.with_note(self.project, note))
-
-    def discard(self) -> None:
-        """Leave the calibration in use as it is; this one stays in its folder."""
-        if self.project is None or self.runner.running is not None:
-            return
-        message = translate("Save", "The calibration in use was left as it is. This one stays in {folder}.")
-        message = message.format(folder=self.project.folder)
-        self.close_project()
-        self.tell("info", message)
+            self.main.update(changes.with_note(self.project, note))
 
     def save_profile(self, profile: Path, put_to_use: bool, note: str = "") -> bool:
         """Add the calibration to a rig profile's history; whether that was begun.
@@ -95,7 +96,7 @@ class Controller(FrameControl):
         if project is None:
             return False
         message = translate("Save", "Written to {what}.")
-        frame = self.frame
+        frame = self._user_frame.frame
         return self._save(lambda context: jobs.export(project.result_folder, form, output, context, frame), message)
 
     def commands(self) -> tuple[str, ...]:
@@ -103,13 +104,13 @@ class Controller(FrameControl):
         if self.project is None:
             return ()
         if self.project.purpose == "check":
-            words = ["spherecal", "check", str(self.project.folder), "--profile", str(self.profile_folder)]
+            words = ["spherecal", "check", str(self.project.folder), "--profile", str(self.main.profile_folder)]
             if self.project.repaired is not None:
                 words += ["--repair", str(self.project.repair_folder)]
             return (shlex.join([*words, "-o", str(self.project.folder / "check.json")]),)
         session, result = str(self.project.folder), str(self.project.result_folder)
         repairs = [word for repair in self.project.repairs_now for word in repair]
-        kept = self._kept_reference() if self.project.purpose == "calibrate" else None
+        kept = self._computation.kept_reference() if self.project.purpose == "calibrate" else None
         reference = ["--reference", kept] if kept is not None else []
         method = ["--method", "board"] if self.project.by_board else []
         lines = [["spherecal", "calibrate", session, "-o", result, *method, *repairs, *reference]]
@@ -119,6 +120,6 @@ class Controller(FrameControl):
             checks = str(self.project.verification_folder)
             limit = ["--limit", self.project.limit] if self.project.limit else []
             lines.append(["spherecal", "verify", checks, "--rig", f"{result}/rig.json", "-o", result, *limit])
-        if frame := self.frame_command():
+        if frame := self._user_frame.command():
             lines.append(list(frame))
         return tuple(shlex.join(line) for line in lines)

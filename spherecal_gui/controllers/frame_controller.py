@@ -7,14 +7,15 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
-from PySide6.QtCore import QCoreApplication, QObject
+from PySide6.QtCore import QCoreApplication
 
 from spherecal.base.errors import InputError
 from spherecal.base.filesystem import remove_below
+from spherecal_gui.controllers.controller_part import ControllerPart
+from spherecal_gui.controllers.project_controller import ProjectController
 from spherecal_gui.project_folder import profile_of
 from spherecal_gui.tasks.outcome import Outcome
 from spherecal_gui.texts import error_text
-from spherecal_gui.wizard.compute_control import ComputeControl
 
 if TYPE_CHECKING:  # rotations need scipy, for which the window does not wait
     from spherecal.geometry.user_frame import FrameDefinition, UserFrame
@@ -24,29 +25,29 @@ translate = QCoreApplication.translate
 FRAME = "frame.json"
 
 
-class FrameControl(ComputeControl):
-    """In which frame the project's exports are given; `frame_problem` says why its own cannot be had any more."""
+class FrameController(ControllerPart):
+    """In which frame the project's exports are given; `problem` says why its own cannot be had any more."""
 
-    def __init__(self, parent: QObject | None = None) -> None:
-        super().__init__(parent)
+    def __init__(self, main: ProjectController) -> None:
+        super().__init__(main)
         self.frame: UserFrame | None = None
-        self.frame_definition: FrameDefinition | None = None
-        self.frame_problem = ""
+        self.definition: FrameDefinition | None = None
+        self.problem = ""
         self._frame_of: tuple[Path, Outcome | None] | None = None  # for which result it was made
-        self.changed.connect(self._renew_frame)
-        self.result_changed.connect(self._renew_frame)
+        main.changed.connect(self._renew_frame)
+        main.result_changed.connect(self._renew_frame)
 
     @property
-    def frame_file(self) -> Path | None:
+    def file(self) -> Path | None:
         """Where the project keeps its frame."""
         return self.project.folder / FRAME if self.project is not None else None
 
     def _renew_frame(self) -> None:
         """The project's frame with the result that is there now: its numbers are made from its definition again."""
-        made_for = None if self.project is None else (self.project.folder, self.outcome)
+        made_for = None if self.project is None else (self.project.folder, self.main.outcome)
         if made_for == self._frame_of:
             return
-        self._frame_of, self.frame, self.frame_definition, self.frame_problem = made_for, None, None, ""
+        self._frame_of, self.frame, self.definition, self.problem = made_for, None, None, ""
         if made_for is None:
             return
         if not (made_for[0] / FRAME).is_file():
@@ -58,22 +59,22 @@ class FrameControl(ComputeControl):
         path = made_for[0] / FRAME
         try:
             kept = read_frame(path)
-            self.frame_definition = kept.definition
+            self.definition = kept.definition
             fresh = (
                 kept
-                if self.outcome is None
-                else frame_of(kept.definition, self.outcome.places, self.outcome.result.rig)
+                if self.main.outcome is None
+                else frame_of(kept.definition, self.main.outcome.places, self.main.outcome.result.rig)
             )
         except InputError as error:
             why = translate("Frame", "The frame of this project cannot be made with this calibration: {why}")
-            self.frame_problem = why.format(why=error_text(error)[0])
+            self.problem = why.format(why=error_text(error)[0])
             again = translate("Frame", "Choose origin and axes again.")
             bars = translate("Frame", "Verify again, or choose origin and axes again.")
-            of_bars = self.frame_definition is not None and any("/" in name for name in self.frame_definition.places)
-            self.tell("bad", self.frame_problem, bars if of_bars else again)
+            of_bars = self.definition is not None and any("/" in name for name in self.definition.places)
+            self.main.tell("bad", self.problem, bars if of_bars else again)
             return
         if not _same(kept, fresh):
-            self._try(lambda: write_frame(fresh, path))
+            self.main.attempt(lambda: write_frame(fresh, path))
         self.frame = fresh
 
     def _frame_of_profile(self) -> "UserFrame | None":
@@ -81,39 +82,39 @@ class FrameControl(ComputeControl):
         from spherecal.files.frame_file import read_frame  # needs scipy
 
         path = profile_of(self.project) / FRAME if self.project is not None else None
-        if path is None or self.outcome is None or not path.is_file():
+        if path is None or self.main.outcome is None or not path.is_file():
             return None
         try:
             kept = read_frame(path)
         except InputError as error:
-            self.note(error_text(error)[0])
+            self.main.note(error_text(error)[0])
             return None
-        return kept if kept.reference_camera == self.outcome.result.rig.reference_camera else None
+        return kept if kept.reference_camera == self.main.outcome.result.rig.reference_camera else None
 
-    def set_frame(self, definition: "FrameDefinition") -> bool:
+    def choose(self, definition: "FrameDefinition") -> bool:
         """Give exports in this frame from now on; the reference camera's own needs no file, unless the rig has one."""
-        path = self.frame_file
-        if path is None or self.project is None or self.outcome is None or self.runner.running:
+        path = self.file
+        if path is None or self.project is None or self.main.outcome is None or self.runner.running:
             return False
         from spherecal.export.frame import frame_of  # needs scipy
         from spherecal.files.frame_file import write_frame
         from spherecal.geometry.user_frame import FrameDefinition
 
         if definition == FrameDefinition() and not (profile_of(self.project) / FRAME).is_file():
-            done = self._try(lambda: remove_below(path.parent, path.name))
+            done = self.main.attempt(lambda: remove_below(path.parent, path.name))
         else:
-            places, rig = self.outcome.places, self.outcome.result.rig
-            done = self._try(lambda: write_frame(frame_of(definition, places, rig), path))
+            places, rig = self.main.outcome.places, self.main.outcome.result.rig
+            done = self.main.attempt(lambda: write_frame(frame_of(definition, places, rig), path))
         self._frame_of = None
-        self.changed.emit()
+        self.main.changed.emit()
         return done
 
-    def frame_command(self) -> tuple[str, ...]:
+    def command(self) -> tuple[str, ...]:
         """The words of the command line that makes the same frame.json; none where there is no frame."""
-        if self.frame is None or self.project is None or self.frame_definition is None:
+        if self.frame is None or self.project is None or self.definition is None:
             return ()
         definition = self.frame.definition
-        words = ["spherecal", "frame", str(self.project.result_folder), "-o", str(self.frame_file)]
+        words = ["spherecal", "frame", str(self.project.result_folder), "-o", str(self.file)]
         for option, name in zip(("--origin", "--x", "--xy"), definition.places, strict=False):
             words += [option, name]
         if any(definition.offset_mm):

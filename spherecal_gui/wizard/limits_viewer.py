@@ -6,11 +6,11 @@ from pathlib import Path
 from PySide6.QtCore import QCoreApplication
 from PySide6.QtWidgets import QWidget
 
+from spherecal_gui.controllers.controller import Controller
 from spherecal_gui.pages.limits_dialog import LimitsDialog
 from spherecal_gui.presenters.limits import load_limits
 from spherecal_gui.project_folder import profile_shown
 from spherecal_gui.widgets.basic import Banner
-from spherecal_gui.wizard.controller import Controller
 
 translate = QCoreApplication.translate
 

@@ -1,0 +1,47 @@
+"""The options of `study`."""
+
+import argparse
+from pathlib import Path
+
+from spherecal.cli.parsers.shared import flag, number, output, path, path_weights, word, workers
+from spherecal.cli.parsing import Add
+
+NAMES = ("layouts", "path", "noise", "cameras", "compare", "rigB", "bar")
+
+
+def add_study(add: Add) -> None:
+    """`spherecal study`."""
+    study = add("study", "Repeat the experiments of the paper on simulated rigs; a page each.")
+    study.add_argument("names", nargs="*", type=_study, metavar="STUDY", help=f"{', '.join(NAMES)}; none: all")
+    output(study, "DIR", "folder for the pages (default spherecal-study)", default=Path("spherecal-study"))
+    number(study, "--runs", "N", "repetitions with other seeds (each study its own)", _positive)
+    number(study, "--sigma", "PX", "image noise of simulated observations (0.04)", _noise)
+    number(study, "--seed", None, "the first seed (default 1)", int, default=1)
+    flag(study, "--known", "intrinsics known before, as Algorithm 1 has them, not the data sheets'")
+    path_weights(study)
+    flag(study, "--kept", "run nothing: pages from the results that are kept")
+    word(study, "--rig", "PRESET", "another simulated rig than the study's own")
+    text = "rendered images instead of simulated observations; on the demo's small rig unless --rig names another"
+    flag(study, "--images", text)
+    path(study, "--session", "FOLDER", "your own recording instead: layouts, path, cameras")
+    workers(study)
+
+
+def _study(text: str) -> str:
+    if text not in NAMES:
+        raise argparse.ArgumentTypeError(f"there is no study {text!r}; there are {', '.join(NAMES)}")
+    return text
+
+
+def _positive(text: str) -> int:
+    value = int(text)
+    if value < 1:
+        raise argparse.ArgumentTypeError("must be 1 or more")
+    return value
+
+
+def _noise(text: str) -> float:
+    value = float(text)
+    if not 1e-4 <= value <= 10:
+        raise argparse.ArgumentTypeError("must be from 0.0001 to 10 px")
+    return value

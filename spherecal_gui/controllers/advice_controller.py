@@ -1,0 +1,157 @@
+"""Advice for the next placement, worked out beside everything else, and where the ball stands against it."""
+
+import time
+from collections.abc import Mapping
+from typing import TYPE_CHECKING
+
+from PySide6.QtCore import QCoreApplication, Signal
+
+from spherecal_gui.controllers.camera_controller import CameraController
+from spherecal_gui.controllers.controller_part import ControllerPart
+from spherecal_gui.controllers.project_controller import ProjectController
+from spherecal_gui.controllers.recording_controller import RecordingController
+from spherecal_gui.fingerprint import fingerprint
+from spherecal_gui.presenters.coverage import SetDots
+from spherecal_gui.presenters.guidance import GuidanceView
+from spherecal_gui.tasks.guide import plan_coarse, plan_next
+from spherecal_gui.tasks.task import Runner
+
+if TYPE_CHECKING:  # ghosts and live images need scipy, for which the window does not wait
+    from spherecal_gui.tasks.ghost import Lying, ToGo
+    from spherecal_gui.tasks.live import Sight
+
+translate = QCoreApplication.translate
+
+_PATIENCE_MS = 3_000  # the engine looks five times a second whether it should stop
+
+
+class AdviceController(ControllerPart):
+    """Where the ball should be next.
+
+    `guidance_changed` when there is other advice, `ball_seen` when the ball was looked at again.
+    """
+
+    guidance_changed = Signal()
+    ball_seen = Signal()
+
+    def __init__(self, main: ProjectController, cameras: CameraController, recording: RecordingController) -> None:
+        super().__init__(main)
+        self._cameras, self._recording = cameras, recording
+        self.planner, self.seer = Runner(self), Runner(self)
+        self.lying: Lying | None = None  # where the ball stands now
+        self.guidance: GuidanceView | None = None
+        self._planned_for: tuple[tuple[str, str], ...] | None = None
+        self._asked: tuple[tuple[str, str], ...] | None = None
+        main.changed.connect(self.plan_next)
+
+    def close(self) -> None:
+        """Stop what is worked out."""
+        self.planner.abandon(_PATIENCE_MS)
+        self.seer.abandon(_PATIENCE_MS)
+        self.lying = None
+        self.guidance, self._planned_for = None, None
+
+    def plan_next(self) -> None:
+        """Have the engine work out the next placement, beside everything else; the last question asked counts."""
+        project, session, connection = self.project, self._recording.session, self._cameras.connection
+        if project is None or session is None or connection is None or project.purpose != "calibrate":
+            return
+        if project.by_board:  # advice is for the ball
+            return
+        known = self._recording.dots
+        dots = {name: known[name] for name in project.placements if name in project.taken and name in known}
+        masks = (("masks", fingerprint(project.masks)),) if dots else ()
+        key = (*((name, project.taken[name]) for name in dots), *masks)
+        if key == self._planned_for:
+            return
+        self.guidance, self._planned_for = None, key
+        self.planner.cancel()
+        self.lying = None
+        if dots and self.planner.running is None:
+            self._asked = key
+            self._ask(dots, coarse=True)
+        self.guidance_changed.emit()
+
+    def _ask(self, dots: Mapping[str, SetDots], coarse: bool) -> None:
+        """Have the engine work it out: first coarsely, then well."""
+        session, connection = self._recording.session, self._cameras.connection
+        if session is None or connection is None:  # closed between the two answers, as by a full disk
+            return
+        document, target_set = session.document(), connection.plan.target_set
+        work = plan_coarse if coarse else plan_next
+
+        def done(found: GuidanceView | None) -> None:
+            if coarse and self._asked == self._planned_for:
+                if found is not None:
+                    self.guidance = found
+                self._ask(dots, coarse=False)
+                self.guidance_changed.emit()
+            else:
+                self._planned(found)
+
+        def failed(error: BaseException) -> None:
+            if coarse:
+                done(None)
+            else:
+                self._not_planned(error)
+
+        self.planner.start(
+            "guidance", lambda context: work(document, target_set, dots, context), done, failed, self._plan_again
+        )
+
+    @property
+    def planning_s(self) -> float | None:
+        """For how long it has been worked out; None where nothing is."""
+        task = self.planner.task
+        return time.perf_counter() - task.began_s if task is not None else None
+
+    def look_at_ball(self, sights: Mapping[str, "Sight"]) -> bool:
+        """Work out where the ball stands now against its ghost, beside the window; whether that was begun."""
+        from spherecal_gui.tasks.ghost import lying_ball  # needs scipy
+
+        guidance = self.guidance
+        if guidance is None or guidance.ghost is None or self.seer.running is not None:
+            return False
+        ghost, dots = guidance.ghost, {name: sight.dots for name, sight in sights.items()}
+
+        def seen(lying: "Lying | None") -> None:
+            if self.guidance is guidance:
+                self.lying = lying
+                self.ball_seen.emit()
+
+        return self.seer.start(
+            "ball",
+            lambda _: lying_ball(ghost.lenses, ghost.body, dots),
+            seen,
+            lambda error: self.main.note(f"ball: {error}"),
+        )
+
+    @property
+    def to_go(self) -> "ToGo | None":
+        """How far the ball still is from its ghost; None where either is not known."""
+        from spherecal_gui.tasks.ghost import to_go  # needs scipy
+
+        if self.guidance is None or self.guidance.ghost is None or self.lying is None:
+            return None
+        return to_go(self.guidance.ghost, self.lying)
+
+    @property
+    def planning(self) -> bool:
+        """Whether the next placement is being worked out."""
+        return self.planner.running is not None
+
+    def _planned(self, found: GuidanceView | None) -> None:
+        if self._asked != self._planned_for:
+            self._plan_again()
+            return
+        self.guidance = found
+        self.guidance_changed.emit()
+
+    def _not_planned(self, error: BaseException) -> None:
+        """Advice is a help, not a need: what went wrong stands in the log."""
+        self.main.note(translate("Log", "no advice for the next placement: {why}").format(why=error))
+        self._planned(None)
+
+    def _plan_again(self) -> None:
+        self._planned_for = None
+        self.plan_next()

@@ -1,0 +1,252 @@
+"""The cameras of the open project: connected, looked at, live, lost, moved."""
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import TYPE_CHECKING, TypeVar
+
+from PySide6.QtCore import QCoreApplication, Signal
+
+from spherecal.base.context import Context
+from spherecal_gui import project as changes
+from spherecal_gui.controllers.controller_part import ControllerPart
+from spherecal_gui.controllers.project_controller import ProjectController
+from spherecal_gui.project import Project, Rectangle
+from spherecal_gui.tasks import jobs
+from spherecal_gui.tasks.driver_question import DriverQuestion
+
+if TYPE_CHECKING:  # cameras and detection need scipy and numba, for which the window does not wait
+    from spherecal.cameras.driver_help import DriverTrouble
+    from spherecal.cameras.gentl.trust import Ask, Driver
+    from spherecal.cameras.in_process import Staged
+    from spherecal_gui.tasks.live import Connection, LiveView
+
+translate = QCoreApplication.translate
+
+# Sight of the cameras while somebody aims them; detection takes 45 ms an image of 1.3 MP here and sets its own pace.
+LIVE_HZ = 5.0
+
+_Found = TypeVar("_Found")  # what a piece of work gives
+
+
+class CameraController(ControllerPart):
+    """The connection to the cameras and their live images.
+
+    `connected` when the cameras were opened. `driver_asked` (DriverQuestion) when a driver was never allowed; it is
+    only asked where `somebody_answers`.
+    """
+
+    live_hz = LIVE_HZ
+    connected = Signal()
+    driver_asked = Signal(object)
+
+    def __init__(self, main: ProjectController) -> None:
+        super().__init__(main)
+        self.connection: Connection | None = None
+        self.live: LiveView | None = None
+        self.somebody_answers = False
+        self.driver_troubles: tuple[DriverTrouble, ...] = ()  # of the last search
+
+    def close(self) -> None:
+        """Let go of the cameras."""
+        self._disconnect()
+        self.driver_troubles = ()
+
+    def _disconnect(self) -> None:
+        if self.live is not None:
+            self.live.stop()
+            self.live = None
+        if self.connection is not None:
+            self.connection.source.close()
+            self.connection = None
+
+    # --- connected ---------------------------------------------------------------------------------------------------
+
+    def connect_all(self) -> None:
+        """Open the source and its cameras."""
+        project = self.project
+        if project is None or self.runner.running:
+            return
+        self._disconnect()
+        project = changes.without_failure(project, "connect")
+        self.driver_troubles = ()
+        self.main.update(project)
+        self.runner.start(
+            "connect",
+            lambda context: jobs.connect(project, context, self._asker(context)),
+            self._connected,
+            self._not_connected,
+        )
+
+    def _not_connected(self, error: BaseException) -> None:
+        """Say what is in the way; what drivers have to do with it is kept for the page."""
+        self.driver_troubles = getattr(error, "troubles", ())
+        self.main.failed("connect")(error)
+
+    def allow_driver(self, file: str) -> None:
+        """Allow a driver that was refused, and search again."""
+        from spherecal.cameras.gentl.trust import TrustStore  # the window starts without the cameras' modules
+
+        def allow() -> None:
+            store = TrustStore()
+            driver = store.look(file)
+            if driver.state in ("new", "changed"):
+                store.allow(driver)
+
+        if self.main.attempt(allow):
+            self.connect_all()
+
+    def _asker(self, context: Context) -> "Ask | None":
+        """Who is asked about drivers, from the thread that connects; None where nobody can answer."""
+        if not self.somebody_answers:
+            return None
+
+        def ask(driver: "Driver") -> bool:
+            question = DriverQuestion(driver.file, driver.sha256, driver.state == "changed")
+            self.driver_asked.emit(question)
+            return question.wait(context)
+
+        return ask
+
+    def _connected(self, connection: "Connection") -> None:
+        # Loaded by the thread that connects the cameras; the second one needs scipy and numba.
+        from spherecal.cameras.driver_help import driver_troubles
+        from spherecal_gui.tasks.live import LiveView
+
+        if self.project is None:
+            connection.source.close()
+            return
+        self.connection = connection
+        self.driver_troubles = driver_troubles(connection.discovery)
+        project = changes.with_cameras(self.project, tuple(connection.names))
+        if not project.taken and project.artefacts is None and project.purpose != "check":
+            placements, scale, checks = jobs.planned_sets(connection.plan)
+            if project.purpose == "verify":
+                project = replace(project, check_poses=checks)
+            else:
+                placements = placements or project.placements
+                project = replace(project, placements=placements, scale_poses=scale, check_poses=checks)
+        self.live = LiveView(connection)
+        self.apply_masks(project)
+        self.live.start(self.live_hz)
+        self.main.update(project)
+        self.connected.emit()
+
+    def choose_bench(self, path: str) -> None:
+        """Take targets, ball and bars from another file, and connect again."""
+        if self.project is not None:
+            self.main.update(replace(self.project, bench=path, artefacts=None))
+            self.connect_all()
+
+    def accept_look(self) -> None:
+        """The images are good."""
+        if self.project is not None:
+            self.main.update(changes.with_looked(self.project))
+
+    # --- lost, moved -------------------------------------------------------------------------------------------------
+
+    def lost(self) -> tuple[str, ...]:
+        """The names of cameras that send no images now."""
+        if self.connection is None:
+            return ()
+        statuses = self.connection.source.statuses()
+        return tuple(
+            name
+            for serial, name in self.connection.names.items()
+            if serial in statuses and not statuses[serial].state.usable
+        )
+
+    def moved(self) -> tuple[str, ...]:
+        """The names of cameras that were moved, and that nobody has seen to yet."""
+        live = self.live
+        if live is None or self.connection is None:
+            return ()
+        return tuple(self.connection.names[serial] for serial in live.watch.bumped)
+
+    def accept_moved(self) -> None:
+        """Somebody has seen to the cameras that were moved: they count as they stand now.
+
+        What was taken before shows them where they were, so it has to be taken again.
+        """
+        moved = self.moved()
+        if self.live is None or self.project is None or not moved:
+            return
+        self.live.watch.forgive()
+        self.main.update(changes.with_moved(self.project, moved))
+
+    # --- live images -------------------------------------------------------------------------------------------------
+
+    def apply_masks(self, project: Project) -> None:
+        """Examine live images without what the project's masks cover."""
+        names = self.connection.names if self.connection is not None else {}
+        if self.live is not None:
+            self.live.masks = {serial: masks_of(project, name) for serial, name in names.items()}
+
+    def start_alone(self, step: str, work: Callable[[Context], _Found], done: Callable[[_Found], None]) -> bool:
+        """Start work without live images, for it needs their cores; they go on when it has ended.
+
+        They are ended beside the window, which never waits.
+
+        Parameters
+        ----------
+        step
+            Id of the step whose work it is, for which a failure is noted.
+        work
+            Runs in a thread of its own.
+        done
+            Called with the result of the work, in the window's thread.
+        """
+        live = self.live
+
+        def run(context: Context) -> _Found:
+            if live is not None:
+                live.stop()
+            return work(context)
+
+        def succeeded(found: _Found) -> None:
+            self._resume_live()
+            done(found)
+
+        def failed(error: BaseException) -> None:
+            self._resume_live()
+            self.main.failed(step)(error)
+
+        def cancelled() -> None:
+            self._resume_live()
+            self.main.tell("info", translate("Calibrate", "Cancelled. What was captured is kept."))
+
+        return self.runner.start(step, run, succeeded, failed, cancelled)
+
+    def _resume_live(self) -> None:
+        if self.live is not None:
+            self.live.start(self.live_hz)
+
+    # --- simulated and recorded ones ---------------------------------------------------------------------------------
+
+    @property
+    def staged(self) -> "Staged | None":
+        """The simulated or recorded source, which shows what it is asked for; None for real cameras."""
+        if self.connection is None:
+            return None
+        from spherecal.cameras.in_process import Staged  # the window starts without the cameras' modules
+
+        source = self.connection.source
+        return source if isinstance(source, Staged) else None
+
+    @property
+    def staged_poses(self) -> tuple[str, ...]:
+        """What a simulated or recorded source can show; empty for real cameras."""
+        source = self.staged
+        return source.poses if source is not None else ()
+
+
+def masks_of(project: Project, camera: str) -> tuple[Rectangle, ...]:
+    """The parts of a camera's image in which nothing is a target: left, top, width and height in px.
+
+    Parameters
+    ----------
+    project
+        Whose masks are meant.
+    camera
+        Its name.
+    """
+    return tuple(rectangle for name, rectangle in project.masks if name == camera)

@@ -1,0 +1,106 @@
+"""Checking the calibration in use, and repairing it."""
+
+from typing import TYPE_CHECKING
+
+from PySide6.QtCore import QCoreApplication
+
+from spherecal.base.context import Context
+from spherecal_gui import project as changes
+from spherecal_gui.controllers.camera_controller import CameraController
+from spherecal_gui.controllers.controller_part import ControllerPart
+from spherecal_gui.controllers.project_controller import ProjectController
+from spherecal_gui.project import Project
+from spherecal_gui.tasks import jobs
+from spherecal_gui.texts import verdict_word
+
+if TYPE_CHECKING:  # checks need scipy, for which the window does not wait
+    from spherecal.uses.check import Check
+    from spherecal_gui.tasks.kept_check import CheckSummary
+
+translate = QCoreApplication.translate
+
+
+class CheckController(ControllerPart):
+    """The check of the open project: what it `found`, and what it finds `after` a repair."""
+
+    def __init__(self, main: ProjectController, cameras: CameraController) -> None:
+        super().__init__(main)
+        self._cameras = cameras
+        self.found: Check | CheckSummary | None = None
+        self.after: Check | None = None  # the same check with the repaired rig
+
+    def load(self, project: Project) -> None:
+        """Take up the check that is kept with a project."""
+        from spherecal_gui.tasks.kept_check import read_kept_check  # needs scipy
+
+        if project.checked is not None:
+            kept = read_kept_check(project.folder)
+            self.found = kept if kept is not None and kept.verdict == project.checked.verdict else None
+
+    def close(self) -> None:
+        """Forget the check; it is on disk already."""
+        self.found, self.after = None, None
+
+    def check(self) -> bool:
+        """Compare what was taken with the calibration in use."""
+        project, profile = self.project, self.main.profile_folder
+        if project is None or profile is None or self.runner.running:
+            return False
+        self.main.update(changes.without_failure(project, "check"))
+
+        def work(context: Context) -> "Check":
+            return jobs.check(project.folder, profile, project.folder / "check.json", context)
+
+        return self._cameras.start_alone("check", work, self._checked)
+
+    def _checked(self, found: "Check") -> None:
+        self.found, self.after = found, None
+        if self.project is not None:
+            self.main.update(changes.with_check(self.project, found.verdict))
+        self.main.result_changed.emit()
+        text = translate("Check", "The check is finished: {verdict}.").format(verdict=verdict_word(found.verdict))
+        self.main.tell("good" if found.verdict == "ok" else "bad", text)
+
+    def repair_cameras(self) -> bool:
+        """Calibrate the cameras anew that a check found moved, all others as they are."""
+        project, profile, found = self.project, self.main.profile_folder, self.found
+        if project is None or profile is None or found is None or not found.to_repair or self.runner.running:
+            return False
+        self.main.update(changes.without_failure(project, "check"))
+
+        def work(context: Context) -> "tuple[changes.Verdict, Check]":
+            return jobs.repair(project.folder, profile, found.to_repair, project.repair_folder, context)
+
+        return self._cameras.start_alone("check", work, self._repaired)
+
+    def _repaired(self, done: "tuple[changes.Verdict, Check]") -> None:
+        verdict, self.after = done
+        if self.project is not None:
+            self.main.update(changes.with_repaired(self.project, verdict))
+        self.main.result_changed.emit()
+        text = translate("Check", "The repair is finished: {verdict}.").format(verdict=verdict_word(verdict))
+        self.main.tell("good" if verdict == "valid" else "bad", text)
+
+    def use_repair(self) -> bool:
+        """Put the repaired calibration to use: into the profile, where the one before it stays."""
+        project, profile = self.project, self.main.profile_folder
+        if project is None or profile is None or project.repaired is None:
+            return False
+
+        def done(number: str) -> None:
+            if self.project is not None:
+                self.main.update(changes.with_repair_in_use(self.project))
+            text = translate("Check", "The repaired calibration is in use, as number {number}.")
+            self.main.tell("good", text.format(number=number))
+
+        note = translate("Check", "repaired after a check: {cameras}").format(cameras=", ".join(self.repaired_names))
+
+        def work(context: Context) -> str:
+            return jobs.save_profile(project.repair_folder, project.folder, profile, True, note, context)
+
+        return self.runner.start("check", work, done, self.main.failed("check"))
+
+    @property
+    def repaired_names(self) -> tuple[str, ...]:
+        """The cameras that the check found moved."""
+        return tuple(self.found.to_repair) if self.found is not None else ()

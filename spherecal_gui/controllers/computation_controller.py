@@ -1,0 +1,168 @@
+"""Calibrating and verifying, and the results; cancelled at any moment; what was taken stays."""
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from PySide6.QtCore import QCoreApplication
+
+from spherecal.base.context import Context
+from spherecal_gui import project as changes
+from spherecal_gui.controllers.bar_controller import BarController
+from spherecal_gui.controllers.camera_controller import CameraController
+from spherecal_gui.controllers.controller_part import ControllerPart
+from spherecal_gui.controllers.project_controller import ProjectController
+from spherecal_gui.project import Project
+from spherecal_gui.project_folder import profile_of
+from spherecal_gui.tasks import jobs
+from spherecal_gui.tasks.outcome import Outcome, read_outcome
+from spherecal_gui.texts import verdict_word
+
+if TYPE_CHECKING:  # results need scipy, for which the window does not wait
+    from spherecal_gui.presenters.calibrate import CourseOfWork
+
+translate = QCoreApplication.translate
+
+
+class ComputationController(ControllerPart):
+    """The computations of the open project, and the result that is read after it was opened."""
+
+    def __init__(self, main: ProjectController, cameras: CameraController, bars: BarController) -> None:
+        super().__init__(main)
+        self._cameras, self._bars = cameras, bars
+        self.course: CourseOfWork | None = None  # of the last calibration, for a window made anew
+        self.seen_bars = jobs.ObservedBars()
+        self._reference_of: tuple[Path | None, str | None] = (None, None)  # the project that it was looked up for
+        cameras.connected.connect(self._read_result)
+
+    def close(self) -> None:
+        """Forget what was computed; all is on disk already."""
+        self.course = None
+        self.seen_bars, self._reference_of = jobs.ObservedBars(), (None, None)
+
+    def _read_result(self) -> None:
+        """The result on disk, after a project was opened."""
+        project = self.project
+        if project is None or project.calibrated is None or self.main.outcome is not None or self.runner.running:
+            return
+
+        self.runner.start("results", self._reading(project), self._result_read, self.main.failed("results"))
+
+    def _reading(self, project: Project) -> Callable[[Context], Outcome]:
+        """Read the project's result, and compare it with the calibration in use."""
+        profile, connection = profile_of(project), self._cameras.connection
+        bars = connection.plan.bars if connection is not None else ()
+        return lambda context: read_outcome(project.result_folder, project.folder, profile, bars, context)
+
+    def _result_read(self, outcome: Outcome) -> None:
+        self.main.outcome = outcome
+        self._bars.take_over_plan()
+        self.main.result_changed.emit()
+
+    def calibrate(self) -> bool:
+        """Start the calibration."""
+        project = self.project
+        if project is None or self.runner.running:
+            return False
+        self.main.update(changes.without_failure(project, "calibrate"))
+        read = self._reading(project)
+        reference = self.kept_reference()
+
+        def work(context: Context) -> tuple[changes.Verdict, Outcome]:
+            repairs = project.repairs_now
+            verdict = jobs.calibrate(project.folder, project.result_folder, repairs, context, reference)
+            return verdict, read(context)
+
+        return self._cameras.start_alone("calibrate", work, self._calibrated)
+
+    def _calibrated(self, found: tuple[changes.Verdict, Outcome]) -> None:
+        verdict, self.main.outcome = found
+        if self.project is not None:
+            self.main.update(changes.with_calibration(self.project, verdict))
+        self._bars.take_over_plan()
+        self.main.result_changed.emit()
+        kind = {"valid": "good", "use with care": "info"}.get(verdict, "bad")
+        text = translate("Calibrate", "The calibration is finished: {verdict}.").format(verdict=verdict_word(verdict))
+        self.main.tell(kind, text)
+        self._warn_of_frame()  # the last word, which the window keeps on the screen
+
+    def kept_reference(self) -> str | None:
+        """The camera whose frame was the world so far; it stays so, that coordinates of two days can be compared."""
+        project = self.project
+        if project is None:
+            return None
+        if project.folder != self._reference_of[0]:
+            self._reference_of = (project.folder, jobs.kept_reference(profile_of(project), project.result_folder))
+        return self._reference_of[1]
+
+    def _warn_of_frame(self) -> None:
+        """Say so where the world is another camera's frame than before."""
+        wanted, result = self._reference_of[1], self.main.result
+        if wanted is None or result is None or result.rig.reference_camera in (None, wanted):
+            return
+        text = translate("Calibrate", "The frame has changed: it was that of {before}, now it is that of {now}.")
+        hint = translate("Calibrate", "{before} could not be placed. Coordinates of before do not fit these.")
+        names = {"before": wanted, "now": result.rig.reference_camera}
+        self.main.tell("info", text.format(**names), hint.format(**names))
+
+    def stop_here(self) -> None:
+        """Ask the calibration to end with what there is so far."""
+        self.runner.stop_here()
+        self.main.changed.emit()
+
+    def repair(self, option: str, value: str) -> None:
+        """Ask for a repair at the next calibration; no image on disk is touched by it.
+
+        Parameters
+        ----------
+        option
+            Of the command line: `--leave-out`, `--split` or `--swap`.
+        value
+            What it is asked for, such as C05@P3.
+        """
+        if self.project is not None and self.runner.running is None:
+            self.main.update(changes.with_repair(self.project, option, value))
+            self.main.result_changed.emit()
+
+    def take_back(self, option: str, value: str) -> None:
+        """No longer ask for a repair.
+
+        Parameters
+        ----------
+        option, value
+            As for `repair`.
+        """
+        if self.project is not None and self.runner.running is None:
+            self.main.update(changes.without_repair(self.project, option, value))
+            self.main.result_changed.emit()
+
+    def accept_results(self) -> None:
+        """The results were looked at."""
+        if self.project is not None:
+            self.main.update(changes.with_accepted(self.project))
+
+    def verify(self) -> bool:
+        """Measure the check bars in the poses taken."""
+        project = self.project
+        if project is None or self.runner.running:
+            return False
+        self.main.update(changes.without_failure(project, "verify"))
+        read = self._reading(project)
+
+        def work(context: Context) -> tuple[changes.Verdict, Outcome]:
+            verdict = jobs.verify(
+                project.verification_folder, project.result_folder, project.limit, context, self.seen_bars
+            )
+            jobs.keep_if_in_use(profile_of(project), project.result_folder, verdict)
+            return verdict, read(context)
+
+        return self._cameras.start_alone("verify", work, self._verified)
+
+    def _verified(self, found: tuple[changes.Verdict, Outcome]) -> None:
+        verdict, self.main.outcome = found
+        if self.project is not None:
+            self.main.update(changes.with_verification(self.project, verdict))
+        self.main.result_changed.emit()
+        text = translate("Verify", "The verification is finished: {verdict}.").format(verdict=verdict_word(verdict))
+        open_ones = ("undecided", "no data")  # no alarm: the page and the rail are amber
+        self.main.tell("good" if verdict in changes.VERIFIED else "info" if verdict in open_ones else "bad", text)

@@ -1,0 +1,114 @@
+"""What all parts of the controller build on: the open project and its result, the running work, the messages."""
+
+import logging
+from collections.abc import Callable
+from datetime import datetime
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from PySide6.QtCore import QCoreApplication, QObject, Signal
+
+from spherecal.base.errors import SpherecalError
+from spherecal_gui import project as changes
+from spherecal_gui.project import Project
+from spherecal_gui.project_folder import profile_of, save_project
+from spherecal_gui.tasks.outcome import Outcome
+from spherecal_gui.tasks.task import Runner
+from spherecal_gui.texts import error_text
+
+if TYPE_CHECKING:  # results need scipy, for which the window does not wait
+    from spherecal.report.result_folder import Result
+
+log = logging.getLogger("spherecal.gui")
+translate = QCoreApplication.translate
+
+
+class ProjectController(QObject):
+    """The open project and the one piece of work that runs; every change is on disk before it is shown.
+
+    `changed` when the workflow's state may be another, `said` (kind, what, what to do) when people should know.
+    `logged` for the log pane, `result_changed` when there is another result.
+    """
+
+    changed = Signal()
+    said = Signal(str, str, str)
+    logged = Signal(str)
+    result_changed = Signal()
+
+    def __init__(self, parent: QObject | None = None) -> None:
+        super().__init__(parent)
+        self.runner = Runner(self)
+        self.runner.started.connect(self._work_started)
+        self.runner.ended.connect(self._work_ended)
+        self.project: Project | None = None
+        self.outcome: Outcome | None = None
+
+    @property
+    def result(self) -> "Result | None":
+        """The result that is shown; None where there is none."""
+        return self.outcome.result if self.outcome is not None else None
+
+    @property
+    def profile_folder(self) -> Path | None:
+        """The profile of the rig that the project calibrates, beside the projects."""
+        return profile_of(self.project) if self.project is not None else None
+
+    def update(self, project: Project) -> None:
+        """Take over a changed project: on disk first. Where the disk refuses it is said, and the next change tries."""
+        self.attempt(lambda: save_project(project))
+        self.project = project
+        self.changed.emit()
+
+    def attempt(self, act: Callable[[], object]) -> bool:
+        """Do something that the disk may refuse; whether it was done. The window says what is in the way."""
+        try:
+            act()
+        except (SpherecalError, OSError) as error:
+            self.tell("bad", *error_text(error))
+            return False
+        return True
+
+    def cancel(self) -> None:
+        """Ask the running work to stop."""
+        self.runner.cancel()
+        self.changed.emit()
+
+    def _work_started(self, name: str) -> None:
+        self.note(translate("Log", "{step}: started").format(step=name))
+        self.changed.emit()
+
+    def _work_ended(self, name: str) -> None:
+        self.note(translate("Log", "{step}: ended").format(step=name))
+        self.changed.emit()
+
+    def note(self, text: str) -> None:
+        """A line for the log pane and the log file."""
+        log.info("%s", text)
+        self.logged.emit(f"{datetime.now():%H:%M:%S}  {text}")
+
+    def tell(self, kind: str, text: str, hint: str = "") -> None:
+        """Say something that people should know.
+
+        Parameters
+        ----------
+        kind
+            `good`, `bad` or `info`.
+        text
+            What it is.
+        hint
+            What to do about it; empty for nothing.
+        """
+        self.note(f"{text} {hint}".strip())
+        self.said.emit(kind, text, hint)
+
+    def failed(self, step: str) -> Callable[[BaseException], None]:
+        """What to call with the error when work for this step fails: it is noted with the step, and said."""
+
+        def tell(error: BaseException) -> None:
+            text, hint = error_text(error)
+            log.error("%s", text, exc_info=error)
+            if self.project is not None:
+                self.update(changes.with_failure(self.project, step, f"{text} {hint}".strip()))
+            self.tell("bad", text, hint)
+
+        return tell

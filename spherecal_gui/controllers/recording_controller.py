@@ -1,0 +1,243 @@
+"""What was recorded: the bench confirmed, the two session folders, the dots of every set, the masks."""
+
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from PySide6.QtCore import QCoreApplication
+
+from spherecal.base.context import Context
+from spherecal_gui import project as changes
+from spherecal_gui.controllers.camera_controller import CameraController, masks_of
+from spherecal_gui.controllers.controller_part import ControllerPart
+from spherecal_gui.controllers.project_controller import ProjectController
+from spherecal_gui.presenters.coverage import Dots, unmasked
+from spherecal_gui.project import Project, Rectangle
+from spherecal_gui.project_folder import taken_in
+from spherecal_gui.tasks import jobs
+from spherecal_gui.tasks.dot_store import DotStore
+
+if TYPE_CHECKING:  # cameras and detection need scipy and numba, for which the window does not wait
+    from spherecal.cameras.capture import SessionCamera
+    from spherecal_gui.recorded import RecordedSession
+    from spherecal_gui.tasks.live import Connection
+
+translate = QCoreApplication.translate
+
+
+class RecordingController(ControllerPart):
+    """The session folders of the open project: `session` of the calibration, `check_session` of the check bars."""
+
+    def __init__(self, main: ProjectController, cameras: CameraController) -> None:
+        super().__init__(main)
+        self._cameras = cameras
+        self.session: RecordedSession | None = None
+        self.check_session: RecordedSession | None = None
+        self._store: DotStore | None = None
+        self._found: dict[str, Mapping[str, Dots]] = {}  # before masks
+        self._clear: dict[str, tuple[object, object, Mapping[str, Dots]]] = {}
+        cameras.connected.connect(self._take_up)
+
+    def load(self, project: Project) -> None:
+        """Take up the dots that are kept with a project."""
+        self._store = DotStore(project.folder)
+        loaded = {name: self._store.load(name, at) for name, at in project.taken.items()}
+        self._found = {name: dots for name, dots in loaded.items() if dots is not None}
+
+    def close(self) -> None:
+        """Forget what was recorded; all is on disk already."""
+        self.session, self.check_session, self._store = None, None, None
+        self._found, self._clear = {}, {}
+
+    # --- session folders ---------------------------------------------------------------------------------------------
+
+    def confirm_bench(self) -> None:
+        """Somebody has looked: what the page says is what is on the bench."""
+        connection = self._cameras.connection
+        if self.project is None or connection is None:
+            return
+        artefacts = jobs.artefacts_of(connection.plan)
+        if artefacts is None:
+            text = translate("Connect", "It is not known which targets are on the ball.")
+            self.main.tell("bad", text, translate("Connect", "Choose the file that describes the bench."))
+            return
+        self.main.update(changes.with_artefacts(self.project, artefacts))
+        self._open_folders()
+
+    def _take_up(self) -> None:
+        """The cameras are connected: go on with the folders of a bench that was confirmed before."""
+        if self.project is not None and self.project.artefacts is not None:
+            self._open_folders()
+
+    def _open_folders(self) -> None:
+        """Make or take up the two session folders: of the calibration, and of the check bars."""
+        from spherecal_gui.recorded import RecordedSession  # needs scipy and numba
+
+        project, connection = self.project, self._cameras.connection
+        if project is None or connection is None:
+            return
+        try:
+            plan = jobs.calibration_plan(connection.plan, project.sets)
+            cameras = _masked_cameras(project, connection)
+            self.session = RecordedSession(project.folder, plan, cameras, connection.source)
+            self.session.start()
+            if project.check_poses:
+                self._open_checks(project, connection)
+            if (taken := taken_in(project.folder)) != project.taken:  # a set whose retaking was cut short is back
+                self.main.update(replace(self.project or project, taken=taken))
+            self.find_lost_dots()
+        except Exception as error:
+            self.session = self.check_session = None
+            self.main.failed("connect")(error)
+        self.main.changed.emit()
+
+    def _open_checks(self, project: Project, connection: "Connection") -> None:
+        """Make or take up the session folder of the check bars."""
+        from spherecal_gui.recorded import RecordedSession  # needs scipy and numba
+
+        plan = jobs.calibration_plan(connection.plan, project.check_poses, dict(project.pose_bars))
+        cameras = _masked_cameras(project, connection)
+        self.check_session = RecordedSession(project.verification_folder, plan, cameras, connection.source)
+        self.check_session.start()
+
+    def plan_checks(self, project: Project) -> None:
+        """Have the check bars' folder take the poses that a changed project has."""
+        connection = self._cameras.connection
+        if connection is not None and self.check_session is not None:
+            planned = jobs.calibration_plan(connection.plan, project.check_poses, dict(project.pose_bars))
+            self.check_session.plan_instead(planned.sets)
+        elif connection is not None and self.session is not None:
+            self.main.attempt(lambda: self._open_checks(project, connection))
+
+    def folder_of(self, set_id: str) -> "RecordedSession | None":
+        """The session folder that a set is in: of the check bars, or of the calibration."""
+        checks = self.project.check_poses if self.project is not None else ()
+        return self.check_session if set_id in checks else self.session
+
+    def image_path(self, set_id: str, camera: str) -> Path | None:
+        """The image that a camera took of a set; None where it took none.
+
+        Parameters
+        ----------
+        set_id
+            A placement or a pose of a bar.
+        camera
+            Its name.
+        """
+        folder = self.folder_of(set_id)
+        return folder.images(set_id).get(camera) if folder is not None else None
+
+    # --- dots --------------------------------------------------------------------------------------------------------
+
+    @property
+    def dots(self) -> dict[str, Mapping[str, Dots]]:
+        """The dots of every set taken, by camera, without those that lie in masks."""
+        masks = self.project.masks if self.project is not None else ()
+        for name, found in self._found.items():
+            known = self._clear.get(name)
+            if known is None or known[0] is not found or known[1] != masks:
+                project = self.project
+                assert project is not None
+                clear = {camera: unmasked(one, masks_of(project, camera)) for camera, one in found.items()}
+                self._clear[name] = (found, masks, clear)
+        return {name: self._clear[name][2] for name in self._found}
+
+    def keep_dots(self, set_id: str, at: str, dots: Mapping[str, Dots]) -> None:
+        """Keep what was found in a set, on disk as well.
+
+        Parameters
+        ----------
+        set_id
+            A placement or a pose of a bar.
+        at
+            The moment at which it was taken.
+        dots
+            Its dots by camera, before masks.
+        """
+        if self._store is not None:
+            self._store.save(set_id, at, dots)
+            self._found[set_id] = dots
+
+    def drop_dots(self, set_id: str) -> None:
+        """Forget the dots of a set that was put aside."""
+        self._found.pop(set_id, None)
+
+    def restore_dots(self, set_id: str) -> None:
+        """Take up the dots of a set that was brought back; where the store has them no more, detect them again."""
+        assert self.project is not None
+        loaded = self._store.load(set_id, self.project.taken[set_id]) if self._store else None
+        self._found.pop(set_id, None)
+        if loaded is not None:
+            self._found[set_id] = loaded
+        else:
+            self.find_lost_dots()
+
+    def find_lost_dots(self) -> None:
+        """Detect again what the store does not have; counters are as they were."""
+        project, connection = self.project, self._cameras.connection
+        if project is None or connection is None:
+            return
+        lost = {name: self.folder_of(name) for name in project.taken if name not in self._found}
+        images = {name: folder.images(name) for name, folder in lost.items() if folder is not None}
+        plan = connection.plan
+        if not images or jobs.artefacts_of(plan) is None:
+            return
+
+        def work(context: Context) -> dict[str, Mapping[str, Dots]]:
+            return {name: jobs.dots_of_images(paths, plan, context) for name, paths in images.items()}
+
+        self.runner.start("connect", work, self._dots_found, self.main.failed("connect"))
+
+    def _dots_found(self, found: dict[str, Mapping[str, Dots]]) -> None:
+        self._found |= found
+        if self.project is not None and self._store is not None:
+            for name, dots in found.items():
+                self._store.save(name, self.project.taken.get(name, ""), dots)
+        self.main.changed.emit()
+
+    # --- masks -------------------------------------------------------------------------------------------------------
+
+    def mask(self, serial: str, rectangle: Rectangle) -> None:
+        """Nothing in this part of a camera's image is a target from now on, in what was taken as well.
+
+        Parameters
+        ----------
+        serial
+            Which camera.
+        rectangle
+            Left, top, width and height in px.
+        """
+        connection = self._cameras.connection
+        if self.project is not None and connection is not None:
+            self._with_masks(changes.with_mask(self.project, connection.names[serial], rectangle))
+
+    def undo_mask(self) -> None:
+        """Take the mask back that was drawn last."""
+        if self.project is not None:
+            self._with_masks(changes.without_last_mask(self.project))
+
+    def clear_masks(self) -> None:
+        """Take all masks back."""
+        if self.project is not None:
+            self._with_masks(changes.without_masks(self.project))
+
+    def _with_masks(self, project: Project) -> None:
+        """On disk first: wizard.json, then the two session folders that calibration and verification read."""
+        self.main.update(project)
+        self._cameras.apply_masks(project)
+        connection = self._cameras.connection
+        for folder in (self.session, self.check_session):
+            if folder is not None and connection is not None:
+                self.main.attempt(lambda folder=folder: folder.set_cameras(_masked_cameras(project, connection)))
+        self.main.changed.emit()
+
+
+def _masked_cameras(project: Project, connection: "Connection") -> "tuple[SessionCamera, ...]":
+    """The cameras as session.json has them, with their masks."""
+    cameras = []
+    for camera in connection.cameras:
+        entry = {key: value for key, value in camera.entry.items() if key != "ignore"}
+        masks = [list(one) for one in masks_of(project, camera.id)]
+        cameras.append(replace(camera, entry={**entry, "ignore": masks} if masks else entry))
+    return tuple(cameras)

@@ -1,0 +1,136 @@
+"""Placements and bar poses: taken, taken again, deleted, brought back."""
+
+from dataclasses import replace
+
+from PySide6.QtCore import QCoreApplication
+
+from spherecal.base.context import Context
+from spherecal_gui import project as changes
+from spherecal_gui.controllers.camera_controller import CameraController
+from spherecal_gui.controllers.controller_part import ControllerPart
+from spherecal_gui.controllers.project_controller import ProjectController
+from spherecal_gui.controllers.recording_controller import RecordingController
+from spherecal_gui.project_folder import taken_in
+from spherecal_gui.tasks import jobs
+from spherecal_gui.tasks.task import BackgroundTask
+
+translate = QCoreApplication.translate
+
+
+class SetController(ControllerPart):
+    """What is done with placements and poses."""
+
+    def __init__(self, main: ProjectController, cameras: CameraController, recording: RecordingController) -> None:
+        super().__init__(main)
+        self._cameras, self._recording = cameras, recording
+        self._taking: tuple[str, BackgroundTask | None] = ("", None)
+
+    @property
+    def taking(self) -> str | None:
+        """The set whose images are being taken; None where none is."""
+        set_id, task = self._taking
+        return set_id if task is not None and task is self.runner.task else None
+
+    def take(self, set_id: str, step: str) -> bool:
+        """Take a set, or take it again; False where that is not possible now.
+
+        Parameters
+        ----------
+        set_id
+            A placement or a pose of a bar.
+        step
+            Id of the step that takes it, for which a failure is noted.
+        """
+        folder = self._recording.folder_of(set_id)
+        if self._cameras.connection is None or folder is None or self.project is None:
+            return False
+        self.main.update(changes.without_failure(self.project, step))
+        connection, real = self._cameras.connection, not self._cameras.staged_poses
+        warm = self.project.bar_celsius if set_id in self.project.check_poses else None
+
+        def work(context: Context) -> jobs.Taken:
+            taken = jobs.take_set(connection, set_id, context, real)
+            context.report("writing the images", 0.9, set_id)
+            if warm is not None:
+                folder.plan_anew(set_id, warm)
+            folder.add(folder.planned(set_id), taken.frames, taken.stillness)
+            return taken
+
+        begun = self.runner.start(step, work, self._set_taken, self.main.failed(step))
+        if begun:
+            self._taking = (set_id, self.runner.task)
+        return begun
+
+    def _set_taken(self, taken: jobs.Taken) -> None:
+        folder, connection = self._recording.folder_of(taken.set_id), self._cameras.connection
+        if self.project is None or folder is None or connection is None:
+            return
+        at = folder.taken_at(taken.set_id)
+        self._recording.keep_dots(taken.set_id, at, taken.dots)
+        names = connection.names
+        lacking = tuple(names[one.camera] for one in taken.frames.missing)
+        moving = tuple(names[serial] for serial, one in taken.stillness.items() if not one.still)
+        flaws: dict[changes.FlawCode, tuple[str, ...]] = {"taken without": lacking, "taken moving": moving}
+        self.main.update(changes.with_set(self.project, taken.set_id, at, flaws))
+        missing, moved = ", ".join(lacking), ", ".join(moving)
+        if missing:
+            text = translate("Placement", "{name} is captured, but without {cameras}.").format(
+                name=taken.set_id, cameras=missing
+            )
+            self.main.tell("bad", text, translate("Placement", "Check these cameras, then retake it."))
+        elif moved:
+            text = translate("Placement", "{name} is captured, but {cameras} saw it move.").format(
+                name=taken.set_id, cameras=moved
+            )
+            self.main.tell("bad", text, translate("Placement", "Let it come to rest, then retake it."))
+        else:
+            self.main.tell("good", translate("Placement", "{name} is captured.").format(name=taken.set_id))
+
+    def delete(self, set_id: str) -> None:
+        """Put a set aside."""
+        folder = self._recording.folder_of(set_id)
+        if folder is None or self.project is None or self.runner.running:
+            return
+        if not self.main.attempt(lambda: folder.remove(set_id)):
+            return
+        self._recording.drop_dots(set_id)
+        self.main.update(changes.without_set(self.project, set_id))
+
+    @property
+    def can_undo(self) -> str | None:
+        """The set that `undo` would bring back."""
+        session = self._recording.session
+        return session.can_undo if session is not None else None
+
+    def undo(self) -> None:
+        """Bring back the set that was deleted or replaced last."""
+        session = self._recording.session
+        if session is None or self.project is None or self.runner.running:
+            return
+        brought: list[str | None] = []
+        if not self.main.attempt(lambda: brought.append(session.undo())) or brought[0] is None:
+            return
+        set_id = brought[0]
+        self.main.update(replace(self.project, taken=taken_in(self.project.folder)))
+        self._recording.restore_dots(set_id)
+
+    def add_placement(self) -> None:
+        """Plan one more placement and go there."""
+        from spherecal.cameras.plan import PlannedSet  # needs scipy
+
+        session = self._recording.session
+        if self.project is None or session is None:
+            return
+        project = changes.with_another_placement(self.project)
+        session.plan_more(PlannedSet(project.placements[-1]))
+        self.main.update(replace(project, step=f"placement:{project.placements[-1]}"))
+
+    def drop_placement(self, set_id: str) -> None:
+        """Do without a planned placement that was not taken."""
+        if self.project is not None:
+            self.main.update(changes.without_placement(self.project, set_id))
+
+    def keep(self, set_id: str) -> None:
+        """Keep a set as it was taken, with what is wrong with it."""
+        if self.project is not None:
+            self.main.update(changes.with_kept(self.project, set_id))

@@ -1,0 +1,85 @@
+"""A simulated or recorded rig shows poses: there nobody moves ball and bars by hand."""
+
+from typing import TYPE_CHECKING, Protocol, runtime_checkable
+
+from spherecal_gui.controllers.advice_controller import AdviceController
+from spherecal_gui.controllers.bar_controller import BarController
+from spherecal_gui.controllers.camera_controller import CameraController
+from spherecal_gui.controllers.controller_part import ControllerPart
+from spherecal_gui.controllers.project_controller import ProjectController
+from spherecal_gui.tasks.guided_bar import lay_bar
+
+if TYPE_CHECKING:  # the simulator needs scipy, for which the window does not wait
+    from spherecal.cameras.simulated.stage import Stage
+
+
+@runtime_checkable
+class Movable(Protocol):
+    """A source whose ball and bars the program can move: a simulated rig."""
+
+    @property
+    def stage(self) -> "Stage":
+        """Where ball and bars are."""
+        ...
+
+
+class StagingController(ControllerPart):
+    """What a simulated or recorded rig is asked to show."""
+
+    def __init__(
+        self, main: ProjectController, cameras: CameraController, advice: AdviceController, bars: BarController
+    ) -> None:
+        super().__init__(main)
+        self._cameras, self._advice, self._bars = cameras, advice, bars
+
+    def can_show(self, pose: str) -> bool:
+        """Whether it can show a bar's pose: one of its own, or one that the plan describes."""
+        poses = self._cameras.staged_poses
+        return pose in poses or (bool(poses) and self._bars.planned_pose(pose) is not None)
+
+    def show_pose(self, pose: str) -> None:
+        """Show a pose; a guided one is laid as the plan asks."""
+        planned, connection, result = self._bars.planned_pose(pose), self._cameras.connection, self.main.result
+        source = connection.source if connection is not None else None
+        if planned is None or result is None or not isinstance(source, Movable):
+            self._show_own(pose)
+            return
+        lay_bar(source.stage, result.rig, planned, self._bars.bar(planned.bar))
+        self._forget_sights()
+
+    def _show_own(self, pose: str) -> None:
+        """Show a pose that the rig was simulated or recorded with."""
+        source, poses = self._cameras.staged, self._cameras.staged_poses
+        if source is None or not poses:
+            return
+        if pose in poses:
+            if source.shown != pose:
+                source.show(pose)
+        elif isinstance(source, Movable):  # one more placement than the rig was simulated with
+            placed = [one for one in poses if one in source.stage.truth.placements]
+            number = int(pose[1:]) if pose[1:].isdecimal() else 1
+            source.show(placed[number % len(placed)])
+            source.stage.move((40.0, -30.0, 60.0), (25.0, 40.0, 0.0))
+        self._forget_sights()
+
+    @property
+    def can_put_there(self) -> bool:
+        """Whether a simulated rig can have its ball where the ghost is."""
+        connection, guidance = self._cameras.connection, self._advice.guidance
+        source = connection.source if connection is not None else None
+        return guidance is not None and guidance.ghost is not None and isinstance(source, Movable)
+
+    def put_there(self) -> None:
+        """Have a simulated rig move its ball to the ghost, as somebody would do by hand."""
+        from spherecal_gui.tasks.ghost import stage_ball  # needs scipy
+
+        connection, guidance = self._cameras.connection, self._advice.guidance
+        source = connection.source if connection is not None else None
+        ghost = guidance.ghost if guidance is not None else None
+        if isinstance(source, Movable) and ghost is not None and self._cameras.live is not None:
+            stage_ball(source.stage, ghost, self._advice.lying)
+            self._forget_sights()
+
+    def _forget_sights(self) -> None:
+        if self._cameras.live is not None:
+            self._cameras.live.forget()

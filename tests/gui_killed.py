@@ -6,6 +6,7 @@ import signal
 from collections.abc import Callable, Mapping
 from pathlib import Path
 
+import pytest
 from PySide6.QtCore import QCoreApplication
 
 from spherecal_gui.controllers.controller import Controller
@@ -64,11 +65,10 @@ def killed_while_taking(home: str, where: str) -> None:
     """Killed while P2 is taken: `before the images` are written, `before the metadata` are, or `after all`."""
     made = begun(Path(home))
     take(made, "P1")
-    if where == "before the images":
-        from spherecal.cameras import capture
-
-        capture.png = die
-    elif where == "before the metadata":
-        setattr(RecordedSession, "_write_metadata", die)  # noqa: B010
-    take(made, "P2")
-    die()
+    with pytest.MonkeyPatch.context() as patch:
+        if where == "before the images":
+            patch.setattr("spherecal.cameras.capture.png", die)
+        elif where == "before the metadata":
+            patch.setattr(RecordedSession, "_write_metadata", die)
+        take(made, "P2")
+        die()

@@ -249,6 +249,12 @@ def test_a_plan_is_checked_before_anything_is_captured(tmp_path):
 # --- the simulated rig -----------------------------------------------------------------------------------------------
 
 
+def test_another_rig_has_another_ball():
+    """The dots of the ball of late are kept."""
+    dots = [Stage("demo", seed)._ball_dots for seed in (1, 2, 1)]
+    assert np.array_equal(dots[0].places, dots[2].places) and not np.array_equal(dots[0].places, dots[1].places)
+
+
 def test_drawn_dots_are_where_the_simulated_rig_has_them(stage):
     stage.show("P1")
     with SimulatedSource(stage=stage) as source:

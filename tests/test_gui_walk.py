@@ -315,12 +315,14 @@ def test_a_lost_camera_is_named_on_the_page(walk):
     source, page = walk.controller.cameras.connection.source, walk.window.page
     source.inject(SimulatedFault("lose", "C02"))
     pump(lambda: "C02" in page.scene().lost, 60)
+    assert walk.statuses()["connect"] is Status.FAILED, "the state is that of now, though the project is the same"
     walk.controller.go("look")
     pump(lambda: "C02" in walk.window.page.summary.text(), 60)
     tile = walk.window.page.wall.tiles["SIM-C02"]
     assert tile.state.level == "bad"
     source.heal("C02")
     pump(lambda: "C02" not in walk.window.page.summary.text(), 60)
+    assert walk.statuses()["connect"] is Status.DONE
 
 
 def test_a_set_without_a_camera_is_taken_and_said(walk):

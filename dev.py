@@ -250,7 +250,7 @@ def ensure_system_libraries() -> None:
 
 
 def wanted_stamp() -> str:
-    """What the environment was made from and for; another answer means to make it anew."""
+    """What the environment was made from and for; another answer means to make it again."""
     import tomllib  # not there before Python 3.11
 
     project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
@@ -380,7 +380,7 @@ def updated_in_place(whole: bool) -> bool:
     try:
         start, lines = time.monotonic(), install_packages(whole)
     except SetupError as error:
-        say(f"{VENV.name} could not be brought up to date as it is; it is made anew.\n{error}")
+        say(f"{VENV.name} could not be brought up to date as it is; it is made again.\n{error}")
         return False
     changed = next((line for line in reversed(lines) if line.startswith("Successfully installed")), "")
     say(f"The environment is ready: {time.monotonic() - start:.0f} s, {len(changed.split()[2:])} packages changed")
@@ -388,7 +388,7 @@ def updated_in_place(whole: bool) -> bool:
 
 
 def ensure_venv(whole: bool = True) -> None:
-    """Make .venv as the lock file says, if it is not so already: by its changes where possible, else anew.
+    """Make .venv as the lock file says, if it is not so already: by its changes where possible, else again.
 
     Not `whole`: at least what running the program takes.
     """
@@ -579,7 +579,7 @@ def studies(arguments: list[str]) -> int:
 
 
 def pictures(arguments: list[str]) -> int:
-    """The pictures of the README, made anew from the demo; `--wizard FOLDER`: of the wizard's pages instead."""
+    """The pictures of the README, made again from the demo; `--wizard FOLDER`: of the wizard's pages instead."""
     if arguments[:1] == ["--wizard"] and sys.platform.startswith("linux") and shutil.which("fc-list"):
         fonts = subprocess.run(["fc-list", ":lang=zh-cn"], capture_output=True, text=True, check=False).stdout
         if not fonts.strip() and not apt_install([CJK_FONTS]):
@@ -588,7 +588,7 @@ def pictures(arguments: list[str]) -> int:
 
 
 def docs(arguments: list[str]) -> int:
-    """The manual as a website for reading offline, `--strict`; `--pictures` takes its screenshots anew first."""
+    """The manual as a website for reading offline, `--strict`; `--pictures` takes its screenshots again first."""
     if "--pictures" in arguments:
         arguments = [argument for argument in arguments if argument != "--pictures"]
         if code := run([PYTHON, ROOT / "docs" / "make_guide_pictures.py"], tool_env()):

@@ -113,7 +113,7 @@ def main(arguments: list[str] | None = None) -> int:
 
 
 class Program(QObject):
-    """The one window, made anew in another language when somebody asks for it; the project goes on where it was."""
+    """The one window, made again in another language when somebody asks for it; the project goes on where it was."""
 
     def __init__(self, projects: Path | None = None, language: str | None = None) -> None:
         super().__init__()
@@ -147,7 +147,7 @@ class Program(QObject):
         self.window.save_bundle(trouble)
 
     def speak(self, language: str) -> None:
-        """Make the window anew in this language; not while work runs."""
+        """Make the window again in this language; not while work runs."""
         old = self.window
         if language == languages.now() or not old.may_close():
             return

@@ -42,7 +42,7 @@ class RecordedSession(SessionFolder):
         self._trash: list[tuple[str, str]] = []
 
     def start(self, take_up: bool = True) -> None:
-        """Make the folder or go on with it; what else stands in it (the wizard's own files) is no hindrance."""
+        """Make the folder or go on with it; what else is in it (the wizard's own files) is no hindrance."""
         if (self.folder / "capture.json").exists():
             super()._take_up()
             self._keep_told()

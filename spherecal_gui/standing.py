@@ -1,4 +1,4 @@
-"""How a page stands: one level and one sentence, the worst of all its parts, and the button that space presses.
+"""The state of a page: one level and one sentence, the worst of all its parts, and the button that space presses.
 
 Headline, rail, chip, counter and buttons are all drawn from one Standing, so that none of them can say something better
 than another. Pure: no Qt, no engine.
@@ -112,14 +112,14 @@ def _default(level: Level, button: Button | None, may_go_on: bool) -> Default:
 
 
 def status_shown(status: Status, level: Level) -> Status:
-    """How the rail draws the current step: its status, unless the page stands worse than that.
+    """How the rail draws the current step: its status, unless the state of the page is worse.
 
     Parameters
     ----------
     status
         The step's status.
     level
-        How its page stands.
+        State of its page.
     """
     if status in (Status.BLOCKED, Status.RUNNING) or not worse(level, level_of(status)):
         return status

@@ -44,7 +44,7 @@ class Reason:
 
 @dataclass(frozen=True)
 class StepState:
-    """A step and how it stands; `reason` is there for all but READY, RUNNING and DONE."""
+    """A step and its state; `reason` is there for all but READY, RUNNING and DONE."""
 
     step: Step
     status: Status

@@ -1,4 +1,4 @@
-"""Advice for the next placement, worked out beside everything else, and where the ball stands against it."""
+"""Advice for the next placement, worked out beside everything else, and where the ball is against it."""
 
 import time
 from collections.abc import Mapping
@@ -38,7 +38,7 @@ class AdviceController(ControllerPart):
         super().__init__(main)
         self._cameras, self._recording = cameras, recording
         self.planner, self.seer = Runner(self), Runner(self)
-        self.lying: Lying | None = None  # where the ball stands now
+        self.lying: Lying | None = None  # where the ball is now
         self.guidance: GuidanceView | None = None
         self._planned_for: tuple[tuple[str, str], ...] | None = None
         self._asked: tuple[tuple[str, str], ...] | None = None
@@ -106,7 +106,7 @@ class AdviceController(ControllerPart):
         return time.perf_counter() - task.began_s if task is not None else None
 
     def look_at_ball(self, sights: Mapping[str, "Sight"]) -> bool:
-        """Work out where the ball stands now against its ghost, beside the window; whether that was begun."""
+        """Work out where the ball is now against its ghost, beside the window; whether that was begun."""
         from spherecal_gui.tasks.ghost import lying_ball  # needs scipy
 
         guidance = self.guidance
@@ -148,7 +148,7 @@ class AdviceController(ControllerPart):
         self.guidance_changed.emit()
 
     def _not_planned(self, error: BaseException) -> None:
-        """Advice is a help, not a need: what went wrong stands in the log."""
+        """Advice is a help, not a need: what went wrong is in the log."""
         self.main.note(translate("Log", "no advice for the next placement: {why}").format(why=error))
         self._planned(None)
 

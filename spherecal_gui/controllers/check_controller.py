@@ -62,7 +62,7 @@ class CheckController(ControllerPart):
         self.main.tell("good" if found.verdict == "ok" else "bad", text)
 
     def repair_cameras(self) -> bool:
-        """Calibrate the cameras anew that a check found moved, all others as they are."""
+        """Calibrate the cameras again that a check found moved, all others as they are."""
         project, profile, found = self.project, self.main.profile_folder, self.found
         if project is None or profile is None or found is None or not found.to_repair or self.runner.running:
             return False

@@ -30,7 +30,7 @@ class ComputationController(ControllerPart):
     def __init__(self, main: ProjectController, cameras: CameraController, bars: BarController) -> None:
         super().__init__(main)
         self._cameras, self._bars = cameras, bars
-        self.course: CourseOfWork | None = None  # of the last calibration, for a window made anew
+        self.course: CourseOfWork | None = None  # of the last calibration, for a window made again
         self.seen_bars = jobs.ObservedBars()
         self._reference_of: tuple[Path | None, str | None] = (None, None)  # the project that it was looked up for
         cameras.connected.connect(self._read_result)

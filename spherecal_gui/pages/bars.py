@@ -36,7 +36,7 @@ class ScalePage(LivePage):
 
     @property
     def headline(self) -> QLabel:
-        """The label that says how the page stands."""
+        """The label with the state of the page."""
         return self.message
 
     def pose_ids(self) -> tuple[str, ...]:

@@ -80,11 +80,11 @@ class Page(QWidget):
     def act(self) -> None:
         """The large button was pressed."""
 
-    # --- how it stands -----------------------------------------------------------------------------------------------
+    # --- its state ---------------------------------------------------------------------------------------------------
 
     @property
     def headline(self) -> QLabel | None:
-        """The label that says how the page stands."""
+        """The label with the state of the page."""
         return None
 
     def say(self, text: str, level: Level) -> None:

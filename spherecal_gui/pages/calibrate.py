@@ -89,7 +89,7 @@ class CalibratePage(Page):
         self.details.toggled.connect(lines.setVisible)
         row.addLayout(right, 3)
         column.addWidget(self._work, 1)
-        if self.course.stages:  # a window made anew, in another language say
+        if self.course.stages:  # a window made again, in another language say
             self._draw()
 
     def _input_card(self) -> Card:
@@ -123,7 +123,7 @@ class CalibratePage(Page):
             self.course = self.controller.computation.course = CourseOfWork(task=self.controller.runner.task)
             self.lines.clear()
             self._draw()
-        elif self.controller.computation.course is not self.course:  # another project, or a window made anew
+        elif self.controller.computation.course is not self.course:  # another project, or a window made again
             self.course = self.controller.computation.course or CourseOfWork()
             self._draw()
         if self._was_running and not self.is_running:
@@ -228,7 +228,7 @@ class CalibratePage(Page):
 
     @property
     def headline(self) -> QLabel:
-        """The label that says how the page stands."""
+        """The label with the state of the page."""
         return self.word
 
     @property

@@ -81,7 +81,7 @@ class CheckPage(Page):
 
     @property
     def headline(self) -> QLabel:
-        """The label that says how the page stands."""
+        """The label with the state of the page."""
         return self.word
 
     @property

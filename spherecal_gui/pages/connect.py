@@ -94,7 +94,7 @@ class ConnectPage(Page):
 
     @property
     def headline(self) -> QLabel:
-        """The label that says how the page stands."""
+        """The label with the state of the page."""
         return self.summary
 
     def refresh(self) -> None:

@@ -61,7 +61,7 @@ class LookPage(LivePage):
 
     @property
     def headline(self) -> QLabel:
-        """The label that says how the page stands."""
+        """The label with the state of the page."""
         return self.summary
 
     def _fixed(self) -> None:

@@ -183,7 +183,7 @@ class PlacementPage(LivePage):
 
     @property
     def headline(self) -> QLabel:
-        """The label that says how the page stands."""
+        """The label with the state of the page."""
         return self.advice
 
     @property
@@ -197,7 +197,7 @@ class PlacementPage(LivePage):
         return self.step is not None and self.controller.runner.running == self.step.id
 
     def enter(self, step: Step) -> None:
-        """Another placement: draw everything anew."""
+        """Another placement: draw everything again."""
         self._drawn, self._trigger, self._turned = None, AutoTrigger(), False
         self._by_itself, self._good_since, self._stuck = False, None, False
         self.step = step
@@ -359,7 +359,7 @@ class PlacementPage(LivePage):
         set_level(self.ready, standing if standing in ("bad", "caution") else "good" if whole else "caution")
 
     def _stands_as_before(self, scene: Scene) -> bool:
-        """Whether the ball stands where it stood at the placement taken last, and nobody says that it was turned."""
+        """Whether the ball is where it was at the placement taken last, and nobody says that it was turned."""
         if self.is_taken or self._turned or scene.lost:
             return False
         last = max(
@@ -444,7 +444,7 @@ class PlacementPage(LivePage):
             tiles[name].show_coverage(old, new, message)
 
     def _look_at_ball(self) -> None:
-        """Where the ball stands against its ghost, some times a second."""
+        """Where the ball is against its ghost, some times a second."""
         now = time.monotonic()
         if self.is_taken or self.is_taking or now - self._looked_s < _LOOK_S:
             return

@@ -118,7 +118,7 @@ class ResultsPage(Page):
 
     @property
     def headline(self) -> QLabel:
-        """The label that says how the page stands."""
+        """The label with the state of the page."""
         return self.word
 
     def refresh(self) -> None:

@@ -95,7 +95,7 @@ class SavePage(Page):
             return False
         entries = sorted(history.glob("*/rig.json"))
         key = (rig, rig.stat().st_mtime_ns, tuple(entries))
-        if key != self._compared[0]:  # the page is drawn anew more often than anything is saved
+        if key != self._compared[0]:  # the page is drawn again more often than anything is saved
             whole = rig.read_bytes()
             self._compared = (key, any(one.read_bytes() == whole for one in entries))
         return self._compared[1]
@@ -296,7 +296,7 @@ class SavePage(Page):
 
     @property
     def headline(self) -> QLabel:
-        """The label that says how the page stands."""
+        """The label with the state of the page."""
         return self.word
 
     def _save_profile(self) -> None:

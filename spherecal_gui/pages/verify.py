@@ -134,7 +134,7 @@ class VerifyPage(ScalePage):
 
     @property
     def headline(self) -> QLabel:
-        """The label that says how the page stands: where the bar goes, or what was measured."""
+        """The label with the state of the page: where the bar goes, or what was measured."""
         return self.outcome.word if self.shows_outcome else self.message
 
     @property

@@ -552,7 +552,7 @@ def bench_draft(
     Parameters
     ----------
     plan
-        What stands on the bench; None, or without targets: nothing that is known.
+        What is on the bench; None, or without targets: nothing that is known.
     balls
         The library's balls by name.
     known

@@ -30,7 +30,7 @@ class Reminder:
 
 
 def state_words(certificate: "Certificate | None", today: date) -> tuple[str, Level]:
-    """How a certificate stands, in a few words, and the colour of that.
+    """The state of a certificate in a few words, and the colour of that.
 
     Parameters
     ----------

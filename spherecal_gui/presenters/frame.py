@@ -25,7 +25,7 @@ _AXIS_LENGTH = 1.6  # of a camera's frustum in the picture
 
 
 def place_text(name: str, kind: str) -> str:
-    """A place as it stands in a list.
+    """A place as it is shown in a list.
 
     Parameters
     ----------

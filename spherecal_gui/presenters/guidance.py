@@ -84,7 +84,7 @@ def guidance_of(found: "Advised", rig: "Rig", spheres: "Sequence[PlacedSphere]")
     rig
         The cameras as they are known so far.
     spheres
-        The ball at every placement so far, in the order in which they were taken; the last is where it stands now.
+        The ball at every placement so far, in the order in which they were taken; the last is where it is now.
     """
     from spherecal.report.rig_view import TOP, choose_axes  # imports scipy
 

@@ -59,7 +59,7 @@ def next_scene(rig: "Rig", spheres: "Sequence[PlacedSphere]", centre_mm: ArrayLi
     rig
         The cameras as they are known so far.
     spheres
-        The ball at every placement so far; the last one is where it stands now.
+        The ball at every placement so far; the last one is where it is now.
     centre_mm
         Centre (3,) of the ball where it should go, mm in the rig's world.
     """

@@ -69,7 +69,7 @@ class BenchDesk:
     """What is described, with its history; nothing is on disk before it is saved."""
 
     def __init__(self, projects: Path, plan: CapturePlan | None = None) -> None:
-        """`plan` is what stands there now (spherecal.cameras.plan); without one the rig's bench, if there is one."""
+        """`plan` is what is there now (spherecal.cameras.plan); without one the rig's bench, if there is one."""
         self.projects = projects
         self.trouble = ""  # why the library could not be read
         self._known = self._read(read_registry, {})

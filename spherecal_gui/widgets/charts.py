@@ -50,7 +50,7 @@ def _rgb(colour: str) -> tuple[int, int, int]:
 
 
 class Chart(pg.PlotWidget):
-    """A plot in the window's colours that leaves wheel and mouse alone; `redraw` draws it anew."""
+    """A plot in the window's colours that leaves wheel and mouse alone; `redraw` draws it again."""
 
     def __init__(self, parent: QWidget | None = None) -> None:
         super().__init__(parent)

@@ -48,7 +48,7 @@ class RailItem(QAbstractButton):
         Parameters
         ----------
         state
-            The step and how it stands.
+            The step and its state.
         current
             Whether the user is there.
         """
@@ -172,14 +172,14 @@ class Rail(QFrame):
             item.setFixedHeight(int(each))
 
     def show_state(self, state: WorkflowState, standing: Standing | None = None) -> None:
-        """Show all steps; the current one no better than its page stands.
+        """Show all steps; the current one no better than the state of its page.
 
         Parameters
         ----------
         state
             All steps.
         standing
-            How the current step's page stands; None: no page is shown.
+            State of the current step's page; None: no page is shown.
         """
         self._ids = [one.step.id for one in state.steps]
         while len(self._items) < len(state.steps):

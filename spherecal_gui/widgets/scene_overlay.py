@@ -65,7 +65,7 @@ class Overlay:
         layers
             The layers that are shown, of `spherecal_scene.shapes.LAYERS`.
         marked
-            Id of the camera that stands out; None: none does.
+            Id of the worst camera; None: none does.
         hovered
             What is under the mouse; None: nothing.
         """

@@ -27,7 +27,7 @@ def _holds(controller: Controller) -> str:
 
 
 def show_bench(controller: Controller, projects: Path, window: QWidget) -> "BenchDialog":
-    """The editor with what stands on the bench now, as far as it is known.
+    """The editor with what is on the bench now, as far as it is known.
 
     Parameters
     ----------

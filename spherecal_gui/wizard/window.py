@@ -57,7 +57,7 @@ class WizardWindow(WindowFrame):
         self._timed: BackgroundTask | None = None  # the work whose time is shown
         self._doing_words = ""
         self._usual_s: float | None = None
-        self.bench = ""  # what stands at the real rig, where the command line names it
+        self.bench = ""  # what is at the real rig, where the command line names it
         self._connect()
         self._timer = QTimer(self)
         self._timer.setInterval(_TICK_MS)

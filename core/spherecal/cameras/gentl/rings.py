@@ -16,7 +16,7 @@ from spherecal.cameras.protocol import CameraError, GreyPixels
 
 # 4 images: 0.27 s of 15 frames/s to fetch one before it is overwritten.
 SLOTS = 4
-_HEADER = 64  # two numbers: the image being written, the image that stands there
+_HEADER = 64  # two numbers: the image being written, the image that is there
 _PREFIX = "spherecal"
 _FOLDER = Path("/dev/shm")
 

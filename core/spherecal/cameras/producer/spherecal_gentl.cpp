@@ -595,7 +595,7 @@ void write_pattern(Stream& stream, const Shot& shot, uint8_t* out) {
     }
 }
 
-// Writes the image shown, or the pattern. One that was replaced meanwhile is taken anew; false where that never ends.
+// Writes the image shown, or the pattern. One that was replaced meanwhile is taken again; false where that never ends.
 bool write_pixels(Stream& stream, const Shot& shot, uint8_t* out) {
     region::Device& block = *shot.camera->block;
     for (int attempt = 0; attempt < 50; ++attempt) {

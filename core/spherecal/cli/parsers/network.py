@@ -6,7 +6,7 @@ from spherecal.cli.parsing import Add
 
 def add_recalibrate(add: Add) -> None:
     """`spherecal recalibrate`."""
-    again = add("recalibrate", "Calibrate some cameras of a rig anew, the others locked.")
+    again = add("recalibrate", "Calibrate some cameras of a rig again, the others locked.")
     session(again, "a session folder of the rig's cameras")
     rig(again)
     word(again, "--only", "C05[,C06]", "the cameras to calibrate", required=True)

@@ -1,7 +1,7 @@
 """How options are declared, and those that several commands share; light, since every command reads all parsers.
 
-Each function takes `to`, the parser or group of options that it adds to, the option's name, what stands for its value
-in the help, and the help's text.
+Each function takes `to`, the parser or group of options that it adds to, the option's name, the placeholder for its
+value in the help, and the help's text.
 """
 
 import argparse

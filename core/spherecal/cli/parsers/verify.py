@@ -40,5 +40,5 @@ def add_check(add: Add) -> None:
     word(check, "--limit", "A+L/K", "limit of a bar's error, A in mm, instead of its uncertainty")
     number(check, "--temperature", "C", "of the rig now, for a profile's validity")
     flag(check, "--not-kept", "do not keep the check in the profile (spherecal profile trend --checks)")
-    path(check, "--repair", "RESULT", "calibrate the poses of cameras that moved anew, the others locked")
+    path(check, "--repair", "RESULT", "calibrate the poses of cameras that moved again, the others locked")
     output(check, "FILE", "write the check as JSON", required=False)

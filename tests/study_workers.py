@@ -1,8 +1,12 @@
-"""What the worker processes of tests/test_baselines_study.py do: apart, since each worker imports the module first."""
+"""What worker processes of test_baselines_study.py and test_batch.py do.
+
+It is apart, since each worker imports the module first.
+"""
 
 import os
 import signal
 import time
+from collections.abc import Sequence
 from pathlib import Path
 
 from spherecal_study.executor import Result, Trial
@@ -21,6 +25,13 @@ def kill_always(_: Trial) -> Result:
     """Takes its process down."""
     os.kill(os.getpid(), signal.SIGKILL)
     return {}
+
+
+def kill_on_monday(trial: Trial, columns: Sequence[str]) -> Result:
+    """The row of a session of a batch; that of monday takes its process down."""
+    if trial.settings["session"].endswith("monday"):
+        os.kill(os.getpid(), signal.SIGKILL)
+    return {"outcome": "valid", **dict.fromkeys(columns), "message": ""}
 
 
 def slow(trial: Trial) -> Result:

@@ -4,8 +4,8 @@ import csv
 import json
 import os
 import shutil
-import signal
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 
 import pytest
@@ -17,7 +17,8 @@ from spherecal_sim.session import simulate_session
 from spherecal_sim.session_folder import write_session
 from spherecal_sim.truth import SimulationOptions
 from spherecal_study.batch import COLUMNS, find_sessions, run_batch
-from spherecal_study.executor import LocalProcesses, Result, Trial, run_here
+from spherecal_study.executor import LocalProcesses, run_here
+from tests.study_workers import kill_on_monday
 
 SETTINGS = {"method": "free", "search": "opt", "seed": 0}
 
@@ -103,16 +104,11 @@ def test_only_what_is_new_changed_lost_or_failed_is_done_again(done, folder, tmp
     assert sorted(again.ran) == ["broken", "monday", "tuesday"]
 
 
-def _dies_on_monday(trial: Trial) -> Result:
-    if trial.settings["session"].endswith("monday"):
-        os.kill(os.getpid(), signal.SIGKILL)
-    return {"outcome": "valid", **dict.fromkeys(COLUMNS[2:-1]), "message": ""}
-
-
 @pytest.mark.slow
 @pytest.mark.skipif(os.name == "nt", reason="no SIGKILL")
 def test_a_session_that_kills_its_worker_is_one_failed_row(folder, tmp_path):
-    batch = run_batch(folder, tmp_path, SETTINGS, LocalProcesses(2, _dies_on_monday), Context())
+    worker = partial(kill_on_monday, columns=COLUMNS[2:-1])
+    batch = run_batch(folder, tmp_path, SETTINGS, LocalProcesses(2, worker), Context())
     outcomes = {row["session"]: row["outcome"] for row in batch.rows}
     assert outcomes == {"blind": "valid", "broken": "valid", "later/tuesday": "valid", "monday": "failed"}
     assert "took its worker process down" in batch.rows[3]["message"]
@@ -125,7 +121,7 @@ def test_two_processes_and_a_cluster_give_the_same_bytes(done, folder, tmp_path)
 
     _, output, _ = done
     run_batch(folder, tmp_path / "two", SETTINGS, LocalProcesses(2), Context())
-    with distributed.LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None) as cluster:
+    with distributed.LocalCluster(n_workers=1, threads_per_worker=1, dashboard_address=None) as cluster:
         run_batch(folder, tmp_path / "dask", SETTINGS, DaskCluster(cluster.scheduler_address), Context())
     files = [path.relative_to(output) for path in (output / "results").rglob("*") if path.is_file()]
     assert len(files) > 10

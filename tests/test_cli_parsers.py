@@ -197,10 +197,11 @@ def test_an_unknown_option_shows_the_usage_of_its_command(capsys) -> None:
 # --- what they say ---------------------------------------------------------------------------------------------------
 
 
-def test_quiet_says_nothing_but_the_json(session_folder: Path, tmp_path: Path, capsys) -> None:
+def test_quiet_says_nothing_but_the_json(session_folder: Path, result_folder: Path, tmp_path: Path, capsys) -> None:
+    verify = ["verify", session_folder, "--rig", result_folder, "-o", tmp_path / "b"]
     for words in (
         ["calibrate", session_folder, "-o", tmp_path / "a", "-q"],
-        ["-q", "calibrate", session_folder, "-o", tmp_path / "b"],
+        ["-q", *verify],
     ):
         assert run(*words) == DONE
         assert capsys.readouterr() == ("", "")
@@ -212,8 +213,8 @@ def test_quiet_says_nothing_but_the_json(session_folder: Path, tmp_path: Path, c
     assert run("calibrate", tmp_path / "none", "-o", tmp_path / "c", "-q") == BAD_INPUT
     assert "there is no such folder" in capsys.readouterr().err
     assert not console.quiet and not progress.quiet, "the next command speaks again"
-    assert run("calibrate", session_folder, "-o", tmp_path / "a") == DONE
-    assert capsys.readouterr().out.startswith("VALID")
+    assert run(*verify) == DONE
+    assert capsys.readouterr().out.startswith("CONSISTENT")
 
 
 def test_verbose_shows_the_log(session_folder: Path, tmp_path: Path, capsys) -> None:

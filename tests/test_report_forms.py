@@ -20,7 +20,7 @@ from spherecal.report.result_folder import read_result
 from spherecal.report.sections_rig import image_cells
 from spherecal.report.write_report import write_report
 from spherecal_scene.picture import scene_picture
-from tests.test_report import page_texts
+from tests.test_report import PICTURE, page_texts
 
 ISSUER = {
     "format": "spherecal/issuer", "version": 1,
@@ -74,18 +74,24 @@ class Texts(HTMLParser):
         self.texts.append(data)
 
 
-def test_all_forms_say_the_same(result: Path, tmp_path: Path) -> None:
+def test_all_forms_say_the_same(result: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The rig in space is drawn: that the command shows a rendered scene, tests/test_report.py says."""
+    monkeypatch.setenv("SPHERECAL_3D", "painted")
     for form in ("html", "json"):
         assert main(["report", str(result), "-o", str(tmp_path / f"r.{form}")]) == 0
         again = tmp_path / f"again.{form}"
         write_report(result, again, render=scene_picture)
         assert again.read_bytes() == (tmp_path / f"r.{form}").read_bytes()
     document = json.loads((tmp_path / "r.json").read_bytes())
+    write_report(result, tmp_path / "rendered.html", render=lambda *_: PICTURE)
+    rendered = Texts()
+    rendered.feed((tmp_path / "rendered.html").read_text())
     page = Texts()
     page.feed((tmp_path / "r.html").read_text())
-    assert page.open == []
+    assert page.open == rendered.open == []
+    assert any(link.startswith("data:image/png") for link in rendered.links)
     assert all(
-        link.startswith(("#", "data:image/png;base64,")) for link in page.links
+        link.startswith(("#", "data:image/png;base64,")) for link in (*page.links, *rendered.links)
     )  # nothing is loaded from anywhere
     shown = " ".join(" ".join(page.texts).split())
     joined = " ".join(page_texts(result))

@@ -1,6 +1,7 @@
 """Studies on a recorded session: parts of it calibrated, their pages; what makes no sense is refused."""
 
 import json
+import shutil
 from pathlib import Path
 
 import numpy as np
@@ -80,7 +81,8 @@ def test_what_cannot_be_left_out_is_refused(tmp_path):
         run_session_study("layouts", SessionOptions(tmp_path / "few"), tmp_path, LocalProcesses(0), Context())
 
 
-def test_the_command_names_the_page(session, tmp_path, capsys):
+def test_the_command_names_the_page(session, out, tmp_path, capsys):
+    shutil.copytree(out / "trials", tmp_path / "trials")  # what has been computed
     assert main(["study", "path", "--session", str(session), "-o", str(tmp_path), "--workers", "0"]) == 0
     assert "path-session.pdf" in capsys.readouterr().out.replace("\n", "")
 

@@ -263,9 +263,8 @@ def test_command_line_and_the_boards_own_uncertainty(recording, tmp_path):
 )
 def test_boards_for_images_are_checked(recording, tmp_path, board, says):
     folder = write(recording, tmp_path / "session", **board)
-    session = replace(read_session(folder), observations=None)
     with pytest.raises(InputError, match="board") as error:
-        calibrate_board(session)
+        calibrate_board(replace(read_session(folder), observations=None))
     assert says in str(error.value)
 
 

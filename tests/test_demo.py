@@ -84,7 +84,7 @@ def test_demo_without_matplotlib_leaves_out_the_report_and_says_so(
     for name in [name for name in sys.modules if name.split(".")[0] == "matplotlib"]:
         monkeypatch.delitem(sys.modules, name)
     monkeypatch.setitem(sys.modules, "matplotlib", None)  # as Python itself marks a package that cannot be imported
-    monkeypatch.setattr("spherecal.cli.main.main", step)
+    monkeypatch.setattr("spherecal.cli.demo.main", step)
     assert main(["demo", "-o", str(tmp_path)]) == 0
     assert ran == ["calibrate", "verify"]
     found = capsys.readouterr().out.splitlines()[1:]

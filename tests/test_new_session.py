@@ -271,7 +271,7 @@ def test_times_that_do_not_fit_the_videos(tmp_path: Path) -> None:
     for times, message in (
         ({"0": clock, "1": clock[:-1]}, r"cam_1.avi has 30 frames, the table beside it 29 times"),
         ({"0": clock}, r"has no rows of cam_1.avi; it names the cameras 0"),
-        ({"0": clock, "1": clock + 60}, r"cam_0.avi and cam_1.avi have no common moment"),
+        ({"0": clock, "1": clock + 60}, r"cam_0.avi and cam_1.avi have no time in common"),
         ({"0": clock, "1": clock * np.nan}, r"line \d+ has no time"),
     ):
         write_times(videos / "timestamps.csv", "cam_id,frame_time", times)

@@ -598,13 +598,15 @@ class FileFormat(Generic[T]):
     @property
     def schema(self) -> Schema:
         """The JSON Schema of a whole file."""
+        oldest, newest = min(self.migrations, default=self.version), self.version
+        major = str(newest) if oldest == newest else f"({'|'.join(map(str, range(oldest, newest + 1)))})"
         own = {
             "format": {"description": "What the file is.", "const": self.name},
             "version": {
-                "description": 'Version, as `1` or, with a minor number, `"1.2"`.',
+                "description": f'Version, as `{newest}` or, with a minor number, `"{newest}.2"`.',
                 "anyOf": [
-                    {"type": "number", "minimum": 1, "exclusiveMaximum": 2},
-                    {"type": "string", "pattern": r"^1(\.[0-9]{1,6})?$"},
+                    {"type": "number", "minimum": oldest, "exclusiveMaximum": newest + 1},
+                    {"type": "string", "pattern": rf"^{major}(\.[0-9]{{1,6}})?$"},
                 ],
             },
         }

@@ -4,6 +4,7 @@ import gc
 import json
 import os
 import shutil
+import signal
 import sys
 import threading
 from collections import defaultdict
@@ -215,6 +216,15 @@ def collected(request: pytest.FixtureRequest) -> Iterator[None]:
     if not by_itself:
         gc.disable()
         gc.collect(1)
+
+
+@pytest.fixture(autouse=True)
+def _ctrl_c_stays_ours() -> Iterator[None]:
+    """Harvesters takes over SIGINT where it opens a camera in the main thread, as tests of odd cameras have it do."""
+    before = signal.getsignal(signal.SIGINT)
+    yield
+    if signal.getsignal(signal.SIGINT) is not before:
+        signal.signal(signal.SIGINT, before)
 
 
 @pytest.fixture

@@ -214,7 +214,7 @@ def test_viky_starts_and_stops_a_hundred_times_with_flat_memory(viky):
         source.start_live()
         assert _wait(lambda: all(source.latest(s) is not None for s in "012"))
         assert source.take_events() is not None
-    # measured: 0.1 MB a cycle at first (allocator), flat after the first thirty, on a busy machine after sixty; a sample
+    # measured: 0.1 MB a cycle at first (allocator), flat after thirty, on a busy machine after sixty; a sample
     # taken while images are still in their buffers is 40 to 130 MB larger. 4 MB in thirty cycles are 0.13 MB a cycle,
     # the same as 8 MB in sixty.
     assert min(sizes[-2:]) - min(sizes[5:8]) < 4, sizes

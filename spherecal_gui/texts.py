@@ -9,7 +9,7 @@ from spherecal.base.messages.values import Phrase
 from spherecal_gui import languages
 from spherecal_gui.workflow import Reason, Status, Step
 
-if TYPE_CHECKING:  # the window stands before cameras are loaded
+if TYPE_CHECKING:  # the window is shown before cameras are loaded
     from spherecal.cameras.protocol import CameraStatus
 
 translate = QCoreApplication.translate

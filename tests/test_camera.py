@@ -337,7 +337,7 @@ def test_no_part_of_an_image_is_folded(lens: FloatArray, size: tuple[int, int]) 
 
 
 def test_only_what_the_lenses_show_is_predicted() -> None:
-    """Lengths, the next placement and the second look at images ask for it."""
+    """Lengths, the next placement and re-detection ask for it."""
     both = np.stack([USUAL, FISHEYE])
     middle, outer = off_axis(5.0), off_axis(65.0)
     towards = np.array([-1.0, 0, 0])  # two cameras of each lens at one place, the second one beside it

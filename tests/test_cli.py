@@ -483,11 +483,19 @@ def test_real_process_with_bad_input_says_and_logs_it(tmp_path: Path) -> None:
 
 def test_log_that_cannot_be_written(session_folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     for log in (tmp_path, tmp_path / "no" / "log.txt", Path("/proc/log.txt")):
-        with pytest.MonkeyPatch.context() as patch:
-            patch.setattr(logging.root, "handlers", [])  # as in a process of its own
-            assert run("calibrate", session_folder, "-o", tmp_path / "out", "--log", log) == BAD_INPUT
+        assert run("calibrate", session_folder, "-o", tmp_path / "out", "--log", log) == BAD_INPUT
         assert_one_plain_line(capsys.readouterr().err)
     assert list(tmp_path.iterdir()) == []
+
+
+def test_each_run_of_a_process_has_its_own_log(tmp_path: Path) -> None:
+    """Where a log handler exists already, as pytest's here, the file was ignored."""
+    assert logging.root.handlers
+    for name in ("first", "second"):
+        assert run("calibrate", tmp_path / name, "-o", tmp_path / "out", "--log", tmp_path / f"{name}.txt") == BAD_INPUT
+    texts = [(tmp_path / f"{name}.txt").read_text() for name in ("first", "second")]
+    assert "first" in texts[0] and "second" not in texts[0]
+    assert "second" in texts[1] and "first" not in texts[1]
 
 
 def test_version_and_help() -> None:

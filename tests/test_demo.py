@@ -124,7 +124,7 @@ def test_no_wrong_identity_and_honest_sigmas_in_all_images(session: Session) -> 
     assert 0.8 < np.std((error / o.sigma)[square_on]) < 1.3
 
 
-def test_second_look_finds_what_detection_missed(session: Session, first: Calibration) -> None:
+def test_redetection_finds_what_detection_missed(session: Session, first: Calibration) -> None:
     o = session.observations
     assert o is not None
     at = (o.placement == 1) & (o.camera == 2)
@@ -148,7 +148,7 @@ def test_second_look_finds_what_detection_missed(session: Session, first: Calibr
         assert np.hypot(*(again.uv[i] - truth[key][:2])) < 0.3
 
 
-def test_second_look_sees_no_target_that_is_covered(session: Session, first: Calibration, tmp_path: Path) -> None:
+def test_redetection_sees_no_target_that_is_covered(session: Session, first: Calibration, tmp_path: Path) -> None:
     o = session.observations
     assert o is not None
     at = np.flatnonzero((o.placement == 0) & (o.camera == 0))

@@ -119,7 +119,7 @@ def test_who_guesses_waits_longer_and_longer(locked, clock):
     assert locked.unlock("Maria", "4711") == ""
     locked.lock()
     locked.unlock("Otto", "0000")
-    assert locked.wait_s == 1, "the right one begins anew"
+    assert locked.wait_s == 1, "the right one starts again"
 
 
 def test_another_dialog_waits_as_well(tmp_path, path, locked, clock):

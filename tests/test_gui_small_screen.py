@@ -60,7 +60,7 @@ def test_connect_from_afar_fits_a_small_screen(qtbot, afar, count, word):
     page._show_bench([BenchRow(title, value) for title, value in bench])
     page.resize(*ROOM)
     page.show()
-    for _ in range(5):  # a layout asks for its size anew, round after round
+    for _ in range(5):  # a layout asks for its size again, round after round
         QCoreApplication.processEvents()
     page.controller.cameras.connection = None
     assert page.minimumSizeHint().width() <= ROOM[0]

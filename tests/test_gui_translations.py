@@ -48,7 +48,7 @@ def test_the_languages_are_those_that_are_made():
 
 @pytest.mark.parametrize("language", OTHERS)
 def test_every_text_is_translated(language, tmp_path):
-    """Collected anew from the sources, so that a text that came in since is missed."""
+    """Collected again from the sources, so that a text that came in since is missed."""
     if not Path(made.tool("pyside6-lupdate")).exists():
         pytest.skip("pyside6-lupdate is not installed")
     fresh = tmp_path / "fresh.ts"

@@ -187,7 +187,7 @@ def test_the_check_bar_is_guided_over_seven_lines(walk):
     source.stage.move((0.0, 0.0, 0.0), (0.0, 0.0, 30.0))
     walk.controller.cameras.live.forget()
     pump(lambda: page.guide is not None and not page.guide.accepted)
-    assert "bar A" in page.message.text(), "turned, moved, or laid anew if it left the images"
+    assert "bar A" in page.message.text(), "turned, moved, or laid again if it left the images"
     assert not page.action().enabled and page.action().why == page.guide.text
     assert page.as_it_lies.isEnabled(), "nobody is forced"
     walk.controller.go("save")

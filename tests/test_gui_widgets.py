@@ -27,7 +27,7 @@ from spherecal_gui.presenters.results import Action, CameraResiduals, FindingAdv
 from spherecal_gui.project import Project
 from spherecal_gui.widgets.bar_view import BarView
 from spherecal_gui.widgets.basic import button, once
-from spherecal_gui.widgets.charts import ConvergenceChart, CounterChart, CoverageChart, ErrorChart, PairMatrix
+from spherecal_gui.widgets.charts import ConvergenceChart, CoverageChart, ErrorChart, PairMatrix
 from spherecal_gui.widgets.findings import FindingsList
 from spherecal_gui.widgets.name_tags import place_tags
 from spherecal_gui.widgets.need_label import NeedLabel
@@ -110,9 +110,8 @@ def test_a_tile_draws_image_and_dots(qtbot):
 def test_charts_draw_what_they_are_given(qtbot):
     cameras, size = ["A", "B"], (100, 100)
     dots = cov.Dots(np.arange(200), np.zeros(200, int), np.random.default_rng(1).uniform(0, 99, (200, 2)), size)
-    counters, cells, pairs = CounterChart(), CoverageChart(), PairMatrix()
+    cells, pairs = CoverageChart(), PairMatrix()
     errors, course = ErrorChart(), ConvergenceChart()
-    counters.show_counts(cameras, [150, 5])
     grid = cov.cells([dots])
     cells.show_cells(cameras, [grid, 0 * grid], [0 * grid, grid], ["good", "caution"])
     pairs.show_common(cameras, np.array([[200, 10], [10, 150]]))
@@ -120,7 +119,6 @@ def test_charts_draw_what_they_are_given(qtbot):
     course.show_runs([[100.0, 10.0, 9.0], [5.0, 4.0]])
     c = theme.now()
     for chart, wanted in (
-        (counters, {c.good, c.bad}),
         (cells, {theme.mixed(c.window, c.good, 0.5), theme.mixed(c.window, c.accent, 0.5)}),
         (pairs, {c.bad}),
         (errors, {c.border}),

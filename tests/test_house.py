@@ -341,7 +341,7 @@ def test_where_that_fails_the_environment_is_made_anew_and_the_old_one_kept_unti
     pip.fails = 0
     ready_environment(pip)
     dev.STAMP.write_text("older\n" + dev.wanted_stamp().partition("\n")[2], encoding="utf-8")
-    pip.fails = 2  # in place, and anew: the network is gone
+    pip.fails = 2  # in place, and again: the network is gone
     with pytest.raises(dev.SetupError, match="no network"):
         dev.ensure_venv()
     assert (pip.venv / "by-hand.txt").exists() and not dev.is_ready()

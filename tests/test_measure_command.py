@@ -322,17 +322,16 @@ def test_health_is_kept_in_the_profile(session: Path, result: Path, tmp_path: Pa
     from spherecal.uses.keep_health import keep_health
 
     measurer.measure(one)
-    assert keep_health(tmp_path / "rig", measurer.health, rig) is None  # too few to tell
+    assert keep_health(tmp_path / "rig", measurer.health, rig) is False  # too few to tell
     for number in range(2, 101):
         measurer.measure(replace(one, number=number))
-    said = keep_health(tmp_path / "rig", measurer.health, rig, 21.0)
-    assert said is not None and "trend" in said
+    assert keep_health(tmp_path / "rig", measurer.health, rig, 21.0)
     (kept,), problems = read_checks(tmp_path / "rig")
     assert problems == ()
     assert kept.sentence.startswith("While measuring 100 sets")
     assert kept.verdict == "ok"
     assert kept.rms_px is not None and kept.temperature_c == 21.0
-    assert keep_health(result, measurer.health, rig) is None  # no profile
+    assert keep_health(result, measurer.health, rig) is False  # no profile
 
 
 # --- predicted regions -----------------------------------------------------------------------------------------------

@@ -10,6 +10,7 @@ import pytest
 
 from spherecal.base import filesystem as files
 from spherecal.base.errors import InputError, OutputError
+from spherecal.cli.kept import kept_in_profile
 from spherecal.files.rig_file import rig_bytes
 from spherecal.profile.checks import keep_check, last_check, read_checks
 from spherecal.profile.save import save_result
@@ -97,18 +98,21 @@ def test_broken_checks_hide_nothing(profile: Profile) -> None:
 def test_a_profile_that_cannot_be_written_does_not_spoil_the_check(
     profile: Profile, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    assert "Kept" in (keep(profile.folder, document()) or "")
+    def said() -> str:
+        return kept_in_profile("The check", profile.folder, lambda: keep(profile.folder, document())) or ""
+
+    assert said().startswith("The check is kept in the profile")
     before = sorted(p.name for p in (profile.folder / "checks").iterdir())
 
     def refuse(*_: object) -> None:
         raise OSError(28, "No space left on device")
 
     monkeypatch.setattr(files, "_create", refuse)
-    assert "not kept" in (keep(profile.folder, document()) or "")
+    assert said().startswith("The check is not kept in the profile. ") and "No space left" in said()
     with pytest.raises(OutputError):
         keep_check(profile.folder, "0001", document(), None)
     assert sorted(p.name for p in (profile.folder / "checks").iterdir()) == before
-    assert keep(profile.folder.parent / "r", document()) is None  # a result folder has no history
+    assert keep(profile.folder.parent / "r", document()) is False  # a result folder has no history
 
 
 def test_a_kept_check_is_plain_json(profile: Profile) -> None:

@@ -93,7 +93,7 @@ def test_two_of_eight_cameras_that_moved_do_not_pull_the_others() -> None:
 
 
 def test_the_effect_is_that_of_measuring_with_the_wrong_camera() -> None:
-    """Reckoned anew: all of A's images of two points, measured with B's cameras, give the changed length."""
+    """Computed again: all of A's images of two points, measured with B's cameras, give the changed length."""
     from spherecal.data.rig_camera import posed
     from spherecal.geometry.camera import project
     from spherecal.geometry.triangulation import triangulate

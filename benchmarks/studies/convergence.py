@@ -1,6 +1,6 @@
 """From how bad a start the calibration still finds its optimum.
 
-One recording of each rig; the priors' focal lengths and principal points are spoilt anew in every run, and in one
+One recording of each rig; the priors' focal lengths and principal points are changed at random in every run, and in one
 series the adjustment is also given points that are displaced instead of triangulating them.
 """
 

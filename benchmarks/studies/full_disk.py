@@ -85,7 +85,7 @@ def _on(place: Path, cause: str, break_it: Callable[[Path], None]) -> list[Refus
         "profile save": lambda: save_result(open_profile(profile), results[0]),
         "profile apply": lambda: apply(open_profile(profile), saved),
         "check kept": lambda: keep_check(profile, "0001", check, None),
-        "session written anew": lambda: write_session(session, truth, place / "session"),
+        "session written again": lambda: write_session(session, truth, place / "session"),
         "new session": lambda: write_session(session, truth, place / "another"),
     }
     try:

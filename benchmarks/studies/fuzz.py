@@ -210,7 +210,7 @@ def fuzz(seconds: float, folder: Path, only: str | None = None) -> list[Reader]:
 
 
 def _round(reader: Reader, folder: Path, seed: int) -> None:
-    """A batch of files; Hypothesis draws them anew in every round."""
+    """A batch of files; Hypothesis draws new ones in every round."""
     from hypothesis import seed as seeded
 
     strategy = st.one_of(spoilt(reader.valid), st.binary(max_size=300))

@@ -147,7 +147,7 @@ def known_network(session: Session, truth: Truth) -> Simulated:
 
 
 def certify(session: Session, truth: Truth, rng: np.random.Generator) -> Session:
-    """The session with the scale bar's two end marks alone, certified anew, and its temperatures read anew."""
+    """The session with the scale bar's two end marks alone, certified again, and its temperatures read again."""
     assert session.scale is not None
     bar_id = session.scale.bar
 

@@ -20,10 +20,12 @@ from spherecal.diagnose.plausibility import implausible
 from spherecal.methods.ball_model import fit_ball_model
 from spherecal.methods.bar import calibrate_bar
 from spherecal.methods.board import calibrate_board
-from spherecal.methods.second_look import with_second_look
 from spherecal.methods.settings import CalibrationSettings, as_stated, check_settings
 from spherecal.methods.sphere import local_network, run_of, start_values
+from spherecal.methods.two_passes import calibrate_twice
 from spherecal.result.build import build_failed_result, build_result
+
+_BASELINES = {"board": calibrate_board, "bar": calibrate_bar}
 
 
 @on_one_blas_thread
@@ -36,18 +38,13 @@ def calibrate(
 
     Parameters
     ----------
-    session
-        The session.
-    settings
-        How to calibrate; None takes the defaults.
-    context
-        For progress, and to stop.
+    session, settings, context
+        What to calibrate from; how, None for the defaults; for progress, and to stop.
 
     Raises
     ------
     InputError
-        Where the session has neither images nor observations, where images cannot be read, and for settings that cannot
-        be used with the session.
+        Where the session has neither images nor observations, or settings that it cannot be calibrated with.
     Cancelled
         When the user stops the work.
     """
@@ -58,10 +55,8 @@ def calibrate(
     if settings.lens not in (None, "auto"):
         session = with_lens_model(session, settings.lens)
     check_settings(session, settings)
-    if settings.method in ("board", "bar"):
-        by_baseline = calibrate_board if settings.method == "board" else calibrate_bar
-        return with_findings(by_baseline(session, settings, context), as_stated(session, settings))
-
+    if (baseline := _BASELINES.get(settings.method)) is not None:
+        return with_findings(baseline(session, settings, context), as_stated(session, settings))
     has_images_alone = session.observations is None
     if has_images_alone:
         session = observed(session, context)
@@ -70,7 +65,7 @@ def calibrate(
 
     def run(some: Session) -> Calibration:
         once = partial(_calibrate, settings)
-        done = with_second_look(some, once, context, watch) if has_images_alone else once(some, context, watch)
+        done = calibrate_twice(some, once, context, watch) if has_images_alone else once(some, context, watch)
         return with_findings(done, (*missing, *implausible(some), *as_stated(some, settings)))
 
     return edited_where_certain(session, run) if settings.repair_by_itself else run(session)
@@ -85,18 +80,11 @@ def _calibrate(settings: CalibrationSettings, session: Session, context: Context
         return build_failed_result(recording, local, settings.method, watch.seconds)
     start = start_values(recording, local, settings, context)  # poses chained along the paths, resection
     watch.lap("start values")
-
     run = run_of(recording, start, settings, context, watch)
-    # every dot at every placement is a point of its own
-    free = solve_free(start.network, start.poses, start.points, start.candidates, run)
+    free = solve_free(start.network, start.poses, start.points, start.candidates, run)  # every dot of every placement
     watch.lap("bundle adjustment")
-    if settings.lens == "auto":
-        better = best_lens_model(free, context)
-        watch.lap("lens models")
-        if better is not None and better.model is not None:
-            again = with_lens_model(session, better.model)
-            return better.noted_in(_calibrate(replace(settings, lens=None), again, context, watch))
-
+    if settings.lens == "auto" and (better := best_lens_model(free, run)) is not None:
+        return better.noted_in(_calibrate(replace(settings, lens=None), better.applied(session), context, watch))
     fit = fit_ball_model(recording, start, free, settings, run)  # rigid, deformable, stored or free; millimetres
     watch.lap("scale")
     return build_result(recording, local, fit, settings.method, run)  # with the diagnosis

@@ -1305,13 +1305,6 @@ px</translation>
     </message>
 </context>
 <context>
-    <name>CounterChart</name>
-    <message>
-        <source>dots in this image</source>
-        <translation>Punkte in diesem Bild</translation>
-    </message>
-</context>
-<context>
     <name>Details</name>
     <message>
         <source>Details</source>
@@ -1496,8 +1489,8 @@ px</translation>
         <translation>nichts geht schief</translation>
     </message>
     <message>
-        <source>a camera is knocked</source>
-        <translation>eine Kamera wird angestoßen</translation>
+        <source>a camera is moved</source>
+        <translation>eine Kamera wird bewegt</translation>
     </message>
     <message>
         <source>a camera drops out</source>
@@ -2584,7 +2577,7 @@ px</translation>
         <translation>Sie wurde gedreht</translation>
     </message>
     <message>
-        <source>The ball stands where it stood, but shows another side.</source>
+        <source>The ball is in the same place, but shows another side.</source>
         <translation>Die Kugel steht, wo sie stand, zeigt aber eine andere Seite.</translation>
     </message>
     <message>
@@ -3638,8 +3631,8 @@ mm</translation>
         <translation>Mit der gespeicherten Kugel vergleichen</translation>
     </message>
     <message>
-        <source>Giving the ball&apos;s dots some play</source>
-        <translation>Den Punkten der Kugel Spiel geben</translation>
+        <source>Adjusting with a slightly deformable ball</source>
+        <translation>Mit einer leicht verformbaren Kugel ausgleichen</translation>
     </message>
     <message>
         <source>Computing with the ball as one rigid body</source>

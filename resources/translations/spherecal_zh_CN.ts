@@ -1305,13 +1305,6 @@ px</translation>
     </message>
 </context>
 <context>
-    <name>CounterChart</name>
-    <message>
-        <source>dots in this image</source>
-        <translation>此图像中的点数</translation>
-    </message>
-</context>
-<context>
     <name>Details</name>
     <message>
         <source>Details</source>
@@ -1496,8 +1489,8 @@ px</translation>
         <translation>无故障</translation>
     </message>
     <message>
-        <source>a camera is knocked</source>
-        <translation>一台相机被碰动</translation>
+        <source>a camera is moved</source>
+        <translation>一台相机被移动</translation>
     </message>
     <message>
         <source>a camera drops out</source>
@@ -2584,7 +2577,7 @@ px</translation>
         <translation>球已转动</translation>
     </message>
     <message>
-        <source>The ball stands where it stood, but shows another side.</source>
+        <source>The ball is in the same place, but shows another side.</source>
         <translation>球仍在原处，但朝向已改变。</translation>
     </message>
     <message>
@@ -3638,8 +3631,8 @@ mm</translation>
         <translation>与存储的球比较</translation>
     </message>
     <message>
-        <source>Giving the ball&apos;s dots some play</source>
-        <translation>允许球上的点有微小位移</translation>
+        <source>Adjusting with a slightly deformable ball</source>
+        <translation>按可轻微变形的球进行平差</translation>
     </message>
     <message>
         <source>Computing with the ball as one rigid body</source>

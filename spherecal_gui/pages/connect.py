@@ -165,7 +165,7 @@ class ConnectPage(Page):
         self._pictures = {}
         self._grid.setColumnStretch(_PICTURES, 2 if lines else 0)
         self._grid.setColumnStretch(_WORDS, 1)
-        # With the letters for three metres the state stands below: beside it the buttons would leave a small screen.
+        # With the letters for three metres the state is below: beside it the buttons would leave a small screen.
         below = theme.is_far()
         for number, line in enumerate(lines):
             name = label(f"{MARKS[line.level]}  {line.name}", "big", wrap=False)

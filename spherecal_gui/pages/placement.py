@@ -102,7 +102,7 @@ class PlacementPage(LivePage):
         self.more = button(self.tr("One more placement"), "more")
         self.more.clicked.connect(self.controller.sets.add_placement)
         self.turned = button(self.tr("It was turned"), "was-turned")
-        self.turned.setToolTip(self.tr("The ball stands where it stood, but shows another side."))
+        self.turned.setToolTip(self.tr("The ball is in the same place, but shows another side."))
         self.turned.clicked.connect(self._was_turned)
         self.turned.hide()
         self.keep = button(self.tr("Keep it as it is"), "keep-set")

@@ -29,7 +29,7 @@ from spherecal_gui.widgets.basic import MARKS, button, clear, enable, label, opt
 from spherecal_gui.widgets.verification import VerificationView
 from spherecal_gui.workflow import Status, Step
 
-_NOT_READ_C = -10.0  # no bar is measured with in the frost: this stands for a temperature that nobody has read
+_NOT_READ_C = -10.0  # no bar is measured with in the frost: this means a temperature that nobody has read
 _LIMIT_PX = 130  # in two lines: in one it would push the field out of 1280 px
 _LOOK_S = 0.4  # between two looks at the bar; one takes 20 ms beside the window (6 cameras, 4 marks)
 

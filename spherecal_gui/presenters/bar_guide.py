@@ -52,7 +52,7 @@ class RigPlanes:
 
     @staticmethod
     def of(rig: "Rig", middle: FloatArray) -> "RigPlanes":
-        """Upright as the rig stands.
+        """Upright, as the rig is set up.
 
         Parameters
         ----------
@@ -156,7 +156,7 @@ def _move_text(planes: RigPlanes, bar: str, way: FloatArray, place: FloatArray) 
 
 
 def pose_columns(poses: Sequence[str]) -> list[list[str]]:
-    """The poses by line, in their order: those of one line share what stands before the dash."""
+    """The poses by line, in their order: those of one line share what is before the dash."""
     columns: dict[str, list[str]] = {}
     for pose in poses:
         columns.setdefault(pose.rpartition("-")[0], []).append(pose)

@@ -197,7 +197,7 @@ class NeedLine:
 
     @property
     def all_words(self) -> str:
-        """What stands for the names of all."""
+        """What is written in place of the names of all."""
         return translate("Placement", "all cameras")
 
     @property

@@ -29,7 +29,7 @@ def _of_the_engine() -> dict[str, str]:
         "resection": translate("Stages", "Checking each camera's pose"),
         "bundle adjustment": translate("Stages", "Adjusting everything together"),
         "known ball": translate("Stages", "Comparing with the stored ball"),
-        "soft ball": translate("Stages", "Giving the ball's dots some play"),
+        "soft ball": translate("Stages", "Adjusting with a slightly deformable ball"),
         "rigid ball": translate("Stages", "Computing with the ball as one rigid body"),
         "moved cameras": translate("Stages", "Looking for the camera that moved"),
         "uncertainty": translate("Stages", "Uncertainties"),

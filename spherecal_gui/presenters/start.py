@@ -261,7 +261,7 @@ def fault_text(fault: str) -> str:
     """A fault to train with, in words that do not give the camera away."""
     return {
         "": translate("Faults", "nothing goes wrong"),
-        "bump": translate("Faults", "a camera is knocked"),
+        "bump": translate("Faults", "a camera is moved"),
         "lose": translate("Faults", "a camera drops out"),
         "blur": translate("Faults", "a camera is out of focus"),
         "dim": translate("Faults", "a camera is dark"),

@@ -36,7 +36,7 @@ if TYPE_CHECKING:
     from spherecal_gui.tasks.live import Connection
 
 # Imported inside functions: cameras, detection and calibration take a second, with scipy, OpenCV and the kernels. The
-# window stands before.
+# window is shown before.
 
 translate = QCoreApplication.translate
 

@@ -35,9 +35,6 @@ def _write_by_locale(axis: Any) -> None:  # Any: pyqtgraph has no types, and a m
     axis.tickStrings = lambda *given: [languages.by_locale(text) for text in plainly(*given)]
 
 
-_DIGIT_PX = 1.05  # width of a bold digit of 1 pt, as drawn on a screen of 96 dots an inch
-
-
 _ROW_LINES = 5.5  # the height in lines of text that a row of coverage needs for names and shares above and below
 _CAPTION_LINES = 2.8  # the name above and the share below, with their margins
 _GAP_CELLS = 1.6  # between two grids
@@ -109,44 +106,6 @@ class Chart(pg.PlotWidget):
             self.getAxis(side).setLabel(text, color=theme.now().soft, **{"font-size": f"{theme.pt(10):.0f}pt"})
 
 
-class CounterChart(Chart):
-    """A bar for every camera: its dots now, against what it needs; red, amber, green."""
-
-    def show_counts(self, cameras: Sequence[str], counts: Sequence[int]) -> None:
-        """Show the counters.
-
-        Parameters
-        ----------
-        cameras
-            Names of the cameras.
-        counts
-            Dots of each camera in this image.
-        """
-        c = theme.now()
-        self.clear()
-        self.dress()
-        needed = cov.needed_dots()
-        top = max(2.2 * needed, 1.18 * max(counts, default=0))
-        self.span((-0.6, max(len(cameras) - 0.4, 0.6)), (0, top))
-        levels = [cov.level(count) for count in counts]
-        brushes = [QColor(c.of(one)) for one in levels]
-        self.addItem(
-            pg.BarGraphItem(x=list(range(len(counts))), height=list(counts), width=0.62, brushes=brushes, pen=None)
-        )
-        for height, style in ((needed, Qt.PenStyle.DashLine), (cov.MIN_COMMON, Qt.PenStyle.DotLine)):
-            self.addItem(pg.InfiniteLine(height, angle=0, pen=pg.mkPen(c.text, width=2, style=style)))
-        room_px = 0.9 * max(self.width() - 60, 100) / max(len(cameras), 1)
-        size = max(8.0, min(17.0, room_px / (3 * _DIGIT_PX * theme.pt(1.0))))
-        for index, (count, one) in enumerate(zip(counts, levels, strict=True)):
-            item = _text(str(count), c.of(one), size, (0.5, 1.0), bold=True)
-            item.setPos(index, count)
-            self.addItem(item)
-        self.getAxis("bottom").setTicks([list(enumerate(cameras))])
-        self.getAxis("bottom").setTickFont(_font(min(13.0, size), True))
-        self.getAxis("left").setTicks([[(0, "0"), (needed, str(needed))]])
-        self.names("", self.tr("dots in this image"))
-
-
 class CoverageChart(Chart):
     """The 10 x 10 cells of every camera's image: filled where any placement, lighter where this one, has dots."""
 
@@ -174,7 +133,7 @@ class CoverageChart(Chart):
         self.dress()
         columns = max(1, int(np.ceil(np.sqrt(len(cameras)))))
         rows = max(1, int(np.ceil(len(cameras) / columns)))
-        low = self.height() < rows * _ROW_LINES * self.fontMetrics().height()  # then the name stands in the frame
+        low = self.height() < rows * _ROW_LINES * self.fontMetrics().height()  # then the name is in the frame
         step_x = cov.CELLS + _GAP_CELLS
         gap = _GAP_CELLS if low else self._caption_cells(columns * step_x, rows)
         step_y = cov.CELLS + gap

@@ -11,7 +11,7 @@ from spherecal_gui import theme
 
 ICON_PX = 20
 _AFTER_ICON_PX = 4.0
-# The mark of each level: colour never stands alone.
+# The mark of each level: colour is never alone.
 LEVEL_ICONS = {"good": "check", "caution": "alert-triangle", "bad": "x", "info": "info-circle", "none": "info-circle"}
 
 

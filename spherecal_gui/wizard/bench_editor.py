@@ -8,7 +8,7 @@ from PySide6.QtWidgets import QWidget
 
 from spherecal_gui.controllers.controller import Controller
 
-if TYPE_CHECKING:  # the window stands before these are loaded
+if TYPE_CHECKING:  # the window is shown before these are loaded
     from spherecal_gui.pages.bench_dialog import BenchDialog
 
 translate = QCoreApplication.translate

@@ -8,11 +8,13 @@ from rich.markup import escape
 from rich.table import Table
 
 from spherecal.base.errors import InputError
+from spherecal.base.messages.catalogue import language
 from spherecal.base.messages.values import Phrase
 from spherecal.cli.answer import answer
 from spherecal.cli.console import out, say
 from spherecal.cli.exit_codes import DONE, NOT_VALID
 from spherecal.cli.findings import show_findings
+from spherecal.cli.kept import kept_in_profile
 from spherecal.cli.output import to_output
 from spherecal.cli.progress import shown_progress
 from spherecal.data.rig import Rig
@@ -23,10 +25,10 @@ from spherecal.files.read_session import read_session
 from spherecal.files.write_result import write_result
 from spherecal.profile.source import points_file, read_source
 from spherecal.profile.store import is_profile, open_profile
-from spherecal.uses.check import Check
+from spherecal.uses.check import Check, check_sentence
 from spherecal.uses.check import check as run
 from spherecal.uses.check_ball import read_known_ball
-from spherecal.uses.check_file import check_json, keep
+from spherecal.uses.check_file import CheckDocument, check_json, keep
 from spherecal.uses.repose import repose
 from spherecal.verify.limit import parse_limit
 
@@ -46,7 +48,7 @@ def check(options: argparse.Namespace) -> int:
     document = check_json(found)
     if options.output is not None:
         to_output(options.output, json_bytes(document))
-    kept = None if options.not_kept else keep(options.profile, document, options.temperature)
+    kept = None if options.not_kept else _kept(options, document)
     answer(options, document)
     _show(found, _chip(options))
     if kept is not None:
@@ -54,6 +56,10 @@ def check(options: argparse.Namespace) -> int:
     if options.repair is not None:
         _repair(options, session, source.rig, found)
     return NOT_VALID if found.verdict == "recalibrate" else DONE
+
+
+def _kept(options: argparse.Namespace, document: CheckDocument) -> str | None:
+    return kept_in_profile("The check", options.profile, lambda: keep(options.profile, document, options.temperature))
 
 
 def _only(session: Session, only: str | None) -> Session:
@@ -84,7 +90,7 @@ def _chip(options: argparse.Namespace) -> str | None:
 
 
 def _show(found: Check, chip: str | None) -> None:
-    out.print(f"[{_COLOURS[found.verdict]}]{_WORDS[found.verdict]}[/] {escape(found.sentence)}")
+    out.print(f"[{_COLOURS[found.verdict]}]{_WORDS[found.verdict]}[/] {escape(check_sentence(found, language()))}")
     if chip is not None:
         say(f"The calibration in use is {chip}.")
     if found.cameras:

@@ -7,7 +7,7 @@ import os
 import subprocess
 import sys
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 
 from spherecal import __version__
@@ -27,25 +27,26 @@ logging.getLogger("spherecal").addHandler(logging.NullHandler())
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run one command and return its exit code; errors are one clear message on standard error."""
     _escape_what_the_terminal_lacks()
-    try:
-        return _run(arguments)
-    except SpherecalError as error:
-        logging.getLogger("spherecal").error("%s", error)
-        _complain(error)
-        return error.exit_code
-    except KeyboardInterrupt:
-        return _cancelled()
-    except BrokenPipeError:  # whoever read our output has had enough
-        _drop_output()
-        return DONE
-    except (OSError, MemoryError) as error:
-        logging.getLogger("spherecal").error("%s", error)
-        _complain(_in_words(error))
-        return BAD_INPUT
-    except Exception:
-        if not interrupts.came():  # packages turn Ctrl-C while they load into errors of their own
-            raise
-        return _cancelled()
+    with ExitStack() as log:
+        try:
+            return _run(arguments, log)
+        except SpherecalError as error:
+            logging.getLogger("spherecal").error("%s", error)
+            _complain(error)
+            return error.exit_code
+        except KeyboardInterrupt:
+            return _cancelled()
+        except BrokenPipeError:  # whoever read our output has had enough
+            _drop_output()
+            return DONE
+        except (OSError, MemoryError) as error:
+            logging.getLogger("spherecal").error("%s", error)
+            _complain(_in_words(error))
+            return BAD_INPUT
+        except Exception:
+            if not interrupts.came():  # packages turn Ctrl-C while they load into errors of their own
+                raise
+            return _cancelled()
 
 
 def entry() -> int:
@@ -103,11 +104,12 @@ def _escape_what_the_terminal_lacks() -> None:
             stream.reconfigure(errors="backslashreplace")
 
 
-def _run(arguments: Sequence[str] | None) -> int:
+def _run(arguments: Sequence[str] | None, log: ExitStack) -> int:
+    """Run the command; `log` closes the log file once errors are in it."""
     parser = make_parser()
     options = parser.parse_args(arguments)
     if options.log is not None:
-        _log_to(options.log)
+        log.enter_context(_logged_to(options.log))
     if options.command is None:
         return subprocess.call([sys.executable, "-m", "spherecal_gui"])
     if options.command == "help":
@@ -168,18 +170,27 @@ def _complain(error: SpherecalError) -> None:
         print(f"spherecal: {' '.join(words.split())}", file=sys.stderr, flush=True)
 
 
-def _log_to(path: Path) -> None:
+@contextmanager
+def _logged_to(path: Path) -> Iterator[None]:
     logging.raiseExceptions = False  # a log that cannot be written, on a full disk, is no reason for a traceback
     try:
         if path.exists() and not (path.is_file() or path.is_char_device()):  # opening a pipe would wait for a reader
             raise OutputError(Phrase("error-no-log", {"file": path}))
-        logging.basicConfig(
-            filename=path, level=logging.INFO, format="%(asctime)s %(levelname)s %(message)s", encoding="utf-8"
-        )
+        handler = logging.FileHandler(path, encoding="utf-8")
     except OSError as error:
         raise OutputError(
             Phrase("error-cannot-write", {"file": path, "why": reason(error)}), Phrase("error-name-log")
         ) from error
+    handler.setFormatter(logging.Formatter("%(asctime)s %(levelname)s %(message)s"))
+    before = logging.root.level
+    logging.root.addHandler(handler)
+    logging.root.setLevel(logging.INFO)
+    try:
+        yield
+    finally:
+        logging.root.setLevel(before)
+        logging.root.removeHandler(handler)
+        handler.close()
 
 
 if __name__ == "__main__":

@@ -18,6 +18,7 @@ from spherecal.cameras.profile import default_profile_path, read_profile
 from spherecal.cli.cameras_source import discovered, open_asking
 from spherecal.cli.console import out, say
 from spherecal.cli.exit_codes import DONE, NOT_VALID
+from spherecal.cli.kept import kept_in_profile
 from spherecal.cli.output import check_output_folder
 from spherecal.cli.progress import shown_progress
 from spherecal.data.findings import counted
@@ -57,7 +58,7 @@ def measure(options: argparse.Namespace) -> int:
         seen = _listener(options, measurer, stack)
         ended_by_user = _run(options, sets, measurer, seen, context)
     health = measurer.health
-    kept = None if options.not_kept else keep_health(options.rig, health, rig, options.temperature)
+    kept = None if options.not_kept else _kept(options, health, rig)
     if not options.json:
         _summary(options, health, rig)
         if kept is not None:
@@ -65,6 +66,13 @@ def measure(options: argparse.Namespace) -> int:
     if ended_by_user and (options.sets is not None or options.seconds is not None or session is not None):
         raise KeyboardInterrupt
     return NOT_VALID if health.moved or not rig.quality.valid else DONE
+
+
+def _kept(options: argparse.Namespace, health: Health, rig: Rig) -> str | None:
+    def keep() -> bool:
+        return keep_health(options.rig, health, rig, options.temperature)
+
+    return kept_in_profile("The rig's health", options.rig, keep)
 
 
 def _check(options: argparse.Namespace) -> None:

@@ -1,4 +1,4 @@
-"""The second look: targets that one camera missed though others saw them, searched where they must be."""
+"""Re-detection: targets that one camera missed though others saw them, searched where they must be."""
 
 import os
 from concurrent.futures import ThreadPoolExecutor

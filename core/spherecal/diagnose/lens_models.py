@@ -13,11 +13,14 @@ from spherecal.adjust.network import Network
 from spherecal.adjust.rows import NO_PRIORS
 from spherecal.adjust.state import State
 from spherecal.ball.fit import BallFit
+from spherecal.ball.run import Run
 from spherecal.base.arrays import BoolArray, FloatArray, IntArray
 from spherecal.base.context import Context
 from spherecal.base.messages.values import Phrase
 from spherecal.data.findings import Finding
+from spherecal.data.lens_model import with_lens_model
 from spherecal.data.rig import Calibration
+from spherecal.data.session import Session
 from spherecal.geometry.camera import LENS_MODELS, LensModel, estimated_mask, is_fisheye
 from spherecal.geometry.lens_fit import fit_lens
 
@@ -68,6 +71,10 @@ class LensTrial:
         values = {"better": self.better_by, "model": self.model}
         return Finding("lens-misfit", "info", values, cameras, kind="other-taken")
 
+    def applied(self, session: Session) -> Session:
+        """The session with this model for all cameras."""
+        return session if self.model is None else with_lens_model(session, self.model)
+
     def noted_in(self, done: Calibration) -> Calibration:
         """The calibration with this model, and the finding that it was taken; its validity is as it was."""
         chosen = self.chosen(tuple(camera.id for camera in done.rig.cameras))
@@ -75,17 +82,19 @@ class LensTrial:
         return replace(done, rig=replace(done.rig, quality=quality))
 
 
-def best_lens_model(solved: BallFit, context: Context) -> LensTrial | None:
+def best_lens_model(solved: BallFit, run: Run) -> LensTrial | None:
     """The best of the models that are better for the lenses that were estimated; None where none is.
 
     Parameters
     ----------
     solved
         The network with its solution.
-    context
-        For progress, and to stop.
+    run
+        For progress, to stop, and for the time of the trials.
     """
-    return _best([trial for trial in try_lenses(solved, context) if trial.model is not None])
+    best = _best([trial for trial in try_lenses(solved, run.context) if trial.model is not None])
+    run.watch.lap("lens models")
+    return best
 
 
 def best_lenses(solved: BallFit, context: Context) -> LensTrial | None:

@@ -9,6 +9,7 @@ import numpy as np
 from spherecal.base.arrays import ByValue, IntArray
 from spherecal.base.context import Context
 from spherecal.base.errors import InputError
+from spherecal.base.messages.catalogue import phrase
 from spherecal.base.messages.values import Phrase
 from spherecal.base.threads import on_one_blas_thread
 from spherecal.data.findings import Finding
@@ -40,23 +41,22 @@ _LEAST_CAMERAS = 3
 
 @dataclass(frozen=True)
 class CheckedCamera:
-    """One camera: its test, its verdict, and its residuals at the calibration (rms px, None where unknown)."""
+    """One camera: its test, its verdict, its residuals at the calibration (rms px, None where unknown), and why."""
 
     test: CameraTest
     verdict: Verdict
     before_px: float | None
-    reason: str
+    reason: Phrase | None = None
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Check(ByValue):
-    """The whole: verdict, a sentence, cameras worst first, those not seen, balls and bars measured, findings.
+    """The whole: verdict, cameras worst first, those not seen, balls and bars measured, findings.
 
     `tolerance_mm`: a camera whose move shifts a point by more is to be recalibrated.
     """
 
     verdict: Verdict
-    sentence: str
     tolerance_mm: float | None
     cameras: tuple[CheckedCamera, ...]
     untested: tuple[str, ...]
@@ -193,7 +193,6 @@ def _judged(
     worst = _ORDER[max((_ORDER.index(word) for word in words), default=0)]
     return Check(
         worst,
-        _sentence(worst, cameras, found),
         tolerance,
         tuple(cameras),
         consistency.untested,
@@ -234,14 +233,17 @@ def camera_state(test: CameraTest, rig: Rig, tolerance_mm: float | None) -> Chec
     before = placed.rms_px if placed is not None else None
     if test.moved:
         large = test.move_px > _NO_MAP_PX if tolerance_mm is None else test.point_mm > tolerance_mm
-        turn = float(np.degrees(np.linalg.norm(test.turn_rad)))
-        shift = float(np.linalg.norm(test.shift_mm))
-        reason = f"moved by about {shift:.3f} mm and {turn:.4f} deg ({test.move_px:.2f} px in its images)"
+        values = {
+            "shift_mm": float(np.linalg.norm(test.shift_mm)),
+            "rotation_deg": float(np.degrees(np.linalg.norm(test.turn_rad))),
+            "move_px": test.move_px,
+        }
+        reason = Phrase("check-moved", values)
         return CheckedCamera(test, "recalibrate" if large else "watch", before, reason)
     if before and test.points >= _LEAST_FOR_NOISE and test.rms_px > _NOISIER * before:
-        reason = f"its image points scatter {test.rms_px / before:.1f} times as much as at the calibration"
+        reason = Phrase("check-noisier", {"ratio": test.rms_px / before})
         return CheckedCamera(test, "watch", before, reason)
-    return CheckedCamera(test, "ok", before, "")
+    return CheckedCamera(test, "ok", before)
 
 
 def _scale_findings(
@@ -278,12 +280,25 @@ def _bar_limit(m: MeasuredLength, limit: LengthLimit | None) -> float:
     return _BAR_SIGMAS * m.budget.combined_mm if limit is None else limit.at(m.reference_mm)
 
 
-def _sentence(verdict: Verdict, cameras: Sequence[CheckedCamera], findings: Sequence[Finding]) -> str:
-    if verdict == "ok":
-        if not cameras:
-            return "The bars are measured as certified; single cameras were not checked."
-        return f"The rig is as it was calibrated: {len(cameras)} cameras agree with one another."
-    causes = [f"camera {one.test.id} {one.reason}" for one in cameras if one.verdict == verdict]
-    severity = "error" if verdict == "recalibrate" else "warning"
-    causes += [f.message.rstrip(".") for f in findings if f.severity == severity]
-    return f"{'; '.join(causes)}."[:1].upper() + f"{'; '.join(causes)}."[1:]
+def check_sentence(found: Check, language: str = "en") -> str:
+    """The verdict's reasons in one sentence.
+
+    Parameters
+    ----------
+    found
+        The check.
+    language
+        A language of the catalogue.
+    """
+    if found.verdict == "ok":
+        agree = Phrase("check-agree", {"cameras": len(found.cameras)})
+        return phrase(agree if found.cameras else Phrase("check-bars-alone"), language)
+    severity = "error" if found.verdict == "recalibrate" else "warning"
+    causes = [camera_cause(one) for one in found.cameras if one.verdict == found.verdict]
+    said = [f.words("message", language).rstrip(".。") for f in found.findings if f.severity == severity]
+    return phrase(Phrase("sentence", {"text": Phrase("check-causes", {"causes": (*causes, *said)})}), language)
+
+
+def camera_cause(one: CheckedCamera) -> Phrase:
+    """Which camera, and why it is to be watched or recalibrated."""
+    return Phrase("check-camera", {"camera": one.test.id, "reason": one.reason})

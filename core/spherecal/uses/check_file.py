@@ -6,12 +6,12 @@ from typing import TypedDict
 
 import numpy as np
 
-from spherecal.base.errors import OutputError
+from spherecal.base.messages.catalogue import phrase
 from spherecal.files.findings_file import FINDING
 from spherecal.files.json_file import finite, software_entry
 from spherecal.profile.checks import keep_check
 from spherecal.profile.store import is_profile, open_profile
-from spherecal.uses.check import Check, CheckedCamera, Verdict
+from spherecal.uses.check import Check, CheckedCamera, Verdict, check_sentence
 
 FORMAT = "spherecal/check"
 VERSION = 1
@@ -61,7 +61,7 @@ def check_json(found: Check) -> CheckDocument:
         "format": FORMAT,
         "version": VERSION,
         "verdict": found.verdict,
-        "sentence": found.sentence,
+        "sentence": check_sentence(found),
         "tolerance_mm": finite(found.tolerance_mm),
         "cameras": [camera_entry(one) for one in found.cameras],
         "untested": list(found.untested),
@@ -108,14 +108,12 @@ def camera_entry(one: CheckedCamera) -> CheckedCameraEntry:
         "turn_deg": finite(np.degrees(np.linalg.norm(one.test.turn_rad))),
         "point_mm": finite(one.test.point_mm),
         "probability": finite(one.test.p),
-        "reason": one.reason,
+        "reason": "" if one.reason is None else phrase(one.reason),
     }
 
 
-def keep(profile: Path, check: Mapping[str, object], temperature_c: float | None = None) -> str | None:
-    """Keep a check in the profile that it was made against; what to say of it, None for no profile.
-
-    A profile that cannot be written to does not spoil the check: the sentence says so.
+def keep(profile: Path, check: Mapping[str, object], temperature_c: float | None = None) -> bool:
+    """Keep a check in the profile that it was made against; False where that is no profile with a calibration in use.
 
     Parameters
     ----------
@@ -125,14 +123,14 @@ def keep(profile: Path, check: Mapping[str, object], temperature_c: float | None
         The check's document, of `check_json`.
     temperature_c
         The rig's temperature in deg C; None where it is not known.
+
+    Raises
+    ------
+    OutputError
+        Where the profile cannot be written to.
     """
-    if not (profile.is_dir() and is_profile(profile)):
-        return None
-    opened = open_profile(profile)
-    if opened.active_id is None:
-        return None
-    try:
-        keep_check(profile, opened.active_id, check, temperature_c)
-    except OutputError as error:
-        return f"The check is not kept in the profile. {error}"
-    return f"Kept in the profile: spherecal profile trend {profile} --checks"
+    active = open_profile(profile).active_id if profile.is_dir() and is_profile(profile) else None
+    if active is None:
+        return False
+    keep_check(profile, active, check, temperature_c)
+    return True

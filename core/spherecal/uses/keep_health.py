@@ -2,21 +2,20 @@
 
 from pathlib import Path
 
-from spherecal.base.errors import OutputError
+from spherecal.base.messages.catalogue import phrase
+from spherecal.base.messages.values import Phrase
 from spherecal.data.rig import Rig
 from spherecal.files.json_file import finite
 from spherecal.measuring.health import SLOW_SETS
 from spherecal.measuring.results import Health
-from spherecal.profile.checks import keep_check
-from spherecal.profile.store import is_profile, open_profile
-from spherecal.uses.check import Verdict, camera_state
-from spherecal.uses.check_file import CheckEntry, camera_entry
+from spherecal.uses.check import Verdict, camera_cause, camera_state
+from spherecal.uses.check_file import CheckEntry, camera_entry, keep
 
 _ORDER: tuple[Verdict, ...] = ("ok", "watch", "recalibrate")
 
 
-def keep_health(profile: Path, health: Health, rig: Rig, temperature_c: float | None = None) -> str | None:
-    """Keep the health in the profile; what to say of it, None for no profile or too few sets to judge.
+def keep_health(profile: Path, health: Health, rig: Rig, temperature_c: float | None = None) -> bool:
+    """Keep the health in the profile; False for no profile, and for too few sets to judge.
 
     Parameters
     ----------
@@ -28,17 +27,15 @@ def keep_health(profile: Path, health: Health, rig: Rig, temperature_c: float | 
         The rig that was measured with.
     temperature_c
         The rig's temperature in deg C; None where it is not known.
+
+    Raises
+    ------
+    OutputError
+        Where the profile cannot be written to.
     """
-    if not (profile.is_dir() and is_profile(profile)) or health.sets < SLOW_SETS or not health.tests:
-        return None
-    active = open_profile(profile).active_id
-    if active is None:
-        return None
-    try:
-        keep_check(profile, active, health_document(health, rig), temperature_c)
-    except OutputError as error:
-        return f"The rig's health is not kept in the profile. {error}"
-    return f"The rig's health is kept in the profile: spherecal profile trend {profile} --checks"
+    if health.sets < SLOW_SETS or not health.tests:
+        return False
+    return keep(profile, health_document(health, rig), temperature_c)
 
 
 def health_document(health: Health, rig: Rig) -> CheckEntry:
@@ -59,11 +56,12 @@ def health_document(health: Health, rig: Rig) -> CheckEntry:
         if not test.moved or test.id in named
     ]
     worst = _ORDER[max((_ORDER.index(state.verdict) for state in states), default=0)]
-    moved = [f"camera {state.test.id} {state.reason}" for state in states if state.verdict == worst != "ok"]
-    said = "; ".join(moved) if moved else f"{len(states)} cameras agree with one another"
+    causes = [camera_cause(state) for state in states if state.verdict == worst != "ok"]
+    agree = Phrase("health-agree", {"sets": health.sets, "cameras": len(states)})
+    said = Phrase("health-causes", {"sets": health.sets, "causes": causes}) if causes else agree
     return {
         "verdict": worst,
-        "sentence": f"While measuring {health.sets} sets: {said}.",
+        "sentence": phrase(said),
         "tolerance_mm": finite(tolerance),
         "cameras": [camera_entry(state) for state in states],
         "balls": [],

@@ -12,17 +12,16 @@ import numpy as np
 
 from spherecal.base.arrays import FloatArray
 from spherecal.base.threads import on_one_blas_thread
-from spherecal.data.findings import counted
 from spherecal.data.rig import Rig, RigCamera
 from spherecal.data.session import BarLength
-from spherecal.geometry.camera import image_reach, project
+from spherecal.geometry.camera import is_unfolded, project
 
 LINES = 7
 LEAST_LENGTHS = 5  # test lengths on a line (VDI/VDE 2634-1)
 _DIAGONALS = np.array([[1, 1, 1], [1, 1, -1], [1, -1, 1], [-1, 1, 1]], dtype=float)
 # Where the three edge lines run, in half sides of the box: on edges that do not meet.
 _EDGES = ((0, (0.0, -1.0, -1.0)), (1, (1.0, 0.0, -1.0)), (2, (-1.0, 1.0, 0.0)))
-_NAMES = ("edge X", "edge Y", "edge Z", "diagonal 1", "diagonal 2", "diagonal 3", "diagonal 4")
+LINE_NAMES = ("edge X", "edge Y", "edge Z", "diagonal 1", "diagonal 2", "diagonal 3", "diagonal 4")
 # A line moves towards the middle in these steps until every mark of the bar is seen.
 _TOWARDS_MIDDLE = (0.9, 0.75, 0.6, 0.45, 0.3, 0.15, 0.0)
 _LEAST_VIEWS, _GOOD_VIEWS = 2, 3
@@ -146,13 +145,13 @@ class PosePlan:
         rounded = [np.round(x, 2).tolist() for x in (self.box.middle, self.box.half)]
         return {
             "volume": {"middle_mm": rounded[0], "half_mm": rounded[1], "axes": np.round(self.box.axes, 6).tolist()},
-            "lines": [{"name": n, "lengths": c} for n, c in zip(_NAMES, self.lengths_on_line, strict=True)],
+            "lines": [{"name": n, "lengths": c} for n, c in zip(LINE_NAMES, self.lengths_on_line, strict=True)],
             "missing": list(self.missing),
             "cameras_left_out": list(self.cameras_left_out),
             "poses": [
                 {
                     "id": p.id,
-                    "line": _NAMES[p.line],
+                    "line": LINE_NAMES[p.line],
                     "bar": p.bar,
                     "start_mm": np.round(p.start_mm, 1).tolist(),
                     "end_mm": np.round(p.end_mm, 1).tolist(),
@@ -216,7 +215,7 @@ def plan_poses(rig: Rig, bars: Sequence[BarMarks], corners_mm: tuple[FloatArray,
         poses += found
         lengths.append(sum(_of(bars, pose.bar).lengths for pose in found))
         if not found:
-            missing.append(_NAMES[line])
+            missing.append(LINE_NAMES[line])
     left_out = _for_every_camera(rig, box, bars, poses, lengths)
     return PosePlan(box, tuple(poses), tuple(lengths), tuple(missing), left_out)
 
@@ -376,43 +375,19 @@ def cameras_that_see(rig: Rig, points: FloatArray) -> np.ndarray:
         size = np.array(camera.image_size)
         margin = _MARGIN * size
         inside = ((uv >= margin) & (uv <= size - 1 - margin)).all(axis=1)
-        reach = float(image_reach(camera.intrinsics[None], size[None])[0])
-        seen[i] = inside & (x[:, 2] > 0) & (np.hypot(x[:, 0], x[:, 1]) < reach * x[:, 2])
+        inside &= x[:, 2] > 0
+        inside[inside] = is_unfolded(x[inside], np.broadcast_to(camera.intrinsics, (int(inside.sum()), 16)))
+        seen[i] = inside
     return seen
-
-
-def plan_words(plan: PosePlan) -> list[str]:
-    """The plan for people, in English, line by line."""
-    half = 2 * plan.box.half
-    lines = [
-        f"Volume {half[0]:.0f} x {half[1]:.0f} x {half[2]:.0f} mm, space diagonal {plan.box.diagonal_mm:.0f} mm.",
-    ]
-    for pose in plan.poses:
-        start, end = (", ".join(f"{x:.0f}" for x in place) for place in (pose.start_mm, pose.end_mm))
-        weak = "" if pose.good else "  (two cameras only at a mark)"
-        lines.append(
-            f"{pose.id}  bar {pose.bar} on {_NAMES[pose.line]}: from near {pose.near[0]} to near {pose.near[1]}, "
-            f"({start}) to ({end}) mm; {counted(len(pose.cameras), 'camera')} in sight of all of it{weak}"
-        )
-    short = [f"{n} ({c})" for n, c in zip(_NAMES, plan.lengths_on_line, strict=True) if c < LEAST_LENGTHS]
-    if short:
-        lines.append(f"Fewer than {LEAST_LENGTHS} lengths on: {', '.join(short)}.")
-    if plan.cameras_left_out:
-        names = ", ".join(plan.cameras_left_out)
-        lines.append(f"No place in the volume shows a whole bar to {names} and another camera.")
-    if plan.missing:
-        lines.append(f"No place seen by two cameras on: {', '.join(plan.missing)}.")
-    return lines
 
 
 @dataclass(frozen=True)
 class PoseAnswer:
-    """Whether a bar is where it was asked: distance of its middle, its turn, and what to do in words."""
+    """Whether a bar is where the plan wants it, the distance of its middle, and the angle between the directions."""
 
     accepted: bool
     off_mm: float
     off_deg: float
-    words: str
 
 
 # A tenth of a 1.5 m volume and a third of the angle between neighbouring lines: the spread stays what was planned.
@@ -436,18 +411,10 @@ def judge_pose(
         How far its direction may be turned.
     """
     if ends_mm is None or not np.isfinite(ends_mm).all():
-        return PoseAnswer(False, np.inf, np.inf, "The bar is not found: two cameras must see both of its end marks.")
+        return PoseAnswer(False, np.inf, np.inf)
     wanted = np.stack([pose.start_mm, pose.end_mm])
     along, is_along = wanted[1] - wanted[0], ends_mm[1] - ends_mm[0]
     cosine = abs(float(along @ is_along)) / max(float(np.linalg.norm(along) * np.linalg.norm(is_along)), 1e-9)
     off_deg = float(np.degrees(np.arccos(min(cosine, 1.0))))
-    shift = wanted.mean(axis=0) - ends_mm.mean(axis=0)
-    off_mm = float(np.linalg.norm(shift))
-    if off_mm > tolerance_mm:
-        axis = int(np.abs(shift).argmax())
-        words = f"Move the bar by {off_mm:.0f} mm, mostly along {'XYZ'[axis]} ({shift[axis]:+.0f} mm)."
-        return PoseAnswer(False, off_mm, off_deg, words)
-    if off_deg > tolerance_deg:
-        words = f"Turn the bar by {off_deg:.0f} degrees, from near {pose.near[0]} to near {pose.near[1]}."
-        return PoseAnswer(False, off_mm, off_deg, words)
-    return PoseAnswer(True, off_mm, off_deg, "The bar lies where it was asked.")
+    off_mm = float(np.linalg.norm(wanted.mean(axis=0) - ends_mm.mean(axis=0)))
+    return PoseAnswer(off_mm <= tolerance_mm and off_deg <= tolerance_deg, off_mm, off_deg)

@@ -80,5 +80,5 @@ def add_batch(add: Add) -> None:
     search(batch)
     choice(batch, "--intrinsics", ("free", "fixed"), "as of `calibrate` (default free)", "free")
     flag(batch, "--own-intrinsics", "every camera for itself")
-    number(batch, "--seed", None, "of the random choices of triples (default 0)", int, default=0)
+    seed(batch, "of the random choices of triples (default 0)", 0)
     workers(batch)

@@ -3,8 +3,10 @@
 import argparse
 from pathlib import Path
 
-from spherecal.cli.parsers.shared import choice, flag, number, output, path, repeated, word
+from spherecal.cli.parsers.shared import between, choice, flag, number, output, path, repeated, word
 from spherecal.cli.parsing import Add, commands_below
+
+_ABOVE_ZERO = between(float, 1e-12, 1e12, "a number above 0 is needed")
 
 
 def add_cameras(add: Add) -> None:
@@ -25,8 +27,8 @@ def add_cameras(add: Add) -> None:
     show.add_argument("camera", metavar="SERIAL|NAME", help="its serial number or its name")
     _add_set(action("set", "Keep settings for a camera, and apply them if it is there."))
     doctor = action("doctor", "Test lines, rates and triggers, and say what to do.")
-    number(doctor, "--seconds", None, "how long to watch (default 5)", _positive, default=5.0)
-    number(doctor, "--rate", "HZ", "images a second (default 5)", _positive, default=5.0)
+    number(doctor, "--seconds", None, "how long to watch (default 5)", _ABOVE_ZERO, default=5.0)
+    number(doctor, "--rate", "HZ", "images a second (default 5)", _ABOVE_ZERO, default=5.0)
     flag(doctor, "--order", "find out which camera is which, by covering lenses")
     flag(doctor, "--stagger", "keep the delays with which GigE cameras share a line, and apply them")
     _add_capture(action("capture", "Capture a session, set by set."))
@@ -40,19 +42,19 @@ def add_cameras(add: Add) -> None:
 def _add_set(to: argparse.ArgumentParser) -> None:
     to.add_argument("camera", metavar="SERIAL|NAME|all", help="its serial number or its name, or all cameras")
     word(to, "--name", None, "the name to show")
-    number(to, "--exposure-us", "US", "exposure time", _positive)
+    number(to, "--exposure-us", "US", "exposure time", _ABOVE_ZERO)
     number(to, "--gain-db", "DB", "gain")
     word(to, "--pixel-format", "FORMAT", "Mono8, Mono12, Mono12p, BayerRG8, ...")
     to.add_argument("--region", type=int, nargs=4, metavar=("X", "Y", "W", "H"), help="part of the sensor")
     flag(to, "--full", "the whole sensor")
     choice(to, "--trigger", ("software", "hardware", "free", "scheduled"), "what starts an image")
     word(to, "--trigger-source", "INPUT", "input of the hardware trigger, such as Line1")
-    number(to, "--frame-rate-hz", "HZ", "of a camera that runs free", _positive)
+    number(to, "--frame-rate-hz", "HZ", "of a camera that runs free", _ABOVE_ZERO)
     number(to, "--packet-size", "BYTES", "of a GigE camera's stream", int)
     number(to, "--packet-delay", "TICKS", "pause between packets, in the camera's ticks", int)
     number(to, "--frame-delay", "TICKS", "pause before an image is sent, in its ticks", int)
-    number(to, "--focal-length-mm", "MM", "of the lens, as its label says", _positive)
-    number(to, "--pixel-pitch-um", "UM", "of the sensor, as its data sheet says", _positive)
+    number(to, "--focal-length-mm", "MM", "of the lens, as its label says", _ABOVE_ZERO)
+    number(to, "--pixel-pitch-um", "UM", "of the sensor, as its data sheet says", _ABOVE_ZERO)
     flag(to, "--offline", "only keep the settings, do not look for the camera")
 
 
@@ -61,9 +63,9 @@ def _add_capture(to: argparse.ArgumentParser) -> None:
     path(to, "--plan", "FILE", "what to capture, in the form of session.json")
     number(to, "--placements", "N", "without a plan: this many placements (default 4)", int)
     path(to, "--targets", "targets.json", "without a plan: the target set")
-    number(to, "--diameter-mm", "MM", "without a plan: of the ball", _positive)
+    number(to, "--diameter-mm", "MM", "without a plan: of the ball", _ABOVE_ZERO)
     number(to, "--average", "N", "images to average for each (default 1)", int, default=1)
-    number(to, "--timeout", "S", "for a set (default 1)", _positive, default=1.0)
+    number(to, "--timeout", "S", "for a set (default 1)", _ABOVE_ZERO, default=1.0)
     number(to, "--retries", "N", "when a camera is missing (default 2)", int, default=2)
     flag(to, "--no-wait", "do not ask before each set")
     word(to, "--before-each", "COMMAND", "run this before each set, its id in SPHERECAL_SET (a turntable, ...)")
@@ -103,10 +105,3 @@ def add_simulate_gige(add: Add) -> None:
     word(simulate, "--show", "SCENE", "placement or bar pose to begin with (default: the first)")
     number(simulate, "--mtu", "BYTES", "largest packet (default 1500)", int, default=1500)
     word(simulate, "--run", "COMMAND", "run this on the rig's computer, and end with it; its exit code is ours")
-
-
-def _positive(text: str) -> float:
-    value = float(text)
-    if not 0 < value < 1e12:
-        raise argparse.ArgumentTypeError("a number above 0 is needed")
-    return value

@@ -7,12 +7,13 @@ value in the help, and the help's text.
 import argparse
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeVar
 
 if TYPE_CHECKING:
     from spherecal.initialise.path import Search
 
 To = argparse._ActionsContainer  # of a parser and of a group
+Number = TypeVar("Number", int, float)
 BALL_METHODS = ("auto", "tao2021", "free", "rigid", "board", "bar")
 PAGES = ("A4", "Letter")
 PATH_BASE = 1.1  # spherecal.initialise.path.BASE, which would load scipy
@@ -236,21 +237,42 @@ def seed(to: To, text: str, default: int) -> None:
 
 def workers(to: To) -> None:
     """Add where many runs are computed."""
-    number(to, "--workers", "N", "local processes (default 2, 0: none)", _count, default=2)
+    number(to, "--workers", "N", "local processes (default 2, 0: none)", _COUNT, default=2)
     word(to, "--cluster", "ADDRESS", "an existing Dask scheduler instead, as tcp://HOST:8786")
 
 
 # --- values ----------------------------------------------------------------------------------------------------------
 
 
+def between(kind: Callable[[str], Number], low: float, high: float, words: str) -> Callable[[str], Number]:
+    """The kind of a `number` from `low` to `high`.
+
+    Parameters
+    ----------
+    kind
+        `int` or `float`.
+    low, high
+        The smallest and the largest value.
+    words
+        What is said of anything else: argparse would name a function of ours.
+    """
+
+    def converted(text: str) -> Number:
+        try:
+            value = kind(text)
+        except ValueError:
+            value = None
+        if value is None or not low <= value <= high:
+            raise argparse.ArgumentTypeError(words)
+        return value
+
+    return converted
+
+
+_COUNT = between(int, 0, 256, "must be from 0 to 256")
+
+
 def _seed(text: str) -> int:
     if not text.isdecimal() or int(text) >= 2**31 - 1:
         raise argparse.ArgumentTypeError("a seed is a whole number from 0 to 2147483646")
     return int(text)
-
-
-def _count(text: str) -> int:
-    value = int(text)
-    if not 0 <= value <= 256:
-        raise argparse.ArgumentTypeError("must be from 0 to 256")
-    return value

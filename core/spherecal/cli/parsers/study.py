@@ -3,10 +3,12 @@
 import argparse
 from pathlib import Path
 
-from spherecal.cli.parsers.shared import flag, number, output, path, path_weights, word, workers
+from spherecal.cli.parsers.shared import between, flag, number, output, path, path_weights, seed, word, workers
 from spherecal.cli.parsing import Add
 
 NAMES = ("layouts", "path", "noise", "cameras", "compare", "rigB", "bar")
+_RUNS = between(int, 1, 2**31, "must be 1 or more")
+_NOISE_PX = between(float, 1e-4, 10, "must be from 0.0001 to 10 px")
 
 
 def add_study(add: Add) -> None:
@@ -14,9 +16,15 @@ def add_study(add: Add) -> None:
     study = add("study", "Repeat the experiments of the paper on simulated rigs; a page each.")
     study.add_argument("names", nargs="*", type=_study, metavar="STUDY", help=f"{', '.join(NAMES)}; none: all")
     output(study, "DIR", "folder for the pages (default spherecal-study)", default=Path("spherecal-study"))
-    number(study, "--runs", "N", "repetitions with other seeds (each study its own)", _positive)
-    number(study, "--sigma", "PX", "image noise of simulated observations (0.04)", _noise)
-    number(study, "--seed", None, "the first seed (default 1)", int, default=1)
+    number(
+        study,
+        "--runs",
+        "N",
+        "repetitions with other seeds (each study its own)",
+        between(int, 1, 2**31, "must be 1 or more"),
+    )
+    number(study, "--sigma", "PX", "image noise of simulated observations (0.04)", _NOISE_PX)
+    seed(study, "the first seed (default 1)", 1)
     flag(study, "--known", "intrinsics known before, as Algorithm 1 has them, not the data sheets'")
     path_weights(study)
     flag(study, "--kept", "run nothing: pages from the results that are kept")
@@ -31,17 +39,3 @@ def _study(text: str) -> str:
     if text not in NAMES:
         raise argparse.ArgumentTypeError(f"there is no study {text!r}; there are {', '.join(NAMES)}")
     return text
-
-
-def _positive(text: str) -> int:
-    value = int(text)
-    if value < 1:
-        raise argparse.ArgumentTypeError("must be 1 or more")
-    return value
-
-
-def _noise(text: str) -> float:
-    value = float(text)
-    if not 1e-4 <= value <= 10:
-        raise argparse.ArgumentTypeError("must be from 0.0001 to 10 px")
-    return value

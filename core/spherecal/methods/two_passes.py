@@ -12,7 +12,7 @@ from spherecal.result.build import stopped_early
 Calibrate = Callable[[Session, Context, Stopwatch], Calibration]
 
 
-def with_second_look(session: Session, calibrate: Calibrate, context: Context, watch: Stopwatch) -> Calibration:
+def calibrate_twice(session: Session, calibrate: Calibrate, context: Context, watch: Stopwatch) -> Calibration:
     """The calibration with the targets that only its predictions find in the images; the first one where stopped.
 
     Parameters
@@ -34,7 +34,7 @@ def with_second_look(session: Session, calibrate: Calibrate, context: Context, w
     first = calibrate(session, context, Stopwatch())
     try:
         session = with_missed_targets(session, first, context.accepting_partial())
-        watch.lap("second look")
+        watch.lap("re-detection")
         return calibrate(session, context.accepting_partial(), watch)
     except PartialResultAccepted:
         return stopped_early(first)

@@ -136,22 +136,22 @@ def solve_images(
         np.full((images.n_features, 3), np.nan),
     )
     start, used = _settled(images, start, enough, context)
-    solved = refine(images, start, used, enough, context)
-    own = np.flatnonzero(np.bincount(solved.problem.camera, minlength=len(enough)))
-    linear = engine.linearise(solved.problem, solved.state, None)
-    normal = _of_poses(solved.problem, solved.state, linear, own)
-    if normal is None or solved.redundancy <= 0 or not solved.minimum.converged:
+    fit = refine(images, start, used, enough, context)
+    own = np.flatnonzero(np.bincount(fit.problem.camera, minlength=len(enough)))
+    linear = engine.linearise(fit.problem, fit.state, None)
+    normal = _of_poses(fit.problem, fit.state, linear, own)
+    if normal is None or fit.redundancy <= 0 or not fit.minimum.converged:
         return None
-    points = np.bincount(solved.problem.camera, minlength=len(enough))[own]
+    points = np.bincount(fit.problem.camera, minlength=len(enough))[own]
     return ImagePoses(
         own // n_ball,
         own % n_ball,
         points,
-        solved.state.rotation[own],
-        solved.state.translation[own],
+        fit.state.rotation[own],
+        fit.state.translation[own],
         normal,
-        _squares(solved.problem, linear)[own],
-        solved.variance,
+        _squares(fit.problem, linear)[own],
+        fit.variance,
     )
 
 

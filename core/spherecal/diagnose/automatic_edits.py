@@ -317,9 +317,9 @@ def _credible(tried: Calibration, way: Repairs) -> bool:
         now = tried.rig.camera(_home(earlier.id, way))
         if now is None:
             return False
-        turn = float(np.linalg.norm(log_rotation(now.rotation @ earlier.rotation.T)))
-        shift = float(np.linalg.norm(now.centre_mm - earlier.centre_mm))
-        if turn > FAR_RAD or (shift > FAR_MM and tried.rig.scale.source != "none"):
+        rotation = float(np.linalg.norm(log_rotation(now.rotation @ earlier.rotation.T)))
+        translation = float(np.linalg.norm(now.centre_mm - earlier.centre_mm))
+        if rotation > FAR_RAD or (translation > FAR_MM and tried.rig.scale.source != "none"):
             return False
         if fits[now.id] > WORSE * np.median(list(fits.values())):
             return False

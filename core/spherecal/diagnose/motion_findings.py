@@ -119,10 +119,10 @@ def moved_cameras(e: Evidence, findings: Sequence[Finding]) -> set[str]:
 
 
 def _moved(e: Evidence, move: Move) -> Finding:
-    turn, translation = (float(np.linalg.norm(part)) for part in (move.step[:3], move.step[3:] * e.solution.factor))
-    size = _size(e, move.camera, translation, turn)
-    if turn < _TINY_RAD:
-        size = Phrase("move-microradians", {"shift": _shift(e, translation), "microradians": 1e6 * turn})
+    rotation, translation = (float(np.linalg.norm(part)) for part in (move.step[:3], move.step[3:] * e.solution.factor))
+    size = _size(e, move.camera, translation, rotation)
+    if rotation < _TINY_RAD:
+        size = Phrase("move-microradians", {"shift": _shift(e, translation), "microradians": 1e6 * rotation})
     sure = Phrase(
         "shows-move",
         {

@@ -336,7 +336,10 @@ def _start(images: ImagePoses, layout: PoseComposition) -> Poses | None:
     still = layout.motion < 0
     cameras: dict[int, Similarity] = {}
     balls = {int(layout.ball[np.argmax(np.where(still, images.points, 0))]): IDENTITY}
-    own = [Similarity(1.0, turn, shift) for turn, shift in zip(images.rotation, images.translation, strict=True)]
+    own = [
+        Similarity(1.0, rotation, translation)
+        for rotation, translation in zip(images.rotation, images.translation, strict=True)
+    ]
     at = list(zip(layout.camera.tolist(), layout.ball.tolist(), strict=True))
     for rows in (np.flatnonzero(still), np.arange(len(still))):  # moved images last: they are where they are not
         poses = {at[i]: own[i] for i in rows}
@@ -446,5 +449,5 @@ class _System:
     @staticmethod
     def moved(poses: Poses, step: FloatArray) -> Poses:
         """The poses after a step."""
-        turn = exp_rotation(step[:, :3])
-        return turn @ poses[0], np.einsum("kij,kj->ki", turn, poses[1]) + step[:, 3:]
+        rotation = exp_rotation(step[:, :3])
+        return rotation @ poses[0], np.einsum("kij,kj->ki", rotation, poses[1]) + step[:, 3:]

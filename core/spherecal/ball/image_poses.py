@@ -38,7 +38,7 @@ LEAST_POINTS = 8
 MOST_IMAGES = 300
 # Once every image has its pose, most points are off by less than this unless a large move has bent a lens (0.03 to
 # 0.5 px; 2 px and more).
-LENSES_HELD_PX = 1.0
+FIXED_LENS_MISFIT_PX = 1.0
 
 
 @dataclass(frozen=True)
@@ -170,7 +170,7 @@ def _settled(images: Network, start: State, enough: BoolArray, context: Context)
 def _fits(images: Network, state: State, candidates: BoolArray, enough: BoolArray) -> bool:
     """Whether every image shows the dots where it is said to: one of few points may have found a wrong pose."""
     judged = np.flatnonzero(candidates & np.isfinite(state.points[images.feature, 0]))
-    off = np.bincount(images.camera[judged], residual_size(images, state)[judged] >= LENSES_HELD_PX, len(enough))
+    off = np.bincount(images.camera[judged], residual_size(images, state)[judged] >= FIXED_LENS_MISFIT_PX, len(enough))
     return bool((2 * off < np.bincount(images.camera[judged], minlength=len(enough)))[enough].all())
 
 

@@ -257,10 +257,10 @@ def _names_are_certain(session: Session, way: Repairs) -> bool:
         seen = placements_seen_by(session, pair.split(","))
         if 2 * len(swapped) >= len(seen) or swapped & {seen[0], seen[-1]}:
             return False
-    return not any(may_be_exchanged(session, way, value.partition("@")[0]) for value in way.leave_out)
+    return not any(may_be_swapped(session, way, value.partition("@")[0]) for value in way.leave_out)
 
 
-def may_be_exchanged(session: Session, way: Repairs, camera: str) -> bool:
+def may_be_swapped(session: Session, way: Repairs, camera: str) -> bool:
     """Whether a camera's first images are left out, and another camera saw the ball only after them.
 
     A camera was exchanged from P3 on with one that had not seen the ball before. Its first two images were left out:

@@ -35,7 +35,7 @@ from spherecal.diagnose.ball_size import SizeChange, possible_sizes, size_change
 from spherecal.diagnose.checks import STOPPED, run_checks, unlinked
 from spherecal.diagnose.evidence import Evidence
 from spherecal.diagnose.rejected_edges import rejected_edges
-from spherecal.diagnose.soundness import scale_doubt
+from spherecal.diagnose.soundness import further_scale_uncertainty
 from spherecal.diagnose.unconfirmed_poses import unconfirmed_poses
 from spherecal.geometry.camera import N_INTRINSICS, project
 from spherecal.geometry.sphere import fit_sphere
@@ -90,7 +90,9 @@ def build_result(recording: Recording, local: LocalNetwork, fit: MetricFit, meth
     names = [camera.id for camera in cameras]
     factor, of_poses = widening(findings, names, choice.form)
     ball_size = ball_size or possible_sizes(evidence, float(factor.max(initial=1.0)))
-    scale = _doubted(solution.scale, float(np.hypot(scale_doubt(evidence), ball_size.largest if ball_size else 0.0)))
+    scale = _doubted(
+        solution.scale, float(np.hypot(further_scale_uncertainty(evidence), ball_size.largest if ball_size else 0.0))
+    )
     cameras = tuple(_wider(camera, f) for camera, f in zip(cameras, of_poses, strict=True))
     covariance = _wider_covariance(covariance, factor, cameras, solution.scale, scale)
     cameras, covariance = _either_pose(cameras, covariance, evidence)

@@ -26,6 +26,10 @@ ROOT = Path(__file__).resolve().parents[1]
 DURATIONS = Path(__file__).with_name("durations.json")
 QUICK_S = 0.1
 
+# A shell that starts the tests in the background has them ignore Ctrl-C, and so would the programs that tests start.
+if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
+    signal.signal(signal.SIGINT, signal.default_int_handler)
+
 hypothesis.settings.register_profile("spherecal", deadline=None, derandomize=bool(os.environ.get("CI")))
 hypothesis.settings.load_profile("spherecal")
 

@@ -251,6 +251,10 @@
         <translation>Die Tabelle liegt in {file}.</translation>
     </message>
     <message>
+        <source>new bar</source>
+        <translation>neuer Stab</translation>
+    </message>
+    <message>
         <source>something is missing</source>
         <translation>etwas fehlt</translation>
     </message>
@@ -2777,6 +2781,10 @@ px</translation>
         <translation>Sie ist schon in Gebrauch.</translation>
     </message>
     <message>
+        <source>It is to be used with care. Why may it be put to use?</source>
+        <translation>Sie ist mit Vorsicht zu verwenden. Warum darf sie in Gebrauch genommen werden?</translation>
+    </message>
+    <message>
         <source>It was not verified. Why may it be put to use?</source>
         <translation>Sie wurde nicht verifiziert. Warum darf sie in Gebrauch genommen werden?</translation>
     </message>
@@ -4273,6 +4281,10 @@ mm</translation>
     <message>
         <source>Budget</source>
         <translation>Budget</translation>
+    </message>
+    <message>
+        <source>(out of date)</source>
+        <translation>(veraltet)</translation>
     </message>
 </context>
 <context>

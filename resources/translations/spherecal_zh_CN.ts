@@ -251,6 +251,10 @@
         <translation>表格已写入 {file}。</translation>
     </message>
     <message>
+        <source>new bar</source>
+        <translation>新基准尺</translation>
+    </message>
+    <message>
         <source>something is missing</source>
         <translation>尚不完整</translation>
     </message>
@@ -2777,6 +2781,10 @@ px</translation>
         <translation>已启用。</translation>
     </message>
     <message>
+        <source>It is to be used with care. Why may it be put to use?</source>
+        <translation>它须谨慎使用。为什么可以启用？</translation>
+    </message>
+    <message>
         <source>It was not verified. Why may it be put to use?</source>
         <translation>它未经验证。为什么可以启用？</translation>
     </message>
@@ -4273,6 +4281,10 @@ mm</translation>
     <message>
         <source>Budget</source>
         <translation>不确定度预算</translation>
+    </message>
+    <message>
+        <source>(out of date)</source>
+        <translation>（已过期）</translation>
     </message>
 </context>
 <context>

@@ -35,7 +35,12 @@ def smallest_session(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def rig_with(session: Path, command: str) -> subprocess.Popen[str]:
     words = [*SPHERECAL, "cameras", "simulate-gige", str(session), "--cameras", "1", "--run", command]
-    return subprocess.Popen(words, stdout=subprocess.PIPE, text=True, start_new_session=True)
+    return subprocess.Popen(words, stdout=subprocess.PIPE, text=True, start_new_session=True, preexec_fn=_hears_ctrl_c)
+
+
+def _hears_ctrl_c() -> None:
+    """A shell that runs the tests in the background has them, and all that they start, ignore it."""
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
 
 
 def first_line(program: subprocess.Popen[str]) -> str:
@@ -92,7 +97,7 @@ def test_after_ctrl_c_the_command_ends_in_its_own_way(session: Path) -> None:
 
 
 def test_after_ctrl_c_a_command_that_does_not_end_is_ended(session: Path) -> None:
-    with rig_with(session, "trap '' INT; readlink /proc/self/ns/net; sleep 300") as program:
+    with rig_with(session, "trap '' INT; readlink /proc/self/ns/net; sleep 120") as program:
         network = first_line(program)
         program.send_signal(signal.SIGINT)
         assert program.wait(LIMIT_S) == CANCELLED
@@ -101,7 +106,7 @@ def test_after_ctrl_c_a_command_that_does_not_end_is_ended(session: Path) -> Non
 
 def test_killed_outright_it_leaves_no_command_and_no_namespace(session: Path) -> None:
     """Also what the command has started and forgotten."""
-    command = "(trap '' INT HUP TERM; setsid sleep 300) & readlink /proc/self/ns/net; sleep 300"
+    command = "(trap '' INT HUP TERM; setsid sleep 120) & readlink /proc/self/ns/net; sleep 120"
     with rig_with(session, command) as program:
         network = first_line(program)
         assert of_network(network)

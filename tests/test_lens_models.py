@@ -96,7 +96,7 @@ def test_the_right_model_stays_and_shared_lenses_are_told() -> None:
     assert "lens-misfit" not in codes(auto)
     shared = replace(session, cameras=tuple(replace(c, intrinsics_group="one") for c in session.cameras))
     told = lens_finding(calibrate(shared, CalibrationSettings(method="free")))
-    assert "a lens of its own for each camera fits better".lower() in told.message.lower()
+    assert "a separate lens for each camera fits better".lower() in told.message.lower()
     assert "Calibrate with --own-intrinsics." in told.hint
 
 

@@ -233,7 +233,7 @@ def test_an_import_into_a_folder_replaces_no_rig(tmp_path: Path, capsys) -> None
     spherecal.export_rig(make_rig(4, 3), "opencv", tmp_path / "opencv")
     (tmp_path / "rig.json").write_text("the user's")
     assert run("import", tmp_path / "opencv", "--format", "opencv", "-o", tmp_path) == 2
-    assert "has a rig.json already" in capsys.readouterr().err
+    assert "already has a rig.json" in capsys.readouterr().err
     assert (tmp_path / "rig.json").read_text() == "the user's"
     assert run("import", tmp_path / "opencv", "--format", "opencv", "-o", tmp_path / "rig.json") == 0
 

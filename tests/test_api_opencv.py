@@ -216,7 +216,8 @@ def test_a_covariance_of_another_rig_is_not_written_over(tmp_path) -> None:
         spherecal.save_rig(other, tmp_path / "other.json")
     assert spherecal.load_rig(tmp_path) == kept
     spherecal.save_rig(stereo(), tmp_path / "bare.json")
-    with pytest.raises(spherecal.OutputError, match="belongs to another rig"):  # a file without a covariance does not own it
+    # a file without a covariance does not own it
+    with pytest.raises(spherecal.OutputError, match="belongs to another rig"):
         spherecal.save_rig(other, tmp_path / "bare.json")
     assert spherecal.load_rig(tmp_path) == kept
     spherecal.save_rig(other, tmp_path / "rig.json")

@@ -8,6 +8,8 @@ import struct
 import subprocess
 import sys
 import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
@@ -33,9 +35,15 @@ def smallest_session(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-def rig_with(session: Path, command: str) -> subprocess.Popen[str]:
+@contextmanager
+def rig_with(session: Path, command: str) -> Iterator[subprocess.Popen[str]]:
+    """A rig that runs a command; a test that fails ends it."""
     words = [*SPHERECAL, "cameras", "simulate-gige", str(session), "--cameras", "1", "--run", command]
-    return subprocess.Popen(words, stdout=subprocess.PIPE, text=True, start_new_session=True)
+    with subprocess.Popen(words, stdout=subprocess.PIPE, text=True, start_new_session=True) as program:
+        try:
+            yield program
+        finally:
+            program.kill()
 
 
 def first_line(program: subprocess.Popen[str]) -> str:

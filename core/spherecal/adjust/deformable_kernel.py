@@ -37,7 +37,7 @@ def _end_of_place(begin, end, of_row):
 
 
 @njit(**INNER)
-def _weigh_play(v, variance, q, p):
+def _weigh_deformation(v, variance, q, p):
     """Q = tau^2 (I + tau^2 V)^-1 and P = I - Q V = (I + tau^2 V)^-1 of a place."""
     for i in range(3):
         for j in range(3):
@@ -49,7 +49,7 @@ def _weigh_play(v, variance, q, p):
 
 
 @njit(**INNER)
-def _add_through_play(p, v, g, v_place, g_place):
+def _add_through_deformation(p, v, g, v_place, g_place):
     """V and g of a point get what the shape noise of one of its places leaves of the place's."""
     for i in range(3):
         for j in range(3):
@@ -163,13 +163,13 @@ def eliminate_places(
                 gradient,
                 square,
             )
-            _weigh_play(v_place, shape_sd[of_row[first]] ** 2, q, p)
+            _weigh_deformation(v_place, shape_sd[of_row[first]] ** 2, q, p)
             weigh(own_weighted, own, 0, q, own_size)
             subtract_point(matrix, own_weighted, own, own_size, own_blocks, n_own, offset, width)
             subtract_gradient(gradient, own_weighted, 0, own_size, g_place, own_blocks, n_own, offset, width)
             weigh(own_weighted, own, 0, p, own_size)
             _add_coupling(coupling, size, place, own_weighted, own_size, own_blocks, n_own, width)
-            _add_through_play(p, v, g, v_place, g_place)
+            _add_through_deformation(p, v, g, v_place, g_place)
             for s in range(n_own):
                 place_in_own[own_blocks[s]] = -1
             first = last
@@ -246,11 +246,11 @@ def _noise_of_place(begin, end, by_point, variance, q, p):
         for i in range(3):
             for j in range(3):
                 v[i, j] += by_point[k, 0, i] * by_point[k, 0, j] + by_point[k, 1, i] * by_point[k, 1, j]
-    _weigh_play(v, variance, q, p)
+    _weigh_deformation(v, variance, q, p)
 
 
 @njit(**INNER)
-def _add_changes_through_play(begin, end, of_row, shape_sd, by_point, residual, change, q, p, out):
+def _add_changes_through_deformation(begin, end, of_row, shape_sd, by_point, residual, change, q, p, out):
     """out (3,) += what the shape noise of a point's places leaves of J' times the change of their residuals."""
     first = begin
     met = np.empty(3)
@@ -267,7 +267,7 @@ def _add_changes_through_play(begin, end, of_row, shape_sd, by_point, residual, 
 
 
 @njit(**INNER)
-def _squares_of_play(begin, end, of_row, shape_sd, by_point, change, step, q, p):
+def _squares_of_deformation(begin, end, of_row, shape_sd, by_point, change, step, q, p):
     """What the shape noise of a point's places takes off the squares (in `change`) after the point's step."""
     taken, first = 0.0, begin
     met = np.empty(3)
@@ -343,9 +343,9 @@ def substitute_places(
             change[k - begin] = _change_of_row(
                 k, camera, placement, n_cameras, by_camera, by_placement, offset, step, residual[k, 0], residual[k, 1]
             )
-        _add_changes_through_play(begin, end, of_row, shape_sd, by_point, residual, change, q, p, g)
+        _add_changes_through_deformation(begin, end, of_row, shape_sd, by_point, residual, change, q, p, g)
         if not is_kept[point]:
             _step_point(point_step[point], inverse[point], g[0], g[1], g[2])
         squares = _add_squares_after(begin, end, by_point, point_step[point], change, squares)
-        squares -= _squares_of_play(begin, end, of_row, shape_sd, by_point, change, point_step[point], q, p)
+        squares -= _squares_of_deformation(begin, end, of_row, shape_sd, by_point, change, point_step[point], q, p)
     return squares

@@ -156,13 +156,15 @@ class Network:
         camera = self.camera[rows]
         if isinstance(self.ball, Free):
             return camera, state.cameras
-        turn, shift = state.placement_rotation, state.placement_translation
-        size = np.cbrt(np.linalg.det(turn))  # of the ball, which a pose of the camera cannot have: all else is smaller
+        # of the ball, which a pose of the camera cannot have: all else is smaller
+        size = np.cbrt(np.linalg.det(state.placement_rotation))
         size = np.where(np.abs(size - 1) < 1e-9, 1.0, size)
-        rotation = np.einsum("cij,tjk->ctik", state.rotation, turn / size[:, None, None]).reshape(-1, 3, 3)
-        translation = np.einsum("cij,tj->cti", state.rotation, shift) + state.translation[:, None]
+        rotation = np.einsum("cij,tjk->ctik", state.rotation, state.placement_rotation / size[:, None, None]).reshape(
+            -1, 3, 3
+        )
+        translation = np.einsum("cij,tj->cti", state.rotation, state.placement_translation) + state.translation[:, None]
         translation = translation / size[:, None]
-        count = len(turn)
+        count = len(size)
         view = camera * count + self.ball.placement[rows]
         return view, PosedCameras(np.repeat(state.intrinsics, count, axis=0), rotation, translation.reshape(-1, 3))
 

@@ -248,8 +248,8 @@ def moved(problem: Problem, state: State, reduced_step: FloatArray, point_step: 
 
 
 def _moved_poses(rotation: FloatArray, translation: FloatArray, step: FloatArray) -> tuple[FloatArray, FloatArray]:
-    turn = exp_rotation(step[:, :3])
-    return turn @ rotation, np.einsum("cij,cj->ci", turn, translation) + step[:, 3:]
+    rotation_change = exp_rotation(step[:, :3])
+    return rotation_change @ rotation, np.einsum("cij,cj->ci", rotation_change, translation) + step[:, 3:]
 
 
 def prior_residuals(problem: Problem, state: State) -> tuple[FloatArray, FloatArray]:

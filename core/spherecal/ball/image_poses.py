@@ -38,7 +38,7 @@ LEAST_POINTS = 8
 MOST_IMAGES = 300
 # Once every image has its pose, most points are off by less than this unless a large move has bent a lens (0.03 to
 # 0.5 px; 2 px and more).
-LENSES_HELD_PX = 1.0
+FIXED_LENS_MISFIT_PX = 1.0
 
 
 @dataclass(frozen=True)
@@ -136,22 +136,22 @@ def solve_images(
         np.full((images.n_features, 3), np.nan),
     )
     start, used = _settled(images, start, enough, context)
-    solved = refine(images, start, used, enough, context)
-    own = np.flatnonzero(np.bincount(solved.problem.camera, minlength=len(enough)))
-    linear = engine.linearise(solved.problem, solved.state, None)
-    normal = _of_poses(solved.problem, solved.state, linear, own)
-    if normal is None or solved.redundancy <= 0 or not solved.minimum.converged:
+    fit = refine(images, start, used, enough, context)
+    own = np.flatnonzero(np.bincount(fit.problem.camera, minlength=len(enough)))
+    linear = engine.linearise(fit.problem, fit.state, None)
+    normal = _of_poses(fit.problem, fit.state, linear, own)
+    if normal is None or fit.redundancy <= 0 or not fit.minimum.converged:
         return None
-    points = np.bincount(solved.problem.camera, minlength=len(enough))[own]
+    points = np.bincount(fit.problem.camera, minlength=len(enough))[own]
     return ImagePoses(
         own // n_ball,
         own % n_ball,
         points,
-        solved.state.rotation[own],
-        solved.state.translation[own],
+        fit.state.rotation[own],
+        fit.state.translation[own],
         normal,
-        _squares(solved.problem, linear)[own],
-        solved.variance,
+        _squares(fit.problem, linear)[own],
+        fit.variance,
     )
 
 
@@ -170,7 +170,7 @@ def _settled(images: Network, start: State, enough: BoolArray, context: Context)
 def _fits(images: Network, state: State, candidates: BoolArray, enough: BoolArray) -> bool:
     """Whether every image shows the dots where it is said to: one of few points may have found a wrong pose."""
     judged = np.flatnonzero(candidates & np.isfinite(state.points[images.feature, 0]))
-    off = np.bincount(images.camera[judged], residual_size(images, state)[judged] >= LENSES_HELD_PX, len(enough))
+    off = np.bincount(images.camera[judged], residual_size(images, state)[judged] >= FIXED_LENS_MISFIT_PX, len(enough))
     return bool((2 * off < np.bincount(images.camera[judged], minlength=len(enough)))[enough].all())
 
 

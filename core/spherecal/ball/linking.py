@@ -61,8 +61,8 @@ def link_camera_groups(
     root, first = _first(images, groups, n_ball)
     every = np.ones(len(images.uv), dtype=bool)
     first = InitialPoses(adjust_placed(images, first.state, first.placed, every, context), first.placed)
-    grown = resect_rest(images, first, every, context, lambda now: _whole_groups(now, groups, n_ball))
-    return _rig(groups[0], grown, count, alignment, root, taken)
+    resected = resect_rest(images, first, every, context, lambda now: _whole_groups(now, groups, n_ball))
+    return _rig(groups[0], resected, count, alignment, root, taken)
 
 
 def _most_seen(count: IntArray, n_cameras: int) -> IntArray:
@@ -132,15 +132,15 @@ def _pose(state: State, camera: int, size: float = 1.0) -> Similarity:
 
 
 def _rig(
-    start: InitialPoses, grown: InitialPoses, count: IntArray, alignment: Alignment, root: int, taken: IntArray
+    start: InitialPoses, resected: InitialPoses, count: IntArray, alignment: Alignment, root: int, taken: IntArray
 ) -> tuple[InitialPoses, Alignment]:
     """Cameras and placements from the images' poses, each from the image with most dots (count (c,t)) that shows it.
 
     `taken` (t,): which placements these are.
     """
     n_ball = count.shape[1]
-    placed = grown.placed.reshape(-1, n_ball) & (count > 0)
-    image = {(c, t): _pose(grown.state, c * n_ball + t) for c, t in np.argwhere(placed).tolist()}
+    placed = resected.placed.reshape(-1, n_ball) & (count > 0)
+    image = {(c, t): _pose(resected.state, c * n_ball + t) for c, t in np.argwhere(placed).tolist()}
     cameras = {c: _pose(start.state, c) for c in np.flatnonzero(start.placed).tolist()}
     placements = {root: IDENTITY}
     hang_together(image, {at: int(count[at]) for at in image}, cameras, placements)
@@ -148,7 +148,7 @@ def _rig(
     placed = start.placed.copy()
     for c, pose in cameras.items():
         rotation[c], translation[c], placed[c] = pose.rotation, pose.translation, True
-    lenses = grown.state.intrinsics[::n_ball]
+    lenses = resected.state.intrinsics[::n_ball]
     state = replace(start.state, rotation=rotation, translation=translation, intrinsics=lenses)
     roots = np.arange(len(alignment.root))
     ball_rotation, ball_translation = alignment.rotation.copy(), alignment.translation.copy()

@@ -149,8 +149,8 @@ def choose_ball_model(
         return free, choice
     start, used = first.state, first.used
     del first  # its observations take 64 MB of a million
-    solved = _rigid_solution(_without_priors(rigid), start, used, free.placed, run)
-    return _with_more_placements(solved, choice, ball, run)
+    fit = _rigid_solution(_without_priors(rigid), start, used, free.placed, run)
+    return _with_more_placements(fit, choice, ball, run)
 
 
 def _without_priors(rigid: RigidNetwork) -> RigidNetwork:
@@ -202,9 +202,9 @@ def _linked(
     if linked.placed.sum() == groups[0].placed.sum():
         return None
     rigid, state = share_shape(ball.network, ball.features, linked.state, together)
-    solved = _rigid_from(rigid, InitialPoses(state, linked.placed), ball.candidates, run)
-    choice = _judged(solved.adjusted, groups, together, requested, rigid.feature)
-    return (solved, choice) if choice.form == "rigid" else None
+    fit = _rigid_from(rigid, InitialPoses(state, linked.placed), ball.candidates, run)
+    choice = _judged(fit.adjusted, groups, together, requested, rigid.feature)
+    return (fit, choice) if choice.form == "rigid" else None
 
 
 def _rigid_from(rigid: RigidNetwork, start: InitialPoses, candidates: BoolArray, run: Run) -> BallFit:
@@ -218,23 +218,23 @@ def _rigid_from(rigid: RigidNetwork, start: InitialPoses, candidates: BoolArray,
 
 
 def _with_more_placements(
-    solved: BallFit, choice: ModelChoice, ball: BallNetwork, run: Run
+    fit: BallFit, choice: ModelChoice, ball: BallNetwork, run: Run
 ) -> tuple[BallFit, ModelChoice]:
     """The rigid form again while more placements hang together by the dots that it located than it began with.
 
     Where two sides see the ball, each ties other placements to it; only both together tie all. Of two times three
     cameras, a third of the observations stayed unused and bars were 2 to 4 times worse.
     """
-    while solved.rigid is not None:
-        known, before = solved.by_features.state, solved.rigid.alignment
+    while fit.rigid is not None:
+        known, before = fit.by_features.state, fit.rigid.alignment
         alignment = ball.aligned(known.points)
         if alignment.moved.sum() <= before.moved.sum():
             break
-        again = replace(ball.network, noise=solved.network.noise)
+        again = replace(ball.network, noise=fit.network.noise)
         rigid, start = share_shape(again, ball.features, known, alignment)
-        solved = _rigid_from(rigid, InitialPoses(start, solved.placed), ball.candidates, run)
+        fit = _rigid_from(rigid, InitialPoses(start, fit.placed), ball.candidates, run)
         choice = replace(choice, alignment=alignment, sizes=None)
-    return solved, choice
+    return fit, choice
 
 
 def _rigid_solution(rigid: RigidNetwork, start: State, used: BoolArray, placed: BoolArray, run: Run) -> BallFit:
@@ -260,12 +260,12 @@ def _soft_solution(
         start = adjusted_with(rigid, first, used, placed, shape_sd)
     if choice.limit is not None and not choice.asked and shape_sd * noise > MOST_SHAPE_SD * _radius(start):
         return None
-    solved = _rigid_solution(_without_priors(rigid).softened(shape_sd), start.state, start.used, placed, run)
+    fit = _rigid_solution(_without_priors(rigid).softened(shape_sd), start.state, start.used, placed, run)
     sd_mm = shape_sd * noise * unit_mm
     source = Phrase("play-stated" if requested.shape_sd_mm is not None else "play-estimated")
     reason = Phrase("form-play", {"reason": choice.reason, "sd_mm": sd_mm, "source": source})
     choice = replace(choice, reason=reason, shape_sd_mm=sd_mm, stated=requested.shape_sd_mm is not None)
-    return replace(solved, free=free), choice
+    return replace(fit, free=free), choice
 
 
 def _radius(rigid: Adjustment) -> float:

@@ -59,10 +59,10 @@ def estimate_shape_variance(
     shape_sd, trials = 0.0, list[_Trial]()
     while True:
         context.report("soft ball", len(trials) / MOST_TRIALS)
-        done = minimise(_with_play(problem, shape_sd), state, settings)
+        done = minimise(_with_shape_variance(problem, shape_sd), state, settings)
         state, ratio = done.state, 2 * done.cost / redundancy / variance
         if abs(ratio - 1) < TOLERANCE or (shape_sd == 0.0 and ratio <= 1) or len(trials) == MOST_TRIALS:
-            return shape_sd, Adjustment(state, _with_play(problem, shape_sd), rows, used, done, redundancy)
+            return shape_sd, Adjustment(state, _with_shape_variance(problem, shape_sd), rows, used, done, redundancy)
         if shape_sd == 0.0:
             shape_sd = _first_guess(problem, state, ratio)
             continue
@@ -83,7 +83,7 @@ def adjusted_with(
         In the network's unit, for a standard deviation of unit weight of 1.
     """
     state, used, problem, rows = _start(rigid, first, used, placed)
-    problem = _with_play(problem, shape_sd)
+    problem = _with_shape_variance(problem, shape_sd)
     done = minimise(problem, state, Settings())
     redundancy = problem.rows - problem.unknowns + datum_defect(problem)
     return Adjustment(done.state, problem, rows, used, done, redundancy)
@@ -101,7 +101,7 @@ def _start(
     return state, used, problem, rows
 
 
-def _with_play(problem: Problem, shape_sd: float) -> Problem:
+def _with_shape_variance(problem: Problem, shape_sd: float) -> Problem:
     """The problem of `_start` with another shape noise."""
     assert isinstance(problem.ball, Deformable)
     return replace(problem, ball=replace(problem.ball, shape_sd=shape_sd * problem.ball.shape_sd))

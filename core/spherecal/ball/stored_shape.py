@@ -81,8 +81,8 @@ def solve_on_ball(free: BallFit, ball: BallNetwork, dots: KnownDots, run: Run) -
         adjusted = refine(described, first.state, first.used, placed, run.context)
         return finished_solution(described, adjusted, placed, run, whole)
 
-    solved = solve_with_priors(whole.network, first.used, placed, solution, run)
-    return StoredShapeFit(replace(solved, free=free), misfit, placements, common)
+    fit = solve_with_priors(whole.network, first.used, placed, solution, run)
+    return StoredShapeFit(replace(fit, free=free), misfit, placements, common)
 
 
 def _misfit(with_ball: Adjustment, free: Adjustment) -> float:
@@ -104,8 +104,8 @@ def _with_the_rest(
     if placed.all():
         return first, placed
     network = there.rigid.network
-    grown = resect_rest(network, InitialPoses(first.state, placed), candidates, run.context)
-    if grown.placed.sum() == placed.sum():
+    resected = resect_rest(network, InitialPoses(first.state, placed), candidates, run.context)
+    if resected.placed.sum() == placed.sum():
         return first, placed
-    used = first.used | (candidates & (grown.placed & ~placed)[network.camera])
-    return refine(network, grown.state, used, grown.placed, run.context), grown.placed
+    used = first.used | (candidates & (resected.placed & ~placed)[network.camera])
+    return refine(network, resected.state, used, resected.placed, run.context), resected.placed

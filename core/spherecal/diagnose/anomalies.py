@@ -141,7 +141,7 @@ def _beyond_the_lens(moves: Sequence[Move], fields: Sequence[Misfit]) -> list[Mo
 def explained_by_moves(
     network: Network,
     features: Features,
-    solved: BallFit,
+    fit: BallFit,
     n_ball: int,
     context: Context,
     most_variance: float | None = None,
@@ -156,7 +156,7 @@ def explained_by_moves(
     ----------
     network, features
         The network in the free form, and what its features are. Its priors are not used.
-    solved
+    fit
         The solution: start values of the images' poses, the cameras that are placed and those with a prior.
     n_ball
         Placements of the ball; they are the first ones.
@@ -166,23 +166,23 @@ def explained_by_moves(
         Variance of unit weight that the images' own poses may have at most, for the ball to have kept its shape; None
         for no limit.
     """
-    state = solved.by_features.state
+    state = fit.by_features.state
     n_placements = max(n_ball, int(features.placement.max(initial=0)) + 1)  # the last ones may have no observations
-    network = replace(network, free=network.free & ~solved.has_prior[:, None], priors=NO_PRIORS)
+    network = replace(network, free=network.free & ~fit.has_prior[:, None], priors=NO_PRIORS)
     ball = BallNetwork(network, features, n_placements, n_ball, np.ones(len(network.uv), dtype=bool))
     alignment = ball.aligned(state.points)
-    images = solve_images(ball, state, solved.placed, alignment, context)
+    images = solve_images(ball, state, fit.placed, alignment, context)
     if images is None or (most_variance is not None and images.variance > most_variance):
         return DetectedMotions()
-    found = explain(images, len(solved.placed), context)
+    found = explain(images, len(fit.placed), context)
     if found is None:
         return DetectedMotions()
     if found.is_simple:
         return DetectedMotions(found.moves)
-    suffices = found.variance_factor <= EXPLAINED and credible(list(found.moves), int(solved.placed.sum()))
+    suffices = found.variance_factor <= EXPLAINED and credible(list(found.moves), int(fit.placed.sum()))
     once = len({move.camera for move in found.moves}) == len(found.moves)
     single = found.fitted if suffices and once else None
-    group = find_group_motion(images, len(solved.placed), _ball_centre(features, state, alignment), single, context)
+    group = find_group_motion(images, len(fit.placed), _ball_centre(features, state, alignment), single, context)
     if group is None and suffices and not once:
         group = unstable_camera(found)
     return DetectedMotions(group=group) if group is not None else DetectedMotions(found.moves if suffices else ())

@@ -257,10 +257,10 @@ def _names_are_certain(session: Session, way: Repairs) -> bool:
         seen = placements_seen_by(session, pair.split(","))
         if 2 * len(swapped) >= len(seen) or swapped & {seen[0], seen[-1]}:
             return False
-    return not any(may_be_exchanged(session, way, value.partition("@")[0]) for value in way.leave_out)
+    return not any(may_be_swapped(session, way, value.partition("@")[0]) for value in way.leave_out)
 
 
-def may_be_exchanged(session: Session, way: Repairs, camera: str) -> bool:
+def may_be_swapped(session: Session, way: Repairs, camera: str) -> bool:
     """Whether a camera's first images are left out, and another camera saw the ball only after them.
 
     A camera was exchanged from P3 on with one that had not seen the ball before. Its first two images were left out:
@@ -317,9 +317,9 @@ def _credible(tried: Calibration, way: Repairs) -> bool:
         now = tried.rig.camera(_home(earlier.id, way))
         if now is None:
             return False
-        turn = float(np.linalg.norm(log_rotation(now.rotation @ earlier.rotation.T)))
-        shift = float(np.linalg.norm(now.centre_mm - earlier.centre_mm))
-        if turn > FAR_RAD or (shift > FAR_MM and tried.rig.scale.source != "none"):
+        rotation = float(np.linalg.norm(log_rotation(now.rotation @ earlier.rotation.T)))
+        translation = float(np.linalg.norm(now.centre_mm - earlier.centre_mm))
+        if rotation > FAR_RAD or (translation > FAR_MM and tried.rig.scale.source != "none"):
             return False
         if fits[now.id] > WORSE * np.median(list(fits.values())):
             return False

@@ -122,9 +122,11 @@ def _near(a: tuple[FloatArray, FloatArray] | None, b: tuple[FloatArray, FloatArr
     """Whether two poses are the same camera's, as well as a resection can show."""
     if a is None or b is None:
         return False
-    turn = np.linalg.norm(log_rotation(a[0] @ b[0].T))
+    rotation = np.linalg.norm(log_rotation(a[0] @ b[0].T))
     centres = [-pose[0].T @ pose[1] for pose in (a, b)]
-    return bool(turn < SAME_TURN_RAD and np.linalg.norm(centres[0] - centres[1]) < SAME_SHIFT * np.linalg.norm(a[1]))
+    return bool(
+        rotation < SAME_TURN_RAD and np.linalg.norm(centres[0] - centres[1]) < SAME_SHIFT * np.linalg.norm(a[1])
+    )
 
 
 def _share(points: FloatArray, uv: FloatArray, state: State, camera: int) -> float:

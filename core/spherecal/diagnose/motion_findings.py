@@ -119,10 +119,10 @@ def moved_cameras(e: Evidence, findings: Sequence[Finding]) -> set[str]:
 
 
 def _moved(e: Evidence, move: Move) -> Finding:
-    turn, translation = (float(np.linalg.norm(part)) for part in (move.step[:3], move.step[3:] * e.solution.factor))
-    size = _size(e, move.camera, translation, turn)
-    if turn < _TINY_RAD:
-        size = Phrase("move-microradians", {"shift": _shift(e, translation), "microradians": 1e6 * turn})
+    rotation, translation = (float(np.linalg.norm(part)) for part in (move.step[:3], move.step[3:] * e.solution.factor))
+    size = _size(e, move.camera, translation, rotation)
+    if rotation < _TINY_RAD:
+        size = Phrase("move-microradians", {"shift": _shift(e, translation), "microradians": 1e6 * rotation})
     sure = Phrase(
         "shows-move",
         {
@@ -200,7 +200,7 @@ def mixed_up_images(e: Evidence, wrong: Sequence[WrongImage]) -> list[Finding]:
     wrong
         Images that contradict the rest.
     """
-    return [*_exchanged(e, wrong), *_wrong_placements(e, wrong)]
+    return [*_swapped(e, wrong), *_wrong_placements(e, wrong)]
 
 
 def unexplained_images(e: Evidence, wrong: Sequence[WrongImage], explained: set[str]) -> list[Finding]:
@@ -229,7 +229,7 @@ def _names(e: Evidence, image: WrongImage) -> tuple[str, str]:
     return e.camera_ids[image.camera], e.observations.placements[image.placement]
 
 
-def _exchanged(e: Evidence, wrong: Sequence[WrongImage]) -> list[Finding]:
+def _swapped(e: Evidence, wrong: Sequence[WrongImage]) -> list[Finding]:
     placements: dict[tuple[int, int], list[int]] = {}
     mutual: set[tuple[int, int]] = set()
     shows = {(i.camera, i.placement): i.other for i in wrong if i.kind == "other-camera"}

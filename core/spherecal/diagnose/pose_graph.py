@@ -293,28 +293,33 @@ def fit_layout(images: ImagePoses, layout: PoseComposition, steps: int = STEPS) 
     if start is None:
         return None
     system = _System(images, layout)
-    poses, damping = start, FIRST_DAMPING
+    poses, damping, undamped = start, FIRST_DAMPING, False
     offset = system.offset(poses)
     cost = float(offset @ images.normal @ offset)
     equations = None
     for _ in range(steps):
         if equations is None:
             equations = system.normal_equations(poses)
-        step = system.step(equations, offset, damping)
+        step, promise = system.step(equations, offset, damping)
         trial = system.moved(poses, step)
         there = system.offset(trial)
         new = float(there @ images.normal @ there)
+        little = LAST_DECREASE * (images.variance + min(new, cost))
+        # rigs sway so easily that a damped step is small far from the minimum too
+        settled = damping <= SETTLED_DAMPING
         if not new < cost:
             damping *= GROWTH
-            if damping > 1 / FIRST_DAMPING:
+            if (settled and promise < little) or damping > 1 / FIRST_DAMPING:
                 break
             continue
-        # rigs sway so easily that a damped step is small far from the minimum too
-        done = cost - new < LAST_DECREASE * (images.variance + new) and damping <= SETTLED_DAMPING
+        decrease = cost - new
         poses, offset, cost, damping = trial, there, new, max(damping / GROWTH, LEAST_DAMPING)
         equations = None
-        if done:
-            break
+        if decrease < little:
+            if settled:
+                break
+            if not undamped:  # once: whether it has settled is seen without damping
+                damping, undamped = SETTLED_DAMPING, True
     stiffness = system.stiffness(system.normal_equations(poses) if equations is None else equations)
     forces, by_ball = stiffness @ offset, _by_ball(poses[0][layout.camera], poses[1][layout.camera])
     return Fitted(cost, *poses, layout, forces, stiffness, by_ball)
@@ -331,7 +336,10 @@ def _start(images: ImagePoses, layout: PoseComposition) -> Poses | None:
     still = layout.motion < 0
     cameras: dict[int, Similarity] = {}
     balls = {int(layout.ball[np.argmax(np.where(still, images.points, 0))]): IDENTITY}
-    own = [Similarity(1.0, turn, shift) for turn, shift in zip(images.rotation, images.translation, strict=True)]
+    own = [
+        Similarity(1.0, rotation, translation)
+        for rotation, translation in zip(images.rotation, images.translation, strict=True)
+    ]
     at = list(zip(layout.camera.tolist(), layout.ball.tolist(), strict=True))
     for rows in (np.flatnonzero(still), np.arange(len(still))):  # moved images last: they are where they are not
         poses = {at[i]: own[i] for i in rows}
@@ -427,18 +435,19 @@ class _System:
             - weighted @ np.linalg.pinv(matrix * size[:, None] * size, rcond=1e-12, hermitian=True) @ weighted.T
         )
 
-    def step(self, equations: Equations, offset: FloatArray, damping: float) -> FloatArray:
-        """The damped Gauss-Newton step (k,6)."""
+    def step(self, equations: Equations, offset: FloatArray, damping: float) -> tuple[FloatArray, float]:
+        """The damped Gauss-Newton step (k,6), and by how much the cost would fall with it were all linear."""
         weighted, matrix = equations
         gradient = weighted.T @ offset
         size = 1 / np.sqrt(np.maximum(matrix.diagonal(), 1e-300))
-        matrix = matrix * size[:, None] * size + damping * np.eye(len(size))
+        damped = matrix * size[:, None] * size + damping * np.eye(len(size))
+        change = -np.linalg.solve(damped, gradient * size) * size
         step = np.zeros(POSE * self.count)
-        step[self.columns] = -np.linalg.solve(matrix, gradient * size) * size
-        return step.reshape(-1, POSE)
+        step[self.columns] = change
+        return step.reshape(-1, POSE), -float((2 * gradient + matrix @ change) @ change)
 
     @staticmethod
     def moved(poses: Poses, step: FloatArray) -> Poses:
         """The poses after a step."""
-        turn = exp_rotation(step[:, :3])
-        return turn @ poses[0], np.einsum("kij,kj->ki", turn, poses[1]) + step[:, 3:]
+        rotation = exp_rotation(step[:, :3])
+        return rotation @ poses[0], np.einsum("kij,kj->ki", rotation, poses[1]) + step[:, 3:]

@@ -134,7 +134,7 @@ def diameter_error(e: Evidence) -> float | None:
     return 2 * float(np.median(radii)) / nominal - 1 if radii else None
 
 
-def scale_doubt(e: Evidence) -> float:
+def further_scale_uncertainty(e: Evidence) -> float:
     """The relative standard uncertainty that a ball of another size than the nominal one adds to the scale.
 
     Twice it covers the difference; 0 for a scale from a bar, which is surer than a ball's name, and beyond 2 %.

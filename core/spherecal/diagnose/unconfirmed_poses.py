@@ -159,8 +159,8 @@ class _FewPoints:
                 return None
             step = np.zeros(POSE)
             step[free] = np.linalg.lstsq(design, goal, rcond=None)[0]
-            turn = exp_rotation(step[:3])
-            pose = turn @ pose[0], turn @ pose[1] + step[3:]
+            rotation = exp_rotation(step[:3])
+            pose = rotation @ pose[0], rotation @ pose[1] + step[3:]
         freedom = off.size - (free.stop - free.start)
         return pose if off @ off < chdtri(freedom, BY_NOISE) else None
 
@@ -237,10 +237,10 @@ def _carried_along(e: Evidence) -> list[UnconfirmedPose]:
                 continue
             before = earlier[m]
             # what moved the camera m in the world, in front of the former pose of c
-            turn = state.rotation[before].T @ state.rotation[m]
-            shift = state.rotation[m].T @ (state.translation[before] - state.translation[m])
-            rotation = state.rotation[c] @ turn
-            others.append((rotation, state.translation[c] - rotation @ shift))
+            rotation_change = state.rotation[before].T @ state.rotation[m]
+            translation = state.rotation[m].T @ (state.translation[before] - state.translation[m])
+            rotation = state.rotation[c] @ rotation_change
+            others.append((rotation, state.translation[c] - rotation @ translation))
         if others:
             found.append(_unconfirmed(e, c, "not-seen-since", first, others))
     return found

@@ -99,9 +99,9 @@ def reconstruct_locally(
     reconstruct = reconstruct_planar_triple if _is_flat(gate, table, xy, intrinsics) else reconstruct_triple
     edges = strongest_pairs(np.where(pairs > 0, counts, 0), PARTNERS)
     triples = solve_triples(candidate_triples(seen, edges), n_cameras, solve, MIN_POINTS, context)
-    wanted = paths if isinstance(paths, PathSettings) else PathSettings(paths)
-    graph = build_graph(triples, counts, wanted.weights)
-    found = find_paths(graph, triples, wanted.search, wanted.base) if triples else {}
+    requested = paths if isinstance(paths, PathSettings) else PathSettings(paths)
+    graph = build_graph(triples, counts, requested.weights)
+    found = find_paths(graph, triples, requested.search, requested.base) if triples else {}
     on_a_path = {number for path in found.values() for number in path.triples}
     none = np.zeros(0, dtype=np.int64), np.zeros((0, 3))
     triples = [t if i in on_a_path else replace(t, features=none[0], points=none[1]) for i, t in enumerate(triples)]

@@ -104,7 +104,7 @@ def solve_triples(
     context
         For progress, and to stop.
     """
-    solved: list[Triple] = []
+    fit: list[Triple] = []
     in_edge = np.zeros((n_cameras, n_cameras), dtype=int)
     left_out: list[int] = []
     for number, cameras in enumerate(candidates.cameras):
@@ -116,17 +116,17 @@ def solve_triples(
             continue
         if number % 8 == 0:
             context.report("triples", number / len(candidates.cameras))
-        _try(solve, (i, j, k), solved, in_edge)
-    part = _parts(solved, n_cameras)
+        _try(solve, (i, j, k), fit, in_edge)
+    part = _parts(fit, n_cameras)
     for number in left_out:
         i, j, k = (int(c) for c in candidates.cameras[number])
         if part.max() == 0:
             break
         if len({part[i], part[j], part[k]}) > 1:
             context.check()
-            _try(solve, (i, j, k), solved, in_edge)
-            part = _parts(solved, n_cameras)
-    return solved
+            _try(solve, (i, j, k), fit, in_edge)
+            part = _parts(fit, n_cameras)
+    return fit
 
 
 def _parts(triples: list[Triple], n_cameras: int) -> IntArray:
@@ -142,13 +142,13 @@ def _parts(triples: list[Triple], n_cameras: int) -> IntArray:
 def _try(
     solve: Callable[[tuple[int, int, int]], Triple | None],
     cameras: tuple[int, int, int],
-    solved: list[Triple],
+    fit: list[Triple],
     in_edge: IntArray,
 ) -> None:
     triple = solve(cameras)
     if triple is None:
         return
-    solved.append(triple)
+    fit.append(triple)
     for a in cameras:
         for b in cameras:
             in_edge[a, b] += a != b

@@ -218,8 +218,8 @@ def _join(state: State, local: State, group: list[int], placed: BoolArray) -> No
     """Bring a group's new cameras into the whole over the mean of its placed ones."""
     common = [c for c in group if placed[c]]
     # group frame to world: x_world = R x_group + t for each common camera
-    turns = [state.rotation[c].T @ local.rotation[c] for c in common]
-    rotation = nearest_rotation(np.sum(turns, axis=0))
+    rotations = [state.rotation[c].T @ local.rotation[c] for c in common]
+    rotation = nearest_rotation(np.sum(rotations, axis=0))
     centres = np.array([-local.rotation[c].T @ local.translation[c] for c in common])
     goals = np.array([-state.rotation[c].T @ state.translation[c] for c in common])
     translation = (goals - centres @ rotation.T).mean(axis=0)

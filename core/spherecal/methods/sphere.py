@@ -136,6 +136,6 @@ def run_of(
         For progress and to stop, and for the times of the stages.
     """
     cameras, placed = recording.session.cameras, start.poses.placed
-    wanted = [c for c, camera in enumerate(cameras) if camera.id == settings.reference and placed[c]]
-    first, *others = dict.fromkeys((*wanted, *start.local.graph.references))
+    requested = [c for c, camera in enumerate(cameras) if camera.id == settings.reference and placed[c]]
+    first, *others = dict.fromkeys((*requested, *start.local.graph.references))
     return Run(recording.priors, first, settings.method == "tao2021", tuple(others), context, watch)

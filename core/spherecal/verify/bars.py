@@ -218,13 +218,13 @@ def _observations_of(
         raise InputError(Phrase("error-nothing-to-verify", {"folder": session.where}))
     in_rig = cameras_in_rig(session, o, rig, Phrase("same-settings"))
     shown = [(o.placements.index(pose.id), bars[pose.bar]) for pose in session.bar_poses if pose.bar in bars]
-    wanted = np.zeros(len(o), dtype=bool)
+    requested = np.zeros(len(o), dtype=bool)
     for pose, bar in shown:
-        wanted |= (o.placement == pose) & np.isin(o.target, [mark.target for mark in bar.marks.values()])
-    missing = np.unique(o.camera[wanted & (in_rig[o.camera] < 0)])
+        requested |= (o.placement == pose) & np.isin(o.target, [mark.target for mark in bar.marks.values()])
+    missing = np.unique(o.camera[requested & (in_rig[o.camera] < 0)])
     if len(missing):
         findings.add(Finding("camera-not-in-rig", "info", where=tuple(o.cameras[i] for i in missing)))
-    kept = o.select(wanted & (in_rig[o.camera] >= 0))
+    kept = o.select(requested & (in_rig[o.camera] >= 0))
     return kept, in_rig[kept.camera]
 
 

@@ -179,9 +179,9 @@ class _System:
 
     @staticmethod
     def at(views: Views, keep: BoolArray, rig: Rig, poses: FloatArray) -> "_System":
-        turn = exp_rotation(poses[:, :3])
-        translation = np.einsum("cij,cj->ci", turn, views.translation) + poses[:, 3:]
-        moved = replace(views, cameras=PosedCameras(views.intrinsics, turn @ views.rotation, translation))
+        rotation_change = exp_rotation(poses[:, :3])
+        translation = np.einsum("cij,cj->ci", rotation_change, views.translation) + poses[:, 3:]
+        moved = replace(views, cameras=PosedCameras(views.intrinsics, rotation_change @ views.rotation, translation))
         found = moved.triangulate(keep)
         good = keep & np.isfinite(found.residual[:, 0])
         rotation, k = moved.rotation[views.camera], views.intrinsics[views.camera]

@@ -412,9 +412,9 @@ def judge_pose(
     """
     if ends_mm is None or not np.isfinite(ends_mm).all():
         return PoseAnswer(False, np.inf, np.inf)
-    wanted = np.stack([pose.start_mm, pose.end_mm])
-    along, is_along = wanted[1] - wanted[0], ends_mm[1] - ends_mm[0]
+    requested = np.stack([pose.start_mm, pose.end_mm])
+    along, is_along = requested[1] - requested[0], ends_mm[1] - ends_mm[0]
     cosine = abs(float(along @ is_along)) / max(float(np.linalg.norm(along) * np.linalg.norm(is_along)), 1e-9)
     off_deg = float(np.degrees(np.arccos(min(cosine, 1.0))))
-    off_mm = float(np.linalg.norm(wanted.mean(axis=0) - ends_mm.mean(axis=0)))
+    off_mm = float(np.linalg.norm(requested.mean(axis=0) - ends_mm.mean(axis=0)))
     return PoseAnswer(off_mm <= tolerance_mm and off_deg <= tolerance_deg, off_mm, off_deg)

@@ -123,8 +123,8 @@ def camera_doubts(consistency: Consistency) -> list[Finding]:
     """Findings on cameras that are no longer where the rig says, one for each."""
     found = []
     for camera in consistency.moved:
-        turn, shift = np.degrees(np.linalg.norm(camera.turn_rad)), np.linalg.norm(camera.shift_mm)
-        values = {"degrees": turn, "shift_mm": shift, "px": camera.move_px}
+        rotation, translation = np.degrees(np.linalg.norm(camera.turn_rad)), np.linalg.norm(camera.shift_mm)
+        values = {"degrees": rotation, "shift_mm": translation, "px": camera.move_px}
         found.append(Finding("camera-moved", "warning", values, (camera.id,), kind="since"))
     return found
 

@@ -1,4 +1,4 @@
-"""verification.json: what it holds, of a verification as it was computed and as it is read."""
+"""verification.json: its contents, from a computed verification and as they are read."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -145,7 +145,7 @@ class BarRow:
 
 @dataclass(frozen=True)
 class LengthRow:
-    """One certified length over its poses; `budget_mm` holds standard uncertainties by BUDGET_PARTS, if given."""
+    """One certified length over its poses; `budget_mm` has standard uncertainties by BUDGET_PARTS, if given."""
 
     bar: str
     start: str

@@ -6,7 +6,7 @@ have in common. J are their derivatives by the dot, V = J'J. By the matrix inver
     (I + tau^2 J J')^-1 = I - J Q J',  Q = tau^2 (I + tau^2 V)^-1.
 
 So e is eliminated before the dot itself. The dot then meets the other unknowns by P J' with P = I - Q V. tau = 0 is a
-place of a rigid ball. The pieces are those of `schur_kernel`; the loops are kernels of their own, as these take 15
+place of a rigid ball. The pieces are those of `schur_kernel`; the loops are separate kernels, as these take 15
 seconds to compile and few balls need them.
 """
 
@@ -50,7 +50,7 @@ def _weigh_deformation(v, variance, q, p):
 
 @njit(**INNER)
 def _add_through_deformation(p, v, g, v_place, g_place):
-    """V and g of a point get what the shape noise of one of its places leaves of the place's."""
+    """Add to V and g of a point what the shape noise of one of its places leaves of those of the place."""
     for i in range(3):
         for j in range(3):
             g[i] += p[i, j] * g_place[j]
@@ -240,7 +240,7 @@ def _add_change(by_point, k, d0, d1, out):
 
 @njit(**INNER)
 def _noise_of_place(begin, end, by_point, variance, q, p):
-    """Q and P of the place that has the rows begin to end."""
+    """Q and P of the place with the rows begin to end."""
     v = np.zeros((3, 3))
     for k in range(begin, end):
         for i in range(3):
@@ -268,7 +268,7 @@ def _add_changes_through_deformation(begin, end, of_row, shape_sd, by_point, res
 
 @njit(**INNER)
 def _squares_of_deformation(begin, end, of_row, shape_sd, by_point, change, step, q, p):
-    """What the shape noise of a point's places takes off the squares (in `change`) after the point's step."""
+    """The reduction of the squares (in `change`) by the shape noise of a point's places, after the point's step."""
     taken, first = 0.0, begin
     met = np.empty(3)
     while first < end:

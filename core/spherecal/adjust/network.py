@@ -1,4 +1,4 @@
-"""The network an adjustment works on: who observes what, and what is known of each camera."""
+"""The network an adjustment works on: which camera observes what, and what is known about each camera."""
 
 from dataclasses import dataclass, replace
 
@@ -58,7 +58,7 @@ class Network:
         return replace(self, ball=self.ball.select(rows), **each)
 
     def with_sigma(self, sigma: FloatArray | None) -> "Network":
-        """The same with standard deviations (n,2) px of the observations, as it is where these state none."""
+        """The same with standard deviations (n,2) px of the observations; unchanged where these state none."""
         return self if sigma is None else replace(self, sigma=sigma)
 
     def problem(self, used: BoolArray, free: BoolArray, placed: BoolArray, weighted: bool) -> tuple[Problem, IntArray]:
@@ -192,7 +192,7 @@ class Network:
 
     @property
     def known(self) -> BoolArray:
-        """Features (m,) whose place on the ball is known before: one view is enough of them."""
+        """Features (m,) whose place on the ball is already known: one view of them is enough."""
         return self.ball.shape.known if isinstance(self.ball, Stored) else np.zeros(self.n_features, dtype=bool)
 
 

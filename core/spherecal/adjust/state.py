@@ -44,7 +44,7 @@ class State:
 
     @property
     def is_anchored(self) -> bool:
-        """Whether a stored shape holds the ball's frame."""
+        """Whether a stored shape defines the ball's frame."""
         return len(self.anchored) > 0
 
     def scaled(self, factor: float) -> "State":

@@ -107,7 +107,7 @@ def solve_from(
 
 
 def with_lengths(fit: BallFit, rows: LengthRows, factor: float, run: Run) -> BallFit:
-    """The solution again with known lengths between features inside.
+    """The solution including known lengths between features.
 
     Parameters
     ----------

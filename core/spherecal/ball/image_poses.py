@@ -1,4 +1,4 @@
-"""Every image with a pose of its own, as seen from the ball: what holds however cameras and ball were moved.
+"""Every image with a pose of its own relative to the ball: valid however cameras and ball were moved.
 
 Only the ball's shape and the lenses are common to the images. So neither a camera that moved nor a placement that is
 mixed up spoils anything; a ball that changed its shape does. What the images say of their poses together is kept as
@@ -105,7 +105,7 @@ def images_of(network: Network, features: Features, rows: IntArray, n_ball: int)
 def solve_images(
     ball: BallNetwork, state: State, placed: BoolArray, alignment: Alignment, context: Context
 ) -> ImagePoses | None:
-    """The images' own poses from a rig's; None where there are too many, or too few to say anything.
+    """The images' own poses from a rig's; None where there are too many, or too few for a statement.
 
     Parameters
     ----------
@@ -156,7 +156,7 @@ def solve_images(
 
 
 def _settled(images: Network, start: State, enough: BoolArray, context: Context) -> tuple[State, BoolArray]:
-    """The images near their minimum, and the observations (n,) that fit: poses alone, and lenses where these bent."""
+    """The images near their minimum, and the observations (n,) that fit: poses alone, and lenses if these were bent."""
     candidates = enough[images.camera]
     state = triangulated(images, start, candidates)
     state = robust_adjustment(images, state, candidates, enough, RobustStep((), stage="moved cameras"), context)
@@ -183,7 +183,7 @@ def _squares(problem: Problem, linear: Linearisation) -> FloatArray:
 
 
 def _of_poses(problem: Problem, state: State, linear: Linearisation, images: IntArray) -> FloatArray | None:
-    """The normal matrix of the images' poses once dots and lenses are eliminated; None where lenses are not found."""
+    """The normal matrix of the images' poses with dots and lenses eliminated; None where lenses are not determined."""
     layout = problem.layout
     with one_blas_thread():
         whole = symmetric(normal_equations(problem, state, linear, 0.0).matrix)

@@ -1,10 +1,10 @@
-"""The ball at rest: every image as a camera of its own that looks at one ball.
+"""The ball at rest: every image is a camera of its own that looks at one ball.
 
 Groups of cameras that share no view all see the same ball, each from its side and turned from placement to placement.
 As seen from the ball, which does not move, their images overlap. One after the other is resected from the dots that
-those before it located, until all hang together. What is left is to read off the ball's pose at each placement and the
+those before it located, until all are connected. It remains to compute the ball's pose at each placement and the
 poses of the cameras of the other groups. In the groups' own frames too few dots are often located at two placements
-to align anything. Of two times three cameras facing each other, 30 of 48 recordings were linked by those, this way 48.
+to align anything. With two times three cameras facing each other, that way linked 30 of 48 recordings, this way 48.
 """
 
 from dataclasses import replace
@@ -32,7 +32,7 @@ MOST_IMAGES = 600
 def link_camera_groups(
     ball: BallNetwork, groups: list[InitialPoses], alignment: Alignment, context: Context
 ) -> tuple[InitialPoses, Alignment]:
-    """Start values of all cameras that the ball's shape links, and how the placements hang together.
+    """Start values of all cameras that the ball's shape links, and how the placements are connected.
 
     Parameters
     ----------
@@ -91,7 +91,7 @@ def _first(images: Network, groups: list[InitialPoses], n_ball: int) -> tuple[in
 
 
 def _whole_groups(now: InitialPoses, groups: list[InitialPoses], n_ball: int) -> InitialPoses:
-    """The pose of one camera of a group gives those of the others, once two of them have given the group's scale."""
+    """Poses of whole groups: one camera's pose gives the others', once two of them have given the group's scale."""
     rotation, translation = now.state.rotation.copy(), now.state.translation.copy()
     placed = now.placed.reshape(-1, n_ball).copy()
     for group in groups:
@@ -110,7 +110,7 @@ def _whole_groups(now: InitialPoses, groups: list[InitialPoses], n_ball: int) ->
 
 
 def _size(now: InitialPoses, group: InitialPoses, n_ball: int) -> float | None:
-    """How much larger a group is in the ball's frame than in its own, by the distances between its cameras."""
+    """The size of a group in the ball's frame relative to its own, from the distances between its cameras."""
     ratios = []
     members = np.flatnonzero(group.placed)
     for t in range(n_ball):

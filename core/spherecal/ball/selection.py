@@ -1,4 +1,4 @@
-"""The forms of the network, `free`, `soft` and `rigid`, and which of them the data carry.
+"""The forms of the network, `free`, `soft` and `rigid`, and which of them the data support.
 
 Free: every dot at every placement is a point of its own [Tao21]. Rigid: the ball is one object. Soft: it is, but its
 dots have some shape noise from placement to placement. See docs/formulation.md, The rigid ball, and
@@ -75,12 +75,12 @@ class ModelChoice:
 
     @property
     def ball_changed(self) -> bool:
-        """Whether the ball is to blame where the rigid form fits worse, not errors of single cameras."""
+        """Whether the ball, and not errors of single cameras, is the cause if the rigid form fits worse."""
         return self.agreement is None or self.agreement.is_certain
 
     @property
     def beyond(self) -> bool:
-        """Whether the rigid form fits worse than a ball that keeps its shape lets it."""
+        """Whether the rigid form fits worse than a ball that keeps its shape allows."""
         return self.ratio is not None and self.limit is not None and self.ratio > self.limit
 
     @property
@@ -91,7 +91,7 @@ class ModelChoice:
 
 @dataclass(frozen=True)
 class RequestedModel:
-    """The ball model that the user asks for, and the standard deviation of its dots where he knows it.
+    """The ball model that the user requests, and the standard deviation of its dots if it is known.
 
     `mm_per_unit` gives the length of the network's unit from its free form. `sizes` gives those of the ball at its
     placements (t,), relative to their mean, that the rigid form should have, by the free form's variance. With None for
@@ -111,7 +111,7 @@ def choose_ball_model(
     requested: RequestedModel,
     run: Run,
 ) -> tuple[BallFit, ModelChoice]:
-    """The rigid form where the data carry it (or it is requested), else the soft or the free one, with the reason.
+    """The rigid form if the data support it (or it is requested), else the soft or the free one, with the reason.
 
     Parameters
     ----------
@@ -158,7 +158,7 @@ def _without_priors(rigid: RigidNetwork) -> RigidNetwork:
 
 
 def _first_rigid(network: Network, start: State, free: BallFit, run: Run) -> Adjustment:
-    """The rigid form of the free one's cameras from its state, by way of robust adjustments where that one is bent.
+    """The rigid form from the state of the free one's cameras, through robust adjustments if that one is distorted.
 
     Free points hide that a camera moved which alone holds two halves of a rig together. The halves then are turned
     against each other, and plain least squares never found back (0.5 mm on rig B ended at 8 px instead of 0.04).
@@ -175,7 +175,7 @@ def _first_rigid(network: Network, start: State, free: BallFit, run: Run) -> Adj
 def _of_several_sizes(
     rigid: RigidNetwork, first: Adjustment, free: BallFit, requested: RequestedModel, run: Run
 ) -> tuple[Adjustment, FloatArray | None]:
-    """The rigid form with a size of the ball for each placement, and these, where they explain what it does not."""
+    """The rigid form with a size of the ball for each placement, and these sizes, if they explain its misfit."""
     total: FloatArray | None = None
     root, moved = rigid.alignment.root, rigid.alignment.moved
     for _ in range(SIZE_ROUNDS):
@@ -220,7 +220,7 @@ def _rigid_from(rigid: RigidNetwork, start: InitialPoses, candidates: BoolArray,
 def _with_more_placements(
     fit: BallFit, choice: ModelChoice, ball: BallNetwork, run: Run
 ) -> tuple[BallFit, ModelChoice]:
-    """The rigid form again while more placements hang together by the dots that it located than it began with.
+    """The rigid form, repeated while the dots that it located connect more placements.
 
     Where two sides see the ball, each ties other placements to it; only both together tie all. Of two times three
     cameras, a third of the observations stayed unused and bars were 2 to 4 times worse.
@@ -269,7 +269,7 @@ def _soft_solution(
 
 
 def _radius(rigid: Adjustment) -> float:
-    """The size of the ball in the network's unit: rms distance of its dots from their middle."""
+    """The radius of the ball in the network's unit: rms distance of its dots from their centroid."""
     points = rigid.state.points[np.unique(rigid.problem.point)]
     return float(np.sqrt(((points - points.mean(axis=0)) ** 2).sum(axis=1).mean()))
 
@@ -281,7 +281,7 @@ def _judged(
     requested: RequestedForm,
     feature: IntArray | None = None,
 ) -> ModelChoice:
-    """Against the free form, of several groups of cameras taken together; feature (n,) of the observations."""
+    """The free form of several groups of cameras together, for comparison; feature (n,) of the observations."""
     redundancy = sum(group.adjusted.redundancy for group in free)
     variance = sum(2 * group.adjusted.minimum.cost for group in free) / redundancy if redundancy > 0 else float("nan")
     ratio = (rigid.variance + LEAST_NOISE**2) / (variance + LEAST_NOISE**2)

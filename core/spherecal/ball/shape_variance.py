@@ -1,4 +1,4 @@
-"""How much shape noise the ball's dots have, from the data: as much as explains what the rigid form leaves over.
+"""The shape noise of the ball's dots, from the data: as much as explains the misfit of the rigid form.
 
 A variance component by its quadratic form: with it the soft form's variance of unit weight is the free form's. See
 docs/decisions/0012-soft-ball.md.
@@ -29,7 +29,7 @@ TRIAL_SETTINGS = {"tolerance": 1e-6, "max_iterations": 6}
 
 @dataclass(frozen=True)
 class _Trial:
-    """Logarithms of a shape noise and of the variance that it leaves, over the one to be reached."""
+    """Logarithms of a shape noise and of the variance that it leaves, relative to the one to be reached."""
 
     shape_sd: float
     excess: float
@@ -108,7 +108,7 @@ def _with_shape_variance(problem: Problem, shape_sd: float) -> Problem:
 
 
 def _next(trials: list[_Trial]) -> float:
-    """Where the secant through the last two trials meets zero, within what all trials leave (logarithm)."""
+    """Where the secant through the last two trials is zero, within the bounds that all trials leave (logarithm)."""
     last = trials[-1]
     low = max((t.shape_sd for t in trials if t.excess > 0), default=-np.inf)
     high = min((t.shape_sd for t in trials if t.excess <= 0), default=np.inf)
@@ -122,7 +122,7 @@ def _next(trials: list[_Trial]) -> float:
 
 
 def _first_guess(problem: Problem, state: State, ratio: float) -> float:
-    """The shape noise that alone would make the images of a typical dot as much noisier."""
+    """The shape noise that alone would explain the additional noise in the images of a typical dot."""
     tied = shape_noise_of(problem, engine.linearise(problem, state, None))
     per_row = np.einsum("gii->g", tied.normal) / (2.0 * np.diff(tied.start))
     return float(np.sqrt((ratio - 1) / np.median(per_row)))

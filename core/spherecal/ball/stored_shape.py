@@ -28,7 +28,7 @@ MOST_MISFIT = 1.25
 
 @dataclass(frozen=True)
 class StoredShapeFit:
-    """What came of a profile: the solution on it, or None where the ball is another; `misfit` is 1 for the same ball.
+    """The result with a profile: the solution on it, or None for another ball; `misfit` is 1 for the same ball.
 
     `placements` are those that show it, `common` dots of theirs on average known to the profile.
     """
@@ -86,7 +86,7 @@ def solve_on_ball(free: BallFit, ball: BallNetwork, dots: KnownDots, run: Run) -
 
 
 def _misfit(with_ball: Adjustment, free: Adjustment) -> float:
-    """What the stored shape, and the observations that it makes useful, add to v'Pv over their share of redundancy."""
+    """The share of the stored shape, and of observations that need it, in v'Pv over their share of redundancy."""
     added = with_ball.redundancy - free.redundancy
     if added <= 0 or not free.variance > 0:
         return np.inf

@@ -1,4 +1,4 @@
-"""What the solved network has that its model does not: cameras that moved, lenses that it cannot follow."""
+"""Effects in the solved network that its model does not contain: cameras that moved, lenses beyond the model."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -83,7 +83,7 @@ class _Probed:
 
 
 def find_anomalies(e: Evidence, contradicting: bool = False) -> Anomalies:
-    """The changes that the solved network calls for; none where it is singular or leaves nothing over.
+    """The changes that the solved network requires; none where it is singular or has no misfit.
 
     Moves and misfits come from score tests (score.py). Where images differ or contradict each other, or the rigid form
     fits too badly, the images' own poses are asked too, and go before these (decision 0009).
@@ -133,7 +133,7 @@ def find_anomalies(e: Evidence, contradicting: bool = False) -> Anomalies:
 
 
 def _beyond_the_lens(moves: Sequence[Move], fields: Sequence[Misfit]) -> list[Move]:
-    """The moves that shift image points by more than what their cameras' lenses do beyond the model."""
+    """The moves that shift image points by more than their cameras' lenses deviate from the model."""
     lens = {m.camera: m.rms_px for m in fields}
     return [move for move in moves if move.image_change_px > MORE_THAN_LENS * lens.get(move.camera, 0.0)]
 
@@ -146,7 +146,7 @@ def explained_by_moves(
     context: Context,
     most_variance: float | None = None,
 ) -> DetectedMotions:
-    """What moved, if that and no change of the ball's shape is all that is wrong; else nothing.
+    """What moved, if moves alone and no change of the ball's shape explain the misfit; else nothing.
 
     Free points hide much of a move, which then passes for a change of shape. Halves of a rig that the moved camera
     alone connects bend: on rig B 16 % of the moves by 0.5 to 50 mm were named wrongly. The images' own poses know of
@@ -196,7 +196,7 @@ def _ball_centre(features: Features, state: State, alignment: Alignment) -> Floa
 
 
 def _fields(e: Evidence, probed: _Probed, moves: list[Move], sizes: FloatArray) -> list[Misfit]:
-    """Misfits of all cameras with the moves taken into the model, as long as these are credible."""
+    """Misfits of all cameras with the moves included in the model, as long as these are credible."""
     probe = probed.probe
     known: dict[int, FloatArray] = {}
     for move in moves if credible(moves, probe.problem.n_cameras) else []:
@@ -214,7 +214,7 @@ def _free_network(e: Evidence) -> Network:
 
 
 def _free_form(e: Evidence) -> _Probed | None:
-    """The free form of a network that was solved in the rigid one; None where it is singular or leaves nothing over."""
+    """The free form of a network that was solved in the rigid one; None where it is singular or has no misfit."""
     network = _free_network(e)
     state = e.solved.by_features.state
     used = e.used & (network.views(e.used) >= 2)[network.feature]

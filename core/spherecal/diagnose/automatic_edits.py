@@ -41,7 +41,7 @@ _OF_THE_CAMERA = ("camera-moved", "image-contradicts", "capture-times")
 
 
 def edited_where_certain(session: Session, run: Run) -> Calibration:
-    """The calibration of a session, repaired as far as that is certain; as it was recorded where nothing helps.
+    """The calibration of a session, repaired as far as repairs are certain; unchanged if nothing helps.
 
     Parameters
     ----------
@@ -74,7 +74,7 @@ def _stopped(calibration: Calibration) -> bool:
 
 
 def _next_step(session: Session, done: Repairs, now: Calibration, run: Run) -> tuple[Calibration, Repairs] | None:
-    """The first of the ways to mend that leaves no fault, else the one that leaves fewest; None where none helps.
+    """The first repair that leaves no fault, else the one that leaves fewest; None if none helps.
 
     A fault that the mended one concealed may take its place: as many, but others.
     """
@@ -112,7 +112,7 @@ def _faults(calibration: Calibration) -> tuple[int, int]:
 
 
 def ways(session: Session, now: Calibration, done: Repairs) -> Iterator[Repairs]:
-    """Repairs of all that is certain together, in the order to try them; none where too much is wrong.
+    """Repairs of all certain faults together, in the order to try them; none if too much is wrong.
 
     Parameters
     ----------
@@ -311,7 +311,7 @@ def _images_of_one_pose(session: Session, camera: str) -> list[int]:
 
 
 def _credible(tried: Calibration, way: Repairs) -> bool:
-    """Whether split cameras are near their earlier poses and fit as well as others: else they were not knocked."""
+    """Whether split cameras are near their earlier poses and fit as well as others: otherwise they were not bumped."""
     fits = {camera.id: camera.rms_px or 0.0 for camera in tried.rig.cameras}
     for earlier in tried.rig.earlier_poses:
         now = tried.rig.camera(_home(earlier.id, way))
@@ -327,7 +327,7 @@ def _credible(tried: Calibration, way: Repairs) -> bool:
 
 
 def _still_scatters(tried: Calibration, cameras: set[str]) -> bool:
-    """Whether the images of some cameras contradict each other, and those of most others do not."""
+    """Whether the images of some cameras contradict each other, while those of most others do not."""
     finding = next((f for f in tried.rig.quality.findings if f.code == "poses-scatter"), None)
     if finding is None or not finding.values:
         return False
@@ -337,6 +337,6 @@ def _still_scatters(tried: Calibration, cameras: set[str]) -> bool:
 
 
 def _home(name: str, way: Repairs) -> str:
-    """The camera that an earlier pose is of."""
+    """The camera to which an earlier pose belongs."""
     cut = (value.partition("@") for value in way.split)
     return next(camera for camera, _, place in cut if name == f"{camera} before {place}")

@@ -37,7 +37,7 @@ BEYOND_CHANCE = 20.0
 
 @dataclass(frozen=True)
 class LensTrial:
-    """What other lenses bring: rms in px of the image points before and after, the ratio of the variances.
+    """The gain by other lenses: rms in px of the image points before and after, the ratio of the variances.
 
     `model` None: the same model with a lens for each camera instead of one for several. `variance_ratio`: of unit
     weight. `criterion`: by how much Schwarz's criterion (BIC) falls; above 0 the change is worth its numbers.
@@ -61,13 +61,13 @@ class LensTrial:
 
     @property
     def better_by(self) -> Phrase:
-        """In what it is better, for a finding."""
+        """How it is better, for a finding."""
         lens = Phrase("lens-each") if self.model is None else Phrase("lens-model", {"model": self.model})
         values = {"px": self.rms_px, "before_px": self.rms_before_px, "ratio": self.variance_ratio}
         return Phrase("lens-better", {"lens": lens, **values})
 
     def chosen(self, cameras: tuple[str, ...]) -> Finding:
-        """That the model was taken for these cameras instead of the session's."""
+        """The finding that the model was used for these cameras instead of the session's."""
         values = {"better": self.better_by, "model": self.model}
         return Finding("lens-misfit", "info", values, cameras, kind="other-taken")
 
@@ -76,7 +76,7 @@ class LensTrial:
         return session if self.model is None else with_lens_model(session, self.model)
 
     def noted_in(self, done: Calibration) -> Calibration:
-        """The calibration with this model, and the finding that it was taken; its validity is as it was."""
+        """The calibration with this model, and the finding that it was used; its validity does not change."""
         chosen = self.chosen(tuple(camera.id for camera in done.rig.cameras))
         quality = replace(done.rig.quality, findings=(*done.rig.quality.findings, chosen))
         return replace(done, rig=replace(done.rig, quality=quality))
@@ -98,7 +98,7 @@ def best_lens_model(fit: BallFit, run: Run) -> LensTrial | None:
 
 
 def best_lenses(fit: BallFit, context: Context) -> LensTrial | None:
-    """The best of the models, or of lenses of their own for cameras that share one; None where none is better.
+    """The best of the models, or separate lenses for cameras that share one; None where none is better.
 
     Parameters
     ----------
@@ -115,7 +115,7 @@ def _best(trials: list[LensTrial]) -> LensTrial | None:
 
 
 def try_lenses(fit: BallFit, context: Context) -> list[LensTrial]:
-    """Every model but the one in use, for all cameras whose distortion is estimated; [] where it says nothing.
+    """Every model except the one in use, for all cameras whose distortion is estimated; [] where that is not possible.
 
     Then the model in use with a lens for each camera, where some share one. All by a short adjustment from the
     solution, with its observations and weights.
@@ -147,7 +147,7 @@ def try_lenses(fit: BallFit, context: Context) -> list[LensTrial]:
 
 
 def _trial(fit: BallFit, network: Network, start: State, model: LensModel | None) -> LensTrial | None:
-    """The network with other lenses, from a start; None where that has no end."""
+    """The network with other lenses, from a start; None where it does not converge."""
     adjusted = fit.adjusted
     noise = float(np.sqrt(adjusted.variance))
     network = with_intrinsic_priors(replace(network, priors=NO_PRIORS), start.intrinsics, fit.has_prior, noise)
@@ -175,7 +175,7 @@ def _changeable(fit: BallFit) -> IntArray:
 
 
 def _model_of(free: BoolArray, intrinsics: FloatArray) -> LensModel | None:
-    """The model by which a lens was estimated; None for a choice of numbers that is none of them (the paper's)."""
+    """The model by which a lens was estimated; None for other choices of parameters (the paper's)."""
     return next(
         (
             model

@@ -19,7 +19,7 @@ _TINY_RAD = 1.7e-4  # 0.01 degrees: smaller turns are said in microradians
 
 
 def motion_findings(e: Evidence, anomalies: Anomalies, wrong: Sequence[WrongImage]) -> list[Finding]:
-    """A finding for every camera that moved, the grossest first; images that belong elsewhere are no moves.
+    """A finding for every camera that moved, the largest move first; images that belong elsewhere are not moves.
 
     Parameters
     ----------
@@ -183,7 +183,7 @@ def _finding(
 
 
 def _from(seen: list[int], placements: set[int]) -> int | None:
-    """The placement from which on a camera has another pose: its observations split in two there, else None."""
+    """The placement from which a camera has another pose, if its observations are split in two there; else None."""
     for k in range(1, len(seen)):
         if placements in (set(seen[k:]), set(seen[:k])):
             return seen[k]
@@ -204,7 +204,7 @@ def mixed_up_images(e: Evidence, wrong: Sequence[WrongImage]) -> list[Finding]:
 
 
 def unexplained_images(e: Evidence, wrong: Sequence[WrongImage], explained: set[str]) -> list[Finding]:
-    """The finding on images that contradict the rest for no reason found.
+    """The finding on images that contradict the rest for unknown reasons.
 
     Parameters
     ----------

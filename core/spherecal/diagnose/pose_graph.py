@@ -1,4 +1,4 @@
-"""Which cameras did not move: the images' own poses against those of cameras and of a ball that was placed some times.
+"""Which cameras did not move: the images' own poses compared with poses of the cameras and of the placed ball.
 
 Of m images of c cameras and t placements the rig has only c + t - 1 poses. The normal equations that the images left
 say how much worse these fit than the images' own: a quadratic form, so that adjustments are small and need no
@@ -127,7 +127,7 @@ class Explained:
 
 
 def explain(images: ImagePoses, n_cameras: int, context: Context) -> Explained | None:
-    """The cameras that moved, the clearest first, one more than is credible at most; None where nothing can be said.
+    """The cameras that moved, the most significant first, at most one more than is credible; None if unknown.
 
     Parameters
     ----------
@@ -177,7 +177,7 @@ class _Step:
 
 
 def _one_more(images: ImagePoses, n_cameras: int, tried: list[Split], now: _Step, context: Context) -> _Step | None:
-    """The step with the split that explains most; None where that is no more than chance or a trace of the others."""
+    """The step with the split that explains most; None if it is chance or only an effect of other splits."""
     ways = _promising(images, now.fitted, [way for way in tried if way not in now.splits])
     fits = _fits(images, n_cameras, now.splits, ways, context)
     least = max([move_limit(len(tried)), *(LEAST_SHARE * move.statistic for move in now.moves)])
@@ -203,7 +203,7 @@ def _sure(images: ImagePoses, step: _Step, limit: float) -> bool:
 
 
 def _promising(images: ImagePoses, before: Fitted, ways: list[Split]) -> list[Split]:
-    """The ways that explain most by the linear test at a fit, the best first; all where that says nothing."""
+    """The ways that explain most by the linear test at a fit, the best first; all if the test is not possible."""
     explained: list[float] = []
     if before.cost > SMALL * POSE * len(images.camera) * images.variance:
         return ways
@@ -264,7 +264,7 @@ def _move(images: ImagePoses, block: int, before: Fitted, after: Fitted, way: Sp
 
 
 def fit(images: ImagePoses, n_cameras: int, splits: tuple[Split, ...], steps: int = STEPS) -> Fitted | None:
-    """The rig nearest to the images' poses, some cameras with second poses; None where images do not hang together.
+    """The rig nearest to the images' poses, some cameras with second poses; None where images are not connected.
 
     Parameters
     ----------
@@ -281,7 +281,7 @@ def fit(images: ImagePoses, n_cameras: int, splits: tuple[Split, ...], steps: in
 
 
 def fit_layout(images: ImagePoses, layout: PoseComposition, steps: int = STEPS) -> Fitted | None:
-    """The poses of a layout nearest to the images' own; None where images do not hang together.
+    """The poses of a layout nearest to the images' own; None where images are not connected.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Cameras that were knocked far: which of their images belong to which of two poses.
+"""Cameras that were bumped far: which of their images belong to which of two poses.
 
 A move of a pixel and more lets the gate take what it likes, and one of many pixels bends the camera's intrinsics, so
 that linear tests mislead. Here every way to part the camera's images in two is tried. Both parts are resected on the

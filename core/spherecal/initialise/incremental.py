@@ -109,7 +109,7 @@ def _pose_from_parent(local: LocalNetwork, state: State, camera: int) -> tuple[F
 
 
 def _scale_to_adjusted(triple: Triple, parent: int, state: State) -> float | None:
-    """How much larger the adjusted network is than the triple: the median ratio of depths in the parent camera."""
+    """The size of the adjusted network relative to the triple: the median ratio of depths in the parent camera."""
     known = np.isfinite(state.points[triple.features, 0])
     if known.sum() < 5:
         return None

@@ -1,7 +1,7 @@
 """The corners of an AprilGrid: tags with small squares at their corners, as Kalibr prints them, or without.
 
-The tags' ids say where each is. Which of its corners is which follows from where the other tags are. So neither the
-way a dictionary has its tags turned nor the camera's turn need be known.
+The tags' ids give the position of each tag. The order of its corners follows from the positions of the other tags. So
+neither the orientation of tags in a dictionary nor that of the camera needs to be known.
 """
 
 import cv2

@@ -44,7 +44,7 @@ def ball_network(recording: Recording, network: Network, local: LocalNetwork, fr
 def fit_ball_model(
     recording: Recording, start: StartValues, free: BallFit, settings: CalibrationSettings, run: Run
 ) -> MetricFit:
-    """The network in millimetres, in the ball model that the data carry; the free form where the user stops that.
+    """The network in millimetres, in the ball model that the data support; the free form if the user stops this.
 
     Decision 0006; docs/formulation.md, section The rigid ball.
 
@@ -80,7 +80,7 @@ def fit_ball_model(
 def _in_its_model(
     recording: Recording, free: BallFit, ball: BallNetwork, settings: CalibrationSettings, run: Run
 ) -> MetricFit:
-    """The network in millimetres: on a stored ball, as rigid as the data allow, or free; with the findings of that."""
+    """The network in millimetres: on a stored ball, as rigid as the data allow, or free; with its findings."""
     refused: tuple[Finding, ...] = ()
     if settings.ball is not None:
         stored = on_known_ball(recording, free, ball, settings.ball, run)
@@ -106,7 +106,7 @@ def _without_ambiguous(fit: MetricFit, free: BallFit) -> MetricFit:
 def select_ball_model(
     recording: Recording, free: BallFit, ball: BallNetwork, settings: CalibrationSettings, run: Run
 ) -> tuple[BallFit, ModelChoice]:
-    """The rigid form where the data carry it, else the soft or the free one; and the choice with its reasons.
+    """The rigid form if the data support it, else the soft or the free one; and the choice with its reasons.
 
     Where motions of cameras or of the ball explain what the rigid form does not, it is kept (decisions 0006, 0009,
     0012).

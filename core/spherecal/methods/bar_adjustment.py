@@ -1,4 +1,4 @@
-"""The joint adjustment of cameras and a waved bar's marks, its lengths as rows: robust first, then gate and plain."""
+"""The joint adjustment of cameras and a waved bar's marks, its lengths as rows: robust, then gate and plain."""
 
 from dataclasses import dataclass, replace
 

@@ -1,4 +1,4 @@
-"""The results put together: rig, points, residuals, spheres and findings."""
+"""The complete result: rig, points, residuals, spheres and findings."""
 
 from dataclasses import replace
 
@@ -182,7 +182,7 @@ def _wider_covariance(
     before: RigScale,
     after: RigScale,
 ) -> CameraCovariance | None:
-    """The covariance with each camera's rows and columns times its factor, and the scale as uncertain as it is now."""
+    """The covariance with each camera's rows and columns times its factor, and the scale's present uncertainty."""
     if covariance is None or ((factor == 1.0).all() and before == after):
         return covariance
     width = len(covariance.matrix) // len(factor)
@@ -199,7 +199,7 @@ def _wider_covariance(
 def _either_pose(
     cameras: tuple[RigCamera, ...], covariance: CameraCovariance | None, evidence: Evidence
 ) -> tuple[tuple[RigCamera, ...], CameraCovariance | None]:
-    """Cameras of unconfirmed poses, so uncertain that each other pose is one standard uncertainty off."""
+    """Cameras with unconfirmed poses, with uncertainties such that each other pose is one standard uncertainty off."""
     names = [camera.id for camera in cameras]
     for pose in unconfirmed_poses(evidence):
         index = names.index(evidence.camera_ids[pose.camera])
@@ -225,7 +225,7 @@ def _either_lens(
     evidence: Evidence,
     findings: tuple[Finding, ...],
 ) -> tuple[tuple[RigCamera, ...], CameraCovariance | None]:
-    """Cameras of rejected edges, so uncertain that a lens nearer to these is one standard uncertainty off."""
+    """Cameras with rejected edges, with uncertainties such that a lens closer to these is one sigma off."""
     named = {name for f in findings if f.code == "lens-misfit" and f.kind == "edge" for name in f.where}
     columns, group = evidence.adjusted.problem.intrinsic_columns, evidence.solved.network.group
     row = {camera.id: i for i, camera in enumerate(cameras)}
@@ -324,7 +324,7 @@ def _ball_shape(observations: Observations, features: Features, fit: BallFit, so
 
 
 def _for_diagnosis(fit: BallFit) -> BallFit:
-    """The form in which faults show as what they are; of the soft form, which gives way to them, the free one."""
+    """The form in which faults are visible: the solution itself, or the free form instead of the soft one."""
     if fit.free is None:
         return fit
     free = fit.free.adjusted

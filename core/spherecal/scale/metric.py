@@ -54,7 +54,7 @@ class MetricFit:
 
 
 def in_millimetres(recording: Recording, fit: BallFit, run: Run) -> tuple[BallFit, Solution]:
-    """The network brought to millimetres; a bar that gives the scale becomes part of the adjustment.
+    """The network in millimetres; a bar that gives the scale becomes part of the adjustment.
 
     Parameters
     ----------
@@ -83,7 +83,7 @@ def in_millimetres(recording: Recording, fit: BallFit, run: Run) -> tuple[BallFi
 
 
 def by_stored_ball(recording: Recording, fit: BallFit, ball: RigScale) -> tuple[Solution, float | None]:
-    """A network based on a stored ball, in the best of its and the session's millimetres.
+    """A network based on a stored ball, in millimetres by the better of the ball's and the session's scale.
 
     A bar is better than printed targets; of two alike the surer one is taken. Beside it how much longer lengths are by
     the session's own scale, relatively (None without one).
@@ -118,7 +118,7 @@ def _surer(one: RigScale, other: RigScale) -> bool:
 
 
 def metric_solution(recording: Recording, fit: BallFit, literal: bool = False) -> Solution:
-    """The adjusted network brought to its scale; lengths stay arbitrary without covariance or a usable scale.
+    """The adjusted network in its scale; lengths stay arbitrary without covariance or a usable scale.
 
     Parameters
     ----------
@@ -243,7 +243,7 @@ def _patterns(session: Session, names: tuple[str, ...]) -> dict[int, FloatArray]
 
 
 def _nominal_factor(session: Session, spheres: dict[int, Sphere]) -> float:
-    """Without a scale: the ball's nominal diameter gives handy numbers, which are not millimetres to rely on."""
+    """Without a scale: a factor from the ball's nominal diameter, for handy numbers, not reliable millimetres."""
     if session.sphere_diameter_mm is None or not spheres:
         return 1.0
     return session.sphere_diameter_mm / 2 / float(np.median([s.radius for s in spheres.values()]))

@@ -1,4 +1,4 @@
-"""Some cameras of a rig recalibrated while the others stay fixed: one camera was touched, or has a new lens.
+"""Recalibration of some cameras while the others are locked, for example if one was touched or has a new lens.
 
 The locked cameras give the frame and the scale; the ball needs only to be seen by the selected cameras and some others.
 """
@@ -37,7 +37,7 @@ What = Literal["all", "pose", "intrinsics"]
 
 @dataclass(frozen=True)
 class Selection:
-    """Which cameras to calibrate (ids), and what of them; all others stay as the rig has them."""
+    """Which cameras to calibrate (ids), and what to estimate for them; all others stay as in the rig."""
 
     cameras: tuple[str, ...]
     what: What = "all"
@@ -158,7 +158,7 @@ def _locked(network: Network, selected: BoolArray, what: What) -> Network:
 
 
 def _start(network: Network, before: State, selected: BoolArray, what: What, local: LocalNetwork) -> InitialPoses:
-    """The rig as it was; selected cameras resected from what the locked ones see, where that works."""
+    """The rig before; selected cameras are resected from the points of the locked ones, where possible."""
     rows = local.keep & ~selected[network.camera]
     points, good = usable_features(network, replace(before, points=np.zeros((network.n_features, 3))), rows)
     state = replace(before, points=np.where(good[:, None], points, np.nan))

@@ -1,4 +1,4 @@
-"""A bar in front of the cameras: where its end marks are, from one set of observations, to accept it as it is laid."""
+"""A bar in front of the cameras: the positions of its end marks from one set of observations, to accept its pose."""
 
 import numpy as np
 

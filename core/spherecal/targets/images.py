@@ -158,4 +158,4 @@ def _contrasts(image: GreyImage) -> FloatArray:
     """
     image, pairs = np.ascontiguousarray(image), image.shape[1] // 2
     rows = [image[row::2, : 2 * pairs].reshape(-1, pairs, 2) for row in (0, 1)]
-    return np.concatenate([cv2.meanStdDev(row)[1].ravel() for row in rows])
+    return np.concatenate([np.asarray(cv2.meanStdDev(row)[1], dtype=float).ravel() for row in rows])

@@ -8,6 +8,7 @@ import struct
 import subprocess
 import sys
 import time
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -22,6 +23,14 @@ SPHERECAL = [sys.executable, "-m", "spherecal.cli.main"]
 LIMIT_S = 60.0
 
 
+@pytest.fixture(autouse=True, scope="module")
+def _programs_hear_ctrl_c() -> Iterator[None]:
+    """A shell that runs the tests in the background has them, and every program that they start, ignore it."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, before)
+
+
 @pytest.fixture(name="session", scope="module")
 def session_of_a_rig(drawn_session: Path) -> Path:
     """A rig's session with images; skips where no GigE rig can be."""
@@ -33,12 +42,7 @@ def session_of_a_rig(drawn_session: Path) -> Path:
 
 def rig_with(session: Path, command: str) -> subprocess.Popen[str]:
     words = [*SPHERECAL, "cameras", "simulate-gige", str(session), "--cameras", "1", "--run", command]
-    return subprocess.Popen(words, stdout=subprocess.PIPE, text=True, start_new_session=True, preexec_fn=_hears_ctrl_c)
-
-
-def _hears_ctrl_c() -> None:
-    """A shell that runs the tests in the background has them, and all that they start, ignore it."""
-    signal.signal(signal.SIGINT, signal.SIG_DFL)
+    return subprocess.Popen(words, stdout=subprocess.PIPE, text=True, start_new_session=True)
 
 
 def first_line(program: subprocess.Popen[str]) -> str:

@@ -9,10 +9,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Iterator
-<<<<<<< HEAD
 from contextlib import contextmanager
-=======
->>>>>>> 36d585a333fbe3bfdd34a082e412c14d5611bbfb
 from pathlib import Path
 
 import pytest
@@ -25,14 +22,6 @@ from tests.gige_rig import aravis_producer, wired
 
 SPHERECAL = [sys.executable, "-m", "spherecal.cli.main"]
 LIMIT_S = 60.0
-
-
-@pytest.fixture(autouse=True, scope="module")
-def _programs_hear_ctrl_c() -> Iterator[None]:
-    """A shell that runs the tests in the background has them, and every program that they start, ignore it."""
-    before = signal.signal(signal.SIGINT, signal.default_int_handler)
-    yield
-    signal.signal(signal.SIGINT, before)
 
 
 @pytest.fixture(name="session", scope="module")
@@ -48,15 +37,11 @@ def session_of_a_rig(drawn_session: Path) -> Path:
 def rig_with(session: Path, command: str) -> Iterator[subprocess.Popen[str]]:
     """A rig that runs a command; a test that fails ends it."""
     words = [*SPHERECAL, "cameras", "simulate-gige", str(session), "--cameras", "1", "--run", command]
-<<<<<<< HEAD
     with subprocess.Popen(words, stdout=subprocess.PIPE, text=True, start_new_session=True) as program:
         try:
             yield program
         finally:
             program.kill()
-=======
-    return subprocess.Popen(words, stdout=subprocess.PIPE, text=True, start_new_session=True)
->>>>>>> 36d585a333fbe3bfdd34a082e412c14d5611bbfb
 
 
 def first_line(program: subprocess.Popen[str]) -> str:
@@ -179,7 +164,7 @@ def test_packets_beyond_the_buffer_do_not_reach_libaravis() -> None:
     """A frame that begins with a far trailer, then a pixel packet near it: a copy of a negative size in libaravis."""
     producer = aravis_producer()
     with wired(1) as rig:
-        words = [sys.executable, "-m", "benchmarks.gige_client", str(producer), "1.5", "25"]
+        words = [sys.executable, "-m", "benchmarks.gige_client", str(producer), "3", "25"]
         client = subprocess.Popen(rig.inside(words), stdout=subprocess.PIPE, text=True)
         wire, sent = Wire(rig), 0
         try:

@@ -19,13 +19,14 @@ class ClickMap(QObject):
     def __init__(self, path: Path, parent: QObject | None = None) -> None:
         super().__init__(parent)
         self._path = path
+        self._written = b""
         self._timer = QTimer(self)
         self._timer.setInterval(_EVERY_MS)
         self._timer.timeout.connect(self.write)
         self._timer.start()
 
     def write(self) -> None:
-        """Write it now, whole."""
+        """Write it now, whole, where it has changed."""
         found = {}
         for window in QApplication.topLevelWidgets():
             buttons: list[QWidget] = [*window.findChildren(QPushButton), *window.findChildren(QCheckBox)]
@@ -35,7 +36,9 @@ class ClickMap(QObject):
                     key = str(one.property("key") or one.objectName())
                     text = one.text() if isinstance(one, (QPushButton, QCheckBox)) else ""
                     found[key] = [middle.x(), middle.y(), one.isEnabled(), text, one.hasFocus()]
-        write_whole(self._path, json.dumps(found).encode())
+        if (data := json.dumps(found).encode()) != self._written:
+            write_whole(self._path, data)
+            self._written = data
 
 
 def wanted() -> Path | None:

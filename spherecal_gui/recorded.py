@@ -45,7 +45,7 @@ class RecordedSession(SessionFolder):
         """Make the folder or go on with it; what else is in it (the wizard's own files) is no hindrance."""
         if (self.folder / "capture.json").exists():
             super()._take_up()
-            self._keep_told()
+            self._take_recorded_poses()
             self._end_retakes()
         self.folder.mkdir(parents=True, exist_ok=True)
         if self.plan.target_set is not None:
@@ -61,14 +61,14 @@ class RecordedSession(SessionFolder):
         if planned.id not in {one.id for one in self.plan.sets}:
             self.plan = replace(self.plan, sets=(*self.plan.sets, planned))
 
-    def _keep_told(self) -> None:
+    def _take_recorded_poses(self) -> None:
         """Of the poses that were taken, bar and temperature stay as session.json has them."""
         try:
             poses = json.loads(read_below(self.folder, "session.json", _MOST_BYTES))["bar_poses"]
-            message = {one["id"]: PlannedSet(one["id"], one["bar"], one.get("temperature_c")) for one in poses}
+            recorded = {one["id"]: PlannedSet(one["id"], one["bar"], one.get("temperature_c")) for one in poses}
         except (InputError, ValueError, KeyError, TypeError, AttributeError, RecursionError):
             return
-        self.plan = replace(self.plan, sets=tuple(message.get(one.id, one) for one in self.plan.sets))
+        self.plan = replace(self.plan, sets=tuple(recorded.get(one.id, one) for one in self.plan.sets))
 
     def plan_instead(self, sets: tuple[PlannedSet, ...]) -> None:
         """Plan these sets; those that were taken stay as they are."""

@@ -26,6 +26,10 @@ ROOT = Path(__file__).resolve().parents[1]
 DURATIONS = Path(__file__).with_name("durations.json")
 QUICK_S = 0.1
 
+# A shell that starts the tests in the background has them ignore Ctrl-C, and so would the programs that tests start.
+if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
+    signal.signal(signal.SIGINT, signal.default_int_handler)
+
 hypothesis.settings.register_profile("spherecal", deadline=None, derandomize=bool(os.environ.get("CI")))
 hypothesis.settings.load_profile("spherecal")
 
@@ -136,6 +140,35 @@ def demo_tried(made_once: Callable[[str, Callable[[Path], None]], Path]) -> Path
             assert main(["demo", "-o", str(folder / "try")]) == 0
 
     return made_once("demo", run)
+
+
+@pytest.fixture(scope="session")
+def drawn_session(made_once: Callable[[str, Callable[[Path], None]], Path]) -> Path:
+    """A session of drawn images, to be shown to simulated cameras: as little as makes a valid calibration.
+
+    The demo rig with a ball of 100 targets at three placements, and one pose of each bar. `two.json` beside its
+    session.json is a plan with the first two placements.
+    """
+
+    def draw(folder: Path) -> None:
+        from dataclasses import replace
+
+        from spherecal.cli.main import main
+        from spherecal_sim.render_session import RENDERED
+
+        session = folder / "session"
+        words = ["cameras", "capture", "--source", "simulated", "--placements", "3", "-o", str(session)]
+        with pytest.MonkeyPatch.context() as patch, (folder / "printed.txt").open("w", encoding="utf-8") as printed:
+            patch.setattr("spherecal.cameras.simulated.stage.RENDERED", replace(RENDERED, targets=100))
+            with redirect_stdout(printed):
+                assert main([*words, "--profile", str(folder / "profile.json")]) == 0
+        document = json.loads((session / "session.json").read_text(encoding="utf-8"))
+        document["bar_poses"] = [pose for pose in document["bar_poses"] if pose["id"].endswith("-01")]
+        (session / "session.json").write_text(json.dumps(document), encoding="utf-8")
+        document["placements"] = document["placements"][:2]
+        (session / "two.json").write_text(json.dumps(document), encoding="utf-8")
+
+    return made_once("drawn", draw) / "session"
 
 
 @pytest.fixture(scope="session", autouse=True)

@@ -364,7 +364,7 @@ SAMPLES: Mapping[str, Sample] = {
         _session(), _read_session,
         ("the same id", "does not have", "5 % of", "1 % apart", "is the same mark", "names the same point", "not exist",
          "no target has", "shares intrinsics_group", "before the certificate", "whose role is", "must be smaller",
-         "names no dictionary", "leaves the session", "need .* tags", "is given (?:beside|although)", "must be a date",
+         "an OpenCV dictionary", "leaves the session", "need .* tags", "is given (?:beside|although)", "must be a date",
          "cannot be found in images", r"observations\.csv", "registry has no bar", "must be a path below", "must be from 0 to",  # noqa: E501
          "must be a point in"),
     ),
@@ -383,7 +383,7 @@ SAMPLES: Mapping[str, Sample] = {
     ),
     "verification": Sample(_VERIFICATION, _read_verification),
     "findings": Sample(_FINDINGS, _folder("findings.json", read_findings)),
-    "ball": Sample(_BALL, _file("ball.json", read_ball), ("the same dot", "on one line", "no covariance", "must be a date")),  # noqa: E501
+    "ball": Sample(_BALL, _file("ball.json", read_ball), ("the same dot", "on one line", "not a covariance", "must be a date")),  # noqa: E501
     "frame": Sample(_FRAME, _file("frame.json", read_frame), ("not a rotation", "or none of them")),
     "cameras": Sample(_CAMERAS, _file("cameras.json", read_cameras), ("the same",)),
     "drivers": Sample(

@@ -281,7 +281,7 @@ def test_check_guide_compare_and_recalibrate(simulated, calibrated, tmp_path: Pa
     found = spherecal.check_rig(session, tmp_path / "result")
     assert found.verdict == "ok" and len(found.balls) == 4 and not found.to_repair
     assert spherecal.check_rig(session, rig, limit="0.5").verdict == "ok"
-    with pytest.raises(spherecal.InputError, match="is no limit"):
+    with pytest.raises(spherecal.InputError, match="is not a limit"):
         spherecal.check_rig(session, rig, limit="little")
     assert spherecal.guide_next_placement(session).best is not None
     moved = replace(rig["C02"], translation_mm=rig["C02"].translation_mm + np.array([3.0, 0, 0]))

@@ -212,11 +212,12 @@ def test_a_covariance_of_another_rig_is_not_written_over(tmp_path) -> None:
     spherecal.save_rig(mine, tmp_path / "rig.json")
     kept = spherecal.load_rig(tmp_path)  # the map of uncertainties is rounded in the file
     assert (kept.cameras, kept.covariance, kept.quality) == (mine.cameras, mine.covariance, mine.quality)
-    with pytest.raises(spherecal.OutputError, match="is of another rig"):
+    with pytest.raises(spherecal.OutputError, match="belongs to another rig"):
         spherecal.save_rig(other, tmp_path / "other.json")
     assert spherecal.load_rig(tmp_path) == kept
     spherecal.save_rig(stereo(), tmp_path / "bare.json")
-    with pytest.raises(spherecal.OutputError, match="is of another rig"):  # a file without a covariance does not own it
+    # a file without a covariance does not own it
+    with pytest.raises(spherecal.OutputError, match="belongs to another rig"):
         spherecal.save_rig(other, tmp_path / "bare.json")
     assert spherecal.load_rig(tmp_path) == kept
     spherecal.save_rig(other, tmp_path / "rig.json")

@@ -256,7 +256,7 @@ def test_folder_with_something_else_is_refused(tmp_path: Path) -> None:
     folder.mkdir()
     (folder / "thesis.tex").write_text("years of work")
     message = complaint(lambda: write_folder_whole(folder, build_result, RESULT))
-    assert "out: holds something else" in message
+    assert "out: contains something other" in message
     assert nothing_new(tmp_path) == ["out"]
     assert nothing_new(folder) == ["thesis.tex"]
     (folder / "rig.json").write_text('{"format": "somebody/else"}')

@@ -73,7 +73,7 @@ def test_a_bar_is_entered_shown_replaced_and_removed(registry: Path, capsys: pyt
         (["--valid-until", "2025-01-01"], "before the certificate's date"),
         (["--nominal", "A1,A2,421"], "more than 1 % apart"),
         (["--nominal", "A1,A2,16.25"], "more than 1 % apart"),  # inches
-        (["--nominal", "A1,A3,412"], "no certified one"),
+        (["--nominal", "A1,A3,412"], "no certified length"),
         (["--nominal", "A1,A2"], "is not a nominal length"),
         (["--nominal", "A1,A2,-412"], "above 0"),
     ],

@@ -83,7 +83,7 @@ def test_a_chinese_table(tmp_path: Path) -> None:
         ("B-1,A1,201,A2,202,,0.004,2", 'B-1: Line 2, "length [mm]": is empty.'),
         ("B-1,A1,,A2,202,500,0.004,2", 'B-1: Line 2, "from_target": is empty.'),
         ("B-1,A1,x7,A2,202,500,0.004,2", "must be the number of a sticker"),
-        ("B-1,A1,201,A1,202,500,0.004,2", "gives mark A1 another sticker than before (201)"),
+        ("B-1,A1,201,A1,202,500,0.004,2", "gives mark A1 a different sticker than before (201)"),
         ("B-1,A1,201,A1,201,500,0.004,2", "the same mark"),
         ("B-1,A1,201,A2,202,500,40,2", 'B-1: Line 2, "uncertainty [mm]": must be from 0 to 25'),
         ("B-1,A1,201,A2,202,-500,0.004,2", 'B-1: Line 2, "length [mm]": must be'),
@@ -110,7 +110,7 @@ def test_lines_of_one_bar_must_agree_and_dates_must_be_clear(tmp_path: Path) -> 
     path = table(tmp_path, "\n".join([heading, *lines]))
     assert [bar.serial for bar in read_bars_table(path).bars] == ["B-3"]
     assert said(path) == [
-        'B-1: Line 3, "certificate": is not what line 2 says of the same bar.',
+        'B-1: Line 3, "certificate": differs from line 2, which is about the same bar.',
         'B-2: Line 4, "date": must be a date such as 2026-11-21, but is "03/04/2026".',
         'B-4: Line 6, "valid_until": is before the certificate\'s date, 2026-01-15.',
         'B-5: Line 7, "certificate": is empty.',

@@ -257,7 +257,7 @@ def test_command_line_and_the_boards_own_uncertainty(recording, tmp_path):
         ({"kind": "circles", "rings": [[6, 0]]}, "rings[0][0] must be from 0 to 5"),
         ({"kind": "charuco"}, 'lacks "marker_mm"'),
         ({"kind": "charuco", "marker_mm": 40, "dictionary": "DICT_5X5_100"}, "smaller than pitch_mm"),
-        ({"kind": "charuco", "marker_mm": 20, "dictionary": "5X5"}, "names no dictionary"),
+        ({"kind": "charuco", "marker_mm": 20, "dictionary": "5X5"}, "not the name of an OpenCV dictionary"),
         ({}, 'lacks "kind"'),
     ],
 )

@@ -1,7 +1,6 @@
 """GenICam cameras over real drivers: viky.cti of the genicam package, our simulated producer, and broken ones."""
 
 import importlib.util
-import json
 import os
 import shutil
 import signal
@@ -517,22 +516,13 @@ def test_list_and_set_on_real_drivers(viky, tmp_path, capsys):
     assert "no camera '5'" in capsys.readouterr().err
 
 
-def test_end_to_end_over_the_simulated_producer(cti, tmp_path, capsys):
-    """Rendered rig, simulated cameras, capture, calibrate, verify; each set is put on stage by the command line."""
-    scene = tmp_path / "scene"
-    profile = ["--profile", str(tmp_path / "p.json")]
-    capture = ["cameras", "capture", "--source", "simulated", "--placements", "2"]
-    assert main([*capture, "-o", str(scene), *profile]) == 0
-    plan = scene / "plan.json"
-    document = json.loads((scene / "session.json").read_text())
-    document["bar_poses"] = [pose for pose in document["bar_poses"] if pose["id"].endswith("-01")]
-    plan.write_text(json.dumps(document))
+def test_end_to_end_over_the_simulated_producer(cti, drawn_session, tmp_path, capsys, monkeypatch):
+    """Simulated cameras, capture, calibrate, verify; each set is put on stage by the command line."""
+    scene, profile = drawn_session, ["--profile", str(tmp_path / "p.json")]
     log_file = tmp_path / "producer.log"
     # a name of its own keeps it from meeting another simulated rig on this machine
-    environment = os.environ | {
-        "SPHERECAL_GENTL_REGION": f"spherecal-test-{os.getpid()}",
-        "GENICAM_GENTL64_PATH": str(cti.parent),
-    }
+    monkeypatch.setenv("SPHERECAL_GENTL_REGION", f"spherecal-test-{os.getpid()}")
+    monkeypatch.setenv("GENICAM_GENTL64_PATH", str(cti.parent))
     with log_file.open("w") as log:
         stage = subprocess.Popen(
             [sys.executable, "-m", "spherecal.cli.main", "cameras", "simulate-producer", str(scene)],
@@ -540,18 +530,27 @@ def test_end_to_end_over_the_simulated_producer(cti, tmp_path, capsys):
             stdout=log,
             stderr=log,
             text=True,
-            env=environment,
         )
         try:
             assert _wait(lambda: "They see P1" in log_file.read_text(), 60.0), log_file.read_text()
             spherecal = f"{sys.executable} -m spherecal.cli.main"
             show = f"{spherecal} cameras simulate-producer {scene} --running --show $SPHERECAL_SET"
             session = tmp_path / "session"
-            line = ["cameras", "capture", "-o", str(session), "--plan", str(plan), "--before-each", show, *profile]
-            command = [sys.executable, "-m", "spherecal.cli.main", *line]
-            done = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
-            assert done.returncode == 0, done.stdout + done.stderr
-            assert "SIMULATED" in done.stderr
+            capsys.readouterr()
+            line = [
+                "cameras",
+                "capture",
+                "-o",
+                str(session),
+                "--plan",
+                str(scene / "two.json"),
+                "--before-each",
+                show,
+                *profile,
+            ]
+            code, said = main(line), capsys.readouterr()
+            assert code == 0, said.out + said.err
+            assert "SIMULATED" in said.err
         finally:
             assert stage.stdin is not None
             stage.stdin.write("quit\n")

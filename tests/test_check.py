@@ -182,7 +182,7 @@ def test_a_bar_that_two_cameras_see_is_measured_though_no_camera_is_tested(rig: 
     by_two = replace(session, observations=o.select(np.isin(o.camera, most)))
     found = check(by_two, rig)
     assert (found.verdict, found.cameras) == ("watch", ()) and found.lengths
-    assert "nothing is known of them" in check_sentence(found)
+    assert "nothing is known about them" in check_sentence(found)
     with pytest.raises(InputError, match="too little is seen"):
         check(replace(by_two, bar_poses=(), placements=(Placement("A-1", {}),)), rig)
 

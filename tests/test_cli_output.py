@@ -142,7 +142,7 @@ def test_a_rig_is_drawn_where_its_cameras_are(tmp_path: Path) -> None:
 
 
 def test_a_rig_that_cannot_be_drawn(monkeypatch) -> None:
-    with pytest.raises(InputError, match="axes in space"):
+    with pytest.raises(InputError, match="needs 3-D axes"):
         make_rig(5, 2).plot(Figure().add_subplot())
     monkeypatch.setitem(__import__("sys").modules, "matplotlib.pyplot", None)
     with pytest.raises(MissingPackage, match=r"needs matplotlib"):

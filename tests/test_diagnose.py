@@ -113,7 +113,7 @@ def test_lenses_that_follow_no_model_are_no_moves(shared_data: Path) -> None:
     findings = calibrate(read_session(shared_data / "dome15")).rig.quality.findings
     codes = {finding.code for finding in findings}
     assert "lens-misfit" in codes and "camera-moved" not in codes
-    assert "would not be seen" in next(f.message for f in findings if f.code == "lens-misfit")
+    assert "would not be noticed" in next(f.message for f in findings if f.code == "lens-misfit")
 
 
 def test_a_last_placement_without_observations_ends_in_a_result() -> None:

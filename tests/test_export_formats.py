@@ -127,7 +127,7 @@ def test_the_same_rig_gives_the_same_bytes_and_replaces_an_older_export(tmp_path
 def test_folders_of_others_are_left_alone(tmp_path: Path) -> None:
     (tmp_path / "mine").mkdir()
     (tmp_path / "mine" / "notes.txt").write_text("keep")
-    with pytest.raises(OutputError, match="left as it is"):
+    with pytest.raises(OutputError, match="so it is not changed"):
         export_rig(RIGS[5], "colmap", tmp_path / "mine")
     assert [path.name for path in (tmp_path / "mine").iterdir()] == ["notes.txt"]
 

@@ -39,7 +39,7 @@ def test_a_turned_ball_is_taken_as_rigid() -> None:
     assert "dots in common" in said.message
     assert "limit 1.15" in said.message
     free = calibrated("demo", 1, CalibrationSettings(method="free"), targets=TARGETS)[0]
-    assert "asked for" in form_of(free).message
+    assert "requested" in form_of(free).message
     for one, other in zip(calibration.rig.cameras, free.rig.cameras, strict=True):
         assert one.sigma is not None and other.sigma is not None
         assert one.sigma.intrinsics[0] < 0.6 * other.sigma.intrinsics[0]
@@ -51,7 +51,7 @@ def test_a_turned_ball_is_taken_as_rigid() -> None:
 def test_auto_gives_what_rigid_gives() -> None:
     auto = calibrated("demo", 1, targets=TARGETS)[0]
     rigid = calibrated("demo", 1, CalibrationSettings(method="rigid"), targets=TARGETS)[0]
-    assert "asked for" in form_of(rigid).message
+    assert "requested" in form_of(rigid).message
     for one, other in zip(auto.rig.cameras, rigid.rig.cameras, strict=True):
         np.testing.assert_array_equal(one.intrinsics, other.intrinsics)
         np.testing.assert_array_equal(one.translation_mm, other.translation_mm)
@@ -128,7 +128,7 @@ def test_a_stated_play_is_taken_and_told() -> None:
     assert (stated.rig.form.shape_sd_mm, stated.rig.form.stated) == (pytest.approx(0.058), True)
     assert "as stated" in form_of(stated).message
     assert found.rig.form.shape_sd_mm == pytest.approx(0.058, rel=0.15)  # independent from dot to dot: all of it
-    assert "asked for" in form_of(found).message
+    assert "requested" in form_of(found).message
     assert form_of(found).severity == "info"
     assert stated.rig.quality.sigma0 == pytest.approx(0.04, rel=0.1)
 

@@ -8,6 +8,8 @@ import struct
 import subprocess
 import sys
 import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
@@ -23,19 +25,23 @@ LIMIT_S = 60.0
 
 
 @pytest.fixture(name="session", scope="module")
-def smallest_session(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A rendered rig's session; skips where no GigE rig can be."""
+def session_of_a_rig(drawn_session: Path) -> Path:
+    """A rig's session with images; skips where no GigE rig can be."""
     aravis_producer()
     if (reason := why_not()) is not None:
         pytest.skip(f"no network namespaces: {reason}")
-    folder = tmp_path_factory.mktemp("rig") / "scene"
-    assert main(["cameras", "capture", "--source", "simulated", "-o", str(folder), "--placements", "1"]) in (0, 3)
-    return folder
+    return drawn_session
 
 
-def rig_with(session: Path, command: str) -> subprocess.Popen[str]:
+@contextmanager
+def rig_with(session: Path, command: str) -> Iterator[subprocess.Popen[str]]:
+    """A rig that runs a command; a test that fails ends it."""
     words = [*SPHERECAL, "cameras", "simulate-gige", str(session), "--cameras", "1", "--run", command]
-    return subprocess.Popen(words, stdout=subprocess.PIPE, text=True, start_new_session=True)
+    with subprocess.Popen(words, stdout=subprocess.PIPE, text=True, start_new_session=True) as program:
+        try:
+            yield program
+        finally:
+            program.kill()
 
 
 def first_line(program: subprocess.Popen[str]) -> str:

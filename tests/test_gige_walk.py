@@ -1,6 +1,5 @@
 """From GigE Vision packets to a rig: a simulated rig captured over the wire, calibrated, compared with the truth."""
 
-import json
 import os
 import threading
 from collections.abc import Iterator
@@ -58,19 +57,14 @@ def centre_errors_mm(rig_file: Path, stage: Stage) -> np.ndarray:
     return np.linalg.norm(a @ rotation - b, axis=1)
 
 
-def test_two_placements_over_the_wire_become_the_true_rig(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+def test_placements_over_the_wire_become_the_true_rig(
+    drawn_session: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    scene, session, result = tmp_path / "scene", tmp_path / "session", tmp_path / "result"
+    session, result = tmp_path / "session", tmp_path / "result"
     monkeypatch.setenv("GENICAM_GENTL64_PATH", str(aravis_producer().parent))
-    profile = ["--profile", str(tmp_path / "profile.json")]
-    assert main(["cameras", "capture", "--source", "simulated", "-o", str(scene), "--placements", "2", *profile]) == 0
-    plan = scene / "plan.json"
-    document = json.loads((scene / "session.json").read_text())
-    document["bar_poses"] = [pose for pose in document["bar_poses"] if pose["id"].endswith("-01")]
-    plan.write_text(json.dumps(document))
+    profile, plan = ["--profile", str(tmp_path / "profile.json")], drawn_session / "session.json"
 
-    scenes = SessionScenes(scene)
+    scenes = SessionScenes(drawn_session)
     cameras = [GigeCamera(serial, *camera.image_size) for serial, camera in scenes.cameras.items()]
     with wired_as(cameras) as rig, stage_hand(rig, scenes, tmp_path) as before_each:
         line = ["cameras", "capture", "-o", str(session), "--plan", str(plan), "--before-each", before_each, *profile]
@@ -79,7 +73,7 @@ def test_two_placements_over_the_wire_become_the_true_rig(
         assert code == 0, capsys.readouterr().out
 
     taken = read_session(session)
-    assert [placement.id for placement in taken.placements] == ["P1", "P2"]
+    assert [placement.id for placement in taken.placements] == ["P1", "P2", "P3"]
     for group in (*taken.placements, *taken.bar_poses):
         seen = scenes.images(group.id)
         for camera in taken.cameras:

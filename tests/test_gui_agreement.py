@@ -33,7 +33,7 @@ from spherecal_gui.standing import (
 from spherecal_gui.wizard.window import WizardWindow
 from spherecal_gui.workflow import Running, Status, resolve
 from tests.gui_agreement import Watcher, disagreements
-from tests.gui_walking import settle
+from tests.gui_walking import at_rest, pump, settle
 from tests.test_gui_workflow import OPEN, statuses, taken_project
 
 pytestmark = pytest.mark.usefixtures("images_at_rest")
@@ -142,7 +142,7 @@ def test_a_lost_camera_is_red_at_connect():
 def begun_window(qtbot, home: Path, source: str) -> Watcher:
     window = WizardWindow(home / "projects")
     qtbot.addWidget(window)
-    window.controller.cameras.live_hz = 3.0
+    window.controller.cameras.live_hz = 10.0
     window.show()
     window.new_project(source)
     watcher = Watcher(window)
@@ -185,20 +185,34 @@ def test_no_page_contradicts_itself_with_a_fault_of_the_training(qtbot, home, fa
 STEPS = ("connect", "look", "placement:P1", "placement:P4", "scale", "calibrate", "results", "verify", "save")
 
 
-@pytest.fixture
-def opened(qtbot, home, walked, monkeypatch) -> Iterator[WizardWindow]:
-    monkeypatch.setattr(CameraController, "live_hz", 4.0)
+@pytest.fixture(scope="module")
+def finished(qapp, walked, tmp_path_factory) -> Iterator[WizardWindow]:
+    """The window of a project of which everything but the last step is done."""
+    home = tmp_path_factory.mktemp("agreement")
     folder = home / "projects" / walked.name
     shutil.copytree(walked, folder)
     save_project(replace(load_project(folder), saved=None))
-    window = WizardWindow(home / "projects")
-    qtbot.addWidget(window)
-    window.show()
-    window.open_project(str(folder))
-    settle(window.controller)
-    settle(window.controller)
-    yield window
-    window.close()
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("SPHERECAL_SETTINGS", str(home / "settings.ini"))
+        patch.setenv("SPHERECAL_3D", "2d")
+        patch.setattr(CameraController, "live_hz", 10.0)
+        window = WizardWindow(home / "projects")
+        window.show()
+        window.open_project(str(folder))
+        settle(window.controller)
+        settle(window.controller)
+        yield window
+        window.close()
+
+
+@pytest.fixture
+def opened(finished) -> Iterator[WizardWindow]:
+    """That window at Camera check, where all is well; afterwards its cameras are healed and count as they stand."""
+    finished.controller.go("look")
+    pump(lambda: finished.page.standing().level == "good" and at_rest(finished.controller))
+    yield finished
+    finished.controller.cameras.connection.source.heal("C03")
+    finished.controller.cameras.live.watch.forgive()
 
 
 LIVE_FAULTS = [SimulatedFault("lose", "C03"), SimulatedFault("bump", "C03"), SimulatedFault("blur", "C03"),
@@ -210,9 +224,6 @@ LIVE_FAULTS = [SimulatedFault("lose", "C03"), SimulatedFault("bump", "C03"), Sim
 def test_no_step_of_a_finished_project_contradicts_itself(opened, fault):
     """A camera fails, or is knocked, while somebody goes through everything that is done."""
     watcher, controller = Watcher(opened), opened.controller
-    controller.go("look")
-    seen = controller.cameras.live.rounds
-    watcher.until(lambda: controller.cameras.live.rounds > seen + 8)
     controller.cameras.connection.source.inject(fault)
     watcher.until(lambda: opened.page.standing().level in ("bad", "caution"))
     for step in STEPS:
@@ -228,9 +239,6 @@ def test_no_step_of_a_finished_project_contradicts_itself(opened, fault):
 @pytest.mark.slow
 def test_fixed_again_asks_for_everything_that_was_taken_before(opened):
     watcher, controller = Watcher(opened), opened.controller
-    controller.go("look")
-    seen = controller.cameras.live.rounds
-    watcher.until(lambda: controller.cameras.live.rounds > seen + 8)
     controller.cameras.connection.source.inject(SimulatedFault("bump", "C03"))
     watcher.until(controller.cameras.moved)
     opened.page.fixed.click()

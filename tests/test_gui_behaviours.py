@@ -394,16 +394,24 @@ def test_advice_is_gone_once_other_placements_are_there(monkeypatch, tmp_path):
     controller, told, asked = Controller(), [], []
     controller.advice.guidance_changed.connect(lambda: told.append(controller.advice.guidance))
     monkeypatch.setattr(controller.advice, "_ask", lambda dots, coarse: asked.append(sorted(dots)))
-    controller.project = Project(tmp_path / "p", "simulated:demo", taken={"P1": "a", "P2": "b"})
+    controller.project = Project(tmp_path / "p", "simulated:demo", taken={"P1": "a", "P2": "b"}, step="scale")
     connection: Any = SimpleNamespace(plan=None)
     recorded: Any = SimpleNamespace()
     controller.cameras.connection, controller.recording.session = connection, recorded
     monkeypatch.setattr(type(controller.recording), "dots", property(lambda _: {"P1": {}, "P2": {}, "P3": {}}))
     controller.advice.plan_next()
-    monkeypatch.setattr(controller.advice, "guidance", "move it left")
+    assert not asked, "only placements show advice"
+    controller.project = replace(controller.project, step="placement:P2")
+    controller.advice.plan_next()
+    advice: Any = "move it left"
+    controller.advice._planned(advice)
     controller.project = replace(controller.project, taken={"P1": "a"})
     controller.advice.plan_next()
     assert controller.advice.guidance is None and told[-1] is None and asked == [["P1", "P2"], ["P1"]]
+    controller.project = replace(controller.project, taken={"P1": "a", "P2": "b"})
+    controller.advice.plan_next()
+    assert controller.advice.guidance == advice == told[-1], "the placement was brought back"
+    assert len(asked) == 2
 
 
 def test_why_a_repair_cannot_be_used_is_in_sight(qtbot, tmp_path):

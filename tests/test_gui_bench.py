@@ -140,7 +140,7 @@ def test_a_bar_comes_back_as_it_was():
         ({"factor": "0.2"}, "length.0.factor", "from 1"),
         ({"from_sticker": "twenty"}, "length.0.from_sticker", "number printed"),
         ({"to_sticker": "201"}, "length.0.to_mark", "same mark"),
-        ({"to_mark": "A1"}, "length.0.to_sticker", "another sticker"),
+        ({"to_mark": "A1"}, "length.0.to_sticker", "different sticker"),
     ],
 )
 def test_what_is_wrong_is_said_at_its_field_in_plain_words(change, field, words):

@@ -12,9 +12,7 @@ from pathlib import Path
 import pytest
 
 from installer.walk import virtual_screen
-from spherecal.base.context import Context
 from spherecal.cameras.producer.feed import RigFeed
-from spherecal_sim.render_session import demo_session
 from tests.built_producer import built_producer
 from tests.conftest import ROOT
 
@@ -47,7 +45,7 @@ PROGRAM = """
 import sys
 from spherecal_gui.__main__ import main
 from spherecal_gui.controllers.camera_controller import CameraController
-CameraController.live_hz = 1.0
+CameraController.live_hz = 0.5
 sys.exit(main())
 """
 
@@ -55,7 +53,7 @@ sys.exit(main())
 class Driver:
     """The program in its window, and the mouse."""
 
-    def __init__(self, display: str, home: Path, feed: RigFeed, cti: Path, session: Path) -> None:
+    def __init__(self, display: str, home: Path, feed: RigFeed, cti: Path, bench: Path) -> None:
         self.home, self.feed = home, feed
         self._map = home / "map.json"
         self.env = (
@@ -74,7 +72,7 @@ class Driver:
         command = [sys.executable, "-c", PROGRAM, "--projects", str(home / "projects"), "--language", "en"]
         with (home / "out.txt").open("wb") as out:
             self.process = subprocess.Popen(
-                [*command, "--bench", str(session)], cwd=ROOT, env=self.env, stdout=out, stderr=subprocess.STDOUT
+                [*command, "--bench", str(bench)], cwd=ROOT, env=self.env, stdout=out, stderr=subprocess.STDOUT
             )
 
     def buttons(self) -> dict[str, list]:
@@ -126,8 +124,7 @@ class Driver:
 
     def take(self, name: str) -> None:
         """Put the ball or the bar into place, then press the large button."""
-        self.feed.show(name)
-        time.sleep(1.0)  # the live images in flight still show the scene before
+        self.feed.show(name)  # at once: a set is triggered by itself, whatever live images are in flight
         self.click("action")
         self.wait(lambda: name in self.taken(), f"{name} is taken")
 
@@ -137,11 +134,10 @@ class Driver:
 
 
 @pytest.fixture
-def driver(display: str, tmp_path: Path) -> Iterator[Driver]:
+def driver(display: str, drawn_session: Path, tmp_path: Path) -> Iterator[Driver]:
     cti = built_producer()
-    session = demo_session(Context())
-    with RigFeed(session) as feed:
-        made = Driver(display, tmp_path, feed, cti, session)
+    with RigFeed(drawn_session) as feed:
+        made = Driver(display, tmp_path, feed, cti, drawn_session / "session.json")
         try:
             yield made
         finally:

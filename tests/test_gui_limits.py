@@ -161,7 +161,7 @@ def test_problems_are_told_at_the_limit():
     assert limit_problems(TIGHT) == {}
     found = limit_problems(replace(TIGHT, ageing_hours=9.0, verification_limit="much"))
     assert set(found) == {"stale_hours", "verification_limit"}
-    assert "ages before" in found["stale_hours"] and "is no limit" in found["verification_limit"]
+    assert "ages before" in found["stale_hours"] and "is not a limit" in found["verification_limit"]
 
 
 def test_a_damaged_file_is_said_and_never_written_over(qtbot, desk, path, tmp_path):

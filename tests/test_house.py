@@ -102,7 +102,7 @@ MAY_WRITE = {
     "core/spherecal/cli/console.py": {"open"},  # /dev/null
     "core/spherecal/cli/gige.py": {"TemporaryDirectory"},
     "core/spherecal/cli/output.py": {"TemporaryDirectory"},  # what then goes to standard output
-    "core/spherecal/cli/main.py": {"open", "basicConfig"},  # /dev/null, the log file that the user names
+    "core/spherecal/cli/main.py": {"open", "FileHandler"},  # /dev/null, the log file that the user names
     "core/spherecal/base/resources.py": {"mkdtemp"},
     "core/spherecal_scene/renderer.py": {"unlink"},  # shared memory
     "core/spherecal/files/atomic.py": {"rmdir", "rename", "open", "chmod"},  # folders just made; to sync

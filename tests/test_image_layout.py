@@ -97,7 +97,7 @@ def test_two_files_of_one_place_are_refused(tmp_path):
         recognise(folder(tmp_path, ["cam1/0001.png", "cam1/0001.jpg", "cam2/0001.png"]))
     (tmp_path / "cam1" / "0001.jpg").unlink()
     folder(tmp_path, ["cam 2/0001.png", "cam_2/0001.png"])
-    with pytest.raises(InputError, match="become one id"):
+    with pytest.raises(InputError, match="would get the same id"):
         recognise(tmp_path)
 
 

@@ -37,4 +37,5 @@ def test_a_cache_that_cannot_be_read_is_compiled_again(tmp_path: Path, spoil: st
     assert indices  # otherwise nothing is shown
     if spoil == "cut off":
         indices[0].write_bytes(indices[0].read_bytes()[:-20])
-    assert run("Book" if spoil == "cut off" else "Page") == "1.5"
+    # of another length: Python takes a file of the same size and second for the one it has compiled
+    assert run("Book" if spoil == "cut off" else "Pages") == "1.5"

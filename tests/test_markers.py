@@ -323,7 +323,7 @@ def test_sets_are_read_as_they_were_written(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"dictionary": "DICT_9X9"}, "no dictionary of OpenCV"),
+        ({"dictionary": "DICT_9X9"}, "not the name of an OpenCV dictionary"),
         ({"dictionary": None}, 'lacks "dictionary"'),
         ({"size_mm": 0}, "above 0"),
         ({"dot_diameter_mm": 3.0}, "for markers"),

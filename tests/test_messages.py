@@ -280,7 +280,7 @@ def test_titles_are_short(language: str, turned: str, images: str) -> None:
 
 
 def test_options_are_named_only_where_there_are_repairs_and_no_buttons() -> None:
-    assert "Calibrate again with --split C03@P2: it gets" in moved().hint
+    assert "Calibrate again with --split C03@P2: from there on" in moved().hint
     assert moved().words("hint", "en", with_options=False) == "Fix the camera's mount."
     assert replace(moved(), repairs=()).hint == "Fix the camera's mount."
 

@@ -139,7 +139,7 @@ def test_what_cannot_be_used_leaves_nothing(images: Path, tmp_path: Path) -> Non
     assert not (tmp_path / "new").exists()
     (tmp_path / "new").mkdir()
     (tmp_path / "new" / "precious.txt").touch()
-    with pytest.raises(OutputError, match="holds something else"):
+    with pytest.raises(OutputError, match="contains something other"):
         spherecal.new_session(tmp_path / "new", images, board=BOARD)
 
 
@@ -269,9 +269,9 @@ def test_times_that_do_not_fit_the_videos(tmp_path: Path) -> None:
     for number in (0, 1):
         video(videos / f"cam_{number}.avi", number, 30)
     for times, message in (
-        ({"0": clock, "1": clock[:-1]}, r"cam_1.avi has 30 frames, the table beside it 29 times"),
+        ({"0": clock, "1": clock[:-1]}, r"cam_1.avi has 30 frames, but the table beside it has 29 times"),
         ({"0": clock}, r"has no rows of cam_1.avi; it names the cameras 0"),
-        ({"0": clock, "1": clock + 60}, r"cam_0.avi and cam_1.avi have no time in common"),
+        ({"0": clock, "1": clock + 60}, r"cam_0.avi and cam_1.avi were not recorded at the same time"),
         ({"0": clock, "1": clock * np.nan}, r"line \d+ has no time"),
     ):
         write_times(videos / "timestamps.csv", "cam_id,frame_time", times)

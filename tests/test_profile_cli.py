@@ -130,7 +130,7 @@ def test_bad_use_is_one_message_and_code_2(
     assert "no such file" in missing
     assert not (tmp_path / "p").exists()  # nothing is made for what cannot be saved
     create_profile(tmp_path / "p")
-    assert "holds no calibration" in run(capsys, "apply", tmp_path / "p", code=2)
+    assert "contains no calibration" in run(capsys, "apply", tmp_path / "p", code=2)
     assert "at least two" in run(capsys, "trend", tmp_path / "p", code=2)
     assert "no such folder" in run(capsys, "list", tmp_path / "nowhere", code=2)
     bad = replace(make_rig(5, 3), quality=replace(make_rig(5, 3).quality, valid=False))

@@ -199,7 +199,7 @@ def result_made(tmp_path: Path) -> Path:
 def test_other_folders_are_left_alone(tmp_path: Path) -> None:
     (tmp_path / "mine").mkdir()
     (tmp_path / "mine" / "notes.txt").write_text("keep")
-    with pytest.raises(OutputError, match="something else than a profile"):
+    with pytest.raises(OutputError, match="something other than a profile"):
         create_profile(tmp_path / "mine")
     with pytest.raises(InputError, match="is not a rig profile"):
         open_profile(tmp_path / "mine")

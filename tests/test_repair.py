@@ -17,7 +17,7 @@ from spherecal.cli.main import main
 from spherecal.data.edits import Repairs, repaired
 from spherecal.data.rig import Affected, Calibration
 from spherecal.data.session import Session
-from spherecal.diagnose.automatic_edits import is_last_pose, keeps_a_tested_pose, may_be_exchanged
+from spherecal.diagnose.automatic_edits import is_last_pose, keeps_a_tested_pose, may_be_swapped
 from spherecal.files.rig_file import read_rig
 from spherecal.files.write_result import write_result
 from spherecal.geometry.rotation import log_rotation
@@ -275,7 +275,7 @@ def test_first_images_are_kept_where_another_camera_had_none(until: str, out: tu
     unseen = (o.camera == o.cameras.index("C05")) & (o.placement < o.placements.index(until))
     session = replace(session, observations=o.select(~unseen))
     way = Repairs(leave_out=tuple(f"C02@{name}" for name in out))
-    assert may_be_exchanged(session, way, "C02") == perhaps
+    assert may_be_swapped(session, way, "C02") == perhaps
 
 
 def test_cameras_that_no_image_shows_since_a_beam_sagged_are_as_uncertain_as_it_was_large() -> None:

@@ -333,7 +333,7 @@ BROKEN = [
     ("points.csv", POINT_COLUMNS + "\nP1,1,A,0,0,0,-1,,,2\n", "negative"),
     ("residuals.csv", RESIDUAL_COLUMNS + "\nP1,C01,1,A,nan,0,1\n", "finite number"),
     ("residuals.csv", RESIDUAL_COLUMNS + "\nP1,C01,1,A,0,0,2\n", "neither 0 nor 1"),
-    ("residuals.csv", RESIDUAL_COLUMNS + "\nP1,C01,1,A,,,1\n", "no residual"),
+    ("residuals.csv", RESIDUAL_COLUMNS + "\nP1,C01,1,A,,,1\n", "without a residual"),
     ("residuals.csv", RESIDUAL_COLUMNS + "\n,C01,1,A,,,0\n", "column placement"),
     ("residuals.csv", RESIDUAL_COLUMNS + "\n\nP1,C01,1,A,,,0\n", "line 2 is empty"),
     ("spheres.csv", SPHERE_COLUMNS + "\nP1,0,0,0,big,0\n", "column radius_mm"),

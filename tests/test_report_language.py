@@ -218,7 +218,7 @@ def test_a_pdf_in_chinese_needs_a_font(result: Path, tmp_path: Path, monkeypatch
     from spherecal.report import write_report as module
 
     monkeypatch.setattr(module, "chinese_fonts", lambda: ())
-    with pytest.raises(InputError, match="no font with Chinese letters"):
+    with pytest.raises(InputError, match="no font with Chinese characters"):
         write_report(result, tmp_path / "r.pdf", language="zh_CN")
     assert not (tmp_path / "r.pdf").exists()
 

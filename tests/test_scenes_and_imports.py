@@ -74,6 +74,19 @@ def test_a_camera_of_a_scene_in_a_wrong_place_is_noticed(tmp_path: Path, monkeyp
         assert spherecal.export_rig(rig, name, tmp_path / "x").largest_difference_px > 0.5
 
 
+@pytest.mark.parametrize("name", SCENES)
+def test_frusta_that_point_backwards_or_nowhere_are_noticed(tmp_path: Path, monkeypatch, name: str) -> None:
+    """A point behind a camera has the same image as one before it, and of NaN there was no largest error."""
+    rig, form = make_rig(5, 3), SCENES[name]
+    for spoil in (lambda f: 2 * f[:, :1] - f, lambda f: np.where(np.arange(5)[:, None] == 2, np.nan, f)):
+
+        def spoilt(path, spoil=spoil):
+            return spoil(form.frusta(path))
+
+        monkeypatch.setitem(SCENES, name, replace(form, frusta=spoilt))
+        assert spherecal.export_rig(rig, name, tmp_path / "x").largest_difference_px == np.inf
+
+
 def test_gltf_looks_where_the_cameras_look(tmp_path: Path) -> None:
     """By the specification alone: nodes' matrices by columns, cameras along -z with y up, fields of view in radians."""
     rig = make_rig(4, 5)
@@ -220,7 +233,7 @@ def test_an_import_into_a_folder_replaces_no_rig(tmp_path: Path, capsys) -> None
     spherecal.export_rig(make_rig(4, 3), "opencv", tmp_path / "opencv")
     (tmp_path / "rig.json").write_text("the user's")
     assert run("import", tmp_path / "opencv", "--format", "opencv", "-o", tmp_path) == 2
-    assert "has a rig.json already" in capsys.readouterr().err
+    assert "already has a rig.json" in capsys.readouterr().err
     assert (tmp_path / "rig.json").read_text() == "the user's"
     assert run("import", tmp_path / "opencv", "--format", "opencv", "-o", tmp_path / "rig.json") == 0
 

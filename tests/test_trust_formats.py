@@ -109,7 +109,7 @@ def test_a_nest_is_redacted_as_text() -> None:
 def test_a_second_name_of_the_users_file_is_no_lock(tmp_path: Path) -> None:
     (tmp_path / "own").write_text("the user's")
     os.link(tmp_path / "own", tmp_path / f".{short_name(tmp_path / 'out')}{LOCK}")
-    with pytest.raises(OutputError, match="no lock file"), locked(tmp_path / "out"):
+    with pytest.raises(OutputError, match="not a lock file"), locked(tmp_path / "out"):
         pass
     assert (tmp_path / "own").read_text() == "the user's"
 
@@ -123,7 +123,7 @@ def test_a_log_into_a_pipe_is_refused(tmp_path: Path, capsys: pytest.CaptureFixt
         assert main(["--log", str(tmp_path / "pipe"), "profile", "list", str(tmp_path)]) == 2
     finally:
         reader.cancel()
-    assert "is not a file to log to" in capsys.readouterr().err
+    assert "is not a file that the log can be written to" in capsys.readouterr().err
 
 
 @pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="pipes with a name are of Unix")

@@ -98,8 +98,8 @@ def test_uncertainty_is_the_scatter_of_the_frame():
 @pytest.mark.parametrize(
     ("places", "words"),
     [
-        ([[0, 0, 0], [100, 0, 0], [500, 40, 0]], ["a, b, c lie nearly in a line", "c is only 40 mm", "4.6 degrees"]),
-        ([[0, 0, 0], [100, 0, 0], [-500, 0, 0]], ["nearly in a line", "0 mm beside", "angle 1.8e+02"]),
+        ([[0, 0, 0], [100, 0, 0], [500, 40, 0]], ["a, b, c are nearly on a line", "c is only 40 mm", "4.6 degrees"]),
+        ([[0, 0, 0], [100, 0, 0], [-500, 0, 0]], ["nearly on a line", "0 mm off", "angle 1.8e+02"]),
         ([[0, 0, 0], [0, 0, 12], [500, 0, 0]], ["a and b are only 12 mm apart"]),
         ([[0, 0, 0], [500, 0, 0], [0, 0, 0]], ["a and c are only 0 mm apart"]),
     ],

@@ -31,12 +31,15 @@ SERIES = written(
         "table": choice("Kind of the tables.", ("csv", "parquet")),
         "rig": record(
             "The rig.",
-            {"input_sha256": digest("That of its rig.json."), "reference_camera?": name("Whose frame the world is.")},
+            {
+                "input_sha256": digest("`input_sha256` of its rig.json."),
+                "reference_camera?": name("The camera whose frame is the world."),
+            },
         ),
         "health": record(
             "The rig's health at the end.",
             {
-                "sets": integer("Sets that went into it.", 0),
+                "sets": integer("Sets that were used.", 0),
                 "cameras": items(
                     "The cameras.",
                     record(
@@ -45,7 +48,7 @@ SERIES = written(
                             "id": identifier("Its id."),
                             "observations": integer("Its image points.", 0),
                             "rms_px?": number("Root mean square of their residuals.", 0),
-                            "calibrated_rms_px?": number("That of the calibration.", 0),
+                            "calibrated_rms_px?": number("Root mean square of the residuals at the calibration.", 0),
                             "left_out": integer("Points left out.", 0),
                             "moved": boolean("Whether it moved."),
                             "named_at_set?": integer("The set at which that was noticed.", 0),
@@ -81,10 +84,10 @@ MEASURED_SET = record(
                 {
                     "target": integer("The target."),
                     "point": name("Its point."),
-                    "xyz_mm": numbers("Its place.", 3),
+                    "xyz_mm": numbers("Its position.", 3),
                     "covariance_mm2": items("xx, xy, xz, yy, yz, zz.", {"type": ["number", "null"]}, length=6),
                     "views": integer("Cameras that saw it.", 0),
-                    "dots": integer("Dots that went into it.", 0),
+                    "dots": integer("Dots that were used.", 0),
                     "speed_mm_s?": number("Its speed."),
                 },
             ),
@@ -131,9 +134,9 @@ MEASURED_SET = record(
                 "",
                 {
                     "target": integer("The target."),
-                    "camera?": name("The camera; absent where it cannot be told."),
+                    "camera?": name("The camera; absent where it cannot be determined."),
                     "views": integer("Contradicting views.", 0),
-                    "of": integer("Of so many.", 0),
+                    "of": integer("Views of the point in all.", 0),
                 },
             ),
         ),
@@ -150,7 +153,7 @@ MEASURED_SET = record(
             ),
         ),
         "skew_s?": number("Between the first and the last exposure."),
-        "latency_s?": number("From exposure to result."),
+        "latency_s?": number("From the arrival of the last image to the result."),
         "moved?": items("Cameras that moved since the calibration.", identifier("")),
     },
 )

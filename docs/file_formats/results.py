@@ -31,7 +31,7 @@ _FINDINGS = items("What was found.", finding())
 _ENDS: dict[str, Schema] = {
     "bar": name("The bar."),
     "from": name("The mark at which the length begins."),
-    "to": name("At which it ends."),
+    "to": name("The mark at which it ends."),
 }
 CHECK = written(
     "check",
@@ -39,7 +39,7 @@ CHECK = written(
     "The quick check of a rig, as `spherecal check --json` prints it.",
     {
         "verdict": choice("The verdict.", ("ok", "watch", "recalibrate")),
-        "sentence": prose("In words."),
+        "sentence": prose("The verdict in words."),
         "tolerance_mm?": number("A camera whose move shifts a point by more is to be recalibrated.", 0),
         "cameras": items(
             "The cameras, worst first.",
@@ -50,14 +50,14 @@ CHECK = written(
                     "verdict": choice("Its verdict.", ("ok", "watch", "recalibrate")),
                     "points": integer("Points that it saw.", 0),
                     "rms_px?": number("Root mean square of their residuals.", 0),
-                    "calibrated_rms_px?": number("That of the calibration.", 0),
+                    "calibrated_rms_px?": number("Root mean square of the residuals at the calibration.", 0),
                     "moved": boolean("Whether it moved."),
                     "move_px?": number("By how much its image moved."),
                     "shift_mm?": number("Shift of its centre.", 0),
-                    "turn_deg?": number("Its turn.", 0),
-                    "point_mm?": number("Largest shift of a point that this brings about.", 0),
+                    "turn_deg?": number("Rotation of the camera.", 0),
+                    "point_mm?": number("Largest shift of a point that this causes.", 0),
                     "probability?": number("Probability of such a deviation by chance.", 0, 1),
-                    "reason": prose("Why this verdict."),
+                    "reason": prose("The reason for this verdict."),
                 },
             ),
         ),
@@ -69,9 +69,9 @@ CHECK = written(
                 {
                     "placement": identifier("The placement."),
                     "dots": integer("Dots compared.", 0),
-                    "scale_ppm?": number("Its size against the calibration."),
-                    "scale_sd_ppm?": number("Standard deviation of that.", 0),
-                    "shape_rms_mm?": number("Its shape against the calibration.", 0),
+                    "scale_ppm?": number("Its size compared with the calibration."),
+                    "scale_sd_ppm?": number("Standard deviation of `scale_ppm`.", 0),
+                    "shape_rms_mm?": number("Its shape compared with the calibration.", 0),
                     "changed": integer("Dots that moved on the ball.", 0),
                 },
             ),
@@ -99,7 +99,7 @@ _TABLE = record(
     "",
     {
         "title": prose("Its title."),
-        "columns": items("Heads.", prose("")),
+        "columns": items("Column headings.", prose("")),
         "rows": items("Cells as printed.", items("", prose(""))),
     },
 )
@@ -110,13 +110,15 @@ REPORT = written(
     {
         "verdicts": items(
             "The verdicts.",
-            record("", {"of": prose("Of what."), "verdict": prose("The word."), "sentence": prose("Why.")}),
+            record(
+                "", {"of": prose("What is judged."), "verdict": prose("The verdict."), "sentence": prose("The reason.")}
+            ),
         ),
         "key_figures": items(
             "The key figures.",
             record(
                 "",
-                {"name": prose("What."), "value": prose("As printed."), "unit": prose("Unit."), "note": prose("Note.")},
+                {"name": prose("Name."), "value": prose("As printed."), "unit": prose("Unit."), "note": prose("Note.")},
             ),
         ),
         "findings": _FINDINGS,
@@ -132,7 +134,7 @@ REPORT = written(
                 },
             ),
         ),
-        "input_sha256": digest("That of the rig."),
+        "input_sha256": digest("`input_sha256` of the rig."),
         "software": SOFTWARE,
     },
     is_read=False,
@@ -144,7 +146,7 @@ EXPORT = written(
     {
         "export_format": text("The format."),
         "length_unit": text("Unit of lengths."),
-        "source": text("Which rig."),
+        "source": text("The rig that was exported."),
         "verdict": choice("The rig's verdict.", ("valid", "use-with-care", "not-valid")),
         "cameras": entries("Names of the cameras there, by id.", prose("")),
         "files_sha256": {

@@ -52,11 +52,11 @@
     </message>
     <message>
         <source>Printed scale</source>
-        <translation>Größe des Drucks</translation>
+        <translation>Druckmaßstab</translation>
     </message>
     <message>
         <source>Without a bar that gives the scale, this distance does, good to a percent.</source>
-        <translation>Ohne Maßstab, der die Länge gibt, gilt dieser Abstand, auf ein Prozent genau.</translation>
+        <translation>Ohne Stab, der den Maßstab gibt, gilt dieser Abstand, auf ein Prozent genau.</translation>
     </message>
     <message>
         <source>Ball of the library</source>
@@ -113,15 +113,15 @@
     </message>
     <message>
         <source>Lay the bar where two cameras or more see it</source>
-        <translation>Den Maßstab so legen, dass mindestens zwei Kameras ihn sehen</translation>
+        <translation>Den Stab so legen, dass mindestens zwei Kameras ihn sehen</translation>
     </message>
     <message>
         <source>Only two cameras see the bar; three are better</source>
-        <translation>Nur zwei Kameras sehen den Maßstab; drei sind besser</translation>
+        <translation>Nur zwei Kameras sehen den Stab; drei sind besser</translation>
     </message>
     <message>
         <source>Turn bar {bar} by {deg:.0f}°: from near {first} to near {last}</source>
-        <translation>Maßstab {bar} um {deg:.0f}° drehen: von nahe {first} bis nahe {last}</translation>
+        <translation>Stab {bar} um {deg:.0f}° drehen: von nahe {first} bis nahe {last}</translation>
     </message>
     <message>
         <source>It lies right. Let it come to rest</source>
@@ -133,34 +133,34 @@
     </message>
     <message>
         <source>Lay bar {bar} as in the picture, near {first}</source>
-        <translation>Maßstab {bar} wie im Bild legen, nahe {first}</translation>
+        <translation>Stab {bar} wie im Bild legen, nahe {first}</translation>
     </message>
     <message>
         <source>Lay bar {bar} as in the picture: from near {first} to near {last}</source>
-        <translation>Maßstab {bar} wie im Bild legen: von nahe {first} bis nahe {last}</translation>
+        <translation>Stab {bar} wie im Bild legen: von nahe {first} bis nahe {last}</translation>
     </message>
     <message>
         <source>Move bar {bar} {mm:.0f} mm up</source>
-        <translation>Maßstab {bar} {mm:.0f} mm nach oben</translation>
+        <translation>Stab {bar} {mm:.0f} mm nach oben</translation>
     </message>
     <message>
         <source>Move bar {bar} {mm:.0f} mm down</source>
-        <translation>Maßstab {bar} {mm:.0f} mm nach unten</translation>
+        <translation>Stab {bar} {mm:.0f} mm nach unten</translation>
     </message>
     <message>
         <source>Move bar {bar} {mm:.0f} mm towards {camera}</source>
-        <translation>Maßstab {bar} {mm:.0f} mm in Richtung {camera}</translation>
+        <translation>Stab {bar} {mm:.0f} mm in Richtung {camera}</translation>
     </message>
 </context>
 <context>
     <name>BarsTab</name>
     <message>
         <source>Bars of this computer</source>
-        <translation>Maßstäbe dieses Rechners</translation>
+        <translation>Stäbe dieses Rechners</translation>
     </message>
     <message>
         <source>New bar</source>
-        <translation>Neuer Maßstab</translation>
+        <translation>Neuer Stab</translation>
     </message>
     <message>
         <source>Remove</source>
@@ -224,7 +224,7 @@
     </message>
     <message>
         <source>gives the scale</source>
-        <translation>gibt die Länge</translation>
+        <translation>gibt den Maßstab</translation>
     </message>
     <message>
         <source>verifies</source>
@@ -232,7 +232,7 @@
     </message>
     <message>
         <source>Certified lengths (mm)</source>
-        <translation>Kalibrierte Längen (mm)</translation>
+        <translation>Zertifizierte Längen (mm)</translation>
     </message>
     <message>
         <source>One more length</source>
@@ -244,11 +244,15 @@
     </message>
     <message>
         <source>A table of bars</source>
-        <translation>Eine Tabelle von Maßstäben</translation>
+        <translation>Eine Tabelle von Stäben</translation>
     </message>
     <message>
         <source>The table is in {file}.</source>
         <translation>Die Tabelle liegt in {file}.</translation>
+    </message>
+    <message>
+        <source>new bar</source>
+        <translation>neuer Stab</translation>
     </message>
     <message>
         <source>something is missing</source>
@@ -272,7 +276,7 @@
     </message>
     <message>
         <source>certified</source>
-        <translation>kalibriert</translation>
+        <translation>zertifiziert</translation>
     </message>
     <message>
         <source>U</source>
@@ -299,11 +303,11 @@
     </message>
     <message>
         <source>At least one certified length is needed.</source>
-        <translation>Mindestens eine kalibrierte Länge ist nötig.</translation>
+        <translation>Mindestens eine zertifizierte Länge ist nötig.</translation>
     </message>
     <message>
         <source>The number printed at the sticker, such as 201.</source>
-        <translation>Die Nummer, die am Aufkleber steht, etwa 201.</translation>
+        <translation>Die am Aufkleber gedruckte Nummer, etwa 201.</translation>
     </message>
     <message>
         <source>The length on the certificate, in mm.</source>
@@ -315,7 +319,7 @@
     </message>
     <message>
         <source>A whole number, as printed at the stickers.</source>
-        <translation>Eine ganze Zahl, wie auf den Aufklebern.</translation>
+        <translation>Eine ganze Zahl, wie auf die Aufkleber gedruckt.</translation>
     </message>
     <message>
         <source>A name by which you know the ball.</source>
@@ -343,11 +347,11 @@
     </message>
     <message>
         <source>Printers err by 0.5 % at most: this is as usual.</source>
-        <translation>Drucker irren sich um höchstens 0.5 %: das ist üblich.</translation>
+        <translation>Drucker weichen höchstens 0.5 % ab: Das ist üblich.</translation>
     </message>
     <message>
         <source>More than printers err: print at 100 %, without fitting to the page, or give the width as printed.</source>
-        <translation>Mehr, als Drucker sich irren: mit 100 % drucken, ohne Anpassen an die Seite, oder die gedruckte Breite angeben.</translation>
+        <translation>Mehr, als Drucker abweichen: mit 100 % drucken, ohne Anpassen an die Seite, oder die gedruckte Breite angeben.</translation>
     </message>
     <message>
         <source>From {low} to {high} placements of the ball.</source>
@@ -355,11 +359,11 @@
     </message>
     <message>
         <source>Another bar has this serial number.</source>
-        <translation>Ein anderer Maßstab hat diese Seriennummer.</translation>
+        <translation>Ein anderer Stab hat diese Seriennummer.</translation>
     </message>
     <message>
         <source>Only one bar gives the scale; {bar} does already.</source>
-        <translation>Nur ein Maßstab gibt die Länge; {bar} tut es schon.</translation>
+        <translation>Nur ein Stab gibt den Maßstab; {bar} tut es schon.</translation>
     </message>
     <message>
         <source>Sticker {number} is none of the ball&apos;s target set ({targets}).</source>
@@ -367,15 +371,15 @@
     </message>
     <message>
         <source>Sticker {number} is on bar {bar} as well.</source>
-        <translation>Aufkleber {number} ist auch auf Maßstab {bar}.</translation>
+        <translation>Aufkleber {number} ist auch auf Stab {bar}.</translation>
     </message>
     <message>
         <source>Nothing gives the scale: lengths will be arbitrary.</source>
-        <translation>Nichts gibt die Länge: Längen werden beliebig sein.</translation>
+        <translation>Nichts gibt den Maßstab: Längen werden beliebig sein.</translation>
     </message>
     <message>
         <source>No bar verifies: the calibration cannot be verified.</source>
-        <translation>Kein Maßstab prüft: Die Kalibrierung lässt sich nicht verifizieren.</translation>
+        <translation>Kein Stab prüft: Die Kalibrierung lässt sich nicht verifizieren.</translation>
     </message>
     <message>
         <source>Ball {mm} mm</source>
@@ -383,11 +387,11 @@
     </message>
     <message>
         <source>not whole yet</source>
-        <translation>noch nicht vollständig</translation>
+        <translation>noch unvollständig</translation>
     </message>
     <message>
         <source>Bars taken over: {count}.</source>
-        <translation>Übernommene Maßstäbe: {count}.</translation>
+        <translation>Übernommene Stäbe: {count}.</translation>
     </message>
     <message>
         <source>With other figures than the library&apos;s, which can be undone: {bars}.</source>
@@ -418,7 +422,7 @@
     <name>BenchDialog</name>
     <message>
         <source>The bench: ball, bars, limits</source>
-        <translation>Die Messmittel: Kugel, Maßstäbe, Grenzen</translation>
+        <translation>Die Messmittel: Kugel, Stäbe, Grenzen</translation>
     </message>
     <message>
         <source>Ball</source>
@@ -426,7 +430,7 @@
     </message>
     <message>
         <source>Bars</source>
-        <translation>Maßstäbe</translation>
+        <translation>Stäbe</translation>
     </message>
     <message>
         <source>Placements and limits</source>
@@ -462,7 +466,7 @@
     </message>
     <message>
         <source>No ball is described: only the library of bars is saved.</source>
-        <translation>Keine Kugel ist beschrieben: Nur die Sammlung der Maßstäbe wird gespeichert.</translation>
+        <translation>Keine Kugel ist beschrieben: Nur die Sammlung der Stäbe wird gespeichert.</translation>
     </message>
     <message>
         <source>Close without saving</source>
@@ -525,7 +529,7 @@
     </message>
     <message>
         <source>Rows of tags</source>
-        <translation>Zeilen von Marken</translation>
+        <translation>Zeilen von Tags</translation>
     </message>
     <message>
         <source>Rows of inner corners</source>
@@ -537,7 +541,7 @@
     </message>
     <message>
         <source>Columns of tags</source>
-        <translation>Spalten von Marken</translation>
+        <translation>Spalten von Tags</translation>
     </message>
     <message>
         <source>Columns of inner corners</source>
@@ -553,7 +557,7 @@
     </message>
     <message>
         <source>From tag to tag</source>
-        <translation>Von Marke zu Marke</translation>
+        <translation>Abstand der Tags</translation>
     </message>
     <message>
         <source>From row to row</source>
@@ -561,11 +565,11 @@
     </message>
     <message>
         <source>Side of a marker</source>
-        <translation>Seite einer Marke</translation>
+        <translation>Seite des Markers</translation>
     </message>
     <message>
         <source>OpenCV&apos;s name of the markers</source>
-        <translation>OpenCVs Name der Marken</translation>
+        <translation>OpenCVs Name der Marker</translation>
     </message>
 </context>
 <context>
@@ -607,7 +611,7 @@
     </message>
     <message>
         <source>{before} could not be placed. Coordinates of before do not fit these.</source>
-        <translation>{before} konnte nicht bestimmt werden. Frühere Koordinaten passen nicht zu diesen.</translation>
+        <translation>Die Pose von {before} war nicht bestimmbar. Frühere Koordinaten passen nicht zu diesen.</translation>
     </message>
     <message>
         <source>Cancelled. What was captured is kept.</source>
@@ -710,7 +714,7 @@
     </message>
     <message>
         <source>It was asked for.</source>
-        <translation>Es ist verlangt.</translation>
+        <translation>Schon verlangt.</translation>
     </message>
     <message>
         <source>Ends as soon as there is something to look at. Such a result is not valid.</source>
@@ -805,7 +809,7 @@
     </message>
     <message>
         <source>Work is running.</source>
-        <translation>Es wird gerade gearbeitet.</translation>
+        <translation>Es wird gearbeitet.</translation>
     </message>
     <message>
         <source>Its light blinks for some seconds.</source>
@@ -851,7 +855,7 @@
     </message>
     <message>
         <source>Another program holds it. Close that program.</source>
-        <translation>Ein anderes Programm hält sie. Dieses Programm schließen.</translation>
+        <translation>Ein anderes Programm benutzt sie. Dieses Programm schließen.</translation>
     </message>
     <message>
         <source>It cannot be opened. Switch it off and on, then search again.</source>
@@ -921,7 +925,7 @@
     </message>
     <message>
         <source>The bars are measured as certified; single cameras were not checked.</source>
-        <translation>Die Maßstäbe werden gemessen wie zertifiziert; einzelne Kameras wurden nicht geprüft.</translation>
+        <translation>Die Stäbe werden gemessen wie zertifiziert; einzelne Kameras wurden nicht geprüft.</translation>
     </message>
     <message>
         <source>The rig is as it was calibrated: {count} cameras agree with one another.</source>
@@ -957,7 +961,7 @@
     </message>
     <message>
         <source>{cameras} repaired and in use: {before:.3f} mm before, {now:.3f} mm now.</source>
-        <translation>{cameras} repariert und eingesetzt: vorher {before:.3f} mm, jetzt {now:.3f} mm.</translation>
+        <translation>{cameras} repariert und in Gebrauch: vorher {before:.3f} mm, jetzt {now:.3f} mm.</translation>
     </message>
     <message>
         <source>A camera must be recalibrated where a point is off by more than {mm:.3f} mm.</source>
@@ -981,7 +985,7 @@
     </message>
     <message>
         <source>The repaired calibration is in use, as number {number}.</source>
-        <translation>Die reparierte Kalibrierung ist eingesetzt, als Nummer {number}.</translation>
+        <translation>Die reparierte Kalibrierung ist in Gebrauch, als Nummer {number}.</translation>
     </message>
     <message>
         <source>repaired after a check: {cameras}</source>
@@ -1029,13 +1033,13 @@ Grad</translation>
     <message>
         <source>rms now
 px</source>
-        <translation>rms jetzt
+        <translation>RMS jetzt
 px</translation>
     </message>
     <message>
         <source>rms then
 px</source>
-        <translation>rms damals
+        <translation>RMS damals
 px</translation>
     </message>
     <message>
@@ -1044,7 +1048,7 @@ px</translation>
     </message>
     <message>
         <source>Calibrates only the cameras that moved, from this placement; seconds.</source>
-        <translation>Kalibriert nur die bewegten Kameras, aus dieser Aufstellung; Sekunden.</translation>
+        <translation>Kalibriert in Sekunden nur die bewegten Kameras, aus dieser Aufstellung.</translation>
     </message>
     <message>
         <source>Put the repair to use</source>
@@ -1060,7 +1064,7 @@ px</translation>
     </message>
     <message>
         <source>No bar has verified it, and the limits forbid its use: calibrate the rig and verify it.</source>
-        <translation>Kein Maßstab hat sie verifiziert, und die Grenzwerte verbieten ihren Gebrauch: den Aufbau kalibrieren und verifizieren.</translation>
+        <translation>Kein Stab hat sie verifiziert, und die Grenzwerte verbieten ihren Gebrauch: den Aufbau kalibrieren und verifizieren.</translation>
     </message>
     <message>
         <source>Checking</source>
@@ -1199,11 +1203,11 @@ px</translation>
     </message>
     <message>
         <source>The description of the bench names this camera.</source>
-        <translation>Die Beschreibung des Aufbaus benennt diese Kamera.</translation>
+        <translation>Die Beschreibung der Messmittel benennt diese Kamera.</translation>
     </message>
     <message>
         <source>Simulated cameras are all exposed at the same moment.</source>
-        <translation>Simulierte Kameras werden alle im selben Augenblick belichtet.</translation>
+        <translation>Simulierte Kameras werden alle zum selben Zeitpunkt belichtet.</translation>
     </message>
     <message>
         <source>Another camera has the name {name}.</source>
@@ -1238,7 +1242,7 @@ px</translation>
     </message>
     <message>
         <source>Compare with what lies there: the targets&apos; numbers, the names and lengths on the bars.</source>
-        <translation>Mit dem vergleichen, was da liegt: Nummern der Zielmarken, Namen und Längen auf den Maßstäben.</translation>
+        <translation>Mit dem vergleichen, was dort liegt: Nummern der Zielmarken, Namen und Längen auf den Stäben.</translation>
     </message>
     <message>
         <source>Choose another description</source>
@@ -1250,7 +1254,7 @@ px</translation>
     </message>
     <message>
         <source>Ball, targets, bars with their certificates, limits.</source>
-        <translation>Kugel, Zielmarken, Maßstäbe mit Zertifikaten, Grenzen.</translation>
+        <translation>Kugel, Zielmarken, Stäbe mit Zertifikaten, Grenzen.</translation>
     </message>
     <message>
         <source>Placements are captured already: begin a new calibration for another bench.</source>
@@ -1258,7 +1262,7 @@ px</translation>
     </message>
     <message>
         <source>A session.json, or the folder of an earlier session.</source>
-        <translation>Eine session.json oder der Ordner einer früheren Sitzung.</translation>
+        <translation>Eine session.json oder der Ordner einer früheren Aufnahme.</translation>
     </message>
     <message>
         <source>Which is it?</source>
@@ -1342,7 +1346,7 @@ px</translation>
     </message>
     <message>
         <source>GigE and USB3 Vision cameras also work without it: install libaravis-0.8-0.</source>
-        <translation>GigE- und USB3-Vision-Kameras gehen auch ohne: libaravis-0.8-0 installieren.</translation>
+        <translation>GigE- und USB3-Vision-Kameras laufen auch ohne: libaravis-0.8-0 installieren.</translation>
     </message>
     <message>
         <source>Install the 64-bit driver package of the cameras&apos; maker, then restart SphereCal.</source>
@@ -1370,7 +1374,7 @@ px</translation>
     </message>
     <message>
         <source>The driver works, but sees no camera: {names}.</source>
-        <translation>Der Treiber arbeitet, sieht aber keine Kamera: {names}.</translation>
+        <translation>Der Treiber funktioniert, findet aber keine Kamera: {names}.</translation>
     </message>
     <message>
         <source>Power and cables: is the light at each camera&apos;s plug on?</source>
@@ -1378,7 +1382,7 @@ px</translation>
     </message>
     <message>
         <source>Close the maker&apos;s own viewer and any other program that holds the cameras.</source>
-        <translation>Das Anzeigeprogramm des Herstellers und alles schließen, was die Kameras hält.</translation>
+        <translation>Alle Programme schließen, die Kameras benutzen, auch das des Herstellers.</translation>
     </message>
     <message>
         <source>Some drivers only see their own maker&apos;s cameras: install that of your cameras.</source>
@@ -1463,7 +1467,7 @@ px</translation>
     </message>
     <message>
         <source>What was recorded is safe. Try again; if it happens again, send the log to us.</source>
-        <translation>Was aufgenommen wurde, ist sicher. Noch einmal versuchen; geschieht es wieder, bitte das Protokoll schicken.</translation>
+        <translation>Was aufgenommen wurde, ist sicher. Noch einmal versuchen; geschieht es wieder, uns das Protokoll senden.</translation>
     </message>
     <message>
         <source>No camera was found.</source>
@@ -1471,7 +1475,7 @@ px</translation>
     </message>
     <message>
         <source>Plug the cameras in and switch them on; no other program may hold them.</source>
-        <translation>Kameras anschließen und einschalten; kein anderes Programm darf sie halten.</translation>
+        <translation>Kameras anschließen und einschalten; kein anderes Programm darf sie benutzen.</translation>
     </message>
     <message>
         <source>No camera delivered an image of {name}.</source>
@@ -1555,7 +1559,7 @@ px</translation>
     </message>
     <message>
         <source>{name}: mark of a bar</source>
-        <translation>{name}: Marke eines Maßstabs</translation>
+        <translation>{name}: Marke eines Stabs</translation>
     </message>
     <message>
         <source>{name}: a point</source>
@@ -1579,7 +1583,7 @@ px</translation>
     </message>
     <message>
         <source>Exports are given in: {frame}.</source>
-        <translation>Exporte stehen in: {frame}.</translation>
+        <translation>Exporte in: {frame}.</translation>
     </message>
     <message>
         <source>{origin} lies at {x} / {y} / {z} mm; {to} is {distance} mm from it, {xy} {angle}° off.</source>
@@ -1595,7 +1599,7 @@ px</translation>
     </message>
     <message>
         <source>Choose origin and axes again.</source>
-        <translation>Wählen Sie Ursprung und Achsen neu.</translation>
+        <translation>Ursprung und Achsen neu wählen.</translation>
     </message>
     <message>
         <source>Verify again, or choose origin and axes again.</source>
@@ -1725,7 +1729,7 @@ px</translation>
     </message>
     <message>
         <source>If you stop now: being worked out</source>
-        <translation>Wenn Sie jetzt aufhören: wird berechnet</translation>
+        <translation>Jetzt aufhören: wird berechnet</translation>
     </message>
     <message>
         <source>If you stop now: not determined yet</source>
@@ -1808,7 +1812,7 @@ px</translation>
     </message>
     <message>
         <source>Bench, bars and balls</source>
-        <translation>Messmittel, Maßstäbe und Kugeln</translation>
+        <translation>Messmittel, Stäbe und Kugeln</translation>
     </message>
     <message>
         <source>Limits</source>
@@ -1820,7 +1824,7 @@ px</translation>
     </message>
     <message>
         <source>Save a support bundle</source>
-        <translation>Paket für den Support sichern</translation>
+        <translation>Support-Paket speichern</translation>
     </message>
     <message>
         <source>About SphereCal</source>
@@ -1857,11 +1861,11 @@ px</translation>
     </message>
     <message>
         <source>You can go on. If it happens again, send these details to us.</source>
-        <translation>Sie können weitermachen. Geschieht es wieder, schicken Sie uns diese Angaben.</translation>
+        <translation>Die Arbeit kann weitergehen. Geschieht es wieder, uns diese Angaben senden.</translation>
     </message>
     <message>
         <source>Save a support bundle</source>
-        <translation>Paket für den Support sichern</translation>
+        <translation>Support-Paket speichern</translation>
     </message>
 </context>
 <context>
@@ -1892,7 +1896,7 @@ px</translation>
     </message>
     <message>
         <source>Only with a reason in the note. Without a bar nothing shows a wrong scale: no residual depends on it.</source>
-        <translation>Nur mit einem Grund in der Notiz. Ohne Maßstab zeigt nichts eine falsche Skalierung: Kein Restfehler hängt davon ab.</translation>
+        <translation>Nur mit einem Grund in der Notiz. Ohne Stab zeigt nichts einen falschen Maßstab: Kein Residuum hängt davon ab.</translation>
     </message>
     <message>
         <source>Dots that each camera needs at a placement</source>
@@ -1928,7 +1932,7 @@ px</translation>
     </message>
     <message>
         <source>Without this, nobody passes a rig by widening the limit at Verify.</source>
-        <translation>Ohne dies besteht kein Aufbau, weil jemand beim Verifizieren die Grenze weitet.</translation>
+        <translation>Ohne dies besteht kein Aufbau durch Erweitern der Grenze beim Verifizieren.</translation>
     </message>
     <message>
         <source>A calibration that was not verified may be put to use</source>
@@ -2177,7 +2181,7 @@ px</translation>
     </message>
     <message>
         <source>Look after {names}.</source>
-        <translation>Bitte kümmern um {names}.</translation>
+        <translation>Zu prüfen: {names}.</translation>
     </message>
     <message>
         <source>Looking for targets</source>
@@ -2236,7 +2240,7 @@ px</translation>
     </message>
     <message>
         <source>Work is running.</source>
-        <translation>Es wird gerade gearbeitet.</translation>
+        <translation>Es wird gearbeitet.</translation>
     </message>
     <message>
         <source>There are no masks.</source>
@@ -2256,7 +2260,7 @@ px</translation>
     </message>
     <message>
         <source>See to the cameras that are named above.</source>
-        <translation>Sehen Sie nach den oben genannten Kameras.</translation>
+        <translation>Die oben genannten Kameras prüfen.</translation>
     </message>
     <message>
         <source>Targets are being looked for. On a new computer the first time takes a minute or two.</source>
@@ -2310,19 +2314,19 @@ px</translation>
     </message>
     <message>
         <source>Moved since the calibration: {cameras}. Check the rig before you measure on.</source>
-        <translation>Seit der Kalibrierung bewegt: {cameras}. Vor dem Weitermessen die Anlage prüfen.</translation>
+        <translation>Seit der Kalibrierung bewegt: {cameras}. Vor dem Weitermessen den Aufbau prüfen.</translation>
     </message>
     <message>
         <source>No target is seen by two cameras.</source>
-        <translation>Keine Marke wird von zwei Kameras gesehen.</translation>
+        <translation>Keine Zielmarke wird von zwei Kameras gesehen.</translation>
     </message>
     <message>
         <source>Target {target}: {camera} contradicts the other cameras.</source>
-        <translation>Marke {target}: {camera} widerspricht den anderen Kameras.</translation>
+        <translation>Zielmarke {target}: {camera} widerspricht den anderen Kameras.</translation>
     </message>
     <message>
         <source>Target {target}: its views contradict one another.</source>
-        <translation>Marke {target}: Ihre Ansichten widersprechen einander.</translation>
+        <translation>Zielmarke {target}: Ihre Ansichten widersprechen einander.</translation>
     </message>
     <message>
         <source>The cameras agree.</source>
@@ -2431,7 +2435,7 @@ px</translation>
     </message>
     <message>
         <source>Checking that the ball is still</source>
-        <translation>Prüfe, ob die Kugel still liegt</translation>
+        <translation>Prüft, ob die Kugel ruht</translation>
     </message>
     <message>
         <source>Let the ball come to rest</source>
@@ -2499,7 +2503,7 @@ px</translation>
     </message>
     <message>
         <source>All cameras are linked.</source>
-        <translation>Alle Kameras hängen zusammen.</translation>
+        <translation>Alle Kameras sind verbunden.</translation>
     </message>
     <message>
         <source>Not linked with each other: {names}</source>
@@ -2515,7 +2519,7 @@ px</translation>
     </message>
     <message>
         <source>{name} is captured, but {cameras} saw it move.</source>
-        <translation>{name} ist aufgenommen, aber {cameras} sah Bewegung.</translation>
+        <translation>{name} ist aufgenommen, in {cameras} aber bewegt.</translation>
     </message>
     <message>
         <source>Let it come to rest, then retake it.</source>
@@ -2535,7 +2539,7 @@ px</translation>
     </message>
     <message>
         <source>Checking that the board is still</source>
-        <translation>Es wird geprüft, ob die Tafel ruht</translation>
+        <translation>Prüft, ob die Tafel ruht</translation>
     </message>
     <message>
         <source>Hold the board still</source>
@@ -2654,7 +2658,7 @@ px</translation>
     </message>
     <message>
         <source>Working out where the ball should go next: {seconds:.0f} s</source>
-        <translation>Berechne, wohin die Kugel als Nächstes soll: {seconds:.0f} s</translation>
+        <translation>Berechnet, wohin die Kugel als Nächstes soll: {seconds:.0f} s</translation>
     </message>
     <message>
         <source>Where next</source>
@@ -2741,7 +2745,7 @@ px</translation>
     <message>
         <source>rms
 px</source>
-        <translation>rms
+        <translation>RMS
 px</translation>
     </message>
     <message>
@@ -2777,6 +2781,10 @@ px</translation>
         <translation>Sie ist schon in Gebrauch.</translation>
     </message>
     <message>
+        <source>It is to be used with care. Why may it be put to use?</source>
+        <translation>Sie ist mit Vorsicht zu verwenden. Warum darf sie in Gebrauch genommen werden?</translation>
+    </message>
+    <message>
         <source>It was not verified. Why may it be put to use?</source>
         <translation>Sie wurde nicht verifiziert. Warum darf sie in Gebrauch genommen werden?</translation>
     </message>
@@ -2804,7 +2812,7 @@ px</translation>
     </message>
     <message>
         <source>Nobody has confirmed yet which ball and bars are on the bench.</source>
-        <translation>Noch hat niemand bestätigt, welche Kugel und Maßstäbe bereitliegen.</translation>
+        <translation>Noch hat niemand bestätigt, welche Kugel und Stäbe bereitliegen.</translation>
     </message>
     <message>
         <source>Look at the cameras&apos; images first.</source>
@@ -2816,7 +2824,7 @@ px</translation>
     </message>
     <message>
         <source>No pose of the bar that gives the scale is captured.</source>
-        <translation>Keine Lage des Maßstabs wurde aufgenommen.</translation>
+        <translation>Vom Stab für den Maßstab fehlt eine Lage.</translation>
     </message>
     <message>
         <source>Changed since: {names}.</source>
@@ -2832,7 +2840,7 @@ px</translation>
     </message>
     <message>
         <source>No check bar was chosen at Connect, so there is nothing to verify with.</source>
-        <translation>Bei „Verbinden“ wurde kein Prüfmaßstab gewählt; es gibt nichts zum Verifizieren.</translation>
+        <translation>Bei „Verbinden“ wurde kein Prüfstab gewählt; es gibt nichts zum Verifizieren.</translation>
     </message>
     <message>
         <source>The ball is not captured yet.</source>
@@ -2848,11 +2856,11 @@ px</translation>
     </message>
     <message>
         <source>The check bar contradicts the calibration.</source>
-        <translation>Der Prüfmaßstab widerspricht der Kalibrierung.</translation>
+        <translation>Der Prüfstab widerspricht der Kalibrierung.</translation>
     </message>
     <message>
         <source>The check bar could not be measured.</source>
-        <translation>Der Prüfmaßstab konnte nicht gemessen werden.</translation>
+        <translation>Der Prüfstab konnte nicht gemessen werden.</translation>
     </message>
     <message>
         <source>Work is running; wait for it or cancel it.</source>
@@ -2880,11 +2888,11 @@ px</translation>
     </message>
     <message>
         <source>To be used with care: see the findings.</source>
-        <translation>Mit Vorsicht zu verwenden: siehe die Befunde.</translation>
+        <translation>Mit Vorsicht zu benutzen: siehe die Befunde.</translation>
     </message>
     <message>
         <source>Saved, but not verified.</source>
-        <translation>Gespeichert, aber nicht verifiziert.</translation>
+        <translation>Gesichert, aber nicht verifiziert.</translation>
     </message>
     <message>
         <source>Undecided: uncertainty too large for the limit.</source>
@@ -2892,7 +2900,7 @@ px</translation>
     </message>
     <message>
         <source>The rig has changed a little: watch it.</source>
-        <translation>Der Aufbau hat sich etwas verändert: im Auge behalten.</translation>
+        <translation>Der Aufbau hat sich etwas verändert: beobachten.</translation>
     </message>
     <message>
         <source>{have} of at least {need} placements are captured.</source>
@@ -2966,7 +2974,7 @@ px</translation>
     </message>
     <message>
         <source>the scale</source>
-        <translation>die Skala</translation>
+        <translation>der Maßstab</translation>
     </message>
     <message>
         <source>a part of the volume</source>
@@ -3046,7 +3054,7 @@ px</translation>
     <message>
         <source>rms
 px</source>
-        <translation>rms
+        <translation>RMS
 px</translation>
     </message>
     <message>
@@ -3164,11 +3172,11 @@ mm</translation>
     </message>
     <message>
         <source>Bars&apos; temperature (°C)</source>
-        <translation>Temperatur der Maßstäbe (°C)</translation>
+        <translation>Temperatur der Stäbe (°C)</translation>
     </message>
     <message>
         <source>Read it on the day, on the bar itself; empty: not read.</source>
-        <translation>Am Tag selbst am Maßstab ablesen; leer: nicht abgelesen.</translation>
+        <translation>Am Tag selbst am Stab ablesen; leer: nicht abgelesen.</translation>
     </message>
     <message>
         <source>Limits</source>
@@ -3180,11 +3188,11 @@ mm</translation>
     </message>
     <message>
         <source>Permitted length error: {limit} mm (L in mm).</source>
-        <translation>Zulässiger Längenfehler: {limit} mm (L in mm).</translation>
+        <translation>Zulässige Abweichung: {limit} mm (L in mm).</translation>
     </message>
     <message>
         <source>No permitted length error is set: lengths are judged by their own uncertainty.</source>
-        <translation>Kein zulässiger Längenfehler ist gesetzt: Längen werden nach ihrer eigenen Unsicherheit beurteilt.</translation>
+        <translation>Keine zulässige Abweichung ist gesetzt: Längen werden nach ihrer eigenen Unsicherheit beurteilt.</translation>
     </message>
 </context>
 <context>
@@ -3199,7 +3207,7 @@ mm</translation>
     </message>
     <message>
         <source>The calibration in use was left as it is. This one stays in {folder}.</source>
-        <translation>Die eingesetzte Kalibrierung blieb, wie sie war. Diese bleibt in {folder}.</translation>
+        <translation>Die Kalibrierung in Gebrauch blieb, wie sie ist. Diese bleibt in {folder}.</translation>
     </message>
     <message>
         <source>Saved in the rig&apos;s profile as calibration {what}.</source>
@@ -3218,7 +3226,7 @@ mm</translation>
     </message>
     <message>
         <source>Keeps every calibration of this rig; the one in use changes only when you say so.</source>
-        <translation>Bewahrt jede Kalibrierung dieses Aufbaus; die benutzte wechselt nur auf Ansage.</translation>
+        <translation>Bewahrt jede Kalibrierung dieses Aufbaus; die benutzte wechselt nur auf Wunsch.</translation>
     </message>
     <message>
         <source>Put it to use now</source>
@@ -3238,15 +3246,15 @@ mm</translation>
     </message>
     <message>
         <source>The calibration in use stays as it is; this one stays in its folder, and nothing is deleted.</source>
-        <translation>Die eingesetzte Kalibrierung bleibt; diese bleibt in ihrem Ordner, nichts wird gelöscht.</translation>
+        <translation>Die benutzte bleibt, wie sie ist; diese bleibt in ihrem Ordner, nichts wird gelöscht.</translation>
     </message>
     <message>
         <source>It was not verified, and the limits forbid its use: verify it, or save it without.</source>
-        <translation>Nicht verifiziert, und die Grenzwerte verbieten den Gebrauch: verifizieren oder sichern, ohne sie einzusetzen.</translation>
+        <translation>Nicht verifiziert, und die Grenzwerte verbieten den Gebrauch: verifizieren oder nur sichern.</translation>
     </message>
     <message>
         <source>It was not verified: write in the note why it is put to use.</source>
-        <translation>Nicht verifiziert: In der Notiz angeben, warum sie eingesetzt wird.</translation>
+        <translation>Sie ist nicht verifiziert: In der Notiz angeben, warum sie in Gebrauch genommen wird.</translation>
     </message>
     <message>
         <source>It is to be used with care: write in the note why it is put to use.</source>
@@ -3306,15 +3314,15 @@ mm</translation>
     </message>
     <message>
         <source>Saved; it is not valid</source>
-        <translation>Gespeichert; sie ist nicht gültig</translation>
+        <translation>Gesichert; sie ist nicht gültig</translation>
     </message>
     <message>
         <source>Saved; not verified</source>
-        <translation>Gespeichert; nicht verifiziert</translation>
+        <translation>Gesichert; nicht verifiziert</translation>
     </message>
     <message>
         <source>Saved; to be used with care</source>
-        <translation>Gespeichert; mit Vorsicht zu verwenden</translation>
+        <translation>Gesichert; mit Vorsicht zu benutzen</translation>
     </message>
     <message>
         <source>Saved</source>
@@ -3338,7 +3346,7 @@ mm</translation>
     </message>
     <message>
         <source>Exports are given in: {frame}.</source>
-        <translation>Exporte stehen in: {frame}.</translation>
+        <translation>Exporte in: {frame}.</translation>
     </message>
     <message>
         <source>Save and put to use</source>
@@ -3354,7 +3362,7 @@ mm</translation>
     </message>
     <message>
         <source>The calibration is not valid: it cannot be put to use. Save it without.</source>
-        <translation>Die Kalibrierung ist ungültig: Sie kann nicht in Gebrauch genommen werden. Ohne das speichern.</translation>
+        <translation>Die Kalibrierung ist nicht gültig: Sie kann nicht in Gebrauch genommen werden. Nur sichern.</translation>
     </message>
     <message>
         <source>It is not written yet.</source>
@@ -3420,7 +3428,7 @@ mm</translation>
     </message>
     <message>
         <source>{placement}, target {target}, dot {dot}</source>
-        <translation>{placement}, Marke {target}, Punkt {dot}</translation>
+        <translation>{placement}, Zielmarke {target}, Punkt {dot}</translation>
     </message>
     <message>
         <source>Serial number {serial}</source>
@@ -3432,7 +3440,7 @@ mm</translation>
     </message>
     <message>
         <source>Residuals {rms:.3f} px rms</source>
-        <translation>Residuen {rms:.3f} px rms</translation>
+        <translation>Residuen {rms:.3f} px RMS</translation>
     </message>
     <message>
         <source>Place ± {sd:.3f} mm</source>
@@ -3460,7 +3468,7 @@ mm</translation>
     </message>
     <message>
         <source>Residual {px:.3f} px rms</source>
-        <translation>Residuum {px:.3f} px rms</translation>
+        <translation>Residuum {px:.3f} px RMS</translation>
     </message>
     <message>
         <source>TOP</source>
@@ -3496,7 +3504,7 @@ mm</translation>
     </message>
     <message>
         <source>Bars: green within their uncertainty, red beyond</source>
-        <translation>Maßstäbe: grün innerhalb, rot außerhalb ihrer Unsicherheit</translation>
+        <translation>Stäbe: grün innerhalb, rot außerhalb ihrer Unsicherheit</translation>
     </message>
     <message>
         <source>Uncertainty of {length:.0f} mm, mm (k = {k:.0f})</source>
@@ -3620,7 +3628,7 @@ mm</translation>
     </message>
     <message>
         <source>Checking each camera&apos;s pose</source>
-        <translation>Die Lage jeder Kamera wird geprüft</translation>
+        <translation>Pose jeder Kamera prüfen</translation>
     </message>
     <message>
         <source>Adjusting everything together</source>
@@ -3652,7 +3660,7 @@ mm</translation>
     </message>
     <message>
         <source>Measuring the bars</source>
-        <translation>Maßstäbe messen</translation>
+        <translation>Stäbe messen</translation>
     </message>
     <message>
         <source>Comparing with the calibration</source>
@@ -3727,7 +3735,7 @@ mm</translation>
     </message>
     <message>
         <source>the check bar contradicts it</source>
-        <translation>der Prüfmaßstab widerspricht</translation>
+        <translation>der Prüfstab widerspricht</translation>
     </message>
     <message>
         <source>calibrated, not valid</source>
@@ -3826,7 +3834,7 @@ mm</translation>
     </message>
     <message>
         <source>Replay a recorded session</source>
-        <translation>Aufzeichnung wiedergeben</translation>
+        <translation>Aufnahme wiedergeben</translation>
     </message>
     <message>
         <source>Calibrate the rig</source>
@@ -3838,11 +3846,11 @@ mm</translation>
     </message>
     <message>
         <source>Measure the check bar with the calibration in use, and print the result.</source>
-        <translation>Den Prüfmaßstab mit der Kalibrierung in Gebrauch messen und das Ergebnis drucken.</translation>
+        <translation>Den Prüfstab mit der Kalibrierung in Gebrauch messen und das Ergebnis drucken.</translation>
     </message>
     <message>
         <source>Bench, bars and balls</source>
-        <translation>Messmittel, Maßstäbe und Kugeln</translation>
+        <translation>Messmittel, Stäbe und Kugeln</translation>
     </message>
     <message>
         <source>Verify the rig</source>
@@ -3870,7 +3878,7 @@ mm</translation>
     </message>
     <message>
         <source>A recorded session with images</source>
-        <translation>Eine aufgezeichnete Sitzung mit Bildern</translation>
+        <translation>Eine Aufnahme mit Bildern</translation>
     </message>
     <message>
         <source>No calibration was saved in the rig&apos;s profile yet.</source>
@@ -3941,7 +3949,7 @@ mm</translation>
     </message>
     <message>
         <source>Lay the bar that gives the scale where three cameras see it; for every pose another way.</source>
-        <translation>Den Maßstab, der die Skala gibt, dorthin legen, wo drei Kameras ihn sehen; in jeder Lage anders.</translation>
+        <translation>Den Stab, der den Maßstab gibt, dorthin legen, wo drei Kameras ihn sehen; in jeder Lage anders.</translation>
     </message>
     <message>
         <source>Compute the cameras from what was captured.</source>
@@ -3953,7 +3961,7 @@ mm</translation>
     </message>
     <message>
         <source>Measure the check bar: does the rig measure what its certificate says?</source>
-        <translation>Den Prüfmaßstab messen: Misst der Aufbau, was das Zertifikat sagt?</translation>
+        <translation>Den Prüfstab messen: Misst der Aufbau, was das Zertifikat sagt?</translation>
     </message>
     <message>
         <source>Write the report and put the calibration to use.</source>
@@ -3965,7 +3973,7 @@ mm</translation>
     </message>
     <message>
         <source>Carry a bar through the volume, or choose points and read their distance.</source>
-        <translation>Einen Maßstab durch das Volumen tragen, oder Punkte wählen und ihren Abstand ablesen.</translation>
+        <translation>Einen Stab durch das Volumen tragen, oder Punkte wählen und ihren Abstand ablesen.</translation>
     </message>
     <message>
         <source>not yet</source>
@@ -4102,7 +4110,7 @@ mm</translation>
     </message>
     <message>
         <source>check: watch it</source>
-        <translation>Prüfung: im Auge behalten</translation>
+        <translation>Prüfung: beobachten</translation>
     </message>
     <message>
         <source>calibration fresh</source>
@@ -4130,11 +4138,11 @@ mm</translation>
     </message>
     <message>
         <source>the check bar contradicts it</source>
-        <translation>der Prüfmaßstab widerspricht ihr</translation>
+        <translation>der Prüfstab widerspricht ihr</translation>
     </message>
     <message>
         <source>to be used with care</source>
-        <translation>mit Vorsicht zu verwenden</translation>
+        <translation>mit Vorsicht zu benutzen</translation>
     </message>
 </context>
 <context>
@@ -4240,7 +4248,7 @@ mm</translation>
     </message>
     <message>
         <source>what would help most</source>
-        <translation>was am meisten hülfe</translation>
+        <translation>was am meisten hilft</translation>
     </message>
     <message>
         <source>Camera</source>
@@ -4274,6 +4282,10 @@ mm</translation>
         <source>Budget</source>
         <translation>Budget</translation>
     </message>
+    <message>
+        <source>(out of date)</source>
+        <translation>(veraltet)</translation>
+    </message>
 </context>
 <context>
     <name>Verify</name>
@@ -4287,7 +4299,7 @@ mm</translation>
     </message>
     <message>
         <source>Not where the calibration has them: {cameras}.</source>
-        <translation>Nicht dort, wo die Kalibrierung sie hat: {cameras}.</translation>
+        <translation>Nicht an ihrem kalibrierten Ort: {cameras}.</translation>
     </message>
     <message>
         <source>INCONSISTENT</source>
@@ -4339,7 +4351,7 @@ mm</translation>
     </message>
     <message>
         <source>cannot tell</source>
-        <translation>nicht entscheidbar</translation>
+        <translation>unentschieden</translation>
     </message>
     <message>
         <source>Grey: what the uncertainty of each error allows (k = {k:.1f}).</source>
@@ -4355,7 +4367,7 @@ mm</translation>
     </message>
     <message>
         <source>the bar&apos;s certificate</source>
-        <translation>das Zertifikat des Maßstabs</translation>
+        <translation>das Zertifikat des Stabs</translation>
     </message>
     <message>
         <source>the thermometer</source>
@@ -4363,7 +4375,7 @@ mm</translation>
     </message>
     <message>
         <source>the bar&apos;s expansion</source>
-        <translation>die Ausdehnung des Maßstabs</translation>
+        <translation>die Ausdehnung des Stabs</translation>
     </message>
     <message>
         <source>the cameras&apos; calibration</source>
@@ -4371,7 +4383,7 @@ mm</translation>
     </message>
     <message>
         <source>the scale</source>
-        <translation>die Skala</translation>
+        <translation>der Maßstab</translation>
     </message>
     <message>
         <source>the marks&apos; centres</source>
@@ -4391,15 +4403,15 @@ mm</translation>
     </message>
     <message>
         <source>a bar with a better certificate</source>
-        <translation>einen Maßstab mit besserem Zertifikat</translation>
+        <translation>einen Stab mit besserem Zertifikat</translation>
     </message>
     <message>
         <source>a better thermometer, on the bar itself</source>
-        <translation>ein besseres Thermometer, am Maßstab selbst</translation>
+        <translation>ein besseres Thermometer, am Stab selbst</translation>
     </message>
     <message>
         <source>measure nearer to the bar&apos;s reference temperature</source>
-        <translation>näher an der Bezugstemperatur des Maßstabs messen</translation>
+        <translation>näher an der Bezugstemperatur des Stabs messen</translation>
     </message>
     <message>
         <source>more placements of the ball, spread over the volume</source>
@@ -4407,7 +4419,7 @@ mm</translation>
     </message>
     <message>
         <source>the scale from a certified bar, in more poses</source>
-        <translation>die Skala aus einem kalibrierten Maßstab, in mehr Lagen</translation>
+        <translation>den Maßstab aus einem zertifizierten Stab, in mehr Lagen</translation>
     </message>
     <message>
         <source>enter the certificate&apos;s lengths with all digits</source>
@@ -4430,7 +4442,7 @@ mm</translation>
     </message>
     <message>
         <source>Measure the bar</source>
-        <translation>Maßstab messen</translation>
+        <translation>Stab messen</translation>
     </message>
     <message>
         <source>Where</source>
@@ -4458,7 +4470,7 @@ mm</translation>
     </message>
     <message>
         <source>Permitted length error (mm)</source>
-        <translation>Zulässiger Längenfehler (mm)</translation>
+        <translation>Zulässige Abweichung (mm)</translation>
     </message>
     <message>
         <source>e.g. 0.03+L/20000</source>
@@ -4478,15 +4490,15 @@ mm</translation>
     </message>
     <message>
         <source>Temperature of the bar</source>
-        <translation>Temperatur des Maßstabs</translation>
+        <translation>Temperatur des Stabs</translation>
     </message>
     <message>
         <source>Read it on the bar: a steel bar of 500 mm grows by 0.006 mm for each degree.</source>
-        <translation>Am Maßstab ablesen: Ein Stahlmaßstab von 500 mm wächst je Grad um 0,006 mm.</translation>
+        <translation>Am Stab ablesen: Ein Stahlstab von 500 mm wächst je Grad um 0,006 mm.</translation>
     </message>
     <message>
         <source>Bar</source>
-        <translation>Maßstab</translation>
+        <translation>Stab</translation>
     </message>
     <message>
         <source>Captured; a click retakes it.</source>
@@ -4514,7 +4526,7 @@ mm</translation>
     </message>
     <message>
         <source>The bar is being looked for.</source>
-        <translation>Der Maßstab wird gesucht.</translation>
+        <translation>Der Stab wird gesucht.</translation>
     </message>
 </context>
 <context>
@@ -4564,11 +4576,11 @@ mm</translation>
     </message>
     <message>
         <source>The support bundle is in {path}. It holds no images.</source>
-        <translation>Das Paket für den Support ist in {path}. Es enthält keine Bilder.</translation>
+        <translation>Das Support-Paket ist in {path}. Es enthält keine Bilder.</translation>
     </message>
     <message>
         <source>The computation is still stopping; close the window again in a moment.</source>
-        <translation>Die Rechnung hält noch an; das Fenster gleich noch einmal schließen.</translation>
+        <translation>Die Rechnung wird noch beendet; das Fenster gleich noch einmal schließen.</translation>
     </message>
 </context>
 </TS>

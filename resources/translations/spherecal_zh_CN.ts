@@ -9,7 +9,7 @@
     </message>
     <message>
         <source>Calibration of multi-camera measuring rigs with an imperfect ball.</source>
-        <translation>用非理想球体标定多相机测量系统。</translation>
+        <translation>用非理想的球标定多相机测量系统。</translation>
     </message>
     <message>
         <source>About SphereCal</source>
@@ -52,11 +52,11 @@
     </message>
     <message>
         <source>Printed scale</source>
-        <translation>打印尺寸</translation>
+        <translation>打印比例</translation>
     </message>
     <message>
         <source>Without a bar that gives the scale, this distance does, good to a percent.</source>
-        <translation>没有给出比例的基准尺时，由这一距离给出比例，准确到百分之一。</translation>
+        <translation>没有给出比例尺的基准尺时，由这一距离给出比例尺，准确到百分之一。</translation>
     </message>
     <message>
         <source>Ball of the library</source>
@@ -105,7 +105,7 @@
     <name>Bars</name>
     <message>
         <source>Hold still: images are being captured</source>
-        <translation>请保持不动：正在拍摄</translation>
+        <translation>请保持静止：正在拍摄</translation>
     </message>
     <message>
         <source>{name} is captured</source>
@@ -224,7 +224,7 @@
     </message>
     <message>
         <source>gives the scale</source>
-        <translation>给出比例</translation>
+        <translation>给出比例尺</translation>
     </message>
     <message>
         <source>verifies</source>
@@ -232,7 +232,7 @@
     </message>
     <message>
         <source>Certified lengths (mm)</source>
-        <translation>校准长度 (mm)</translation>
+        <translation>证书长度 (mm)</translation>
     </message>
     <message>
         <source>One more length</source>
@@ -249,6 +249,10 @@
     <message>
         <source>The table is in {file}.</source>
         <translation>表格已写入 {file}。</translation>
+    </message>
+    <message>
+        <source>new bar</source>
+        <translation>新基准尺</translation>
     </message>
     <message>
         <source>something is missing</source>
@@ -272,7 +276,7 @@
     </message>
     <message>
         <source>certified</source>
-        <translation>校准</translation>
+        <translation>证书值</translation>
     </message>
     <message>
         <source>U</source>
@@ -299,7 +303,7 @@
     </message>
     <message>
         <source>At least one certified length is needed.</source>
-        <translation>至少需要一个校准长度。</translation>
+        <translation>至少需要一个证书长度。</translation>
     </message>
     <message>
         <source>The number printed at the sticker, such as 201.</source>
@@ -359,7 +363,7 @@
     </message>
     <message>
         <source>Only one bar gives the scale; {bar} does already.</source>
-        <translation>只能有一根基准尺给出比例；{bar} 已给出。</translation>
+        <translation>只能有一根基准尺给出比例尺；{bar} 已给出。</translation>
     </message>
     <message>
         <source>Sticker {number} is none of the ball&apos;s target set ({targets}).</source>
@@ -371,7 +375,7 @@
     </message>
     <message>
         <source>Nothing gives the scale: lengths will be arbitrary.</source>
-        <translation>没有任何器具给出比例：长度将是任意的。</translation>
+        <translation>没有任何器具给出比例尺：长度将是任意的。</translation>
     </message>
     <message>
         <source>No bar verifies: the calibration cannot be verified.</source>
@@ -505,7 +509,7 @@
     </message>
     <message>
         <source>Save a sheet to print</source>
-        <translation>保存打印页</translation>
+        <translation>保存待打印的页</translation>
     </message>
     <message>
         <source>Calibrate with this board</source>
@@ -607,7 +611,7 @@
     </message>
     <message>
         <source>{before} could not be placed. Coordinates of before do not fit these.</source>
-        <translation>无法确定 {before} 的位置。以前的坐标与现在的不一致。</translation>
+        <translation>{before} 无法定位。以前的坐标与现在的不一致。</translation>
     </message>
     <message>
         <source>Cancelled. What was captured is kept.</source>
@@ -835,19 +839,19 @@
     <name>Cameras</name>
     <message>
         <source>Found, but not opened. Search again.</source>
-        <translation>已找到但未打开。请重新搜索。</translation>
+        <translation>已找到但未打开。请重新查找。</translation>
     </message>
     <message>
         <source>It waits for a trigger. Check trigger, cable and network load.</source>
-        <translation>正在等待触发。请检查触发、线缆和网络负载。</translation>
+        <translation>正在等待触发。请检查触发、电缆和网络负载。</translation>
     </message>
     <message>
         <source>Images arrive with parts missing. Check cable, switch, packet size.</source>
-        <translation>图像传输不完整。请检查线缆、交换机和数据包大小。</translation>
+        <translation>图像传输不完整。请检查电缆、交换机和数据包大小。</translation>
     </message>
     <message>
         <source>Lost. Check cable, power and network; it comes back by itself.</source>
-        <translation>已断开。请检查线缆、电源和网络；恢复后会自动连接。</translation>
+        <translation>已断开。请检查电缆、电源和网络；恢复后会自动连接。</translation>
     </message>
     <message>
         <source>Another program holds it. Close that program.</source>
@@ -855,7 +859,7 @@
     </message>
     <message>
         <source>It cannot be opened. Switch it off and on, then search again.</source>
-        <translation>无法打开。请断电重启后重新搜索。</translation>
+        <translation>无法打开。请断电重启后重新查找。</translation>
     </message>
 </context>
 <context>
@@ -1044,7 +1048,7 @@ px</translation>
     </message>
     <message>
         <source>Calibrates only the cameras that moved, from this placement; seconds.</source>
-        <translation>只用此位置标定移动过的相机；几秒钟。</translation>
+        <translation>只用此次摆放标定移动过的相机；几秒钟。</translation>
     </message>
     <message>
         <source>Put the repair to use</source>
@@ -1103,7 +1107,7 @@ px</translation>
     </message>
     <message>
         <source>simulated {size}</source>
-        <translation>模拟 {size}</translation>
+        <translation>仿真 {size}</translation>
     </message>
     <message>
         <source>not opened</source>
@@ -1111,7 +1115,7 @@ px</translation>
     </message>
     <message>
         <source>link: {share:.0f} % of the images damaged. Check cable, switch and packet size.</source>
-        <translation>链路：{share:.0f} % 的图像损坏。请检查网线、交换机和包大小。</translation>
+        <translation>链路：{share:.0f} % 的图像损坏。请检查电缆、交换机和包大小。</translation>
     </message>
     <message>
         <source>ready</source>
@@ -1139,11 +1143,11 @@ px</translation>
     </message>
     <message>
         <source>This recording is damaged.</source>
-        <translation>此记录已损坏。</translation>
+        <translation>此采集数据已损坏。</translation>
     </message>
     <message>
         <source>This folder holds no recording.</source>
-        <translation>此文件夹中没有记录。</translation>
+        <translation>此文件夹中没有采集数据。</translation>
     </message>
     <message>
         <source>not known: describe the bench</source>
@@ -1191,19 +1195,19 @@ px</translation>
     </message>
     <message>
         <source>The names come from the recording or the simulated rig.</source>
-        <translation>名称来自录制数据或仿真系统。</translation>
+        <translation>名称来自采集数据或仿真系统。</translation>
     </message>
     <message>
         <source>Placements were captured under this name: begin a new calibration to change it.</source>
-        <translation>已用此名称拍摄位置：如需更改，请开始新的标定。</translation>
+        <translation>已用此名称拍摄过摆放：如需更改，请开始新的标定。</translation>
     </message>
     <message>
         <source>The description of the bench names this camera.</source>
-        <translation>工作台描述文件已命名此相机。</translation>
+        <translation>器具描述中已指定此相机的名称。</translation>
     </message>
     <message>
         <source>Simulated cameras are all exposed at the same moment.</source>
-        <translation>模拟相机全部在同一时刻曝光。</translation>
+        <translation>仿真相机全部在同一时刻曝光。</translation>
     </message>
     <message>
         <source>Another camera has the name {name}.</source>
@@ -1334,7 +1338,7 @@ px</translation>
     </message>
     <message>
         <source>Install the driver package of the cameras&apos; maker, then search again.</source>
-        <translation>请安装相机厂商的驱动包，然后重新搜索。</translation>
+        <translation>请安装相机厂商的驱动包，然后重新查找。</translation>
     </message>
     <message>
         <source>Installed already? {name} must name the folder of its .cti file.</source>
@@ -1725,7 +1729,7 @@ px</translation>
     </message>
     <message>
         <source>If you stop now: being worked out</source>
-        <translation>如果现在停止：正在计算</translation>
+        <translation>若现在停止：正在计算</translation>
     </message>
     <message>
         <source>If you stop now: not determined yet</source>
@@ -1741,7 +1745,7 @@ px</translation>
     </message>
     <message>
         <source>With one more placement: {mm:.3f} mm</source>
-        <translation>再多一次放置：{mm:.3f} mm</translation>
+        <translation>再多一次摆放：{mm:.3f} mm</translation>
     </message>
 </context>
 <context>
@@ -1820,7 +1824,7 @@ px</translation>
     </message>
     <message>
         <source>Save a support bundle</source>
-        <translation>保存支持数据包</translation>
+        <translation>保存支持包</translation>
     </message>
     <message>
         <source>About SphereCal</source>
@@ -1861,7 +1865,7 @@ px</translation>
     </message>
     <message>
         <source>Save a support bundle</source>
-        <translation>保存支持数据包</translation>
+        <translation>保存支持包</translation>
     </message>
 </context>
 <context>
@@ -2407,7 +2411,7 @@ px</translation>
     <name>Placement</name>
     <message>
         <source>Hold still: images are being captured</source>
-        <translation>请保持不动：正在拍摄</translation>
+        <translation>请保持静止：正在拍摄</translation>
     </message>
     <message>
         <source>Captured. Press space to go on</source>
@@ -2686,7 +2690,7 @@ px</translation>
     </message>
     <message>
         <source>Retake  (space)</source>
-        <translation>重新拍摄（空格键）</translation>
+        <translation>重拍（空格键）</translation>
     </message>
     <message>
         <source>It is captured; Retake replaces it.</source>
@@ -2746,11 +2750,11 @@ px</translation>
     </message>
     <message>
         <source>in use</source>
-        <translation>启用</translation>
+        <translation>启用中</translation>
     </message>
     <message>
         <source>Compare with the one in use</source>
-        <translation>与启用中的比较</translation>
+        <translation>与启用中的标定比较</translation>
     </message>
     <message>
         <source>Put this one to use</source>
@@ -2774,7 +2778,11 @@ px</translation>
     </message>
     <message>
         <source>It is in use already.</source>
-        <translation>已在使用。</translation>
+        <translation>已启用。</translation>
+    </message>
+    <message>
+        <source>It is to be used with care. Why may it be put to use?</source>
+        <translation>它须谨慎使用。为什么可以启用？</translation>
     </message>
     <message>
         <source>It was not verified. Why may it be put to use?</source>
@@ -2816,7 +2824,7 @@ px</translation>
     </message>
     <message>
         <source>No pose of the bar that gives the scale is captured.</source>
-        <translation>尚未拍摄提供比例尺的基准尺。</translation>
+        <translation>尚未拍摄提供比例尺的基准尺的任何位姿。</translation>
     </message>
     <message>
         <source>Changed since: {names}.</source>
@@ -2844,7 +2852,7 @@ px</translation>
     </message>
     <message>
         <source>The calibration is not valid: see its findings.</source>
-        <translation>标定无效：请查看诊断。</translation>
+        <translation>标定无效：请查看检查结果。</translation>
     </message>
     <message>
         <source>The check bar contradicts the calibration.</source>
@@ -2864,15 +2872,15 @@ px</translation>
     </message>
     <message>
         <source>Captured without {names}: retake it.</source>
-        <translation>拍摄时缺少 {names}：请重新拍摄。</translation>
+        <translation>拍摄时缺少 {names}：请重拍。</translation>
     </message>
     <message>
         <source>The scene moved in {names}: retake it.</source>
-        <translation>{names} 中场景有移动：请重新拍摄。</translation>
+        <translation>{names} 中场景有移动：请重拍。</translation>
     </message>
     <message>
         <source>{names} was moved after this: retake it.</source>
-        <translation>此后 {names} 被移动过：请重新拍摄。</translation>
+        <translation>此后 {names} 被移动过：请重拍。</translation>
     </message>
     <message>
         <source>Repaired, but not in use yet.</source>
@@ -2888,7 +2896,7 @@ px</translation>
     </message>
     <message>
         <source>Undecided: uncertainty too large for the limit.</source>
-        <translation>无法判定：对该限值来说不确定度太大。</translation>
+        <translation>未判定：对该限值来说不确定度太大。</translation>
     </message>
     <message>
         <source>The rig has changed a little: watch it.</source>
@@ -2900,7 +2908,7 @@ px</translation>
     </message>
     <message>
         <source>{name} is not good ({cameras}): retake it, or keep it as it is.</source>
-        <translation>{name} 有问题（{cameras}）：请重新拍摄，或保持现状。</translation>
+        <translation>{name} 有问题（{cameras}）：请重拍，或保持现状。</translation>
     </message>
     <message>
         <source>{names} was moved. Tighten its mount, then press “Fixed again”.</source>
@@ -2934,7 +2942,7 @@ px</translation>
     </message>
     <message>
         <source>No camera could be placed.</source>
-        <translation>无法确定任何相机的位置。</translation>
+        <translation>没有相机能够定位。</translation>
     </message>
     <message>
         <source>{placed} of {all} cameras placed; the images agree to {rms:.3f} px.</source>
@@ -3153,7 +3161,7 @@ mm</translation>
     </message>
     <message>
         <source>It is not valid: do what the findings advise.</source>
-        <translation>无效：请按诊断建议处理。</translation>
+        <translation>无效：请按检查结果建议处理。</translation>
     </message>
 </context>
 <context>
@@ -3195,11 +3203,11 @@ mm</translation>
     </message>
     <message>
         <source>SIMULATED: no calibration of a real rig</source>
-        <translation>模拟：不是真实系统的标定</translation>
+        <translation>仿真：不是真实系统的标定</translation>
     </message>
     <message>
         <source>The calibration in use was left as it is. This one stays in {folder}.</source>
-        <translation>在用的标定保持不变。本次标定保留在 {folder}。</translation>
+        <translation>启用中的标定保持不变。本次标定保留在 {folder}。</translation>
     </message>
     <message>
         <source>Saved in the rig&apos;s profile as calibration {what}.</source>
@@ -3238,7 +3246,7 @@ mm</translation>
     </message>
     <message>
         <source>The calibration in use stays as it is; this one stays in its folder, and nothing is deleted.</source>
-        <translation>在用的标定保持不变；本次标定保留在其文件夹中，不会删除。</translation>
+        <translation>启用中的标定保持不变；本次标定保留在其文件夹中，不会删除任何内容。</translation>
     </message>
     <message>
         <source>It was not verified, and the limits forbid its use: verify it, or save it without.</source>
@@ -3250,11 +3258,11 @@ mm</translation>
     </message>
     <message>
         <source>It is to be used with care: write in the note why it is put to use.</source>
-        <translation>需谨慎使用：请在备注中写明为何投入使用。</translation>
+        <translation>需谨慎使用：请在备注中写明启用原因。</translation>
     </message>
     <message>
         <source>There is no calibration yet.</source>
-        <translation>尚无标定结果。</translation>
+        <translation>尚无标定。</translation>
     </message>
     <message>
         <source>Files</source>
@@ -3354,7 +3362,7 @@ mm</translation>
     </message>
     <message>
         <source>The calibration is not valid: it cannot be put to use. Save it without.</source>
-        <translation>标定无效：不能投入使用。请仅保存。</translation>
+        <translation>标定无效：不能启用。请只保存而不启用。</translation>
     </message>
     <message>
         <source>It is not written yet.</source>
@@ -3362,7 +3370,7 @@ mm</translation>
     </message>
     <message>
         <source>In use: calibration {number}, in {folder}.</source>
-        <translation>使用中：标定 {number}，位于 {folder}。</translation>
+        <translation>启用中：标定 {number}，位于 {folder}。</translation>
     </message>
     <message>
         <source>Report: {path}</source>
@@ -3420,7 +3428,7 @@ mm</translation>
     </message>
     <message>
         <source>{placement}, target {target}, dot {dot}</source>
-        <translation>{placement}，标志 {target}，点 {dot}</translation>
+        <translation>{placement}，靶标 {target}，点 {dot}</translation>
     </message>
     <message>
         <source>Serial number {serial}</source>
@@ -3496,7 +3504,7 @@ mm</translation>
     </message>
     <message>
         <source>Bars: green within their uncertainty, red beyond</source>
-        <translation>标尺：绿色在不确定度内，红色超出</translation>
+        <translation>基准尺：绿色在不确定度内，红色超出</translation>
     </message>
     <message>
         <source>Uncertainty of {length:.0f} mm, mm (k = {k:.0f})</source>
@@ -3632,11 +3640,11 @@ mm</translation>
     </message>
     <message>
         <source>Adjusting with a slightly deformable ball</source>
-        <translation>按可轻微变形的球进行平差</translation>
+        <translation>用可轻微变形的球进行平差</translation>
     </message>
     <message>
         <source>Computing with the ball as one rigid body</source>
-        <translation>将球视为一个刚体</translation>
+        <translation>将球作为一个刚体进行计算</translation>
     </message>
     <message>
         <source>Looking for the camera that moved</source>
@@ -3652,7 +3660,7 @@ mm</translation>
     </message>
     <message>
         <source>Measuring the bars</source>
-        <translation>测量检验尺</translation>
+        <translation>测量基准尺</translation>
     </message>
     <message>
         <source>Comparing with the calibration</source>
@@ -3672,7 +3680,7 @@ mm</translation>
     </message>
     <message>
         <source>Looking for cameras</source>
-        <translation>搜索相机</translation>
+        <translation>查找相机</translation>
     </message>
     <message>
         <source>Opening the cameras</source>
@@ -3704,7 +3712,7 @@ mm</translation>
     </message>
     <message>
         <source>Comparing with the calibration in use</source>
-        <translation>与在用标定比较</translation>
+        <translation>与启用中的标定比较</translation>
     </message>
     <message>
         <source>Drawing the report</source>
@@ -3743,7 +3751,7 @@ mm</translation>
     </message>
     <message>
         <source>verified, undecided</source>
-        <translation>已验证，无法判定</translation>
+        <translation>已验证，未判定</translation>
     </message>
     <message>
         <source>check begun</source>
@@ -3798,7 +3806,7 @@ mm</translation>
     </message>
     <message>
         <source>no calibration in use</source>
-        <translation>无启用的标定</translation>
+        <translation>没有启用中的标定</translation>
     </message>
     <message>
         <source>The rig&apos;s profile</source>
@@ -3806,7 +3814,7 @@ mm</translation>
     </message>
     <message>
         <source>Rig in use</source>
-        <translation>使用中的系统</translation>
+        <translation>启用中的系统</translation>
     </message>
     <message>
         <source>Check the rig</source>
@@ -3826,7 +3834,7 @@ mm</translation>
     </message>
     <message>
         <source>Replay a recorded session</source>
-        <translation>回放录制会话</translation>
+        <translation>回放已采集的会话</translation>
     </message>
     <message>
         <source>Calibrate the rig</source>
@@ -3838,7 +3846,7 @@ mm</translation>
     </message>
     <message>
         <source>Measure the check bar with the calibration in use, and print the result.</source>
-        <translation>用正在使用的标定测量检验尺，并打印结果。</translation>
+        <translation>用启用中的标定测量检验尺，并打印结果。</translation>
     </message>
     <message>
         <source>Bench, bars and balls</source>
@@ -3862,7 +3870,7 @@ mm</translation>
     </message>
     <message>
         <source>No calibration is in use yet: calibrate, then save it in the rig&apos;s profile.</source>
-        <translation>尚无启用的标定：请先标定，再存入系统档案。</translation>
+        <translation>尚无启用中的标定：请先标定，再存入系统档案。</translation>
     </message>
     <message>
         <source>Open a project</source>
@@ -3870,7 +3878,7 @@ mm</translation>
     </message>
     <message>
         <source>A recorded session with images</source>
-        <translation>带图像的录制会话</translation>
+        <translation>带图像的已采集会话</translation>
     </message>
     <message>
         <source>No calibration was saved in the rig&apos;s profile yet.</source>
@@ -4074,7 +4082,7 @@ mm</translation>
     <name>Validity</name>
     <message>
         <source>no calibration in use</source>
-        <translation>无启用的标定</translation>
+        <translation>没有启用中的标定</translation>
     </message>
     <message>
         <source>profile cannot be read</source>
@@ -4106,7 +4114,7 @@ mm</translation>
     </message>
     <message>
         <source>calibration fresh</source>
-        <translation>标定有效</translation>
+        <translation>标定较新</translation>
     </message>
     <message>
         <source>calibration ageing</source>
@@ -4126,7 +4134,7 @@ mm</translation>
     </message>
     <message>
         <source>verification undecided</source>
-        <translation>验证无法判定</translation>
+        <translation>验证未判定</translation>
     </message>
     <message>
         <source>the check bar contradicts it</source>
@@ -4134,7 +4142,7 @@ mm</translation>
     </message>
     <message>
         <source>to be used with care</source>
-        <translation>谨慎使用</translation>
+        <translation>请谨慎使用</translation>
     </message>
 </context>
 <context>
@@ -4161,7 +4169,7 @@ mm</translation>
     </message>
     <message>
         <source>undecided</source>
-        <translation>无法判定</translation>
+        <translation>未判定</translation>
     </message>
     <message>
         <source>inconsistent</source>
@@ -4256,7 +4264,7 @@ mm</translation>
     </message>
     <message>
         <source>rms, px</source>
-        <translation>RMS, px</translation>
+        <translation>rms，px</translation>
     </message>
     <message>
         <source>state</source>
@@ -4273,6 +4281,10 @@ mm</translation>
     <message>
         <source>Budget</source>
         <translation>不确定度预算</translation>
+    </message>
+    <message>
+        <source>(out of date)</source>
+        <translation>（已过期）</translation>
     </message>
 </context>
 <context>
@@ -4339,7 +4351,7 @@ mm</translation>
     </message>
     <message>
         <source>cannot tell</source>
-        <translation>无法判定</translation>
+        <translation>未判定</translation>
     </message>
     <message>
         <source>Grey: what the uncertainty of each error allows (k = {k:.1f}).</source>
@@ -4399,15 +4411,15 @@ mm</translation>
     </message>
     <message>
         <source>measure nearer to the bar&apos;s reference temperature</source>
-        <translation>在更接近参考温度的条件下测量</translation>
+        <translation>在更接近基准尺参考温度的条件下测量</translation>
     </message>
     <message>
         <source>more placements of the ball, spread over the volume</source>
-        <translation>在体积内增加球的位置</translation>
+        <translation>增加球的摆放，遍布测量空间</translation>
     </message>
     <message>
         <source>the scale from a certified bar, in more poses</source>
-        <translation>用校准基准尺在更多位姿下给出比例尺</translation>
+        <translation>用有证基准尺在更多位姿下给出比例尺</translation>
     </message>
     <message>
         <source>enter the certificate&apos;s lengths with all digits</source>
@@ -4506,7 +4518,7 @@ mm</translation>
     </message>
     <message>
         <source>Hold still: images are being captured</source>
-        <translation>保持静止：正在拍摄</translation>
+        <translation>请保持静止：正在拍摄</translation>
     </message>
     <message>
         <source>It is measured; retake a pose to measure again.</source>
@@ -4564,7 +4576,7 @@ mm</translation>
     </message>
     <message>
         <source>The support bundle is in {path}. It holds no images.</source>
-        <translation>支持数据包位于 {path}，不含图像。</translation>
+        <translation>支持包位于 {path}，不含图像。</translation>
     </message>
     <message>
         <source>The computation is still stopping; close the window again in a moment.</source>

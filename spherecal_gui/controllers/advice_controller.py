@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 from PySide6.QtCore import QCoreApplication, Signal
 
+from spherecal_gui import limits
 from spherecal_gui.controllers.camera_controller import CameraController
 from spherecal_gui.controllers.controller_part import ControllerPart
 from spherecal_gui.controllers.project_controller import ProjectController
@@ -23,10 +24,13 @@ if TYPE_CHECKING:  # ghosts and live images need scipy, for which the window doe
 translate = QCoreApplication.translate
 
 _PATIENCE_MS = 3_000  # the engine looks five times a second whether it should stop
+_KEPT = 8  # answers, for placements that are deleted and brought back
 
 
 class AdviceController(ControllerPart):
     """Where the ball should be next.
+
+    It is worked out while a placement is shown, and stopped on every other page, whose work needs the processors.
 
     `guidance_changed` when there is other advice, `ball_seen` when the ball was looked at again.
     """
@@ -42,6 +46,7 @@ class AdviceController(ControllerPart):
         self.guidance: GuidanceView | None = None
         self._planned_for: tuple[tuple[str, str], ...] | None = None
         self._asked: tuple[tuple[str, str], ...] | None = None
+        self._answers: dict[object, GuidanceView] = {}
         main.changed.connect(self.plan_next)
 
     def close(self) -> None:
@@ -50,6 +55,7 @@ class AdviceController(ControllerPart):
         self.seer.abandon(_PATIENCE_MS)
         self.lying = None
         self.guidance, self._planned_for = None, None
+        self._answers.clear()
 
     def plan_next(self) -> None:
         """Have the engine work out the next placement, beside everything else; the last question asked counts."""
@@ -58,19 +64,32 @@ class AdviceController(ControllerPart):
             return
         if project.by_board:  # advice is for the ball
             return
+        if not self._is_wanted:
+            self.planner.cancel()
+            return
         known = self._recording.dots
         dots = {name: known[name] for name in project.placements if name in project.taken and name in known}
         masks = (("masks", fingerprint(project.masks)),) if dots else ()
         key = (*((name, project.taken[name]) for name in dots), *masks)
         if key == self._planned_for:
             return
-        self.guidance, self._planned_for = None, key
+        self.guidance, self._planned_for = self._answers.get(self._kept_as(key)), key
         self.planner.cancel()
         self.lying = None
-        if dots and self.planner.running is None:
+        if dots and self.guidance is None and self.planner.running is None:
             self._asked = key
             self._ask(dots, coarse=True)
         self.guidance_changed.emit()
+
+    @property
+    def _is_wanted(self) -> bool:
+        """Whether a placement is shown, the only page with advice."""
+        return self.project is not None and self.project.step.startswith("placement:")
+
+    @staticmethod
+    def _kept_as(key: tuple[tuple[str, str], ...] | None) -> object:
+        """What an answer depends on: the placements as they were captured, masks, and the limit of dots."""
+        return key, limits.now().needed_dots
 
     def _ask(self, dots: Mapping[str, SetDots], coarse: bool) -> None:
         """Have the engine work it out: first coarsely, then well."""
@@ -81,7 +100,9 @@ class AdviceController(ControllerPart):
         work = plan_coarse if coarse else plan_next
 
         def done(found: GuidanceView | None) -> None:
-            if coarse and self._asked == self._planned_for:
+            if coarse and not self._is_wanted:
+                self._planned_for = None
+            elif coarse and self._asked == self._planned_for:
                 if found is not None:
                     self.guidance = found
                 self._ask(dots, coarse=False)
@@ -145,6 +166,10 @@ class AdviceController(ControllerPart):
             self._plan_again()
             return
         self.guidance = found
+        if found is not None:
+            self._answers[self._kept_as(self._asked)] = found
+            while len(self._answers) > _KEPT:
+                del self._answers[next(iter(self._answers))]
         self.guidance_changed.emit()
 
     def _not_planned(self, error: BaseException) -> None:

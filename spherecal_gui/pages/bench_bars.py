@@ -287,9 +287,9 @@ class BarsTab(QWidget):
             mark = MARKS["bad"] if wrong else MARKS[level]
             nominal = next((one.nominal or one.certified for one in bar.lengths if one.nominal or one.certified), "")
             size = f"  ·  {nominal} mm" if nominal else ""
-            first = f"{mark} {bar.serial or self.tr('new bar')}{size}"
+            serial = bar.serial or self.tr("new bar")  # not within the f-string: lupdate does not look there
             state = self.tr("something is missing") if wrong else text
-            item.setText(f"{first}\n    {' · '.join(one for one in (roles[bar.role], state) if one)}")
+            item.setText(f"{mark} {serial}{size}\n    {' · '.join(one for one in (roles[bar.role], state) if one)}")
         self.list.setCurrentRow(self.chosen if bars else -1)
         self.list.blockSignals(False)
 

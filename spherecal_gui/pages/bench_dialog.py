@@ -19,7 +19,7 @@ from spherecal_gui.tasks.bench_desk import BenchDesk
 from spherecal_gui.widgets.basic import button, enable, label, set_level
 
 _SIZE = (1180, 720)  # fits 1280 x 800 with the window's frame and a task bar
-_MOST_TOLD = 6  # lines of an import that are shown; the dialog must not outgrow the screen
+_MOST_LINES = 6  # lines of an import that are shown; the dialog must not outgrow the screen
 
 
 class BenchDialog(QDialog):
@@ -157,9 +157,9 @@ class BenchDialog(QDialog):
 
     def _tell(self, text: str, level: str) -> None:
         lines = text.splitlines()
-        more = self.tr("and {count} more").format(count=len(lines) - _MOST_TOLD)
-        self.message.setText("\n".join(lines if len(lines) <= _MOST_TOLD else [*lines[:_MOST_TOLD], more]))
-        self.message.setToolTip("" if len(lines) <= _MOST_TOLD else text)
+        more = self.tr("and {count} more").format(count=len(lines) - _MOST_LINES)
+        self.message.setText("\n".join(lines if len(lines) <= _MOST_LINES else [*lines[:_MOST_LINES], more]))
+        self.message.setToolTip("" if len(lines) <= _MOST_LINES else text)
         set_level(self.message, level)
         self.message.setVisible(bool(text))
 

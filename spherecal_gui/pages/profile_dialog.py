@@ -154,7 +154,7 @@ class ProfileDialog(QDialog):
         care, note = kept.entry(number).care, ""
         asked = ""
         if care:
-            asked = f"{care}\n{self.tr('It is to be used with care. Why may it be put to use?')}"
+            asked = "\n".join([care, self.tr("It is to be used with care. Why may it be put to use?")])
         elif number not in self._verified:
             asked = self.tr("It was not verified. Why may it be put to use?")
         if asked:

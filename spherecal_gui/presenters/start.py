@@ -156,7 +156,8 @@ def validity_of(profile: Path) -> tuple[str, Level, str]:
     word = f"{word} · {_short_age(kept.active.calibrated_at)}"
     if profile.name == TRAINING_PROFILE and kept.active is not None:
         # green would pass for a calibration of the real rig from three metres
-        word, level = f"{translate('Source', 'SIMULATED')} · {word}", "caution" if level == "good" else level
+        simulated = translate("Source", "SIMULATED")
+        word, level = f"{simulated} · {word}", "caution" if level == "good" else level
     made = f"{kept.active.calibrated_at.astimezone():%Y-%m-%d %H:%M}"
     when = translate("Validity", "Calibration {number} of {made}").format(number=kept.active_id, made=made)
     return word, level, "; ".join(one for one in (when, kept.active.note, *found.reasons) if one)

@@ -102,7 +102,7 @@ class VerificationView(QSplitter):
             Whether it is out of date.
         """
         verdict = bar_verdict(bars)
-        word = f"{verdict.word}  {self.tr('(out of date)')}" if stale else verdict.word
+        word = "  ".join([verdict.word, self.tr("(out of date)")]) if stale else verdict.word
         self.words: tuple[str, Level] = (word, "caution" if stale else verdict.level)
         self.sentence.setText(verdict.sentence)
         self.errors.show_errors(errors_of(bars))

@@ -1,4 +1,4 @@
-"""How the dots of the ball hang together from placement to placement: the four models of the network.
+"""How the dots of the ball are connected from placement to placement: the four models of the network.
 
 All of them have the same arrays, empty where a model has none of them, so that what does not depend on the model needs
 no case of its own.
@@ -115,7 +115,7 @@ class Deformable:
 
 @dataclass(frozen=True)
 class ShapePrior:
-    """The ball's shape as it was found before.
+    """The ball's shape, known from an earlier calibration.
 
     Attributes
     ----------
@@ -135,7 +135,7 @@ class ShapePrior:
         return self.information[:, 0, 0] > 0
 
     def off(self, points: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """How far points (p,3) are from it, 0 where nothing is known, and that times the information."""
+        """Deviations of points (p,3) from the shape, 0 where nothing is known, and these times the information."""
         off = np.where(self.known[:, None], points - self.places, 0.0)
         return off, np.einsum("pij,pj->pi", self.information, off)
 
@@ -180,5 +180,5 @@ BallModel: TypeAlias = Free | Rigid | Deformable | Stored
 
 
 def as_rigid(ball: BallModel) -> BallModel:
-    """The same placements of a ball that neither has shape noise nor is known before; a free network stays free."""
+    """The same placements of a ball without shape noise and without a known shape; a free network stays free."""
     return ball if isinstance(ball, Free) else Rigid(ball.placement, ball.free_placement)

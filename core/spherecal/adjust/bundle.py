@@ -69,7 +69,7 @@ class Adjustment:
 
 
 def usable_features(network: Network, state: State, candidates: BoolArray) -> tuple[FloatArray, BoolArray]:
-    """Triangulated points (m,3) and which of them may enter an adjustment: in front, well conditioned, not wild.
+    """Triangulated points (m,3) and which of them may enter an adjustment: in front, well conditioned, no gross error.
 
     Parameters
     ----------
@@ -255,12 +255,12 @@ def refine(network: Network, state: State, used: BoolArray, placed: BoolArray, c
 
 
 def _first_damping(problem: Problem) -> float:
-    """Of a good start. Long chains of cameras sway so easily that the usual damping makes them creep."""
+    """The damping from a good start: with the usual one, long flexible chains of cameras converge slowly."""
     return LARGE_DAMPING if problem.layout.expanded >= LARGE_COLUMNS else Settings().first_damping
 
 
 def _triangulate_missing(network: Network, state: State, candidates: BoolArray) -> State:
-    """The state with points for features that had none, where candidates (n,) as the cameras now are agree on them."""
+    """The state with points for features that had none, where candidates (n,) agree with the present cameras."""
     missing = np.isnan(state.points[:, 0])
     rows = candidates & missing[network.feature]
     rows &= (network.views(rows) >= 2)[network.feature]
@@ -340,7 +340,7 @@ def _gate(network: Network, state: State, placed: BoolArray, used: BoolArray) ->
 
 
 def _noise(size: FloatArray) -> float:
-    """Robust standard deviation of one coordinate from lengths of residuals: by their median or their upper end.
+    """Robust standard deviation of one coordinate from lengths of residuals: from their median or an upper quantile.
 
     Both agree for normal noise. With heavy tails the median alone makes the gate so narrow that good observations fail.
     Infinite lengths, of points behind a camera, say nothing of its noise: they would open the gate to themselves.

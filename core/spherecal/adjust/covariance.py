@@ -1,6 +1,6 @@
 """Covariance of an adjusted network in the free-network datum (see `covariance_factors`).
 
-Where length rows give the scale, the datum takes it back as well; `stretch` says how well it is known.
+Where length rows give the scale, the datum removes it as well; `stretch` says how well it is known.
 """
 
 from dataclasses import dataclass, replace
@@ -65,7 +65,7 @@ class Covariance:
         return parts.inverse[:n, :n] - mixed - mixed.T + gauge_weights @ gauge_inner @ gauge_weights.T
 
     def with_size(self) -> "Covariance":
-        """The same with the uncertainty of the size left in, where length rows give it: cameras only."""
+        """The same including the uncertainty of the size, where length rows give it: cameras only."""
         parts = self._parts
         if self.stretch is None:
             return self

@@ -104,7 +104,7 @@ class CovarianceFactors(ABC):
 
     @abstractmethod
     def place_cofactors(self) -> FloatArray:
-        """Cofactors (f,3,3) of the features' places in the datum; NaN where one takes no part."""
+        """Cofactors (f,3,3) of the features' places in the datum; NaN where one is not used."""
 
     @property
     def n_camera_columns(self) -> int:
@@ -134,7 +134,7 @@ class CovarianceFactors(ABC):
         return self.gauge_rows @ self.gauge_cross + noise
 
     def take_back(self, cofactors: FloatArray, gauge_cross: FloatArray, gauge_weights: FloatArray) -> None:
-        """Bring cofactors (f,3,3) of places to the datum, in place.
+        """Transform cofactors (f,3,3) of places to the datum, in place.
 
         Parameters
         ----------

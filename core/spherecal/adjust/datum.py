@@ -18,14 +18,14 @@ from spherecal.geometry.rotation import cross_matrix
 
 @dataclass(frozen=True)
 class Places:
-    """Features of the rigid form: feature i is the ball's point `point[i]` as placement `placement[i]` carries it."""
+    """Features of the rigid form: feature i is the ball's point `point[i]`, moved by placement `placement[i]`."""
 
     point: IntArray
     placement: IntArray
 
 
 def carried_dots(state: State, places: Places | None) -> tuple[FloatArray, FloatArray]:
-    """Rotation (f,3,3) that carries each feature's point, and the point turned by it (f,3); empty in the free form.
+    """Rotation (f,3,3) of each feature's point, and the rotated point (f,3); empty in the free form.
 
     Parameters
     ----------
@@ -55,7 +55,7 @@ class Motions:
 
 
 def datum_motions(problem: Problem, state: State, places: Places | None = None) -> Motions:
-    """Three shifts, three turns about the centroid and one stretch, as far as the datum is to take them back.
+    """Three shifts, three turns about the centroid and one stretch, as far as the datum removes them.
 
     One locked camera leaves the stretch about its centre, two or more leave nothing. A known length makes the stretch
     seen.
@@ -144,7 +144,7 @@ def _moved_placements(state: State, centroid: FloatArray, spread: float) -> Floa
 
 
 def _moved_anchored(state: State, centroid: FloatArray, spread: float) -> FloatArray:
-    """How placements move when a stored shape holds the ball's points in their frame, (t*6,7); the first is the world.
+    """How placements move when a stored shape fixes the ball's points in their frame, (t*6,7); the first is the world.
 
     In a stretch the shape grows in its frame.
     """

@@ -1,9 +1,9 @@
 """The deformable ball: it keeps its shape but for shape noise, X = R_t S + T_t + e with e ~ N(0, tau^2) per coordinate.
 
-Between the free form (tau infinite) and the rigid one (tau 0). It is solved as the rigid form whose observations of one
-dot at one placement have the dot's shape noise in common as an error (generalised least squares; A. C. Aitken, 1936):
-`deformable_kernel`. So no step depends on where the points are off the shape, and ties do not shrink the network, whose
-size nothing else holds.
+It is between the free form (tau infinite) and the rigid one (tau 0). It is solved as the rigid form whose observations
+of one dot at one placement have the dot's shape noise in common as an error (generalised least squares; A. C. Aitken,
+1936): `deformable_kernel`. So no step depends on where the points are off the shape. Ties do not shrink the network,
+whose size nothing else fixes.
 """
 
 from dataclasses import dataclass
@@ -23,7 +23,7 @@ LEAST_DAMPING = 1e-7
 
 @dataclass(frozen=True)
 class ShapeNoise:
-    """What the shape noise takes of the observations at a linearisation, in the ball's frame.
+    """The part of the observations that the shape noise absorbs at a linearisation, in the ball's frame.
 
     Group g are the observations of one dot at one placement: rows from `start[g]` (g + 1,) on. `of` (n,) is the group
     of each row, `place` (g,) its number among the places, `dot` and `placement` (g,) what it is. `normal` (g,3,3) is V,
@@ -46,14 +46,14 @@ class ShapeNoise:
         return _summed(np.einsum("nki,nk->ni", self.linear.at(slice(None)).by_point, residual), self.start)
 
     def taken(self, residual: FloatArray) -> float:
-        """What the shape noise takes off the squares of residuals (n,2): r'J Q J'r."""
+        """The reduction of the squares of residuals (n,2) by the shape noise: r'J Q J'r."""
         if not len(self.start):
             return 0.0
         b = self.pulled(residual)
         return float(np.einsum("gi,gij,gj->", b, self.q, b))
 
     def shape_residual(self, state: State) -> FloatArray:
-        """How far each place (f,3) is off the shape in the world; 0 where nothing is observed."""
+        """Deviations (f,3) of the places from the shape, in the world; 0 where nothing is observed."""
         out = np.zeros((len(self.problem.ball.shape_sd), 3))
         off = np.einsum("gij,gj->gi", self.q, self.pulled(self.linear.residual))
         out[self.place] = -np.einsum("gij,gj->gi", state.placement_rotation[self.placement], off)
@@ -115,7 +115,7 @@ def shape_noise_matrices(normal: FloatArray, shape_sd: FloatArray) -> tuple[Floa
 
 
 def left_over(problem: Problem, state: State) -> tuple[FloatArray, FloatArray]:
-    """Residuals (n,2) that the shape noise leaves; how much of each observation's rows its own point takes (n,).
+    """Residuals (n,2) that the shape noise leaves; how much of each observation's rows its own point absorbs (n,).
 
     Parameters
     ----------

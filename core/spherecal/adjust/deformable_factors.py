@@ -45,7 +45,7 @@ class DeformableFactors(CovarianceFactors):
 
     @property
     def point_of_feature(self) -> IntArray:
-        """A number (f,) for each feature, its own where it has shape noise: it says more than its dot alone."""
+        """A number (f,) for each feature, its own where it has shape noise: it contains more than its dot alone."""
         assert self.places is not None
         count = len(self.places.point)
         return np.where(self.problem.ball.shape_sd > 0, self.problem.n_points + np.arange(count), self.places.point)
@@ -63,7 +63,7 @@ class DeformableFactors(CovarianceFactors):
         return np.asarray(self.by_columns.T @ flat).T
 
     def place_cofactors(self) -> FloatArray:
-        """Cofactors (f,3,3) of the features' places in the datum; NaN where one takes no part."""
+        """Cofactors (f,3,3) of the features' places in the datum; NaN where one is not used."""
         out = self.own_noise
         p, count, g = self.problem.n_points, len(out), self.moments.shape[0]
         gauge_cross = np.asarray(self.by_columns @ self.gauge_cross).reshape(count, 3, g)

@@ -6,7 +6,7 @@ have in common. J are their derivatives by the dot, V = J'J. By the matrix inver
     (I + tau^2 J J')^-1 = I - J Q J',  Q = tau^2 (I + tau^2 V)^-1.
 
 So e is eliminated before the dot itself. The dot then meets the other unknowns by P J' with P = I - Q V. tau = 0 is a
-place of a rigid ball. The pieces are those of `schur_kernel`; the loops are kernels of their own, as these take 15
+place of a rigid ball. The pieces are those of `schur_kernel`; the loops are separate kernels, as these take 15
 seconds to compile and few balls need them.
 """
 
@@ -37,7 +37,7 @@ def _end_of_place(begin, end, of_row):
 
 
 @njit(**INNER)
-def _weigh_play(v, variance, q, p):
+def _weigh_deformation(v, variance, q, p):
     """Q = tau^2 (I + tau^2 V)^-1 and P = I - Q V = (I + tau^2 V)^-1 of a place."""
     for i in range(3):
         for j in range(3):
@@ -49,8 +49,8 @@ def _weigh_play(v, variance, q, p):
 
 
 @njit(**INNER)
-def _add_through_play(p, v, g, v_place, g_place):
-    """V and g of a point get what the shape noise of one of its places leaves of the place's."""
+def _add_through_deformation(p, v, g, v_place, g_place):
+    """Add to V and g of a point what the shape noise of one of its places leaves of those of the place."""
     for i in range(3):
         for j in range(3):
             g[i] += p[i, j] * g_place[j]
@@ -163,13 +163,13 @@ def eliminate_places(
                 gradient,
                 square,
             )
-            _weigh_play(v_place, shape_sd[of_row[first]] ** 2, q, p)
+            _weigh_deformation(v_place, shape_sd[of_row[first]] ** 2, q, p)
             weigh(own_weighted, own, 0, q, own_size)
             subtract_point(matrix, own_weighted, own, own_size, own_blocks, n_own, offset, width)
             subtract_gradient(gradient, own_weighted, 0, own_size, g_place, own_blocks, n_own, offset, width)
             weigh(own_weighted, own, 0, p, own_size)
             _add_coupling(coupling, size, place, own_weighted, own_size, own_blocks, n_own, width)
-            _add_through_play(p, v, g, v_place, g_place)
+            _add_through_deformation(p, v, g, v_place, g_place)
             for s in range(n_own):
                 place_in_own[own_blocks[s]] = -1
             first = last
@@ -240,17 +240,17 @@ def _add_change(by_point, k, d0, d1, out):
 
 @njit(**INNER)
 def _noise_of_place(begin, end, by_point, variance, q, p):
-    """Q and P of the place that has the rows begin to end."""
+    """Q and P of the place with the rows begin to end."""
     v = np.zeros((3, 3))
     for k in range(begin, end):
         for i in range(3):
             for j in range(3):
                 v[i, j] += by_point[k, 0, i] * by_point[k, 0, j] + by_point[k, 1, i] * by_point[k, 1, j]
-    _weigh_play(v, variance, q, p)
+    _weigh_deformation(v, variance, q, p)
 
 
 @njit(**INNER)
-def _add_changes_through_play(begin, end, of_row, shape_sd, by_point, residual, change, q, p, out):
+def _add_changes_through_deformation(begin, end, of_row, shape_sd, by_point, residual, change, q, p, out):
     """out (3,) += what the shape noise of a point's places leaves of J' times the change of their residuals."""
     first = begin
     met = np.empty(3)
@@ -267,8 +267,8 @@ def _add_changes_through_play(begin, end, of_row, shape_sd, by_point, residual, 
 
 
 @njit(**INNER)
-def _squares_of_play(begin, end, of_row, shape_sd, by_point, change, step, q, p):
-    """What the shape noise of a point's places takes off the squares (in `change`) after the point's step."""
+def _squares_of_deformation(begin, end, of_row, shape_sd, by_point, change, step, q, p):
+    """The reduction of the squares (in `change`) by the shape noise of a point's places, after the point's step."""
     taken, first = 0.0, begin
     met = np.empty(3)
     while first < end:
@@ -343,9 +343,9 @@ def substitute_places(
             change[k - begin] = _change_of_row(
                 k, camera, placement, n_cameras, by_camera, by_placement, offset, step, residual[k, 0], residual[k, 1]
             )
-        _add_changes_through_play(begin, end, of_row, shape_sd, by_point, residual, change, q, p, g)
+        _add_changes_through_deformation(begin, end, of_row, shape_sd, by_point, residual, change, q, p, g)
         if not is_kept[point]:
             _step_point(point_step[point], inverse[point], g[0], g[1], g[2])
         squares = _add_squares_after(begin, end, by_point, point_step[point], change, squares)
-        squares -= _squares_of_play(begin, end, of_row, shape_sd, by_point, change, point_step[point], q, p)
+        squares -= _squares_of_deformation(begin, end, of_row, shape_sd, by_point, change, point_step[point], q, p)
     return squares

@@ -1,9 +1,9 @@
 """The reduced system of large rigs in the rigid form: points that half of all cameras see, one rank update for many.
 
-A dot of a ball that was walked through a hall, or kept in a dome, meets most cameras and placements, each dot others.
-Runs of points that meet the same ones, as `schur_kernel` has them, are then single points. Here the whitened couplings
-L^-1 W' of hundreds of points are put side by side over all columns and subtracted by one symmetric product (hall50:
-0.17 s instead of 0.88).
+If a ball is moved through a hall, or stays in a dome, each dot is seen by most cameras at most placements, and each by
+different ones. Runs of points with the same cameras and placements, as in `schur_kernel`, are then single points. Here
+the whitened couplings L^-1 W' of hundreds of points are put side by side over all columns and subtracted by one
+symmetric product (hall50: 0.17 s instead of 0.88).
 """
 
 import numpy as np

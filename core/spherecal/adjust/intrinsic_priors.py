@@ -28,7 +28,7 @@ _DENOMINATOR = slice(9, 12)
 
 
 def prior_sigmas(intrinsics: FloatArray) -> FloatArray:
-    """Standard uncertainties (c,16) of intrinsics as nominal values and ordinary lenses have them.
+    """Standard uncertainties (c,16) of intrinsics, typical of nominal values and ordinary lenses.
 
     Focal length 1 %, principal point 10 px at f = 2000 px, radial terms 0.1, tangential and prism terms 0.002.
     """
@@ -83,7 +83,7 @@ def poorly_observed(network: Network, candidates: BoolArray) -> BoolArray:
 
 
 def poorly_determined(problem: Problem, state: State, covariance: Covariance, variance: float) -> BoolArray:
-    """Cameras (c,) whose focal length came out worse than a data sheet's.
+    """Cameras (c,) whose estimated focal length is less certain than a data sheet's.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Where the unknowns have their columns in the reduced system, and how the engine's expanded system folds into it."""
+"""The columns of the unknowns in the reduced system, and how the engine's expanded system is folded into it."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -13,7 +13,7 @@ POSE = 6  # columns of a pose: rotation, then shift (docs/conventions.md)
 
 @dataclass(frozen=True)
 class Layout:
-    """Where each block has its columns in the expanded system, and how that folds into the reduced one.
+    """The columns of each block in the expanded system, and how that is folded into the reduced one.
 
     `block_offset`, `block_width`: `n_cameras` cameras first, then placements, then kept points. `column` (expanded,) is
     the reduced column or -1 where nothing is estimated. Prior rows: reduced column, camera and intrinsic of each.
@@ -54,7 +54,7 @@ class Layout:
 
     @cached_property
     def lens_owner(self) -> IntArray:
-        """For each camera (c,) the first one whose intrinsics are the same unknowns; itself where it is alone."""
+        """For each camera (c,) the first camera with the same unknown intrinsics; itself if no other shares them."""
         intrinsics = self._intrinsics
         _, first, same = np.unique(intrinsics, axis=0, return_index=True, return_inverse=True)
         return np.where((intrinsics >= 0).any(axis=1), first[same.reshape(-1)], np.arange(self.n_cameras))
@@ -91,7 +91,7 @@ class Layout:
         return padded[self.column]
 
     def expand_rows(self, reduced: FloatArray) -> FloatArray:
-        """A reduced matrix (d, m) brought to expanded rows (e, m)."""
+        """A reduced matrix (d, m) expanded to rows (e, m)."""
         return np.vstack([reduced, np.zeros((1, reduced.shape[1]))])[self.column]
 
 

@@ -1,4 +1,4 @@
-"""The linearisation of a large problem, computed block by block where it is needed instead of kept in memory.
+"""The linearisation of a large problem, computed block by block when needed instead of kept in memory.
 
 Its derivatives take 400 bytes an observation, ten times what the observation itself does.
 """
@@ -64,7 +64,7 @@ class Reduced:
 
 @dataclass(frozen=True)
 class PointEquations:
-    """What is known of the points beside their observations: normal matrices (p,3,3) and gradients (p,3)."""
+    """Information on the points besides their observations: normal matrices (p,3,3) and gradients (p,3)."""
 
     normal: FloatArray
     gradient: FloatArray

@@ -1,4 +1,4 @@
-"""The network an adjustment works on: who observes what, and what is known of each camera."""
+"""The network an adjustment works on: which camera observes what, and what is known about each camera."""
 
 from dataclasses import dataclass, replace
 
@@ -58,7 +58,7 @@ class Network:
         return replace(self, ball=self.ball.select(rows), **each)
 
     def with_sigma(self, sigma: FloatArray | None) -> "Network":
-        """The same with standard deviations (n,2) px of the observations, as it is where these state none."""
+        """The same with standard deviations (n,2) px of the observations; unchanged where these state none."""
         return self if sigma is None else replace(self, sigma=sigma)
 
     def problem(self, used: BoolArray, free: BoolArray, placed: BoolArray, weighted: bool) -> tuple[Problem, IntArray]:
@@ -156,13 +156,15 @@ class Network:
         camera = self.camera[rows]
         if isinstance(self.ball, Free):
             return camera, state.cameras
-        turn, shift = state.placement_rotation, state.placement_translation
-        size = np.cbrt(np.linalg.det(turn))  # of the ball, which a pose of the camera cannot have: all else is smaller
+        # of the ball, which a pose of the camera cannot have: all else is smaller
+        size = np.cbrt(np.linalg.det(state.placement_rotation))
         size = np.where(np.abs(size - 1) < 1e-9, 1.0, size)
-        rotation = np.einsum("cij,tjk->ctik", state.rotation, turn / size[:, None, None]).reshape(-1, 3, 3)
-        translation = np.einsum("cij,tj->cti", state.rotation, shift) + state.translation[:, None]
+        rotation = np.einsum("cij,tjk->ctik", state.rotation, state.placement_rotation / size[:, None, None]).reshape(
+            -1, 3, 3
+        )
+        translation = np.einsum("cij,tj->cti", state.rotation, state.placement_translation) + state.translation[:, None]
         translation = translation / size[:, None]
-        count = len(turn)
+        count = len(size)
         view = camera * count + self.ball.placement[rows]
         return view, PosedCameras(np.repeat(state.intrinsics, count, axis=0), rotation, translation.reshape(-1, 3))
 
@@ -190,7 +192,7 @@ class Network:
 
     @property
     def known(self) -> BoolArray:
-        """Features (m,) whose place on the ball is known before: one view is enough of them."""
+        """Features (m,) whose place on the ball is already known: one view of them is enough."""
         return self.ball.shape.known if isinstance(self.ball, Stored) else np.zeros(self.n_features, dtype=bool)
 
 

@@ -78,7 +78,7 @@ class Problem:
 
     @cached_property
     def elimination_runs(self) -> tuple[IntArray, BoolArray]:
-        """The elimination order (o,) and where in it (o,) points begin that other cameras or placements see."""
+        """The elimination order (o,), and where in it (o,) begin points that other cameras or placements see."""
         tag = np.random.default_rng(0).integers(1, 2**62, self.n_cameras + self.n_placements, dtype=np.uint64)
         pattern = np.zeros(self.n_points, dtype=np.uint64)  # sums of tags: equal for equal sets, wrapping around
         np.add.at(pattern, self.point, tag[self.camera])
@@ -90,7 +90,7 @@ class Problem:
 
     @cached_property
     def kept_points(self) -> IntArray:
-        """Points that length rows touch: they stay in the reduced system."""
+        """Points that length rows use: they stay in the reduced system."""
         return np.unique(self.lengths.points[self.lengths.coefficient != 0])
 
     @cached_property
@@ -105,7 +105,7 @@ class Problem:
 
     @property
     def rows(self) -> int:
-        """Scalar observation equations: two an image point, one a length, one a prior, three a dot known before."""
+        """Scalar observation equations: two for an image point, one for a length or prior, three for a stored dot."""
         others = len(self.lengths.length) + len(self.layout.prior_columns) + 3 * int(self.known_points.sum())
         return 2 * len(self.uv) + others
 
@@ -248,8 +248,8 @@ def moved(problem: Problem, state: State, reduced_step: FloatArray, point_step: 
 
 
 def _moved_poses(rotation: FloatArray, translation: FloatArray, step: FloatArray) -> tuple[FloatArray, FloatArray]:
-    turn = exp_rotation(step[:, :3])
-    return turn @ rotation, np.einsum("cij,cj->ci", turn, translation) + step[:, 3:]
+    rotation_change = exp_rotation(step[:, :3])
+    return rotation_change @ rotation, np.einsum("cij,cj->ci", rotation_change, translation) + step[:, 3:]
 
 
 def prior_residuals(problem: Problem, state: State) -> tuple[FloatArray, FloatArray]:

@@ -1,9 +1,10 @@
 """Cameras that may have converged to a wrong pose, resected against the points that the others agree on.
 
 A weakly observed camera that starts wrong finds a local minimum and stays there; least squares cannot leave it, and a
-low weight hides it. So after an adjustment every camera is doubted whose residuals stand out, that has few points, or
-whose points were mostly left out. It is resected from points that it did not help to find, as incremental pipelines do
-(J. Schoenberger, J.-M. Frahm, Structure-from-motion revisited, 2016). See docs/decisions/0008-wrong-minima.md.
+low weight hides it. So after an adjustment a camera is doubtful if its residuals are conspicuous, if it has few points,
+or if most of its points were left out. It is resected from points that it did not help to find, as incremental
+pipelines do (J. Schoenberger, J.-M. Frahm, Structure-from-motion revisited, 2016). See
+docs/decisions/0008-wrong-minima.md.
 """
 
 from dataclasses import dataclass, replace
@@ -50,7 +51,7 @@ class Resections:
 def with_right_poses(
     network: Network, state: State, used: BoolArray, candidates: BoolArray, placed: BoolArray, context: Context
 ) -> Resections:
-    """The network with every doubtful camera at its best pose, adjusted again (equal weights) where one changed.
+    """The network with every doubtful camera at its best pose, adjusted again (equal weights) if one changed.
 
     A camera whose second-best pose fits nearly as well keeps none: `ambiguous`.
 
@@ -89,7 +90,7 @@ def with_right_poses(
 def doubtful_cameras(
     network: Network, state: State, used: BoolArray, candidates: BoolArray, placed: BoolArray
 ) -> BoolArray:
-    """Cameras (c,) that may be in a wrong minimum: residuals that stand out, few points, many left out.
+    """Cameras (c,) that may be in a wrong minimum: conspicuous residuals, few points, many left out.
 
     Parameters
     ----------
@@ -192,7 +193,7 @@ class _View:
 
 
 def _of_the_others(network: Network, state: State, used: BoolArray, doubtful: BoolArray) -> State:
-    """The state with the points as the cameras that are beyond doubt have them, NaN where these do not."""
+    """The state with the points located by the cameras that are not doubtful, NaN where these cannot locate them."""
     points, good = usable_features(network, state, used & ~doubtful[network.camera])
     return replace(state, points=np.where(good[:, None], points, np.nan))
 

@@ -1,4 +1,4 @@
-"""Rows of an adjustment that are no image points: known lengths and known intrinsics."""
+"""Rows of an adjustment that are not image points: known lengths and known intrinsics."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -58,7 +58,7 @@ class Priors:
     sigma: FloatArray
 
     def is_known(self, camera: int, intrinsic: int) -> bool:
-        """Whether anything is known of an intrinsic of a camera.
+        """Whether anything is known about an intrinsic of a camera.
 
         Parameters
         ----------

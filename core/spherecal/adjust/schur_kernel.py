@@ -139,7 +139,7 @@ def _block(kind, k, camera, placement, n_cameras, lens):
 
 @njit(**INNER)
 def meet(begin, end, camera, placement, n_cameras, lens, width, place, blocks):
-    """How many blocks meet a point, and how many columns they have together.
+    """The number of blocks that are coupled to a point, and of their columns together.
 
     Parameters
     ----------
@@ -443,7 +443,7 @@ def add_squares(matrix, diagonal, square, offset, width, lens):
 
 @njit(**INNER)
 def most_columns(camera, placement, n_cameras, begins, ends, lens, width, place):
-    """The largest number of columns that meet in one point.
+    """The largest number of columns that are coupled to one point.
 
     Parameters
     ----------

@@ -44,7 +44,7 @@ class State:
 
     @property
     def is_anchored(self) -> bool:
-        """Whether a stored shape holds the ball's frame."""
+        """Whether a stored shape defines the ball's frame."""
         return len(self.anchored) > 0
 
     def scaled(self, factor: float) -> "State":
@@ -76,11 +76,13 @@ class State:
             shape_residual=self.shape_residual @ r.T,
         )
         if self.is_anchored:  # the placements move instead of the shape; the first one is the world itself
-            turn, shift = r @ self.placement_rotation, self.placement_translation @ r.T + t
-            turn[0], shift[0] = np.eye(3), 0.0
+            of_ball, translation = r @ self.placement_rotation, self.placement_translation @ r.T + t
+            of_ball[0], translation[0] = np.eye(3), 0.0
             points = np.where(self.anchored[:, None], self.points, moved.points)
-            return replace(moved, points=points, placement_rotation=turn, placement_translation=shift)
-        turn = r @ self.placement_rotation @ r.T
+            return replace(moved, points=points, placement_rotation=of_ball, placement_translation=translation)
+        of_ball = r @ self.placement_rotation @ r.T
         return replace(
-            moved, placement_rotation=turn, placement_translation=self.placement_translation @ r.T + t - turn @ t
+            moved,
+            placement_rotation=of_ball,
+            placement_translation=self.placement_translation @ r.T + t - of_ball @ t,
         )

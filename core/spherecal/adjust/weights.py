@@ -1,4 +1,4 @@
-"""Weights by camera (variance components): a blurred camera neither spoils the rest nor is thrown away.
+"""Weights by camera (variance components): a blurred camera neither spoils the rest nor is left out.
 
 Only noise is weighted: what differs between neighbouring dots of an image (J. von Neumann, Distribution of the ratio of
 the mean square successive difference to the variance, 1941). What neighbours share must not be hidden by a low weight:
@@ -106,7 +106,7 @@ def _own_unknowns(problem: Problem) -> FloatArray:
 
 
 def rough_noise(network: Network, state: State, used: BoolArray) -> FloatArray:
-    """Noise (c,) of cameras before any is known, by their typical residuals: only what sticks out counts.
+    """Noise (c,) of cameras for a start, from their typical residuals: only conspicuous cameras differ.
 
     Without it a blurred camera pulls the points it shares, and good observations of its partners fail the gate.
 

@@ -2,10 +2,10 @@
 
 Where the rigid form fits worse than free points, either the ball changed its shape or the cameras err: a lens beyond
 its model, a pose that drifts. Let r_i be the residual of view i of a dot at one placement in the rigid form, B_i its
-derivatives by the dot and H_ij = B_i (B'B)^-1 B_j'. A place of its own for the dot there takes sum_ij r_i' H_ij r_j
-off the squares. A dot that moved contributes to the terms i = j and to those between cameras; errors of single cameras
-only to the former. The terms between cameras are therefore compared with their expectation for noise. See
-docs/decisions/0011-ball-or-lenses.md.
+derivatives by the dot and H_ij = B_i (B'B)^-1 B_j'. A separate place for the dot there reduces the sum of squares by
+sum_ij r_i' H_ij r_j. A dot that moved contributes to the terms i = j and to those between cameras; errors of single
+cameras contribute only to the former. The terms between cameras are therefore compared with their expectation for
+noise. See docs/decisions/0011-ball-or-lenses.md.
 """
 
 from dataclasses import dataclass

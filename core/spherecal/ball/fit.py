@@ -106,12 +106,12 @@ def solve_from(
     return replace(fit, ambiguous=ambiguous)
 
 
-def with_lengths(solved: BallFit, rows: LengthRows, factor: float, run: Run) -> BallFit:
-    """The solution again with known lengths between features inside.
+def with_lengths(fit: BallFit, rows: LengthRows, factor: float, run: Run) -> BallFit:
+    """The solution including known lengths between features.
 
     Parameters
     ----------
-    solved
+    fit
         The solution without the lengths.
     rows
         Lengths between features.
@@ -120,16 +120,16 @@ def with_lengths(solved: BallFit, rows: LengthRows, factor: float, run: Run) -> 
     run
         What the stages share.
     """
-    free = None if solved.free is None else with_lengths(solved.free, rows, factor, run)
-    if solved.rigid is not None:
-        rows = replace(rows, points=solved.rigid.places.point[rows.points])
+    free = None if fit.free is None else with_lengths(fit.free, rows, factor, run)
+    if fit.rigid is not None:
+        rows = replace(rows, points=fit.rigid.places.point[rows.points])
     # rows are to weigh against image points as both really scatter
-    rows = replace(rows, covariance=rows.covariance / max(solved.adjusted.variance, LEAST_NOISE**2))
-    network = replace(solved.network, lengths=rows, ball=solved.network.ball.scaled(factor))
-    state = solved.adjusted.state.scaled(factor)
-    adjusted = refine(network, state, solved.adjusted.used, solved.placed, run.context)
-    again = finished_solution(network, adjusted, solved.placed, replace(run, plain=True), solved.rigid)
-    return replace(again, has_prior=solved.has_prior, free=free)
+    rows = replace(rows, covariance=rows.covariance / max(fit.adjusted.variance, LEAST_NOISE**2))
+    network = replace(fit.network, lengths=rows, ball=fit.network.ball.scaled(factor))
+    state = fit.adjusted.state.scaled(factor)
+    adjusted = refine(network, state, fit.adjusted.used, fit.placed, run.context)
+    again = finished_solution(network, adjusted, fit.placed, replace(run, plain=True), fit.rigid)
+    return replace(again, has_prior=fit.has_prior, free=free)
 
 
 def finished_solution(
@@ -181,17 +181,15 @@ def solve_with_priors(
     """
     known = run.known
     has_prior = poorly_observed(network, candidates) & placed
-    solved = solution(with_intrinsic_priors(network, known, has_prior, 1.0))
+    fit = solution(with_intrinsic_priors(network, known, has_prior, 1.0))
     if has_prior.any():  # again with the noise that only the adjustment tells
-        solved = solution(with_intrinsic_priors(network, known, has_prior, np.sqrt(solved.adjusted.variance)))
-    while solved.cofactors is not None:
-        weak = poorly_determined(
-            solved.adjusted.problem, solved.adjusted.state, solved.cofactors, solved.adjusted.variance
-        )
+        fit = solution(with_intrinsic_priors(network, known, has_prior, np.sqrt(fit.adjusted.variance)))
+    while fit.cofactors is not None:
+        weak = poorly_determined(fit.adjusted.problem, fit.adjusted.state, fit.cofactors, fit.adjusted.variance)
         if not (weak & ~has_prior).any():
             break
-        again = solution(with_intrinsic_priors(network, known, has_prior | weak, np.sqrt(solved.adjusted.variance)))
-        if again.adjusted.variance > MOST_WORSE_BY_FIXING * solved.adjusted.variance:
+        again = solution(with_intrinsic_priors(network, known, has_prior | weak, np.sqrt(fit.adjusted.variance)))
+        if again.adjusted.variance > MOST_WORSE_BY_FIXING * fit.adjusted.variance:
             break
-        solved, has_prior = again, has_prior | weak
-    return replace(solved, has_prior=has_prior)
+        fit, has_prior = again, has_prior | weak
+    return replace(fit, has_prior=has_prior)

@@ -1,4 +1,4 @@
-"""Every image with a pose of its own, as seen from the ball: what holds however cameras and ball were moved.
+"""Every image with a pose of its own relative to the ball: valid however cameras and ball were moved.
 
 Only the ball's shape and the lenses are common to the images. So neither a camera that moved nor a placement that is
 mixed up spoils anything; a ball that changed its shape does. What the images say of their poses together is kept as
@@ -38,7 +38,7 @@ LEAST_POINTS = 8
 MOST_IMAGES = 300
 # Once every image has its pose, most points are off by less than this unless a large move has bent a lens (0.03 to
 # 0.5 px; 2 px and more).
-LENSES_HELD_PX = 1.0
+FIXED_LENS_MISFIT_PX = 1.0
 
 
 @dataclass(frozen=True)
@@ -105,7 +105,7 @@ def images_of(network: Network, features: Features, rows: IntArray, n_ball: int)
 def solve_images(
     ball: BallNetwork, state: State, placed: BoolArray, alignment: Alignment, context: Context
 ) -> ImagePoses | None:
-    """The images' own poses from a rig's; None where there are too many, or too few to say anything.
+    """The images' own poses from a rig's; None where there are too many, or too few for a statement.
 
     Parameters
     ----------
@@ -136,27 +136,27 @@ def solve_images(
         np.full((images.n_features, 3), np.nan),
     )
     start, used = _settled(images, start, enough, context)
-    solved = refine(images, start, used, enough, context)
-    own = np.flatnonzero(np.bincount(solved.problem.camera, minlength=len(enough)))
-    linear = engine.linearise(solved.problem, solved.state, None)
-    normal = _of_poses(solved.problem, solved.state, linear, own)
-    if normal is None or solved.redundancy <= 0 or not solved.minimum.converged:
+    fit = refine(images, start, used, enough, context)
+    own = np.flatnonzero(np.bincount(fit.problem.camera, minlength=len(enough)))
+    linear = engine.linearise(fit.problem, fit.state, None)
+    normal = _of_poses(fit.problem, fit.state, linear, own)
+    if normal is None or fit.redundancy <= 0 or not fit.minimum.converged:
         return None
-    points = np.bincount(solved.problem.camera, minlength=len(enough))[own]
+    points = np.bincount(fit.problem.camera, minlength=len(enough))[own]
     return ImagePoses(
         own // n_ball,
         own % n_ball,
         points,
-        solved.state.rotation[own],
-        solved.state.translation[own],
+        fit.state.rotation[own],
+        fit.state.translation[own],
         normal,
-        _squares(solved.problem, linear)[own],
-        solved.variance,
+        _squares(fit.problem, linear)[own],
+        fit.variance,
     )
 
 
 def _settled(images: Network, start: State, enough: BoolArray, context: Context) -> tuple[State, BoolArray]:
-    """The images near their minimum, and the observations (n,) that fit: poses alone, and lenses where these bent."""
+    """The images near their minimum, and the observations (n,) that fit: poses alone, and lenses if these were bent."""
     candidates = enough[images.camera]
     state = triangulated(images, start, candidates)
     state = robust_adjustment(images, state, candidates, enough, RobustStep((), stage="moved cameras"), context)
@@ -170,7 +170,7 @@ def _settled(images: Network, start: State, enough: BoolArray, context: Context)
 def _fits(images: Network, state: State, candidates: BoolArray, enough: BoolArray) -> bool:
     """Whether every image shows the dots where it is said to: one of few points may have found a wrong pose."""
     judged = np.flatnonzero(candidates & np.isfinite(state.points[images.feature, 0]))
-    off = np.bincount(images.camera[judged], residual_size(images, state)[judged] >= LENSES_HELD_PX, len(enough))
+    off = np.bincount(images.camera[judged], residual_size(images, state)[judged] >= FIXED_LENS_MISFIT_PX, len(enough))
     return bool((2 * off < np.bincount(images.camera[judged], minlength=len(enough)))[enough].all())
 
 
@@ -183,7 +183,7 @@ def _squares(problem: Problem, linear: Linearisation) -> FloatArray:
 
 
 def _of_poses(problem: Problem, state: State, linear: Linearisation, images: IntArray) -> FloatArray | None:
-    """The normal matrix of the images' poses once dots and lenses are eliminated; None where lenses are not found."""
+    """The normal matrix of the images' poses with dots and lenses eliminated; None where lenses are not determined."""
     layout = problem.layout
     with one_blas_thread():
         whole = symmetric(normal_equations(problem, state, linear, 0.0).matrix)

@@ -1,10 +1,10 @@
-"""The ball at rest: every image as a camera of its own that looks at one ball.
+"""The ball at rest: every image is a camera of its own that looks at one ball.
 
 Groups of cameras that share no view all see the same ball, each from its side and turned from placement to placement.
 As seen from the ball, which does not move, their images overlap. One after the other is resected from the dots that
-those before it located, until all hang together. What is left is to read off the ball's pose at each placement and the
+those before it located, until all are connected. It remains to compute the ball's pose at each placement and the
 poses of the cameras of the other groups. In the groups' own frames too few dots are often located at two placements
-to align anything. Of two times three cameras facing each other, 30 of 48 recordings were linked by those, this way 48.
+to align anything. With two times three cameras facing each other, that way linked 30 of 48 recordings, this way 48.
 """
 
 from dataclasses import replace
@@ -32,7 +32,7 @@ MOST_IMAGES = 600
 def link_camera_groups(
     ball: BallNetwork, groups: list[InitialPoses], alignment: Alignment, context: Context
 ) -> tuple[InitialPoses, Alignment]:
-    """Start values of all cameras that the ball's shape links, and how the placements hang together.
+    """Start values of all cameras that the ball's shape links, and how the placements are connected.
 
     Parameters
     ----------
@@ -61,8 +61,8 @@ def link_camera_groups(
     root, first = _first(images, groups, n_ball)
     every = np.ones(len(images.uv), dtype=bool)
     first = InitialPoses(adjust_placed(images, first.state, first.placed, every, context), first.placed)
-    grown = resect_rest(images, first, every, context, lambda now: _whole_groups(now, groups, n_ball))
-    return _rig(groups[0], grown, count, alignment, root, taken)
+    resected = resect_rest(images, first, every, context, lambda now: _whole_groups(now, groups, n_ball))
+    return _rig(groups[0], resected, count, alignment, root, taken)
 
 
 def _most_seen(count: IntArray, n_cameras: int) -> IntArray:
@@ -91,7 +91,7 @@ def _first(images: Network, groups: list[InitialPoses], n_ball: int) -> tuple[in
 
 
 def _whole_groups(now: InitialPoses, groups: list[InitialPoses], n_ball: int) -> InitialPoses:
-    """The pose of one camera of a group gives those of the others, once two of them have given the group's scale."""
+    """Poses of whole groups: one camera's pose gives the others', once two of them have given the group's scale."""
     rotation, translation = now.state.rotation.copy(), now.state.translation.copy()
     placed = now.placed.reshape(-1, n_ball).copy()
     for group in groups:
@@ -110,7 +110,7 @@ def _whole_groups(now: InitialPoses, groups: list[InitialPoses], n_ball: int) ->
 
 
 def _size(now: InitialPoses, group: InitialPoses, n_ball: int) -> float | None:
-    """How much larger a group is in the ball's frame than in its own, by the distances between its cameras."""
+    """The size of a group in the ball's frame relative to its own, from the distances between its cameras."""
     ratios = []
     members = np.flatnonzero(group.placed)
     for t in range(n_ball):
@@ -132,15 +132,15 @@ def _pose(state: State, camera: int, size: float = 1.0) -> Similarity:
 
 
 def _rig(
-    start: InitialPoses, grown: InitialPoses, count: IntArray, alignment: Alignment, root: int, taken: IntArray
+    start: InitialPoses, resected: InitialPoses, count: IntArray, alignment: Alignment, root: int, taken: IntArray
 ) -> tuple[InitialPoses, Alignment]:
     """Cameras and placements from the images' poses, each from the image with most dots (count (c,t)) that shows it.
 
     `taken` (t,): which placements these are.
     """
     n_ball = count.shape[1]
-    placed = grown.placed.reshape(-1, n_ball) & (count > 0)
-    image = {(c, t): _pose(grown.state, c * n_ball + t) for c, t in np.argwhere(placed).tolist()}
+    placed = resected.placed.reshape(-1, n_ball) & (count > 0)
+    image = {(c, t): _pose(resected.state, c * n_ball + t) for c, t in np.argwhere(placed).tolist()}
     cameras = {c: _pose(start.state, c) for c in np.flatnonzero(start.placed).tolist()}
     placements = {root: IDENTITY}
     hang_together(image, {at: int(count[at]) for at in image}, cameras, placements)
@@ -148,7 +148,7 @@ def _rig(
     placed = start.placed.copy()
     for c, pose in cameras.items():
         rotation[c], translation[c], placed[c] = pose.rotation, pose.translation, True
-    lenses = grown.state.intrinsics[::n_ball]
+    lenses = resected.state.intrinsics[::n_ball]
     state = replace(start.state, rotation=rotation, translation=translation, intrinsics=lenses)
     roots = np.arange(len(alignment.root))
     ball_rotation, ball_translation = alignment.rotation.copy(), alignment.translation.copy()

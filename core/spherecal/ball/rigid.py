@@ -28,7 +28,7 @@ BLUNDER = 6.0
 
 @dataclass(frozen=True)
 class Alignment:
-    """How the placements of a network hang together by dots they share.
+    """How the placements of a network are connected by dots they share.
 
     - `root` (t,): the placement in whose frame each one's ball is described, itself where it shares too little.
     - `rotation` (t,3,3) and `translation` (t,3) carry that ball to the placement (I and 0 for roots).
@@ -64,7 +64,7 @@ class RigidNetwork:
     feature: IntArray
 
     def as_features(self, state: State) -> State:
-        """The state with a point for every feature of the free network, where its placement carries it."""
+        """The state with a point for every feature of the free network, where its placement moves it."""
         rotation = state.placement_rotation[self.places.placement]
         points = np.einsum("fij,fj->fi", rotation, state.points[self.places.point])
         points += state.placement_translation[self.places.placement]
@@ -96,12 +96,12 @@ class BallNetwork:
     candidates: BoolArray
 
     def aligned(self, points: FloatArray) -> Alignment:
-        """How the placements hang together by the dots that `points` (f,3) locates."""
+        """How the placements are connected by the dots that `points` (f,3) locates."""
         return align(self.features, points, self.n_placements, self.n_ball)
 
 
 def align(features: Features, points: FloatArray, n_placements: int, n_ball: int) -> Alignment:
-    """How the ball's placements hang together by the dots they share.
+    """How the ball's placements are connected by the dots they share.
 
     A tree of the pairs with most shared dots, outward from the placement that shares most.
 
@@ -155,7 +155,7 @@ def _tree(shared: IntArray, place: FloatArray, known: BoolArray, target: IntArra
 
 
 def fit_motion(source: FloatArray, goal: FloatArray, tags: IntArray, with_scale: bool) -> Similarity | None:
-    """The motion that takes dots to where they went, None where too few agree.
+    """The motion of dots from one placement to another, None where too few agree.
 
     Parameters
     ----------
@@ -180,7 +180,7 @@ def fit_motion(source: FloatArray, goal: FloatArray, tags: IntArray, with_scale:
 
 
 def _outward(shared: IntArray, motions: dict[tuple[int, int], Similarity]) -> dict[int, tuple[int, Similarity]]:
-    """Of every placement in a tree its root and the motion from the root's ball to it."""
+    """For every placement in a tree, its root and the motion of the ball from the root to it."""
     both = {**motions, **{(t, s): motion.inverse for (s, t), motion in motions.items()}}
     carried: dict[int, tuple[int, Similarity]] = {}
     for start in np.argsort(-shared.sum(axis=1), kind="stable").tolist():

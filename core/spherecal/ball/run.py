@@ -1,4 +1,4 @@
-"""What every stage of one calibration shares."""
+"""Data that every stage of one calibration shares."""
 
 from dataclasses import dataclass, field, replace
 
@@ -11,7 +11,7 @@ from spherecal.base.context import Context, Stopwatch
 
 @dataclass(frozen=True)
 class Run:
-    """One calibration on its way: what it knows before, the camera whose frame is the world, progress and stage times.
+    """A running calibration: what is known before, the camera whose frame is the world, progress and stage times.
 
     `known` (c,16) intrinsics before the adjustment. `next_references`: cameras to take instead of `reference`, in this
     order, where the adjustment leaves out all that it observed. `plain`, as in the paper: every observation weighs the
@@ -26,7 +26,7 @@ class Run:
     watch: Stopwatch = field(default_factory=Stopwatch)
 
     def accepting_partial(self) -> "Run":
-        """The same, for work whose caller holds a partial result."""
+        """The same, for work whose caller has a partial result."""
         return replace(self, context=self.context.accepting_partial())
 
     def reference_in(self, adjusted: Adjustment) -> int:

@@ -1,4 +1,4 @@
-"""The forms of the network, `free`, `soft` and `rigid`, and which of them the data carry.
+"""The forms of the network, `free`, `soft` and `rigid`, and which of them the data support.
 
 Free: every dot at every placement is a point of its own [Tao21]. Rigid: the ball is one object. Soft: it is, but its
 dots have some shape noise from placement to placement. See docs/formulation.md, The rigid ball, and
@@ -75,12 +75,12 @@ class ModelChoice:
 
     @property
     def ball_changed(self) -> bool:
-        """Whether the ball is to blame where the rigid form fits worse, not errors of single cameras."""
+        """Whether the ball, and not errors of single cameras, is the cause if the rigid form fits worse."""
         return self.agreement is None or self.agreement.is_certain
 
     @property
     def beyond(self) -> bool:
-        """Whether the rigid form fits worse than a ball that keeps its shape lets it."""
+        """Whether the rigid form fits worse than a ball that keeps its shape allows."""
         return self.ratio is not None and self.limit is not None and self.ratio > self.limit
 
     @property
@@ -91,7 +91,7 @@ class ModelChoice:
 
 @dataclass(frozen=True)
 class RequestedModel:
-    """The ball model that the user asks for, and the standard deviation of its dots where he knows it.
+    """The ball model that the user requests, and the standard deviation of its dots if it is known.
 
     `mm_per_unit` gives the length of the network's unit from its free form. `sizes` gives those of the ball at its
     placements (t,), relative to their mean, that the rigid form should have, by the free form's variance. With None for
@@ -111,7 +111,7 @@ def choose_ball_model(
     requested: RequestedModel,
     run: Run,
 ) -> tuple[BallFit, ModelChoice]:
-    """The rigid form where the data carry it (or it is requested), else the soft or the free one, with the reason.
+    """The rigid form if the data support it (or it is requested), else the soft or the free one, with the reason.
 
     Parameters
     ----------
@@ -149,8 +149,8 @@ def choose_ball_model(
         return free, choice
     start, used = first.state, first.used
     del first  # its observations take 64 MB of a million
-    solved = _rigid_solution(_without_priors(rigid), start, used, free.placed, run)
-    return _with_more_placements(solved, choice, ball, run)
+    fit = _rigid_solution(_without_priors(rigid), start, used, free.placed, run)
+    return _with_more_placements(fit, choice, ball, run)
 
 
 def _without_priors(rigid: RigidNetwork) -> RigidNetwork:
@@ -158,7 +158,7 @@ def _without_priors(rigid: RigidNetwork) -> RigidNetwork:
 
 
 def _first_rigid(network: Network, start: State, free: BallFit, run: Run) -> Adjustment:
-    """The rigid form of the free one's cameras from its state, by way of robust adjustments where that one is bent.
+    """The rigid form from the state of the free one's cameras, through robust adjustments if that one is distorted.
 
     Free points hide that a camera moved which alone holds two halves of a rig together. The halves then are turned
     against each other, and plain least squares never found back (0.5 mm on rig B ended at 8 px instead of 0.04).
@@ -175,7 +175,7 @@ def _first_rigid(network: Network, start: State, free: BallFit, run: Run) -> Adj
 def _of_several_sizes(
     rigid: RigidNetwork, first: Adjustment, free: BallFit, requested: RequestedModel, run: Run
 ) -> tuple[Adjustment, FloatArray | None]:
-    """The rigid form with a size of the ball for each placement, and these, where they explain what it does not."""
+    """The rigid form with a size of the ball for each placement, and these sizes, if they explain its misfit."""
     total: FloatArray | None = None
     root, moved = rigid.alignment.root, rigid.alignment.moved
     for _ in range(SIZE_ROUNDS):
@@ -202,9 +202,9 @@ def _linked(
     if linked.placed.sum() == groups[0].placed.sum():
         return None
     rigid, state = share_shape(ball.network, ball.features, linked.state, together)
-    solved = _rigid_from(rigid, InitialPoses(state, linked.placed), ball.candidates, run)
-    choice = _judged(solved.adjusted, groups, together, requested, rigid.feature)
-    return (solved, choice) if choice.form == "rigid" else None
+    fit = _rigid_from(rigid, InitialPoses(state, linked.placed), ball.candidates, run)
+    choice = _judged(fit.adjusted, groups, together, requested, rigid.feature)
+    return (fit, choice) if choice.form == "rigid" else None
 
 
 def _rigid_from(rigid: RigidNetwork, start: InitialPoses, candidates: BoolArray, run: Run) -> BallFit:
@@ -218,23 +218,23 @@ def _rigid_from(rigid: RigidNetwork, start: InitialPoses, candidates: BoolArray,
 
 
 def _with_more_placements(
-    solved: BallFit, choice: ModelChoice, ball: BallNetwork, run: Run
+    fit: BallFit, choice: ModelChoice, ball: BallNetwork, run: Run
 ) -> tuple[BallFit, ModelChoice]:
-    """The rigid form again while more placements hang together by the dots that it located than it began with.
+    """The rigid form, repeated while the dots that it located connect more placements.
 
     Where two sides see the ball, each ties other placements to it; only both together tie all. Of two times three
     cameras, a third of the observations stayed unused and bars were 2 to 4 times worse.
     """
-    while solved.rigid is not None:
-        known, before = solved.by_features.state, solved.rigid.alignment
+    while fit.rigid is not None:
+        known, before = fit.by_features.state, fit.rigid.alignment
         alignment = ball.aligned(known.points)
         if alignment.moved.sum() <= before.moved.sum():
             break
-        again = replace(ball.network, noise=solved.network.noise)
+        again = replace(ball.network, noise=fit.network.noise)
         rigid, start = share_shape(again, ball.features, known, alignment)
-        solved = _rigid_from(rigid, InitialPoses(start, solved.placed), ball.candidates, run)
+        fit = _rigid_from(rigid, InitialPoses(start, fit.placed), ball.candidates, run)
         choice = replace(choice, alignment=alignment, sizes=None)
-    return solved, choice
+    return fit, choice
 
 
 def _rigid_solution(rigid: RigidNetwork, start: State, used: BoolArray, placed: BoolArray, run: Run) -> BallFit:
@@ -260,16 +260,16 @@ def _soft_solution(
         start = adjusted_with(rigid, first, used, placed, shape_sd)
     if choice.limit is not None and not choice.asked and shape_sd * noise > MOST_SHAPE_SD * _radius(start):
         return None
-    solved = _rigid_solution(_without_priors(rigid).softened(shape_sd), start.state, start.used, placed, run)
+    fit = _rigid_solution(_without_priors(rigid).softened(shape_sd), start.state, start.used, placed, run)
     sd_mm = shape_sd * noise * unit_mm
     source = Phrase("play-stated" if requested.shape_sd_mm is not None else "play-estimated")
     reason = Phrase("form-play", {"reason": choice.reason, "sd_mm": sd_mm, "source": source})
     choice = replace(choice, reason=reason, shape_sd_mm=sd_mm, stated=requested.shape_sd_mm is not None)
-    return replace(solved, free=free), choice
+    return replace(fit, free=free), choice
 
 
 def _radius(rigid: Adjustment) -> float:
-    """The size of the ball in the network's unit: rms distance of its dots from their middle."""
+    """The radius of the ball in the network's unit: rms distance of its dots from their centroid."""
     points = rigid.state.points[np.unique(rigid.problem.point)]
     return float(np.sqrt(((points - points.mean(axis=0)) ** 2).sum(axis=1).mean()))
 
@@ -281,7 +281,7 @@ def _judged(
     requested: RequestedForm,
     feature: IntArray | None = None,
 ) -> ModelChoice:
-    """Against the free form, of several groups of cameras taken together; feature (n,) of the observations."""
+    """The free form of several groups of cameras together, for comparison; feature (n,) of the observations."""
     redundancy = sum(group.adjusted.redundancy for group in free)
     variance = sum(2 * group.adjusted.minimum.cost for group in free) / redundancy if redundancy > 0 else float("nan")
     ratio = (rigid.variance + LEAST_NOISE**2) / (variance + LEAST_NOISE**2)

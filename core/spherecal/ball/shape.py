@@ -1,4 +1,4 @@
-"""The ball's shape as one adjustment found it, and its use in another: a ball profile.
+"""The ball's shape from one adjustment, and its use in another: a ball profile.
 
 The covariance of each dot is that of its place among all dots: no shift, turn or stretch of them as a whole. What the
 dots' errors have in common is left out: the cameras' share, a third of a dot's own noise on rig A.
@@ -160,7 +160,7 @@ def _alike(motion: Similarity, shape: FloatArray, there: FloatArray) -> bool:
 
 
 def _place_known(features: Features, dots: KnownDots) -> IntArray:
-    """Which dot of the shape each feature is (f,), -1 where it is none."""
+    """The dot of the shape that each feature is (f,), -1 for none."""
     keys = {key: i for i, key in enumerate(zip(dots.target.tolist(), dots.point.tolist(), strict=True))}
     pairs = zip(features.target.tolist(), features.point.tolist(), strict=True)
     return np.array([keys.get(pair, -1) for pair in pairs], dtype=np.int64)

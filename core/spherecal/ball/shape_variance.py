@@ -1,4 +1,4 @@
-"""How much shape noise the ball's dots have, from the data: as much as explains what the rigid form leaves over.
+"""The shape noise of the ball's dots, from the data: as much as explains the misfit of the rigid form.
 
 A variance component by its quadratic form: with it the soft form's variance of unit weight is the free form's. See
 docs/decisions/0012-soft-ball.md.
@@ -29,7 +29,7 @@ TRIAL_SETTINGS = {"tolerance": 1e-6, "max_iterations": 6}
 
 @dataclass(frozen=True)
 class _Trial:
-    """Logarithms of a shape noise and of the variance that it leaves, over the one to be reached."""
+    """Logarithms of a shape noise and of the variance that it leaves, relative to the one to be reached."""
 
     shape_sd: float
     excess: float
@@ -59,10 +59,10 @@ def estimate_shape_variance(
     shape_sd, trials = 0.0, list[_Trial]()
     while True:
         context.report("soft ball", len(trials) / MOST_TRIALS)
-        done = minimise(_with_play(problem, shape_sd), state, settings)
+        done = minimise(_with_shape_variance(problem, shape_sd), state, settings)
         state, ratio = done.state, 2 * done.cost / redundancy / variance
         if abs(ratio - 1) < TOLERANCE or (shape_sd == 0.0 and ratio <= 1) or len(trials) == MOST_TRIALS:
-            return shape_sd, Adjustment(state, _with_play(problem, shape_sd), rows, used, done, redundancy)
+            return shape_sd, Adjustment(state, _with_shape_variance(problem, shape_sd), rows, used, done, redundancy)
         if shape_sd == 0.0:
             shape_sd = _first_guess(problem, state, ratio)
             continue
@@ -83,7 +83,7 @@ def adjusted_with(
         In the network's unit, for a standard deviation of unit weight of 1.
     """
     state, used, problem, rows = _start(rigid, first, used, placed)
-    problem = _with_play(problem, shape_sd)
+    problem = _with_shape_variance(problem, shape_sd)
     done = minimise(problem, state, Settings())
     redundancy = problem.rows - problem.unknowns + datum_defect(problem)
     return Adjustment(done.state, problem, rows, used, done, redundancy)
@@ -101,14 +101,14 @@ def _start(
     return state, used, problem, rows
 
 
-def _with_play(problem: Problem, shape_sd: float) -> Problem:
+def _with_shape_variance(problem: Problem, shape_sd: float) -> Problem:
     """The problem of `_start` with another shape noise."""
     assert isinstance(problem.ball, Deformable)
     return replace(problem, ball=replace(problem.ball, shape_sd=shape_sd * problem.ball.shape_sd))
 
 
 def _next(trials: list[_Trial]) -> float:
-    """Where the secant through the last two trials meets zero, within what all trials leave (logarithm)."""
+    """Where the secant through the last two trials is zero, within the bounds that all trials leave (logarithm)."""
     last = trials[-1]
     low = max((t.shape_sd for t in trials if t.excess > 0), default=-np.inf)
     high = min((t.shape_sd for t in trials if t.excess <= 0), default=np.inf)
@@ -122,7 +122,7 @@ def _next(trials: list[_Trial]) -> float:
 
 
 def _first_guess(problem: Problem, state: State, ratio: float) -> float:
-    """The shape noise that alone would make the images of a typical dot as much noisier."""
+    """The shape noise that alone would explain the additional noise in the images of a typical dot."""
     tied = shape_noise_of(problem, engine.linearise(problem, state, None))
     per_row = np.einsum("gii->g", tied.normal) / (2.0 * np.diff(tied.start))
     return float(np.sqrt((ratio - 1) / np.median(per_row)))

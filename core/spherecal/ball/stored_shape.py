@@ -28,7 +28,7 @@ MOST_MISFIT = 1.25
 
 @dataclass(frozen=True)
 class StoredShapeFit:
-    """What came of a profile: the solution on it, or None where the ball is another; `misfit` is 1 for the same ball.
+    """The result with a profile: the solution on it, or None for another ball; `misfit` is 1 for the same ball.
 
     `placements` are those that show it, `common` dots of theirs on average known to the profile.
     """
@@ -81,12 +81,12 @@ def solve_on_ball(free: BallFit, ball: BallNetwork, dots: KnownDots, run: Run) -
         adjusted = refine(described, first.state, first.used, placed, run.context)
         return finished_solution(described, adjusted, placed, run, whole)
 
-    solved = solve_with_priors(whole.network, first.used, placed, solution, run)
-    return StoredShapeFit(replace(solved, free=free), misfit, placements, common)
+    fit = solve_with_priors(whole.network, first.used, placed, solution, run)
+    return StoredShapeFit(replace(fit, free=free), misfit, placements, common)
 
 
 def _misfit(with_ball: Adjustment, free: Adjustment) -> float:
-    """What the stored shape, and the observations that it makes useful, add to v'Pv over their share of redundancy."""
+    """The share of the stored shape, and of observations that need it, in v'Pv over their share of redundancy."""
     added = with_ball.redundancy - free.redundancy
     if added <= 0 or not free.variance > 0:
         return np.inf
@@ -104,8 +104,8 @@ def _with_the_rest(
     if placed.all():
         return first, placed
     network = there.rigid.network
-    grown = resect_rest(network, InitialPoses(first.state, placed), candidates, run.context)
-    if grown.placed.sum() == placed.sum():
+    resected = resect_rest(network, InitialPoses(first.state, placed), candidates, run.context)
+    if resected.placed.sum() == placed.sum():
         return first, placed
-    used = first.used | (candidates & (grown.placed & ~placed)[network.camera])
-    return refine(network, grown.state, used, grown.placed, run.context), grown.placed
+    used = first.used | (candidates & (resected.placed & ~placed)[network.camera])
+    return refine(network, resected.state, used, resected.placed, run.context), resected.placed

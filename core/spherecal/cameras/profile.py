@@ -89,7 +89,7 @@ def _region(sides: Sequence[int]) -> Region:
 
 
 _SETTINGS = record(
-    "What is set when it is opened.",
+    "Settings that are applied when it is opened.",
     CameraSettings,
     optional("exposure_us", positive("Exposure time."), omit=None),
     optional("gain_db", number("Gain.", -20, 60, "dB"), omit=None),

@@ -37,7 +37,7 @@ def make_parser() -> Parser:
     """The parser of all commands."""
     parser = main_parser(
         "spherecal",
-        "Calibrate a rig of many cameras with an imperfect ball. Without a command: the window.",
+        "Calibrate a rig of many cameras with an imperfect ball. Without a command, the window opens.",
         "Exit codes: 0 done; 2 bad usage or input; 3 done, but the result is not valid; 130 cancelled.",
     )
     parser.add_argument(

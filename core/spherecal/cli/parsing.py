@@ -118,7 +118,7 @@ def add_common(parser: argparse.ArgumentParser) -> None:
         voice.add_argument("-v", "--verbose", action="store_true", default=said, help="show the log on standard error")
         voice.add_argument("-q", "--quiet", action="store_true", default=said, help="print errors and JSON only")
         if is_leaf(one) and words not in _TEXT and "--json" not in one._option_string_actions:
-            group.add_argument("--json", action="store_true", help="print what the command tells as JSON, nothing else")
+            group.add_argument("--json", action="store_true", help="print the result as JSON and nothing else")
 
 
 def is_standard_output(path: object) -> bool:

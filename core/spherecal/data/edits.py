@@ -114,8 +114,10 @@ def recorded(
     others = {camera.id for camera in session.cameras if camera.earlier_pose_of is not None}
     left = tuple(camera for camera in rig.earlier_poses if camera.id in others)
     rig = replace(rig, repairs=(*done, *rig.repairs), earlier_poses=left)
-    told_in = replace(calibration, rig=rig, observations=_under_old_names(calibration.observations, session, mended))
-    return with_findings(told_in, tuple(findings))
+    under_old_names = replace(
+        calibration, rig=rig, observations=_under_old_names(calibration.observations, session, mended)
+    )
+    return with_findings(under_old_names, tuple(findings))
 
 
 def with_repairs(session: Session, repairs: Repairs, calibrate: Callable[[Session], Calibration]) -> Calibration:

@@ -86,7 +86,7 @@ class Finding:
         language
             A language of the catalogue.
         with_options
-            Whether options of the command line are named too.
+            Whether a hint's text in brackets, about the options of its repairs, is kept. Without repairs it never is.
         """
         if self.written is not None and part != "title":
             return self.written[0 if part == "message" else 1]

@@ -1,4 +1,4 @@
-"""What the solved network has that its model does not: cameras that moved, lenses that it cannot follow."""
+"""Effects in the solved network that its model does not contain: cameras that moved, lenses beyond the model."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -83,7 +83,7 @@ class _Probed:
 
 
 def find_anomalies(e: Evidence, contradicting: bool = False) -> Anomalies:
-    """The changes that the solved network calls for; none where it is singular or leaves nothing over.
+    """The changes that the solved network requires; none where it is singular or has no misfit.
 
     Moves and misfits come from score tests (score.py). Where images differ or contradict each other, or the rigid form
     fits too badly, the images' own poses are asked too, and go before these (decision 0009).
@@ -133,7 +133,7 @@ def find_anomalies(e: Evidence, contradicting: bool = False) -> Anomalies:
 
 
 def _beyond_the_lens(moves: Sequence[Move], fields: Sequence[Misfit]) -> list[Move]:
-    """The moves that shift image points by more than what their cameras' lenses do beyond the model."""
+    """The moves that shift image points by more than their cameras' lenses deviate from the model."""
     lens = {m.camera: m.rms_px for m in fields}
     return [move for move in moves if move.image_change_px > MORE_THAN_LENS * lens.get(move.camera, 0.0)]
 
@@ -141,12 +141,12 @@ def _beyond_the_lens(moves: Sequence[Move], fields: Sequence[Misfit]) -> list[Mo
 def explained_by_moves(
     network: Network,
     features: Features,
-    solved: BallFit,
+    fit: BallFit,
     n_ball: int,
     context: Context,
     most_variance: float | None = None,
 ) -> DetectedMotions:
-    """What moved, if that and no change of the ball's shape is all that is wrong; else nothing.
+    """What moved, if moves alone and no change of the ball's shape explain the misfit; else nothing.
 
     Free points hide much of a move, which then passes for a change of shape. Halves of a rig that the moved camera
     alone connects bend: on rig B 16 % of the moves by 0.5 to 50 mm were named wrongly. The images' own poses know of
@@ -156,7 +156,7 @@ def explained_by_moves(
     ----------
     network, features
         The network in the free form, and what its features are. Its priors are not used.
-    solved
+    fit
         The solution: start values of the images' poses, the cameras that are placed and those with a prior.
     n_ball
         Placements of the ball; they are the first ones.
@@ -166,23 +166,23 @@ def explained_by_moves(
         Variance of unit weight that the images' own poses may have at most, for the ball to have kept its shape; None
         for no limit.
     """
-    state = solved.by_features.state
+    state = fit.by_features.state
     n_placements = max(n_ball, int(features.placement.max(initial=0)) + 1)  # the last ones may have no observations
-    network = replace(network, free=network.free & ~solved.has_prior[:, None], priors=NO_PRIORS)
+    network = replace(network, free=network.free & ~fit.has_prior[:, None], priors=NO_PRIORS)
     ball = BallNetwork(network, features, n_placements, n_ball, np.ones(len(network.uv), dtype=bool))
     alignment = ball.aligned(state.points)
-    images = solve_images(ball, state, solved.placed, alignment, context)
+    images = solve_images(ball, state, fit.placed, alignment, context)
     if images is None or (most_variance is not None and images.variance > most_variance):
         return DetectedMotions()
-    found = explain(images, len(solved.placed), context)
+    found = explain(images, len(fit.placed), context)
     if found is None:
         return DetectedMotions()
     if found.is_simple:
         return DetectedMotions(found.moves)
-    suffices = found.variance_factor <= EXPLAINED and credible(list(found.moves), int(solved.placed.sum()))
+    suffices = found.variance_factor <= EXPLAINED and credible(list(found.moves), int(fit.placed.sum()))
     once = len({move.camera for move in found.moves}) == len(found.moves)
     single = found.fitted if suffices and once else None
-    group = find_group_motion(images, len(solved.placed), _ball_centre(features, state, alignment), single, context)
+    group = find_group_motion(images, len(fit.placed), _ball_centre(features, state, alignment), single, context)
     if group is None and suffices and not once:
         group = unstable_camera(found)
     return DetectedMotions(group=group) if group is not None else DetectedMotions(found.moves if suffices else ())
@@ -196,7 +196,7 @@ def _ball_centre(features: Features, state: State, alignment: Alignment) -> Floa
 
 
 def _fields(e: Evidence, probed: _Probed, moves: list[Move], sizes: FloatArray) -> list[Misfit]:
-    """Misfits of all cameras with the moves taken into the model, as long as these are credible."""
+    """Misfits of all cameras with the moves included in the model, as long as these are credible."""
     probe = probed.probe
     known: dict[int, FloatArray] = {}
     for move in moves if credible(moves, probe.problem.n_cameras) else []:
@@ -214,7 +214,7 @@ def _free_network(e: Evidence) -> Network:
 
 
 def _free_form(e: Evidence) -> _Probed | None:
-    """The free form of a network that was solved in the rigid one; None where it is singular or leaves nothing over."""
+    """The free form of a network that was solved in the rigid one; None where it is singular or has no misfit."""
     network = _free_network(e)
     state = e.solved.by_features.state
     used = e.used & (network.views(e.used) >= 2)[network.feature]

@@ -41,7 +41,7 @@ _OF_THE_CAMERA = ("camera-moved", "image-contradicts", "capture-times")
 
 
 def edited_where_certain(session: Session, run: Run) -> Calibration:
-    """The calibration of a session, repaired as far as that is certain; as it was recorded where nothing helps.
+    """The calibration of a session, repaired as far as repairs are certain; unchanged if nothing helps.
 
     Parameters
     ----------
@@ -74,7 +74,7 @@ def _stopped(calibration: Calibration) -> bool:
 
 
 def _next_step(session: Session, done: Repairs, now: Calibration, run: Run) -> tuple[Calibration, Repairs] | None:
-    """The first of the ways to mend that leaves no fault, else the one that leaves fewest; None where none helps.
+    """The first repair that leaves no fault, else the one that leaves fewest; None if none helps.
 
     A fault that the mended one concealed may take its place: as many, but others.
     """
@@ -112,7 +112,7 @@ def _faults(calibration: Calibration) -> tuple[int, int]:
 
 
 def ways(session: Session, now: Calibration, done: Repairs) -> Iterator[Repairs]:
-    """Repairs of all that is certain together, in the order to try them; none where too much is wrong.
+    """Repairs of all certain faults together, in the order to try them; none if too much is wrong.
 
     Parameters
     ----------
@@ -257,10 +257,10 @@ def _names_are_certain(session: Session, way: Repairs) -> bool:
         seen = placements_seen_by(session, pair.split(","))
         if 2 * len(swapped) >= len(seen) or swapped & {seen[0], seen[-1]}:
             return False
-    return not any(may_be_exchanged(session, way, value.partition("@")[0]) for value in way.leave_out)
+    return not any(may_be_swapped(session, way, value.partition("@")[0]) for value in way.leave_out)
 
 
-def may_be_exchanged(session: Session, way: Repairs, camera: str) -> bool:
+def may_be_swapped(session: Session, way: Repairs, camera: str) -> bool:
     """Whether a camera's first images are left out, and another camera saw the ball only after them.
 
     A camera was exchanged from P3 on with one that had not seen the ball before. Its first two images were left out:
@@ -311,15 +311,15 @@ def _images_of_one_pose(session: Session, camera: str) -> list[int]:
 
 
 def _credible(tried: Calibration, way: Repairs) -> bool:
-    """Whether split cameras are near their earlier poses and fit as well as others: else they were not knocked."""
+    """Whether split cameras are near their earlier poses and fit as well as others: otherwise they were not bumped."""
     fits = {camera.id: camera.rms_px or 0.0 for camera in tried.rig.cameras}
     for earlier in tried.rig.earlier_poses:
         now = tried.rig.camera(_home(earlier.id, way))
         if now is None:
             return False
-        turn = float(np.linalg.norm(log_rotation(now.rotation @ earlier.rotation.T)))
-        shift = float(np.linalg.norm(now.centre_mm - earlier.centre_mm))
-        if turn > FAR_RAD or (shift > FAR_MM and tried.rig.scale.source != "none"):
+        rotation = float(np.linalg.norm(log_rotation(now.rotation @ earlier.rotation.T)))
+        translation = float(np.linalg.norm(now.centre_mm - earlier.centre_mm))
+        if rotation > FAR_RAD or (translation > FAR_MM and tried.rig.scale.source != "none"):
             return False
         if fits[now.id] > WORSE * np.median(list(fits.values())):
             return False
@@ -327,7 +327,7 @@ def _credible(tried: Calibration, way: Repairs) -> bool:
 
 
 def _still_scatters(tried: Calibration, cameras: set[str]) -> bool:
-    """Whether the images of some cameras contradict each other, and those of most others do not."""
+    """Whether the images of some cameras contradict each other, while those of most others do not."""
     finding = next((f for f in tried.rig.quality.findings if f.code == "poses-scatter"), None)
     if finding is None or not finding.values:
         return False
@@ -337,6 +337,6 @@ def _still_scatters(tried: Calibration, cameras: set[str]) -> bool:
 
 
 def _home(name: str, way: Repairs) -> str:
-    """The camera that an earlier pose is of."""
+    """The camera to which an earlier pose belongs."""
     cut = (value.partition("@") for value in way.split)
     return next(camera for camera, _, place in cut if name == f"{camera} before {place}")

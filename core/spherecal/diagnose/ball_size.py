@@ -1,9 +1,10 @@
-"""Whether the ball, or the rig around it, grew or shrank from placement to placement, as warmth makes them do.
+"""Whether the ball, or the rig around it, grew or shrank between placements, as with changes of temperature.
 
-The rigid form has one size of the ball. Sizes of its own for each placement are tested past all that is estimated
-(score.py), and taken into it where they explain most of what it does not. Whether the ball has changed or the rig, and
-which size holds from now on, the recording does not show: the scale is as uncertain as the sizes differ. Sizes that are
-not taken into it, and yet are more than chance, make the cameras as uncertain as they would move them (decision 0018).
+The rigid form has one size of the ball. Separate sizes for each placement are tested against everything that is
+estimated (score.py), and become part of that form if they explain most of its misfit. The recording does not show
+whether the ball or the rig has changed, nor which size is right from now on. So the differences of the sizes are added
+to the scale's uncertainty. Sizes that are not used, but are more than chance, are added to the cameras' uncertainty by
+the amount by which they would move the cameras (decision 0018).
 """
 
 from dataclasses import dataclass, replace
@@ -39,7 +40,7 @@ MOST_PLACEMENTS = 30
 
 @dataclass(frozen=True)
 class SizeChange:
-    """The ball's size at each placement (t,), relative to their mean: in the rigid form, or what that may be off.
+    """The ball's sizes at the placements (t,), relative to their mean: used in the rigid form, or possible ones.
 
     `by_camera` (k,c,w): what k independent errors of the sizes, each of one standard uncertainty, do to every camera.
     Its w numbers are the pose (turn in rad, shift in mm) and the estimated intrinsics.
@@ -72,7 +73,7 @@ class SizeChange:
 
 @dataclass(frozen=True)
 class _Test:
-    """The test of sizes of its own for each placement: the network, derivatives (2n,t) by them, what came out."""
+    """The test of separate sizes for each placement: the network, derivatives (2n,t) by the sizes, and the result."""
 
     probe: ScoreTest
     columns: FloatArray
@@ -82,13 +83,13 @@ class _Test:
 
     @property
     def uncertain(self) -> FloatArray:
-        """Directions (k,t) of one standard uncertainty each in which the sizes are uncertain; those seen at all."""
+        """Directions (k,t), of one standard uncertainty each, in which the sizes that are seen are uncertain."""
         share, axes = np.linalg.eigh(self.normal)
         good = share > LEAST_SHARE * share.max()
         return (axes[:, good] * np.sqrt(self.probe.variance / share[good])).T
 
     def beyond_chance(self, growth: float) -> FloatArray | None:
-        """Sizes (t,), less by what chance alone makes of them; None where they may be chance.
+        """Sizes (t,), reduced by their expectation by chance; None where they may be chance.
 
         Warmth makes them grow steadily, so that this one direction is tested too.
         """
@@ -150,7 +151,7 @@ def sizes_to_fit(
 
 
 def size_change(e: Evidence) -> SizeChange | None:
-    """The sizes of the ball in the rigid form, and what their uncertainty does to the cameras; None for one size."""
+    """The ball's sizes in the rigid form, and the effect of their uncertainty on the cameras; None for one size."""
     sizes = e.choice.sizes
     test = None if sizes is None else _tested_result(e, len(sizes))
     return None if sizes is None or test is None else SizeChange(sizes, _by_camera(e, test, test.uncertain))
@@ -180,7 +181,7 @@ def _tested_result(e: Evidence, count: int) -> _Test | None:
 
 
 def _by_camera(e: Evidence, test: _Test, sizes: FloatArray) -> FloatArray:
-    """What sizes (k,t) do to the pose (rad, mm) and estimated intrinsics of every camera, (k,c,w)."""
+    """The effect of sizes (k,t) on the pose (rad, mm) and estimated intrinsics of every camera, (k,c,w)."""
     cofactors, problem = e.solved.cofactors, e.adjusted.problem
     assert cofactors is not None
     width = POSE + len(problem.intrinsic_columns)

@@ -126,7 +126,7 @@ def scattering_poses(e: Evidence, anomalies: Anomalies) -> list[Finding]:
 
 
 def _unseen(e: Evidence, anomalies: Anomalies) -> Phrase | None:
-    """What moves the scatter of the images' poses hides, where it hides more than noise does."""
+    """The moves that the scatter of the images' poses hides, where it hides more than noise does."""
     if anomalies.least_shift is None or e.solution.scale.source == "none":
         return None
     shift = np.where(e.placed[:, None], anomalies.least_shift, np.nan) * e.solution.factor

@@ -71,7 +71,7 @@ def run_checks(evidence: Evidence) -> tuple[Finding, ...]:
 
 
 def _faults(e: Evidence) -> list[Finding]:
-    """What the diagnosis finds; that it was stopped, where it was."""
+    """The findings of the diagnosis, or that it was stopped."""
     try:
         return diagnose(replace(e, context=e.context.accepting_partial()))
     except PartialResultAccepted:
@@ -112,7 +112,7 @@ def unlinked(observations: Observations, counts: IntArray, triples: list, placed
 
 
 def _groups(counts: IntArray, triples: list, placed: BoolArray) -> list[IntArray]:
-    """Groups of cameras that hang together: the placed ones first, then the others by solved triples."""
+    """Connected groups of cameras: the placed ones first, then the others by solved triples."""
     linked = np.zeros_like(counts)
     for triple in triples:
         linked[np.ix_(triple.cameras, triple.cameras)] = 1
@@ -219,7 +219,7 @@ def _two_view_share(e: Evidence) -> list[Finding]:
 
 
 def image_coverage(observations: Observations, used: BoolArray, session: Session) -> FloatArray:
-    """Share of a 10 x 10 grid of each camera's image that holds used observations, (c,).
+    """Share of a 10 x 10 grid of each camera's image that contains used observations, (c,).
 
     Parameters
     ----------

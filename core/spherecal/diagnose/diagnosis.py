@@ -30,7 +30,7 @@ MOST_OF_IT = 0.8
 
 
 def diagnose(e: Evidence) -> list[Finding]:
-    """Findings on cameras, placements, targets and geometry; what explains others comes first and silences them."""
+    """Findings on cameras, placements, targets and geometry; those that explain others come first and suppress them."""
     e.context.report(STAGE, 0.0)
     release_freed()
     found = [*_faults(e), *dependent_parts(e)]
@@ -76,6 +76,6 @@ def _faults(e: Evidence) -> list[Finding]:
 
 
 def _in_trouble(e: Evidence, wrong: Sequence[WrongImage]) -> bool:
-    """Whether the network may be bent as a whole, so that its own predictions are not to be trusted."""
+    """Whether the network may be distorted as a whole, so that its own predictions cannot be trusted."""
     failed = e.solution.covariance is None or not e.adjusted.minimum.converged or not e.placed.all()
     return bool(wrong) or e.choice.beyond or failed

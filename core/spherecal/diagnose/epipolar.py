@@ -1,7 +1,8 @@
-"""Exchanged images where the network itself is bent by them: judged by pairs of cameras, without any reconstruction.
+"""Exchanged images that distort the network itself: judged by pairs of cameras, without any reconstruction.
 
-The epipolar geometry of two cameras from all other placements must hold at this one too. An image for which it holds
-with no other camera is wrong; two of one placement for which it holds once they change places are exchanged.
+The epipolar geometry of two cameras from all other placements must be valid at this one too. An image for which it is
+valid with no other camera is wrong. Two images of one placement for which it becomes valid when they are exchanged are
+each other's.
 """
 
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""What findings are drawn from."""
+"""Data from which findings are derived."""
 
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -21,7 +21,7 @@ STAGE = "diagnosis"
 
 @dataclass(frozen=True)
 class Evidence:
-    """All that the findings are drawn from; `residual_px` (n,2) and `used` (n,) belong to the observations.
+    """All data from which the findings are derived; `residual_px` (n,2) and `used` (n,) belong to the observations.
 
     `context`: a fault may take further adjustments to explain, seconds that are shown and can be cancelled.
     """
@@ -78,7 +78,7 @@ class Evidence:
 
     @cached_property
     def contradicting(self) -> BoolArray:
-        """Observations (n,) that could be checked and were left out, but not for rays that are all but parallel."""
+        """Observations (n,) that could be checked and were left out, except because of nearly parallel rays."""
         candidates, network = self.candidates, self.solved.network
         out = candidates & ~self.used
         if not out.any():

@@ -38,7 +38,7 @@ def weak_places(e: Evidence) -> list[Finding]:
 
 
 def _spread_in(e: Evidence, camera: int, places: FloatArray) -> float:
-    """How far the ball's middle moves in an image, as a share of its size."""
+    """How far the ball's centre moves in an image, as a share of the image's size."""
     state = e.solution.state
     x = places @ state.rotation[camera].T + state.translation[camera]
     x = x[x[:, 2] > 0]
@@ -58,7 +58,7 @@ def _stacked(places: FloatArray, sights: FloatArray) -> bool:
 
 
 def weak_links(e: Evidence) -> list[Finding]:
-    """The finding where one camera or one pair of cameras alone holds two parts of the rig together."""
+    """The finding where only one camera or one pair of cameras connects two parts of the rig."""
     cameras = np.flatnonzero(e.placed)
     if len(cameras) < 4:
         return []
@@ -104,19 +104,19 @@ def _parts(edge: BoolArray) -> int:
 
 
 def _smaller_part(edge: BoolArray) -> list[int]:
-    """Vertices of the smallest part of a graph that fell apart."""
+    """Vertices of the smallest part of a graph that is not connected."""
     label = connected_components(csr_array(edge), directed=False)[1]
     return np.flatnonzero(label == np.argmin(np.bincount(label))).tolist()
 
 
 def articulations(edge: BoolArray) -> list[int]:
-    """Vertices of a connected graph (n,n) without which the rest falls apart."""
+    """Vertices of a connected graph (n,n) without which the rest is not connected."""
     every = np.arange(len(edge))
     return [int(i) for i in every if _parts(edge[np.ix_(every != i, every != i)]) > 1]
 
 
 def bridges(edge: BoolArray) -> list[tuple[int, int]]:
-    """Edges of a connected graph (n,n) without which it falls apart."""
+    """Edges of a connected graph (n,n) without which it is not connected."""
     _, parent = breadth_first_order(csr_array(edge), 0, directed=False)
     found = []
     for j, i in enumerate(parent.tolist()):

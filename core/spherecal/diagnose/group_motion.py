@@ -58,7 +58,7 @@ class GroupMotion:
 
 @dataclass(frozen=True)
 class _Hypothesis:
-    """A group of cameras (c,) and the motions that it sees; each motion holds at a set of placements.
+    """A group of cameras (c,) and the motions that it sees; each motion applies to a set of placements.
 
     Without a group (kind `placement`) each image at the one placement has a pose of its own.
     """
@@ -198,7 +198,7 @@ def _criterion(images: ImagePoses, fitted: Fitted, group: BoolArray | None, nois
 
 
 def _is_significant(images: ImagePoses, best: _Tried, still: Fitted, noise: float) -> bool:
-    """Whether a hypothesis explains nearly all that is more than noise, and more than chance does."""
+    """Whether a hypothesis explains nearly all of the misfit beyond noise, and more than chance does."""
     statistic = _statistic(images, best, still)
     excess = still.cost / images.variance - still.layout.freedom
     return (
@@ -217,7 +217,7 @@ def _dof(tried: _Tried, still: Fitted) -> int:
 
 
 def _limit(images: ImagePoses, hypothesis: _Hypothesis, dof: int) -> float:
-    """The statistic that chance does not reach: that of a single move for every motion, and the choice of a group."""
+    """The limit of the statistic by chance: that of a single move for every motion, and the choice of a group."""
     n = 0 if hypothesis.group is None else len(hypothesis.group)
     return move_limit(len(images.camera)) * max(dof // POSE, 1) + 2 * n * np.log(2)
 

@@ -98,7 +98,7 @@ class _Tests:
     variance: float
 
     def gain(self, group: list[int]) -> float:
-        """What the squares shrink by with common motions of a group."""
+        """The reduction of the sum of squares by common motions of a group."""
         if not group:
             return 0.0
         f = self.force[group].sum(axis=0)
@@ -110,7 +110,7 @@ class _Tests:
         return float((along**2 / values[good]).sum())
 
     def best_of_all(self) -> frozenset[int]:
-        """The group that explains most, less what the choice of so many is worth."""
+        """The group that explains most, after subtraction of the gain by chance from so many choices."""
         n = len(self.seen)
         members = ((np.arange(1, 2**n - 1)[:, None] >> np.arange(n)) & 1).astype(float)
         members = members[members.sum(axis=1) <= n / 2]  # the others, moving the other way, are the same
@@ -131,7 +131,7 @@ class _Tests:
         return ((f / size) * np.linalg.solve(a, (f / size)[:, :, None])[:, :, 0]).sum(axis=1)
 
     def best_grown(self) -> frozenset[int]:
-        """The best of the groups that grow from single cameras, and from the halves that pull apart most."""
+        """The best of the groups that grow from single cameras, and from the halves that differ most."""
         alone = np.array([self.gain([int(c)]) for c in self.seen])
         starts = [frozenset({int(c)}) for c in self.seen[np.argsort(-alone, kind="stable")[:FIRST]]]
         own, force = np.einsum("ccij->cij", self.stiffness[np.ix_(self.seen, self.seen)]), self.force[self.seen]

@@ -1,4 +1,4 @@
-"""Images that contradict all others: another camera's, another placement's, of a camera knocked far, or simply wrong.
+"""Images that contradict all others: of another camera or placement, of a camera bumped far, or simply wrong.
 
 The gate has left their points out, so the network does not know of them; what they show is compared with what the rest
 of the network predicts.
@@ -83,7 +83,7 @@ def _explain(e: Evidence, c: int, t: int, out: int, count: int) -> WrongImage:
 
 
 def _put_right(e: Evidence, wrong: list[WrongImage]) -> list[WrongImage]:
-    """The images tested again where most images of a camera show another pose than the one it was given.
+    """The images tested again where most images of a camera show a pose other than its own.
 
     With two cameras' images exchanged one of them may have been given the pose of the other.
     """
@@ -122,9 +122,11 @@ def _near(a: tuple[FloatArray, FloatArray] | None, b: tuple[FloatArray, FloatArr
     """Whether two poses are the same camera's, as well as a resection can show."""
     if a is None or b is None:
         return False
-    turn = np.linalg.norm(log_rotation(a[0] @ b[0].T))
+    rotation = np.linalg.norm(log_rotation(a[0] @ b[0].T))
     centres = [-pose[0].T @ pose[1] for pose in (a, b)]
-    return bool(turn < SAME_TURN_RAD and np.linalg.norm(centres[0] - centres[1]) < SAME_SHIFT * np.linalg.norm(a[1]))
+    return bool(
+        rotation < SAME_TURN_RAD and np.linalg.norm(centres[0] - centres[1]) < SAME_SHIFT * np.linalg.norm(a[1])
+    )
 
 
 def _share(points: FloatArray, uv: FloatArray, state: State, camera: int) -> float:

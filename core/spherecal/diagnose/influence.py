@@ -1,4 +1,4 @@
-"""How much the result depends on single placements, cameras and images, against what noise alone makes it depend.
+"""How much the result depends on single placements, cameras and images, compared with the effect of noise alone.
 
 Left out, a group of observations with residuals r_g changes the unknowns by N^-1 A_g' r_g to first order: the
 delete-one-group jackknife (B. Efron, The jackknife, the bootstrap and other resampling plans, 1982). Noise that differs
@@ -38,7 +38,7 @@ MOST_OBSERVATIONS = 40_000
 
 @dataclass(frozen=True)
 class Influence:
-    """By how much standard uncertainties of lengths and of poses must grow; at least 1."""
+    """Factors by which standard uncertainties of lengths and of poses must grow; at least 1."""
 
     lengths: float
     poses: float
@@ -50,7 +50,7 @@ class Influence:
 
 
 def dependent_parts(e: Evidence) -> list[Finding]:
-    """The finding that results depend on single placements, cameras or images more than noise lets them."""
+    """The finding that results depend on single placements, cameras or images more than noise explains."""
     found = influence(e)
     if found is None or found.is_noise:
         return []
@@ -58,7 +58,7 @@ def dependent_parts(e: Evidence) -> list[Finding]:
 
 
 def influence(e: Evidence) -> Influence | None:
-    """The growth of uncertainties that single parts of a recording call for; None where that cannot be computed."""
+    """The growth of uncertainties that single parts of a recording require; None where it cannot be computed."""
     a, cofactors = e.adjusted, e.solved.cofactors
     if cofactors is None or a.redundancy <= 0 or not a.variance > 0 or len(a.rows) > MOST_OBSERVATIONS:
         return None
@@ -130,7 +130,7 @@ def _poses(e: Evidence, probe: ScoreTest) -> FloatArray:
 def _changes(
     probe: ScoreTest, by_scores: tuple[FloatArray, ...], image: IntArray, residuals: FloatArray
 ) -> Iterator[FloatArray]:
-    """What each image, with each of the residuals (2n, k), does to the functions: (k, m)."""
+    """The effect of each image, with each of the residuals (2n, k), on the functions: (k, m)."""
     by_column, pulled, by_datum = by_scores
     order = np.argsort(image, kind="stable")
     for rows in np.split(order, np.flatnonzero(np.diff(image[order])) + 1):

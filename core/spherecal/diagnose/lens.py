@@ -1,4 +1,4 @@
-"""Lenses that the model cannot follow: structure that is left in a camera's residuals over its image."""
+"""Lenses that deviate from the model: structure that is left in a camera's residuals over its image."""
 
 from dataclasses import dataclass
 

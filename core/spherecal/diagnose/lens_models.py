@@ -37,7 +37,7 @@ BEYOND_CHANCE = 20.0
 
 @dataclass(frozen=True)
 class LensTrial:
-    """What other lenses bring: rms in px of the image points before and after, the ratio of the variances.
+    """The gain by other lenses: rms in px of the image points before and after, the ratio of the variances.
 
     `model` None: the same model with a lens for each camera instead of one for several. `variance_ratio`: of unit
     weight. `criterion`: by how much Schwarz's criterion (BIC) falls; above 0 the change is worth its numbers.
@@ -61,13 +61,13 @@ class LensTrial:
 
     @property
     def better_by(self) -> Phrase:
-        """In what it is better, for a finding."""
+        """How it is better, for a finding."""
         lens = Phrase("lens-each") if self.model is None else Phrase("lens-model", {"model": self.model})
         values = {"px": self.rms_px, "before_px": self.rms_before_px, "ratio": self.variance_ratio}
         return Phrase("lens-better", {"lens": lens, **values})
 
     def chosen(self, cameras: tuple[str, ...]) -> Finding:
-        """That the model was taken for these cameras instead of the session's."""
+        """The finding that the model was used for these cameras instead of the session's."""
         values = {"better": self.better_by, "model": self.model}
         return Finding("lens-misfit", "info", values, cameras, kind="other-taken")
 
@@ -76,82 +76,82 @@ class LensTrial:
         return session if self.model is None else with_lens_model(session, self.model)
 
     def noted_in(self, done: Calibration) -> Calibration:
-        """The calibration with this model, and the finding that it was taken; its validity is as it was."""
+        """The calibration with this model, and the finding that it was used; its validity does not change."""
         chosen = self.chosen(tuple(camera.id for camera in done.rig.cameras))
         quality = replace(done.rig.quality, findings=(*done.rig.quality.findings, chosen))
         return replace(done, rig=replace(done.rig, quality=quality))
 
 
-def best_lens_model(solved: BallFit, run: Run) -> LensTrial | None:
+def best_lens_model(fit: BallFit, run: Run) -> LensTrial | None:
     """The best of the models that are better for the lenses that were estimated; None where none is.
 
     Parameters
     ----------
-    solved
+    fit
         The network with its solution.
     run
         For progress, to stop, and for the time of the trials.
     """
-    best = _best([trial for trial in try_lenses(solved, run.context) if trial.model is not None])
+    best = _best([trial for trial in try_lenses(fit, run.context) if trial.model is not None])
     run.watch.lap("lens models")
     return best
 
 
-def best_lenses(solved: BallFit, context: Context) -> LensTrial | None:
-    """The best of the models, or of lenses of their own for cameras that share one; None where none is better.
+def best_lenses(fit: BallFit, context: Context) -> LensTrial | None:
+    """The best of the models, or separate lenses for cameras that share one; None where none is better.
 
     Parameters
     ----------
-    solved
+    fit
         The network with its solution.
     context
         For progress, and to stop.
     """
-    return _best(try_lenses(solved, context))
+    return _best(try_lenses(fit, context))
 
 
 def _best(trials: list[LensTrial]) -> LensTrial | None:
     return max((trial for trial in trials if trial.better), key=lambda trial: trial.criterion, default=None)
 
 
-def try_lenses(solved: BallFit, context: Context) -> list[LensTrial]:
-    """Every model but the one in use, for all cameras whose distortion is estimated; [] where it says nothing.
+def try_lenses(fit: BallFit, context: Context) -> list[LensTrial]:
+    """Every model except the one in use, for all cameras whose distortion is estimated; [] where that is not possible.
 
     Then the model in use with a lens for each camera, where some share one. All by a short adjustment from the
     solution, with its observations and weights.
 
     Parameters
     ----------
-    solved
+    fit
         The network with its solution, in the free or the rigid form.
     context
         For progress, and to stop.
     """
-    network, state = solved.network, solved.adjusted.state
-    groups = _changeable(solved)
+    network, state = fit.network, fit.adjusted.state
+    groups = _changeable(fit)
     members = np.isin(network.group, groups)
     now = {_model_of(network.free[c], state.intrinsics[c]) for c in np.flatnonzero(members)}
-    if not now or None in now or not isinstance(network.ball, Free | Rigid) or not solved.adjusted.redundancy > 0:
+    if not now or None in now or not isinstance(network.ball, Free | Rigid) or not fit.adjusted.redundancy > 0:
         return []
     trials = []
     for model in LENS_MODELS:
         context.report("lens models", len(trials) / (len(LENS_MODELS) + 1), model)
-        start = None if now == {model} else _start(solved, groups, model)
+        start = None if now == {model} else _start(fit, groups, model)
         if start is not None:
             free = np.where(members[:, None], estimated_mask(model), network.free)
-            trials.append(_trial(solved, replace(network, free=free), start, model))
-    if len(np.unique(network.group[members & solved.placed])) < (members & solved.placed).sum():
+            trials.append(_trial(fit, replace(network, free=free), start, model))
+    if len(np.unique(network.group[members & fit.placed])) < (members & fit.placed).sum():
         own = replace(network, group=np.arange(len(network.group)))
-        trials.append(_trial(solved, own, _with_known_points(state), None))
+        trials.append(_trial(fit, own, _with_known_points(state), None))
     return [trial for trial in trials if trial is not None]
 
 
-def _trial(solved: BallFit, network: Network, start: State, model: LensModel | None) -> LensTrial | None:
-    """The network with other lenses, from a start; None where that has no end."""
-    adjusted = solved.adjusted
+def _trial(fit: BallFit, network: Network, start: State, model: LensModel | None) -> LensTrial | None:
+    """The network with other lenses, from a start; None where it does not converge."""
+    adjusted = fit.adjusted
     noise = float(np.sqrt(adjusted.variance))
-    network = with_intrinsic_priors(replace(network, priors=NO_PRIORS), start.intrinsics, solved.has_prior, noise)
-    problem, _ = network.problem(adjusted.used, network.free, solved.placed, weighted=True)
+    network = with_intrinsic_priors(replace(network, priors=NO_PRIORS), start.intrinsics, fit.has_prior, noise)
+    problem, _ = network.problem(adjusted.used, network.free, fit.placed, weighted=True)
     found = minimise(problem, start, Settings(max_iterations=_ITERATIONS))
     rows, before, after = 2 * len(adjusted.rows), 2 * adjusted.minimum.cost, 2 * found.cost
     more = problem.layout.size - adjusted.problem.layout.size
@@ -159,23 +159,23 @@ def _trial(solved: BallFit, network: Network, start: State, model: LensModel | N
         return None
     return LensTrial(
         model,
-        _rms(solved.network, adjusted.state, adjusted.used),
+        _rms(fit.network, adjusted.state, adjusted.used),
         _rms(network, found.state, adjusted.used),
         float(after / (adjusted.redundancy - more) / adjusted.variance),
         float(rows * np.log(before / after) - more * np.log(rows)),
     )
 
 
-def _changeable(solved: BallFit) -> IntArray:
+def _changeable(fit: BallFit) -> IntArray:
     """Intrinsics groups whose distortion is estimated, none of them with a prior; of placed cameras."""
-    network = solved.network
-    estimated = network.free[:, 4:].any(axis=1) & solved.placed
-    has_prior = np.unique(network.group[solved.has_prior])
+    network = fit.network
+    estimated = network.free[:, 4:].any(axis=1) & fit.placed
+    has_prior = np.unique(network.group[fit.has_prior])
     return np.setdiff1d(np.unique(network.group[estimated]), has_prior)
 
 
 def _model_of(free: BoolArray, intrinsics: FloatArray) -> LensModel | None:
-    """The model by which a lens was estimated; None for a choice of numbers that is none of them (the paper's)."""
+    """The model by which a lens was estimated; None for other choices of parameters (the paper's)."""
     return next(
         (
             model
@@ -186,17 +186,17 @@ def _model_of(free: BoolArray, intrinsics: FloatArray) -> LensModel | None:
     )
 
 
-def _start(solved: BallFit, groups: IntArray, model: LensModel) -> State | None:
+def _start(fit: BallFit, groups: IntArray, model: LensModel) -> State | None:
     """The solution with the groups' lenses replaced by the nearest of the model; None where one cannot be."""
-    network, state = solved.network, solved.adjusted.state
+    network, state = fit.network, fit.adjusted.state
     intrinsics = state.intrinsics.copy()
     for group in groups:
         own = network.group == group
-        seen = np.flatnonzero(solved.adjusted.used & own[network.camera])
+        seen = np.flatnonzero(fit.adjusted.used & own[network.camera])
         if len(seen) < _LEAST_FITTED:
             return None
         some = seen[np.unique(np.linspace(0, len(seen) - 1, _FITTED_POINTS).round().astype(int))]
-        found = fit_lens(state.intrinsics[np.flatnonzero(own & solved.placed)[0]], network.uv[some], model)
+        found = fit_lens(state.intrinsics[np.flatnonzero(own & fit.placed)[0]], network.uv[some], model)
         if found is None:
             return None
         intrinsics[own] = found.intrinsics

@@ -19,7 +19,7 @@ _TINY_RAD = 1.7e-4  # 0.01 degrees: smaller turns are said in microradians
 
 
 def motion_findings(e: Evidence, anomalies: Anomalies, wrong: Sequence[WrongImage]) -> list[Finding]:
-    """A finding for every camera that moved, the grossest first; images that belong elsewhere are no moves.
+    """A finding for every camera that moved, the largest move first; images that belong elsewhere are not moves.
 
     Parameters
     ----------
@@ -119,10 +119,10 @@ def moved_cameras(e: Evidence, findings: Sequence[Finding]) -> set[str]:
 
 
 def _moved(e: Evidence, move: Move) -> Finding:
-    turn, translation = (float(np.linalg.norm(part)) for part in (move.step[:3], move.step[3:] * e.solution.factor))
-    size = _size(e, move.camera, translation, turn)
-    if turn < _TINY_RAD:
-        size = Phrase("move-microradians", {"shift": _shift(e, translation), "microradians": 1e6 * turn})
+    rotation, translation = (float(np.linalg.norm(part)) for part in (move.step[:3], move.step[3:] * e.solution.factor))
+    size = _size(e, move.camera, translation, rotation)
+    if rotation < _TINY_RAD:
+        size = Phrase("move-microradians", {"shift": _shift(e, translation), "microradians": 1e6 * rotation})
     sure = Phrase(
         "shows-move",
         {
@@ -183,7 +183,7 @@ def _finding(
 
 
 def _from(seen: list[int], placements: set[int]) -> int | None:
-    """The placement from which on a camera has another pose: its observations split in two there, else None."""
+    """The placement from which a camera has another pose, if its observations are split in two there; else None."""
     for k in range(1, len(seen)):
         if placements in (set(seen[k:]), set(seen[:k])):
             return seen[k]
@@ -200,11 +200,11 @@ def mixed_up_images(e: Evidence, wrong: Sequence[WrongImage]) -> list[Finding]:
     wrong
         Images that contradict the rest.
     """
-    return [*_exchanged(e, wrong), *_wrong_placements(e, wrong)]
+    return [*_swapped(e, wrong), *_wrong_placements(e, wrong)]
 
 
 def unexplained_images(e: Evidence, wrong: Sequence[WrongImage], explained: set[str]) -> list[Finding]:
-    """The finding on images that contradict the rest for no reason found.
+    """The finding on images that contradict the rest for unknown reasons.
 
     Parameters
     ----------
@@ -229,7 +229,7 @@ def _names(e: Evidence, image: WrongImage) -> tuple[str, str]:
     return e.camera_ids[image.camera], e.observations.placements[image.placement]
 
 
-def _exchanged(e: Evidence, wrong: Sequence[WrongImage]) -> list[Finding]:
+def _swapped(e: Evidence, wrong: Sequence[WrongImage]) -> list[Finding]:
     placements: dict[tuple[int, int], list[int]] = {}
     mutual: set[tuple[int, int]] = set()
     shows = {(i.camera, i.placement): i.other for i in wrong if i.kind == "other-camera"}

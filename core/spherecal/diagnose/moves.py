@@ -79,7 +79,7 @@ class MoveTests:
         return {int(c): np.flatnonzero(self.camera == c) for c in np.unique(self.camera)}
 
     def corrected(self, probe: ScoreTest, given: Sequence[tuple[int, ...]]) -> dict[int, Block]:
-        """The blocks with changes of pose of some sets of images taken out first.
+        """The blocks with changes of pose of some sets of images eliminated first.
 
         Parameters
         ----------
@@ -179,7 +179,7 @@ def alike(images: IntArray) -> list[tuple[int, ...]]:
 
 
 def find_moves(probe: ScoreTest, tests: MoveTests) -> list[Move]:
-    """Cameras that moved, the clearest first, each tested with those before it already corrected.
+    """Cameras that moved, the most significant first, each tested with those before it already corrected.
 
     A move counts where it exceeds what noise does and what differs between the other images (`yardstick`). The search
     stops one beyond the number that is credible (see `credible`).
@@ -204,7 +204,7 @@ def find_moves(probe: ScoreTest, tests: MoveTests) -> list[Move]:
 
 
 def differ(probe: ScoreTest, tests: MoveTests) -> bool:
-    """Whether some images differ more than noise lets them, whatever may be the cause.
+    """Whether some images differ more than noise explains, whatever the cause.
 
     Parameters
     ----------
@@ -217,7 +217,7 @@ def differ(probe: ScoreTest, tests: MoveTests) -> bool:
 def _clearest(
     probe: ScoreTest, tests: MoveTests, given: list[tuple[int, ...]], squares: float, redundancy: int
 ) -> tuple[Move, tuple[int, ...]] | None:
-    """The clearest further move and its images; None where there is none."""
+    """The most significant further move and its images; None if there is none."""
     variance = squares / max(redundancy, 1)
     blocks = tests.corrected(probe, given)
     statistic, dof, value = _all_sets(tests, blocks, variance)
@@ -247,7 +247,7 @@ def _scatter(block: Block, variance: float) -> Scatter:
 
 
 def scatters(probe: ScoreTest, tests: MoveTests) -> FloatArray:
-    """How many times (c,) more the poses of images differ than noise lets them: of a camera, or of most cameras.
+    """By what factor (c,) the poses of images differ more than noise explains: of a camera, or of most cameras.
 
     Parameters
     ----------
@@ -339,7 +339,7 @@ def pose_values(probe: ScoreTest, rows: IntArray, moved: BoolArray) -> FloatArra
 
 
 def confirmed(probe: ScoreTest, placement: IntArray, moves: list[Move]) -> list[Move]:
-    """The moves that another form of the network bears out.
+    """The moves that another form of the network confirms.
 
     A move may hardly show there, as when two cameras that alone see their points share it. It is then believed as long
     as no other one is refuted: what looks like one move looks like several.
@@ -357,7 +357,7 @@ def confirmed(probe: ScoreTest, placement: IntArray, moves: list[Move]) -> list[
 
 
 def _seen_there(probe: ScoreTest, placement: IntArray, move: Move) -> tuple[float, float]:
-    """Chi-square that a move of this size should have in another form of the network, and what it has."""
+    """Chi-square that a move of this size should have in another form of the network, and that which it has."""
     rows, moved = rows_of(probe, placement, move)
     if moved.sum() < LEAST_POINTS:
         return 0.0, 0.0
@@ -367,7 +367,7 @@ def _seen_there(probe: ScoreTest, placement: IntArray, move: Move) -> tuple[floa
 
 
 def credible(moves: list[Move], n_cameras: int) -> bool:
-    """Whether so few cameras moved that it is they who did.
+    """Whether few enough cameras moved to conclude that they, and not the others, moved.
 
     Parameters
     ----------

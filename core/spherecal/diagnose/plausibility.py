@@ -1,4 +1,4 @@
-"""What a session says of itself, compared with itself before anything is computed: sizes, repeated images, times.
+"""The consistency of a session, checked before anything is computed: sizes, repeated images, times.
 
 Nothing here needs a camera's pose. Findings are those of a calibration; what cannot be calibrated at all is refused by
 the reader of the session.
@@ -52,7 +52,7 @@ def implausible(session: Session) -> tuple[Finding, ...]:
 
 
 def _target_distance(session: Session) -> list[Finding]:
-    """The distance that gives the scale against the layout of the targets."""
+    """The distance that gives the scale, compared with the layout of the targets."""
     scale, targets = session.scale, session.target_set
     if scale is None or targets is None or scale.distance_mm is None:
         return []
@@ -239,7 +239,7 @@ def _not_with_the_others(one: CapturedSet) -> list[tuple[str, Phrase]]:
 
 
 def _clocks_apart(before: CapturedSet, after: CapturedSet) -> list[tuple[str, Phrase]]:
-    """Cameras whose clock ran otherwise than the others' between two sets, or did not run at all."""
+    """Cameras whose clock ran differently from the others' between two sets, or did not run at all."""
     names, ticks = [], []
     found = []
     for name, frame in after.frames.items():
@@ -263,6 +263,6 @@ def _clocks_apart(before: CapturedSet, after: CapturedSet) -> list[tuple[str, Ph
 
 
 def _apart(off: FloatArray, limit: float) -> BoolArray:
-    """Which differ by more than a limit, as long as most do not: else the clocks say nothing."""
+    """Which differ by more than a limit, if most do not: otherwise the clocks are not reliable."""
     apart = np.abs(off) > limit
     return apart if 2 * apart.sum() < len(off) else np.zeros(len(off), dtype=bool)

@@ -1,4 +1,4 @@
-"""Edges of images where the model leaves the lens: the gate leaves their points out, and nothing else shows it."""
+"""Edges of images where the lens deviates from the model: only the points left out by the gate show this."""
 
 from collections.abc import Collection
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""Finding: the printed targets and the bar that gives the scale do not go together."""
+"""Finding: the printed targets and the bar that gives the scale contradict each other."""
 
 from dataclasses import dataclass
 

@@ -1,4 +1,4 @@
-"""Changes that the model of the network does not have, tested without solving it again.
+"""Changes that the model of the network does not contain, tested without solving it again.
 
 A change with derivatives B (rows, m) of the observations improves the fit by g'A^-1 g, where g = B'r and A = B'Q B.
 Q = I - J (J'J)^- J' is the projection past everything that is estimated already. This is Rao's score test (C. R. Rao,
@@ -57,7 +57,7 @@ class Change:
 
 @dataclass(frozen=True)
 class ScoreTest:
-    """A solved network made ready for tests.
+    """A solved network, prepared for tests.
 
     Its derivatives are taken by the expanded columns, the points following. They are those of the rows themselves plus
     those by their points times `shift` (3p, e), None where the reduced unknowns are left out. All but `shift` is
@@ -90,7 +90,7 @@ class ScoreTest:
         return out
 
     def past_unknowns(self, columns: FloatArray) -> FloatArray:
-        """What the estimated unknowns leave of columns (2n,m), or of one (2n,), by all rows."""
+        """Columns (2n,m), or one column (2n,), of all rows, projected past the estimated unknowns."""
         n, p, more = len(self.problem.uv), self.problem.n_points, columns.shape[1:]
         pulled, force = np.zeros((3 * p, *more)), np.zeros((self.problem.layout.expanded, *more))
         for some in blocks(n):
@@ -147,7 +147,7 @@ class ScoreTest:
         return force.T, by_points.T
 
     def after(self, rows: IntArray, values: FloatArray, change: Change) -> "ScoreTest":
-        """The network with a change of some rows taken into its model.
+        """The network with a change of some rows included in its model.
 
         Parameters
         ----------
@@ -189,7 +189,7 @@ class ScoreTest:
 
 
 def make_score_test(problem: Problem, state: State, cofactors: Covariance, cost: float, redundancy: int) -> ScoreTest:
-    """A network at its minimum made ready for tests.
+    """A network at its minimum, prepared for tests.
 
     Parameters
     ----------

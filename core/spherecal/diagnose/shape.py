@@ -93,7 +93,7 @@ def contradicting_placements(e: Evidence, wrong: Sequence[WrongImage]) -> list[F
 
 
 def _odd_one(e: Evidence) -> tuple[int, float] | None:
-    """The placement without which the rigid form fits, and the share of what does not fit that is left then."""
+    """The placement without which the rigid form fits, and the share of the misfit that is then left."""
     alignment, ratio = e.choice.alignment, e.choice.ratio
     placement = e.observations.placement
     count = len(e.session.placements)
@@ -150,7 +150,7 @@ def _shares(e: Evidence, rigid: Adjustment, free_variance: float) -> FloatArray:
 
 
 def _size_mm(e: Evidence, ratio: float) -> float:
-    """Roughly how much the dots moved, rms in three dimensions."""
+    """Roughly how far the dots moved, rms in three dimensions."""
     state, o = e.solution.state, e.observations
     points = state.points[e.features.of_observation]
     rows = np.flatnonzero(e.used & np.isfinite(points[:, 0]))

@@ -99,7 +99,7 @@ def _rejected(e: Evidence, blamed: set[str]) -> list[Finding]:
 
 
 def _fits_badly(e: Evidence) -> list[Finding]:
-    """The finding where residuals are large and no camera has points enough to say why, or to find a better minimum."""
+    """The finding where residuals are large and no camera has enough points to find the cause or a better minimum."""
     sigma = e.observations.sigma
     count = np.bincount(e.observations.camera[e.used], minlength=len(e.placed))[e.placed]
     if not len(count) or np.median(count) >= FEW_POINTS:
@@ -126,7 +126,7 @@ def ball_diameter(e: Evidence) -> list[Finding]:
 
 
 def diameter_error(e: Evidence) -> float | None:
-    """By how much the ball is larger than its nominal diameter, relatively; None where that cannot be decided."""
+    """The relative excess of the ball over its nominal diameter; None where that cannot be decided."""
     nominal = e.session.sphere_diameter_mm
     if nominal is None or e.solution.scale.source in ("none", "ball"):
         return None
@@ -134,7 +134,7 @@ def diameter_error(e: Evidence) -> float | None:
     return 2 * float(np.median(radii)) / nominal - 1 if radii else None
 
 
-def scale_doubt(e: Evidence) -> float:
+def further_scale_uncertainty(e: Evidence) -> float:
     """The relative standard uncertainty that a ball of another size than the nominal one adds to the scale.
 
     Twice it covers the difference; 0 for a scale from a bar, which is surer than a ball's name, and beyond 2 %.
@@ -177,7 +177,7 @@ def _given_intrinsics(e: Evidence, reported: Sequence[Finding]) -> list[Finding]
 
 
 def locked(e: Evidence) -> bool:
-    """Whether cameras are locked where another calibration has them: their errors then show as other things."""
+    """Whether cameras are locked at the poses of another calibration: their errors then appear as other faults."""
     return not e.adjusted.problem.free_pose[e.placed].all()
 
 
@@ -198,7 +198,7 @@ def _by_intrinsics(probe: ScoreTest, state: State, rows: IntArray, common_focal:
 
 
 def _contradicting(e: Evidence, reported: Sequence[Finding]) -> list[Finding]:
-    """The finding where the tests of lenses and of others fail together on most cameras: nothing can be blamed."""
+    """The finding where the tests of lenses and others fail together on most cameras, so that no cause can be named."""
     if any(f.code in ("fixed-intrinsics-contradicted", "cameras-moved", "ball-moved") for f in reported):  # explains it
         return []
     lenses = {name for f in reported if f.code == "lens-misfit" and f.severity == "warning" for name in f.where}

@@ -22,7 +22,7 @@ MANY, FALSE_ALARM = 0.1, 0.01
 
 
 def wrong_targets(e: Evidence, moved: Collection[str]) -> list[Finding]:
-    """Findings on targets many of whose images contradict the rest, the surest first.
+    """Findings on targets many of whose images contradict the rest, the most certain first.
 
     That so many of them go wrong by chance is judged by the binomial distribution.
 

@@ -1,4 +1,4 @@
-"""Cameras that were knocked far: which of their images belong to which of two poses.
+"""Cameras that were bumped far: which of their images belong to which of two poses.
 
 A move of a pixel and more lets the gate take what it likes, and one of many pixels bends the camera's intrinsics, so
 that linear tests mislead. Here every way to part the camera's images in two is tried. Both parts are resected on the
@@ -78,8 +78,8 @@ def _best_partition(e: Evidence, camera: int, intrinsics: FloatArray) -> TwoPose
     whole = GATE_PX if one is None else one[0]
     if best is None or whole < BETTER * best[0]:
         return None
-    rotation_change, translation = float(np.linalg.norm(best[2])), float(np.linalg.norm(best[3]))
-    return TwoPoseFit(camera, best[1], rotation_change, translation, (whole, best[0]))
+    rotation_rad, shift = float(np.linalg.norm(best[2])), float(np.linalg.norm(best[3]))
+    return TwoPoseFit(camera, best[1], rotation_rad, shift, (whole, best[0]))
 
 
 def _fit(

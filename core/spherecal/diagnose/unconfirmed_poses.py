@@ -1,4 +1,4 @@
-"""Cameras of which the recording does not show for certain where they were at its end, and where else they may be."""
+"""Cameras whose pose at the end of the recording is not certain, and their other possible poses."""
 
 from collections import Counter
 from collections.abc import Collection, Sequence
@@ -41,7 +41,7 @@ Kind = Literal["one-image", "small-move", "last-image", "unlike-any-pose", "not-
 
 @dataclass(frozen=True)
 class UnconfirmedPose:
-    """A camera (index) that may have other poses: turn and shift to each (k,6), and how far its centre then is (k,3).
+    """A camera (index) that may have other poses: turn and shift to each (k,6), and the shift of its centre (k,3).
 
     `image`: the placement that shows another pose. Shifts are in mm, arbitrary without a scale.
     """
@@ -145,7 +145,7 @@ class _FewPoints:
     noise_px: float
 
     def nearest_pose(self, pose: Pose, free: slice) -> Pose | None:
-        """The pose near another one that explains the image but for noise, by some of turn and shift; None without."""
+        """The pose near another that explains the image except for noise, by turn, shift or both; None without one."""
         start, off = pose, np.full(self.uv.size, np.inf)
         stay = self._stay(pose)
         for _ in range(ROUNDS):
@@ -159,8 +159,8 @@ class _FewPoints:
                 return None
             step = np.zeros(POSE)
             step[free] = np.linalg.lstsq(design, goal, rcond=None)[0]
-            turn = exp_rotation(step[:3])
-            pose = turn @ pose[0], turn @ pose[1] + step[3:]
+            rotation = exp_rotation(step[:3])
+            pose = rotation @ pose[0], rotation @ pose[1] + step[3:]
         freedom = off.size - (free.stop - free.start)
         return pose if off @ off < chdtri(freedom, BY_NOISE) else None
 
@@ -224,7 +224,7 @@ def _unseen(e: Evidence) -> tuple[list[int], list[int], int]:
 
 
 def _carried_along(e: Evidence) -> list[UnconfirmedPose]:
-    """Cameras without an image since others moved together, with the poses to which these would have carried them."""
+    """Cameras without an image since others moved together, with the poses that they have if they moved along."""
     unseen, moved, first = _unseen(e)
     state, earlier = e.solution.state, dict(_split_cameras(e))
     if not unseen:
@@ -237,10 +237,10 @@ def _carried_along(e: Evidence) -> list[UnconfirmedPose]:
                 continue
             before = earlier[m]
             # what moved the camera m in the world, in front of the former pose of c
-            turn = state.rotation[before].T @ state.rotation[m]
-            shift = state.rotation[m].T @ (state.translation[before] - state.translation[m])
-            rotation = state.rotation[c] @ turn
-            others.append((rotation, state.translation[c] - rotation @ shift))
+            rotation_change = state.rotation[before].T @ state.rotation[m]
+            translation = state.rotation[m].T @ (state.translation[before] - state.translation[m])
+            rotation = state.rotation[c] @ rotation_change
+            others.append((rotation, state.translation[c] - rotation @ translation))
         if others:
             found.append(_unconfirmed(e, c, "not-seen-since", first, others))
     return found

@@ -1,4 +1,4 @@
-"""What a move is measured against: how much the poses of a camera's images differ without any move.
+"""The reference for moves: how much the poses of a camera's images differ without any move.
 
 Noise alone makes chi-square of them. A lens beyond the model, a point spread that is not Gaussian, or a ball that is
 not quite still shifts every image of a camera a little. The smaller the part of the image that it shares with the
@@ -45,12 +45,12 @@ def inflation(own: Scatter, others: Sequence[Scatter]) -> float:
 
 
 def most_moved(n_cameras: int) -> int:
-    """How many cameras may have moved at most for it to be they who did."""
+    """The largest number of cameras that can be concluded to have moved."""
     return max(MOST_MOVED, int(MOST_MOVED_SHARE * n_cameras))
 
 
 def usual_inflation(scatters: Sequence[Scatter]) -> float:
-    """The scatter of the images' poses of most cameras over that of noise, as far as it is sure; 0 without any."""
+    """The scatter of the images' poses of most cameras over that of noise, as far as it is certain; 0 without any."""
     known = [one for one in scatters if one[1] > 0]
     if not known:
         return 0.0
@@ -70,7 +70,7 @@ def _sure_chi_square(dof: int) -> float:
 
 
 def raised(limit: float, scatter: float) -> float:
-    """The statistic that a move must exceed where poses scatter more than noise lets them.
+    """The statistic that a move must exceed where poses scatter more than noise explains.
 
     Parameters
     ----------

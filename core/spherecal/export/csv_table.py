@@ -71,7 +71,7 @@ def _read(path: Path) -> list[FileCamera]:
         raise InputError(f"{path}: is not a table of cameras as this program writes it ({error}).") from None
     for row in rows:
         try:
-            lens, rotation, shift = (
+            lens, rotation, translation = (
                 np.array([float(row[key]) for key in keys]) for keys in (INTRINSIC_NAMES, _ROTATION, _SHIFT)
             )
             lens = _fisheye_lens(lens) if row.get(_MODEL) == _FISHEYE else lens
@@ -79,7 +79,7 @@ def _read(path: Path) -> list[FileCamera]:
             name, serial = from_cell(row["camera"]), from_cell(row["serial"]) or None
         except (KeyError, TypeError, ValueError):
             raise InputError(f"{path}: is not a table of cameras as this program writes it.") from None
-        cameras.append(FileCamera(name, size, lens, Pose(rotation.reshape(3, 3), shift), serial))
+        cameras.append(FileCamera(name, size, lens, Pose(rotation.reshape(3, 3), translation), serial))
     return cameras
 
 

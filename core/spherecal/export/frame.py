@@ -38,7 +38,7 @@ class Place:
     covariance_mm2: FloatArray
 
 
-def result_places(folder: Path, wanted: Collection[str] = ()) -> dict[str, Place]:
+def result_places(folder: Path, requested: Collection[str] = ()) -> dict[str, Place]:
     """The places of a result folder by name, ball centres first.
 
     `P1` is the ball's centre at placement P1. `A-01/A1` is the mark A1 of a bar verified in the pose A-01: its longest
@@ -48,7 +48,7 @@ def result_places(folder: Path, wanted: Collection[str] = ()) -> dict[str, Place
     ----------
     folder
         The result folder.
-    wanted
+    requested
         Names of points. Of the ball's dots only these are given, of bar poses all points.
 
     Raises
@@ -66,7 +66,7 @@ def result_places(folder: Path, wanted: Collection[str] = ()) -> dict[str, Place
     if (folder / BALL_FILE).is_file():
         found |= _rigid_balls(read_ball(folder).shape, found, keys, xyz, sigma)
     found |= _marks(folder / "verification.json")
-    asked = {name for name in wanted if "/" in name}
+    asked = {name for name in requested if "/" in name}
     for row, (placement, target, point) in enumerate(keys):
         if placement in found and not asked:
             continue
@@ -248,8 +248,8 @@ def _camera(camera: RigCamera, frame: UserFrame, correlation: FloatArray) -> Rig
         covariance = frame.rotation @ (correlation * np.outer(sigma.centre_mm, sigma.centre_mm)) @ frame.rotation.T
         turned = np.sqrt(np.maximum(np.diag(covariance), 0.0))
         sigma = CameraSigma(sigma.rotation_deg, turned, sigma.intrinsics)
-    shift = camera.translation_mm - rotation @ frame.translation_mm
-    return replace(camera, rotation=rotation, translation_mm=shift, sigma=sigma)
+    translation = camera.translation_mm - rotation @ frame.translation_mm
+    return replace(camera, rotation=rotation, translation_mm=translation, sigma=sigma)
 
 
 def _correlation(camera: RigCamera, index: int, covariance: CameraCovariance | None) -> FloatArray:

@@ -38,8 +38,8 @@ def read_matlab(path: Path) -> Sequence[FileCamera]:
     values = _variables(path)
     if set(_STEREO) <= set(values):
         left, right = (_bouguet(path, values, f"_{side}", side) for side in ("left", "right"))
-        turn = _numbers(path, values, "R", 9).reshape(3, 3) if "R" in values else None
-        rotation = exp_rotation(_numbers(path, values, "om", 3)) if turn is None else turn
+        matrix = _numbers(path, values, "R", 9).reshape(3, 3) if "R" in values else None
+        rotation = exp_rotation(_numbers(path, values, "om", 3)) if matrix is None else matrix
         return [_placed(left), _placed(right, rotation, _numbers(path, values, "T", 3))]
     if set(_SINGLE) <= set(values):
         return [_placed(_bouguet(path, values, "", path.stem))]

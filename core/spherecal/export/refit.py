@@ -174,7 +174,7 @@ def _fit(
     Started at once with all of them, the search stops early (0.30 px instead of 0.02 px for a lens with a prism). For
     the same reason the denominator's three stay near those of the whole lens.
     """
-    lens, turn = intrinsics.copy(), np.zeros(3)
+    lens, rotation_vector = intrinsics.copy(), np.zeros(3)
     for count in (*(n for n in _STEPS if n < coefficients), coefficients):
         # focal lengths and centre in thousands of pixels, so that all parameters are of one size
         size = np.where(np.arange(4 + count) < 4, 1000.0, 1.0)
@@ -191,8 +191,8 @@ def _fit(
             stay = _DENOMINATOR_WEIGHT_PX * (new - intrinsics)[_DENOMINATOR]
             return np.concatenate([off.ravel(), stay]) if rational else off.ravel()
 
-        start = np.concatenate([lens[: len(size)] / size, turn if turned else []])
+        start = np.concatenate([lens[: len(size)] / size, rotation_vector if turned else []])
         lens[len(size) :] = 0
         found = least_squares(residuals, start, method="lm", xtol=1e-10, ftol=1e-6, gtol=1e-12).x
-        lens[: len(size)], turn = found[: len(size)] * size, found[len(size) :]
-    return lens, exp_rotation(turn) if turned else np.eye(3)
+        lens[: len(size)], rotation_vector = found[: len(size)] * size, found[len(size) :]
+    return lens, exp_rotation(rotation_vector) if turned else np.eye(3)

@@ -71,11 +71,11 @@ def _quaternion(rotation: np.ndarray) -> list[float]:
 
 
 def _transform(name: str, pose: Pose) -> str:
-    shift = ", ".join(f"{axis}: {number(v)}" for axis, v in zip("xyz", pose.translation, strict=True))
-    turn = ", ".join(f"{axis}: {number(v)}" for axis, v in zip("xyzw", _quaternion(pose.rotation), strict=True))
+    translation = ", ".join(f"{axis}: {number(v)}" for axis, v in zip("xyz", pose.translation, strict=True))
+    rotation = ", ".join(f"{axis}: {number(v)}" for axis, v in zip("xyzw", _quaternion(pose.rotation), strict=True))
     return (
         f"  - header: {{frame_id: {_WORLD}}}\n    child_frame_id: {name}_optical_frame\n"
-        f"    transform:\n      translation: {{{shift}}}\n      rotation: {{{turn}}}\n"
+        f"    transform:\n      translation: {{{translation}}}\n      rotation: {{{rotation}}}\n"
     )
 
 
@@ -103,10 +103,10 @@ def _read(folder: Path) -> list[FileCamera]:
         f = transform.fields(("child_frame_id", "transform"))
         name = f["child_frame_id"].text().removesuffix("_optical_frame")
         parts = f["transform"].fields(("translation", "rotation"))
-        shift = parts["translation"].fields("xyz")
-        turn = parts["rotation"].fields("xyzw")
-        rotation = Rotation.from_quat([turn[axis].number() for axis in "xyzw"]).as_matrix()
-        pose = Pose(rotation, np.array([shift[axis].number() for axis in "xyz"])).inverse()
+        translation = parts["translation"].fields("xyz")
+        quaternion = parts["rotation"].fields("xyzw")
+        rotation = Rotation.from_quat([quaternion[axis].number() for axis in "xyzw"]).as_matrix()
+        pose = Pose(rotation, np.array([translation[axis].number() for axis in "xyz"])).inverse()
         info = read_yaml(folder / f"{name}.yaml").fields(
             ("image_width", "image_height", "camera_matrix", "distortion_coefficients", "distortion_model")
         )

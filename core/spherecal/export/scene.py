@@ -65,7 +65,9 @@ def frusta(rig: FileRig) -> FloatArray:
 def largest_difference_px(form: SceneFormat, path: Path, rig: FileRig) -> float:
     """The largest error in px of the frusta that a file has.
 
-    Of corners it is how far they are off in the image, of centres their shift as seen at the corners' distance.
+    Of corners it is how far they are off in the image, of centres their shift as seen at the corners' distance. It is
+    infinite for a frustum that is not in front of its camera, or not finite. Corners beyond the lens model's inverse,
+    which have no place in the image, are left out.
 
     Parameters
     ----------
@@ -86,10 +88,13 @@ def largest_difference_px(form: SceneFormat, path: Path, rig: FileRig) -> float:
     for camera, places in zip(rig.cameras, read, strict=True):
         width, height = camera.size
         uv = np.array([[-0.5, -0.5], [width - 0.5, -0.5], [width - 0.5, height - 0.5], [-0.5, height - 0.5]])
-        off = np.linalg.norm(camera.project(places[1:]) - uv, axis=1)
+        ahead = (places[1:] @ camera.placed.rotation.T + camera.placed.translation)[:, 2] > 0  # not of a NaN
+        if not (ahead.all() and np.isfinite(places).all()):
+            return np.inf
+        off = np.nan_to_num(np.linalg.norm(camera.project(places[1:]) - uv, axis=1), nan=0.0)
         scale = camera.intrinsics[0] / max(float(np.linalg.norm(places[1:] - places[0], axis=1).min()), 1e-12)
         moved = np.linalg.norm(places[0] - camera.placed.inverse().translation) * scale
-        largest = max(largest, float(np.nanmax(off)), float(moved))
+        largest = max(largest, float(off.max()), float(moved))
     return largest
 
 

@@ -195,8 +195,8 @@ def _lenses(rig: Rig, form: Format, max_loss_px: float, volume: Box | None) -> _
 def _file_rig(rig: Rig, unit: Unit, lenses: _Lenses) -> tuple[FileRig, dict[str, Loss]]:
     cameras = []
     for camera in rig.cameras:
-        lens, turn, _ = lenses.get(camera.id, (camera.intrinsics, np.eye(3), None))
-        pose = Pose(turn @ camera.rotation, turn @ camera.translation_mm / MM_PER[unit])
+        lens, rotation, _ = lenses.get(camera.id, (camera.intrinsics, np.eye(3), None))
+        pose = Pose(rotation @ camera.rotation, rotation @ camera.translation_mm / MM_PER[unit])
         cameras.append(FileCamera(camera.id, camera.image_size, lens, pose, camera.serial))
     source = f"SphereCal {__version__}, input sha256 {rig.input_sha256[:16]}, scale from {rig.scale.source}"
     if rig.quality.verdict != "valid":

@@ -102,7 +102,7 @@ _DOT = record(
     _Dot,
     field("target", integer("The target.")),
     field("point", name("The dot.")),
-    field("xyz_mm", numbers("Its place.", 3).mapped(np.array)),
+    field("xyz_mm", numbers("Its position.", 3).mapped(np.array)),
     field(
         "covariance_mm2",
         numbers("xx, xy, xz, yy, yz, zz.", 6)
@@ -118,8 +118,8 @@ BALL = FileFormat(
     record(
         "",
         _profile,
-        optional("name", text("What the ball is called.")),
-        optional("calibrated", date("When.")),
+        optional("name", text("The name of the ball.")),
+        optional("calibrated", date("When it was calibrated.")),
         group(
             "targets",
             "Its targets.",

@@ -279,7 +279,7 @@ _CERTIFICATE = record(
     Certificate,
     field("number", text("Its number.")),
     optional("laboratory", text("Who issued it."), omit=""),
-    optional("date", date("When."), omit=None),
+    optional("date", date("When it was issued."), omit=None),
     optional("valid_until", date("Until when it is valid."), omit=None),
     check=_check_dates,
 )

@@ -104,14 +104,14 @@ _SET = record(
     "",
     _set,
     field("id", identifier("The placement or bar pose.")),
-    replace(field("taken", time("When.")), is_needed=False),  # files of the first versions lack both
+    replace(field("taken", time("When it was taken.")), is_needed=False),  # files of the first versions lack both
     replace(field("images", entries("Image files by camera.", named_file(""))), is_needed=False),
     unread("attempts", "How often it was tried."),
     unread("seconds", "How long it took."),
     unread("spread_s", "Between the first and the last exposure."),
     unread("late", "Cameras whose images came too late."),
     unread("missing", "Cameras without an image, with the cause."),
-    optional("cameras", entries("What each camera noted of its image.", _FRAME)),
+    optional("cameras", entries("What was recorded with the image of each camera.", _FRAME)),
 )
 SETS = items(
     "The sets of images, in the order in which they were taken.",

@@ -28,8 +28,8 @@ def _finding(values: Mapping[str, Any], **others: Any) -> Finding | None:
 FINDING = record(
     "A finding.",
     as_written,
-    field("severity", choice("How grave it is.", ("info", "warning", "error"))),
-    field("code", prose("What it is, for programs.")),
+    field("severity", choice("Its severity.", ("info", "warning", "error"))),
+    field("code", prose("Its code, for programs.")),
     field("message", prose("What was found, in English.")),
     field("hint", prose("What to do.")),
     field("where", items("Ids of the cameras, placements and targets that it is about.", prose(""))),
@@ -39,14 +39,14 @@ _REPAIR = record(
     "",
     AdvisedRepair,
     field("kind", choice("The repair.", ("leave-out", "split", "swap"))),
-    field("target", prose("Of what.")),
+    field("target", prose("What is repaired.")),
 )
 _VALUES = replace(free("Values by name."), entry=lambda values: {name: as_json(values[name]) for name in values})
 _FINDING = record(
     "",
     _finding,
     field("code", prose("As in rig.json.")),
-    field("kind", prose("Which of the code's sentences.")),
+    field("kind", prose("Which of the sentences of this code.")),
     field("values", _VALUES),
     field("where", items("As in rig.json.", prose(""))),
     field("repairs", items("Repairs that may help.", _REPAIR)),

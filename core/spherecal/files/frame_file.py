@@ -31,7 +31,7 @@ def _check_places(made: FrameDefinition, value: JsonValue) -> None:
 
 
 _DEFINITION = record(
-    "How it was defined; `origin`, `x` and `xy` all or none.",
+    "How it was defined; `origin`, `x` and `xy` are all given or none.",
     FrameDefinition,
     optional("origin", text("The place of the origin.")),
     optional("x", text("A place on the x axis.")),
@@ -44,9 +44,9 @@ FIELDS = (
     field("rotation", rotation("x_user = R x_world + t.")),
     field("translation_mm", numbers("The same.", 3).mapped(np.array)),
     field("definition", _DEFINITION),
-    optional("reference_camera", name("That of the calibration.")),
-    optional("input_sha256", text("That of the calibration.")),
-    optional("distance_mm", number("From the origin to the place on the x axis.", 0)),
+    optional("reference_camera", name("The reference camera of the calibration.")),
+    optional("input_sha256", text("`input_sha256` of the calibration.")),
+    optional("distance_mm", number("Distance from the origin to the place on the x axis.", 0)),
     optional("angle_deg", number("Between the two places, seen from the origin.", 0, 180, "°")),
     optional("origin_sigma_mm", _SIGMAS.described("Standard uncertainties of the origin.")),
     optional("axes_sigma_deg", _SIGMAS.described("Standard uncertainties of the axes.")),

@@ -376,7 +376,7 @@ _CAMERA = record(
     check=_check_sigma,
 )
 _AFFECTED = items(
-    "What care concerns: each has one of these fields.",
+    "The parts that require care; each has one of these fields.",
     record(
         "",
         Affected,
@@ -404,7 +404,7 @@ _COVARIANCE = record(
     field("sha256", text("Its SHA-256."), lambda one: hashlib.sha256(covariance_bytes(one)).hexdigest(), "sha256"),
     field(
         "intrinsics",
-        items("Which intrinsics it holds after turn and shift.", choice("", INTRINSIC_NAMES)),
+        items("The intrinsics in it, after rotation and translation.", choice("", INTRINSIC_NAMES)),
         lambda one: [INTRINSIC_NAMES[i] for i in one.intrinsics],
         "intrinsics",
     ),
@@ -427,9 +427,11 @@ _FORM = record(
     "How the ball was modelled.",
     _form,
     field("name", choice("The form.", ("free", "soft", "rigid"))),
-    field("reason", prose("Why.")),
+    field("reason", prose("The reason for this form.")),
     optional("shape_sd_mm", number("Standard deviation of a dot's place on the ball.", 0), omit=None),
-    optional("shape_sd", choice("Where that comes from.", ("stated", "estimated")), _shape_sd, "shape_sd", omit=None),
+    optional(
+        "shape_sd", choice("Where `shape_sd_mm` comes from.", ("stated", "estimated")), _shape_sd, "shape_sd", omit=None
+    ),
 )
 _REPAIR = record(
     "",
@@ -444,7 +446,7 @@ _REPAIR = record(
     ),
 )
 _SCALE = record(
-    "Where the scale comes from; without it lengths are taken as mm.",
+    "Where the scale comes from; without it lengths are assumed to be in mm.",
     RigScale,
     field("source", choice("Its source.", ("target_spacing", "bar", "board", "ball", "given", "none"))),
     optional("relative_uncertainty", number("Relative standard uncertainty.", 0)),
@@ -457,7 +459,7 @@ RIG = FileFormat(
     record(
         "",
         dict,
-        optional("reference_camera", name("Whose frame the world is.")),
+        optional("reference_camera", name("The camera whose frame is the world.")),
         field("cameras", items("The cameras.", _CAMERA, most=MOST_CAMERAS, differ="id")),
         optional("scale", _SCALE),
         optional("quality", _QUALITY),
@@ -467,7 +469,7 @@ RIG = FileFormat(
         optional("length_uncertainty", replace(_MAP, read=_read_map), "length_map", omit=None),
         optional("form", _FORM, omit=None),
         optional("recorded_at", time("When the last placement was taken."), omit=None),
-        optional("repairs", items("Repairs that went into it.", _REPAIR), omit=()),
+        optional("repairs", items("Repairs that were made.", _REPAIR), omit=()),
         check=_check_reference,
     ),
     (

@@ -96,12 +96,12 @@ _CAMERA = record(
     field("id", identifier("Its id.")),
     field("image_size", items("Width and height in px.", integer("", 1, _LARGEST_IMAGE_PX), length=2)),
     optional("serial", serial("Its serial number.")),
-    optional("model", text("Its maker's name for it.")),
+    optional("model", text("The model name that its maker uses.")),
     optional("pixel_pitch_um", positive("Pixel pitch of the sensor.", "um")),
     optional("focal_length_mm", positive("Focal length of the lens.", "mm")),
     optional("prior", _PRIOR),
     optional("intrinsics_group", name("Cameras with the same group share their intrinsics; its id where absent.")),
-    optional("lens_model", choice("What is estimated; `brown` where absent.", LENS_MODELS)),
+    optional("lens_model", choice("The lens model that is estimated; `brown` where absent.", LENS_MODELS)),
     optional(
         "ignore", items("Rectangles `[left, top, width, height]` in px in which nothing is a target.", _RECTANGLE)
     ),
@@ -208,7 +208,7 @@ _BOARD_POINT = record(
     BoardPoint,
     field("target", integer("The target.")),
     field("point", name("Its point.")),
-    field("xyz_mm", numbers("Its place on the board.", 3)),
+    field("xyz_mm", numbers("Its position on the board.", 3)),
 )
 _POINTS = items("The board's points, for observations.", _BOARD_POINT, least=1).checked(_check_points)
 _RING = items("", integer("", 0, MOST_BOARD_ROWS - 1), length=2)

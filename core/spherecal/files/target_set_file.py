@@ -142,7 +142,7 @@ _TARGET = record(
     field("dots", _DOTS.checked(_check_some, minProperties=1)),
 )
 _LAYOUTS = items(
-    "The targets; only of `aruco` may they be absent: all markers of the dictionary.", _TARGET, least=1, differ="id"
+    "The targets. For `aruco` they may be absent: all markers of the dictionary.", _TARGET, least=1, differ="id"
 ).mapped(
     lambda targets: {target.id: target.dots for target in targets},
     lambda layouts: [_Target(int(i), dots) for i, dots in layouts.items()],
@@ -154,7 +154,7 @@ _SET = record(
     optional(
         "polarity",
         choice(
-            "The dots or markers and what they are printed on; only of `aruco` may it be absent: `dark-on-light`.",
+            "The brightness of dots or markers and of their background; may be absent for `aruco`: `dark-on-light`.",
             _POLARITIES,
         ),
     ),

@@ -50,11 +50,11 @@ def resect(points: FloatArray, xy: FloatArray, gate: float) -> tuple[FloatArray,
     if len(points) < MIN_AGREEING:
         return None
     found, agreeing = False, None
-    turn = shift = np.zeros(3)
+    rotation = translation = np.zeros(3)
     for method in (cv2.SOLVEPNP_SQPNP, cv2.SOLVEPNP_EPNP):
         cv2.setRNGSeed(1)
         try:
-            found, turn, shift, agreeing = cv2.solvePnPRansac(
+            found, rotation, translation, agreeing = cv2.solvePnPRansac(
                 points, xy, np.eye(3), None, reprojectionError=gate, iterationsCount=300, flags=method
             )
             break
@@ -63,10 +63,14 @@ def resect(points: FloatArray, xy: FloatArray, gate: float) -> tuple[FloatArray,
     if not found or agreeing is None or len(agreeing) < MIN_AGREEING:
         return None
     some = np.asarray(agreeing, dtype=np.int64).ravel()
-    turn, shift = cv2.solvePnPRefineLM(points[some], xy[some], np.eye(3), None, turn, shift)
-    if not (np.isfinite(turn).all() and np.isfinite(shift).all()):
+    rotation, translation = cv2.solvePnPRefineLM(points[some], xy[some], np.eye(3), None, rotation, translation)
+    if not (np.isfinite(rotation).all() and np.isfinite(translation).all()):
         return None
-    return exp_rotation(np.asarray(turn, dtype=float).ravel()), np.asarray(shift, dtype=float).ravel(), len(some)
+    return (
+        exp_rotation(np.asarray(rotation, dtype=float).ravel()),
+        np.asarray(translation, dtype=float).ravel(),
+        len(some),
+    )
 
 
 def resected_poses(points: FloatArray, xy: FloatArray, scale: float) -> list[ResectedPose]:
@@ -92,10 +96,10 @@ def resected_poses(points: FloatArray, xy: FloatArray, scale: float) -> list[Res
     rotations, translations = [], []
     for _ in range(SAMPLES):
         three = rng.choice(len(points), 3, replace=False)
-        count, turns, shifts = cv2.solveP3P(points[three], xy[three], np.eye(3), None, flags=cv2.SOLVEPNP_AP3P)
-        for turn, shift in zip(turns[:count], shifts[:count], strict=False):
-            if np.isfinite(turn).all() and np.isfinite(shift).all():
-                rotations.append(exp_rotation(np.asarray(turn, dtype=float).ravel()))
+        count, vectors, shifts = cv2.solveP3P(points[three], xy[three], np.eye(3), None, flags=cv2.SOLVEPNP_AP3P)
+        for vector, shift in zip(vectors[:count], shifts[:count], strict=False):
+            if np.isfinite(vector).all() and np.isfinite(shift).all():
+                rotations.append(exp_rotation(np.asarray(vector, dtype=float).ravel()))
                 translations.append(np.asarray(shift, dtype=float).ravel())
     if not rotations:
         return []

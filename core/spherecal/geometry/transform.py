@@ -50,9 +50,9 @@ def pose_change(
     new_rotation, new_translation
         The poses to arrive at, in the same shapes.
     """
-    turn = new_rotation @ np.swapaxes(rotation, -1, -2)
-    shift = new_translation - np.einsum("...ij,...j->...i", turn, translation)
-    return np.concatenate([log_rotation(turn), shift], axis=-1)
+    rotation_change = new_rotation @ np.swapaxes(rotation, -1, -2)
+    translation_change = new_translation - np.einsum("...ij,...j->...i", rotation_change, translation)
+    return np.concatenate([log_rotation(rotation_change), translation_change], axis=-1)
 
 
 def fit_similarity(source: FloatArray, target: FloatArray, with_scale: bool = True) -> Similarity:

@@ -79,8 +79,11 @@ def what_is_known(session: Session, calibration: Calibration) -> KnownNetwork | 
     # any placement gives a dot's place on the ball; those of the root itself come last and win
     located = np.isfinite(points[:, 0])
     for rows in (np.flatnonzero(~at_root & located), np.flatnonzero(at_root & located)):
-        turn, shift = alignment.rotation[features.placement[rows]], alignment.translation[features.placement[rows]]
-        world[shared.places.point[rows]] = np.einsum("fji,fj->fi", turn, points[rows] - shift)
+        rotation, translation = (
+            alignment.rotation[features.placement[rows]],
+            alignment.translation[features.placement[rows]],
+        )
+        world[shared.places.point[rows]] = np.einsum("fji,fj->fi", rotation, points[rows] - translation)
     body = _body(session, calibration, alignment, shared.places, world)
     if body is None:
         return None

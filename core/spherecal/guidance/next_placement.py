@@ -91,10 +91,10 @@ class Guidance(ByValue):
         if self.best is None:
             return now
         x, y, z = self.best.centre_mm
-        turn = f", turned by {self.best.turn_deg:.0f} degrees" if self.best.axis is not None else ", not turned"
+        turned = f", turned by {self.best.turn_deg:.0f} degrees" if self.best.axis is not None else ", not turned"
         return (
             f"{now} After one more placement at ({x:.0f}, {y:.0f}, {z:.0f}) mm, towards camera {self.best.nearest}"
-            f"{turn}: {self.best.expanded_mm:.3f} mm."
+            f"{turned}: {self.best.expanded_mm:.3f} mm."
         )
 
 
@@ -133,10 +133,10 @@ def advise(
     ghosts = _with_far_side(known)
     found = []
     places = _candidate_places(known, volume)
-    turns = [None, *(volume.axes[k] for k in (0, 2))]
+    rotations = [None, *(volume.axes[k] for k in (0, 2))]
     for number, place in enumerate(places):
         context.report(STAGE, number / len(places))
-        for axis in turns:
+        for axis in rotations:
             candidate = _try(ghosts, known, place, axis, tests)
             if candidate is not None:
                 found.append(candidate)
@@ -263,8 +263,8 @@ class _Shown:
 
 def _pose_at(known: KnownNetwork, place: FloatArray, axis: FloatArray | None) -> tuple[FloatArray, FloatArray]:
     """The ball's turn (3,3) and shift (3,) where its centre is at a place, turned on from the last placement."""
-    turn = known.turns[-1] if axis is None else exp_rotation(np.deg2rad(TURN_DEG) * axis) @ known.turns[-1]
-    return turn, place - turn @ known.body.centre
+    rotation = known.turns[-1] if axis is None else exp_rotation(np.deg2rad(TURN_DEG) * axis) @ known.turns[-1]
+    return rotation, place - rotation @ known.body.centre
 
 
 def _shown_at(ball: _Ball, known: KnownNetwork, place: FloatArray, axis: FloatArray | None) -> Candidate:
@@ -293,9 +293,9 @@ def _try(
     return None if expanded is None else replace(_shown_at(ball, known, place, axis), expanded_mm=expanded)
 
 
-def _in_view(ball: _Ball, known: KnownNetwork, turn: FloatArray, shift: FloatArray) -> FloatArray:
+def _in_view(ball: _Ball, known: KnownNetwork, rotation: FloatArray, translation: FloatArray) -> FloatArray:
     """Which dots of the ball in a pose the cameras would see, (c,k)."""
-    dots, normals = ball.dots @ turn.T + shift, ball.normals @ turn.T
+    dots, normals = ball.dots @ rotation.T + translation, ball.normals @ rotation.T
     x = np.einsum("cij,pj->cpi", known.state.rotation, dots) + known.state.translation[:, None]
     c, p = x.shape[:2]
     k = np.repeat(known.state.intrinsics, p, axis=0)
@@ -310,9 +310,9 @@ def _in_view(ball: _Ball, known: KnownNetwork, turn: FloatArray, shift: FloatArr
     return inside
 
 
-def _predicted(ball: _Ball, known: KnownNetwork, turn: FloatArray, shift: FloatArray) -> _Shown | None:
+def _predicted(ball: _Ball, known: KnownNetwork, rotation: FloatArray, translation: FloatArray) -> _Shown | None:
     """What the cameras would see of the ball in a pose."""
-    in_view = _in_view(ball, known, turn, shift)
+    in_view = _in_view(ball, known, rotation, translation)
     camera, dot = np.nonzero(in_view)
     p = in_view.shape[1]
     new = dot >= len(known.body.dots)
@@ -326,7 +326,7 @@ def _predicted(ball: _Ball, known: KnownNetwork, turn: FloatArray, shift: FloatA
     drawn = np.random.default_rng(1).random(p) < share
     keep &= ~new | drawn[dot]
     camera, dot = camera[keep], dot[keep]
-    return _Shown(camera, ball.point[dot], turn, shift) if len(camera) else None
+    return _Shown(camera, ball.point[dot], rotation, translation) if len(camera) else None
 
 
 def _expanded(known: KnownNetwork, state: State, shown: _Shown | None, tests: FloatArray) -> float | None:

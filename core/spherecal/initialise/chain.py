@@ -54,7 +54,7 @@ def chain_points(
     translation: FloatArray,
     n_features: int,
 ) -> FloatArray:
-    """Points (m,3) as the triples on the paths have them, brought to the reference frame; NaN where none has.
+    """Points (m,3) from the triples on the paths, in the reference frame; NaN where no triple has the point.
 
     A point in several triples gets their mean.
 

@@ -64,13 +64,13 @@ def grow(
         rotation[first], translation[first] = np.eye(3), 0.0
         rotation[second], translation[second] = local.pair.rotation, local.pair.translation
     state = State(rotation, translation, intrinsics, np.full((network.n_features, 3), np.nan))
-    grown = InitialPoses(state, np.isfinite(translation[:, 0]))
+    resected = InitialPoses(state, np.isfinite(translation[:, 0]))
     if max((len(path.cameras) - 1 for path in local.paths.values()), default=0) > DIRECT_HOPS:
-        grown = _grow_in_rings(local, network, grown.state, candidates, context)
-    if grown.placed.sum() >= 2 and not grown.placed.all():
-        state = adjust_placed(network, grown.state, grown.placed, candidates, context)
-        grown = resect_rest(network, InitialPoses(state, grown.placed), candidates, context)
-    return grown
+        resected = _grow_in_rings(local, network, resected.state, candidates, context)
+    if resected.placed.sum() >= 2 and not resected.placed.all():
+        state = adjust_placed(network, resected.state, resected.placed, candidates, context)
+        resected = resect_rest(network, InitialPoses(state, resected.placed), candidates, context)
+    return resected
 
 
 def _grow_in_rings(
@@ -109,7 +109,7 @@ def _pose_from_parent(local: LocalNetwork, state: State, camera: int) -> tuple[F
 
 
 def _scale_to_adjusted(triple: Triple, parent: int, state: State) -> float | None:
-    """How much larger the adjusted network is than the triple: the median ratio of depths in the parent camera."""
+    """The size of the adjusted network relative to the triple: the median ratio of depths in the parent camera."""
     known = np.isfinite(state.points[triple.features, 0])
     if known.sum() < 5:
         return None
@@ -154,16 +154,16 @@ def _best_observations(network: Network, candidates: BoolArray) -> BoolArray:
 
 def resect_rest(
     network: Network,
-    grown: InitialPoses,
+    resected: InitialPoses,
     candidates: BoolArray,
     context: Context,
-    follow: Callable[[InitialPoses], InitialPoses] = lambda grown: grown,
+    follow: Callable[[InitialPoses], InitialPoses] = lambda resected: resected,
 ) -> InitialPoses:
     """Poses of cameras that have none yet, those first that see most known points, an adjustment after each round.
 
     Parameters
     ----------
-    network, grown
+    network, resected
         The network, and the poses so far.
     candidates
         Observations to use, (n,).
@@ -172,7 +172,7 @@ def resect_rest(
     follow
         Adds the poses of cameras that depend on those placed.
     """
-    state, placed = grown.state, grown.placed.copy()
+    state, placed = resected.state, resected.placed.copy()
     tried: set[int] = set()
     while True:
         known = np.isfinite(state.points[network.feature, 0]) & candidates
@@ -193,8 +193,8 @@ def resect_rest(
             continue
         tried.clear()
         more = placed | np.isin(np.arange(len(placed)), found)
-        grown = follow(InitialPoses(replace(state, rotation=rotation, translation=translation), more))
-        state, placed = adjust_placed(network, grown.state, grown.placed, candidates, context), grown.placed
+        resected = follow(InitialPoses(replace(state, rotation=rotation, translation=translation), more))
+        state, placed = adjust_placed(network, resected.state, resected.placed, candidates, context), resected.placed
 
 
 def resect_camera(network: Network, state: State, camera: int, rows: IntArray) -> tuple[FloatArray, FloatArray] | None:

@@ -32,7 +32,7 @@ FLAT_PAIRS, FLAT_SHARE = 40, 0.8
 
 @dataclass(frozen=True)
 class LocalNetwork:
-    """What the local stage hands over: the two-view gate's verdicts (n,), triples, their graph and the paths.
+    """The result of the local stage: the two-view gate's verdicts (n,), triples, their graph and the paths.
 
     Only triples on a path have their points: those of a thousand triples take more memory than the observations.
     `pair` is the pair of cameras with most common points where no three have enough.
@@ -99,9 +99,9 @@ def reconstruct_locally(
     reconstruct = reconstruct_planar_triple if _is_flat(gate, table, xy, intrinsics) else reconstruct_triple
     edges = strongest_pairs(np.where(pairs > 0, counts, 0), PARTNERS)
     triples = solve_triples(candidate_triples(seen, edges), n_cameras, solve, MIN_POINTS, context)
-    wanted = paths if isinstance(paths, PathSettings) else PathSettings(paths)
-    graph = build_graph(triples, counts, wanted.weights)
-    found = find_paths(graph, triples, wanted.search, wanted.base) if triples else {}
+    requested = paths if isinstance(paths, PathSettings) else PathSettings(paths)
+    graph = build_graph(triples, counts, requested.weights)
+    found = find_paths(graph, triples, requested.search, requested.base) if triples else {}
     on_a_path = {number for path in found.values() for number in path.triples}
     none = np.zeros(0, dtype=np.int64), np.zeros((0, 3))
     triples = [t if i in on_a_path else replace(t, features=none[0], points=none[1]) for i, t in enumerate(triples)]
@@ -116,7 +116,7 @@ def reconstruct_locally(
 def _strongest_pair(
     gate: TwoViewGate, table: IntArray, xy: FloatArray, intrinsics: FloatArray, seed: int
 ) -> Pair | None:
-    """The two cameras with most points that they agree on; None without any, or where these do not show their pose.
+    """The two cameras that agree on most points; None without any, or where these points do not determine their pose.
 
     Two cameras alone are no rig: nothing would test what they say.
     """
@@ -130,7 +130,7 @@ def _strongest_pair(
 
 
 def _is_flat(gate: TwoViewGate, table: IntArray, xy: FloatArray, intrinsics: FloatArray) -> bool:
-    """Whether most pairs of cameras see points of one plane, whose triples no factorisation reconstructs."""
+    """Whether most pairs of cameras see points of one plane, whose triples no factorisation can reconstruct."""
     pairs = [(pair, common) for pair, common in gate.consistent.items() if len(common) >= MIN_COMMON]
     some = [pairs[i] for i in np.unique(np.linspace(0, len(pairs) - 1, FLAT_PAIRS).astype(int))] if pairs else []
     not_flat = 0
@@ -142,7 +142,7 @@ def _is_flat(gate: TwoViewGate, table: IntArray, xy: FloatArray, intrinsics: Flo
 
 
 def lasting_reference(local: LocalNetwork, session: Session) -> LocalNetwork:
-    """The local network with a reference camera that the rig will have: no earlier pose of a split camera.
+    """The local network with a reference camera that stays in the rig: not an earlier pose of a split camera.
 
     Parameters
     ----------

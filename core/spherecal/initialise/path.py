@@ -1,4 +1,4 @@
-"""OPT: every camera's best path to the reference, [Tao21] (14)-(17), and the ways it is compared with."""
+"""OPT: every camera's best path to the reference, [Tao21] (14)-(17), and the variants it is compared with."""
 
 import heapq
 from collections import deque
@@ -128,7 +128,7 @@ def _first_listed_paths(graph: CameraGraph, triples: list[Triple]) -> dict[int, 
 
 
 def _first_step(listed: list[int], triples: list[Triple], paths: dict[int, Path]) -> tuple[int, int, int] | None:
-    """The first triple that joins a camera without a path to one with: its number, that camera, the new one."""
+    """The first triple with a camera that has a path and one that has none: its number, that camera, the new one."""
     for number in listed:
         cameras = sorted(triples[number].cameras)
         known = [camera for camera in cameras if camera in paths]

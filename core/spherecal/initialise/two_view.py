@@ -1,6 +1,6 @@
-"""The robust gate before any reconstruction: wrong matches are voted out by two-view geometry.
+"""The robust gate before any reconstruction: wrong matches are rejected by two-view geometry.
 
-The factorisation of a triple has no defence of its own: with 2 % wrong matches it lost cameras in every trial.
+The factorisation of a triple is not robust: with 2 % wrong matches it lost cameras in every trial.
 """
 
 from dataclasses import dataclass

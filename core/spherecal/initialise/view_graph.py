@@ -1,4 +1,4 @@
-"""The camera graph: who shares features, which triples are solved, and the lightest edges, [Tao21] (10)-(13)."""
+"""The camera graph: common features of cameras, the triples to solve, and the lightest edges, [Tao21] (10)-(13)."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -25,7 +25,7 @@ def common_counts(seen: BoolArray) -> IntArray:
 
 
 def strongest_pairs(counts: IntArray, partners: int) -> IntArray:
-    """The counts (c, c) of each camera's pairs with most features in common, and of those that hold the graph together.
+    """Counts (c, c) of each camera's pairs with most common features, and of those that keep the graph connected.
 
     The rest is 0. A pair stays when either camera counts the other among its best.
 
@@ -104,7 +104,7 @@ def solve_triples(
     context
         For progress, and to stop.
     """
-    solved: list[Triple] = []
+    fit: list[Triple] = []
     in_edge = np.zeros((n_cameras, n_cameras), dtype=int)
     left_out: list[int] = []
     for number, cameras in enumerate(candidates.cameras):
@@ -116,21 +116,21 @@ def solve_triples(
             continue
         if number % 8 == 0:
             context.report("triples", number / len(candidates.cameras))
-        _try(solve, (i, j, k), solved, in_edge)
-    part = _parts(solved, n_cameras)
+        _try(solve, (i, j, k), fit, in_edge)
+    part = _parts(fit, n_cameras)
     for number in left_out:
         i, j, k = (int(c) for c in candidates.cameras[number])
         if part.max() == 0:
             break
         if len({part[i], part[j], part[k]}) > 1:
             context.check()
-            _try(solve, (i, j, k), solved, in_edge)
-            part = _parts(solved, n_cameras)
-    return solved
+            _try(solve, (i, j, k), fit, in_edge)
+            part = _parts(fit, n_cameras)
+    return fit
 
 
 def _parts(triples: list[Triple], n_cameras: int) -> IntArray:
-    """Which cameras hang together by triples whose errors the graph accepts: a number for each camera's part, (c,)."""
+    """Cameras that are connected by triples whose errors the graph accepts: the number of each camera's part, (c,)."""
     linked = np.zeros((n_cameras, n_cameras), dtype=bool)
     threshold = error_threshold(triples)
     for triple in triples:
@@ -142,13 +142,13 @@ def _parts(triples: list[Triple], n_cameras: int) -> IntArray:
 def _try(
     solve: Callable[[tuple[int, int, int]], Triple | None],
     cameras: tuple[int, int, int],
-    solved: list[Triple],
+    fit: list[Triple],
     in_edge: IntArray,
 ) -> None:
     triple = solve(cameras)
     if triple is None:
         return
-    solved.append(triple)
+    fit.append(triple)
     for a in cameras:
         for b in cameras:
             in_edge[a, b] += a != b
@@ -199,7 +199,7 @@ class EdgeWeights:
 
 
 def error_threshold(triples: list[Triple]) -> float:
-    """TH_er, the mean reprojection error in px beyond which a camera's part in a triple counts for nothing."""
+    """TH_er, the mean reprojection error in px above which a camera's part in a triple is not used."""
     return THRESHOLD_FACTOR * float(np.median([t.error_px.mean() for t in triples])) if triples else 0.0
 
 
@@ -260,7 +260,7 @@ MOST_DENSE = 400
 
 
 def common_scales(triples: list[Triple]) -> FloatArray:
-    """Factors (t,) that bring all triples to one scale: triples that share an edge must agree on its length.
+    """Factors (t,) that give all triples one scale: triples that share an edge must agree on its length.
 
     The paper chains translations of triples as they are, but each has a scale of its own. Least absolute deviations of
     the logarithms of base lengths, by reweighting; within parts that hang together.

@@ -27,8 +27,8 @@ _POINT = record(
     _point,
     field("target", integer("The target.", 0, 2**31), "name.target"),
     optional("point", name("The point of the target; `centre` where absent."), "name.point"),
-    field("xyz_mm", items("Its place.", number("", -_MOST_MM, _MOST_MM, "mm"), length=3), "place_mm"),
-    optional("sigma_mm", number("Standard deviation of that; 0 where absent.", 0, _MOST_MM, "mm")),
+    field("xyz_mm", items("Its position.", number("", -_MOST_MM, _MOST_MM, "mm"), length=3), "place_mm"),
+    optional("sigma_mm", number("Standard deviation of its position; 0 where absent.", 0, _MOST_MM, "mm")),
 )
 BODY = FileFormat(
     "spherecal/body",

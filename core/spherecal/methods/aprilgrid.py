@@ -1,7 +1,7 @@
 """The corners of an AprilGrid: tags with small squares at their corners, as Kalibr prints them, or without.
 
-The tags' ids say where each is. Which of its corners is which follows from where the other tags are. So neither the
-way a dictionary has its tags turned nor the camera's turn need be known.
+The tags' ids give the position of each tag. The order of its corners follows from the positions of the other tags. So
+neither the orientation of tags in a dictionary nor that of the camera needs to be known.
 """
 
 import cv2
@@ -90,14 +90,14 @@ def _labelled(ids: IntArray, corners: FloatArray, pattern: BoardPattern) -> tupl
     points = pattern.points_mm
     side = float(np.median(np.linalg.norm(np.diff(corners, axis=1), axis=2)))
     tried = []
-    for turn in range(4):
-        turned = np.roll(index, turn, axis=1).ravel()
+    for rotation in range(4):
+        turned = np.roll(index, rotation, axis=1).ravel()
         off = _off_plane(points[turned], corners.reshape(-1, 2), _OFF * side)
-        tried.append((float(np.median(off)), turn))
-    (least, turn), (second, _) = sorted(tried)[:2]
+        tried.append((float(np.median(off)), rotation))
+    (least, rotation), (second, _) = sorted(tried)[:2]
     if not least < _OFF * side or second < _RIGHT * least:
         return None
-    turned, uv = np.roll(index, turn, axis=1).ravel(), corners.reshape(-1, 2)
+    turned, uv = np.roll(index, rotation, axis=1).ravel(), corners.reshape(-1, 2)
     keep = (_off_plane(points[turned], uv, _OFF * side) < _OFF * side).reshape(-1, 4).all(axis=1)
     if keep.sum() < _LEAST_TAGS:
         return None

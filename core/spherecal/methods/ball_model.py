@@ -44,7 +44,7 @@ def ball_network(recording: Recording, network: Network, local: LocalNetwork, fr
 def fit_ball_model(
     recording: Recording, start: StartValues, free: BallFit, settings: CalibrationSettings, run: Run
 ) -> MetricFit:
-    """The network in millimetres, in the ball model that the data carry; the free form where the user stops that.
+    """The network in millimetres, in the ball model that the data support; the free form if the user stops this.
 
     Decision 0006; docs/formulation.md, section The rigid ball.
 
@@ -80,7 +80,7 @@ def fit_ball_model(
 def _in_its_model(
     recording: Recording, free: BallFit, ball: BallNetwork, settings: CalibrationSettings, run: Run
 ) -> MetricFit:
-    """The network in millimetres: on a stored ball, as rigid as the data allow, or free; with the findings of that."""
+    """The network in millimetres: on a stored ball, as rigid as the data allow, or free; with its findings."""
     refused: tuple[Finding, ...] = ()
     if settings.ball is not None:
         stored = on_known_ball(recording, free, ball, settings.ball, run)
@@ -88,12 +88,12 @@ def _in_its_model(
         if isinstance(stored, MetricFit):
             return stored
         refused = (stored,)
-    solved, choice = free, ModelChoice("free", Phrase("form-asked-alone"))
+    fit, choice = free, ModelChoice("free", Phrase("form-asked-alone"))
     if settings.method in ("auto", "soft", "rigid"):
-        solved, choice = select_ball_model(recording, free, ball, settings, run)
+        fit, choice = select_ball_model(recording, free, ball, settings, run)
         run.watch.lap("rigid ball")
-    solved, solution = in_millimetres(recording, solved, run)
-    return MetricFit(solved, choice, solution, refused)
+    fit, solution = in_millimetres(recording, fit, run)
+    return MetricFit(fit, choice, solution, refused)
 
 
 def _without_ambiguous(fit: MetricFit, free: BallFit) -> MetricFit:
@@ -106,7 +106,7 @@ def _without_ambiguous(fit: MetricFit, free: BallFit) -> MetricFit:
 def select_ball_model(
     recording: Recording, free: BallFit, ball: BallNetwork, settings: CalibrationSettings, run: Run
 ) -> tuple[BallFit, ModelChoice]:
-    """The rigid form where the data carry it, else the soft or the free one; and the choice with its reasons.
+    """The rigid form if the data support it, else the soft or the free one; and the choice with its reasons.
 
     Where motions of cameras or of the ball explain what the rigid form does not, it is kept (decisions 0006, 0009,
     0012).
@@ -129,8 +129,8 @@ def select_ball_model(
     """
     wanted: RequestedForm = settings.method if settings.method in ("rigid", "soft") else "auto"
 
-    def mm_per_unit(solved: BallFit) -> float:
-        return metric_solution(recording, solved).factor
+    def mm_per_unit(fit: BallFit) -> float:
+        return metric_solution(recording, fit).factor
 
     def others(placed: BoolArray) -> list[BallFit]:
         return solve_others(recording, ball.network, placed, settings, run)
@@ -144,7 +144,7 @@ def select_ball_model(
         requested = RequestedModel(wanted, settings.shape_sd_mm, mm_per_unit, sizes)
         return choose_ball_model(free, ball, others, requested, run)
 
-    solved, choice = chosen(wanted)
+    fit, choice = chosen(wanted)
     if choice.refused and choice.limit is not None:
         most = choice.limit * free.adjusted.variance
         weighted = replace(ball.network, noise=free.network.noise)
@@ -154,7 +154,7 @@ def select_ball_model(
             return rigid, replace(of_rigid, reason=reason, asked=False)
     if wanted not in ("auto", choice.form):
         raise InputError(Phrase("error-form-not-possible", {"form": wanted, "why": choice.reason}))
-    return solved, choice
+    return fit, choice
 
 
 def solve_others(

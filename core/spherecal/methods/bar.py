@@ -1,7 +1,8 @@
 """The 1-D method: a bar with two or more marks waved through the volume in many frames.
 
-Pairs of cameras from the marks they share, chained by shortest paths, then everything together with the bar's lengths
-as rows; the cameras' intrinsics known or free. After Deng et al. and Sun et al., the rivals in [Tao21].
+Pairs of cameras are solved from the marks they share and chained by shortest paths. Then everything is adjusted
+together with the bar's lengths as rows; the cameras' intrinsics are known or free. After Deng et al. and Sun et al.,
+with whose methods [Tao21] compares.
 """
 
 import numpy as np

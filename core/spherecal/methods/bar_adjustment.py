@@ -1,4 +1,4 @@
-"""The joint adjustment of cameras and a waved bar's marks, its lengths as rows: robust first, then gate and plain."""
+"""The joint adjustment of cameras and a waved bar's marks, its lengths as rows: robust, then gate and plain."""
 
 from dataclasses import dataclass, replace
 
@@ -119,9 +119,12 @@ def chain_pairs(work: BarNetwork, state: State, parents: tuple[tuple[int, int], 
         both = np.isin(np.arange(len(work.placed)), (parent, camera))
         alone = replace(work, placed=both, reference=parent)
         pair = _adjusted_pair(alone, start, context)
-        turn = pair.rotation[camera] @ pair.rotation[parent].T
-        shift = pair.translation[camera] - turn @ pair.translation[parent]
-        rotation[camera], translation[camera] = turn @ rotation[parent], turn @ translation[parent] + shift
+        rotation_change = pair.rotation[camera] @ pair.rotation[parent].T
+        translation_change = pair.translation[camera] - rotation_change @ pair.translation[parent]
+        rotation[camera], translation[camera] = (
+            rotation_change @ rotation[parent],
+            rotation_change @ translation[parent] + translation_change,
+        )
         intrinsics[camera] = pair.intrinsics[camera]
     state = replace(state, rotation=rotation, translation=translation, intrinsics=intrinsics)
     points, good = usable_features(work.network, state, work.placed[work.network.camera])

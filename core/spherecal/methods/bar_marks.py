@@ -87,8 +87,8 @@ def bar_recording(session: Session, bar: Bar) -> BarRecording:
     poses = [(first + i, pose) for i, pose in enumerate(session.bar_poses) if pose.bar == bar.id]
     frame_of = np.full(len(o.placements), -1)
     frame_of[[index for index, _ in poses]] = np.arange(len(poses))
-    wanted = [mark.target for mark in bar.marks.values()]
-    keep = (frame_of[o.placement] >= 0) & np.isin(o.target, wanted)
+    requested = [mark.target for mark in bar.marks.values()]
+    keep = (frame_of[o.placement] >= 0) & np.isin(o.target, requested)
     # a mark observed under its own name needs no dots
     named = {(mark.target, mark.point) for mark in bar.marks.values()}
     own = o.select(keep)

@@ -1,4 +1,4 @@
-"""Start values from a waved bar: pairs of cameras by essential matrices, made metric by the bar, chained."""
+"""Start values from a waved bar: pairs of cameras by essential matrices, scaled by the bar, and chained."""
 
 from dataclasses import dataclass
 
@@ -100,7 +100,7 @@ class _Common:
 
 
 def _solve_pair(recording: BarRecording, lengths: Lengths, common: _Common, seed: int) -> CameraPair | None:
-    """A pair of cameras from what both see; None where that does not agree."""
+    """A pair of cameras from the points that both see; None where these do not agree."""
     points, first, second, focal = common.points, common.first, common.second, common.focal
     frames = np.unique(points // recording.slots)
     if len(points) > _ENOUGH:  # whole frames, or no length would be left

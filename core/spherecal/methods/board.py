@@ -1,6 +1,6 @@
 """The classical method: a plane board (or any rigid figure of known points) shown to the cameras in many placements.
 
-Each camera alone, cameras chained in overlapping groups of four, then everything together, the board's points fixed.
+Each camera is calibrated alone and chained in overlapping groups of four; then everything is adjusted together.
 """
 
 from dataclasses import replace
@@ -106,7 +106,7 @@ def _pitch(session: Session) -> float:
 
 
 def _on_board(session: Session) -> tuple[Observations, IntArray, int]:
-    """The placements' observations of board points, the board point of each (n,), and how many were of other things."""
+    """The placements' observations of board points, the board point of each (n,), and the number of other ones."""
     o, board = session.observations, session.board
     assert o is not None and board is not None
     names = tuple(sorted(set(o.points) | {p.point for p in board}))
@@ -135,7 +135,7 @@ def _start(session: Session, views: BoardViews, free: BoolArray, context: Contex
 
 
 def _assumed(session: Session) -> BoolArray:
-    """Whose focal length is only assumed, (c,)."""
+    """Cameras (c,) whose focal length is only assumed."""
     return np.array(["focal_length" in camera.assumed for camera in session.cameras])
 
 
@@ -160,7 +160,7 @@ def _chained(
 def _adjusted(
     session: Session, network: BoardNetwork, state: State, candidates: BoolArray, context: Context, joint: bool
 ) -> tuple[BoardSolution, list[Finding]]:
-    """The joint adjustment with the board's points fixed or estimated, and what is to be said about its shape."""
+    """The joint adjustment with the board's points fixed or estimated, and the findings on its shape."""
     views = network.views
     linked = np.isfinite(state.translation[views.camera, 0])
     linked &= np.isfinite(state.placement_translation[views.placement, 0])
@@ -188,7 +188,7 @@ def _reference(links: Links, found: ViewPoses, views: BoardViews) -> int:
 def _features(
     observations: Observations, session: Session, point: IntArray, placements: IntArray
 ) -> tuple[Features, IntArray, IntArray]:
-    """Features: all board points at `placements`, and what else was observed; their placement and board point."""
+    """Features: all board points at `placements`, and all others observed; their placement and board point."""
     board = session.board
     assert board is not None
     count = len(board)

@@ -69,7 +69,7 @@ class BoardAdjusted:
 
 
 def place_boards(views: BoardViews, found: ViewPoses, state: State, cameras: BoolArray) -> State:
-    """The state with a pose of each placement that placed cameras see: of their poses the one that fits them all best.
+    """The state with a pose of each placement that placed cameras see: the one of their poses that fits all best.
 
     NaN where no camera with a pose sees the board.
 
@@ -103,7 +103,7 @@ def place_boards(views: BoardViews, found: ViewPoses, state: State, cameras: Boo
 def view_error(
     views: BoardViews, state: State, camera: int, placement: int, rotation: FloatArray, translation: FloatArray
 ) -> float:
-    """Median distance in px of a view's points from where a board placed so would show them; infinite behind.
+    """Median distance in px of a view's points from those predicted for a pose of the board; infinite behind.
 
     Parameters
     ----------

@@ -86,7 +86,7 @@ def find_links(views: BoardViews, found: ViewPoses, intrinsics: FloatArray, cont
 
 
 def _link(views: BoardViews, found: ViewPoses, intrinsics: FloatArray, a: int, b: int) -> Link | None:
-    """The relative pose that explains most placements; it shows which of a plane's two poses in a view is right."""
+    """The relative pose that explains most placements; it decides which of a plane's two poses in a view is right."""
     placements = [t for t in range(views.n_placements) if found.get((a, t)) and found.get((b, t))]
     if not placements:
         return None
@@ -110,7 +110,7 @@ def _spread(n: int, most: int) -> list[int]:
 
 
 def _error_in(views: BoardViews, rows: IntArray, poses: Sequence[BoardPose], camera: PosedCameras) -> float:
-    """Median distance in px of a camera's view (rows) from the board as another has it, for the better of its poses.
+    """Median distance in px of a camera's view (rows) from the board by another camera, for the better of its poses.
 
     `camera`: the one camera, in the frame of the other.
     """
@@ -159,7 +159,7 @@ def chain(network: BoardNetwork, start: BoardStart, links: Links, context: Conte
 
 
 def _next_group(links: Links, placed: BoolArray) -> list[int] | None:
-    """Up to four cameras, the placed ones first, that hang together by the lightest links and bring new cameras."""
+    """Up to four cameras, the placed ones first, connected by the lightest links, that include new cameras."""
     fresh = {pair: link for pair, link in links.items() if placed[pair[0]] and not placed[pair[1]]}
     if not fresh:
         return None
@@ -202,7 +202,7 @@ def _adjust_group(network: BoardNetwork, start: BoardStart, links: Links, group:
 
 
 def whole(state: State) -> State:
-    """The state with some pose for placements and cameras that have none, for kernels that run over all."""
+    """The state with any pose for placements and cameras that have none, for kernels that run over all."""
     known = np.isfinite(state.placement_translation[:, 0])
     placed = np.isfinite(state.translation[:, 0])
     return replace(
@@ -215,11 +215,11 @@ def whole(state: State) -> State:
 
 
 def _join(state: State, local: State, group: list[int], placed: BoolArray) -> None:
-    """Bring a group's new cameras into the whole over the mean of its placed ones."""
+    """Join a group's new cameras to the whole by the mean of its placed ones."""
     common = [c for c in group if placed[c]]
     # group frame to world: x_world = R x_group + t for each common camera
-    turns = [state.rotation[c].T @ local.rotation[c] for c in common]
-    rotation = nearest_rotation(np.sum(turns, axis=0))
+    rotations = [state.rotation[c].T @ local.rotation[c] for c in common]
+    rotation = nearest_rotation(np.sum(rotations, axis=0))
     centres = np.array([-local.rotation[c].T @ local.translation[c] for c in common])
     goals = np.array([-state.rotation[c].T @ state.translation[c] for c in common])
     translation = (goals - centres @ rotation.T).mean(axis=0)

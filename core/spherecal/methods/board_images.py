@@ -94,7 +94,7 @@ def find_boards(session: Session, pattern: BoardPattern, context: Context) -> Bo
 
 
 def _nothing(session: Session, pattern: BoardPattern, paths: list[Path]) -> InputError:
-    """That no image shows the board; of an AprilGrid also whether one does whose rows count the other way."""
+    """The error that no image shows the board; for an AprilGrid it says if the rows count the other way."""
     hint = Phrase("board-fields", {"fields": ["kind", "rows", "columns", "polarity", "rings"]})
     if pattern.kind == "aprilgrid":
         hint = Phrase("board-fields", {"fields": ["rows", "columns", "pitch_mm", "marker_mm", "dictionary"]})
@@ -235,7 +235,7 @@ def _find_chessboard(image: NDArray[np.uint8], pattern: BoardPattern) -> FoundBo
 
 
 def _upright(image: NDArray[np.uint8], grid: FloatArray, pattern: BoardPattern) -> FloatArray:
-    """The corners counted as the board counts them: first by sense, then by the colour of the first square.
+    """The corners in the board's order: first by orientation, then by the colour of the first square.
 
     Where both ends look alike (rows + columns even) the columns run to the image's right.
     """

@@ -162,7 +162,7 @@ def _board(session: Session) -> JsonValue | None:
 
 
 def recorded_board(session: Session) -> dict[str, Any] | None:
-    """The `board` of a recorded session as its session.json has it; None where it has none that images can show.
+    """The `board` in a recorded session's session.json; None if it has none that can be found in images.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Boards that are not what they ought to be: whether residuals repeat for the same points, and points estimated."""
+"""Boards that differ from their nominal shape: residuals that repeat for the same points, and estimated points."""
 
 from dataclasses import dataclass, replace
 
@@ -29,7 +29,7 @@ _REPEATS = 2.0
 
 @dataclass(frozen=True)
 class BoardSolution:
-    """What a board's adjustment found, whatever its points were taken for; covariance.points are board_points'."""
+    """The result of a board's adjustment with fixed or estimated points; covariance.points are board_points'."""
 
     state: State
     problem: Problem
@@ -140,7 +140,7 @@ def estimated_solution(
 
 
 def _problem(network: BoardNetwork, used: BoolArray, priors) -> tuple[Problem, BoolArray]:
-    """All cameras free, the first placement standing for the world, points seen twice estimated; which those are."""
+    """All cameras free, the first placement as the world, points seen twice estimated; and which these are."""
     views = network.views
     twice = np.bincount(views.point[used], minlength=len(views.points_mm)) >= 2
     rows = np.flatnonzero(used & twice[views.point])

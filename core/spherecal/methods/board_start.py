@@ -187,14 +187,16 @@ def poses(views: BoardViews, rows: IntArray, intrinsics: FloatArray) -> list[Boa
 def _solve(points: FloatArray, xy: FloatArray, method: int) -> list[tuple[FloatArray, FloatArray]]:
     """Poses from points (n,3) and normalised image points (n,2), each refined to the least squares near it."""
     try:
-        count, turns, shifts, _ = cv2.solvePnPGeneric(points, xy, np.eye(3), None, flags=method)
+        count, rotations, shifts, _ = cv2.solvePnPGeneric(points, xy, np.eye(3), None, flags=method)
     except cv2.error:
         return []
     out = []
     for i in range(count):
-        turn, shift = cv2.solvePnPRefineLM(points, xy, np.eye(3), None, turns[i], shifts[i])
-        if np.isfinite(turn).all() and np.isfinite(shift).all():
-            out.append((exp_rotation(np.asarray(turn, dtype=float).ravel()), np.asarray(shift, dtype=float).ravel()))
+        rotation, translation = cv2.solvePnPRefineLM(points, xy, np.eye(3), None, rotations[i], shifts[i])
+        if np.isfinite(rotation).all() and np.isfinite(translation).all():
+            out.append(
+                (exp_rotation(np.asarray(rotation, dtype=float).ravel()), np.asarray(translation, dtype=float).ravel())
+            )
     return out
 
 

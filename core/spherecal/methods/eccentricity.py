@@ -1,4 +1,4 @@
-"""The image of a circle's centre is not the centre of its image: the difference, from the board's pose."""
+"""The difference between the image of a circle's centre and the centre of its image, from the board's pose."""
 
 import numpy as np
 

@@ -1,4 +1,4 @@
-"""Least squares over cameras and frames: what is seen together has unknowns of its own and meets no other frame.
+"""Least squares over cameras and frames: each frame has unknowns of its own, which no other frame shares.
 
 A board's placement has six (its pose), a frame of a waved bar three a mark. The frames' unknowns are eliminated, block
 by block. Known lengths inside a frame tie its points without leaving its block, so that thousands of frames cost what
@@ -38,7 +38,7 @@ class Ties:
 
 
 class FrameModel(Protocol):
-    """What frames are made of: `parts` of a few unknowns each, one of which every observation depends on.
+    """The structure of frames: `parts` of a few unknowns each; every observation depends on one part.
 
     `problem` has the cameras' layout and no placements. A board's frame is one part of six, a bar's has three a point.
     """

@@ -1,6 +1,6 @@
 """Covariance of an adjustment over cameras and frames, in the free-network datum of the points (decision 0004).
 
-The adjustment holds the reference camera; an S-transformation takes a similarity fitted to the points out of points
+The adjustment fixes the reference camera; an S-transformation removes a similarity fitted to the points from points
 and cameras. The stretch in that similarity is the uncertainty of the scale.
 """
 

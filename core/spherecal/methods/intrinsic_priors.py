@@ -36,7 +36,7 @@ def priors_of(group: IntArray, known: FloatArray, has_prior: BoolArray, noise: f
 
 
 def poorly_observed(group: IntArray, free: BoolArray, camera: IntArray, frame: IntArray) -> BoolArray:
-    """Cameras (c,) whose group has too few observations, or frames, to carry intrinsics.
+    """Cameras (c,) whose group has too few observations, or frames, to estimate intrinsics.
 
     Parameters
     ----------
@@ -54,7 +54,7 @@ def poorly_observed(group: IntArray, free: BoolArray, camera: IntArray, frame: I
 
 
 def poorly_determined(problem: Problem, state: State, covariance: FrameCovariance | None, variance: float) -> BoolArray:
-    """Cameras (c,) whose focal length came out worse than a data sheet's; all free ones where all is singular.
+    """Cameras (c,) whose focal length is less certain than a data sheet's; all free ones where all is singular.
 
     Parameters
     ----------

@@ -156,7 +156,7 @@ def _grow(uv: FloatArray, area: FloatArray, tree: KDTree, seed: int, first: Floa
 
 
 def _turns() -> list[IntArray]:
-    """Whole-number maps of the plane onto itself: the eight of a square first, then sheared ones.
+    """Integer maps of the plane onto itself: the eight of a square first, then sheared ones.
 
     A board seen very obliquely may be grown along its diagonals.
     """

@@ -163,7 +163,7 @@ def _sigma(fit: Fit, c: int) -> CameraSigma | None:
 
 
 def _covariance(fit: Fit, scale: RigScale) -> CameraCovariance | None:
-    """That of all placed cameras together, the scale's share included; None without one."""
+    """The covariance of all placed cameras together, including the scale's share; None without one."""
     if fit.covariance is None or not np.isfinite(fit.variance) or scale.relative_uncertainty is None:
         return None
     stretch = fit.covariance.stretch * scale.relative_uncertainty
@@ -191,7 +191,7 @@ def _length_map(cameras: tuple[RigCamera, ...], covariance: CameraCovariance | N
 
 
 def groups_of(linked: IntArray, placed: BoolArray) -> list[IntArray]:
-    """Groups of cameras that hang together: the placed ones first, then the largest.
+    """Connected groups of cameras: the placed ones first, then the largest.
 
     Parameters
     ----------

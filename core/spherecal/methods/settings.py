@@ -1,4 +1,4 @@
-"""What a user may say of how to calibrate."""
+"""The settings of a calibration."""
 
 from dataclasses import dataclass, field
 from typing import Literal
@@ -19,7 +19,7 @@ Method = Literal["auto", "tao2021", "free", "soft", "rigid", "board", "bar"]
 
 @dataclass(frozen=True)
 class CalibrationSettings:
-    """How to calibrate; `auto` is `rigid` where the data carry it, else `soft` or `free`.
+    """How to calibrate; `auto` is `rigid` if the data support it, else `soft` or `free`.
 
     `shape_sd_mm`: of the soft form, how far the ball's dots may be off its shape (standard deviation per coordinate);
     None to estimate it. `ball`: a stored shape of the recorded ball, for `auto` and `rigid`.
@@ -59,7 +59,7 @@ class CalibrationSettings:
 
 
 def without_effect(settings: CalibrationSettings) -> tuple[Finding, ...]:
-    """A finding for each setting that changes nothing in the method asked for."""
+    """A finding for each setting that has no effect in the chosen method."""
     chained = settings.method in ("board", "bar")
     kinds = []
     if not settings.spherical_projection and settings.method != "tao2021":
@@ -72,7 +72,7 @@ def without_effect(settings: CalibrationSettings) -> tuple[Finding, ...]:
 
 
 def as_stated(session: Session, settings: CalibrationSettings) -> tuple[Finding, ...]:
-    """Findings on what is taken as the user states it: assumed figures, settings without effect.
+    """Findings on the user's input: assumed figures, settings without effect.
 
     Parameters
     ----------

@@ -82,7 +82,7 @@ class StartValues:
 def start_values(
     recording: Recording, local: LocalNetwork, settings: CalibrationSettings, context: Context
 ) -> StartValues:
-    """Poses chained along the paths and by resection; points as in the paper where that is asked for.
+    """Poses chained along the paths and by resection; points as in the paper if that is requested.
 
     Parameters
     ----------
@@ -124,7 +124,7 @@ def points_as_in_the_paper(start: InitialPoses, local: LocalNetwork, features: F
 def run_of(
     recording: Recording, start: StartValues, settings: CalibrationSettings, context: Context, watch: Stopwatch
 ) -> Run:
-    """What the stages from the adjustment on share; the wanted reference camera, where it has a pose, is the first.
+    """Data that the stages from the adjustment on share; the requested reference camera is the first, if it has a pose.
 
     Parameters
     ----------
@@ -136,6 +136,6 @@ def run_of(
         For progress and to stop, and for the times of the stages.
     """
     cameras, placed = recording.session.cameras, start.poses.placed
-    wanted = [c for c, camera in enumerate(cameras) if camera.id == settings.reference and placed[c]]
-    first, *others = dict.fromkeys((*wanted, *start.local.graph.references))
+    requested = [c for c, camera in enumerate(cameras) if camera.id == settings.reference and placed[c]]
+    first, *others = dict.fromkeys((*requested, *start.local.graph.references))
     return Run(recording.priors, first, settings.method == "tao2021", tuple(others), context, watch)

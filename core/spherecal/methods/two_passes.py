@@ -1,4 +1,4 @@
-"""A calibration from images in two passes: the first predicts where targets were missed, the second has them too."""
+"""A calibration from images in two passes: the first predicts where targets were missed, the second uses them too."""
 
 from collections.abc import Callable
 

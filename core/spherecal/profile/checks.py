@@ -93,10 +93,10 @@ _LENGTHS = _part(
     others=("bar", "from", "to", "pose", "length_mm", "reference_mm", "u_mm"),
 )
 _CHECK = record(
-    "What came out, as in check.json.",
+    "The result, as in check.json.",
     dict,
     field("verdict", choice("The verdict.", get_args(Verdict))),
-    field("sentence", prose("In words.")),
+    field("sentence", prose("The verdict in words.")),
     unread("tolerance_mm", "As in check.json."),
     field("cameras", _CAMERAS),
     field("balls", _BALLS),
@@ -109,8 +109,8 @@ PROFILE_CHECK = FileFormat(
     record(
         "",
         _kept,
-        field("checked_at", time("When.")),
-        field("calibration", name("Which calibration was checked.")),
+        field("checked_at", time("When it was checked.")),
+        field("calibration", name("The calibration that was checked.")),
         optional("temperature_c", celsius("The rig's temperature in degrees Celsius.")),
         field("check", replace(_CHECK, entry=dict)),
         software(),

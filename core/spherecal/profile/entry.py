@@ -113,7 +113,7 @@ _CAMERA = record(
     CameraEntry,
     field("id", identifier("Its id.")),
     optional("serial", serial("Its serial number.")),
-    optional("model", text("Its maker's name for it.")),
+    optional("model", text("The model name that its maker uses.")),
     optional("pixel_pitch_um", positive("Pixel pitch of its sensor.", "um")),
     optional("focal_length_mm", positive("Focal length of its lens.", "mm")),
     optional("temperature_c", celsius("Its temperature in degrees Celsius.")),
@@ -122,11 +122,11 @@ _CAMERA = record(
 _QUALITY = group(
     "quality",
     "As in rig.json.",
-    field("valid", boolean("As there.")),
-    unread("verdict", "As there.", "calibration_verdict"),
-    optional("care", prose("What it is to be used with care for; empty where nothing is.")),
-    optional("rms_px", number("As there.", 0)),
-    optional("sigma0", number("As there.", 0)),
+    field("valid", boolean("As in rig.json.")),
+    unread("verdict", "As in rig.json.", "calibration_verdict"),
+    optional("care", prose("What requires care; empty where nothing does.")),
+    optional("rms_px", number("As in rig.json.", 0)),
+    optional("sigma0", number("As in rig.json.", 0)),
 )
 _SCALE = group(
     "scale",
@@ -137,7 +137,7 @@ _SCALE = group(
 )
 _VERIFICATION = group(
     "verification",
-    "What the bars said.",
+    "The result of the verification with bars.",
     field("verdict", text("The verdict.")),
     optional("mean_error_mm", number("Mean error."), "bar_mean_error_mm"),
     optional("max_abs_error_mm", number("Largest error, without its sign.", 0), "bar_max_error_mm"),
@@ -151,7 +151,7 @@ _FILES = record(
 )
 _SOFTWARE = group(
     "software",
-    "Who wrote it.",
+    "The program that wrote it.",
     optional("version", text("Its version."), "written_by"),
     unread("name", "Its name.", lambda _: "SphereCal"),
     is_needed=False,
@@ -181,7 +181,7 @@ ENTRY = FileFormat(
                 excess=Phrase("problem-many-entries", {"most": _MOST_CAMERAS}),
             ),
         ),
-        field("input_sha256", digest("That of the rig.")),
+        field("input_sha256", digest("`input_sha256` of the rig.")),
         field("files_sha256", replace(_FILES, entry=dict), "files"),
         _SOFTWARE,
     ),

@@ -185,7 +185,7 @@ _LIMITS = record(
         "verification_limit",
         text("A + L/K of the length errors in new projects of the wizard; empty for none.").checked(_check_formula),
     ),
-    optional("verification_limit_open", boolean("Whether a project may have another.")),
+    optional("verification_limit_open", boolean("Whether a project may have another limit.")),
     optional(
         "unverified_use",
         boolean("Whether a calibration that no bar has verified may be put to use, with a reason."),
@@ -202,11 +202,11 @@ _VALUE = one_of("", boolean(""), text(""), number(""))
 _CHANGE = record(
     "",
     LimitChange,
-    field("at", time("When.")),
-    field("by", text("Who.")),
+    field("at", time("When it was changed.")),
+    field("by", text("Who changed it.")),
     field("what", choice("A limit's name, or the PIN.", (*NAMES, "pin-set", "pin-removed"))),
-    optional("before", _VALUE.described("Its value before."), omit=None),
-    optional("after", _VALUE.described("Its value afterwards."), omit=None),
+    optional("before", _VALUE.described("Its value before the change."), omit=None),
+    optional("after", _VALUE.described("Its value after the change."), omit=None),
 )
 LIMITS = FileFormat(
     "spherecal/limits",

@@ -170,11 +170,11 @@ _APPLIED = record(
     "",
     Applied,
     field("calibration", text("Its number.").checked(_check_number, pattern="^[0-9]{4,9}$")),
-    field("at", time("When.")),
-    optional("note", text("Why.")),
+    field("at", time("When it was put to use.")),
+    optional("note", text("The reason.")),
 )
 _EVENTS = items(
-    "Which calibration was put to use, oldest first.",
+    "The calibrations that were put to use, oldest first.",
     _APPLIED,
     most=_MOST_EVENTS,
     excess=Phrase("problem-many-events", {"most": _MOST_EVENTS}),

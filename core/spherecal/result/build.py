@@ -1,4 +1,4 @@
-"""The results put together: rig, points, residuals, spheres and findings."""
+"""The complete result: rig, points, residuals, spheres and findings."""
 
 from dataclasses import replace
 
@@ -35,7 +35,7 @@ from spherecal.diagnose.ball_size import SizeChange, possible_sizes, size_change
 from spherecal.diagnose.checks import STOPPED, run_checks, unlinked
 from spherecal.diagnose.evidence import Evidence
 from spherecal.diagnose.rejected_edges import rejected_edges
-from spherecal.diagnose.soundness import scale_doubt
+from spherecal.diagnose.soundness import further_scale_uncertainty
 from spherecal.diagnose.unconfirmed_poses import unconfirmed_poses
 from spherecal.geometry.camera import N_INTRINSICS, project
 from spherecal.geometry.sphere import fit_sphere
@@ -90,7 +90,9 @@ def build_result(recording: Recording, local: LocalNetwork, fit: MetricFit, meth
     names = [camera.id for camera in cameras]
     factor, of_poses = widening(findings, names, choice.form)
     ball_size = ball_size or possible_sizes(evidence, float(factor.max(initial=1.0)))
-    scale = _doubted(solution.scale, float(np.hypot(scale_doubt(evidence), ball_size.largest if ball_size else 0.0)))
+    scale = _doubted(
+        solution.scale, float(np.hypot(further_scale_uncertainty(evidence), ball_size.largest if ball_size else 0.0))
+    )
     cameras = tuple(_wider(camera, f) for camera, f in zip(cameras, of_poses, strict=True))
     covariance = _wider_covariance(covariance, factor, cameras, solution.scale, scale)
     cameras, covariance = _either_pose(cameras, covariance, evidence)
@@ -180,7 +182,7 @@ def _wider_covariance(
     before: RigScale,
     after: RigScale,
 ) -> CameraCovariance | None:
-    """The covariance with each camera's rows and columns times its factor, and the scale as uncertain as it is now."""
+    """The covariance with each camera's rows and columns times its factor, and the scale's present uncertainty."""
     if covariance is None or ((factor == 1.0).all() and before == after):
         return covariance
     width = len(covariance.matrix) // len(factor)
@@ -197,7 +199,7 @@ def _wider_covariance(
 def _either_pose(
     cameras: tuple[RigCamera, ...], covariance: CameraCovariance | None, evidence: Evidence
 ) -> tuple[tuple[RigCamera, ...], CameraCovariance | None]:
-    """Cameras of unconfirmed poses, so uncertain that each other pose is one standard uncertainty off."""
+    """Cameras with unconfirmed poses, with uncertainties such that each other pose is one standard uncertainty off."""
     names = [camera.id for camera in cameras]
     for pose in unconfirmed_poses(evidence):
         index = names.index(evidence.camera_ids[pose.camera])
@@ -223,7 +225,7 @@ def _either_lens(
     evidence: Evidence,
     findings: tuple[Finding, ...],
 ) -> tuple[tuple[RigCamera, ...], CameraCovariance | None]:
-    """Cameras of rejected edges, so uncertain that a lens nearer to these is one standard uncertainty off."""
+    """Cameras with rejected edges, with uncertainties such that a lens closer to these is one sigma off."""
     named = {name for f in findings if f.code == "lens-misfit" and f.kind == "edge" for name in f.where}
     columns, group = evidence.adjusted.problem.intrinsic_columns, evidence.solved.network.group
     row = {camera.id: i for i, camera in enumerate(cameras)}
@@ -294,42 +296,40 @@ def _weak_region(lengths: LengthMap | None) -> Affected | None:
     return Affected(region_mm=((low[0], low[1], low[2]), (high[0], high[1], high[2])))
 
 
-def _ball_shape(
-    observations: Observations, features: Features, solved: BallFit, solution: Solution
-) -> BallShape | None:
+def _ball_shape(observations: Observations, features: Features, fit: BallFit, solution: Solution) -> BallShape | None:
     """The shape of a rigid ball, centred in it; None where the ball has none of its own, or no scale."""
-    rigid, cofactors = solved.rigid, solved.cofactors
-    has_shape = isinstance(solved.network.ball, Rigid) and solution.scale.source != "none"
+    rigid, cofactors = fit.rigid, fit.cofactors
+    has_shape = isinstance(fit.network.ball, Rigid) and solution.scale.source != "none"
     if rigid is None or cofactors is None or not has_shape:
         return None
     root = rigid.alignment.root[features.placement]
     moved = rigid.alignment.moved
     home = int(np.bincount(rigid.alignment.root[moved]).argmax())
     point = rigid.places.point
-    seen = np.diff(solved.adjusted.problem.point_start) > 0
+    seen = np.diff(fit.adjusted.problem.point_start) > 0
     first = np.unique(point[(root == home) & seen[point]])
     feature = np.full(len(seen), -1)
     feature[point] = np.arange(len(point))
-    places = solved.adjusted.state.points[first] * solution.factor
+    places = fit.adjusted.state.points[first] * solution.factor
     sphere = fit_sphere(places)
-    scatter = shape_cofactors(cofactors, solved.adjusted.state.points, first)
+    scatter = shape_cofactors(cofactors, fit.adjusted.state.points, first)
     named = feature[first]
     return BallShape(
         features.target[named],
         tuple(observations.points[i] for i in features.point[named]),
         places - (places.mean(axis=0) if sphere is None else sphere.centre),
-        scatter * (solved.adjusted.variance * solution.factor**2),
+        scatter * (fit.adjusted.variance * solution.factor**2),
         solution.scale,
     )
 
 
-def _for_diagnosis(solved: BallFit) -> BallFit:
-    """The form in which faults show as what they are; of the soft form, which gives way to them, the free one."""
-    if solved.free is None:
-        return solved
-    free = solved.free.adjusted
-    converged = free.minimum.converged and solved.adjusted.minimum.converged
-    return replace(solved.free, adjusted=replace(free, minimum=replace(free.minimum, converged=converged)))
+def _for_diagnosis(fit: BallFit) -> BallFit:
+    """The form in which faults are visible: the solution itself, or the free form instead of the soft one."""
+    if fit.free is None:
+        return fit
+    free = fit.free.adjusted
+    converged = free.minimum.converged and fit.adjusted.minimum.converged
+    return replace(fit.free, adjusted=replace(free, minimum=replace(free.minimum, converged=converged)))
 
 
 def build_failed_result(

@@ -53,28 +53,28 @@ class MetricFit:
     stopped: bool = False
 
 
-def in_millimetres(recording: Recording, solved: BallFit, run: Run) -> tuple[BallFit, Solution]:
-    """The network brought to millimetres; a bar that gives the scale becomes part of the adjustment.
+def in_millimetres(recording: Recording, fit: BallFit, run: Run) -> tuple[BallFit, Solution]:
+    """The network in millimetres; a bar that gives the scale becomes part of the adjustment.
 
     Parameters
     ----------
     recording
         The recording, with its scale.
-    solved
+    fit
         The solution in its own unit.
     run
         What the stages share.
     """
     session, features = recording.session, recording.features
-    solution, scale = metric_solution(recording, solved, literal=run.plain), session.scale
+    solution, scale = metric_solution(recording, fit, literal=run.plain), session.scale
     if run.plain or solution.scale.source != "bar" or scale is None or scale.bar is None:
-        return solved, solution
+        return fit, solution
     rows = length_rows(recording, scale.bar, solution.state.points)
     if rows is None:
-        return solved, solution
-    again = with_lengths(solved, rows, solution.factor, run)
+        return fit, solution
+    again = with_lengths(fit, rows, solution.factor, run)
     if again.cofactors is None or again.cofactors.stretch is None:
-        return solved, solution
+        return fit, solution
     state = again.by_features.state
     spheres = fit_spheres(state.points, features.placement, len(session.placements))
     known = float(np.sqrt(again.adjusted.variance * again.cofactors.stretch))
@@ -82,8 +82,8 @@ def in_millimetres(recording: Recording, solved: BallFit, run: Run) -> tuple[Bal
     return again, Solution(state, again.cofactors, 1.0, RigScale("bar", known), 0.0, spheres, cameras)
 
 
-def by_stored_ball(recording: Recording, solved: BallFit, ball: RigScale) -> tuple[Solution, float | None]:
-    """A network based on a stored ball, in the best of its and the session's millimetres.
+def by_stored_ball(recording: Recording, fit: BallFit, ball: RigScale) -> tuple[Solution, float | None]:
+    """A network based on a stored ball, in millimetres by the better of the ball's and the session's scale.
 
     A bar is better than printed targets; of two alike the surer one is taken. Beside it how much longer lengths are by
     the session's own scale, relatively (None without one).
@@ -92,23 +92,23 @@ def by_stored_ball(recording: Recording, solved: BallFit, ball: RigScale) -> tup
     ----------
     recording
         The recording, with its scale.
-    solved
+    fit
         The solution on a stored ball.
     ball
         The stored ball's scale.
     """
-    own = metric_solution(recording, solved)
+    own = metric_solution(recording, fit)
     differs = None if own.scale.source == "none" else own.factor - 1.0
     if differs is not None and _surer(own.scale, ball):
         return own, differs
-    state = solved.by_features.state
+    state = fit.by_features.state
     cameras = None
-    if solved.cofactors is not None and ball.relative_uncertainty is not None:
+    if fit.cofactors is not None and ball.relative_uncertainty is not None:
         found = FoundScale(1.0, ball.relative_uncertainty, 1, np.zeros_like(state.points))
-        cameras = _metric_cameras(state, 1.0, found, solved.cofactors, solved.adjusted.variance)
+        cameras = _metric_cameras(state, 1.0, found, fit.cofactors, fit.adjusted.variance)
     spheres = fit_spheres(state.points, recording.features.placement, recording.n_ball)
     scale = RigScale("ball", ball.relative_uncertainty)
-    return Solution(state, solved.cofactors, 1.0, scale, 0.0, spheres, cameras), differs
+    return Solution(state, fit.cofactors, 1.0, scale, 0.0, spheres, cameras), differs
 
 
 def _surer(one: RigScale, other: RigScale) -> bool:
@@ -117,19 +117,19 @@ def _surer(one: RigScale, other: RigScale) -> bool:
     return a > b or (a == b and (one.relative_uncertainty or np.inf) < (other.relative_uncertainty or np.inf))
 
 
-def metric_solution(recording: Recording, solved: BallFit, literal: bool = False) -> Solution:
-    """The adjusted network brought to its scale; lengths stay arbitrary without covariance or a usable scale.
+def metric_solution(recording: Recording, fit: BallFit, literal: bool = False) -> Solution:
+    """The adjusted network in its scale; lengths stay arbitrary without covariance or a usable scale.
 
     Parameters
     ----------
     recording
         The recording, with its scale.
-    solved
+    fit
         The solution in its own unit.
     literal
         Whether to take the mean distance of [Tao21] (18)-(19) for the spacing of dots, without our departures.
     """
-    session, adjusted, cofactors = recording.session, solved.by_features, solved.cofactors
+    session, adjusted, cofactors = recording.session, fit.by_features, fit.cofactors
     state = adjusted.state
     spheres = fit_spheres(state.points, recording.features.placement, recording.n_ball)
     found = None
@@ -243,7 +243,7 @@ def _patterns(session: Session, names: tuple[str, ...]) -> dict[int, FloatArray]
 
 
 def _nominal_factor(session: Session, spheres: dict[int, Sphere]) -> float:
-    """Without a scale: the ball's nominal diameter gives handy numbers, which are not millimetres to rely on."""
+    """Without a scale: a factor from the ball's nominal diameter, for handy numbers, not reliable millimetres."""
     if session.sphere_diameter_mm is None or not spheres:
         return 1.0
     return session.sphere_diameter_mm / 2 / float(np.median([s.radius for s in spheres.values()]))

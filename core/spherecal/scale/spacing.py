@@ -126,7 +126,7 @@ def scale_from_mean_distance(
     covariance: Covariance,
     variance: float,
 ) -> FoundScale | None:
-    """The scale of [Tao21] (18)-(19) to the letter: the mean distance of the two dots of all targets to the known one.
+    """The scale exactly as in [Tao21] (18)-(19): mean distance of the two dots of all targets over the known one.
 
     No weights, no other dots, no arc: on a ball lengths come out too long by d^2 / (24 R^2) relatively, which counts as
     uncertainty. None where no target has both dots.
@@ -193,7 +193,7 @@ def _laid_over(
 
 
 def _stretch(stickers: _Stickers, points: FloatArray, radius_mm: FloatArray, weight: FloatArray) -> float:
-    """How much longer stickers are in one direction of the print than across it; 0 where that is not certain.
+    """By how much stickers are longer in one direction of the print than across it; 0 if that is not certain.
 
     The part x -> (a x + b y, b x - a y) is taken of what each sticker's dots are off from their pattern. Its scatter
     from target to target has the print's own errors in it.
@@ -246,7 +246,7 @@ def bend(flat_mm: FloatArray, radius_mm: FloatArray) -> FloatArray:
 
 
 def _plausible(ratio: FloatArray, relative_variance: FloatArray) -> BoolArray:
-    """Sizes that are no blunders, (n,): within 6 standard deviations, as observed and as computed, of the median.
+    """Sizes without gross error, (n,): within 6 standard deviations, as observed and as computed, of the median.
 
     A wrong code along the epipolar line of a two-view point puts that point metres away, unseen by the adjustment.
     """

@@ -1,4 +1,4 @@
-"""A calibration on a ball profile: whether the recorded ball is that one, the solution, and what is to be said."""
+"""A calibration on a ball profile: whether the recorded ball is that one, the solution, and the findings."""
 
 import numpy as np
 

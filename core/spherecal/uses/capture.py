@@ -1,4 +1,4 @@
-"""What recording a session starts from: every camera as session.json is to have it."""
+"""The cameras of a new recording, as session.json describes them."""
 
 from spherecal.base.messages.values import Phrase
 from spherecal.cameras.capture import SessionCamera, session_ids
@@ -29,7 +29,7 @@ def session_cameras(
     reports: tuple[SetupReport, ...],
     profile: CameraProfile,
 ) -> tuple[SessionCamera, ...]:
-    """Every camera that was found: as the plan or the recording knows it, else by the profile.
+    """Every camera that was found, as described in the plan or the recording, else in the profile.
 
     Parameters
     ----------

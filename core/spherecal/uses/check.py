@@ -1,4 +1,4 @@
-"""A session of one placement or bar pose against a calibration: OK, watch or recalibrate, with numbers per camera."""
+"""The check of a calibration by one placement or bar pose: OK, watch or recalibrate, with numbers per camera."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -51,7 +51,7 @@ class CheckedCamera:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Check(ByValue):
-    """The whole: verdict, cameras worst first, those not seen, balls and bars measured, findings.
+    """The result of a check: verdict, cameras worst first, those not seen, balls and bars measured, findings.
 
     `tolerance_mm`: a camera whose move shifts a point by more is to be recalibrated.
     """
@@ -78,7 +78,7 @@ def check(
     limit: LengthLimit | None = None,
     context: Context | None = None,
 ) -> Check:
-    """Whether the rig still is as it was calibrated, by all that the session holds; nothing is calibrated.
+    """Whether the rig is still as it was calibrated, by all data of the session; nothing is calibrated.
 
     A bar whose marks too few cameras see together to test them still shows whether its lengths are measured right.
     docs/verification.md says what OK, watch and recalibrate mean.
@@ -203,7 +203,7 @@ def _judged(
 
 
 def _of_the_rig(rig: Rig, consistency: Consistency) -> list[Finding]:
-    """What forbids an OK: a calibration that is not valid, cameras that contradict all others, or were not checked."""
+    """Findings that exclude an OK: the calibration is not valid, cameras contradict all others or were not checked."""
     found = []
     if not rig.quality.valid:
         found.append(Finding("rig-not-valid", "error", kind="check"))

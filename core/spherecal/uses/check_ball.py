@@ -1,4 +1,4 @@
-"""The known ball seen again: whether it is as large as the calibration found it, and of the same shape."""
+"""The known ball seen again: whether it has the size and shape that it had at the calibration."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -26,7 +26,7 @@ class BallDots(ByValue):
 
 @dataclass(frozen=True)
 class BallCheck:
-    """The ball now against then: dots in common, size by which it is measured too large, its standard uncertainty.
+    """The ball compared with the calibration: dots in common, excess of its size, standard uncertainty of the excess.
 
     `shape_rms_mm` is what differs after the size; `changed` counts dots that moved on the ball.
     """
@@ -45,7 +45,7 @@ class BallCheck:
 
 
 def read_known_ball(path: Path) -> BallDots | None:
-    """The ball's dots out of a points.csv; None where there is no such file."""
+    """The ball's dots from a points.csv; None if there is no such file."""
     if not path.is_file():
         return None
     table = read_csv(path, POINT_COLUMNS)
@@ -110,14 +110,14 @@ def check_ball(
 def _fit(
     before: FloatArray, now: FloatArray, noise: FloatArray, keep: BoolArray
 ) -> tuple[Similarity, FloatArray, float]:
-    """The similarity, what remains of each dot (n,) mm, and the scatter in units of the noise, at least 1."""
+    """The similarity, the residual of each dot (n,) mm, and the scatter in units of the noise, at least 1."""
     fit = fit_similarity(before[keep], now[keep])
     rest = np.linalg.norm(now - (fit.scale * before @ fit.rotation.T + fit.translation), axis=1)
     return fit, rest, max(float(np.median(rest / noise)) / 1.538, 1.0)  # the median of a chi of three degrees
 
 
 def _scale_sd(rows: IntArray, now: FloatArray, errors: PointErrors, ratio: float) -> float:
-    """The size's standard uncertainty: noise then and now, and the cameras' covariance (for the part not in common)."""
+    """The size's standard uncertainty: noise of both measurements, and the cameras' covariance where not in common."""
     centred = now - now.mean(axis=0)
     by_point = centred / (centred**2).sum()  # d(scale) = sum of by_point . dx
     noise = float(np.einsum("ki,kij,kj->", by_point, errors.covariance[rows], by_point))

@@ -43,7 +43,7 @@ class LeftOut:
 def cross_validate(
     session: Session, settings: CalibrationSettings | None = None, context: Context | None = None
 ) -> tuple[Calibration, tuple[LeftOut, ...]]:
-    """The calibration of the whole session, and every placement against the rig that the others give.
+    """The calibration of the whole session, and every placement compared with the rig that the others give.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""The rig's health while measuring, as an entry among the profile's quick checks: it joins their trend."""
+"""The rig's health while measuring, as an entry of the profile's quick checks, so that it is part of their trend."""
 
 from pathlib import Path
 

@@ -1,4 +1,4 @@
-"""Some cameras of a rig recalibrated while the others stay fixed: one camera was touched, or has a new lens.
+"""Recalibration of some cameras while the others are locked, for example if one was touched or has a new lens.
 
 The locked cameras give the frame and the scale; the ball needs only to be seen by the selected cameras and some others.
 """
@@ -37,7 +37,7 @@ What = Literal["all", "pose", "intrinsics"]
 
 @dataclass(frozen=True)
 class Selection:
-    """Which cameras to calibrate (ids), and what of them; all others stay as the rig has them."""
+    """Which cameras to calibrate (ids), and what to estimate for them; all others stay as in the rig."""
 
     cameras: tuple[str, ...]
     what: What = "all"
@@ -94,14 +94,14 @@ def recalibrate(
     watch.lap("start values")
 
     run = Run(before.intrinsics, reference, context=context, watch=watch)
-    solved = solve_free(network, start, None, local.keep & start.placed[network.camera], run)
+    fit = solve_free(network, start, None, local.keep & start.placed[network.camera], run)
     choice = ModelChoice("free", Phrase("form-asked-alone"))
     if settings.method in ("auto", "soft", "rigid"):
-        ball = ball_network(recording, network, local, solved)
-        solved, choice = select_ball_model(recording, solved, ball, settings, run)
+        ball = ball_network(recording, network, local, fit)
+        fit, choice = select_ball_model(recording, fit, ball, settings, run)
     watch.lap("bundle adjustment")
-    solution = _in_the_rigs_scale(session, rig, features.placement, solved)
-    return build_result(recording, local, MetricFit(solved, choice, solution), "selected", run)
+    solution = _in_the_rigs_scale(session, rig, features.placement, fit)
+    return build_result(recording, local, MetricFit(fit, choice, solution), "selected", run)
 
 
 def _with_reference(rig: Rig, selection: Selection) -> Rig:
@@ -158,7 +158,7 @@ def _locked(network: Network, selected: BoolArray, what: What) -> Network:
 
 
 def _start(network: Network, before: State, selected: BoolArray, what: What, local: LocalNetwork) -> InitialPoses:
-    """The rig as it was; selected cameras resected from what the locked ones see, where that works."""
+    """The rig before; selected cameras are resected from the points of the locked ones, where possible."""
     rows = local.keep & ~selected[network.camera]
     points, good = usable_features(network, replace(before, points=np.zeros((network.n_features, 3))), rows)
     state = replace(before, points=np.where(good[:, None], points, np.nan))
@@ -171,9 +171,9 @@ def _start(network: Network, before: State, selected: BoolArray, what: What, loc
     return InitialPoses(replace(state, rotation=rotation, translation=translation), np.ones(len(selected), dtype=bool))
 
 
-def _in_the_rigs_scale(session: Session, rig: Rig, placement: IntArray, solved: BallFit) -> Solution:
+def _in_the_rigs_scale(session: Session, rig: Rig, placement: IntArray, fit: BallFit) -> Solution:
     """The network as it is: the locked cameras are in millimetres. Their own uncertainty is not part of the result."""
-    state, cofactors = solved.by_features.state, solved.cofactors
+    state, cofactors = fit.by_features.state, fit.cofactors
     spheres = fit_spheres(state.points, placement, len(session.placements))
-    cameras = None if cofactors is None else solved.adjusted.variance * cofactors.all_cameras()
+    cameras = None if cofactors is None else fit.adjusted.variance * cofactors.all_cameras()
     return Solution(state, cofactors, 1.0, rig.scale, 0.0, spheres, cameras)

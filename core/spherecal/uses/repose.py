@@ -1,4 +1,4 @@
-"""Cameras that moved put right, all others as they were: a rig with honest uncertainties for both."""
+"""New poses for cameras that moved, all others unchanged, with uncertainties that cover both."""
 
 from dataclasses import replace
 
@@ -84,7 +84,7 @@ def _merged(before: RigCamera, done: Rig, all_turned: bool, mended: bool) -> Rig
 def _covariance(
     session: Session, rig: Rig, before: CameraCovariance, cameras: tuple[str, ...]
 ) -> CameraCovariance | None:
-    """Of all cameras: a mended pose errs by its own image noise, and follows the errors of what it was hung on."""
+    """The covariance of all cameras: a new pose has its own image noise, and the errors of the locked cameras."""
     o = session.observations
     assert o is not None
     index = {camera.id: i for i, camera in enumerate(rig.cameras)}
@@ -107,7 +107,7 @@ def _covariance(
 
 
 def _with_sigma(rig: Rig, i: int, cameras: tuple[str, ...]) -> RigCamera:
-    """A mended camera with the standard uncertainties out of the covariance."""
+    """A camera with a new pose and the standard uncertainties from the covariance."""
     camera, covariance = rig.cameras[i], rig.covariance
     if covariance is None or camera.id not in cameras:
         return camera
@@ -125,7 +125,7 @@ def _root(matrix: FloatArray) -> FloatArray:
 
 
 def _map(rig: Rig, before: Rig) -> LengthMap | None:
-    """The map of a length's uncertainty in the volume of the former one, where there was one."""
+    """The map of a length's uncertainty in the volume of the former map, if there was one."""
     if before.length_map is None or rig.covariance is None or rig.reference_camera != before.reference_camera:
         return None
     box = volume_box(before, (np.zeros(3), np.ones(3)))
@@ -141,5 +141,5 @@ def _map(rig: Rig, before: Rig) -> LengthMap | None:
 
 
 def _without_map(quality: Quality) -> Quality:
-    """The findings without that on lengths: it knows nothing of the locked cameras' uncertainty."""
+    """The findings without the one on lengths, which does not include the locked cameras' uncertainty."""
     return replace(quality, findings=tuple(f for f in quality.findings if f.code != "length-uncertainty"))

@@ -66,7 +66,7 @@ AnyPath = str | os.PathLike[str]
 
 
 class SessionParts(TypedDict, total=False):
-    """What else `Session.from_arrays` takes."""
+    """The other arguments of `Session.from_arrays`."""
 
     fisheye: bool | Collection[str]
     scale: Scale | None
@@ -269,7 +269,7 @@ def check_rig(
     limit: LengthLimit | str | None = None,
     context: Context | None = None,
 ) -> Check:
-    """Whether a rig still is as it was calibrated, by one look at the ball or a bar: `spherecal check`.
+    """Whether a rig is still as it was calibrated, from one placement of the ball or pose of a bar: `spherecal check`.
 
     Parameters
     ----------
@@ -333,7 +333,7 @@ def recalibrate_cameras(
 def cross_validate_session(
     session: Session | AnyPath, settings: CalibrationSettings | None = None, context: Context | None = None
 ) -> "tuple[Calibration, tuple[LeftOut, ...]]":
-    """The calibration, and every placement against the rig that the others give.
+    """The calibration, and every placement compared with the rig that the others give.
 
     Parameters
     ----------
@@ -355,7 +355,7 @@ def cross_validate_session(
 
 
 def guide_next_placement(session: Session | AnyPath, context: Context | None = None) -> Guidance:
-    """Where to put the ball next, and what stopping now would give.
+    """Where to put the ball next, and how good the result would be without that.
 
     Parameters
     ----------
@@ -542,7 +542,7 @@ def save_body(body: Body, path: AnyPath) -> None:
 
 
 def load_rig(path: AnyPath) -> Rig:
-    """The rig in a rig.json, or in the result folder that holds one; with its covariance where that is beside it.
+    """The rig in a rig.json, or in a result folder; with its covariance if that is beside it.
 
     Raises
     ------
@@ -720,7 +720,7 @@ def load_bars(path: AnyPath | None = None) -> dict[str, RegisteredBar]:
 
 
 def save_bar(bar: RegisteredBar, path: AnyPath | None = None) -> None:
-    """Enter a bar into the registry, in place of one with its serial.
+    """Enter a bar into the registry, in place of one with the same serial number.
 
     Parameters
     ----------
@@ -742,7 +742,7 @@ def save_bar(bar: RegisteredBar, path: AnyPath | None = None) -> None:
 
 
 def load_ball(path: AnyPath) -> BallProfile:
-    """The shape of a ball in a ball.json, or in the result folder that holds one.
+    """The shape of a ball in a ball.json, or in a result folder.
 
     Raises
     ------
@@ -956,7 +956,7 @@ def _source(rig: Rig | AnyPath) -> Source:
 
 
 def rig_of(rig: Rig | AnyPath) -> Rig:
-    """A rig as it is, or out of its file."""
+    """A rig as it is, or from its file."""
     return rig if isinstance(rig, Rig) else load_rig(rig)
 
 

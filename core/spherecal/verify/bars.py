@@ -55,7 +55,7 @@ STAGE = "verification"
 
 @dataclass(frozen=True)
 class VerifySettings:
-    """What else is known: the limit of the errors, the day (for certificates' expiry), the volume's corners in mm.
+    """Further input: the limit of the errors, the day (for certificates' expiry), the volume's corners in mm.
 
     `limit` None: errors are judged by their uncertainty alone. `today` None: the day of the call. `corners_mm` are the
     lowest and the highest corner (3,), for a rig without a map of lengths.
@@ -156,7 +156,7 @@ def _procedure(
     findings: tuple[Finding, ...],
     settings: VerifySettings,
 ) -> Procedure:
-    """The budgets, the decision against the limit, and how the whole departs from the guideline."""
+    """The budgets, the decision against the limit, and the departures from the guideline."""
     budgets = length_budgets(measured, bars, errors)
     acceptance = None
     doubts = tuple(dict.fromkeys(f.code for f in findings if f.code in DOUBTS and f.severity != "info"))
@@ -179,7 +179,7 @@ def _procedure(
 
 @dataclass
 class _Findings:
-    """Findings as they are met; those that say the same gather their places."""
+    """Collects findings; those that say the same are joined with all their places."""
 
     _same: dict[tuple[str, ...], Finding] = field(default_factory=dict)
 
@@ -193,7 +193,7 @@ class _Findings:
 
 
 def _check_bars(session: Session, rig: Rig, findings: _Findings) -> None:
-    """Findings about what was asked, before anything is measured."""
+    """Findings about the input, before anything is measured."""
     roles = {bar.id: bar.role for bar in session.bars}
     if not any(roles[pose.bar] == "check" for pose in session.bar_poses):
         findings.add(Finding("no-check-bars", "warning"))
@@ -218,13 +218,13 @@ def _observations_of(
         raise InputError(Phrase("error-nothing-to-verify", {"folder": session.where}))
     in_rig = cameras_in_rig(session, o, rig, Phrase("same-settings"))
     shown = [(o.placements.index(pose.id), bars[pose.bar]) for pose in session.bar_poses if pose.bar in bars]
-    wanted = np.zeros(len(o), dtype=bool)
+    requested = np.zeros(len(o), dtype=bool)
     for pose, bar in shown:
-        wanted |= (o.placement == pose) & np.isin(o.target, [mark.target for mark in bar.marks.values()])
-    missing = np.unique(o.camera[wanted & (in_rig[o.camera] < 0)])
+        requested |= (o.placement == pose) & np.isin(o.target, [mark.target for mark in bar.marks.values()])
+    missing = np.unique(o.camera[requested & (in_rig[o.camera] < 0)])
     if len(missing):
         findings.add(Finding("camera-not-in-rig", "info", where=tuple(o.cameras[i] for i in missing)))
-    kept = o.select(wanted & (in_rig[o.camera] >= 0))
+    kept = o.select(requested & (in_rig[o.camera] >= 0))
     return kept, in_rig[kept.camera]
 
 
@@ -277,7 +277,7 @@ def _report_uncertainty(rig: Rig, findings: _Findings) -> None:
 
 
 def _report_views(finder: MarkFinder, many: bool, findings: _Findings) -> None:
-    """Findings about views left out, `many` or a few, and points given up."""
+    """Findings about views left out, `many` or a few, and points that could not be measured."""
     o, checked = finder.observations, finder.checked
     contradicting = checked.contradicting[finder.features.of_observation]
     left_out = ~checked.kept & ~contradicting & np.isfinite(checked.points.residual[:, 0])

@@ -75,7 +75,7 @@ class Budget:
         return sorted(found, key=lambda one: -one[1])
 
     def remedy(self) -> Phrase | None:
-        """What to do first to get a smaller uncertainty; None where there is none."""
+        """The first step to a smaller uncertainty; None if there is none."""
         shares = self.shares()
         return _REMEDY[shares[0][0]] if shares else None
 
@@ -214,7 +214,7 @@ def resolution_mm(certified: BarLength) -> float:
 
 
 def _decimals(value: float) -> int:
-    """Decimals of a number as it is written shortest; a trailing zero in the file is lost."""
+    """Decimals of the shortest form of a number; a trailing zero in the file is lost."""
     digits = f"{value:.12f}".rstrip("0").partition(".")[2]
     return len(digits)
 

@@ -1,7 +1,7 @@
 """Is every camera still where the rig says? A linear test of one placement's or some bar poses' observations.
 
 All cameras see the same points. Each camera is given a small turn and shift of its own while the points follow the
-others. How large these come out, against their own uncertainty (image noise and the calibration's covariance), says
+others. Their size, compared with their own uncertainty (image noise and the calibration's covariance), says
 whether the camera has moved. The one that explains most is named first and freed, then the others are tested again.
 """
 
@@ -97,7 +97,7 @@ def examine_cameras(views: Views, rig: Rig, expected_noise: float, false_alarm: 
 
 
 def _seen_by_three(views: Views) -> Views:
-    """Points of three or more cameras: two alone agree across their common plane whatever they do."""
+    """Points of three or more cameras: two alone always agree across their common plane."""
     cameras = np.zeros((views.n_features, len(views.rotation)), dtype=bool)
     cameras[views.feature, views.camera] = True
     rows = np.flatnonzero((cameras.sum(axis=1) >= 3)[views.feature])
@@ -119,7 +119,7 @@ class _Found:
 
 
 def _search(views: Views, keep: BoolArray, rig: Rig, expected: float, false_alarm: float) -> _Found:
-    """Name moved cameras one by one, the most telling first, until the others agree."""
+    """Name moved cameras one by one, the one that explains most first, until the others agree."""
     c = len(rig.cameras)
     poses = np.zeros((c, 6))
     moved: list[int] = []
@@ -139,7 +139,7 @@ def _search(views: Views, keep: BoolArray, rig: Rig, expected: float, false_alar
 
 
 def _most_telling(system: "_System", moved: list[int], noise: float, best: int, p: FloatArray) -> int:
-    """Of the cameras beyond doubt, the one that leaves the least residuals when it is freed."""
+    """Of the most significant cameras, the one that leaves the smallest residuals when it is freed."""
     doubtful = np.flatnonzero(p <= max(p[best], 1e-12))
     return min(doubtful.tolist(), key=lambda i: system.noise([*moved, i])) if len(doubtful) > 1 else best
 
@@ -179,9 +179,9 @@ class _System:
 
     @staticmethod
     def at(views: Views, keep: BoolArray, rig: Rig, poses: FloatArray) -> "_System":
-        turn = exp_rotation(poses[:, :3])
-        translation = np.einsum("cij,cj->ci", turn, views.translation) + poses[:, 3:]
-        moved = replace(views, cameras=PosedCameras(views.intrinsics, turn @ views.rotation, translation))
+        rotation_change = exp_rotation(poses[:, :3])
+        translation = np.einsum("cij,cj->ci", rotation_change, views.translation) + poses[:, 3:]
+        moved = replace(views, cameras=PosedCameras(views.intrinsics, rotation_change @ views.rotation, translation))
         found = moved.triangulate(keep)
         good = keep & np.isfinite(found.residual[:, 0])
         rotation, k = moved.rotation[views.camera], views.intrinsics[views.camera]
@@ -239,7 +239,7 @@ class _System:
         return self.residual + self.effect(step) / self.views.sigma
 
     def effect(self, step: FloatArray) -> FloatArray:
-        """What steps (c, 6) of poses change in the residuals (n, 2) px, the points following."""
+        """The change of the residuals (n, 2) px by steps (c, 6) of the poses, with the points following."""
         direct = np.einsum("nki,ni->nk", self.by_pose, step[self.views.camera])
         return (direct + self._by_points(self.point_shift(step))) * self.keep[:, None]
 
@@ -382,7 +382,7 @@ def _consistency(views: Views, keep: BoolArray, rig: Rig, found: _Found) -> Cons
 
 
 def _rejected(views: Views, keep: BoolArray, rig: Rig) -> tuple[str, ...]:
-    """Cameras most of whose views were gross, with enough of them to decide."""
+    """Cameras most of whose views were gross errors, with enough of them to decide."""
     n = len(rig.cameras)
     seen, out = np.bincount(views.camera, minlength=n), np.bincount(views.camera[~keep], minlength=n)
     wrong = (seen >= LEAST_POINTS) & (2 * out > seen)

@@ -51,11 +51,11 @@ def departures(
 
 def _of_artefact(measured: Sequence[MeasuredLength], box: MeasuringVolume) -> list[Phrase]:
     longest = max(m.reference_mm for m in measured)
-    wanted, shortest = 2 / 3 * box.diagonal_mm, float(box.sides_mm[0])
+    requested, shortest = 2 / 3 * box.diagonal_mm, float(box.sides_mm[0])
     found = []
-    if longest < wanted:
+    if longest < requested:
         percent = 100 * longest / box.diagonal_mm
-        found.append(Phrase("departure-longest", {"longest": longest, "percent": percent, "wanted": wanted}))
+        found.append(Phrase("departure-longest", {"longest": longest, "percent": percent, "wanted": requested}))
     if longest < shortest:
         found.append(Phrase("departure-shortest", {"shortest": shortest}))
     return found

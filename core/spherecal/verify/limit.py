@@ -92,7 +92,7 @@ class Acceptance:
 def judge_against(
     limit: LengthLimit, measured: "Sequence[MeasuredLength]", budgets: "Sequence[Budget]", comparable: bool
 ) -> Acceptance:
-    """Whether all measured errors keep the limit, doubt counted on either side: ISO 14253-1 (see RULE).
+    """Whether all measured errors keep the limit, with the uncertainty on either side: ISO 14253-1 (see RULE).
 
     Parameters
     ----------
@@ -126,7 +126,7 @@ def judge_against(
 def with_doubts(
     acceptance: Acceptance, doubts: tuple[str, ...], doubtful: Collection[tuple[str, str, str]]
 ) -> Acceptance:
-    """The decision where the means of proof are in doubt: no pass; no fail by lengths alone that contradict their bar.
+    """The decision if the evidence is in doubt: no pass, and no fail only by lengths that contradict their bar.
 
     A camera that moved is an error of the rig: a fail remains.
 

@@ -1,4 +1,4 @@
-"""A bar in front of the cameras: where its end marks are, from one set of observations, to accept it as it is laid."""
+"""A bar in front of the cameras: the positions of its end marks from one set of observations, to accept its pose."""
 
 import numpy as np
 
@@ -34,8 +34,8 @@ def measured_ends(
     index = {camera.id: i for i, camera in enumerate(rig.cameras)}
     in_rig = np.array([index.get(name, -1) for name in observations.cameras], dtype=np.int64)
     targets = [mark.target for mark in bar.marks.values()]
-    wanted = (observations.placement == placement) & np.isin(observations.target, targets)
-    own = observations.select(wanted & (in_rig[observations.camera] >= 0))
+    requested = (observations.placement == placement) & np.isin(observations.target, targets)
+    own = observations.select(requested & (in_rig[observations.camera] >= 0))
     if not len(own):
         return None
     features = find_features(own)

@@ -1,4 +1,4 @@
-"""Triangulation of few, precious points: gross errors in single views are found and left out."""
+"""Triangulation of few but important points: gross errors in single views are found and left out."""
 
 from dataclasses import dataclass
 
@@ -62,7 +62,7 @@ class Views:
 
 @dataclass(frozen=True)
 class CheckedPoints:
-    """Points of views, the views they rest on (`kept`, (n,)), and those given up because their views contradict.
+    """Points of views, the views they are based on (`kept`, (n,)), and those left out because their views contradict.
 
     `contradicting` (m,) bool; `noise` is the standard deviation of the observations in units of their sigma.
     """
@@ -132,7 +132,7 @@ def _redundancy(views: Views, points: Triangulation, kept: BoolArray) -> int:
 
 
 def robust_noise(views: Views, points: Triangulation, expected: float) -> float:
-    """The noise in units of sigma from the median residual, which grossly wrong views hardly move.
+    """The noise in units of sigma from the median residual, on which gross errors have little effect.
 
     Parameters
     ----------

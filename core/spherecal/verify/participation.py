@@ -78,7 +78,7 @@ def participation_doubts(cameras: Sequence[CameraViews]) -> list[Finding]:
 
 
 def many_outlying(cameras: Sequence[CameraViews]) -> bool:
-    """Whether more views were left out than some wrong codes explain."""
+    """Whether more views were left out than a few wrong codes explain."""
     cameras = [c for c in cameras if c.state != "rejected"]  # those have a finding of their own
     seen, used = sum(c.seen for c in cameras), sum(c.used for c in cameras)
     most = max((c.seen - c.used for c in cameras if c.seen - c.used > MANY_OF_ONE * c.seen), default=0)

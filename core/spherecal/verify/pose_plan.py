@@ -43,7 +43,7 @@ class BarMarks:
 
     @property
     def span_mm(self) -> float:
-        """How far the last mark is from the first."""
+        """The distance of the last mark from the first."""
         return float(self.along_mm[-1])
 
     @staticmethod
@@ -319,7 +319,7 @@ def _pose(
 
 
 def _room(box: MeasuringVolume, through: FloatArray, direction: FloatArray) -> float:
-    """How far from `through` along the direction the box reaches, on the nearer side."""
+    """The distance from `through` to the edge of the box along the direction, on the nearer side."""
     at, step = box.unit(through), direction @ box.axes.T / box.half
     with np.errstate(divide="ignore"):
         reach = np.minimum((1 - at) / np.abs(step), (1 + at) / np.abs(step))
@@ -327,7 +327,7 @@ def _room(box: MeasuringVolume, through: FloatArray, direction: FloatArray) -> f
 
 
 def _shift(number: int) -> float:
-    """Of the room: to one end, the other, the middle, and ever finer between."""
+    """The shift within the room: to one end, the other, the middle, then ever finer between."""
     order = [-1.0, 1.0, 0.0, -0.5, 0.5]
     return order[number] if number < len(order) else float(np.random.default_rng(number).uniform(-1, 1))
 
@@ -358,7 +358,7 @@ def _seen(
 
 
 def cameras_that_see(rig: Rig, points: FloatArray) -> np.ndarray:
-    """Which camera's image holds which of the points, 2 % off its edges: (cameras, n) of bool. Nothing hides them.
+    """Which camera's image contains which of the points, 2 % off its edges: (cameras, n) of bool. Nothing hides them.
 
     Parameters
     ----------
@@ -412,9 +412,9 @@ def judge_pose(
     """
     if ends_mm is None or not np.isfinite(ends_mm).all():
         return PoseAnswer(False, np.inf, np.inf)
-    wanted = np.stack([pose.start_mm, pose.end_mm])
-    along, is_along = wanted[1] - wanted[0], ends_mm[1] - ends_mm[0]
+    requested = np.stack([pose.start_mm, pose.end_mm])
+    along, is_along = requested[1] - requested[0], ends_mm[1] - ends_mm[0]
     cosine = abs(float(along @ is_along)) / max(float(np.linalg.norm(along) * np.linalg.norm(is_along)), 1e-9)
     off_deg = float(np.degrees(np.arccos(min(cosine, 1.0))))
-    off_mm = float(np.linalg.norm(wanted.mean(axis=0) - ends_mm.mean(axis=0)))
+    off_mm = float(np.linalg.norm(requested.mean(axis=0) - ends_mm.mean(axis=0)))
     return PoseAnswer(off_mm <= tolerance_mm and off_deg <= tolerance_deg, off_mm, off_deg)

@@ -34,7 +34,7 @@ _UNKNOWN_EXPANSION_RELATIVE_SD = 1 / math.sqrt(3)
 
 @dataclass(frozen=True)
 class PointErrors:
-    """How `checked` points err: by noise with `covariance` (m, 3, 3) mm^2, and by the cameras that see them.
+    """The errors of `checked` points: by noise with `covariance` (m, 3, 3) mm^2, and by the cameras that see them.
 
     `by_camera` (n, 3, w) is the shift of the point of row i in mm by the w parameters of its camera, whose covariance
     is `cameras` (c*w, c*w). `with_scale` says that it holds the scale's share too. Where points share more, `by_shared`
@@ -208,7 +208,7 @@ def _temperature_part(length_mm: float, bar: Bar, temperature_c: float | None) -
 
 
 def expansion_kelvin(bar: Bar, warmer_k: float, sd_k: float) -> float:
-    """What not knowing the expansion coefficient is worth in kelvin, for a bar so much warmer, known to `sd_k`.
+    """The effect of an unknown expansion coefficient in kelvin, for a bar that is warmer by an amount known to `sd_k`.
 
     Where it is not stated at all the product of both errors counts too (GUM 5.1.2, note).
 

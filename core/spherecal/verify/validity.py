@@ -1,7 +1,7 @@
-"""What speaks against a verification itself: expired certificates, thermometers, bars that contradict one another.
+"""Doubts about a verification itself: expired certificates, thermometers, bars that contradict one another.
 
-A rig that measures wrong and a bar whose certificate or temperature is wrong both show as errors. Bars are measured by
-the same rig, so that where they differ among themselves, the rig is not the cause.
+A rig that measures wrong and a bar with a wrong certificate or temperature both lead to errors. All bars are measured
+with the same rig, so if they contradict each other, the rig is not the cause.
 """
 
 from collections.abc import Mapping, Sequence
@@ -39,7 +39,7 @@ _CONTRADICTION = 4.0
 
 
 def contradicted(decision: Decision, findings: Sequence[Finding]) -> Decision:
-    """The decision: inconsistent too where a camera is not where the calibration has it.
+    """The decision, which is also inconsistent if a camera is not where the calibration has it.
 
     Parameters
     ----------
@@ -123,8 +123,8 @@ def camera_doubts(consistency: Consistency) -> list[Finding]:
     """Findings on cameras that are no longer where the rig says, one for each."""
     found = []
     for camera in consistency.moved:
-        turn, shift = np.degrees(np.linalg.norm(camera.turn_rad)), np.linalg.norm(camera.shift_mm)
-        values = {"degrees": turn, "shift_mm": shift, "px": camera.move_px}
+        rotation, translation = np.degrees(np.linalg.norm(camera.turn_rad)), np.linalg.norm(camera.shift_mm)
+        values = {"degrees": rotation, "shift_mm": translation, "px": camera.move_px}
         found.append(Finding("camera-moved", "warning", values, (camera.id,), kind="since"))
     return found
 
@@ -167,7 +167,7 @@ def doubtful_lengths(measured: Sequence[MeasuredLength]) -> frozenset[tuple[str,
 
 
 def _doubtful(means: Sequence["_Mean"]) -> list["_Mean"]:
-    """The worst of each bar: a wrong length drags the others of a short list with it."""
+    """The worst length of each bar: a wrong length affects the others of a short list."""
     found: dict[str, _Mean] = {}
     for mean in sorted((m for m in means if _stands_alone(m, means)), key=lambda m: -abs(_alone(m, means)[1])):
         found.setdefault(mean.key[0], mean)
@@ -200,7 +200,7 @@ def _slope(means: Sequence[_Mean]) -> tuple[float, float]:
 
 
 def _alone(mean: _Mean, means: Sequence[_Mean]) -> tuple[float, float]:
-    """How far a length is from the slope of its bar's others: in mm and in standard deviations."""
+    """The deviation of a length from the slope of its bar's others: in mm and in standard deviations."""
     others = [m for m in means if m.key[0] == mean.key[0] and m.key != mean.key]
     slope, sd = _slope(others)
     off = mean.error_mm - slope * mean.length_mm

@@ -1,4 +1,4 @@
-"""What a verification finds: measured lengths with their uncertainty budgets, statistics and a decision."""
+"""The result of a verification: measured lengths with their uncertainty budgets, statistics and a decision."""
 
 import math
 from dataclasses import dataclass, field
@@ -18,7 +18,7 @@ Verdict = Literal["consistent", "inconsistent", "no data"]
 
 @dataclass(frozen=True)
 class LengthBudget:
-    """The standard uncertainties (k = 1) that make up that of one length's error, in mm.
+    """The standard uncertainties (k = 1) that contribute to that of one length's error, in mm.
 
     `noise_mm` of the image points, `calibration_mm` of the cameras, `scale_mm` of the rig's scale, `certificate_mm` of
     the bar, `temperature_mm` of the thermometer and the expansion coefficient.

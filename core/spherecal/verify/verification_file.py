@@ -1,4 +1,4 @@
-"""verification.json: what it holds, of a verification as it was computed and as it is read."""
+"""verification.json: its contents, from a computed verification and as they are read."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -145,7 +145,7 @@ class BarRow:
 
 @dataclass(frozen=True)
 class LengthRow:
-    """One certified length over its poses; `budget_mm` holds standard uncertainties by BUDGET_PARTS, if given."""
+    """One certified length over its poses; `budget_mm` has standard uncertainties by BUDGET_PARTS, if given."""
 
     bar: str
     start: str
@@ -260,7 +260,7 @@ def _ends(start: str = "from_mark", end: str = "to_mark") -> tuple[Field, ...]:
     return (
         field("bar", name("The bar.")),
         field("from", name("The mark at which the length begins."), "from_mark", start),
-        field("to", name("At which it ends."), "to_mark", end),
+        field("to", name("The mark at which it ends."), "to_mark", end),
     )
 
 
@@ -298,7 +298,7 @@ _LENGTH = record(
 _OVERALL = group(
     "overall",
     "All lengths together.",
-    field("n", integer("How many.", 0), "overall.n"),
+    field("n", integer("The number of measured lengths.", 0), "overall.n"),
     optional("mean_error_mm", number("Mean error."), "overall.mean_error_mm"),
     optional("sd_mm", number("Standard deviation of the errors.", 0), "overall.sd_mm"),
     unread("rms_error_mm", "Root mean square error.", lambda of: finite(of.overall.rms_error_mm)),
@@ -330,7 +330,7 @@ _CAMERA = record(
     CameraViews,
     field("id", name("Its id.")),
     field("views", integer("Views of marks.", 0), "seen"),
-    field("used", integer("Those used.", 0)),
+    field("used", integer("Views that were used.", 0)),
     optional("rms_px", number("Root mean square of their residuals.", 0)),
     field("state", choice("Its state.", get_args(State))),
 )
@@ -339,14 +339,14 @@ _CERTIFICATE = record(
     dict,
     field("number", text("Its number.")),
     optional("laboratory", text("Who issued it.")),
-    optional("date", text("When.")),
+    optional("date", text("When it was issued.")),
     optional("valid_until", text("Until when it is valid.")),
 )
 _CERTIFIED = record(
     "",
     _certified,
     field("from", name("The mark at which it begins."), "from_mark"),
-    field("to", name("At which it ends."), "to_mark"),
+    field("to", name("The mark at which it ends."), "to_mark"),
     field("length_mm", _mm("The length.")),
     optional("expanded_uncertainty_mm", _mm("Its expanded uncertainty.")),
     optional("coverage_factor", _mm("The factor k.")),
@@ -370,9 +370,11 @@ _POSE = record(
     field("bar", name("The bar.")),
     optional("temperature_c", number("The bar's temperature.", -300, 1000)),
     unread("from", "The mark at one end of the longest length.", "from_mark"),
-    unread("to", "At the other.", "to_mark"),
+    unread("to", "The mark at its other end.", "to_mark"),
     unread(
-        "ends_mm", "Where both are in the world.", lambda m: None if m.ends_mm is None else finite(m.ends_mm.round(3))
+        "ends_mm",
+        "Positions of both marks in the world.",
+        lambda m: None if m.ends_mm is None else finite(m.ends_mm.round(3)),
     ),
 )
 _CONFORMITY = record(
@@ -392,12 +394,12 @@ _ACCEPTANCE = record(
     group(
         "limit",
         "The limit.",
-        field("words", text("In words."), lambda of: of.limit.words(), "words"),
+        field("words", text("The limit as a formula."), lambda of: of.limit.words(), "words"),
         field("constant_mm", _mm("A."), "limit.constant_mm"),
         optional("divisor", number("K; absent: A alone.", 1e-9), "limit.divisor"),
     ),
     optional("verdict", choice("The decision; absent where nothing was measured.", get_args(Conformity))),
-    optional("doubts", items("What keeps a pass from being one.", text(""))),
+    optional("doubts", items("Doubts that prevent a pass.", text(""))),
     field("lengths", items("Each certified length.", _CONFORMITY)),
 )
 _CONTRIBUTION = record(
@@ -409,7 +411,7 @@ _CONTRIBUTION = record(
     field("standard_uncertainty_mm", _mm("Standard uncertainty."), "standard_mm"),
     optional("degrees_of_freedom", number("Absent: infinite.", 0), "freedom"),
     field("share", number("Share of the combined variance.", 0, 1.0001)),
-    optional("contained_in_repeatability_mm", _mm("The part that the repeatability holds."), "contained_mm"),
+    optional("contained_in_repeatability_mm", _mm("The part that is included in the repeatability."), "contained_mm"),
 )
 _BUDGET = record(
     "The uncertainty budget of a length's error.",
@@ -420,7 +422,7 @@ _BUDGET = record(
     field("coverage_factor", number("The factor k.", 0, 100)),
     field("expanded_uncertainty_mm", _mm("Expanded uncertainty."), "expanded_mm"),
     *sentence_fields(
-        "remedy", "What would make it smaller; empty where nothing would.", lambda of: of.remedy(), is_needed=False
+        "remedy", "What would reduce it; empty where nothing would.", lambda of: of.remedy(), is_needed=False
     ),
     field("contributions", items("The contributions.", _CONTRIBUTION), _contributions, "contributions"),
 )
@@ -455,7 +457,7 @@ PROCEDURE = record(
 VERIFICATION = FileFormat(
     "spherecal/verification",
     "verification.json",
-    "What the check bars say about a rig; the single lengths are in bars.csv beside it.",
+    "The verification of a rig with check bars; the single lengths are in bars.csv beside it.",
     record(
         "",
         _bar_report,

@@ -139,7 +139,7 @@ class Producer:
             alike.setdefault(serial_of(device), []).append(device)
         found: dict[str, CameraInfo] = {}
         for devices in alike.values():
-            for serial, device in _told_apart(devices):
+            for serial, device in _distinct(devices):
                 info = replace(_info(device, self.file), serial=serial)
                 held = found.get(serial)
                 if held is None or _PREFERRED.index(info.access) < _PREFERRED.index(held.access):
@@ -190,7 +190,7 @@ def _names(device: Any) -> tuple[str, ...]:
     return serial, f"{serial} ({clean(known.get('model'))})", f"{serial} ({clean(known.get('id_'))})"
 
 
-def _told_apart(devices: Sequence[Any]) -> list[tuple[str, Any]]:
+def _distinct(devices: Sequence[Any]) -> list[tuple[str, Any]]:
     """Names for devices of one serial number.
 
     Of one kind on two interfaces they are the same camera, reached in two ways; of one kind on one interface, or of

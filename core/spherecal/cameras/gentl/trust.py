@@ -64,7 +64,7 @@ DRIVERS = FileFormat(
     only(
         "drivers",
         items("The driver files.", _DRIVER),
-        unread("written_at", "When.", lambda _: datetime.now(UTC).isoformat(timespec="seconds")),
+        unread("written_at", "When the file was written.", lambda _: datetime.now(UTC).isoformat(timespec="seconds")),
     ),
     more="cameras.md",
 )

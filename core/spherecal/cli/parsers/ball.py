@@ -11,13 +11,15 @@ def add_ball(add: Add) -> None:
     """`spherecal ball export|show`."""
     ball = add("ball", "Ball profiles: the shape of your ball, so that later calibrations need fewer placements.")
     action = commands_below(ball)
-    export = action("export", "Keep the ball's shape that a calibration found (form rigid), for `calibrate --ball`.")
+    export = action("export", "Save the ball's shape from a calibration (form rigid), for `calibrate --ball`.")
     result(export)
     output(export, "ball.json", "the ball profile to write")
-    word(export, "--name", None, "such as the ball's serial number", default="")
-    export.add_argument("--date", type=_date, metavar="YYYY-MM-DD", help="of the calibration (default: rig.json's own)")
-    path(export, "--session", "SESSION", "its targets are then checked at every use")
-    path(action("show", "What a ball profile holds."), "ball", "ball.json", "the ball profile, or a result folder")
+    word(export, "--name", None, "name of the ball, such as its serial number", default="")
+    text = "date of the calibration (default: that of rig.json)"
+    export.add_argument("--date", type=_date, metavar="YYYY-MM-DD", help=text)
+    path(export, "--session", "SESSION", "store the family and size of its targets, to be checked at every use")
+    show = action("show", "Show the contents of a ball profile.")
+    path(show, "ball", "ball.json", "the ball profile, or a result folder")
 
 
 def _date(text: str) -> date:

@@ -28,7 +28,7 @@ def add_export(add: Add) -> None:
 
 def add_import(add: Add) -> None:
     """`spherecal import`."""
-    bring = add("import", "Make a rig.json of a rig with poses that another program calibrated.")
+    bring = add("import", "Make a rig.json from a rig with poses that another program calibrated.")
     path(bring, "file", "FILE", "the other program's file, or folder of files")
     text = "opencv, ros, kalibr, colmap, metashape, anipose, caliscope, mc-calib, multical, mrcal, csv, matlab"
     word(bring, "--format", "FORMAT", text, required=True)
@@ -61,7 +61,7 @@ def add_frame(add: Add) -> None:
         nargs=3,
         default=(0.0, 0.0, 0.0),
         metavar=("X_MM", "Y_MM", "Z_MM"),
-        help="where the origin's place lies in the frame, before any turn",
+        help="where the origin's place is in the frame, before any turn",
     )
     frame.add_argument(
         "--turn",

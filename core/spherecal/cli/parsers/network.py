@@ -10,18 +10,18 @@ def add_recalibrate(add: Add) -> None:
     session(again, "a session folder of the rig's cameras")
     rig(again)
     word(again, "--only", "C05[,C06]", "the cameras to calibrate", required=True)
-    choice(again, "--estimate", ("all", "pose", "intrinsics"), "what of them (default all)", "all")
+    choice(again, "--estimate", ("all", "pose", "intrinsics"), "what to estimate for them (default all)", "all")
     output(again, "RESULT", "the result folder to write")
 
 
 def add_guide(add: Add) -> None:
     """`spherecal guide`."""
-    guide = add("guide", "Where to put the ball next, and what stopping now would give.")
+    guide = add("guide", "Say where to put the ball next, and how good the result would be without it.")
     session(guide, "the session folder so far")
     path(guide, "--picture", "FILE.png", "write a picture, seen from above and tilted")
 
 
 def add_cross_validate(add: Add) -> None:
     """`spherecal cross-validate`."""
-    without = add("cross-validate", "Leave one placement out after the other and see how the rest predicts it.")
+    without = add("cross-validate", "Leave out one placement after the other, and see how the rest predicts it.")
     session(without, "a session folder of three placements or more")

@@ -13,7 +13,7 @@ def add_session(add: Add) -> None:
     path(new, "folder", "FOLDER", "the session folder to write")
     text = (
         "the images (cam1/0001.png, 0001/cam1.png, cam1_0001.png) or one video of each camera; they are copied unless "
-        "they lie in FOLDER"
+        "they are in FOLDER"
     )
     path(new, "--images", "DIR", text, required=True)
     text = 'how their paths below DIR name camera and placement, such as "{camera}_{placement}.png"; * is any text'
@@ -25,26 +25,26 @@ def add_session(add: Add) -> None:
     word(new, "--board", "BOARD", text)
     path(new, "--targets", "targets.json", "the coded targets that they show")
     number(new, "--sphere", "MM", "the ball's nominal diameter")
-    number(new, "--focal-length", "MM", "of all lenses, instead of what EXIF says")
-    number(new, "--pixel-pitch", "UM", "of all sensors, instead of what EXIF says")
+    number(new, "--focal-length", "MM", "focal length of all lenses, instead of that in EXIF")
+    number(new, "--pixel-pitch", "UM", "pixel pitch of all sensors, instead of that in EXIF")
     choice(new, "--lens", ("brown", "rational", "fisheye"), "the lens model (default brown)")
-    number(new, "--frames", "N", "of videos: at most this many (default 30)", int, default=30)
+    number(new, "--frames", "N", "use at most this many frames of videos (default 30)", int, default=30)
 
 
 def add_support_bundle(add: Add) -> None:
     """`spherecal support-bundle`."""
     bundle = add(
         "support-bundle",
-        "Pack a session's observations, settings, result, logs and versions into one file; no images unless asked. "
+        "Pack a session's observations, settings, result, logs and versions into one file, images only on request. "
         "Names of people and computers and serial numbers are replaced. `spherecal calibrate BUNDLE.zip` gives "
-        "the same numbers, with --names the same bits.",
+        "the same numbers, with --names the same rig.json byte for byte.",
     )
     session(bundle)
     output(bundle, "BUNDLE.zip", "the file to write")
     path(bundle, "--result", "RESULT", "the result to send along")
     path(bundle, "--settings", "FILE", "the cameras.json with the cameras' settings")
     repeated(bundle, "--log-file", "FILE", "a log to send along", Path)
-    flag(bundle, "--images", "the images too")
+    flag(bundle, "--images", "include the images")
     flag(bundle, "--names", "leave names of people and computers and serial numbers as they are")
     text = "the method that was used, for a session of images (default auto)"
     choice(bundle, "--method", BALL_METHODS, text, "auto")

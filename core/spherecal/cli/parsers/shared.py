@@ -192,11 +192,11 @@ def rig(to: To, name: str = "--rig") -> None:
 
 
 def search(to: To) -> None:
-    """Add what the paper's method is compared with: none-OPT in two orders, Dijkstra, none-SPO."""
-    flag(to, "--no-opt", "none-OPT: the first path that reaches a camera")
+    """Add the variants that the paper's method is compared with: none-OPT in two orders, Dijkstra, none-SPO."""
+    flag(to, "--no-opt", "none-OPT: use the first path that reaches a camera")
     flag(to, "--no-opt-listed", "none-OPT in the literal order of Algorithm 3: triples by number")
-    flag(to, "--dijkstra", "shortest paths instead of A*")
-    flag(to, "--no-spo", "none-SPO: no spherical projection (changes --method tao2021 alone)")
+    flag(to, "--dijkstra", "use shortest paths instead of A*")
+    flag(to, "--no-spo", "none-SPO: no spherical projection (affects only --method tao2021)")
 
 
 def search_of(options: argparse.Namespace) -> "Search":
@@ -214,11 +214,11 @@ def path_weights(to: To) -> None:
         nargs=2,
         default=(1.0, 1.0),
         metavar=("XI1", "XI2"),
-        help="of the reprojection error and of one over the common features in an edge of the graph (default 1 1)",
+        help="xi1, xi2: weights of the reprojection error and of 1/(common features) of an edge (default 1 1)",
     )
-    text = "TH_er: the mean reprojection error in a triple beyond which an edge is refused (default: 5 x the median)"
+    text = "TH_er: the mean reprojection error in a triple above which an edge is refused (default: 5 x the median)"
     number(to, "--path-error", "PX", text)
-    text = f"b: what a further camera costs (default {PATH_BASE})"
+    text = f"b: the factor in the cost of a path for each further camera (default {PATH_BASE})"
     number(to, "--path-base", "B", text, default=PATH_BASE)
 
 
@@ -238,7 +238,7 @@ def seed(to: To, text: str, default: int) -> None:
 def workers(to: To) -> None:
     """Add where many runs are computed."""
     number(to, "--workers", "N", "local processes (default 2, 0: none)", _COUNT, default=2)
-    word(to, "--cluster", "ADDRESS", "an existing Dask scheduler instead, as tcp://HOST:8786")
+    word(to, "--cluster", "ADDRESS", "an existing Dask scheduler instead, such as tcp://HOST:8786")
 
 
 # --- values ----------------------------------------------------------------------------------------------------------

@@ -20,5 +20,5 @@ def add_simulate(add: Add) -> None:
         help="demo, rigA, rigB, hall24, hall50, hall100, dome24, or any hallN, domeN, wideN (lens of N degrees)",
     )
     output(simulate, "SESSION", "the session folder to write")
-    flag(simulate, "--observations-only", "observations instead of images")
-    seed(simulate, "another seed, another rig and noise (default 1)", 1)
+    flag(simulate, "--observations-only", "make observations instead of images")
+    seed(simulate, "seed of the rig and its noise (default 1)", 1)

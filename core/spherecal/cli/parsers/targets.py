@@ -25,11 +25,11 @@ def add_targets(add: Add) -> None:
 def _add_wanted(parser: argparse.ArgumentParser) -> None:
     """Which targets."""
     output(parser, "FILE", "the file to write")
-    text = "how many targets (default 200; all that a dictionary of markers has)"
+    text = "how many targets (default 200, or all markers of a dictionary)"
     number(parser, "--count", None, text, int)
     number(parser, "--first-id", "ID", "the first target's number (default 1; of markers 0)", int)
     number(parser, "--size", "MM", "edge of a sticker (default 28)", default=28.0)
-    text = "of the dots on their ground (default light-on-dark), of markers on theirs (default dark-on-light)"
+    text = "polarity of dots (default light-on-dark) or of markers (default dark-on-light)"
     choice(parser, "--polarity", ("light-on-dark", "dark-on-light"), text)
     parser.add_argument(
         "--measured",
@@ -40,7 +40,7 @@ def _add_wanted(parser: argparse.ArgumentParser) -> None:
     )
     text = (
         "ArUco or AprilTag markers instead of dots, by OpenCV's name: DICT_4X4_250, DICT_APRILTAG_36h11 ...; "
-        "--size is then the side of the black square, and ids begin with 0"
+        "--size is then the side of the black square, and ids start at 0"
     )
     word(parser, "--markers", "DICTIONARY", text)
 

@@ -9,7 +9,7 @@ def add_verify(add: Add) -> None:
     verify = add("verify", "Measure reference bars with a calibrated rig.")
     session(verify, "the session folder with poses of check bars")
     rig(verify)
-    output(verify, "RESULT", "the folder to write into, best the rig's")
+    output(verify, "RESULT", "the folder to write to, best the rig's result folder")
     text = "the limit of the length error, A in mm: 0.03+L/20000; decided by ISO 14253-1"
     word(verify, "--limit", "A+L/K", text)
 
@@ -23,22 +23,22 @@ def add_report(add: Add) -> None:
     output(report, "report.pdf", "ending in .pdf, .html, .json or .xml")
     path(report, "--session", "SESSION", "the session, for pictures of its images")
     choice(report, "--page", PAGES, "paper size of a PDF (default A4)", "A4")
-    path(report, "--issuer", "FILE", "for a certificate (.xml): who issues it")
-    choice(report, "--language", ("en", "de", "zh_CN"), "of the report (default: en)", "en")
+    path(report, "--issuer", "FILE", "for a certificate (.xml): JSON file with issuer, customer and serial number")
+    choice(report, "--language", ("en", "de", "zh_CN"), "language of the report (default en)", "en")
 
 
 def add_check(add: Add) -> None:
     """`spherecal check`."""
     check = add(
         "check",
-        "Look at the ball once, or at a bar, and tell whether the calibration still holds: OK, watch or recalibrate, "
-        "with numbers per camera. Nothing is calibrated. Exit code 3 where the answer is recalibrate.",
+        "Test from one image set of the ball or a bar whether the calibration still holds: OK, watch or recalibrate, "
+        "with numbers for each camera. Nothing is calibrated. Exit code 3 if the answer is recalibrate.",
     )
     session(check, "a session with one placement or bar pose, or more")
     path(check, "--profile", "PROFILE", "profile, result folder or rig.json to check", required=True)
     word(check, "--only", "P1[,P2]", "only these placements and bar poses")
     word(check, "--limit", "A+L/K", "limit of a bar's error, A in mm, instead of its uncertainty")
-    number(check, "--temperature", "C", "of the rig now, for a profile's validity")
-    flag(check, "--not-kept", "do not keep the check in the profile (spherecal profile trend --checks)")
-    path(check, "--repair", "RESULT", "calibrate the poses of cameras that moved again, the others locked")
+    number(check, "--temperature", "C", "temperature of the rig now, for a profile's validity")
+    flag(check, "--not-kept", "do not save the check in the profile (spherecal profile trend --checks)")
+    path(check, "--repair", "RESULT", "recalibrate the poses of cameras that moved, with the others locked")
     output(check, "FILE", "write the check as JSON", required=False)

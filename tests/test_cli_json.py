@@ -147,6 +147,7 @@ def test_one_document_and_nothing_else(
 ) -> None:
     if name == "demo":  # without images, which are rendered and detected in test_demo.py
         monkeypatch.setattr("spherecal.cli.demo.demo_session", lambda _: Path(run("calibrate")[1]))
+        monkeypatch.setenv("SPHERECAL_3D", "painted")
     code = main([*run(name), "--json"])
     out, err = capfd.readouterr()
     if name == "manual" and manual_page("en") is None:  # not built here
@@ -184,7 +185,10 @@ def test_beside_a_file_on_standard_output_it_goes_to_standard_error(
     assert json.loads(err) and len(out) > 100
 
 
-def test_brackets_in_paths_are_printed(run: Run, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_brackets_in_paths_are_printed(
+    run: Run, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("SPHERECAL_3D", "painted")
     folder = tmp_path / "[old] rig"
     folder.mkdir()
     for name in ("report", "targets export", "ball export", "frame", "bars export", "export", "support-bundle"):

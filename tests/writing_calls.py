@@ -24,14 +24,13 @@ _OF_MODULES = {
 
 def writing_calls(source: str) -> list[tuple[int, str]]:
     """Line and name of every call that writes, renames or removes a file."""
-    tree = ast.parse(source)
-    functions = [node for node in ast.walk(tree) if isinstance(node, (ast.FunctionDef, ast.AsyncFunctionDef))]
+    nodes = list(ast.walk(ast.parse(source)))
+    calls = [node for node in nodes if isinstance(node, ast.Call) and _name(node, set())]
+    if not calls:
+        return []
+    functions = [node for node in nodes if isinstance(node, (ast.FunctionDef, ast.AsyncFunctionDef))]
     memory = {id(call): names for f in functions for names in [_in_memory(f)] for call in ast.walk(f)}
-    return [
-        (node.lineno, name)
-        for node in ast.walk(tree)
-        if isinstance(node, ast.Call) and (name := _name(node, memory.get(id(node), set())))
-    ]
+    return [(node.lineno, name) for node in calls if (name := _name(node, memory.get(id(node), set())))]
 
 
 def _in_memory(function: ast.AST) -> set[str]:

@@ -86,7 +86,7 @@ def test_a_wrong_model_is_told_with_the_one_that_fits() -> None:
     taken = calibrate(nominal, CalibrationSettings(method="free", lens="auto"))
     assert {lens_model(camera.intrinsics) for camera in taken.rig.cameras} == {"fisheye"}
     assert taken.rig.quality.sigma0 == pytest.approx(0.04, rel=0.05)
-    assert "another was taken: the fisheye model" in lens_finding(taken).message
+    assert "another model was used: the fisheye model" in lens_finding(taken).message
 
 
 def test_the_right_model_stays_and_shared_lenses_are_told() -> None:

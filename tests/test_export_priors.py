@@ -85,7 +85,7 @@ def test_lenses_of_another_image_size_are_refused(tmp_path: Path, capsys) -> Non
     session = session_in(tmp_path / "s", document)
     export_rig(RIG, "opencv", tmp_path / "x")
     assert import_priors(session, tmp_path / "x", tmp_path / "new") == 2
-    assert 'camera "C01" have 2064 x 1544 pixels, the session\'s 1032 x 772' in capsys.readouterr().err
+    assert 'camera "C01" have 2064 x 1544 pixels, but the session\'s have 1032 x 772' in capsys.readouterr().err
 
 
 COLMAP = """# Camera list

@@ -88,7 +88,7 @@ def test_a_turned_camera_keeps_its_centre(tmp_path: Path) -> None:
 
 
 def test_too_large_a_loss_is_refused_and_names_the_camera(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match=r"cannot hold k3.* of camera \"C\d+\".*off by up to 0\.\d+ px") as caught:
+    with pytest.raises(InputError, match=r"cannot represent k3.* of camera \"C\d+\".*off by up to 0\.\d+ px") as caught:
         export_rig(make_rig(12), "kalibr", tmp_path / "x")
     assert not (tmp_path / "x").exists()
     needed = float(caught.value.hint.split("--max-loss ")[1].rstrip("."))

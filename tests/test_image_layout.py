@@ -110,7 +110,7 @@ def test_patterns_say_what_names_do_not(tmp_path):
     for pattern, said in (
         ("{placement}.png", "which part names the camera"),
         ("{camera}/{kamera}", "cannot be read"),
-        ("{camera}.png", "none of 7 files fits"),
+        ("{camera}.png", "none of 7 files matches"),
         ("*" * 9 + "{camera}", "cannot be read"),
     ):
         with pytest.raises(InputError, match=said):

@@ -71,7 +71,7 @@ def test_images_in_the_folder_stay_where_they_are(images: Path) -> None:
     assert {path: path.stat().st_mtime_ns for path in images.rglob("*.png")} == before
     assert {p.name for p in images.iterdir()} == {"cam1", "cam2", "session.json"}
     assert len(made.session.placements[0].images) == 2
-    with pytest.raises(OutputError, match=r"has a session.json already"):
+    with pytest.raises(OutputError, match=r"already has a session.json"):
         spherecal.new_session(images, images, board=BOARD)
     outer = spherecal.new_session(images.parent, images, board=BOARD).session
     assert outer.placements[1].images["cam2"] == images / "cam2" / "0002.png"
@@ -110,14 +110,14 @@ def test_a_zoomed_lens_is_refused(tmp_path: Path) -> None:
     for p, focal in (("p1", 24.0), ("p2", 70.0)):
         image(tmp_path / "images" / "cam1" / f"{p}.jpg", exif={0x920A: focal})
         image(tmp_path / "images" / "cam2" / f"{p}.jpg")
-    with pytest.raises(InputError, match=r"p1.jpg was taken with 24 mm focal length, cam1/p2.jpg with 70 mm"):
+    with pytest.raises(InputError, match=r"p1.jpg was taken with a focal length of 24 mm, cam1/p2.jpg with 70 mm"):
         spherecal.new_session(tmp_path / "new", tmp_path / "images")
     assert not (tmp_path / "new").exists()
 
 
 def test_what_cannot_be_used_leaves_nothing(images: Path, tmp_path: Path) -> None:
     image(images / "cam2" / "0002.png", (200, 120))
-    with pytest.raises(InputError, match=r'"cam2": cam2/0002.png has 200 x 120 pixels, cam2/0001.png 160 x 120'):
+    with pytest.raises(InputError, match=r'"cam2": cam2/0002.png has 200 x 120 pixels, but cam2/0001.png has 160 x 120'):
         spherecal.new_session(tmp_path / "new", images, board=BOARD)
     (images / "cam2" / "0002.png").write_bytes(b"no image")
     with pytest.raises(InputError, match=r"0002.png is not an image"):

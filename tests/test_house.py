@@ -115,6 +115,10 @@ MAY_WRITE = {
 }
 
 
+def test_the_method_is_read_on_one_page() -> None:
+    assert len((ROOT / "core/spherecal/calibrate.py").read_text(encoding="utf-8").splitlines()) <= 90
+
+
 def test_only_one_module_writes_and_removes_files():
     found = {path: {name for _, name in calls} for path, calls in files_that_write(ROOT).items()}
     others = {path: names - MAY_WRITE.get(path, set()) for path, names in found.items()}

@@ -38,6 +38,16 @@ def settle(controller: Controller) -> None:
     QCoreApplication.processEvents()
 
 
+def at_rest(controller: Controller) -> bool:
+    """Whether it is known of every camera that it stands still: from then on it is noticed when one is moved."""
+    live = controller.cameras.live
+    seen = dict(live.watch._seen) if live is not None else {}
+    connection = controller.cameras.connection
+    if connection is None or len(seen) < len(connection.names):
+        return False
+    return all(one.shift_px is not None for one in seen.values())
+
+
 def status(controller: Controller, step: str) -> Status:
     """How a step stands."""
     assert controller.state is not None

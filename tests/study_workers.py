@@ -36,6 +36,8 @@ def kill_on_monday(trial: Trial, columns: Sequence[str]) -> Result:
 
 def slow(trial: Trial) -> Result:
     """Says which process it is in, then takes two minutes."""
-    Path(trial.settings["marker"]).write_text(str(os.getpid()))
+    marker = Path(trial.settings["marker"])
+    marker.with_suffix(".new").write_text(str(os.getpid()))
+    marker.with_suffix(".new").rename(marker)  # whole as soon as it is there
     time.sleep(120)
     return {}

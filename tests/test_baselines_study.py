@@ -6,7 +6,7 @@ import signal
 import subprocess
 import sys
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -17,9 +17,10 @@ from spherecal.base.context import Context
 from spherecal.base.errors import Cancelled, InputError
 from spherecal.cli.main import main
 from spherecal.report.style import report_style
+from spherecal_sim import rigs
 from spherecal_sim.session import simulate_session
 from spherecal_sim.truth import SimulationOptions
-from spherecal_study import agreement, compare, noise, rendered
+from spherecal_study import agreement, compare, executor, noise, rendered
 from spherecal_study import pages as pages_in
 from spherecal_study.executor import DaskCluster, LocalProcesses, Trial, run_here, run_trials
 from spherecal_study.page import Options
@@ -53,9 +54,9 @@ def test_a_cluster_gives_the_same_to_the_bit_and_a_killed_worker_costs_nothing_b
             assert [r["value"] for r in results] == [0, 1, 2, 3]
 
 
-@pytest.mark.slow
-def test_no_cluster_is_said_plainly():  # ten seconds of patience
+def test_no_cluster_is_said_plainly(monkeypatch):
     pytest.importorskip("distributed")
+    monkeypatch.setattr(executor, "_SCHEDULER_S", 0.5)
     with pytest.raises(InputError, match="No Dask scheduler answers"):
         list(DaskCluster("tcp://127.0.0.1:9").results(TRIALS, Context()))
 
@@ -109,8 +110,10 @@ def test_a_killed_worker_costs_nothing_but_time(tmp_path):
 _STARTS = """
 from pathlib import Path
 from spherecal.base.context import Context
+from spherecal_study import executor
 from spherecal_study.executor import LocalProcesses, Trial, run_trials
 from tests.study_workers import slow
+executor._PARENT_S = 0.1  # here and, as it is spawned, in the worker
 if __name__ == "__main__":
     folder = Path(FOLDER)
     run_trials([Trial("x", {"marker": str(folder / "pid")})], folder / "kept", LocalProcesses(1, slow), Context())
@@ -128,8 +131,7 @@ def test_workers_end_with_the_program_that_started_them(tmp_path):
     marker = tmp_path / "pid"
     patience = time.monotonic() + 120
     while not marker.exists() and time.monotonic() < patience:
-        time.sleep(0.2)
-    time.sleep(0.5)
+        time.sleep(0.05)
     worker = int(marker.read_text())
     program.kill()
     program.wait()
@@ -138,7 +140,7 @@ def test_workers_end_with_the_program_that_started_them(tmp_path):
             os.kill(worker, 0)
         except ProcessLookupError:
             return
-        time.sleep(0.5)
+        time.sleep(0.05)
     os.kill(worker, signal.SIGKILL)
     pytest.fail("the worker outlived its program")
 
@@ -441,7 +443,9 @@ def test_images_are_rendered_once_for_all_trials(name):
 @pytest.mark.slow
 def test_trials_on_rendered_images(tmp_path, monkeypatch):
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
-    monkeypatch.setattr(rendered, "BAR_POSES", 1)  # each image is half a second of a processor
+    monkeypatch.setattr(rendered, "BAR_POSES", 1)  # each image is half a second of a processor,
+    small = replace(rigs.SMALL, image_size=(800, 640), pixel_pitch_um=rigs.SMALL.pixel_pitch_um * 1280 / 800)
+    monkeypatch.setattr(rigs, "SMALL", small)  # and less with fewer pixels
     result = ball("demo", 1, None, placements=2, method="free")
     assert result["valid"]
     assert result["cameras"] == 6

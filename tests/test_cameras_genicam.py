@@ -1,7 +1,6 @@
 """GenICam cameras over real drivers: viky.cti of the genicam package, our simulated producer, and broken ones."""
 
 import importlib.util
-import json
 import os
 import shutil
 import signal

@@ -195,21 +195,32 @@ def _until(source: GenicamSource, condition: Any) -> bool:
 
 
 @pytest.mark.parametrize(
-    ("fault", "heal", "state", "words"),
+    "faults",
     [
-        (("unplug", "GE02"), ("plug", "GE02"), CameraState.LOST, "not found"),
-        (("conflict", "GE02", "GE01"), ("home", "GE02"), CameraState.LOST, "same address 192.168.77.11"),
-        (("subnet", "GE02"), ("home", "GE02"), CameraState.LOST, "192.168.78.12 is not in the network of eth0"),
+        {"GE02": ("conflict GE02 GE01", "home GE02", "same address 192.168.77.11")},
+        {
+            "GE02": ("subnet GE02", "home GE02", "192.168.78.12 is not in the network of eth0"),
+            "GE03": ("unplug GE03", "plug GE03", "not found"),
+        },
     ],
+    ids=["one address for two", "another subnet, unplugged"],
 )
 def test_a_fault_on_the_wire_is_named_and_recovered_from(
-    rig: GigeRig, source: GenicamSource, fault: tuple, heal: tuple, state: CameraState, words: str
+    rig: GigeRig, source: GenicamSource, faults: dict[str, tuple[str, str, str]]
 ) -> None:
-    rig.fault(*fault)
+    for fault, _, _ in faults.values():
+        rig.fault(*fault.split())
     try:
-        assert _until(source, lambda _, told: told["GE02"].state is state and words in told["GE02"].cause)
+        assert _until(
+            source,
+            lambda _, told: all(
+                told[camera].state is CameraState.LOST and words in told[camera].cause
+                for camera, (_, _, words) in faults.items()
+            ),
+        )
     finally:
-        rig.fault(*heal)
+        for _, heal, _ in faults.values():
+            rig.fault(*heal.split())
     assert _until(source, lambda taken, _: taken.complete)
 
 

@@ -25,14 +25,12 @@ LIMIT_S = 60.0
 
 
 @pytest.fixture(name="session", scope="module")
-def smallest_session(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A rendered rig's session; skips where no GigE rig can be."""
+def session_of_a_rig(drawn_session: Path) -> Path:
+    """A rig's session with images; skips where no GigE rig can be."""
     aravis_producer()
     if (reason := why_not()) is not None:
         pytest.skip(f"no network namespaces: {reason}")
-    folder = tmp_path_factory.mktemp("rig") / "scene"
-    assert main(["cameras", "capture", "--source", "simulated", "-o", str(folder), "--placements", "1"]) in (0, 3)
-    return folder
+    return drawn_session
 
 
 @contextmanager

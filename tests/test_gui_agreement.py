@@ -33,7 +33,7 @@ from spherecal_gui.standing import (
 from spherecal_gui.wizard.window import WizardWindow
 from spherecal_gui.workflow import Running, Status, resolve
 from tests.gui_agreement import Watcher, disagreements
-from tests.gui_walking import pump, settle
+from tests.gui_walking import at_rest, pump, settle
 from tests.test_gui_workflow import OPEN, statuses, taken_project
 
 pytestmark = pytest.mark.usefixtures("images_at_rest")
@@ -209,16 +209,10 @@ def finished(qapp, walked, tmp_path_factory) -> Iterator[WizardWindow]:
 def opened(finished) -> Iterator[WizardWindow]:
     """That window at Camera check, where all is well; afterwards its cameras are healed and count as they stand."""
     finished.controller.go("look")
-    pump(lambda: finished.page.standing().level == "good" and at_rest(finished))
+    pump(lambda: finished.page.standing().level == "good" and at_rest(finished.controller))
     yield finished
     finished.controller.cameras.connection.source.heal("C03")
     finished.controller.cameras.live.watch.forgive()
-
-
-def at_rest(window: WizardWindow) -> bool:
-    """Whether it is known of every camera that it stands still: then it is noticed when one is moved."""
-    seen = dict(window.controller.cameras.live.watch._seen)
-    return len(seen) == 6 and all(one.shift_px is not None for one in seen.values())
 
 
 LIVE_FAULTS = [SimulatedFault("lose", "C03"), SimulatedFault("bump", "C03"), SimulatedFault("blur", "C03"),

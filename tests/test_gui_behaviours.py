@@ -403,13 +403,14 @@ def test_advice_is_gone_once_other_placements_are_there(monkeypatch, tmp_path):
     assert not asked, "only placements show advice"
     controller.project = replace(controller.project, step="placement:P2")
     controller.advice.plan_next()
-    controller.advice._planned("move it left")
+    advice: Any = "move it left"
+    controller.advice._planned(advice)
     controller.project = replace(controller.project, taken={"P1": "a"})
     controller.advice.plan_next()
     assert controller.advice.guidance is None and told[-1] is None and asked == [["P1", "P2"], ["P1"]]
     controller.project = replace(controller.project, taken={"P1": "a", "P2": "b"})
     controller.advice.plan_next()
-    assert controller.advice.guidance == "move it left" == told[-1], "the placement was brought back"
+    assert controller.advice.guidance == advice == told[-1], "the placement was brought back"
     assert len(asked) == 2
 
 

@@ -16,7 +16,7 @@ from spherecal_gui.pages.look import LookPage
 from spherecal_gui.presenters.look import bump_text, tile_state
 from spherecal_gui.tasks.bump_watch import BUMP_PX, BumpWatch
 from spherecal_gui.wizard.window import WizardWindow
-from tests.gui_walking import pump, settle
+from tests.gui_walking import at_rest, pump, settle
 
 CAMERAS = ("A", "B", "C", "D")
 
@@ -101,11 +101,12 @@ def test_the_tile_and_the_message_name_it():
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("images_at_rest")
 def test_a_bump_on_the_wall_is_said_at_once(qtbot, tmp_path, monkeypatch):
     monkeypatch.setenv("SPHERECAL_SETTINGS", str(tmp_path / "settings.ini"))
     window = WizardWindow(tmp_path / "projects")
     qtbot.addWidget(window)
-    window.controller.cameras.live_hz = 4.0
+    window.controller.cameras.live_hz = 10.0
     window.show()
     window.new_project("simulated:demo")
     controller = window.controller
@@ -116,8 +117,7 @@ def test_a_bump_on_the_wall_is_said_at_once(qtbot, tmp_path, monkeypatch):
     assert isinstance(page, LookPage)
     pump(lambda: "sharp and well lit" in page.summary.text())
     assert page.fixed.isHidden()
-    seen = controller.cameras.live.rounds
-    pump(lambda: controller.cameras.live.rounds > seen + 8)
+    pump(lambda: at_rest(controller))
     source = controller.cameras.connection.source
     assert isinstance(source, SimulatedSource)
     source.inject(SimulatedFault("bump", "C03"))

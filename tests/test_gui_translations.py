@@ -64,8 +64,9 @@ def test_no_text_is_where_it_is_not_collected():
     found = []
     for path in (ROOT / "spherecal_gui").rglob("*.py"):
         for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
-            inside = ast.walk(node) if isinstance(node, ast.JoinedStr) else ()
-            calls = [one for one in inside if isinstance(one, ast.Call)]
+            if not isinstance(node, ast.JoinedStr):
+                continue
+            calls = [one for one in ast.walk(node) if isinstance(one, ast.Call)]
             names = {getattr(one.func, "attr", getattr(one.func, "id", "")) for one in calls}
             found += [f"{path.name}:{node.lineno}"] if names & {"tr", "translate"} else []
     assert found == []

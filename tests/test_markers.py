@@ -9,11 +9,13 @@ from typing import NamedTuple
 import cv2
 import numpy as np
 import pytest
+from matplotlib.backends.backend_pdf import PdfFile
 from scipy.spatial.transform import Rotation
 
 from benchmarks.studies.markers import compared
 from spherecal.base.errors import InputError
 from spherecal.cli.main import main
+from spherecal.files.rig_file import read_rig
 from spherecal.files.target_set_file import read_target_set, write_target_set
 from spherecal.geometry.camera import project
 from spherecal.measuring.live import collected
@@ -171,8 +173,8 @@ def result(recorded: Recorded) -> Path:
 
 
 @pytest.mark.slow
-def test_a_session_with_markers_is_calibrated(recorded: Recorded) -> None:
-    figures = compared(recorded.folder, recorded.cameras)
+def test_a_session_with_markers_is_calibrated(recorded: Recorded, result: Path) -> None:
+    figures = compared(read_rig(result / "rig.json"), recorded.cameras)
     assert figures.verdict in ("valid", "use-with-care")
     assert figures.rms_px < 0.2 and figures.observations > 400
     assert figures.over_stated < 4  # three placements with free lenses leave much open, and the result says how much
@@ -220,8 +222,13 @@ def test_lengths_between_markers_are_verified(recorded: Recorded, result: Path) 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("ending", ["html", "pdf", "json"])
-def test_the_report_shows_them(recorded: Recorded, result: Path, tmp_path: Path, ending: str) -> None:
+def test_the_report_shows_them(
+    recorded: Recorded, result: Path, tmp_path: Path, ending: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
     report = tmp_path / f"report.{ending}"
+    if ending == "pdf":  # the scene is rendered for the other; two fifths of the time went into its fonts
+        monkeypatch.setattr("spherecal.cli.report.scene_picture", lambda *_: None)
+        monkeypatch.setattr(PdfFile, "writeFonts", lambda self: self.writeObject(self.fontObject, {}))
     assert main(["report", str(result), "-o", str(report), "--session", str(recorded.folder), "-q"]) == 0
     if ending == "html":
         text = report.read_text(encoding="utf-8")

@@ -8,6 +8,7 @@ import numpy as np
 
 from benchmarks.studies.report import Report
 from spherecal.calibrate import calibrate
+from spherecal.data.rig import Rig
 from spherecal.files.read_session import read_session
 from spherecal.targets.family import make_target_set
 from spherecal.targets.marker_set import make_marker_set
@@ -50,12 +51,11 @@ def measure(name: str, seed: int = 1) -> Figures:
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "session"
         write_sticker_session(path, sticker_ball(target_set(name), RADIUS_MM, random), cameras, PLACEMENTS, random)
-        return compared(path, cameras)
+        return compared(calibrate(read_session(path)).rig, cameras)
 
 
-def compared(folder: Path, cameras: list[StickerCamera]) -> Figures:
+def compared(rig: Rig, cameras: list[StickerCamera]) -> Figures:
     """The calibration of a rendered session against its cameras."""
-    rig = calibrate(read_session(folder)).rig
     assert len(rig.cameras) == len(cameras), rig.quality.findings
     truth = {camera.id: camera for camera in cameras}
     first = truth[str(rig.reference_camera)]

@@ -75,22 +75,29 @@ def painted_stickers(targets: TargetSet) -> NDArray[np.float32]:
     """The stickers (n, side, side) as printed, 0 black to 1 white."""
     side = sticker_mm(targets)
     at = (np.arange(round(side * _PX_PER_MM)) + 0.5) / _PX_PER_MM - side / 2
-    x, y = np.meshgrid(at, at)
     out = []
     for target, layout in targets.layouts.items():
         if targets.dictionary is not None:
             bits = np.pad(marker_bits(targets.dictionary, target), 1, constant_values=1.0)
-            rows, columns = (
-                np.clip(np.floor((c / side + 0.5) * len(bits)).astype(int), 0, len(bits) - 1) for c in (y, x)
-            )
-            light = bits[rows, columns]
-            out.append(1 - light if targets.polarity == "light-on-dark" else light)
+            cell = np.clip(np.floor((at / side + 0.5) * len(bits)).astype(int), 0, len(bits) - 1)
+            printed = 1 - bits if targets.polarity == "light-on-dark" else bits
+            out.append(printed[np.ix_(cell, cell)])
             continue
-        away = np.min([np.hypot(x - u, y - v) for u, v in layout.values()], axis=0)
-        dots = np.clip((targets.dot_diameter_mm / 2 - away) * _PX_PER_MM + 0.5, 0, 1)
+        dots = np.zeros((len(at), len(at)))
+        for u, v in layout.values():
+            columns, rows = (_near(at, c, targets.dot_diameter_mm / 2 + 1 / _PX_PER_MM) for c in (u, v))
+            away = np.hypot(at[None, columns] - u, at[rows, None] - v)
+            inside = np.clip((targets.dot_diameter_mm / 2 - away) * _PX_PER_MM + 0.5, 0, 1)
+            dots[rows, columns] = np.maximum(dots[rows, columns], inside)
         out.append(dots if targets.polarity == "light-on-dark" else 1 - dots)
     # as wide as the rays are apart: without it, edges are stairs
     return np.array([cv2.blur(one.astype(np.float32), (_SOFT, _SOFT)) for one in out], np.float32)
+
+
+def _near(at: FloatArray, centre: float, reach: float) -> slice:
+    """The part of rising values that is at most `reach` from a centre."""
+    first, last = np.searchsorted(at, (centre - reach, centre + reach))
+    return slice(int(first), int(last))
 
 
 def render_stickers(
@@ -126,14 +133,17 @@ def render_stickers(
     """
     width, height = camera.size
     steps = [np.arange(side * _RAYS) / _RAYS - 0.5 + 0.5 / _RAYS for side in camera.size]
-    uv = np.stack(np.meshgrid(*steps), axis=-1).reshape(-1, 2)
-    fine = np.full(len(uv), _NOTHING, np.float32)
+    fine = np.full((height * _RAYS, width * _RAYS), _NOTHING, np.float32)
     # of the ball only the part of the image that it can reach
     centre = camera.rotation @ place + camera.translation
     focal, middle = camera.intrinsics[:2].mean(), camera.intrinsics[2:4]
     reach = 1.3 * focal * ball.radius_mm / centre[2] + 20
-    near = np.linalg.norm(uv - middle - focal * centre[:2] / centre[2], axis=1) < reach
-    rays = np.column_stack([_undistorted(camera, steps).reshape(-1, 2)[near], np.ones(near.sum())])
+    seen = middle + focal * centre[:2] / centre[2]
+    columns, rows = (_near(step, c, reach + 1) for step, c in zip(steps, seen, strict=True))
+    steps = [steps[0][columns], steps[1][rows]]
+    uv = np.stack(np.meshgrid(*steps), axis=-1)
+    near = np.linalg.norm(uv - middle - focal * centre[:2] / centre[2], axis=-1) < reach
+    rays = np.column_stack([_undistorted(camera, steps)[near], np.ones(near.sum())])
     rays /= np.linalg.norm(rays, axis=1, keepdims=True)
     along = rays @ centre
     inside = along**2 - centre @ centre + ball.radius_mm**2
@@ -141,7 +151,7 @@ def render_stickers(
     surface = (rays[met] * (along[met] - np.sqrt(inside[met]))[:, None] - centre) / ball.radius_mm
     value = np.full(len(rays), _NOTHING, np.float32)
     value[met] = _grey(ball, painted, surface @ camera.rotation @ turn)
-    fine[near] = value
+    fine[rows, columns][near] = value
     image = fine.reshape(height, _RAYS, width, _RAYS).mean(axis=(1, 3))
     image = 20 + 200 * cv2.GaussianBlur(image, (0, 0), blur_px)
     return np.clip(np.rint(image + random.normal(0, noise_grey, image.shape)), 0, 255).astype(np.uint8)
@@ -159,8 +169,7 @@ def _undistorted(camera: StickerCamera, steps: list[FloatArray]) -> FloatArray:
 def _grey(ball: StickerBall, painted: NDArray[np.float32], at: FloatArray) -> NDArray[np.float32]:
     """The grey of places (m, 3) on the unit ball: of the sticker bent onto it there, or of the ball."""
     own = np.asarray(KDTree(ball.places).query(at)[1])
-    up, right = ball.places[own], ball.right[own]
-    down = np.cross(right, up)
+    up, right, down = ball.places[own], ball.right[own], np.cross(ball.right, ball.places)[own]
     cosine = (at * up).sum(axis=1)
     angle = np.arccos(np.clip(cosine, -1, 1))
     scale = ball.radius_mm * angle / np.maximum(np.sin(angle), 1e-9)

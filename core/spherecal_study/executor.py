@@ -33,6 +33,7 @@ _ATTEMPTS = 3
 # Raise it whenever a trial of the same settings gives another result, so that older ones are not taken for it.
 _RESULTS = 3
 _PARENT_S = 2.0  # between looks at whether the program that started a worker still lives
+_SCHEDULER_S = 10.0  # for a Dask scheduler to answer
 _PATIENCE_S = 0.1  # between looks at the user's wish to stop
 
 
@@ -325,7 +326,7 @@ class DaskCluster:
                 "A cluster needs the package dask, which is not installed.", "pip install 'spherecal[distributed]'"
             ) from None
         try:
-            return Client(self.address, timeout=10)
+            return Client(self.address, timeout=_SCHEDULER_S)
         except (OSError, TimeoutError, ValueError) as error:
             raise InputError(
                 f"No Dask scheduler answers at {self.address}: {error}.",

@@ -117,9 +117,7 @@ def test_a_zoomed_lens_is_refused(tmp_path: Path) -> None:
 
 def test_what_cannot_be_used_leaves_nothing(images: Path, tmp_path: Path) -> None:
     image(images / "cam2" / "0002.png", (200, 120))
-    with pytest.raises(
-        InputError, match=r'"cam2": cam2/0002.png has 200 x 120 pixels, but cam2/0001.png has 160 x 120'
-    ):
+    with pytest.raises(InputError, match=r'"cam2": cam2/0002.png has 200 x 120 pixels, but .* has 160 x 120'):
         spherecal.new_session(tmp_path / "new", images, board=BOARD)
     (images / "cam2" / "0002.png").write_bytes(b"no image")
     with pytest.raises(InputError, match=r"0002.png is not an image"):

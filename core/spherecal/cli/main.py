@@ -190,7 +190,8 @@ def _logged_to(path: Path) -> Iterator[None]:
     finally:
         logging.root.setLevel(before)
         logging.root.removeHandler(handler)
-        handler.close()
+        with suppress(OSError):  # on a full disk
+            handler.close()
 
 
 if __name__ == "__main__":

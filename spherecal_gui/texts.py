@@ -134,7 +134,7 @@ def camera_trouble(status: "CameraStatus") -> str:
             "Cameras", "Images arrive with parts missing. Check cable, switch, packet size."
         ),
         "lost": translate("Cameras", "Lost. Check cable, power and network; it comes back by itself."),
-        "busy": translate("Cameras", "Another program holds it. Close that program."),
+        "busy": translate("Cameras", "Another program is using it. Close that program."),
         "error": translate("Cameras", "It cannot be opened. Switch it off and on, then search again."),
     }.get(status.state.value, camera_details(status))
 

@@ -99,7 +99,7 @@ def test_a_source_that_does_not_exist_is_said_on_the_page(qtbot, window):
 def test_a_replay_folder_without_images_is_said(qtbot, window, tmp_path):
     window.new_project(f"replay:{tmp_path}")
     qtbot.waitUntil(lambda: window.controller.runner.running is None, timeout=20_000)
-    assert window.page.summary.text() == "This folder holds no recording."
+    assert window.page.summary.text() == "This folder contains no recording."
     assert "session.json" in window.page.why.text()
 
 

@@ -198,7 +198,7 @@ def test_a_lost_camera_says_so_before_anything_else():
 def test_the_wall_in_one_sentence():
     good, bad = tile_state("C01", status(), sight()), tile_state("C02", status(CameraState.LOST), None)
     assert summary([good]) == ("All 1 cameras are sharp and well lit.", "good")
-    assert summary([good, bad]) == ("Look after C02.", "bad")
+    assert summary([good, bad]) == ("Check C02.", "bad")
     assert summary([good, tile_state("C05", status(), sight(blur=3.0))]) == ("C05 is out of focus.", "bad")
     assert summary([good, tile_state("C05", status(), sight(saturated=0.2))]) == ("C05 is too bright.", "caution")
 
@@ -440,7 +440,7 @@ def ends_at(x: float, y: float, z: float, turn_deg: float = 0.0) -> np.ndarray:
         (ends_at(0, -400, 0), True, "Move bar A 400 mm towards C03", False),
         (ends_at(600, 0, 0), True, "Move bar A 600 mm towards C01", False),
         (ends_at(0, 0, 0, 40), True, "Turn bar A by 40°: from near C01 to near C02", False),
-        (ends_at(20, 0, 0, 5), False, "It lies right. Let it come to rest", True),
+        (ends_at(20, 0, 0, 5), False, "It is in place. Wait until it is at rest", True),
         (ends_at(20, 0, 0, 185), True, "Ready: press space", True),
     ],
 )

@@ -124,7 +124,7 @@
         <translation>Stab {bar} um {deg:.0f}° drehen: von nahe {first} bis nahe {last}</translation>
     </message>
     <message>
-        <source>It lies right. Let it come to rest</source>
+        <source>It is in place. Wait until it is at rest</source>
         <translation>Er liegt richtig. Zur Ruhe kommen lassen</translation>
     </message>
     <message>
@@ -195,7 +195,7 @@
         <translation>Stahl 11.5, Aluminium 23, Kohlefaser etwa 0.</translation>
     </message>
     <message>
-        <source>Lengths hold at (°C)</source>
+        <source>Lengths are valid at (°C)</source>
         <translation>Längen gelten bei (°C)</translation>
     </message>
     <message>
@@ -219,7 +219,7 @@
         <translation>Bei diesen Messmitteln</translation>
     </message>
     <message>
-        <source>does not lie here</source>
+        <source>is not here</source>
         <translation>liegt nicht bereit</translation>
     </message>
     <message>
@@ -406,7 +406,7 @@
         <translation>Es gilt für den wirklichen Aufbau, nicht für diese Übung.</translation>
     </message>
     <message>
-        <source>It holds for the next calibration: this one has images already.</source>
+        <source>It applies to the next calibration: this one already has images.</source>
         <translation>Es gilt ab der nächsten Kalibrierung: Diese hat schon Bilder.</translation>
     </message>
     <message>
@@ -414,7 +414,7 @@
         <translation>Es gilt für diese und die nächsten Kalibrierungen.</translation>
     </message>
     <message>
-        <source>It holds for the next calibrations of this rig.</source>
+        <source>It applies to the next calibrations of this rig.</source>
         <translation>Es gilt für die nächsten Kalibrierungen dieses Aufbaus.</translation>
     </message>
 </context>
@@ -579,7 +579,7 @@
         <translation>Support-Paket</translation>
     </message>
     <message>
-        <source>Save a support bundle of {n} files? It holds no images.</source>
+        <source>Save a support bundle of {n} files? It contains no images.</source>
         <translation>Ein Support-Paket aus {n} Dateien speichern? Es enthält keine Bilder.</translation>
     </message>
     <message>
@@ -854,7 +854,7 @@
         <translation>Verloren. Kabel, Strom und Netz prüfen; sie kommt von selbst zurück.</translation>
     </message>
     <message>
-        <source>Another program holds it. Close that program.</source>
+        <source>Another program is using it. Close that program.</source>
         <translation>Ein anderes Programm benutzt sie. Dieses Programm schließen.</translation>
     </message>
     <message>
@@ -924,7 +924,7 @@
         <translation>Noch nicht in Gebrauch.</translation>
     </message>
     <message>
-        <source>The bars are measured as certified; single cameras were not checked.</source>
+        <source>The measured lengths of the bars agree with their certificates; single cameras were not checked.</source>
         <translation>Die Stäbe werden gemessen wie zertifiziert; einzelne Kameras wurden nicht geprüft.</translation>
     </message>
     <message>
@@ -1146,7 +1146,7 @@ px</translation>
         <translation>Diese Aufnahme ist beschädigt.</translation>
     </message>
     <message>
-        <source>This folder holds no recording.</source>
+        <source>This folder contains no recording.</source>
         <translation>In diesem Ordner ist keine Aufnahme.</translation>
     </message>
     <message>
@@ -1520,7 +1520,7 @@ px</translation>
         <translation>Nichts zu beanstanden.</translation>
     </message>
     <message>
-        <source>It is asked for already: calibrate again.</source>
+        <source>It is already requested: calibrate again.</source>
         <translation>Schon verlangt: neu kalibrieren.</translation>
     </message>
     <message>
@@ -2058,7 +2058,7 @@ px</translation>
         <translation>Noch wurde kein Grenzwert geändert.</translation>
     </message>
     <message>
-        <source>Saved; the new limits hold from now on.</source>
+        <source>Saved; the new limits apply from now on.</source>
         <translation>Gesichert; die neuen Grenzwerte gelten ab jetzt.</translation>
     </message>
     <message>
@@ -2180,7 +2180,7 @@ px</translation>
         <translation>Wird noch warm, in °C je Minute: {rates}. Warten, bis es weniger als 0.1 ist: Objektive wandern dabei.</translation>
     </message>
     <message>
-        <source>Look after {names}.</source>
+        <source>Check {names}.</source>
         <translation>Zu prüfen: {names}.</translation>
     </message>
     <message>
@@ -3132,7 +3132,7 @@ mm</translation>
         <translation>{camera}: alle Bilder</translation>
     </message>
     <message>
-        <source>It is asked for already: calibrate again.</source>
+        <source>It is already requested: calibrate again.</source>
         <translation>Schon verlangt: neu kalibrieren.</translation>
     </message>
     <message>
@@ -3206,7 +3206,7 @@ mm</translation>
         <translation>SIMULIERT: keine Kalibrierung eines echten Aufbaus</translation>
     </message>
     <message>
-        <source>The calibration in use was left as it is. This one stays in {folder}.</source>
+        <source>The calibration in use was not changed. This one stays in {folder}.</source>
         <translation>Die Kalibrierung in Gebrauch blieb, wie sie ist. Diese bleibt in {folder}.</translation>
     </message>
     <message>
@@ -4575,7 +4575,7 @@ mm</translation>
         <translation>verbinde</translation>
     </message>
     <message>
-        <source>The support bundle is in {path}. It holds no images.</source>
+        <source>The support bundle is in {path}. It contains no images.</source>
         <translation>Das Support-Paket ist in {path}. Es enthält keine Bilder.</translation>
     </message>
     <message>

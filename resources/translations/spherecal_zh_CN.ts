@@ -124,7 +124,7 @@
         <translation>将基准尺 {bar} 转动 {deg:.0f}°：从 {first} 附近到 {last} 附近</translation>
     </message>
     <message>
-        <source>It lies right. Let it come to rest</source>
+        <source>It is in place. Wait until it is at rest</source>
         <translation>位置正确。请让它静止</translation>
     </message>
     <message>
@@ -195,7 +195,7 @@
         <translation>钢 11.5，铝 23，碳纤维约 0。</translation>
     </message>
     <message>
-        <source>Lengths hold at (°C)</source>
+        <source>Lengths are valid at (°C)</source>
         <translation>长度对应温度 (°C)</translation>
     </message>
     <message>
@@ -219,7 +219,7 @@
         <translation>在此器具中</translation>
     </message>
     <message>
-        <source>does not lie here</source>
+        <source>is not here</source>
         <translation>未使用</translation>
     </message>
     <message>
@@ -406,7 +406,7 @@
         <translation>适用于真实系统，不适用于本次练习。</translation>
     </message>
     <message>
-        <source>It holds for the next calibration: this one has images already.</source>
+        <source>It applies to the next calibration: this one already has images.</source>
         <translation>从下一次标定起生效：本次标定已有图像。</translation>
     </message>
     <message>
@@ -414,7 +414,7 @@
         <translation>适用于本次及以后的标定。</translation>
     </message>
     <message>
-        <source>It holds for the next calibrations of this rig.</source>
+        <source>It applies to the next calibrations of this rig.</source>
         <translation>适用于本系统以后的标定。</translation>
     </message>
 </context>
@@ -579,7 +579,7 @@
         <translation>支持包</translation>
     </message>
     <message>
-        <source>Save a support bundle of {n} files? It holds no images.</source>
+        <source>Save a support bundle of {n} files? It contains no images.</source>
         <translation>要保存包含 {n} 个文件的支持包吗？其中没有图像。</translation>
     </message>
     <message>
@@ -854,7 +854,7 @@
         <translation>已断开。请检查电缆、电源和网络；恢复后会自动连接。</translation>
     </message>
     <message>
-        <source>Another program holds it. Close that program.</source>
+        <source>Another program is using it. Close that program.</source>
         <translation>被其他程序占用。请关闭该程序。</translation>
     </message>
     <message>
@@ -924,7 +924,7 @@
         <translation>尚未启用。</translation>
     </message>
     <message>
-        <source>The bars are measured as certified; single cameras were not checked.</source>
+        <source>The measured lengths of the bars agree with their certificates; single cameras were not checked.</source>
         <translation>基准尺的测量值与证书一致；未检查单台相机。</translation>
     </message>
     <message>
@@ -1146,7 +1146,7 @@ px</translation>
         <translation>此采集数据已损坏。</translation>
     </message>
     <message>
-        <source>This folder holds no recording.</source>
+        <source>This folder contains no recording.</source>
         <translation>此文件夹中没有采集数据。</translation>
     </message>
     <message>
@@ -1520,7 +1520,7 @@ px</translation>
         <translation>没有问题。</translation>
     </message>
     <message>
-        <source>It is asked for already: calibrate again.</source>
+        <source>It is already requested: calibrate again.</source>
         <translation>已提出要求：请重新标定。</translation>
     </message>
     <message>
@@ -2058,7 +2058,7 @@ px</translation>
         <translation>尚未更改任何限值。</translation>
     </message>
     <message>
-        <source>Saved; the new limits hold from now on.</source>
+        <source>Saved; the new limits apply from now on.</source>
         <translation>已保存；新限值即刻生效。</translation>
     </message>
     <message>
@@ -2180,7 +2180,7 @@ px</translation>
         <translation>仍在升温（每分钟 °C）：{rates}。请等到低于 0.1：镜头会随之移动。</translation>
     </message>
     <message>
-        <source>Look after {names}.</source>
+        <source>Check {names}.</source>
         <translation>请处理 {names}。</translation>
     </message>
     <message>
@@ -3132,7 +3132,7 @@ mm</translation>
         <translation>{camera}：所有图像</translation>
     </message>
     <message>
-        <source>It is asked for already: calibrate again.</source>
+        <source>It is already requested: calibrate again.</source>
         <translation>已提出要求：请重新标定。</translation>
     </message>
     <message>
@@ -3206,7 +3206,7 @@ mm</translation>
         <translation>仿真：不是真实系统的标定</translation>
     </message>
     <message>
-        <source>The calibration in use was left as it is. This one stays in {folder}.</source>
+        <source>The calibration in use was not changed. This one stays in {folder}.</source>
         <translation>启用中的标定保持不变。本次标定保留在 {folder}。</translation>
     </message>
     <message>
@@ -4575,7 +4575,7 @@ mm</translation>
         <translation>正在连接</translation>
     </message>
     <message>
-        <source>The support bundle is in {path}. It holds no images.</source>
+        <source>The support bundle is in {path}. It contains no images.</source>
         <translation>支持包位于 {path}，不含图像。</translation>
     </message>
     <message>

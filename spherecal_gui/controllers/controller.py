@@ -214,7 +214,7 @@ class Controller(ProjectController):
         """Leave the calibration in use as it is; this one stays in its folder."""
         if self.project is None or self.runner.running is not None:
             return
-        message = translate("Save", "The calibration in use was left as it is. This one stays in {folder}.")
+        message = translate("Save", "The calibration in use was not changed. This one stays in {folder}.")
         message = message.format(folder=self.project.folder)
         self.close_project()
         self.tell("info", message)

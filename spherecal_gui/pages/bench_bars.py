@@ -92,7 +92,7 @@ class BarsTab(QWidget):
                 "11.5",
                 self.tr("Steel 11.5, aluminium 23, carbon fibre about 0."),
             ),
-            "reference": TextField("bar-reference", self.tr("Lengths hold at (°C)"), "20"),
+            "reference": TextField("bar-reference", self.tr("Lengths are valid at (°C)"), "20"),
             "certificate": TextField("bar-certificate", self.tr("Certificate, no.")),
             "laboratory": TextField("bar-laboratory", self.tr("Laboratory")),
             "issued": TextField("bar-issued", self.tr("Calibrated on"), day),
@@ -102,7 +102,7 @@ class BarsTab(QWidget):
         self.role.setObjectName("bar-role")
         self.role.setAccessibleName(self.tr("On this bench"))
         for value, text in (
-            ("none", self.tr("does not lie here")),
+            ("none", self.tr("is not here")),
             ("scale", self.tr("gives the scale")),
             ("check", self.tr("verifies")),
         ):

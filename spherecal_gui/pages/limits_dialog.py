@@ -254,7 +254,7 @@ class LimitsDialog(QDialog):
 
     def _save(self) -> None:
         said, problem = self.desk.save(self.limits)
-        self._tell(problem or self.tr("Saved; the new limits hold from now on."), "bad" if problem else "good")
+        self._tell(problem or self.tr("Saved; the new limits apply from now on."), "bad" if problem else "good")
         self._refresh()
         self.changed.emit(said)
 

@@ -222,7 +222,7 @@ class ResultsPage(Page):
 
     def _show_repairs(self, shown: CameraResiduals | None) -> None:
         """What can be left out of what is shown."""
-        stale = self.tr("It is asked for already: calibrate again.")
+        stale = self.tr("It is already requested: calibrate again.")
         asked = self.open_project.repairs_now
         one = shown.placement if shown is not None else None
         why = stale if one is not None else self.tr("Choose one image on the left first.")

@@ -128,7 +128,7 @@ def _text(
         text = translate("Bars", "Turn bar {bar} by {deg:.0f}°: from near {first} to near {last}")
         return text.format(bar=pose.bar, deg=answer.off_deg, first=pose.near[0], last=pose.near[1]), "caution"
     if not still:
-        return translate("Bars", "It lies right. Let it come to rest"), "caution"
+        return translate("Bars", "It is in place. Wait until it is at rest"), "caution"
     return translate("Bars", "Ready: press space"), "good"
 
 

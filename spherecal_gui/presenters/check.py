@@ -64,7 +64,10 @@ def repaired_verdict(after: "Check | CheckSummary", in_use: bool) -> VerdictText
 def _sentence(found: "Check | CheckSummary") -> str:
     if found.verdict == "ok":
         if not found.cameras:
-            return translate("Check", "The bars are measured as certified; single cameras were not checked.")
+            return translate(
+                "Check",
+                "The measured lengths of the bars agree with their certificates; single cameras were not checked.",
+            )
         text = translate("Check", "The rig is as it was calibrated: {count} cameras agree with one another.")
         return text.format(count=len(found.cameras))
     parts = []

@@ -205,7 +205,7 @@ def recording_text(source: str) -> str:
         return ""
     if (Path(folder) / "session.json").is_file():
         return translate("Connect", "This recording is damaged.")
-    return translate("Connect", "This folder holds no recording.")
+    return translate("Connect", "This folder contains no recording.")
 
 
 def bench_rows(connection: "Connection | None", confirmed: Artefacts | None) -> list[BenchRow]:

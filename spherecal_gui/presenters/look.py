@@ -198,7 +198,7 @@ def summary(states: list[TileState], have_images: bool = False) -> tuple[str, Le
     waiting = [state.name for state in states if state.level == "none"]
     alone = {state.name: state.summed for state in states if [state.name] in (bad, unsure)}
     if bad:
-        message = translate("Look", "Look after {names}.").format(names=", ".join(bad))
+        message = translate("Look", "Check {names}.").format(names=", ".join(bad))
         return alone.get(bad[0]) or message, "bad"
     if waiting and have_images:
         return translate("Look", "Looking for targets"), "none"

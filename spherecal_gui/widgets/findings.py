@@ -92,7 +92,7 @@ class FindingsList(QScrollArea):
         do = button(action.text, f"finding-{action.kind.lstrip('-')}")
         do.setProperty("asks", [action.kind, action.target])
         do.setEnabled(not done)
-        do.setToolTip(self.tr("It is asked for already: calibrate again.") if done else "")
+        do.setToolTip(self.tr("It is already requested: calibrate again.") if done else "")
         do.clicked.connect(self._pressed)
         return do
 

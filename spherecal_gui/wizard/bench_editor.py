@@ -20,10 +20,10 @@ def _holds(controller: Controller) -> str:
     if project is not None and project.simulated:
         return translate("Bench", "It holds for the real rig, not for this training.")
     if project is not None and project.taken:
-        return translate("Bench", "It holds for the next calibration: this one has images already.")
+        return translate("Bench", "It applies to the next calibration: this one already has images.")
     if project is not None:
         return translate("Bench", "It holds for this calibration and the next ones.")
-    return translate("Bench", "It holds for the next calibrations of this rig.")
+    return translate("Bench", "It applies to the next calibrations of this rig.")
 
 
 def show_bench(controller: Controller, projects: Path, window: QWidget) -> "BenchDialog":

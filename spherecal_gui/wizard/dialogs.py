@@ -110,7 +110,7 @@ def bundle_dialog(files: int, contents: str, parent: QWidget) -> QDialog:
     box.setAttribute(Qt.WidgetAttribute.WA_DeleteOnClose)
     box.setIcon(QMessageBox.Icon.Question)
     box.setWindowTitle(translate("Bundle", "Support bundle"))
-    box.setText(translate("Bundle", "Save a support bundle of {n} files? It holds no images.").format(n=files))
+    box.setText(translate("Bundle", "Save a support bundle of {n} files? It contains no images.").format(n=files))
     box.setInformativeText(plain(contents.partition("\n")[0]))
     box.setDetailedText(plain(contents))
     save = box.addButton(translate("Bundle", "Save"), QMessageBox.ButtonRole.AcceptRole)

@@ -437,7 +437,7 @@ class WizardWindow(WindowFrame):
         except SpherecalError as error:
             self._say("bad", *error_text(error))
             return None
-        text = self.tr("The support bundle is in {path}. It holds no images.").format(path=output)
+        text = self.tr("The support bundle is in {path}. It contains no images.").format(path=output)
         self._say("info", text, "")
         return output
 

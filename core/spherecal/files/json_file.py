@@ -510,18 +510,20 @@ def _object(pairs: list[tuple[str, object]]) -> dict[object, object]:
 
 def _is_strict(document: object) -> bool:
     """Whether `_check_strict` will find nothing; RecursionError for a nest deeper than `_DEEPEST`."""
-    level: list[object] = [document]
+    level: list[Any] = [document]
     for _ in range(_DEEPEST):
-        inner: list[object] = []
-        for value in level:
-            if isinstance(value, dict):
+        inner: list[Any] = []
+        for value in level:  # of the types that Python's reader makes, and no others
+            kind = type(value)
+            if kind is float:
+                if not math.isfinite(value):
+                    return False
+            elif kind is dict:
                 if _REPEATED in value:
                     return False
                 inner.extend(value.values())
-            elif isinstance(value, list):
+            elif kind is list:
                 inner.extend(value)
-            elif isinstance(value, float) and not math.isfinite(value):
-                return False
         if not inner:
             return True
         level = inner

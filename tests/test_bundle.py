@@ -197,7 +197,7 @@ def test_links_bombs_and_broken_archives_are_refused(tmp_path: Path, monkeypatch
     with zipfile.ZipFile(other, "w") as bundle:
         bundle.writestr("readme", "x")
     (tmp_path / "b.zip").write_bytes(other.getvalue())
-    with pytest.raises(InputError, match=r"holds no session/session\.json"), session_of(tmp_path / "b.zip"):
+    with pytest.raises(InputError, match=r"contains no session/session\.json"), session_of(tmp_path / "b.zip"):
         pass
     with zipfile.ZipFile(tmp_path / "b.zip", "w", zipfile.ZIP_DEFLATED) as bundle:
         bundle.writestr("session/session.json", bytes(range(256)) * 100)

@@ -19,7 +19,7 @@ from spherecal.files.rig_file import read_rig
 from spherecal.files.write_result import write_result
 from spherecal.methods.settings import CalibrationSettings
 from spherecal.profile.store import open_profile
-from spherecal.uses.check import check, check_sentence
+from spherecal.uses.check import check
 from spherecal.uses.check_ball import read_known_ball
 from spherecal.uses.check_file import check_json
 from spherecal.uses.repose import repose
@@ -88,7 +88,7 @@ def test_a_camera_that_moved_is_named(rig: Rig, camera: str, shift_mm: float, tu
     assert all(one.verdict == "ok" for one in found.cameras[1:])
     if turn_deg > 1:  # small turns and shifts of a camera look much alike
         assert math.degrees(float(np.linalg.norm(worst.test.turn_rad))) == pytest.approx(turn_deg, rel=0.05)
-    assert camera in check_sentence(found)
+    assert camera in found.sentence
 
 
 def test_a_camera_that_moved_does_not_make_the_ball_larger(tmp_path: Path) -> None:
@@ -106,7 +106,7 @@ def test_a_camera_that_moved_does_not_make_the_ball_larger(tmp_path: Path) -> No
     assert found.to_repair == ("C03",)
     (ball,) = found.balls
     assert not ball.differs and abs(ball.scale_ppm) < 100 and ball.dots > 300
-    assert found.findings == () and "grown" not in check_sentence(found)
+    assert found.findings == () and "grown" not in found.sentence
 
 
 def test_two_cameras_that_moved_are_both_named(rig: Rig) -> None:
@@ -182,7 +182,7 @@ def test_a_bar_that_two_cameras_see_is_measured_though_no_camera_is_tested(rig: 
     by_two = replace(session, observations=o.select(np.isin(o.camera, most)))
     found = check(by_two, rig)
     assert (found.verdict, found.cameras) == ("watch", ()) and found.lengths
-    assert "nothing is known about them" in check_sentence(found)
+    assert "nothing is known about them" in found.sentence
     with pytest.raises(InputError, match="too little is seen"):
         check(replace(by_two, bar_poses=(), placements=(Placement("A-1", {}),)), rig)
 

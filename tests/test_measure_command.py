@@ -179,8 +179,8 @@ def test_json_lines(session: Path, result: Path, capsys: pytest.CaptureFixture[s
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ([], "Either a session"),
-        (["SESSION", "--cameras", "simulated"], "Either a session"),
+        ([], "either a session or live cameras"),
+        (["SESSION", "--cameras", "simulated"], "either a session or live cameras"),
         (["SESSION", "--distance", "1"], "not a valid distance"),
         (["SESSION", "--bar", "X-7"], "no bar X-7"),
         (["SESSION", "--rate", "0"], "--rate"),

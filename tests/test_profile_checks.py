@@ -108,7 +108,7 @@ def test_a_profile_that_cannot_be_written_does_not_spoil_the_check(
         raise OSError(28, "No space left on device")
 
     monkeypatch.setattr(files, "_create", refuse)
-    assert said().startswith("The check is not kept in the profile. ") and "No space left" in said()
+    assert said().startswith("The check is not kept in the profile. ") and "no space left" in said()
     with pytest.raises(OutputError):
         keep_check(profile.folder, "0001", document(), None)
     assert sorted(p.name for p in (profile.folder / "checks").iterdir()) == before

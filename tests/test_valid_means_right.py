@@ -27,7 +27,7 @@ from spherecal.geometry.transform import fit_similarity
 from spherecal.methods.settings import CalibrationSettings
 from spherecal.profile.save import save_result
 from spherecal.profile.store import apply, create_profile, open_profile
-from spherecal.uses.check import check, check_sentence
+from spherecal.uses.check import check
 from spherecal.verify.bars import VerifySettings, verify
 from spherecal.verify.limit import parse_limit
 from spherecal.verify.pose_plan import BarMarks, facing_cameras, plan_poses
@@ -598,7 +598,7 @@ def test_a_check_is_not_ok_where_a_camera_is_wrong_or_unchecked() -> None:
     assert check(one, turned_away(done, "C03").rig).verdict == "recalibrate"
     blind = replace(one, observations=seen.select(seen.camera != 1))
     found = check(blind, done.rig)
-    assert found.verdict == "watch" and "C02" in check_sentence(found)
+    assert found.verdict == "watch" and "C02" in found.sentence
     invalid = replace(done.rig, quality=replace(done.rig.quality, valid=False))
     assert check(one, invalid).verdict == "recalibrate"
 

@@ -25,7 +25,7 @@ from spherecal.files.read_session import read_session
 from spherecal.files.write_result import write_result
 from spherecal.profile.source import points_file, read_source
 from spherecal.profile.store import is_profile, open_profile
-from spherecal.uses.check import Check, check_sentence
+from spherecal.uses.check import Check
 from spherecal.uses.check import check as run
 from spherecal.uses.check_ball import read_known_ball
 from spherecal.uses.check_file import CheckDocument, check_json, keep
@@ -90,7 +90,7 @@ def _chip(options: argparse.Namespace) -> str | None:
 
 
 def _show(found: Check, chip: str | None) -> None:
-    out.print(f"[{_COLOURS[found.verdict]}]{_WORDS[found.verdict]}[/] {escape(check_sentence(found, language()))}")
+    out.print(f"[{_COLOURS[found.verdict]}]{_WORDS[found.verdict]}[/] {escape(found.words(language()))}")
     if chip is not None:
         say(f"The calibration in use is {chip}.")
     if found.cameras:

@@ -65,6 +65,21 @@ class Check(ByValue):
     findings: tuple[Finding, ...]
 
     @property
+    def sentence(self) -> str:
+        """The verdict's reasons in one sentence, in English, as files have it."""
+        return self.words("en")
+
+    def words(self, language: str) -> str:
+        """The verdict's reasons in one sentence, in a language of the catalogue."""
+        if self.verdict == "ok":
+            agree = Phrase("check-agree", {"cameras": len(self.cameras)})
+            return phrase(agree if self.cameras else Phrase("check-bars-alone"), language)
+        severity = "error" if self.verdict == "recalibrate" else "warning"
+        causes = [camera_cause(one) for one in self.cameras if one.verdict == self.verdict]
+        said = [f.words("message", language).rstrip(".。") for f in self.findings if f.severity == severity]
+        return phrase(Phrase("sentence", {"text": Phrase("check-causes", {"causes": (*causes, *said)})}), language)
+
+    @property
     def to_repair(self) -> tuple[str, ...]:
         """The cameras that moved."""
         return tuple(camera.test.id for camera in self.cameras if camera.test.moved)
@@ -278,25 +293,6 @@ def _scale_findings(
 
 def _bar_limit(m: MeasuredLength, limit: LengthLimit | None) -> float:
     return _BAR_SIGMAS * m.budget.combined_mm if limit is None else limit.at(m.reference_mm)
-
-
-def check_sentence(found: Check, language: str = "en") -> str:
-    """The verdict's reasons in one sentence.
-
-    Parameters
-    ----------
-    found
-        The check.
-    language
-        A language of the catalogue.
-    """
-    if found.verdict == "ok":
-        agree = Phrase("check-agree", {"cameras": len(found.cameras)})
-        return phrase(agree if found.cameras else Phrase("check-bars-alone"), language)
-    severity = "error" if found.verdict == "recalibrate" else "warning"
-    causes = [camera_cause(one) for one in found.cameras if one.verdict == found.verdict]
-    said = [f.words("message", language).rstrip(".。") for f in found.findings if f.severity == severity]
-    return phrase(Phrase("sentence", {"text": Phrase("check-causes", {"causes": (*causes, *said)})}), language)
 
 
 def camera_cause(one: CheckedCamera) -> Phrase:

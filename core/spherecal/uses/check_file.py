@@ -11,7 +11,7 @@ from spherecal.files.findings_file import FINDING
 from spherecal.files.json_file import finite, software_entry
 from spherecal.profile.checks import keep_check
 from spherecal.profile.store import is_profile, open_profile
-from spherecal.uses.check import Check, CheckedCamera, Verdict, check_sentence
+from spherecal.uses.check import Check, CheckedCamera, Verdict
 
 FORMAT = "spherecal/check"
 VERSION = 1
@@ -61,7 +61,7 @@ def check_json(found: Check) -> CheckDocument:
         "format": FORMAT,
         "version": VERSION,
         "verdict": found.verdict,
-        "sentence": check_sentence(found),
+        "sentence": found.sentence,
         "tolerance_mm": finite(found.tolerance_mm),
         "cameras": [camera_entry(one) for one in found.cameras],
         "untested": list(found.untested),

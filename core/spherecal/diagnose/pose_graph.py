@@ -28,10 +28,9 @@ from spherecal.geometry.transform import IDENTITY, Similarity, pose_change
 # tests start from may be far off, and all are tried (0.05 mm: up to 10 times; 0.5 mm on rig B: 200 times).
 SMALL = 100.0
 TRIED, FIRST_STEPS, CARRIED_ON = 8, 8, 4
-STEPS, FIRST_DAMPING, LEAST_DAMPING, GROWTH = 60, 1e-4, 1e-12, 8.0
-# A decrease of the cost, in parts of it, from which on steps are undamped, and with which an undamped one is the last:
-# with 1e-4 for both, the figures of a finding differed by 0.1 % from those of the minimum.
-SMALL_DECREASE, LAST_DECREASE = 1e-4, 1e-8
+STEPS, FIRST_DAMPING, LEAST_DAMPING, GROWTH, LAST_DECREASE = 60, 1e-4, 1e-12, 8.0, 1e-4
+# A fit ends where an undamped step promises less of the cost: 15 of 20 steps were refused at the minimum before.
+LAST_PROMISE = 1e-10
 SETTLED_DAMPING = 1e-10
 # What is left once the moves are known, over its degrees of freedom: 0.9 to 1.6 where moves are all there is, also with
 # lenses that misfit by 0.01 px; 6 to 11 where lenses that misfit by 0.03 px feign moves (rigs A and B).
@@ -296,33 +295,31 @@ def fit_layout(images: ImagePoses, layout: PoseComposition, steps: int = STEPS) 
     if start is None:
         return None
     system = _System(images, layout)
-    poses, damping, undamped = start, FIRST_DAMPING, False
+    poses, damping = start, FIRST_DAMPING
     offset = system.offset(poses)
     cost = float(offset @ images.normal @ offset)
-    equations = None
+    equations, may_be_minimum = system.normal_equations(poses), False
     for _ in range(steps):
-        if equations is None:
-            equations = system.normal_equations(poses)
-        step, promise = system.step(equations, offset, damping)
+        # rigs sway so easily that a damped step is small far from the minimum too
+        if may_be_minimum and system.promise(equations, offset) < LAST_PROMISE * (images.variance + cost):
+            break
+        step = system.step(equations, offset, damping)
         trial = system.moved(poses, step)
         there = system.offset(trial)
         new = float(there @ images.normal @ there)
-        size = images.variance + min(new, cost)
-        # rigs sway so easily that a damped step is small far from the minimum too
-        settled = damping <= SETTLED_DAMPING
         if not new < cost:
+            may_be_minimum = damping <= FIRST_DAMPING
             damping *= GROWTH
-            if (settled and promise < LAST_DECREASE * size) or damping > 1 / FIRST_DAMPING:
+            if damping > 1 / FIRST_DAMPING:
                 break
             continue
-        decrease = cost - new
+        may_be_minimum = cost - new < LAST_DECREASE * (images.variance + new)
+        done = may_be_minimum and damping <= SETTLED_DAMPING
         poses, offset, cost, damping = trial, there, new, max(damping / GROWTH, LEAST_DAMPING)
-        equations = None
-        if settled and decrease < LAST_DECREASE * size:
+        equations = system.normal_equations(poses)
+        if done:
             break
-        if decrease < SMALL_DECREASE * size and not undamped:  # once
-            damping, undamped = SETTLED_DAMPING, True
-    stiffness = system.stiffness(system.normal_equations(poses) if equations is None else equations)
+    stiffness = system.stiffness(equations)
     forces, by_ball = stiffness @ offset, _by_ball(poses[0][layout.camera], poses[1][layout.camera])
     return Fitted(cost, *poses, layout, forces, stiffness, by_ball)
 
@@ -437,16 +434,25 @@ class _System:
             - weighted @ np.linalg.pinv(matrix * size[:, None] * size, rcond=1e-12, hermitian=True) @ weighted.T
         )
 
-    def step(self, equations: Equations, offset: FloatArray, damping: float) -> tuple[FloatArray, float]:
-        """The damped Gauss-Newton step (k,6), and by how much the cost would fall with it were all linear."""
+    def step(self, equations: Equations, offset: FloatArray, damping: float) -> FloatArray:
+        """The damped Gauss-Newton step (k,6)."""
+        step = np.zeros(POSE * self.count)
+        step[self.columns] = self._change(equations, offset, damping)[0]
+        return step.reshape(-1, POSE)
+
+    def promise(self, equations: Equations, offset: FloatArray) -> float:
+        """By how much the cost would fall with an undamped step if all were linear."""
+        change, gradient = self._change(equations, offset, SETTLED_DAMPING)
+        return -float(gradient @ change)
+
+    @staticmethod
+    def _change(equations: Equations, offset: FloatArray, damping: float) -> tuple[FloatArray, FloatArray]:
+        """The damped step of the unknowns (u,), and the gradient (u,) of half the cost."""
         weighted, matrix = equations
         gradient = weighted.T @ offset
         size = 1 / np.sqrt(np.maximum(matrix.diagonal(), 1e-300))
-        damped = matrix * size[:, None] * size + damping * np.eye(len(size))
-        change = -np.linalg.solve(damped, gradient * size) * size
-        step = np.zeros(POSE * self.count)
-        step[self.columns] = change
-        return step.reshape(-1, POSE), -float((2 * gradient + matrix @ change) @ change)
+        matrix = matrix * size[:, None] * size + damping * np.eye(len(size))
+        return -np.linalg.solve(matrix, gradient * size) * size, gradient
 
     @staticmethod
     def moved(poses: Poses, step: FloatArray) -> Poses:

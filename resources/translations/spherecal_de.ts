@@ -183,7 +183,7 @@
         <translation>Seriennummer</translation>
     </message>
     <message>
-        <source>What it is</source>
+        <source>Description</source>
         <translation>Was es ist</translation>
     </message>
     <message>
@@ -235,7 +235,7 @@
         <translation>Zertifizierte Längen (mm)</translation>
     </message>
     <message>
-        <source>One more length</source>
+        <source>Add a length</source>
         <translation>Noch eine Länge</translation>
     </message>
     <message>
@@ -386,7 +386,7 @@
         <translation>Kugel {mm} mm</translation>
     </message>
     <message>
-        <source>not whole yet</source>
+        <source>incomplete</source>
         <translation>noch unvollständig</translation>
     </message>
     <message>

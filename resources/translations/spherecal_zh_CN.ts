@@ -183,7 +183,7 @@
         <translation>序列号</translation>
     </message>
     <message>
-        <source>What it is</source>
+        <source>Description</source>
         <translation>说明</translation>
     </message>
     <message>
@@ -235,7 +235,7 @@
         <translation>证书长度 (mm)</translation>
     </message>
     <message>
-        <source>One more length</source>
+        <source>Add a length</source>
         <translation>再加一个长度</translation>
     </message>
     <message>
@@ -386,7 +386,7 @@
         <translation>球 {mm} mm</translation>
     </message>
     <message>
-        <source>not whole yet</source>
+        <source>incomplete</source>
         <translation>尚不完整</translation>
     </message>
     <message>

@@ -85,7 +85,7 @@ class BarsTab(QWidget):
         day = self.tr("2026-11-21")
         self.fields = {
             "serial": TextField("bar-serial", self.tr("Serial number")),
-            "description": TextField("bar-description", self.tr("What it is")),
+            "description": TextField("bar-description", self.tr("Description")),
             "expansion": TextField(
                 "bar-expansion",
                 self.tr("Expansion (10⁻⁶/K)"),
@@ -132,7 +132,7 @@ class BarsTab(QWidget):
         set_level(self.lengths_problem, "bad")
         column.addWidget(self.lengths_problem)
         line = QHBoxLayout()
-        self.more = button(self.tr("One more length"), "add-length")
+        self.more = button(self.tr("Add a length"), "add-length")
         self.more.clicked.connect(self._more)
         line.addWidget(self.more)
         line.addStretch(1)

@@ -590,7 +590,7 @@ def certificate_state(draft: BarDraft, today: date) -> tuple[str, Level]:
         The day for which the certificate must hold.
     """
     bar, _ = read_bar(draft)
-    return state_words(bar.certificate, today) if bar is not None else (translate("Bench", "not whole yet"), "caution")
+    return state_words(bar.certificate, today) if bar is not None else (translate("Bench", "incomplete"), "caution")
 
 
 def error_words(error: SpherecalError) -> str:

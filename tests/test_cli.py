@@ -471,6 +471,10 @@ def test_real_process_gives_the_same_bytes(session_folder: Path, result_folder: 
     assert "calibrate" in log and "stage: bundle adjustment" in log and "finding: " in log
 
 
+def test_real_process_of_a_rig_that_is_not_valid_ends_with_3(two_cameras: Path, tmp_path: Path) -> None:
+    assert shell("calibrate", two_cameras, "-o", tmp_path / "out").returncode == NOT_VALID == 3
+
+
 def test_real_process_with_bad_input_says_and_logs_it(tmp_path: Path) -> None:
     done = shell("--log", tmp_path / "log.txt", "calibrate", tmp_path / "nowhere", "-o", tmp_path / "out")
     assert done.returncode == BAD_INPUT

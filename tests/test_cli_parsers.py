@@ -344,6 +344,25 @@ def test_doctor_ends_with_3_where_something_needed_is_missing(monkeypatch, capsy
     assert found["a_package_that_is_nowhere"] == "missing" and found["numpy"] == found["kernels"] == "ok"
 
 
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (("study", "--seed", "-3"), "--seed: a seed is a whole number from 0 to 2147483646"),
+        (("batch", "a", "-o", "b", "--seed", "-1"), "--seed: a seed is a whole number from 0 to 2147483646"),
+        (("study", "--runs", "many"), "--runs: must be 1 or more"),
+        (("study", "--sigma", "0"), "--sigma: must be from 0.0001 to 10 px"),
+        (("cameras", "doctor", "--rate", "fast"), "--rate: a number above 0 is needed"),
+    ],
+)
+def test_options_say_which_numbers_they_take(
+    words: tuple[str, ...], said: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Not "invalid _positive value"."""
+    with pytest.raises(SystemExit, match="2"):
+        main(list(words))
+    assert f"argument {said}" in capsys.readouterr().err
+
+
 def test_listing_cameras_ends_with_3_where_there_are_none(monkeypatch, tmp_path: Path, capsys) -> None:
     pytest.importorskip("genicam.gentl")
     monkeypatch.setenv("GENICAM_GENTL64_PATH", "")

@@ -7,7 +7,7 @@ from spherecal.adjust.layout import POSE
 from spherecal.ball.image_poses import ImagePoses
 from spherecal.base.arrays import FloatArray
 from spherecal.base.context import Context
-from spherecal.diagnose.pose_graph import EXPLAINED, explain, fit
+from spherecal.diagnose.pose_graph import EXPLAINED, Equations, _System, explain, fit
 from spherecal.geometry.rotation import exp_rotation
 
 CAMERAS, PLACEMENTS = 5, 4
@@ -50,6 +50,22 @@ def test_without_a_move_what_is_left_is_chi_square() -> None:
     freedom = POSE * (CAMERAS * PLACEMENTS - 1 - (CAMERAS + PLACEMENTS - 1))
     mean = np.mean([found.variance_factor for found in left if found is not None])
     assert abs(mean - 1) < 4 * np.sqrt(2 / freedom / 20)
+
+
+def test_a_fit_ends_at_its_minimum(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Every step at the minimum was refused until the damping was as large as it gets: 20 steps instead of 3."""
+    steps: list[float] = []
+    one = _System.step
+
+    def counted(system: _System, equations: Equations, offset: FloatArray, damping: float) -> FloatArray:
+        steps.append(damping)
+        return one(system, equations, offset, damping)
+
+    monkeypatch.setattr(_System, "step", counted)
+    for seed in range(5):
+        steps.clear()
+        found = fit(images(seed=seed), CAMERAS, ())
+        assert found is not None and 2 <= len(steps) <= 6
 
 
 @pytest.mark.parametrize("size", [1.0, 10.0, 300.0])

@@ -21,11 +21,20 @@ from spherecal.verify.budget import Contribution, certificate_freedom, combine, 
 from spherecal.verify.departures import lengths_on_lines
 from spherecal.verify.limit import LengthLimit, judge_against, parse_limit
 from spherecal.verify.live_pose import measured_ends
-from spherecal.verify.pose_plan import LINES, BarMarks, MeasuringVolume, judge_pose, plan_poses, volume_box
+from spherecal.verify.pose_plan import (
+    LINES,
+    BarMarks,
+    MeasuringVolume,
+    cameras_that_see,
+    judge_pose,
+    plan_poses,
+    volume_box,
+)
 from spherecal.verify.verification import LengthBudget, MeasuredLength, Verification
 from spherecal.verify.write_verification import write_verification
 from spherecal_sim.session import simulate_session
 from spherecal_sim.truth import CameraMove, SimulationOptions, Truth
+from tests.export_rigs import make_rig
 from tests.test_verify import codes, simulate, true_rig
 
 KEY = ("A", "A1", "A2")
@@ -286,6 +295,18 @@ def test_marks_lie_where_the_lengths_put_them() -> None:
     marks = BarMarks.of("A", lengths)
     assert marks.names == ("1", "2", "3", "4")
     assert marks.along_mm.tolist() == [0.0, 100.0, 300.0, 500.0]
+
+
+def test_a_wide_lens_sees_what_it_shows_near_its_corners() -> None:
+    """Beyond 1.3 times the corner's distance, of which 1.8 is seen here; a lens that folds shows nothing there."""
+    rig = make_rig(4, 1)
+    size, shown = (1280, 1024), np.array([[1.8 * 640, 1.8 * 512, 819.6], [0.0, 0.0, 819.6]])
+    for barrel, seen in (((-0.15, 0.02), True), ((-0.4, 0.02), False)):
+        lens = np.zeros(16)
+        lens[:6] = 600.0, 600.0, 639.5, 511.5, *barrel
+        camera = replace(rig.cameras[0], intrinsics=lens, image_size=size)
+        camera = replace(camera, rotation=np.eye(3), translation_mm=np.zeros(3))
+        assert cameras_that_see(replace(rig, cameras=(camera,)), shown).tolist() == [[seen, True]]
 
 
 def test_a_bar_is_accepted_where_it_was_asked_either_way_round() -> None:

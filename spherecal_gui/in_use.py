@@ -7,9 +7,9 @@ from spherecal.base.errors import InputError
 from spherecal.base.filesystem import read_below, write_below
 from spherecal.base.messages.values import Phrase
 from spherecal.files.write_result import RESIDUAL_COLUMNS, SPHERE_COLUMNS
-from spherecal.profile.entry import FILES, RIG_FILE
-from spherecal.profile.store import Profile, is_profile, open_profile
 from spherecal_gui.project import Verdict
+from spherecal_rigs.entry import FILES, RIG_FILE
+from spherecal_rigs.store import Profile, is_profile, open_profile
 
 _MOST_BYTES = 64 << 20
 _OF_OTHERS = ("verification.json", "bars.csv", "targets.json")  # of the verification before; of the session

@@ -49,7 +49,7 @@ from spherecal_gui.project import Artefacts, Computation, Flaw, FlawCode, Projec
 PROFILE, TRAINING_PROFILE = "rig-profile", "training-profile"
 FILE = "wizard.json"
 _FOLDERS = ("result", "repair", "verification", "placements", "bars", "removed", "wizard")
-CAPTURE = "capture.json"  # spherecal.cameras.capture, which takes a second to import
+CAPTURE = "capture.json"  # spherecal_cameras.capture, which takes a second to import
 _MOST_BYTES = 64 << 20
 
 Document = dict[str, Any]  # a JSON object, such as session.json: json itself gives Any

@@ -8,8 +8,6 @@ import pytest
 
 from spherecal.base.errors import InputError
 from spherecal.base.messages.catalogue import phrase
-from spherecal.cameras.plan import check_marks, read_plan
-from spherecal.cli.main import main
 from spherecal.data.session import BarLength, Certificate, Mark
 from spherecal.files.ball_registry import (
     PrintedSpacing,
@@ -23,6 +21,8 @@ from spherecal.files.bar_registry import RegisteredBar, find_bar, read_registry,
 from spherecal.files.bars_table import arrivals, bars_table, read_bars_table, write_bars_table
 from spherecal.files.bench_file import Bench, BenchBar, whole_bar, write_bench
 from spherecal.targets.family import make_target_set
+from spherecal_app.cli.main import main
+from spherecal_cameras.plan import check_marks, read_plan
 
 HEADING = "serial,from,from_target,to,to_target,length [mm],uncertainty [mm],k"
 

@@ -18,11 +18,11 @@ from PySide6.QtCore import Qt
 from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QMessageBox, QPushButton
 
-from spherecal.cameras.plan import read_plan
 from spherecal.data.session import BarLength, Certificate, Mark
 from spherecal.files.ball_registry import read_balls
 from spherecal.files.bar_registry import RegisteredBar, read_registry, write_registry
 from spherecal.targets.family import make_target_set
+from spherecal_cameras.plan import read_plan
 from spherecal_gui.pages.bench_dialog import BenchDialog
 from spherecal_gui.presenters.bench import BarDraft, BenchDraft, LengthDraft, bar_draft, number_of, read_bar, read_bench
 from spherecal_gui.presenters.certificates import bench_reminder, reminder, state_words

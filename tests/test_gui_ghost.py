@@ -12,6 +12,7 @@ pytest.importorskip("PySide6.QtWidgets", reason="Qt cannot be loaded here", exc_
 
 from benchmarks.studies.ghost import errors, recorded_dots, seen_dots
 from spherecal.base.context import Context
+from spherecal.files.session_json import session_json
 from spherecal.geometry.camera import image_reach, project
 from spherecal.geometry.rotation import exp_rotation
 from spherecal_gui.presenters.coverage import Dots, same_place
@@ -21,7 +22,6 @@ from spherecal_gui.tasks.ghost import Lenses, ToGo, drawn, drawn_bar, lying_ball
 from spherecal_gui.tasks.guide import plan_coarse, plan_next
 from spherecal_gui.widgets.tile import CameraTile
 from spherecal_sim.session import simulate_session
-from spherecal_sim.session_folder import session_json
 
 
 @pytest.fixture(scope="module")

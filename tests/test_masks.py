@@ -9,12 +9,12 @@ import pytest
 
 from spherecal.base.context import Context
 from spherecal.base.errors import InputError
-from spherecal.cameras.simulated.source import SimulatedSource
 from spherecal.detect.session_images import observed
 from spherecal.files.read_session import read_session
+from spherecal.files.session_json import session_json
 from spherecal.targets.detection import DetectionSettings, Detector
 from spherecal.targets.masks import masked
-from spherecal_sim.session_folder import session_json
+from spherecal_cameras.simulated.source import SimulatedSource
 
 
 def test_a_rectangle_holds_its_border_and_nothing_beyond():

@@ -1,31 +1,29 @@
 """The method on one page: detection, view graph, start values, adjustment, ball model, scale, diagnosis, result."""
 
-from dataclasses import replace
-from functools import partial
+from dataclasses import dataclass, replace
 
 from spherecal.ball.fit import solve_free
 from spherecal.base.context import Context, Stopwatch
+from spherecal.base.errors import InputError, PartialResultAccepted
 from spherecal.base.threads import on_one_blas_thread
-from spherecal.data.edits import Repairs, with_repairs
+from spherecal.data.findings import Finding
 from spherecal.data.lens_model import with_lens_model
 from spherecal.data.recording import Recording
 from spherecal.data.rig import Calibration
 from spherecal.data.session import Session
 from spherecal.data.verdict import with_findings
 from spherecal.detect.nothing_found import nothing_found
+from spherecal.detect.redetection import with_missed_targets
 from spherecal.detect.session_images import observed
-from spherecal.diagnose.automatic_edits import edited_where_certain
 from spherecal.diagnose.lens_models import best_lens_model
 from spherecal.diagnose.plausibility import implausible
-from spherecal.methods.ball_model import fit_ball_model
-from spherecal.methods.bar import calibrate_bar
-from spherecal.methods.board import calibrate_board
-from spherecal.methods.settings import CalibrationSettings, as_stated, check_settings
-from spherecal.methods.sphere import local_network, run_of, start_values
-from spherecal.methods.two_passes import calibrate_twice
-from spherecal.result.build import build_failed_result, build_result
-
-_BASELINES = {"board": calibrate_board, "bar": calibrate_bar}
+from spherecal.result.build import build_failed_result, build_result, stopped_early
+from spherecal.steps.automatic_repairs import TURNS, certain_repairs, has_fewer_faults, helps, is_credible, is_settled
+from spherecal.steps.fit_ball import fit_ball_model
+from spherecal.steps.other_methods import other_method
+from spherecal.steps.repairs import Repairs, recorded, repaired
+from spherecal.steps.settings import CalibrationSettings, as_stated, check_settings
+from spherecal.steps.start_values import local_network, run_of, start_values
 
 
 @on_one_blas_thread
@@ -49,42 +47,93 @@ def calibrate(
         When the user stops the work.
     """
     settings, context, watch = settings or CalibrationSettings(), context or Context(), Stopwatch()
-    if settings.repairs:
-        rest = replace(settings, repairs=Repairs())
-        return with_repairs(session, settings.repairs, lambda repaired: calibrate(repaired, rest, context))
-    if settings.lens not in (None, "auto"):
-        session = with_lens_model(session, settings.lens)
-    check_settings(session, settings)
-    if (baseline := _BASELINES.get(settings.method)) is not None:
-        return with_findings(baseline(session, settings, context), as_stated(session, settings))
-    has_images_alone = session.observations is None
-    if has_images_alone:
+    mended = repaired(session, settings.repairs) if settings.repairs else session  # as the user asks
+    start = mended if settings.lens in (None, "auto") else with_lens_model(mended, settings.lens)
+    check_settings(start, settings)
+    if (method := other_method(settings.method)) is not None:  # a board or a bar
+        done = with_findings(method(start, settings, context), as_stated(start, settings))
+    else:
+        done = _calibrate_ball(start, settings, context, watch)
+    return recorded(done, session, mended, settings.repairs) if settings.repairs else done
+
+
+def _calibrate_ball(session: Session, settings: CalibrationSettings, context: Context, watch: Stopwatch) -> Calibration:
+    """Solve, judge, repair and solve again: at most TURNS times, each time with few repairs to choose from."""
+    from_images = session.observations is None
+    if from_images:
         session = observed(session, context)
         watch.lap("detection")
-    missing = nothing_found(session, from_images=has_images_alone)
+    task = _Task(settings, from_images, nothing_found(session, from_images), context, watch)
+    best = now = _solve(session, task)
+    done = Repairs()
+    for _ in range(TURNS if settings.repair_by_itself else 0):
+        if is_settled(now):
+            break
+        chosen: tuple[Calibration, Repairs] | None = None
+        for repairs, mended in certain_repairs(session, now, done):
+            try:
+                tried = _solve(mended, task)
+            except InputError:  # too little is left
+                continue
+            if is_credible(tried, repairs) and helps(tried, now, chosen and chosen[0]):
+                chosen = recorded(tried, session, mended, repairs, automatic=True), repairs
+                if tried.rig.quality.valid:
+                    break
+        if chosen is None:
+            break
+        now, done = chosen
+        best = now if has_fewer_faults(now, best) else best
+    return best
 
-    def run(some: Session) -> Calibration:
-        once = partial(_calibrate, settings)
-        done = calibrate_twice(some, once, context, watch) if has_images_alone else once(some, context, watch)
-        return with_findings(done, (*missing, *implausible(some), *as_stated(some, settings)))
 
-    return edited_where_certain(session, run) if settings.repair_by_itself else run(session)
+@dataclass(frozen=True)
+class _Task:
+    """What all turns of a calibration share; `missing`: findings where no target was found."""
+
+    settings: CalibrationSettings
+    from_images: bool
+    missing: tuple[Finding, ...]
+    context: Context
+    watch: Stopwatch
 
 
-def _calibrate(settings: CalibrationSettings, session: Session, context: Context, watch: Stopwatch) -> Calibration:
-    """The method from observations to the rig."""
-    recording = Recording.of(session)
-    local = local_network(recording, settings, context)  # two-view gate, triples, view graph, paths
-    watch.lap("local reconstruction")
-    if local.is_empty:
-        return build_failed_result(recording, local, settings.method, watch.seconds)
-    start = start_values(recording, local, settings, context)  # poses chained along the paths, resection
-    watch.lap("start values")
-    run = run_of(recording, start, settings, context, watch)
-    free = solve_free(start.network, start.poses, start.points, start.candidates, run)  # every dot of every placement
-    watch.lap("bundle adjustment")
-    if settings.lens == "auto" and (better := best_lens_model(free, run)) is not None:
-        return better.noted_in(_calibrate(replace(settings, lens=None), better.applied(session), context, watch))
-    fit = fit_ball_model(recording, start, free, settings, run)  # rigid, deformable, stored or free; millimetres
-    watch.lap("scale")
-    return build_result(recording, local, fit, settings.method, run)  # with the diagnosis
+def _solve(session: Session, task: _Task) -> Calibration:
+    """The rig of a session; from images in two passes, of which the first predicts where targets were missed."""
+    if not task.from_images:
+        done = _adjust(session, task)
+    else:
+        first = _adjust(session, replace(task, watch=Stopwatch()))
+        rest = replace(task, context=task.context.accepting_partial())
+        try:
+            complete = with_missed_targets(session, first, rest.context)
+            task.watch.lap("re-detection")
+            done = _adjust(complete, rest)
+        except PartialResultAccepted:
+            done = stopped_early(first)
+    return with_findings(done, (*task.missing, *implausible(session), *as_stated(session, task.settings)))
+
+
+def _adjust(session: Session, task: _Task) -> Calibration:
+    """The method from observations to the rig; once more where another lens model than the stated one fits better."""
+    settings, context, watch = task.settings, task.context, task.watch
+    lens = None
+    while True:
+        recording = Recording.of(session)
+        local = local_network(recording, settings, context)  # two-view gate, triples, view graph, paths
+        watch.lap("local reconstruction")
+        if local.is_empty:
+            done = build_failed_result(recording, local, settings.method, watch.seconds)
+            break
+        start = start_values(recording, local, settings, context)  # poses chained along the paths, resection
+        watch.lap("start values")
+        run = run_of(recording, start, settings, context, watch)
+        free = solve_free(start.network, start.poses, start.points, start.candidates, run)  # every dot at every place
+        watch.lap("bundle adjustment")
+        if settings.lens == "auto" and lens is None and (lens := best_lens_model(free, run)) is not None:
+            session = lens.applied(session)
+            continue
+        fit = fit_ball_model(recording, start, free, settings, run)  # rigid, deformable, stored or free; millimetres
+        watch.lap("scale")
+        done = build_result(recording, local, fit, settings.method, run)  # with the diagnosis
+        break
+    return done if lens is None else lens.noted_in(done)

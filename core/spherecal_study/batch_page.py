@@ -4,8 +4,8 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from spherecal import __version__
-from spherecal.report.document import Cell, Column, Document
-from spherecal.report.style import BAD, CAUTION, GOOD, NONE, SMALL_PT, SOFT, significant
+from spherecal_documents.report.document import Cell, Column, Document
+from spherecal_documents.report.style import BAD, CAUTION, GOOD, NONE, SMALL_PT, SOFT, significant
 
 _WORDS = {
     "valid": ("valid", GOOD), "use with care": ("with care", CAUTION), "not valid": ("not valid", BAD),

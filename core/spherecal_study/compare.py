@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 
-from spherecal.report.document import Document
+from spherecal_documents.report.document import Document
 from spherecal_study.agreement import Estimate, below, estimate, like, ordered
 from spherecal_study.executor import Trial
 from spherecal_study.page import (

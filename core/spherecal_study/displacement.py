@@ -16,7 +16,7 @@ from spherecal.data.observations import find_features
 from spherecal.data.recording import calibration_observations
 from spherecal.data.session import Session
 from spherecal.initialise.spherical_projection import project_to_spheres
-from spherecal.methods.sphere import StartValues
+from spherecal.steps.start_values import StartValues
 from spherecal_sim.truth import Truth
 from spherecal_study.identity_damping import minimise_with_identity
 

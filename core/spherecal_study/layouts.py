@@ -2,7 +2,7 @@
 
 from typing import Any
 
-from spherecal.report.document import Document
+from spherecal_documents.report.document import Document
 from spherecal_study.agreement import Estimate, below, estimate, like
 from spherecal_study.executor import Trial
 from spherecal_study.measures import all_errors

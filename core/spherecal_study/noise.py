@@ -2,7 +2,7 @@
 
 from typing import Any
 
-from spherecal.report.document import Document
+from spherecal_documents.report.document import Document
 from spherecal_study.agreement import Estimate, always, estimate, never, share_interval
 from spherecal_study.displacement import PERCENT
 from spherecal_study.executor import Trial

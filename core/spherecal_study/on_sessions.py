@@ -12,8 +12,8 @@ from spherecal.base.context import Context
 from spherecal.base.errors import InputError
 from spherecal.data.session import Session
 from spherecal.files.read_session import read_session
-from spherecal.report.document import Document
-from spherecal.report.style import report_style
+from spherecal_documents.report.document import Document
+from spherecal_documents.report.style import report_style
 from spherecal_study.batch import fingerprint_of
 from spherecal_study.executor import Result, Trial, Workers, run_trials
 from spherecal_study.measures import all_errors

@@ -9,9 +9,9 @@ from matplotlib.axes import Axes
 from matplotlib.ticker import FuncFormatter, MaxNLocator, NullFormatter
 
 from spherecal import __version__
-from spherecal.report.document import Column, Document
-from spherecal.report.sheet import PageBox
-from spherecal.report.style import BAD, CAUTION, GOOD, INK, MARKS, NONE, SERIES, SMALL_PT, SOFT, significant
+from spherecal_documents.report.document import Column, Document
+from spherecal_documents.report.sheet import PageBox
+from spherecal_documents.report.style import BAD, CAUTION, GOOD, INK, MARKS, NONE, SERIES, SMALL_PT, SOFT, significant
 from spherecal_sim.rigs import rig_design
 from spherecal_study.agreement import LEAST_RUNS, TESTS, Verdict
 from spherecal_study.executor import Trial

@@ -5,8 +5,8 @@ from typing import Any
 
 import numpy as np
 
-from spherecal.report.document import Document
-from spherecal.report.style import BAD, INK, RULE, SERIES, SMALL_PT
+from spherecal_documents.report.document import Document
+from spherecal_documents.report.style import BAD, INK, RULE, SERIES, SMALL_PT
 from spherecal_sim.rigs import rig_design
 from spherecal_study.agreement import RATIO, Estimate, above, estimate, like
 from spherecal_study.executor import Trial

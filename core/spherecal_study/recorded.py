@@ -10,7 +10,6 @@ from spherecal.base.arrays import FloatArray
 from spherecal.base.context import Context
 from spherecal.base.errors import InputError
 from spherecal.calibrate import calibrate
-from spherecal.data.edits import Repairs
 from spherecal.data.session import Session
 from spherecal.detect.redetection import with_missed_targets
 from spherecal.detect.session_images import observed
@@ -18,7 +17,8 @@ from spherecal.files.observations_file import read_observations, write_observati
 from spherecal.files.read_session import read_session
 from spherecal.geometry.transform import fit_similarity
 from spherecal.initialise.path import Search
-from spherecal.methods.settings import CalibrationSettings, Method
+from spherecal.steps.repairs import Repairs
+from spherecal.steps.settings import CalibrationSettings, Method
 from spherecal_study.measures import bar_figures, outcome, residual_figures
 
 

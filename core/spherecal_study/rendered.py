@@ -23,6 +23,7 @@ from spherecal.data.session import BarPose, Placement, Session
 from spherecal.files.atomic import SESSION
 from spherecal.files.json_file import json_bytes
 from spherecal.files.read_session import read_session
+from spherecal.files.session_json import session_json
 from spherecal.files.target_set_file import write_target_set
 from spherecal.geometry.transform import fit_similarity
 from spherecal_sim.boards import SimulatedRecording, simulate_board
@@ -32,7 +33,6 @@ from spherecal_sim.render_session import CLUTTERED, render_session, station_at, 
 from spherecal_sim.rigs import Layout
 from spherecal_sim.scene import WHITE, bar_scene, lit_for
 from spherecal_sim.session import simulate_session
-from spherecal_sim.session_folder import session_json
 from spherecal_sim.station import Station
 from spherecal_sim.tracing import TracedScene
 from spherecal_sim.truth import SimulationOptions, TrueBarPose, Truth

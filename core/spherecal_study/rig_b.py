@@ -1,6 +1,6 @@
 """The second system of the paper: twelve cameras on two planes."""
 
-from spherecal.report.document import Document
+from spherecal_documents.report.document import Document
 from spherecal_study.agreement import Estimate, always, estimate, like
 from spherecal_study.executor import Trial
 from spherecal_study.measures import all_errors

@@ -10,7 +10,7 @@ from spherecal.base.errors import InputError
 from spherecal.base.filesystem import remove_below
 from spherecal.files.atomic import write_file_whole
 from spherecal.files.json_file import json_bytes
-from spherecal.report.style import report_style
+from spherecal_documents.report.style import report_style
 from spherecal_study import cameras, compare, layouts, noise, path, rig_b, wand
 from spherecal_study.executor import Trial, Workers, kept_result, run_trials
 from spherecal_study.page import Options, Results, StudyPage

@@ -22,8 +22,8 @@ from spherecal.initialise.incremental import grow
 from spherecal.initialise.local import LocalNetwork, reconstruct_locally
 from spherecal.initialise.path import BASE, Search, find_paths
 from spherecal.initialise.view_graph import EdgeWeights, build_graph
-from spherecal.methods.settings import CalibrationSettings, Method
-from spherecal.methods.sphere import StartValues, describe_network
+from spherecal.steps.settings import CalibrationSettings, Method
+from spherecal.steps.start_values import StartValues, describe_network
 from spherecal_sim.boards import simulate_board, simulate_waved_bar
 from spherecal_sim.rigs import Layout, TrueCamera
 from spherecal_sim.session import simulate_session

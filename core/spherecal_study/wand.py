@@ -7,7 +7,7 @@ import numpy as np
 from spherecal.base.arrays import FloatArray
 from spherecal.data.rig import Calibration
 from spherecal.geometry.transform import fit_similarity
-from spherecal.report.document import Document
+from spherecal_documents.report.document import Document
 from spherecal_sim.boards import SimulatedRecording
 from spherecal_study.agreement import always, estimate
 from spherecal_study.executor import Trial

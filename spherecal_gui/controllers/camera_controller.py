@@ -15,9 +15,9 @@ from spherecal_gui.tasks import jobs
 from spherecal_gui.tasks.driver_question import DriverQuestion
 
 if TYPE_CHECKING:  # cameras and detection need scipy and numba, for which the window does not wait
-    from spherecal.cameras.driver_help import DriverTrouble
-    from spherecal.cameras.gentl.trust import Ask, Driver
-    from spherecal.cameras.in_process import Staged
+    from spherecal_cameras.driver_help import DriverTrouble
+    from spherecal_cameras.genicam.trust import Ask, Driver
+    from spherecal_cameras.in_process import Staged
     from spherecal_gui.tasks.live import Connection, LiveView
 
 translate = QCoreApplication.translate
@@ -84,7 +84,7 @@ class CameraController(ControllerPart):
 
     def allow_driver(self, file: str) -> None:
         """Allow a driver that was refused, and search again."""
-        from spherecal.cameras.gentl.trust import TrustStore  # the window starts without the cameras' modules
+        from spherecal_cameras.genicam.trust import TrustStore  # the window starts without the cameras' modules
 
         def allow() -> None:
             store = TrustStore()
@@ -109,7 +109,7 @@ class CameraController(ControllerPart):
 
     def _connected(self, connection: "Connection") -> None:
         # Loaded by the thread that connects the cameras; the second one needs scipy and numba.
-        from spherecal.cameras.driver_help import driver_troubles
+        from spherecal_cameras.driver_help import driver_troubles
         from spherecal_gui.tasks.live import LiveView
 
         if self.project is None:
@@ -227,7 +227,7 @@ class CameraController(ControllerPart):
         """The simulated or recorded source, which shows what it is asked for; None for real cameras."""
         if self.connection is None:
             return None
-        from spherecal.cameras.in_process import Staged  # the window starts without the cameras' modules
+        from spherecal_cameras.in_process import Staged  # the window starts without the cameras' modules
 
         source = self.connection.source
         return source if isinstance(source, Staged) else None

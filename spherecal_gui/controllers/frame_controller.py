@@ -53,8 +53,8 @@ class FrameController(ControllerPart):
         if not (made_for[0] / FRAME).is_file():
             self.frame = self._frame_of_profile()
             return
-        from spherecal.export.frame import frame_of  # needs scipy
         from spherecal.files.frame_file import read_frame, write_frame
+        from spherecal.result.framed_rig import frame_of  # needs scipy
 
         path = made_for[0] / FRAME
         try:
@@ -96,9 +96,9 @@ class FrameController(ControllerPart):
         path = self.file
         if path is None or self.project is None or self.main.outcome is None or self.runner.running:
             return False
-        from spherecal.export.frame import frame_of  # needs scipy
         from spherecal.files.frame_file import write_frame
         from spherecal.geometry.user_frame import FrameDefinition
+        from spherecal.result.framed_rig import frame_of  # needs scipy
 
         if definition == FrameDefinition() and not (profile_of(self.project) / FRAME).is_file():
             done = self.main.attempt(lambda: remove_below(path.parent, path.name))

@@ -19,7 +19,7 @@ from spherecal_gui.tasks import jobs
 from spherecal_gui.tasks.dot_store import DotStore
 
 if TYPE_CHECKING:  # cameras and detection need scipy and numba, for which the window does not wait
-    from spherecal.cameras.capture import SessionCamera
+    from spherecal_cameras.capture import SessionCamera
     from spherecal_gui.recorded import RecordedSession
     from spherecal_gui.tasks.live import Connection
 

@@ -116,7 +116,7 @@ class SetController(ControllerPart):
 
     def add_placement(self) -> None:
         """Plan one more placement and go there."""
-        from spherecal.cameras.plan import PlannedSet  # needs scipy
+        from spherecal_cameras.plan import PlannedSet  # needs scipy
 
         session = self._recording.session
         if self.project is None or session is None:

@@ -17,7 +17,7 @@ from spherecal_gui.controllers.project_controller import ProjectController
 from spherecal_gui.tasks.task import Runner
 
 if TYPE_CHECKING:  # the window starts without the cameras' modules
-    from spherecal.cameras.protocol import CameraSettings, TriggerMode
+    from spherecal_cameras.protocol import CameraSettings, TriggerMode
 
 translate = QCoreApplication.translate
 
@@ -63,8 +63,8 @@ class TuningController(ControllerPart):
     def settings_of(self, serial: str) -> "CameraSettings":
         """A camera's settings as they were set."""
         # The window starts without the cameras' modules.
-        from spherecal.cameras.profile import default_profile_path, read_profile
-        from spherecal.cameras.protocol import CameraSettings
+        from spherecal_cameras.profile import default_profile_path, read_profile
+        from spherecal_cameras.protocol import CameraSettings
 
         if serial not in self._tuned:
             known = read_profile(default_profile_path()).entry(serial).settings if self._real else CameraSettings()
@@ -202,7 +202,7 @@ class TuningController(ControllerPart):
 
 def _keep(serial: str, name: str | None, settings: "CameraSettings") -> None:
     """Write a camera's name and settings into the camera profile."""
-    from spherecal.cameras.profile import default_profile_path, read_profile, write_profile  # as in settings_of
+    from spherecal_cameras.profile import default_profile_path, read_profile, write_profile  # as in settings_of
 
     path = default_profile_path()
     profile = read_profile(path)

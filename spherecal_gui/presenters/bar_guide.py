@@ -61,7 +61,7 @@ class RigPlanes:
         middle
             Origin (3,) of both planes, mm in the rig's world.
         """
-        from spherecal.report.rig_view import choose_axes  # imports scipy
+        from spherecal_documents.report.rig_view import choose_axes  # imports scipy
 
         centres = np.array([camera.centre_mm for camera in rig.cameras])
         axes = choose_axes(rig.cameras, centres, np.asarray(middle)[None])[0]
@@ -69,7 +69,7 @@ class RigPlanes:
 
     def flat(self, places: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Places (n, 3) mm from above and from the front, (n, 2) each."""
-        from spherecal.report.rig_view import FRONT, TOP  # imports scipy
+        from spherecal_documents.report.rig_view import FRONT, TOP  # imports scipy
 
         own = (np.atleast_2d(places) - self.middle) @ self.axes.T
         return TOP.flat(own), FRONT.flat(own)

@@ -34,7 +34,7 @@ from spherecal_gui.project import FEW_PLACEMENTS
 from spherecal_gui.standing import Level
 
 if TYPE_CHECKING:  # imports scipy
-    from spherecal.cameras.plan import CapturePlan
+    from spherecal_cameras.plan import CapturePlan
 
 translate = QCoreApplication.translate
 

@@ -11,8 +11,8 @@ from spherecal_gui.presenters.coverage import Level
 from spherecal_gui.presenters.results import VerdictText
 
 if TYPE_CHECKING:  # imports scipy and OpenCV
-    from spherecal.uses.check import Check
     from spherecal_gui.tasks.kept_check import CheckSummary
+    from spherecal_rigs.check import Check
 
 translate = QCoreApplication.translate
 

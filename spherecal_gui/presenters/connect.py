@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 
 from PySide6.QtCore import QCoreApplication
 
-from spherecal.cameras.protocol import CameraStatus
 from spherecal.data.session import Bar
+from spherecal_cameras.protocol import CameraStatus
 from spherecal_gui.presenters.bench import targets_words
 from spherecal_gui.presenters.certificates import Reminder, reminder
 from spherecal_gui.presenters.coverage import Level
@@ -22,7 +22,7 @@ if TYPE_CHECKING:  # imports scipy, OpenCV and the kernels
 
 translate = QCoreApplication.translate
 
-# Lost or damaged images beyond this share say that the link is ill; a healthy one loses none (spherecal.cameras).
+# Lost or damaged images beyond this share say that the link is ill; a healthy one loses none (spherecal_cameras).
 _ILL = 0.01
 _MOST_NAMED = 6
 

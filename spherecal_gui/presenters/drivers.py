@@ -7,8 +7,8 @@ from pathlib import Path
 
 from PySide6.QtCore import QCoreApplication
 
-from spherecal.cameras.driver_help import DriverTrouble
-from spherecal.cameras.makers import ANY_MAKER, MAKERS
+from spherecal_cameras.driver_help import DriverTrouble
+from spherecal_cameras.makers import ANY_MAKER, MAKERS
 
 translate = QCoreApplication.translate
 

@@ -10,12 +10,12 @@ from PySide6.QtCore import QCoreApplication
 from spherecal.base.arrays import FloatArray
 from spherecal.base.errors import InputError
 from spherecal.geometry.user_frame import FrameDefinition, UserFrame, turn_matrix
+from spherecal_documents.scene.model import SceneData, scene_data
 from spherecal_gui.texts import error_text
-from spherecal_scene.model import SceneData, scene_data
 
 if TYPE_CHECKING:  # imports scipy.optimize
-    from spherecal.export.frame import Place
-    from spherecal.report.result_folder import Result
+    from spherecal.result.framed_rig import Place
+    from spherecal.result.result_folder import Result
 
 translate = QCoreApplication.translate
 
@@ -173,7 +173,7 @@ class FrameChoice:
         self._make()
 
     def _make(self) -> None:
-        from spherecal.export.frame import frame_of  # imports scipy.optimize
+        from spherecal.result.framed_rig import frame_of  # imports scipy.optimize
 
         try:
             self.frame, self.problem = frame_of(self.definition, self.places, self.rig), ""

@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from spherecal.base.arrays import FloatArray, IntArray
-from spherecal_scene.model import SceneData
-from spherecal_scene.shapes import ByteArray, Lines, Mesh, Picture, SceneStyle, scene_shapes
+from spherecal_documents.scene.model import SceneData
+from spherecal_documents.scene.shapes import ByteArray, Lines, Mesh, Picture, SceneStyle, scene_shapes
 
 _FLOAT, _UINT32, _UINT8 = 5126, 5125, 5121
 _ARRAY, _ELEMENTS = 34962, 34963

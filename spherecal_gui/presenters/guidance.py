@@ -8,13 +8,13 @@ import numpy as np
 from PySide6.QtCore import QCoreApplication
 
 from spherecal.base.arrays import FloatArray
+from spherecal_documents.scene.model import SceneData
 from spherecal_gui.presenters.coverage import Level
-from spherecal_scene.model import SceneData
 
 if TYPE_CHECKING:  # imports scipy
     from spherecal.data.rig import PlacedSphere, Rig
-    from spherecal.guidance.next_placement import Candidate
-    from spherecal.guidance.next_placement import Guidance as Advised
+    from spherecal.result.next_placement import Candidate
+    from spherecal.result.next_placement import Guidance as Advised
     from spherecal_gui.tasks.ghost import Ghost, ToGo
 
 translate = QCoreApplication.translate
@@ -86,7 +86,7 @@ def guidance_of(found: "Advised", rig: "Rig", spheres: "Sequence[PlacedSphere]")
     spheres
         The ball at every placement so far, in the order in which they were taken; the last is where it is now.
     """
-    from spherecal.report.rig_view import TOP, choose_axes  # imports scipy
+    from spherecal_documents.report.rig_view import TOP, choose_axes  # imports scipy
 
     best = found.best
     if best is None or not spheres:
@@ -129,7 +129,7 @@ def guidance_of(found: "Advised", rig: "Rig", spheres: "Sequence[PlacedSphere]")
 
 def _views_above(rig: "Rig", axes: FloatArray) -> FloatArray:
     """The cameras' directions of view from above, unit vectors (c, 2); (0, 0) for one that looks straight down."""
-    from spherecal.report.rig_view import TOP  # imports scipy
+    from spherecal_documents.report.rig_view import TOP  # imports scipy
 
     views = TOP.flat(np.array([camera.rotation[2] for camera in rig.cameras]) @ axes.T)
     long = np.linalg.norm(views, axis=1, keepdims=True)

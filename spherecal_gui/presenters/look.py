@@ -10,7 +10,7 @@ from spherecal_gui.presenters.coverage import Level
 from spherecal_gui.texts import camera_details, camera_trouble
 
 if TYPE_CHECKING:  # imports scipy, OpenCV and the kernels
-    from spherecal.cameras.protocol import CameraStatus
+    from spherecal_cameras.protocol import CameraStatus
     from spherecal_gui.tasks.live import Sight
 
 translate = QCoreApplication.translate

@@ -6,11 +6,11 @@ from typing import TYPE_CHECKING
 
 from PySide6.QtCore import QCoreApplication
 
-from spherecal.measuring.task import Ruler, parse_point
 from spherecal_gui.presenters.coverage import Level
+from spherecal_measuring.task import Ruler, parse_point
 
 if TYPE_CHECKING:  # imports scipy
-    from spherecal.measuring.results import MeasuredSet
+    from spherecal_measuring.results import MeasuredSet
 
 translate = QCoreApplication.translate
 

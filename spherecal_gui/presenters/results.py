@@ -15,7 +15,7 @@ from spherecal_gui.presenters.coverage import Level
 
 if TYPE_CHECKING:  # imports scipy
     from spherecal.data.rig import Affected
-    from spherecal.report.result_folder import Result
+    from spherecal.result.result_folder import Result
     from spherecal.verify.verification_file import BarReport
     from spherecal_gui.tasks.outcome import Compared
 

@@ -9,13 +9,13 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from spherecal.base.arrays import FloatArray
-from spherecal_scene.model import DrawnBall, SceneData, scene_data, with_bars, with_images, with_moved
+from spherecal_documents.scene.model import DrawnBall, SceneData, scene_data, with_bars, with_images, with_moved
 
 if TYPE_CHECKING:  # imports scipy and OpenCV, for which the window does not wait
     from spherecal.data.rig import PlacedSphere, Rig
-    from spherecal.uses.check import Check
     from spherecal_gui.tasks.kept_check import CheckSummary
     from spherecal_gui.tasks.outcome import Outcome
+    from spherecal_rigs.check import Check
 
 
 def outcome_scene(outcome: "Outcome") -> SceneData | None:
@@ -63,7 +63,7 @@ def next_scene(rig: "Rig", spheres: "Sequence[PlacedSphere]", centre_mm: ArrayLi
     centre_mm
         Centre (3,) of the ball where it should go, mm in the rig's world.
     """
-    from spherecal.report.rig_view import DrawnPlacement  # imports scipy
+    from spherecal_documents.report.rig_view import DrawnPlacement  # imports scipy
 
     data = rig_scene(rig)
     if data is None or not spheres:

@@ -5,8 +5,8 @@ from dataclasses import dataclass
 from PySide6.QtCore import QCoreApplication
 
 from spherecal.base.arrays import FloatArray
-from spherecal_scene.model import SceneData
-from spherecal_scene.shapes import map_step
+from spherecal_documents.scene.model import SceneData
+from spherecal_documents.scene.shapes import map_step
 
 translate = QCoreApplication.translate
 
@@ -36,7 +36,7 @@ def items_of(data: SceneData, layers: frozenset[str]) -> list[SceneItem]:
     data
         The scene.
     layers
-        The layers that are shown, of `spherecal_scene.shapes.LAYERS`.
+        The layers that are shown, of `spherecal_documents.scene.shapes.LAYERS`.
     """
     found = [
         SceneItem("camera", camera.id, camera.centre, 0.0, data, i, 0) for i, camera in enumerate(data.scene.cameras)

@@ -11,7 +11,6 @@ from PySide6.QtCore import QCoreApplication
 from spherecal.base.errors import InputError, SpherecalError
 from spherecal.base.messages.catalogue import phrase
 from spherecal.base.messages.values import Phrase
-from spherecal.cameras.plan import CapturePlan, read_plan
 from spherecal.files.ball_registry import RegisteredBall, balls_path, changing_balls, read_balls, write_balls
 from spherecal.files.bar_registry import (
     RegisteredBar,
@@ -23,6 +22,7 @@ from spherecal.files.bar_registry import (
 from spherecal.files.bars_table import arrivals, read_bars_table, write_bars_table
 from spherecal.files.bench_file import Bench, write_bench
 from spherecal.files.target_set_file import read_target_set
+from spherecal_cameras.plan import CapturePlan, read_plan
 from spherecal_gui import languages
 from spherecal_gui.presenters.bench import (
     BallDraft,
@@ -69,7 +69,7 @@ class BenchDesk:
     """What is described, with its history; nothing is on disk before it is saved."""
 
     def __init__(self, projects: Path, plan: CapturePlan | None = None) -> None:
-        """`plan` is what is there now (spherecal.cameras.plan); without one the rig's bench, if there is one."""
+        """`plan` is what is there now (spherecal_cameras.plan); without one the rig's bench, if there is one."""
         self.projects = projects
         self.trouble = ""  # why the library could not be read
         self._known = self._read(read_registry, {})

@@ -7,7 +7,7 @@ from pathlib import Path
 from spherecal.base.errors import InputError, OutputError, reason
 from spherecal.base.filesystem import plain_files, read_below
 from spherecal.base.messages.values import Phrase
-from spherecal.support.bundle import BundleContents, redactor_for, write_zip
+from spherecal_documents.support.bundle import BundleContents, redactor_for, write_zip
 
 _SUFFIXES = {".json", ".csv", ".log", ".txt"}
 _MOST_BYTES = 50 << 20

@@ -16,8 +16,8 @@ from spherecal.geometry.triangulation import triangulate
 from spherecal_gui.presenters.coverage import Dots, SetDots
 
 if TYPE_CHECKING:  # the simulator, and what only reads results needs
-    from spherecal.cameras.simulated.stage import Stage
     from spherecal.data.rig import Calibration, Rig
+    from spherecal_cameras.simulated.stage import Stage
 
 _OUTLINE = 72  # points of an outline
 # Dots that must be known again for the ball's turn: three define it, and a few may be wrong.

@@ -26,7 +26,7 @@ from spherecal_gui.project_folder import Document
 if TYPE_CHECKING:
     from spherecal.data.rig import Calibration
     from spherecal.data.session import Session
-    from spherecal.guidance.next_placement import Guidance as Advised
+    from spherecal.result.next_placement import Guidance as Advised
 
 # Imported inside functions: the calibration with scipy and the kernels, for which the window does not wait.
 
@@ -56,8 +56,8 @@ def plan_coarse(
         When somebody has stopped it.
     """
     from spherecal.calibrate import calibrate
-    from spherecal.guidance.next_placement import first_guess
-    from spherecal.methods.settings import CalibrationSettings
+    from spherecal.result.next_placement import first_guess
+    from spherecal.steps.settings import CalibrationSettings
     from spherecal_gui.tasks.ghost import thinned
 
     few = {name: thinned(one, _COARSE_DOTS) for name, one in dots.items()}
@@ -96,7 +96,7 @@ def plan_next(
         When somebody has stopped it.
     """
     from spherecal.calibrate import calibrate
-    from spherecal.guidance.next_placement import advise
+    from spherecal.result.next_placement import advise
 
     session = session_of_dots(document, target_set, dots)
     calibration = calibrate(session, None, context)

@@ -12,10 +12,10 @@ from spherecal_gui.presenters.coverage import Dots
 from spherecal_gui.tasks.guide import observations_of
 
 if TYPE_CHECKING:
-    from spherecal.cameras.simulated.stage import Stage
     from spherecal.data.rig import Rig
     from spherecal.data.session import Bar
     from spherecal.verify.pose_plan import PlannedPose, PosePlan
+    from spherecal_cameras.simulated.stage import Stage
 
 # Imported inside functions: scipy, for which the window does not wait.
 
@@ -32,8 +32,8 @@ def plan_poses_of(result_folder: Path, rig: "Rig", bars: "Sequence[Bar]") -> "Po
     bars
         The bars on the bench.
     """
-    from spherecal.profile.save import points_box
     from spherecal.verify.pose_plan import BarMarks, plan_poses
+    from spherecal_rigs.save import points_box
 
     marks = [BarMarks.of(bar.id, bar.lengths) for bar in bars if bar.role == "check" and bar.lengths]
     box = points_box(result_folder / "points.csv")

@@ -22,18 +22,18 @@ from spherecal_gui.project import Artefacts, Project, Verdict
 from spherecal_gui.project_folder import Document, check_folders
 
 if TYPE_CHECKING:
-    from spherecal.cameras.averaging import Stillness
-    from spherecal.cameras.driver_help import DriverTrouble
-    from spherecal.cameras.gentl.trust import Ask
-    from spherecal.cameras.plan import CapturePlan
-    from spherecal.cameras.protocol import CameraSource, Discovery, FrameSet
     from spherecal.data.session import Bar, Session
     from spherecal.geometry.user_frame import UserFrame
-    from spherecal.methods.board_detector import BoardDetector
     from spherecal.targets.detection import Detector
-    from spherecal.uses.check import Check
     from spherecal.verify.verification_file import BarReport
+    from spherecal_boards.board_detector import BoardDetector
+    from spherecal_cameras.averaging import Stillness
+    from spherecal_cameras.driver_help import DriverTrouble
+    from spherecal_cameras.genicam.trust import Ask
+    from spherecal_cameras.plan import CapturePlan
+    from spherecal_cameras.protocol import CameraSource, Discovery, FrameSet
     from spherecal_gui.tasks.live import Connection
+    from spherecal_rigs.check import Check
 
 # Imported inside functions: cameras, detection and calibration take a second, with scipy, OpenCV and the kernels. The
 # window is shown before.
@@ -65,10 +65,10 @@ def connect(project: Project, context: Context, ask: "Ask | None" = None) -> "Co
     Cancelled
         When somebody has stopped it.
     """
-    from spherecal.cameras.driver_help import NoCameras
-    from spherecal.cameras.profile import default_profile_path, read_profile
-    from spherecal.cameras.sources import open_source
-    from spherecal.uses.capture import session_cameras
+    from spherecal_cameras.driver_help import NoCameras
+    from spherecal_cameras.new_recording import session_cameras
+    from spherecal_cameras.profile import default_profile_path, read_profile
+    from spherecal_cameras.sources import open_source
     from spherecal_gui.tasks.live import Connection
 
     context.report("opening the source", 0.0, project.source)
@@ -98,7 +98,7 @@ def connect(project: Project, context: Context, ask: "Ask | None" = None) -> "Co
 
 def _troubles(discovery: "Discovery") -> "tuple[DriverTrouble, ...]":
     """Why drivers have no cameras; those that answer on the network from another subnet are looked for."""
-    from spherecal.cameras.driver_help import answering_cameras, driver_troubles, local_addresses
+    from spherecal_cameras.driver_help import answering_cameras, driver_troubles, local_addresses
 
     local = local_addresses()
     return driver_troubles(discovery, answering_cameras(local), local)
@@ -112,10 +112,10 @@ def _as_people_count(name: str) -> list[tuple[int, str]]:
 
 def _plan(source: "CameraSource", project: Project) -> "CapturePlan":
     """Targets, ball, scale and bars: of the bench file that was named, else of the recording or the simulated rig."""
-    from spherecal.cameras.plan import CapturePlan, check_marks, plan_of, read_plan
-    from spherecal.cameras.protocol import session_behind
     from spherecal.files.bench_file import whole_bar
-    from spherecal.methods.board_pattern import recorded_board
+    from spherecal_boards.board_pattern import recorded_board
+    from spherecal_cameras.plan import CapturePlan, check_marks, plan_of, read_plan
+    from spherecal_cameras.protocol import session_behind
 
     if project.bench:
         plan = read_plan(Path(project.bench))
@@ -138,9 +138,9 @@ def board_of(plan: "CapturePlan") -> Document | None:
 
 def detector_of(plan: "CapturePlan") -> "Detector | BoardDetector | None":
     """What finds in images what calibrates: coded targets, or the points of a board; None where neither is known."""
-    from spherecal.methods.board_detector import BoardDetector
-    from spherecal.methods.board_pattern import board_pattern
     from spherecal.targets.detection import Detector
+    from spherecal_boards.board_detector import BoardDetector
+    from spherecal_boards.board_pattern import board_pattern
 
     if plan.target_set is not None:
         return Detector(plan.target_set)
@@ -228,8 +228,8 @@ def take_set(connection: "Connection", set_id: str, context: Context, live: bool
     Cancelled
         When somebody has stopped it.
     """
-    from spherecal.cameras.averaging import take_averaged
-    from spherecal.cameras.protocol import CameraError, CaptureRequest
+    from spherecal_cameras.averaging import take_averaged
+    from spherecal_cameras.protocol import CameraError, CaptureRequest
 
     context.report("taking images", 0.0, set_id)
     detector = detector_of(connection.plan)
@@ -297,7 +297,7 @@ def kept_reference(profile: Path, result: Path) -> str | None:
         The folder of the project's last result; it may be empty.
     """
     from spherecal.files.rig_file import read_rig
-    from spherecal.profile.store import is_profile, open_profile
+    from spherecal_rigs.store import is_profile, open_profile
 
     try:
         kept = open_profile(profile) if is_profile(profile) else None
@@ -336,10 +336,10 @@ def calibrate(
         When somebody has stopped it.
     """
     from spherecal.calibrate import calibrate as run
-    from spherecal.data.edits import Repairs
     from spherecal.files.read_session import read_session
     from spherecal.files.write_result import write_result
-    from spherecal.methods.settings import CalibrationSettings, Method
+    from spherecal.steps.repairs import Repairs
+    from spherecal.steps.settings import CalibrationSettings, Method
 
     check_folders(result.parent)
     check_folder(result, RESULT)
@@ -399,12 +399,12 @@ def verify(folder: Path, result: Path, limit: str, context: Context, seen: Obser
     from spherecal.detect.session_images import observed
     from spherecal.files.read_session import read_session
     from spherecal.files.rig_file import read_rig
-    from spherecal.profile.save import points_box
-    from spherecal.report.verification_file import read_bar_report
+    from spherecal.result.read_verification import read_bar_report
     from spherecal.verify.bars import VerifySettings
     from spherecal.verify.bars import verify as run
     from spherecal.verify.limit import parse_limit
     from spherecal.verify.write_verification import write_verification
+    from spherecal_rigs.save import points_box
 
     check_folders(result.parent)
     context.report("reading the session", 0.0)
@@ -479,10 +479,10 @@ def check(folder: Path, profile: Path, output: Path, context: Context) -> "Check
         When somebody has stopped it.
     """
     from spherecal.files.read_session import read_session
-    from spherecal.profile.source import points_file, read_source
-    from spherecal.uses.check import check as run
-    from spherecal.uses.check_ball import read_known_ball
-    from spherecal.uses.check_file import check_json, keep
+    from spherecal_rigs.check import check as run
+    from spherecal_rigs.check_ball import read_known_ball
+    from spherecal_rigs.check_file import check_json, keep
+    from spherecal_rigs.source import points_file, read_source
 
     context.report("reading the session", 0.0)
     found = run(read_session(folder), read_source(profile).rig, read_known_ball(points_file(profile)), None, context)
@@ -521,10 +521,10 @@ def repair(
     """
     from spherecal.files.read_session import read_session
     from spherecal.files.write_result import write_result
-    from spherecal.profile.source import points_file, read_source
-    from spherecal.uses.check import check as run
-    from spherecal.uses.check_ball import read_known_ball
-    from spherecal.uses.repose import repose
+    from spherecal_rigs.check import check as run
+    from spherecal_rigs.check_ball import read_known_ball
+    from spherecal_rigs.repose import repose
+    from spherecal_rigs.source import points_file, read_source
 
     check_folders(result.parent)
     check_folder(result, RESULT)
@@ -560,8 +560,8 @@ def report(project: Project, output: Path, language: str, notice: str, context: 
     OutputError
         Where it cannot be written.
     """
-    from spherecal.report.write_report import write_report
-    from spherecal_scene.picture import scene_picture
+    from spherecal_documents.report.write_report import write_report
+    from spherecal_documents.scene.picture import scene_picture
 
     context.report("drawing the report", 0.0)
     result = project.result_folder
@@ -600,8 +600,8 @@ def save_profile(result: Path, session: Path, profile: Path, put_to_use: bool, n
     """
     from spherecal.files.read_session import read_session
     from spherecal.files.rig_file import read_rig
-    from spherecal.profile.save import SaveOptions, save_result
-    from spherecal.profile.store import apply, create_profile, open_profile
+    from spherecal_rigs.save import SaveOptions, save_result
+    from spherecal_rigs.store import apply, create_profile, open_profile
 
     context.report("saving the profile", 0.0)
     rig = read_rig(result / "rig.json")
@@ -650,8 +650,8 @@ def export(result: Path, form: str, output: Path, context: Context, frame: "User
     OutputError
         Where it cannot be written.
     """
-    from spherecal.export.write_export import export_rig
     from spherecal.files.rig_file import read_rig
+    from spherecal_documents.export.write_export import export_rig
 
     context.report("exporting", 0.0, form)
     export_rig(read_rig(result / "rig.json"), form, output, frame=frame)
@@ -672,7 +672,7 @@ def calibration_plan(plan: "CapturePlan", sets: Sequence[str], bars: Mapping[str
     bars
         The bar of each guided pose, by the pose's id; None: there are none.
     """
-    from spherecal.cameras.plan import PlannedSet
+    from spherecal_cameras.plan import PlannedSet
 
     known = {one.id: one for one in plan.sets}
     warm = {one.bar: one.temperature_c for one in reversed(plan.sets) if one.bar is not None}

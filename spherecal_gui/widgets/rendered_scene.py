@@ -8,12 +8,12 @@ from PySide6.QtCore import QRectF, Qt, QTimer
 from PySide6.QtGui import QHideEvent, QImage, QPainter, QShowEvent
 from PySide6.QtWidgets import QWidget
 
+from spherecal_documents.scene.eye import Eye
+from spherecal_documents.scene.model import SceneData
+from spherecal_documents.scene.renderer import can_render
 from spherecal_gui.tasks import scene_process
 from spherecal_gui.tasks.scene_process import RequestedPicture, SceneProcess
 from spherecal_gui.widgets.painted_scene import PaintedScene
-from spherecal_scene.eye import Eye
-from spherecal_scene.model import SceneData
-from spherecal_scene.renderer import can_render
 
 _LEAVE_MS = 30_000
 _REST_MS = 180  # so long after the last turn the picture is rendered with smooth edges

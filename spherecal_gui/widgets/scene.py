@@ -19,12 +19,12 @@ from PySide6.QtGui import (
 from PySide6.QtWidgets import QWidget
 
 from spherecal.base.arrays import FloatArray
+from spherecal_documents.scene.eye import Eye, View, fitting_view
+from spherecal_documents.scene.model import SceneData
+from spherecal_documents.scene.shapes import SHOWN_AT_FIRST, SceneStyle
 from spherecal_gui import theme
 from spherecal_gui.presenters.scene_hover import SceneItem, items_of
 from spherecal_gui.widgets.scene_overlay import Overlay
-from spherecal_scene.eye import Eye, View, fitting_view
-from spherecal_scene.model import SceneData
-from spherecal_scene.shapes import SHOWN_AT_FIRST, SceneStyle
 
 _NEAR_PX, _HOVER_PX = 28.0, 14.0
 DEG_PER_PX = 0.4

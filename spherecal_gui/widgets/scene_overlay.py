@@ -6,11 +6,11 @@ from PySide6.QtGui import QColor, QLinearGradient, QPainter, QPen, QPolygonF, QT
 from PySide6.QtWidgets import QWidget
 
 from spherecal.base.arrays import FloatArray
+from spherecal_documents.scene.eye import Eye
+from spherecal_documents.scene.model import AXIS_TINTS, SceneData, ramp
 from spherecal_gui import languages, theme
 from spherecal_gui.presenters.scene_hover import SceneItem
 from spherecal_gui.widgets.name_tags import place_tags
-from spherecal_scene.eye import Eye
-from spherecal_scene.model import AXIS_TINTS, SceneData, ramp
 
 _CUBE_PX = 30.0  # half of its side
 _CORNER = 2.05  # of its middle from the corner of the view, in half sides
@@ -63,7 +63,7 @@ class Overlay:
         eye
             From where it is looked at.
         layers
-            The layers that are shown, of `spherecal_scene.shapes.LAYERS`.
+            The layers that are shown, of `spherecal_documents.scene.shapes.LAYERS`.
         marked
             Id of the worst camera; None: none does.
         hovered

@@ -11,7 +11,7 @@ from PySide6.QtWidgets import QDialog, QMessageBox, QTextBrowser, QVBoxLayout, Q
 
 import spherecal
 from spherecal.base.resources import resource_path
-from spherecal.support.licences import LGPL_NOTE, parts
+from spherecal_documents.support.licences import LGPL_NOTE, parts
 from spherecal_gui import languages
 from spherecal_gui.tasks.driver_question import DriverQuestion
 from spherecal_gui.widgets.basic import plain

@@ -218,10 +218,9 @@ def wanted() -> str:
     """What numba's cache depends on, as a SHA-256: the files with kernels as they are now, numba, Python."""
     root = Path(__file__).resolve().parents[2]
     known = [sys.version, importlib.metadata.version("numba"), os.environ.get("NUMBA_CACHE_DIR", "")]
-    for package in ("spherecal", "spherecal_sim"):
-        for path in sorted((root / package).rglob("*.py")):
-            if b"njit" in path.read_bytes():
-                known.append(f"{path} {path.stat().st_mtime_ns} {path.stat().st_size}")
+    for path in sorted(root.glob("spherecal*/**/*.py")):
+        if b"njit" in path.read_bytes():
+            known.append(f"{path} {path.stat().st_mtime_ns} {path.stat().st_size}")
     return hashlib.sha256("\n".join(known).encode()).hexdigest()
 
 

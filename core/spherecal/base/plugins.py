@@ -7,6 +7,7 @@ from spherecal.base.errors import InputError
 from spherecal.base.messages.values import Phrase
 
 EXPORTERS, IMPORTERS, CAMERA_SOURCES = "spherecal.exporters", "spherecal.importers", "spherecal.camera_sources"
+METHODS = "spherecal.methods"  # of calibration: board and bar
 _LONGEST = 200  # characters of what a package says
 _KINDS = {
     EXPORTERS: Phrase("an-exporter"),

@@ -67,7 +67,7 @@ from spherecal.geometry.camera import (
     is_fisheye,
 )
 from spherecal.geometry.opencv import FISHEYE_LENGTH, distortion_problem
-from spherecal.predict.volume_map import LengthMap
+from spherecal.geometry.volume_map import LengthMap
 
 COVARIANCE_FILE = "covariance.npy"
 

@@ -38,10 +38,10 @@ from spherecal.diagnose.rejected_edges import rejected_edges
 from spherecal.diagnose.soundness import further_scale_uncertainty
 from spherecal.diagnose.unconfirmed_poses import unconfirmed_poses
 from spherecal.geometry.camera import N_INTRINSICS, project
+from spherecal.geometry.length_uncertainty import Cameras
 from spherecal.geometry.sphere import fit_sphere
+from spherecal.geometry.volume_map import LengthMap, length_map, measured_volume
 from spherecal.initialise.local import LocalNetwork
-from spherecal.predict.lengths import Cameras
-from spherecal.predict.volume_map import LengthMap, length_map, measured_volume
 from spherecal.scale.metric import MetricFit, Solution
 
 

@@ -1,0 +1,3 @@
+"""What people use: the Python interface (`api.py`) and the command line (`cli`)."""
+
+import spherecal as spherecal  # first of all: from here on Ctrl-C ends the program without a traceback

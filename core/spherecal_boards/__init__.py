@@ -1,0 +1,1 @@
+"""Calibration by a plane board (chessboard, ChArUco, AprilGrid, circles) or by a bar waved through the volume."""

@@ -1,0 +1,1 @@
+"""GenTL producers in C++ and the GigE cameras' wire protocol."""

@@ -19,18 +19,6 @@ def result_of(profile: Path, result: Path) -> tuple[str, Verdict]:
     """Write the calibration in use of a profile as a result folder; its number and verdict.
 
     The profile keeps no residuals and no spheres: these tables are empty.
-
-    Parameters
-    ----------
-    profile
-        The rig's profile.
-    result
-        The folder to write; it is made where it is not there.
-
-    Raises
-    ------
-    InputError
-        Where no calibration is in use, or a file was changed since it was saved.
     """
     kept = open_profile(profile)
     number, entry = kept.active_id, kept.active
@@ -47,15 +35,7 @@ def result_of(profile: Path, result: Path) -> tuple[str, Verdict]:
 
 
 def number_of(profile: Path, result: Path) -> str | None:
-    """The number of the calibration in use where it is that of a result folder; None where it is another.
-
-    Parameters
-    ----------
-    profile
-        The rig's profile; it may not be there.
-    result
-        The result folder.
-    """
+    """The number of the calibration in use where it is that of a result folder; None where it is another."""
     if not is_profile(profile):
         return None
     kept: Profile = open_profile(profile)

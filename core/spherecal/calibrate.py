@@ -34,17 +34,7 @@ def calibrate(
 
     A rig that could not be calibrated, or only in part, is a result too, with `valid` False and findings that say why.
 
-    Parameters
-    ----------
-    session, settings, context
-        What to calibrate from; how, None for the defaults; for progress, and to stop.
-
-    Raises
-    ------
-    InputError
-        Where the session has neither images nor observations, or settings that it cannot be calibrated with.
-    Cancelled
-        When the user stops the work.
+    `session`, `settings`, `context` None for the defaults.
     """
     settings, context, watch = settings or CalibrationSettings(), context or Context(), Stopwatch()
     mended = repaired(session, settings.repairs) if settings.repairs else session  # as the user asks

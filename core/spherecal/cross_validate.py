@@ -43,24 +43,7 @@ class LeftOut:
 def cross_validate(
     session: Session, settings: CalibrationSettings | None = None, context: Context | None = None
 ) -> tuple[Calibration, tuple[LeftOut, ...]]:
-    """The calibration of the whole session, and every placement compared with the rig that the others give.
-
-    Parameters
-    ----------
-    session
-        The session; it is calibrated once, and once more without each placement.
-    settings
-        How to calibrate.
-    context
-        For progress, and to stop.
-
-    Raises
-    ------
-    InputError
-        With fewer than three placements.
-    Cancelled
-        Where the context says so.
-    """
+    """The calibration of the whole session, and every placement compared with the rig that the others give."""
     settings, context = settings or CalibrationSettings(), context or Context()
     if len(session.placements) < 3:
         raise InputError(

@@ -28,12 +28,7 @@ _RIGHT = 2.0  # a wrong turn fits this many times worse at least; it is off by w
 def find_aprilgrid(image: NDArray[np.uint8], pattern: BoardPattern) -> tuple[IntArray, FloatArray] | None:
     """Indices (k,) and places (k, 2) px of the corners in a grey image; None where two tags are not found.
 
-    Parameters
-    ----------
-    image
-        Grey image of 8 bits, (h, w).
-    pattern
-        What is printed on the board.
+    `image`: grey image of 8 bits, (h, w).
     """
     ids, corners, border = _tags(image, pattern)
     if len(ids) < _LEAST_TAGS:

@@ -36,23 +36,7 @@ def calibrate_bar(
 
     Cameras that share too few marks with the rest are left out and the result is not valid.
 
-    Parameters
-    ----------
-    session
-        The session, with observations or images of the bar.
-    settings
-        Of these `intrinsics`, `own_intrinsics`, `seed` and `joint` count. Without `joint` each pair on the way to the
-        reference camera is adjusted alone and chained; such a result is for comparison and not valid. None for
-        the defaults.
-    context
-        For progress, and to stop; None for neither.
-
-    Raises
-    ------
-    InputError
-        Where the session names no such bar, or shows none of its marks, or has images that cannot be read.
-    Cancelled
-        Where the context says so.
+    `settings` None for the defaults; `context` None for neither.
     """
     settings, context, watch = settings or CalibrationSettings(), context or Context(), Stopwatch()
     bar = scale_bar(session)

@@ -72,15 +72,7 @@ class BarAdjusted:
 
 
 def adjust_bar(work: BarNetwork, state: State, context: Context) -> BarAdjusted:
-    """The least-squares network from a start, with covariance; intrinsics that the data do not determine get a prior.
-
-    Parameters
-    ----------
-    work, state
-        What is adjusted, and where to begin.
-    context
-        For progress, and to stop.
-    """
+    """The least-squares network from a start, with covariance; intrinsics that the data leave open get a prior."""
     network, candidates = work.network, work.placed[work.network.camera]
     state, good = _robust_start(work, state, candidates, context)
     used = candidates & good[network.feature]
@@ -104,14 +96,7 @@ def chain_pairs(work: BarNetwork, state: State, parents: tuple[tuple[int, int], 
 
     A camera keeps the intrinsics of the pair that placed it.
 
-    Parameters
-    ----------
-    work, state
-        The network, and start values of the pairs.
-    parents
-        The pairs (parent, camera), each parent before its cameras.
-    context
-        For progress, and to stop.
+    `parents`: the pairs (parent, camera), each parent before its cameras.
     """
     start, rotation, translation = state, state.rotation.copy(), state.translation.copy()
     intrinsics = state.intrinsics.copy()
@@ -266,13 +251,7 @@ def _gate(network: Network, state: State, placed: BoolArray, used: BoolArray) ->
 
 
 def residuals_px(network: Network, state: State) -> FloatArray:
-    """Predicted minus observed (n,2) px; NaN without a prediction in front of the camera.
-
-    Parameters
-    ----------
-    network, state
-        The network, and its values.
-    """
+    """Predicted minus observed (n,2) px; NaN without a prediction in front of the camera."""
     x = np.einsum("nij,nj->ni", state.rotation[network.camera], state.points[network.feature])
     x += state.translation[network.camera]
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
@@ -281,12 +260,6 @@ def residuals_px(network: Network, state: State) -> FloatArray:
 
 
 def residual_size(network: Network, state: State) -> FloatArray:
-    """Lengths of the residuals (n,) px, infinite where there is no prediction in front of the camera.
-
-    Parameters
-    ----------
-    network, state
-        The network, and its values.
-    """
+    """Lengths of the residuals (n,) px, infinite where there is no prediction in front of the camera."""
     size = np.linalg.norm(residuals_px(network, state), axis=1)
     return np.where(np.isfinite(size), size, np.inf)

@@ -50,13 +50,7 @@ class BarRecording:
 
 
 def scale_bar(session: Session) -> Bar:
-    """The bar that the session's scale names.
-
-    Raises
-    ------
-    InputError
-        Where there is none, or no poses of it.
-    """
+    """The bar that the session's scale names."""
     scale = session.scale
     if scale is None or scale.kind != "bar":
         raise InputError(Phrase("error-bar-needed", {"folder": session.where}))
@@ -70,16 +64,6 @@ def bar_recording(session: Session, bar: Bar) -> BarRecording:
     """The observations of a bar's marks in all of its poses.
 
     Marks are observed by their own names, or as dots of targets whose origins they are.
-
-    Parameters
-    ----------
-    session, bar
-        A session with observations, and one of its bars.
-
-    Raises
-    ------
-    InputError
-        Where no mark was observed.
     """
     o = session.observations
     assert o is not None
@@ -117,12 +101,7 @@ def bar_recording(session: Session, bar: Bar) -> BarRecording:
 def known_lengths(session: Session, recording: BarRecording, seen: BoolArray) -> Lengths:
     """The certified lengths of every frame both of whose ends are given by points that are `seen`.
 
-    Parameters
-    ----------
-    session, recording
-        The session, and what the cameras saw of its bar.
-    seen
-        Points that are known, (points,) in the order of frames and slots.
+    `seen`: points that are known, (points,) in the order of frames and slots.
     """
     seen = seen.reshape(recording.n_frames, recording.slots)
     parts: list[Lengths] = []

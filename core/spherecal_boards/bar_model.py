@@ -63,12 +63,7 @@ class BarModel:
     def linearise(self, state: State, robust: FloatArray | None) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Weighted residuals (n,2), derivatives by camera (n,2,w) and by the point (n,2,3).
 
-        Parameters
-        ----------
-        state
-            Where to linearise.
-        robust
-            Multiplies the rows of each observation, (n,); None for 1.
+        `robust`: multiplies the rows of each observation, (n,); None for 1.
         """
         linear = engine.linearise(self.problem, state, robust)
         return linear.residual, linear.by_camera, linear.by_point
@@ -89,22 +84,14 @@ class BarModel:
     def moved_frames(self, state: State, step: FloatArray) -> State:
         """The state with its points moved by their steps.
 
-        Parameters
-        ----------
-        state, step
-            The state, and the shifts of each frame's slots, (f,3s).
+        `state`, `step`: the state, and the shifts of each frame's slots, (f,3s).
         """
         return replace(state, points=state.points + step.reshape(-1, 3))
 
     def point_rows(self, state: State, points: IntArray) -> PointRows:
         """Points of the problem in the world, and how they follow their frames; all define the datum.
 
-        Parameters
-        ----------
-        state
-            The values of the unknowns.
-        points
-            The points, (p,) indices.
+        `points`: the points, (p,) indices.
         """
         by_frame = np.zeros((len(points), self.slots, 3, 3))
         by_frame[np.arange(len(points)), points % self.slots] = np.eye(3)

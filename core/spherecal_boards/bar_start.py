@@ -57,16 +57,7 @@ def start_from_pairs(
 ) -> BarStart:
     """Poses (mm) of all cameras that pairs with `LEAST_COMMON` common points reach, in the best linked one's frame.
 
-    Parameters
-    ----------
-    recording, lengths
-        What the cameras saw of the bar, and its certified lengths frame by frame.
-    intrinsics
-        What is known of the cameras, (c,16).
-    seed
-        Of the random samples by which essential matrices are found.
-    context
-        For progress, and to stop.
+    `intrinsics`: what is known of the cameras, (c,16).
     """
     o, n = recording.observations, len(recording.observations.cameras)
     xy, usable = undistort(o.uv, intrinsics[o.camera])

@@ -47,22 +47,7 @@ def calibrate_board(
     Points are the board's at every placement. Cameras that share no placement with the rest are left out and the result
     is not valid.
 
-    Parameters
-    ----------
-    session
-        The session, with a board.
-    settings
-        Of these `intrinsics`, `own_intrinsics` and `joint` count. Without `joint` cameras stay as the groups of four
-        were chained; such a result is for comparison and not valid. None for the defaults.
-    context
-        For progress, and to stop; None for neither.
-
-    Raises
-    ------
-    InputError
-        Where the session describes no board, its images or observations show none of it, or an image cannot be read.
-    Cancelled
-        Where the context says so.
+    `settings` None for the defaults; `context` None for neither.
     """
     settings, context, watch = settings or CalibrationSettings(), context or Context(), Stopwatch()
     board = session.board

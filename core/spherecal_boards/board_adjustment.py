@@ -73,14 +73,7 @@ def place_boards(views: BoardViews, found: ViewPoses, state: State, cameras: Boo
 
     NaN where no camera with a pose sees the board.
 
-    Parameters
-    ----------
-    views, found
-        What the cameras see, and the board's possible poses in each view.
-    state
-        The cameras' poses and intrinsics.
-    cameras
-        Cameras that have a pose, (c,).
+    `cameras`: cameras that have a pose, (c,).
     """
     rotation = np.full((views.n_placements, 3, 3), np.nan)
     translation = np.full((views.n_placements, 3), np.nan)
@@ -105,14 +98,7 @@ def view_error(
 ) -> float:
     """Median distance in px of a view's points from those predicted for a pose of the board; infinite behind.
 
-    Parameters
-    ----------
-    views, state
-        What the cameras see, and their poses and intrinsics.
-    camera, placement
-        The view.
-    rotation, translation
-        Pose of the board in the world, (3,3) and (3,) mm.
+    `rotation`, `translation`: pose of the board in the world, (3,3) and (3,) mm.
     """
     rows = views.of(camera, placement)
     world = views.points_mm[views.point[rows]] @ rotation.T + translation
@@ -128,14 +114,7 @@ def robust_start(network: BoardNetwork, state: State, candidates: BoolArray, con
 
     Cauchy's loss, every observation with the same weight (docs/formulation.md, section Adjustment).
 
-    Parameters
-    ----------
-    network, state
-        What is adjusted, and where to begin.
-    candidates
-        Observations that take part, (n,).
-    context
-        For progress, and to stop.
+    `candidates`: observations that take part, (n,).
     """
     for names in ((), START_INTRINSICS, None):
         free = network.free if names is None else network.free & np.isin(INTRINSIC_NAMES, names)
@@ -153,16 +132,8 @@ def adjust_boards(
 ) -> BoardAdjusted:
     """The least-squares network from a start, with covariance; intrinsics that the data do not determine get a prior.
 
-    Parameters
-    ----------
-    network, start
-        What is adjusted, and where to begin.
-    first
-        Observations of the robust start, (n,).
-    candidates
-        Observations of which all that agree take part in the end, (n,).
-    context
-        For progress, and to stop.
+    `first`: observations of the robust start, (n,); `candidates`: observations of which all that agree take part in the
+    end, (n,).
     """
     state = robust_start(network, start, first, context)
     group, views = network.group, network.views
@@ -185,14 +156,7 @@ def adjust_boards(
 def leave_chained(network: BoardNetwork, state: State, candidates: BoolArray, context: Context) -> BoardAdjusted:
     """The cameras as they were chained, the board's placements alone adjusted to them; without covariance.
 
-    Parameters
-    ----------
-    network, state
-        The network, and the cameras and placements as they were chained.
-    candidates
-        Observations that may take part, (n,).
-    context
-        For progress, and to stop.
+    `candidates`: observations that may take part, (n,).
     """
     views = network.views
     gated = gate(network, state, candidates)
@@ -228,10 +192,7 @@ def _refine(
 def board_points(views: BoardViews, used: BoolArray) -> tuple[IntArray, IntArray, BoolArray]:
     """All points of the board at every placement that is used: placement, point, and whether it was seen, (p,) each.
 
-    Parameters
-    ----------
-    views, used
-        What the cameras see, and which observations are used, (n,).
+    `views`, `used`: what the cameras see, and which observations are used, (n,).
     """
     count = len(views.points_mm)
     placements = np.unique(views.placement[used])
@@ -263,24 +224,12 @@ def _model(
 
 
 def residual_size(views: BoardViews, state: State) -> FloatArray:
-    """Lengths of the residuals (n,) px, infinite where there is no prediction in front of the camera.
-
-    Parameters
-    ----------
-    views, state
-        What the cameras see, and the values of the unknowns.
-    """
+    """Lengths of the residuals (n,) px, infinite where there is no prediction in front of the camera."""
     return np.where(np.isfinite(r := np.linalg.norm(residuals_px(views, state), axis=1)), r, np.inf)
 
 
 def residuals_px(views: BoardViews, state: State) -> FloatArray:
-    """Predicted minus observed (n,2) px; NaN without a prediction in front of the camera.
-
-    Parameters
-    ----------
-    views, state
-        What the cameras see, and the values of the unknowns.
-    """
+    """Predicted minus observed (n,2) px; NaN without a prediction in front of the camera."""
     world = np.einsum("nij,nj->ni", state.placement_rotation[views.placement], state.points[views.point])
     world += state.placement_translation[views.placement]
     x = np.einsum("nij,nj->ni", state.rotation[views.camera], world) + state.translation[views.camera]
@@ -293,13 +242,6 @@ def gate(network: BoardNetwork, state: State, candidates: BoolArray) -> BoolArra
     """Candidates (n,) within the gate of their predicted image point, of cameras and placements that keep enough.
 
     4.5 robust standard deviations of each camera, at least 0.15 px (docs/formulation.md, section Adjustment).
-
-    Parameters
-    ----------
-    network, state
-        The network, and its values.
-    candidates
-        Observations that may take part, (n,).
     """
     views = network.views
     size = residual_size(views, state)
@@ -314,15 +256,7 @@ def gate(network: BoardNetwork, state: State, candidates: BoolArray) -> BoolArra
 
 
 def progress(context: Context, stage: str, expected: int) -> Callable[[int, float], None]:
-    """A function that reports a minimiser's steps, and stops it when the user asks.
-
-    Parameters
-    ----------
-    context, stage
-        Whom to report to, and the name of the stage.
-    expected
-        Steps that are usual: after half of them the stage counts as half done.
-    """
+    """A function that reports a minimiser's steps, and stops it when the user asks."""
 
     def on_step(iteration: int, cost: float) -> None:
         context.report_iteration(stage, iteration / (iteration + expected / 2), iteration, cost)

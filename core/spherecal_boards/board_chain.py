@@ -45,15 +45,7 @@ class BoardStart:
 
 
 def common_placements(found: ViewPoses, n_cameras: int, n_placements: int) -> IntArray:
-    """In how many placements each two cameras see the board together, (c,c).
-
-    Parameters
-    ----------
-    found
-        The views in which the board has a pose.
-    n_cameras, n_placements
-        How many there are.
-    """
+    """In how many placements each two cameras see the board together, (c,c)."""
     seen = np.zeros((n_cameras, n_placements), dtype=np.int64)
     for camera, placement in found:
         seen[camera, placement] = 1
@@ -63,14 +55,7 @@ def common_placements(found: ViewPoses, n_cameras: int, n_placements: int) -> In
 def find_links(views: BoardViews, found: ViewPoses, intrinsics: FloatArray, context: Context) -> Links:
     """The relative poses of all pairs of cameras that see the board together, both ways.
 
-    Parameters
-    ----------
-    views, found
-        What the cameras see, and the board's possible poses in each view.
-    intrinsics
-        Of each camera, (c,16).
-    context
-        For progress, and to stop.
+    `intrinsics`: of each camera, (c,16).
     """
     common = common_placements(found, views.n_cameras, views.n_placements)
     pairs = np.argwhere(np.triu(common, 1) > 0)
@@ -127,22 +112,6 @@ def chain(network: BoardNetwork, start: BoardStart, links: Links, context: Conte
     """Cameras and placements in the reference camera's frame, and the groups by which they were chained.
 
     Groups of up to four cameras, as in [Tao21].
-
-    Parameters
-    ----------
-    network, start
-        The network, and what each camera alone gives.
-    links
-        The relative poses of pairs.
-    context
-        For progress, and to stop.
-
-    Returns
-    -------
-    state
-        NaN for cameras and placements that no group reaches.
-    groups
-        Indices of the cameras of each group, those that had a pose first.
     """
     views = network.views
     n = views.n_cameras

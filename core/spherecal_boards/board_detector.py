@@ -25,12 +25,7 @@ class BoardDetector:
 
         How blurred the image is remains unknown (NaN).
 
-        Parameters
-        ----------
-        image
-            Grey image of 8 or 16 bits, (h, w).
-        settings
-            Of these `ignore` counts: points in those parts are left out. None: nothing is ignored.
+        `image`: grey image of 8 or 16 bits, (h, w); `settings` None: nothing is ignored.
         """
         found = find_board(np.require(image, requirements=["C"]), self._pattern)
         if found is None:

@@ -54,21 +54,7 @@ class BoardImages:
 
 
 def find_boards(session: Session, pattern: BoardPattern, context: Context) -> BoardImages:
-    """The board in all images of the placements.
-
-    Parameters
-    ----------
-    session, pattern
-        A session with images, and what is printed on its board.
-    context
-        For progress, and to stop.
-
-    Raises
-    ------
-    InputError
-        Where there are no images, none of them shows the board, or one cannot be read or has another size than the
-        session says.
-    """
+    """The board in all images of the placements."""
     index = {camera.id: c for c, camera in enumerate(session.cameras)}
     jobs = [
         (p, index[camera], path)
@@ -107,12 +93,7 @@ def _nothing(session: Session, pattern: BoardPattern, paths: list[Path]) -> Inpu
 def find_board(image: GreyImage, pattern: BoardPattern) -> FoundBoard | None:
     """The board in one grey image; None where it is not seen, or is ambiguous.
 
-    Parameters
-    ----------
-    image
-        Grey image of 8 or 16 bits, (h,w).
-    pattern
-        What is printed on the board.
+    `image`: grey image of 8 or 16 bits, (h,w).
     """
     return _finder(pattern)(image)
 

@@ -36,13 +36,7 @@ class BoardViews:
         return len(self.uv)
 
     def of(self, camera: int, placement: int) -> IntArray:
-        """Rows of one view, (k,); none where it has no observations.
-
-        Parameters
-        ----------
-        camera, placement
-            The view.
-        """
+        """Rows of one view, (k,); none where it has no observations."""
         return self._rows.get((camera, placement), np.zeros(0, dtype=np.int64))
 
     @cached_property
@@ -65,14 +59,7 @@ class BoardViews:
 def board_views(observations: Observations, points_mm: FloatArray, point: IntArray) -> BoardViews:
     """What the cameras see of a board.
 
-    Parameters
-    ----------
-    observations
-        Image points, all of the board.
-    points_mm
-        The board's points in its frame, (p,3) mm.
-    point
-        Which of them each observation shows, (n,).
+    `points_mm`: the board's points in its frame, (p,3) mm; `point`: which of them each observation shows, (n,).
     """
     o = observations
     return BoardViews(points_mm, o.placement, o.camera, point, o.uv, o.sigma, len(o.placements), len(o.cameras))
@@ -107,12 +94,7 @@ class BoardModel:
     def linearise(self, state: State, robust: FloatArray | None) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Weighted residuals (n,2), derivatives by camera (n,2,w) and by placement (n,2,6).
 
-        Parameters
-        ----------
-        state
-            Where to linearise.
-        robust
-            Multiplies the rows of each observation, (n,); None for 1.
+        `robust`: multiplies the rows of each observation, (n,); None for 1.
         """
         linear = engine.linearise(self.rigid, state, robust)
         return linear.residual, linear.by_camera, linear.by_placement
@@ -124,10 +106,7 @@ class BoardModel:
     def moved_frames(self, state: State, step: FloatArray) -> State:
         """The state with its placements turned about the board's origin, and shifted.
 
-        Parameters
-        ----------
-        state, step
-            The state, and a turn (rad) and a shift (mm) of each placement, (f,6).
+        `state`, `step`: the state, and a turn (rad) and a shift (mm) of each placement, (f,6).
         """
         return replace(
             state,
@@ -136,17 +115,7 @@ class BoardModel:
         )
 
     def point_rows(self, state: State, placement: IntArray, point: IntArray, in_datum: BoolArray) -> PointRows:
-        """Points (p,) of the board at placements in the world, and how they follow the placements.
-
-        Parameters
-        ----------
-        state
-            The values of the unknowns.
-        placement, point
-            The placement and the point of the board of each, (p,).
-        in_datum
-            Those that define position, orientation and scale, (p,).
-        """
+        """Points (p,) of the board at placements in the world, and how they follow the placements."""
         turned = np.einsum("pij,pj->pi", state.placement_rotation[placement], state.points[point])
         by_frame = np.concatenate([-cross_matrix(turned), np.tile(np.eye(3), (len(point), 1, 1))], axis=2)
         return PointRows(placement, turned + state.placement_translation[placement], by_frame, in_datum)

@@ -22,13 +22,7 @@ _LONGEST = 1000  # characters of --board
 
 
 def read_board_pattern(session: Session) -> BoardPattern:
-    """The pattern of a session's board.
-
-    Raises
-    ------
-    InputError
-        Where images need one and session.json does not describe it, or not as `board_pattern` wants it.
-    """
+    """The pattern of a session's board."""
     board = _board(session)
     if board is None:
         raise InputError(Phrase("error-no-board", {"folder": session.where}))
@@ -36,13 +30,7 @@ def read_board_pattern(session: Session) -> BoardPattern:
 
 
 def board_pattern(board: JsonValue) -> BoardPattern:
-    """The pattern that the fields of a board describe.
-
-    Raises
-    ------
-    InputError
-        Where a field cannot be as it is; the error names it.
-    """
+    """The pattern that the fields of a board describe."""
     f, given = BOARD.read(board), board.fields(("kind",), _FIELDS)
     kind: BoardKind = f["kind"]
     if "points" in given:
@@ -85,11 +73,6 @@ def board_entry(given: Mapping[str, Any] | str | Path) -> dict[str, Any]:
     """The fields of a board as session.json has them: of a mapping, a JSON file, or "chessboard,rows=6,columns=9,...".
 
     In the text `rings` are written 2:2+2:7+5:2.
-
-    Raises
-    ------
-    InputError
-        Where no board can be read from it, checked as `board_pattern` does.
     """
     if isinstance(given, Mapping):
         where, entry, place = Path("board"), dict(given), "board"
@@ -131,25 +114,13 @@ def _value(name: str, text: str) -> Any:
 
 
 def board_uncertainty(session: Session) -> float | None:
-    """The board's own relative standard uncertainty (of its pitch), where session.json states one.
-
-    Raises
-    ------
-    InputError
-        Where session.json cannot be read, or states one out of range.
-    """
+    """The board's own relative standard uncertainty (of its pitch), where session.json states one."""
     board = _board(session)
     return None if board is None else BOARD.read(board).get("relative_uncertainty")
 
 
 def shape_estimated(session: Session) -> bool:
-    """Whether the board's points are to be estimated.
-
-    Raises
-    ------
-    InputError
-        Where session.json cannot be read, or says neither `nominal` nor `estimated`.
-    """
+    """Whether the board's points are to be estimated."""
     board = _board(session)
     return board is not None and BOARD.read(board).get("shape") == "estimated"
 
@@ -162,13 +133,7 @@ def _board(session: Session) -> JsonValue | None:
 
 
 def recorded_board(session: Session) -> dict[str, Any] | None:
-    """The `board` in a recorded session's session.json; None if it has none that can be found in images.
-
-    Raises
-    ------
-    InputError
-        Where session.json cannot be read.
-    """
+    """The `board` in a recorded session's session.json; None if it has none that can be found in images."""
     board = _board(session)
     entry = board.value if board is not None else None
     return entry if isinstance(entry, dict) and "kind" in entry else None

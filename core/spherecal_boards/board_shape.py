@@ -92,14 +92,7 @@ def estimated_solution(
 
     It starts from the adjustment with fixed points, whose gate their errors widen.
 
-    Parameters
-    ----------
-    network, adjusted
-        The network, and its adjustment with fixed points.
-    candidates
-        Observations that may take part, (n,).
-    context
-        For progress, and to stop.
+    `candidates`: observations that may take part, (n,).
     """
     views, nominal = network.views, network.views.points_mm
     noise = adjusted.sigma0

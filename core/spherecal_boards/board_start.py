@@ -58,10 +58,7 @@ class BoardPose:
 def usable_views(views: BoardViews, used: BoolArray) -> list[tuple[int, int]]:
     """The (camera, placement) with at least `LEAST_POINTS` points, not on a line.
 
-    Parameters
-    ----------
-    views, used
-        What the cameras see, and which observations count, (n,).
+    `views`, `used`: what the cameras see, and which observations count, (n,).
     """
     good = []
     for camera, placement in views.views:
@@ -87,17 +84,6 @@ def start_intrinsics(
 
     OpenCV's calibration, from Zhang's start (Z. Zhang, A flexible new technique for camera calibration, 2000) and from
     the prior; the better one is taken.
-
-    Parameters
-    ----------
-    views, usable
-        What the cameras see, and the views to take.
-    cameras
-        For priors and sizes of the images.
-    free
-        Intrinsics to be estimated, (c,16).
-    context
-        For progress, and to stop.
     """
     out = np.array([camera.prior for camera in cameras])
     plane = _plane_frame(views.points_mm)
@@ -154,12 +140,7 @@ def _calibrate(
 def poses(views: BoardViews, rows: IntArray, intrinsics: FloatArray) -> list[BoardPose]:
     """The board's pose in a camera's frame, best first; two where a plane board's view allows two.
 
-    Parameters
-    ----------
-    views, rows
-        What the cameras see, and the rows of one view, (k,).
-    intrinsics
-        Of the camera, (16,).
+    `views`, `rows`: what the cameras see, and the rows of one view, (k,); `intrinsics`: of the camera, (16,).
     """
     xy, good = undistort(views.uv[rows], intrinsics)
     rows, xy = rows[good], xy[good]

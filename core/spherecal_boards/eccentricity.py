@@ -14,14 +14,7 @@ def eccentricity(views: BoardViews, poses: ViewPoses, intrinsics: FloatArray, ra
     The dual of a circle about C with radius vectors a, b is a a' + b b' - C C' in homogeneous image coordinates. Its
     ellipse's centre is that conic's third column.
 
-    Parameters
-    ----------
-    views, poses
-        What the cameras see, and the board's poses in each view, of which the first is taken.
-    intrinsics
-        Of each camera, (c,16).
-    radius_mm
-        Of the dots.
+    `intrinsics`: of each camera, (c,16).
     """
     out = np.zeros_like(views.uv)
     for (camera, placement), found in poses.items():

@@ -20,16 +20,8 @@ def unlinked(
 ) -> list[Finding]:
     """The finding on cameras that could not be linked, group by group; none where all are placed.
 
-    Parameters
-    ----------
-    camera_ids
-        Of all cameras, (c,).
-    linked
-        Above 0 for cameras that are linked directly, (c,c).
-    placed
-        Cameras that have a pose, (c,).
-    what, least
-        What was shown to the cameras, and how many points of a board or marks two linked ones share at least.
+    `camera_ids`: of all cameras, (c,); `linked`: above 0 for cameras that are linked directly, (c,c); `placed`: cameras
+    that have a pose, (c,).
     """
     if placed.all():
         return []
@@ -42,15 +34,7 @@ def unlinked(
 
 
 def common_findings(session: Session, fit: Fit, what: Shown) -> list[Finding]:
-    """Findings that boards and bars share.
-
-    Parameters
-    ----------
-    session, fit
-        The session, and what its adjustment found.
-    what
-        What was shown to the cameras.
-    """
+    """Findings that boards and bars share."""
     return [
         *_convergence(fit, what),
         *_held(session, fit, what),
@@ -61,15 +45,7 @@ def common_findings(session: Session, fit: Fit, what: Shown) -> list[Finding]:
 
 
 def scale_finding(source: Literal["waved-bar", "certified-board", "board"], relative: float) -> Finding:
-    """How good the scale is, in millimetres on a length that a user can picture.
-
-    Parameters
-    ----------
-    source
-        What gives the scale.
-    relative
-        Its relative standard uncertainty.
-    """
+    """How good the scale is, in millimetres on a length that a user can picture."""
     values = {"mm": relative * STATED_LENGTH_MM, "length_mm": STATED_LENGTH_MM}
     return Finding("scale-uncertainty", "warning" if source == "board" else "info", values, kind=source)
 

@@ -70,12 +70,7 @@ class FrameModel(Protocol):
     def linearise(self, state: State, robust: FloatArray | None) -> Linearised:
         """Weighted residuals (n,2), derivatives by camera (n,2,w) and by the part (n,2,k).
 
-        Parameters
-        ----------
-        state
-            Where to linearise.
-        robust
-            Multiplies the rows of each observation, (n,); None for 1.
+        `robust`: multiplies the rows of each observation, (n,); None for 1.
         """
         ...
 
@@ -86,10 +81,7 @@ class FrameModel(Protocol):
     def moved_frames(self, state: State, step: FloatArray) -> State:
         """The state after a step of the frames.
 
-        Parameters
-        ----------
-        state, step
-            The state, and the changes of each frame's unknowns, (f,q).
+        `state`, `step`: the state, and the changes of each frame's unknowns, (f,q).
         """
         ...
 
@@ -116,12 +108,7 @@ class ReducedFrames:
 def sum_by(index: IntArray, values: FloatArray, n: int) -> FloatArray:
     """Sums of values over equal indices, (n, ...).
 
-    Parameters
-    ----------
-    index, values
-        Index of each value, (m,), and the values, (m, ...).
-    n
-        Number of sums; indices are below it.
+    `index`, `values`: index of each value, (m,), and the values, (m, ...).
     """
     flat = values.reshape(len(values), int(np.prod(values.shape[1:])))
     columns = [np.bincount(index, flat[:, k], n) for k in range(flat.shape[1])]
@@ -129,20 +116,7 @@ def sum_by(index: IntArray, values: FloatArray, n: int) -> FloatArray:
 
 
 def reduce(model: FrameModel, state: State, linear: Linearised, damping: float) -> ReducedFrames:
-    """The cameras' normal equations with the frames eliminated and the priors' rows added; valid above the diagonal.
-
-    Parameters
-    ----------
-    model, state, linear
-        The problem, a state, and its linearisation there.
-    damping
-        Marquardt's factor for the frames' diagonals; the cameras' equations are not damped.
-
-    Raises
-    ------
-    LinAlgError
-        Where a frame's equations are singular.
-    """
+    """The cameras' normal equations with the frames eliminated and the priors' rows added; valid above the diagonal."""
     residual, by_camera, by_part = linear
     problem, layout = model.problem, model.problem.layout
     width = by_camera.shape[2]
@@ -194,15 +168,7 @@ def _own_equations(
 
 
 def dense_couplings(reduced: ReducedFrames, n_cameras: int) -> Iterator[tuple[int, FloatArray]]:
-    """Blocks of frames: the first one's index and their couplings to all cameras' columns, (b,q,e).
-
-    Parameters
-    ----------
-    reduced
-        The equations with their couplings.
-    n_cameras
-        Cameras of the rig.
-    """
+    """Blocks of frames: the first one's index and their couplings to all cameras' columns, (b,q,e)."""
     _, k, width = reduced.coupling.shape
     n_frames, parts = len(reduced.inverse), reduced.parts
     step = max(1, _BLOCK // max(parts * k * n_cameras * width, 1))
@@ -235,17 +201,7 @@ def _inverses(matrix: FloatArray, damping: float) -> FloatArray:
 
 
 def minimise(model: FrameModel, state: State, settings: Settings, on_step: OnStep | None = None) -> Minimum:
-    """The state of least cost near `state`.
-
-    Parameters
-    ----------
-    model, state
-        What is adjusted, and where to begin.
-    settings
-        See Settings.
-    on_step
-        Called with the iteration and the cost after each step; it may raise to stop the work.
-    """
+    """The state of least cost near `state`."""
     with one_blas_thread():
         return levenberg_marquardt(_Frames(model, settings.cauchy), state, settings, on_step)
 
@@ -281,12 +237,7 @@ class _Frames:
 def total_cost(model: FrameModel, state: State, cauchy: float | None) -> float:
     """Half the (robust) sum of squares of all rows; infinite where it is not defined.
 
-    Parameters
-    ----------
-    model, state
-        The problem, and the values of its unknowns.
-    cauchy
-        Scale of Cauchy's loss in units of sigma; None is plain least squares.
+    `cauchy` None is plain least squares.
     """
     squared = (model.residuals(state) ** 2).sum(axis=1)
     if cauchy is not None:
@@ -335,26 +286,14 @@ def cameras_only(problem: Problem) -> Problem:
 
 
 def redundancy(model: FrameModel, state: State) -> int:
-    """Equations less unknowns; the reference camera's pose is locked, so that nothing is open.
-
-    Parameters
-    ----------
-    model, state
-        The problem, and the values of its unknowns.
-    """
+    """Equations less unknowns; the reference camera's pose is locked, so that nothing is open."""
     problem = model.problem
     rows = 2 * len(problem.uv) + len(model.ties(state).frame) + len(problem.layout.prior_columns)
     return rows - problem.layout.size - seen_unknowns(model, state)
 
 
 def seen_unknowns(model: FrameModel, state: State) -> int:
-    """How many unknowns of frames some observation depends on.
-
-    Parameters
-    ----------
-    model, state
-        The problem, and the values of its unknowns.
-    """
+    """How many unknowns of frames some observation depends on."""
     _, _, by_part = model.linearise(state, None)
     touched = sum_by(model.part, (by_part**2).sum(axis=1), model.n_frames * model.parts)
     return int((touched > 0).sum())

@@ -50,15 +50,7 @@ class FrameCovariance:
 
 
 def frame_covariance(model: FrameModel, state: State, points: PointRows) -> FrameCovariance | None:
-    """Cofactors at the minimum, for a standard deviation of unit weight of 1; None where the network is singular.
-
-    Parameters
-    ----------
-    model, state
-        The problem, and its minimum.
-    points
-        Points whose cofactors are wanted. Those `in_datum` define the free datum.
-    """
+    """Cofactors at the minimum, for a standard deviation of unit weight of 1; None where the network is singular."""
     with one_blas_thread():
         try:
             normal = reduce(model, state, model.linearise(state, None), 0.0)

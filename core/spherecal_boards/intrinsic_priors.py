@@ -17,16 +17,7 @@ _LEAST_FRAMES = 2
 def priors_of(group: IntArray, known: FloatArray, has_prior: BoolArray, noise: float) -> Priors:
     """Priors (c,16) of these cameras' groups, weighed against image points as both scatter; or NO_PRIORS.
 
-    Parameters
-    ----------
-    group
-        Which cameras share intrinsics, (c,).
-    known
-        Intrinsics before the adjustment, (c,16).
-    has_prior
-        Cameras whose intrinsics the data cannot carry, (c,).
-    noise
-        Standard deviation of unit weight.
+    `group`: which cameras share intrinsics, (c,); `has_prior`: cameras whose intrinsics the data cannot carry, (c,).
     """
     if not has_prior.any():
         return NO_PRIORS
@@ -38,12 +29,7 @@ def priors_of(group: IntArray, known: FloatArray, has_prior: BoolArray, noise: f
 def poorly_observed(group: IntArray, free: BoolArray, camera: IntArray, frame: IntArray) -> BoolArray:
     """Cameras (c,) whose group has too few observations, or frames, to estimate intrinsics.
 
-    Parameters
-    ----------
-    group, free
-        Which cameras share intrinsics, (c,), and those to be estimated, (c,16).
-    camera, frame
-        Camera and frame of each observation, (n,); of a bar its points count as frames.
+    `camera`, `frame`: camera and frame of each observation, (n,).
     """
     count = int(group.max()) + 1
     observations = np.bincount(group[camera], minlength=count)
@@ -56,12 +42,7 @@ def poorly_observed(group: IntArray, free: BoolArray, camera: IntArray, frame: I
 def poorly_determined(problem: Problem, state: State, covariance: FrameCovariance | None, variance: float) -> BoolArray:
     """Cameras (c,) whose focal length is less certain than a data sheet's; all free ones where all is singular.
 
-    Parameters
-    ----------
-    problem, state
-        The adjustment of the cameras, and its minimum.
-    covariance, variance
-        Cofactors, None where all is singular, and variance of unit weight.
+    `covariance`, `variance` None where all is singular, and variance of unit weight.
     """
     columns = problem.intrinsic_columns
     if not len(columns) or columns[0] != 0:

@@ -35,19 +35,7 @@ class Labelled:
 def label_board(
     circles: Circles, rows: int, columns: int, rings: tuple[tuple[int, int], ...], mirrored: bool
 ) -> Labelled | None:
-    """The circles that are dots of a board of rows x columns; None where the board is ambiguous.
-
-    Parameters
-    ----------
-    circles
-        What was found in the image.
-    rows, columns
-        Size of the board.
-    rings
-        Row and column of its ring marks; empty for a board without any.
-    mirrored
-        Whether rows count upward, seen with the columns to the right. Ring marks say that by themselves.
-    """
+    """The circles that are dots of a board of rows x columns; None where the board is ambiguous."""
     best = Labelled(np.zeros(0, dtype=np.int64), np.zeros((0, 2), dtype=np.int64))
     for grown in _lattices(circles):
         if rings:
@@ -63,15 +51,6 @@ def label_shifted(circles: Circles, rows: int, columns: int, mirrored: bool) -> 
     """The circles of a grid whose every second row is shifted by half a step; it must be seen whole.
 
     Its dots are a square lattice along the diagonals. An odd number of rows shows which way round it is.
-
-    Parameters
-    ----------
-    circles
-        What was found in the image.
-    rows, columns
-        Size of the board, rows and dots in a row.
-    mirrored
-        Whether rows count upward, seen with the columns to the right.
     """
     best = Labelled(np.zeros(0, dtype=np.int64), np.zeros((0, 2), dtype=np.int64))
     for grown in _lattices(circles):

@@ -47,19 +47,7 @@ class Fit:
 def assemble_fit(
     session: Session, fit: Fit, scale: RigScale, findings: list[Finding], method: str, seconds: dict[str, float]
 ) -> Calibration:
-    """The calibration of a session from its fit.
-
-    Parameters
-    ----------
-    session, fit
-        The session, and what its adjustment found.
-    scale
-        The rig's scale.
-    findings
-        What is to be said about the calibration; it decides on the verdict.
-    method, seconds
-        Name of the method, and time of each stage.
-    """
+    """The calibration of a session from its fit."""
     ordered = ruled(findings)
     size = np.linalg.norm(fit.residual[fit.used], axis=1)
     quality = Quality(
@@ -106,17 +94,7 @@ def assemble_nothing(
     method: str,
     seconds: dict[str, float],
 ) -> Calibration:
-    """The result where no camera could be placed.
-
-    Parameters
-    ----------
-    session, observations, features
-        The session, and what was observed in it.
-    findings
-        Why nothing was found.
-    method, seconds
-        Name of the method, and time of each stage.
-    """
+    """The result where no camera could be placed."""
     unknown = np.full((len(features), 3), np.nan)
     return Calibration(
         Rig(None, (), RigScale("none", None), Quality(False, None, None, None, tuple(findings)), session.input_sha256),
@@ -193,12 +171,7 @@ def _length_map(cameras: tuple[RigCamera, ...], covariance: CameraCovariance | N
 def groups_of(linked: IntArray, placed: BoolArray) -> list[IntArray]:
     """Connected groups of cameras: the placed ones first, then the largest.
 
-    Parameters
-    ----------
-    linked
-        Above 0 for cameras that are linked directly, (c,c).
-    placed
-        Cameras that have a pose, (c,).
+    `linked`: above 0 for cameras that are linked directly, (c,c); `placed`: cameras that have a pose, (c,).
     """
     from scipy.sparse import csr_array
     from scipy.sparse.csgraph import connected_components

@@ -66,27 +66,7 @@ def take_averaged(
     The images are 16 bits deep (see `average`), but those of a single set as they are. A camera that is missing in one
     of the sets is missing in the average.
 
-    Parameters
-    ----------
-    source
-        Source with open cameras.
-    count
-        Sets of one average.
-    detector
-        Finds the dots by which motion is noticed; None leaves stillness untested.
-    request
-        As for a single set; None is `CaptureRequest()`.
-    context
-        For progress, and to stop; None does neither.
-    known
-        By serial, what detection may know of a camera.
-
-    Raises
-    ------
-    CameraError
-        Where no camera is open, or a requested one is not.
-    Cancelled
-        Where the context says so.
+    `detector` None leaves stillness untested; `request` None is `CaptureRequest()`; `context` None does neither.
     """
     request, context = request or CaptureRequest(), context or Context()
     tries = 0
@@ -163,15 +143,7 @@ def _examine(
 
 
 def stillness(camera: str, detections: Sequence[Detections]) -> Stillness:
-    """Motion and noise of the dots that all images of a camera show.
-
-    Parameters
-    ----------
-    camera
-        Serial number, for the result.
-    detections
-        The dots found in each image; with fewer than two images nothing can be said.
-    """
+    """Motion and noise of the dots that all images of a camera show."""
     tables = [{(int(t), int(p)): uv for t, p, uv in zip(d.target, d.point, d.uv, strict=True)} for d in detections]
     common = sorted(set.intersection(*(set(table) for table in tables))) if tables else []
     if not common or len(tables) < 2:

@@ -56,18 +56,6 @@ class SessionFolder:
     """A session folder being captured.
 
     `start` makes a new one or continues an earlier capture; after every `add` the folder can be calibrated.
-
-    Parameters
-    ----------
-    folder, plan, cameras
-        Where to write, what to take, and the cameras of the session.
-    source
-        Its kind and label are noted; images come by `add`.
-
-    Raises
-    ------
-    InputError
-        For ids that cannot name files, or two cameras with one id.
     """
 
     def __init__(
@@ -81,16 +69,7 @@ class SessionFolder:
         self._sets: list[dict[str, Any]] = []
 
     def start(self, take_up: bool) -> None:
-        """Make the folder, or with `take_up` go on with the sets that an earlier capture by the same cameras lacks.
-
-        Raises
-        ------
-        OutputError
-            For a folder that has something else in it, since recordings are never replaced; and where it cannot be
-            written.
-        InputError
-            Where the earlier capture was by other cameras, or its capture.json cannot be read.
-        """
+        """Make the folder, or with `take_up` go on with the sets that an earlier capture by the same cameras lacks."""
         try:
             held = sorted(entry.name for entry in self.folder.iterdir()) if self.folder.is_dir() else []
             if held and take_up and CAPTURE_FILE in held:
@@ -128,17 +107,7 @@ class SessionFolder:
     def add(self, planned: PlannedSet, taken: FrameSet, stillness: Mapping[str, Stillness] | None = None) -> None:
         """Write a set: its images first, each whole, then the metadata that name them.
 
-        Parameters
-        ----------
-        planned, taken
-            The set of the plan, and its images.
-        stillness
-            What was found on motion, by serial; None where it was not tested.
-
-        Raises
-        ------
-        OutputError
-            Where an image or the metadata cannot be written.
+        `stillness` None where it was not tested.
         """
         folder = f"{'placements' if planned.bar is None else 'bars'}/{planned.id}"
         names = {serial: self._by_serial[serial].id for serial in taken.frames}

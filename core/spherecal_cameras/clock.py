@@ -39,15 +39,7 @@ class CameraClock:
         return UNLATCHED_S if self._latch is None else self._latch[2]
 
     def latch(self, before_s: float, after_s: float, stamp_ns: int) -> None:
-        """Note that the camera's clock showed `stamp_ns` at some moment between two times of the computer.
-
-        Parameters
-        ----------
-        before_s, after_s
-            The computer's times, s of perf_counter.
-        stamp_ns
-            The camera's time, ns.
-        """
+        """Note that the camera's clock showed `stamp_ns` at some moment between two times of the computer."""
         middle = (before_s + after_s) / 2
         self._latch = (middle, middle - stamp_ns * 1e-9, (after_s - before_s) / 2 + _LATCH_LIFE_S * _DRIFT_PER_S / 2)
 
@@ -62,12 +54,7 @@ class CameraClock:
     def host_time(self, stamp_ns: int | None, arrived_s: float) -> float:
         """The computer's time (s) of a camera's time stamp; without a stamp that can be trusted, the arrival.
 
-        Parameters
-        ----------
-        stamp_ns
-            Time stamp of the image, ns; None or 0 where it has none.
-        arrived_s
-            When the image arrived, s of perf_counter; the result is never later.
+        `stamp_ns` None or 0 where it has none.
         """
         if not stamp_ns or not self.trusted:
             return arrived_s

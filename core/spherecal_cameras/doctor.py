@@ -69,23 +69,7 @@ def examine(
 ) -> Examination:
     """What is found when the open cameras are watched for some seconds at a live rate and sets are taken; blocking.
 
-    Parameters
-    ----------
-    source
-        Source with open cameras.
-    seconds
-        How long to watch, s.
-    rate_hz
-        Rate of the live view, Hz.
-    context
-        For progress, and to stop; None does neither.
-
-    Raises
-    ------
-    CameraError
-        Where no camera is open.
-    Cancelled
-        Where the context says so.
+    `context` None does neither.
     """
     context = context or Context()
     source.start_live(rate_hz)
@@ -214,21 +198,7 @@ def _judge_trigger(trigger: TriggerReport) -> tuple[Finding, ...]:
 def covered_camera(source: CameraSource, before: dict[str, float], context: Context | None = None) -> str | None:
     """The serial of the one camera whose image is dark now and was not when `before` was taken; else None.
 
-    Parameters
-    ----------
-    source
-        Source with open cameras.
-    before
-        Brightness by serial, from `brightness`.
-    context
-        To stop; None never stops.
-
-    Raises
-    ------
-    CameraError
-        Where no camera is open.
-    Cancelled
-        Where the context says so.
+    `context` None never stops.
     """
     now = brightness(source, context)
     # parts of all cameras' usual change, so that a cloud before the sun covers nobody
@@ -245,19 +215,7 @@ def brightness(source: CameraSource, context: Context | None = None) -> dict[str
 
     The darkest pixels are the first percentile. Cameras without an image are left out.
 
-    Parameters
-    ----------
-    source
-        Source with open cameras.
-    context
-        To stop; None never stops.
-
-    Raises
-    ------
-    CameraError
-        Where no camera is open.
-    Cancelled
-        Where the context says so.
+    `context` None never stops.
     """
     taken = source.capture_set(CaptureRequest(retries=1), context)
     means = {}

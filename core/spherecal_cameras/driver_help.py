@@ -51,15 +51,6 @@ def driver_troubles(
     """Why no camera was found, or not all.
 
     A driver without cameras is only a reason where no driver has any.
-
-    Parameters
-    ----------
-    discovery
-        What the drivers found.
-    answering
-        Cameras that a broadcast found (`answering_cameras`).
-    local
-        This computer's addresses.
     """
     found: list[DriverTrouble] = []
     if not discovery.producers:
@@ -101,15 +92,7 @@ def local_addresses() -> tuple[LocalAddress, ...]:
 
 
 def answering_cameras(local: Sequence[LocalAddress], seconds: float = 0.7) -> tuple[NetworkCamera, ...]:
-    """The GigE cameras that answer to a broadcast from these addresses, of whatever subnet; blocking.
-
-    Parameters
-    ----------
-    local
-        This computer's addresses; interfaces that cannot be used are passed over.
-    seconds
-        How long to wait for answers at each, s.
-    """
+    """The GigE cameras that answer to a broadcast from these addresses, of whatever subnet; blocking."""
     found: dict[str, NetworkCamera] = {}
     for where in {one.interface: one for one in local}.values() if os.name == "posix" else local:
         try:

@@ -26,15 +26,7 @@ class RoundKeeper:
         self._last: tuple[int | None, int | None] | None = None
 
     def triggered(self, round_number: int, at_s: float) -> None:
-        """Note that a trigger was sent to the camera, or is to take effect, at a moment.
-
-        Parameters
-        ----------
-        round_number
-            Number of the round; 0 belongs to no set.
-        at_s
-            The moment, s of perf_counter.
-        """
+        """Note that a trigger was sent to the camera, or is to take effect, at a moment."""
         self._rounds.append((round_number, at_s))
 
     def assign(
@@ -45,14 +37,7 @@ class RoundKeeper:
         An image with the frame id and the time stamp of the one before is a repeated delivery. Where a driver has no
         ids it may give every image the id 0.
 
-        Parameters
-        ----------
-        taken_s, uncertainty_s
-            The moment of exposure and how far it may be off, s.
-        frame_id
-            The camera's number of the image; None where it has none.
-        stamp_ns
-            The camera's time stamp, ns; None where it has none.
+        `frame_id` None where it has none; `stamp_ns` None where it has none.
         """
         now = (frame_id, stamp_ns)
         if now == self._last and (frame_id or stamp_ns):
@@ -95,17 +80,7 @@ class _Pulse(Generic[Item]):
 
 
 class SetMatcher(Generic[Item]):
-    """Collects one set: images of one trigger round, of one pulse, or exposed after `started_s` where cameras run free.
-
-    Parameters
-    ----------
-    modes
-        The cameras that are wanted, by serial, and how each is triggered.
-    round_number
-        The trigger round of the set.
-    started_s
-        When the set was begun, s; images of a hardware trigger exposed before it are not taken either.
-    """
+    """Collects one set: images of one trigger round, of one pulse, or, of free cameras, exposed after `started_s`."""
 
     def __init__(self, modes: Mapping[str, TriggerMode], round_number: int, started_s: float) -> None:
         self._modes = dict(modes)

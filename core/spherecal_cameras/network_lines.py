@@ -78,15 +78,7 @@ class LineExamination:
 
 
 def load_of(features: Sequence[FeatureReport], rate_hz: float) -> CameraLoad | None:
-    """What a camera is to send, from its features; None where they do not say its size.
-
-    Parameters
-    ----------
-    features
-        The camera's features with their present values.
-    rate_hz
-        Images a second.
-    """
+    """What a camera is to send, from its features; None where they do not say its size."""
     reported = {feature.feature: feature.got for feature in features}
     try:
         pixels = int(reported["width"]) * int(reported["height"])
@@ -167,17 +159,7 @@ def _number(file: Path) -> int | None:
 
 
 def assess(line: NetworkLine, cameras: Sequence[NetworkCamera], loads: Mapping[str, CameraLoad]) -> LineExamination:
-    """One line with the cameras that answered on it: its load, proposed delays and what is wrong.
-
-    Parameters
-    ----------
-    line
-        The line.
-    cameras
-        The cameras on it.
-    loads
-        What cameras are to send, by serial number; a camera that is not in it sends nothing.
-    """
+    """One line with the cameras that answered on it: its load, proposed delays and what is wrong."""
     sending = {camera.serial: loads[camera.serial] for camera in cameras if camera.serial in loads}
     wanted = sum(wire_bytes(load) * load.rate_hz for load in sending.values())
     carried = None if line.mbit_s is None else line.mbit_s * 1e6 / 8
@@ -205,13 +187,6 @@ def stagger(loads: Mapping[str, CameraLoad], mbit_s: float) -> tuple[Stagger, ..
 
     Each camera leaves room for one packet of every other after each of its own, and they begin one packet apart. So no
     switch has to keep more than a packet of each; a tenth of the line stays free.
-
-    Parameters
-    ----------
-    loads
-        What the cameras are to send, by serial number.
-    mbit_s
-        Speed of the line, Mbit/s.
     """
     packet_s = max((load.packet_size + _ON_WIRE) * 8 / (mbit_s * 1e6 * _USABLE) for load in loads.values())
     return tuple(

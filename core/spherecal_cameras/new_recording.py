@@ -10,15 +10,7 @@ Document = dict[str, object]
 
 
 def camera_name(profile: CameraProfile, info: CameraInfo) -> str:
-    """The name of a camera for people: the user's, else the camera's own, else its serial number.
-
-    Parameters
-    ----------
-    profile
-        What the user says of the cameras, by serial.
-    info
-        The camera as it was found.
-    """
+    """The name of a camera for people: the user's, else the camera's own, else its serial number."""
     return profile.entry(info.serial).name or info.user_name or info.serial
 
 
@@ -29,24 +21,7 @@ def session_cameras(
     reports: tuple[SetupReport, ...],
     profile: CameraProfile,
 ) -> tuple[SessionCamera, ...]:
-    """Every camera that was found, as described in the plan or the recording, else in the profile.
-
-    Parameters
-    ----------
-    source
-        The source that the cameras belong to.
-    plan
-        What the session is to hold.
-    discovery, reports
-        The cameras that were found, and how they were set up, with their image sizes.
-    profile
-        What the user says of the cameras, by serial.
-
-    Raises
-    ------
-    CameraError
-        One for all that cannot be used: of unknown lens or image size, or with a prior for another image size.
-    """
+    """Every camera that was found, as described in the plan or the recording, else in the profile."""
     sizes = {report.serial: report.image_size for report in reports}
     names = session_ids({info.serial: camera_name(profile, info) for info in discovery.cameras})
     cameras, problems = list[SessionCamera](), list[CameraError]()

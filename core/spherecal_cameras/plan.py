@@ -44,15 +44,7 @@ class CapturePlan:
     bars: tuple[Bar, ...] = ()
 
     def camera(self, serial: str, name: str) -> dict[str, Any] | None:
-        """The plan's entry of a camera, by serial number, else by name; None where it has none.
-
-        Parameters
-        ----------
-        serial
-            Serial number of the camera.
-        name
-            Name that the camera is to have in the session; only entries without a serial number are found by it.
-        """
+        """The plan's entry of a camera, by serial number, else by name; None where it has none."""
         by_serial = (entry for entry in self.cameras if str(entry.get("serial")) == serial)
         by_name = (entry for entry in self.cameras if entry.get("id") in (name, serial) and "serial" not in entry)
         return next(by_serial, None) or next(by_name, None)
@@ -61,19 +53,7 @@ class CapturePlan:
 def simple_plan(placements: int, targets: Path | None, diameter_mm: float | None) -> CapturePlan:
     """Only placements P1, P2, ...; no scale, no bars.
 
-    Parameters
-    ----------
-    placements
-        How many.
-    targets
-        File of the target set; None where the plan has none.
-    diameter_mm
-        Nominal diameter of the ball, mm; None where it is not known.
-
-    Raises
-    ------
-    InputError
-        For less than one placement, or a target set that cannot be read.
+    `targets` None where the plan has none; `diameter_mm` None where it is not known.
     """
     if placements < 1:
         raise InputError(Phrase("error-placements-needed", {"placements": placements}))
@@ -96,11 +76,6 @@ def read_plan(path: Path) -> CapturePlan:
     """The plan in a file with the form of session.json; its images do not matter, and it needs no cameras.
 
     A recorded session, also its folder, serves as the plan of the next one; cameras in it give theirs their priors.
-
-    Raises
-    ------
-    InputError
-        Where the file is not as the interface says, or has neither placements nor bar poses.
     """
     if path.is_dir():
         path = path / "session.json"
@@ -127,18 +102,6 @@ def check_marks(plan: CapturePlan, path: Path) -> None:
     """Check that every bar's mark is a target of the plan's set: no live camera could find another one.
 
     Images may be taken for another program's targets all the same; hence read_plan does not ask.
-
-    Parameters
-    ----------
-    plan
-        The plan; one without a target set is not checked.
-    path
-        File that an error is to name.
-
-    Raises
-    ------
-    InputError
-        For a mark that is no target of the set.
     """
     if plan.target_set is None:
         return
@@ -183,21 +146,8 @@ def camera_spec_json(
 ) -> dict[str, Any]:
     """A real camera as session.json has it.
 
-    Parameters
-    ----------
-    name, serial, model
-        Its id in the session, serial number and model.
-    size
-        Width and height of its images, px.
-    pitch_um
-        Pixel pitch, um; None where it is not known.
-    focal_mm
-        Focal length, mm; None where it is not known.
-
-    Raises
-    ------
-    CameraError
-        Where pixel pitch or focal length is not known.
+    `size`: width and height of its images, px; `pitch_um` None where it is not known; `focal_mm` None where it is not
+    known.
     """
     if pitch_um is None or focal_mm is None:
         raise CameraError(Phrase("error-lens-unknown", {"camera": name}))
@@ -213,14 +163,6 @@ def camera_spec_json(
 
 
 def recorded_camera_json(camera: CameraSpec, session: Session, serial: str) -> dict[str, Any]:
-    """A camera of a recorded or simulated session as session.json has it.
-
-    Parameters
-    ----------
-    camera, session
-        The camera, and the session that has it.
-    serial
-        Serial number that the entry gets.
-    """
+    """A camera of a recorded or simulated session as session.json has it."""
     entries = session_json(session, session.folder)["cameras"]
     return {**next(entry for entry in entries if entry["id"] == camera.id), "serial": serial}

@@ -72,13 +72,7 @@ def default_profile_path() -> Path:
 
 
 def read_profile(path: Path) -> CameraProfile:
-    """The profile in a file, an empty one where there is no such file.
-
-    Raises
-    ------
-    InputError
-        Where the file cannot be read.
-    """
+    """The profile in a file, an empty one where there is no such file."""
     if not path.exists():
         return CameraProfile()
     return CAMERAS.read(path)
@@ -145,20 +139,7 @@ CAMERAS = FileFormat(
 
 
 def write_profile(path: Path, profile: CameraProfile) -> None:
-    """Write the profile whole.
-
-    Parameters
-    ----------
-    path
-        The file; its folder is made where it is missing.
-    profile
-        What to write.
-
-    Raises
-    ------
-    OutputError
-        Where the file cannot be written.
-    """
+    """Write the profile whole."""
     path.parent.mkdir(parents=True, exist_ok=True)
     write_file_whole(path, (json.dumps(CAMERAS.document(profile), indent=1) + "\n").encode())
 

@@ -459,13 +459,5 @@ def session_behind(source: object) -> "Session | None":
 
 
 def features_of(source: object, serial: str) -> tuple[FeatureReport, ...]:
-    """The features of a camera with their present values; empty for sources that cannot list them.
-
-    Parameters
-    ----------
-    source
-        The source that has the camera open.
-    serial
-        Serial number of the camera.
-    """
+    """The features of a camera with their present values; empty for sources that cannot list them."""
     return source.describe(serial) if isinstance(source, Described) else ()

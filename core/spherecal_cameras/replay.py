@@ -16,13 +16,7 @@ _KEPT = 32  # decoded images
 
 
 class ReplaySource(InProcessSource):
-    """The cameras of a session folder with images; settings of exposure and gain have no effect on recorded images.
-
-    Raises
-    ------
-    InputError
-        For a folder that is no session, or one without images.
-    """
+    """The cameras of a session folder with images; settings of exposure and gain have no effect on recorded images."""
 
     kind: SourceKind = "replay"
 
@@ -49,13 +43,7 @@ class ReplaySource(InProcessSource):
         return self._shown
 
     def show(self, pose: str) -> None:
-        """Show the images of another placement or bar pose, by its id.
-
-        Raises
-        ------
-        InputError
-            Where there is no such id among those with images.
-        """
+        """Show the images of another placement or bar pose, by its id."""
         if pose not in self._images:
             raise InputError(Phrase("error-no-recorded-pose", {"pose": repr(pose), "names": list(self._images)}))
         self._shown = pose
@@ -78,22 +66,7 @@ class ReplaySource(InProcessSource):
         )
 
     def take_image(self, serial: str, settings: CameraSettings, number: int, attempt: int, timeout_s: float) -> Frame:
-        """The recorded image, cut to the settings' region.
-
-        Parameters
-        ----------
-        serial, settings
-            The camera, and its settings; only `region` has an effect.
-        number, attempt, timeout_s
-            Not used.
-
-        Raises
-        ------
-        NoImage
-            Where the recording of the pose has no image of this camera.
-        InputError
-            Where the image file cannot be read.
-        """
+        """The recorded image, cut to the settings' region."""
         pose = self._shown
         path = self._images[pose].get(self._ids[serial].id)
         if path is None:

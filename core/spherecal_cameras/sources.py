@@ -18,27 +18,7 @@ _OWN = ("genicam", "replay", "simulated")
 def open_source(
     name: str = "genicam", producers: Sequence[str] = (), faults: Sequence[str] = (), ask: "Ask | None" = None
 ) -> CameraSource:
-    """The source of images of this name.
-
-    Parameters
-    ----------
-    name
-        `genicam`, `replay:FOLDER`, `simulated` or `simulated:PRESET`, or the kind of an installed package's source.
-        What follows that kind and a colon is passed to the package.
-    producers
-        Driver files (.cti) or folders of the user's own, for `genicam`.
-    faults
-        Faults of simulated cameras, as text (simulated/faults.py); for `simulated` only.
-    ask
-        Says whether a new or changed driver file may be loaded; it may be called in another thread. None: a new one is
-        allowed and remembered, a changed one refused (gentl/trust.py).
-
-    Raises
-    ------
-    InputError
-        For an unknown name, a folder that is no session, or a fault that is not understood or is for another source.
-        Also for a package's source that does not follow the protocol.
-    """
+    """The source of images of this name."""
     kind, _, what = name.partition(":")
     if faults and kind != "simulated":
         raise InputError(Phrase("error-faults-simulated"))

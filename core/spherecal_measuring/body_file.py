@@ -46,33 +46,14 @@ BODY = FileFormat(
 
 
 def read_body(path: Path) -> Body:
-    """The body in a file.
-
-    Raises
-    ------
-    InputError
-        Names the place that is not as docs/formats.md says; also where the points do not define a pose.
-    """
+    """The body in a file."""
     body = BODY.read(path)
     check_body(body, str(path))
     return body
 
 
 def check_body(body: Body, where: str) -> None:
-    """Check that a body's points define its pose: three or more, and not within 1 mm (rms) of one line.
-
-    Parameters
-    ----------
-    body
-        The body.
-    where
-        Its file, for the message.
-
-    Raises
-    ------
-    InputError
-        Where they do not.
-    """
+    """Check that a body's points define its pose: three or more, and not within 1 mm (rms) of one line."""
     if len(body.points) < LEAST_POINTS:
         raise InputError(
             Phrase("error-body-points", {"where": where, "least": LEAST_POINTS, "found": len(body.points)})
@@ -90,21 +71,6 @@ def line_width(places: np.ndarray) -> float:
 
 
 def write_body(body: Body, path: Path) -> None:
-    """Write body.json, whole or not at all.
-
-    Parameters
-    ----------
-    body
-        The body.
-    path
-        The file; one that is there is replaced.
-
-    Raises
-    ------
-    InputError
-        For a body that could not be read again.
-    OutputError
-        Where the file cannot be written.
-    """
+    """Write body.json, whole or not at all."""
     check_body(body, str(path))
     write_file_whole(path, BODY.bytes(body))

@@ -63,18 +63,8 @@ class RigHealth:
     ) -> None:
         """Take in one set; the cameras are tested every 5 sets over these, and every 100 sets over all of them.
 
-        Parameters
-        ----------
-        number
-            The set's number.
-        views, checked
-            Its views, in the rig's order of cameras, and the points with the views that were kept.
-        key
-            Number of each point, (m,), the same in every set.
-        take
-            Which points count for the tests, (m,): those that did not move.
-        expected_noise
-            Least noise of an image coordinate, in units of sigma.
+        `key`: number of each point, (m,), the same in every set; `take`: which points count for the tests, (m,): those
+        that did not move.
         """
         self.sets += 1
         c = len(self._rig.cameras)

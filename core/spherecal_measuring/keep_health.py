@@ -17,21 +17,7 @@ _ORDER: tuple[Verdict, ...] = ("ok", "watch", "recalibrate")
 def keep_health(profile: Path, health: Health, rig: Rig, temperature_c: float | None = None) -> bool:
     """Keep the health in the profile; False for no profile, and for too few sets to judge.
 
-    Parameters
-    ----------
-    profile
-        The path that was measured with; it need not be a profile.
-    health
-        The rig's health over all sets.
-    rig
-        The rig that was measured with.
-    temperature_c
-        The rig's temperature in deg C; None where it is not known.
-
-    Raises
-    ------
-    OutputError
-        Where the profile cannot be written to.
+    `temperature_c` None where it is not known.
     """
     if health.sets < SLOW_SETS or not health.tests:
         return False
@@ -39,15 +25,7 @@ def keep_health(profile: Path, health: Health, rig: Rig, temperature_c: float | 
 
 
 def health_document(health: Health, rig: Rig) -> CheckEntry:
-    """The health in the form of check.json: every camera that was tested, by its newest test.
-
-    Parameters
-    ----------
-    health
-        The rig's health over all sets.
-    rig
-        The rig that was measured with, for its residuals and the tolerance of moves.
-    """
+    """The health in the form of check.json: every camera that was tested, by its newest test."""
     tolerance = None if rig.length_map is None else rig.length_map.typical_mm
     named = {one.camera: one.moved for one in health.cameras if one.moved is not None}
     states = [

@@ -180,31 +180,7 @@ def at_one_moment(
 ) -> tuple[CheckedPoints, PointErrors, Motion]:
     """The points of a set at its moment, with their errors and their motion.
 
-    Parameters
-    ----------
-    plain
-        Views as they were observed, each at its camera's own moment.
-    rough
-        The points of the same views, with room in their sigmas for what they shift by.
-    timing
-        What is known of the cameras' moments.
-    motion_of
-        Gives the motion of points (m, 3) mm by the sets before.
-    target
-        The target of each point, (m,).
-    expected_noise
-        Noise of the image points in units of sigma.
-    rig
-        The calibrated rig.
-
-    Returns
-    -------
-    checked
-        The points at the set's moment, with views that contradict left out.
-    errors
-        How they err: by noise and velocities singly, by the cameras and their moments together (`by_shared`).
-    motion
-        Their motion.
+    `motion_of`: gives the motion of points (m, 3) mm by the sets before; `target`: the target of each point, (m,).
     """
     adjustment = _Adjustment(rough, plain, target, timing, expected_noise)
     x = rough.points.points

@@ -42,22 +42,7 @@ class LiveSettings:
 
 
 def rig_cameras_of(rig: Rig, discovery: Discovery, names: Mapping[str, str] | None = None) -> dict[str, RigCamera]:
-    """The rig's camera for each serial number that was found: by serial, else by the camera's name.
-
-    Parameters
-    ----------
-    rig
-        The calibrated rig.
-    discovery
-        The cameras that were found.
-    names
-        Names that the user gave them, by serial; they go before the cameras' own.
-
-    Raises
-    ------
-    InputError
-        Where none of the cameras is the rig's.
-    """
+    """The rig's camera for each serial number that was found: by serial, else by the camera's name."""
     by_serial = {camera.serial: camera for camera in rig.cameras if camera.serial}
     found: dict[str, RigCamera] = {}
     for info in discovery.cameras:
@@ -78,30 +63,7 @@ def rig_cameras_of(rig: Rig, discovery: Discovery, names: Mapping[str, str] | No
 
 
 class LiveSets:
-    """The sets of an open source: iterate over it; the next set is captured while the last one is searched.
-
-    Parameters
-    ----------
-    source
-        The open source of the cameras.
-    cameras
-        The rig's camera by serial number (`rig_cameras_of`).
-    target_set
-        The targets to look for.
-    settings
-        How many sets, and how fast.
-    context
-        To stop.
-
-    Raises
-    ------
-    CameraError
-        While iterating: where all cameras stay silent three times in a row, or the source was closed.
-    InputError
-        While iterating: where a camera's images have another size than in the rig.
-    Cancelled
-        While iterating: where the context says so.
-    """
+    """The sets of an open source: iterate over it; the next set is captured while the last one is searched."""
 
     def __init__(
         self,
@@ -227,17 +189,7 @@ def _check_size(camera: RigCamera, frame: Frame) -> None:
 
 
 def collected(cameras: list[int], found: list[Detections], ids: tuple[str, ...]) -> Observations:
-    """The detections of some cameras' images as the observations of one set.
-
-    Parameters
-    ----------
-    cameras
-        Index into `ids` of each image's camera.
-    found
-        What was found in each image.
-    ids
-        Ids of all cameras of the rig that take part.
-    """
+    """The detections of some cameras' images as the observations of one set."""
     count = [len(one) for one in found]
     none: list[np.ndarray] = [np.empty((0, 2))]
     points = next((one.points for one in found if len(one)), DOTS)  # a part without targets names no family

@@ -42,12 +42,7 @@ _STILL_PX = 2.0  # what a target at rest may move from set to set and still coun
 class Measurer:
     """Measures sets with a rig; it remembers what it needs of earlier ones: motion, noise, health.
 
-    Parameters
-    ----------
-    rig
-        The calibrated rig.
-    task
-        What to measure; None: every point that is seen, as no target has a layout then.
+    `task` None: every point that is seen, as no target has a layout then.
     """
 
     def __init__(self, rig: Rig, task: Task | None = None) -> None:
@@ -229,22 +224,7 @@ class Measurer:
 def measure_sets(
     sets: Iterable[ObservedSet], measurer: Measurer, context: Context | None = None
 ) -> Iterator[MeasuredSet]:
-    """Measure sets as they come; the one seam of command line, window and Python.
-
-    Parameters
-    ----------
-    sets
-        The observed sets, in the order of time.
-    measurer
-        Measures each, and learns from it.
-    context
-        To stop.
-
-    Raises
-    ------
-    Cancelled
-        Where the context says so; asked before every set.
-    """
+    """Measure sets as they come; the one seam of command line, window and Python."""
     context = context or Context()
     for observed in sets:
         context.check()

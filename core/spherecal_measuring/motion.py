@@ -56,14 +56,8 @@ class Velocities:
     def of(self, key: IntArray, value: FloatArray, at_s: FloatArray) -> Motion:
         """The motion of some values by the sets kept before; unknown for values that were not in the last set.
 
-        Parameters
-        ----------
-        key
-            Number of each value, (n,), all different.
-        value
-            The values, (n, w).
-        at_s
-            When each was measured, (n,) s.
+        `key`: number of each value, (n,), all different; `value`: the values, (n, w); `at_s`: when each was measured,
+        (n,) s.
         """
         n, w = value.shape
         x, at, (mean, acceleration, jerk, passed) = np.full((n, w), np.nan), np.full(n, np.nan), _unknown(n, w)
@@ -95,12 +89,7 @@ class Velocities:
     def keep(self, key: IntArray, value: FloatArray, at_s: FloatArray, motion: Motion) -> None:
         """Remember a set with its motion for the next.
 
-        Parameters
-        ----------
-        key, value, at_s
-            The values (n, w) with their numbers and times (n,), as in `of`.
-        motion
-            Their motion, as `of` gave it.
+        `key`, `value`, `at_s`: the values (n, w) with their numbers and times (n,), as in `of`.
         """
         order = np.argsort(key, kind="stable")
         arrays = (motion.mean, motion.now, motion.sd, motion.change, motion._jerk, motion._passed)

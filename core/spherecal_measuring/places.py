@@ -70,12 +70,7 @@ class LocatedPoints(ByValue):
     def variance(self, rows: Sequence[int], derivative: FloatArray) -> float:
         """Variance of a number that depends on some places.
 
-        Parameters
-        ----------
-        rows
-            The k places.
-        derivative
-            Derivatives of the number by them, (k, 3), in its own unit per mm.
+        `derivative`: derivatives of the number by them, (k, 3), in its own unit per mm.
         """
         flat = derivative.ravel()
         return float(flat @ self.joint(rows) @ flat)
@@ -84,12 +79,7 @@ class LocatedPoints(ByValue):
 class Layouts:
     """The layouts of a target set as arrays, for observations that name their points as `points` does.
 
-    Parameters
-    ----------
-    target_set
-        The targets; None: no target has a layout.
-    points
-        Names of points, in the observations' order.
+    `target_set` None: no target has a layout.
     """
 
     def __init__(self, target_set: TargetSet | None, points: tuple[str, ...]) -> None:
@@ -106,12 +96,7 @@ class Layouts:
     def of(self, target: IntArray, point: IntArray) -> FloatArray:
         """Places (n, 2) in mm of points on their flat targets, NaN where the layouts have none.
 
-        Parameters
-        ----------
-        target
-            Each point's target, (n,).
-        point
-            Index of each point's name, (n,).
+        `target`: each point's target, (n,); `point`: index of each point's name, (n,).
         """
         if not len(self.ids):
             return np.full((len(target), 2), np.nan)
@@ -134,16 +119,7 @@ def triangulate_places(
 
     A target with a layout has its centre; one without has each of its points.
 
-    Parameters
-    ----------
-    target, point
-        Of each triangulated point, (m,): its target, and the index of its name in `layouts.points`.
-    layouts
-        The targets' layouts.
-    wanted
-        Points that are asked for by name, besides the centres.
-    errors
-        The triangulated points, and how they err.
+    `target`, `point` (m,).
     """
     checked, points = errors.checked, errors.checked.points
     usable = np.isfinite(points.points[:, 0]) & points.in_front & ~checked.contradicting

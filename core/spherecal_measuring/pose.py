@@ -24,18 +24,6 @@ def measure_body(body: Body, places: LocatedPoints) -> BodyPose | Unmeasured:
     """The pose that fits the body's measured points best, weighted by their own noise and the body file's sigmas.
 
     The covariance counts what the points' errors have in common through the cameras.
-
-    Parameters
-    ----------
-    body
-        The body.
-    places
-        The points measured in a set, in the rig's world.
-
-    Returns
-    -------
-    pose
-        The pose, or why there is none: fewer than three points, points on one line, or points that do not fit.
     """
     seen = [i for i, point in enumerate(body.points) if point.name in places.rows]
     left_out: list[int] = []

@@ -39,19 +39,7 @@ class _Track:
 
 
 class RegionSearch:
-    """One camera's search for targets; `last_part` is the part of the last image that was searched.
-
-    Parameters
-    ----------
-    detect
-        Finds the targets in an image or a part of one.
-    settings
-        What is known of the camera. It has the focal length: without it a part's own size would be taken for it.
-    turn
-        Where in the period its whole images come, 0 to 1.
-    period_s
-        How often the whole image is searched; 0: always.
-    """
+    """One camera's search for targets; `last_part` is the part of the last image that was searched."""
 
     def __init__(self, detect: Detect, settings: DetectionSettings, turn: float = 1.0, period_s: float = FULL_PERIOD_S):
         self._detect, self._settings, self._period_s = detect, settings, period_s
@@ -63,12 +51,7 @@ class RegionSearch:
     def find(self, image: NDArray, at_s: float) -> Detections:
         """The targets in an image, in the coordinates of the whole image.
 
-        Parameters
-        ----------
-        image
-            A grey image (h, w).
-        at_s
-            When it was taken, s on the clock of the images before.
+        `image`: a grey image (h, w).
         """
         parts = None if self._is_due(at_s) else self._parts(image.shape, at_s)
         if parts is None:

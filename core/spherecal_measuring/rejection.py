@@ -36,13 +36,6 @@ def reject_views(views: Views, expected_noise: float) -> CheckedPoints:
 
     With four or more views the one is left out without which the others agree best, with three only where that is
     clear. Of two that contradict, and of what still contradicts then, the point is given up.
-
-    Parameters
-    ----------
-    views
-        All views of the points.
-    expected_noise
-        Noise in units of sigma, which serves where the residuals are too few to estimate it.
     """
     kept = np.ones(len(views.uv), dtype=bool)
     given_up = np.zeros(views.n_features, dtype=bool)

@@ -21,29 +21,7 @@ def run(
 
     What ends it early is raised again after the sets so far are written.
 
-    Parameters
-    ----------
-    sets
-        The observed sets, in the order of time.
-    measurer
-        Measures each.
-    seen
-        Called with every set.
-    output
-        The series folder; None to record nothing.
-    table
-        The form of its tables.
-    context
-        To stop.
-
-    Raises
-    ------
-    MissingPackage
-        For Parquet without pyarrow.
-    OutputError
-        Where the folder cannot be written.
-    Cancelled
-        Where the context says so.
+    `output` None to record nothing.
     """
     measured = measure_sets(sets, measurer, context)
     if output is not None:

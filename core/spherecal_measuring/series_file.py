@@ -31,13 +31,7 @@ _ROWS_AT_ONCE = 20_000  # of a row group
 
 
 def check_table_kind(kind: TableKind) -> None:
-    """Check that tables of a kind can be written here.
-
-    Raises
-    ------
-    MissingPackage
-        Where Parquet is asked for and pyarrow is not installed.
-    """
+    """Check that tables of a kind can be written here."""
     if kind == "parquet":
         _pyarrow()
 
@@ -63,25 +57,7 @@ def write_series(
     What ends the measurement early, Ctrl-C or a lost camera, is raised again once all sets so far are written. Before
     the first set nothing is written.
 
-    Parameters
-    ----------
-    sets
-        The measured sets; they are written as they come.
-    measurer
-        What measures them: its rig and the health at the end go into series.json.
-    folder
-        The series folder; missing, empty, or an older series.
-    table
-        The form of the tables.
-    seen
-        Called with every set; None for nobody.
-
-    Raises
-    ------
-    MissingPackage
-        For Parquet without pyarrow.
-    OutputError
-        Where the folder cannot be written.
+    `seen` None for nobody.
     """
     check_table_kind(table)
     count = 0

@@ -18,25 +18,7 @@ from spherecal_measuring.results import ObservedSet
 
 
 def sets_of_session(session: Session, rig: Rig, context: Context | None = None) -> Iterator[ObservedSet]:
-    """The session's sets in order; times in seconds since the first, where capture.json has them.
-
-    Parameters
-    ----------
-    session
-        A recorded session; targets are looked for in its images where it has no observations.
-    rig
-        The calibrated rig.
-    context
-        For progress while targets are looked for, and to stop.
-
-    Raises
-    ------
-    InputError
-        Where none of its cameras is the rig's, where its images have another size than the rig's or cannot be used, and
-        where nothing was seen.
-    Cancelled
-        Where the context says so.
-    """
+    """The session's sets in order; times in seconds since the first, where capture.json has them."""
     session = observed(session, context or Context())
     o = session.observations
     assert o is not None
@@ -54,12 +36,7 @@ def sets_of_session(session: Session, rig: Rig, context: Context | None = None) 
 def one_set(o: Observations, mine: np.ndarray) -> Observations:
     """Some observations as those of one set, with a single placement.
 
-    Parameters
-    ----------
-    o
-        Observations of a session.
-    mine
-        Which are the set's, (n,) bool; all of one placement.
+    `mine`: which are the set's, (n,) bool.
     """
     own = o.select(mine)
     name = o.placements[int(own.placement[0])] if len(own) else ""

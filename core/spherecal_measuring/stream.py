@@ -69,19 +69,7 @@ class _Client:
 class MeasurementStream:
     """Listens on 127.0.0.1 from the moment it is made; use it in a `with` block.
 
-    Parameters
-    ----------
-    port
-        The port; 0 takes any free one, and the attribute `port` then says which.
-    about
-        Further fields of the first line that a client gets; None for format and version alone.
-    queue_lines
-        Lines that may wait for a client before it is dropped.
-
-    Raises
-    ------
-    InputError
-        Where the port cannot be had.
+    `about` None for format and version alone.
     """
 
     def __init__(self, port: int, about: Mapping[str, Any] | None = None, queue_lines: int = QUEUE_LINES) -> None:

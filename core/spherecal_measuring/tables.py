@@ -82,12 +82,7 @@ def quaternion(body: BodyPose) -> np.ndarray:
 def set_json(measured: MeasuredSet, health: Health | None = None) -> dict[str, Any]:
     """One set as the stream has it.
 
-    Parameters
-    ----------
-    measured
-        The set.
-    health
-        The rig's health, for the field `moved`: the cameras that moved. None: without this field.
+    `health` None: without this field.
     """
     upper = np.triu_indices(3)
     document: dict[str, Any] = {

@@ -30,13 +30,7 @@ class PointName:
 
 
 def parse_point(text: str) -> PointName:
-    """The name of a point in a text: `12` is the centre of target 12, `12/A` its point A.
-
-    Raises
-    ------
-    InputError
-        For anything else.
-    """
+    """The name of a point in a text: `12` is the centre of target 12, `12/A` its point A."""
     number, slash, point = text.strip().partition("/")
     if number.isdecimal() and int(number) < _MOST_TARGET and bool(slash) == bool(point):
         if not slash:
@@ -65,20 +59,7 @@ class Ruler:
 
 
 def parse_ruler(text: str, points: Literal[2, 3]) -> Ruler:
-    """The ruler in a text: `12,14` or `12,14=400.05` (mm) with two points, `12,13,14=90` (degrees) with three.
-
-    Parameters
-    ----------
-    text
-        The points, and the nominal value after `=` if there is one.
-    points
-        How many points there must be: two for a distance, three for an angle.
-
-    Raises
-    ------
-    InputError
-        For anything else, and for a point that is there twice.
-    """
+    """The ruler in a text: `12,14` or `12,14=400.05` (mm) with two points, `12,13,14=90` (degrees) with three."""
     what = Phrase("a-distance" if points == 2 else "an-angle")
     names, equals, nominal = text.partition("=")
     found = tuple(parse_point(name) for name in names.split(","))

@@ -27,19 +27,7 @@ class Unmeasured:
 
 
 def measure_ruler(ruler: Ruler, places: LocatedPoints, rig: Rig, with_scale: bool) -> MeasuredValue | Unmeasured:
-    """A distance in mm or an angle in degrees with its standard uncertainty, or why there is none.
-
-    Parameters
-    ----------
-    ruler
-        Two points, or three; its nominal value gives the deviation.
-    places
-        The points measured in a set.
-    rig
-        The calibrated rig, for its scale's uncertainty.
-    with_scale
-        Whether the places' covariance holds the scale's uncertainty already.
-    """
+    """A distance in mm or an angle in degrees with its standard uncertainty, or why there is none."""
     rows = [places.rows.get(name) for name in ruler.points]
     if missing := [str(name) for name, row in zip(ruler.points, rows, strict=True) if row is None]:
         return Unmeasured(f"{', '.join(missing)} not measured")
@@ -85,16 +73,7 @@ def measure_bar(
 
     A length whose marks were not both measured is Unmeasured, with the reason.
 
-    Parameters
-    ----------
-    bar
-        The bar, whose marks are targets.
-    places, errors
-        The points measured in a set, and how the points behind them err.
-    rig
-        The calibrated rig, for its scale's uncertainty.
-    temperature_c
-        The bar's temperature in deg C; None where it was not measured.
+    `temperature_c` None where it was not measured.
     """
     found: list[MeasuredValue | Unmeasured] = []
     for certified in bar.lengths:

@@ -30,18 +30,7 @@ class MatchedCamera:
 
 
 def common_cameras(a: Rig, b: Rig) -> tuple[MatchedCamera, ...]:
-    """The cameras that both have, by id.
-
-    Parameters
-    ----------
-    a, b
-        The two calibrations.
-
-    Raises
-    ------
-    InputError
-        For fewer than two, or where a camera has another image size.
-    """
+    """The cameras that both have, by id."""
     pairs = tuple(
         MatchedCamera(camera.id, camera, other) for camera in a.cameras if (other := b.camera(camera.id)) is not None
     )
@@ -58,26 +47,8 @@ def sights(pair: MatchedCamera, points: FloatArray) -> tuple[BoolArray, FloatArr
 
     A distortion that folds over far outside the image maps points there into it: those are not seen.
 
-    Parameters
-    ----------
-    pair
-        The camera in both calibrations; only the first counts.
-    points
-        Points (n, 3) in the first world, mm.
-
-    Parameters
-    ----------
-    pair
-        The camera in both calibrations; only the first counts.
-    points
-        Points (n, 3) in the first world, mm.
-
-    Parameters
-    ----------
-    pair
-        The camera in both calibrations; only the first counts.
-    points
-        Points (n, 3) in the first world, mm.
+    `points`: points (n, 3) in the first world, mm; `points`: points (n, 3) in the first world, mm; `points`: points (n,
+    3) in the first world, mm.
     """
     x = points @ pair.a.rotation.T + pair.a.translation_mm
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
@@ -92,16 +63,7 @@ def sights(pair: MatchedCamera, points: FloatArray) -> tuple[BoolArray, FloatArr
 def shift_mm(pair: MatchedCamera, points: FloatArray, uv: FloatArray, b_from_a: Similarity) -> FloatArray:
     """How far each point's image moves from one calibration to the other, in mm across the ray at the point, (n, 2).
 
-    Parameters
-    ----------
-    pair
-        The camera in both calibrations.
-    points
-        Points (n, 3) in the first world, mm.
-    uv
-        Their images (n, 2) in the first calibration, px.
-    b_from_a
-        The similarity from the first world to the second.
+    `points`: points (n, 3) in the first world, mm.
     """
     x = b_from_a.apply(points) @ pair.b.rotation.T + pair.b.translation_mm
     depth = (points @ pair.a.rotation.T + pair.a.translation_mm)[:, 2:3]
@@ -114,19 +76,7 @@ def align(pairs: tuple[MatchedCamera, ...], points: FloatArray, metric: bool) ->
     It minimises the sum over the cameras of the rms shift of the volume's points in the images. A few cameras that have
     moved do not pull it, as the sum of squares would let them.
 
-    Parameters
-    ----------
-    pairs
-        The cameras that both calibrations have.
-    points
-        Points (n, 3) all over the volume in the first world, mm.
-    metric
-        Whether the scale stays as it is.
-
-    Raises
-    ------
-    InputError
-        Where fewer than two cameras see the volume: four of its points each.
+    `points`: points (n, 3) all over the volume in the first world, mm.
     """
     seen = [(pair, inside, uv) for pair in pairs for inside, uv in [sights(pair, points)] if inside.sum() >= 4]
     if len(seen) < 2:

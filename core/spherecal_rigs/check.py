@@ -98,26 +98,7 @@ def check(
     A bar whose marks too few cameras see together to test them still shows whether its lengths are measured right.
     docs/verification.md says what OK, watch and recalibrate mean.
 
-    Parameters
-    ----------
-    session
-        Placements of the ball, poses of bars, or both.
-    rig
-        The calibration that is checked.
-    known
-        The ball as the calibration found it; None: its size is not compared.
-    limit
-        The limit of the bars' errors; None: 3.5 standard uncertainties.
-    context
-        For progress, and to stop.
-
-    Raises
-    ------
-    InputError
-        Where the session has nothing that three cameras of the rig see, and no length of a bar. Where its cameras are
-        not the rig's, by id, image size or serial number.
-    Cancelled
-        Where the context says so.
+    `known` None: its size is not compared; `limit` None: 3.
     """
     context = context or Context()
     session = observed(session, context)
@@ -235,14 +216,7 @@ def camera_state(test: CameraTest, rig: Rig, tolerance_mm: float | None) -> Chec
 
     A camera that moved is to be recalibrated or watched, by how far; one whose residuals have doubled is to be watched.
 
-    Parameters
-    ----------
-    test
-        The test of the camera.
-    rig
-        The calibration, for the residuals then.
-    tolerance_mm
-        A move that shifts a point by more is to be recalibrated; None: one of more than 0.1 px in its images.
+    `tolerance_mm` None: one of more than 0.
     """
     placed = rig.camera(test.id)
     before = placed.rms_px if placed is not None else None

@@ -63,17 +63,6 @@ def check_ball(
     """Compare the ball at one placement with the placement of the calibration that shares most dots.
 
     None where they share fewer than 12, or fewer than 12 of them have stayed in place.
-
-    Parameters
-    ----------
-    known
-        The ball's dots as the calibration found them.
-    placement
-        Index of the placement in `o`.
-    o, features
-        The observations, and the features they are of.
-    errors
-        The triangulated features, and how they err.
     """
     checked = errors.checked
     usable = np.isfinite(checked.points.points[:, 0]) & checked.points.in_front & ~checked.contradicting

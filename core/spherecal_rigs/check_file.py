@@ -115,19 +115,7 @@ def camera_entry(one: CheckedCamera) -> CheckedCameraEntry:
 def keep(profile: Path, check: Mapping[str, object], temperature_c: float | None = None) -> bool:
     """Keep a check in the profile that it was made against; False where that is no profile with a calibration in use.
 
-    Parameters
-    ----------
-    profile
-        The path that the check was made against; it need not be a profile.
-    check
-        The check's document, of `check_json`.
-    temperature_c
-        The rig's temperature in deg C; None where it is not known.
-
-    Raises
-    ------
-    OutputError
-        Where the profile cannot be written to.
+    `temperature_c` None where it is not known.
     """
     active = open_profile(profile).active_id if profile.is_dir() and is_profile(profile) else None
     if active is None:

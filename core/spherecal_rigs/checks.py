@@ -134,23 +134,7 @@ def keep_check(
 ) -> Path:
     """Add a check to the profile in `folder`; the file that it is in.
 
-    Parameters
-    ----------
-    folder
-        The profile.
-    calibration
-        Id of the calibration that was checked.
-    check
-        The document of check.json.
-    temperature_c
-        The rig's temperature, degrees Celsius; None: not known.
-    now
-        When it was checked; None: now.
-
-    Raises
-    ------
-    OutputError
-        Where it cannot be written.
+    `temperature_c` None: not known; `now` None: now.
     """
     at = (now or datetime.now(UTC)).astimezone(UTC)
     file = f"{FOLDER}/{at:%Y%m%dT%H%M%S%f}Z.json"
@@ -160,15 +144,7 @@ def keep_check(
 
 
 def read_checks(folder: Path, most: int = _MOST_READ) -> tuple[tuple[KeptCheck, ...], tuple[str, ...]]:
-    """The newest checks of a profile, oldest first, and what is wrong with those that cannot be read.
-
-    Parameters
-    ----------
-    folder
-        The profile.
-    most
-        How many files are read; 0: none.
-    """
+    """The newest checks of a profile, oldest first, and what is wrong with those that cannot be read."""
     try:
         names = sorted(p.name for p in (folder / FOLDER).iterdir() if _ID.fullmatch(p.stem) and p.suffix == ".json")
     except OSError:
@@ -185,12 +161,7 @@ def read_checks(folder: Path, most: int = _MOST_READ) -> tuple[tuple[KeptCheck, 
 def last_check(folder: Path, calibration: str | None) -> KeptCheck | None:
     """The newest check, if it was of this calibration; None as well where it cannot be read.
 
-    Parameters
-    ----------
-    folder
-        The profile.
-    calibration
-        Id of the calibration in use; None where there is none.
+    `calibration` None where there is none.
     """
     found, _ = read_checks(folder, 1)
     return found[0] if found and found[0].calibration == calibration else None

@@ -87,21 +87,6 @@ def compare(a: Rig, b: Rig, volume: ComparisonVolume) -> tuple[Comparison, Compa
     """The comparison after the best similarity, and the metric one (no change of scale).
 
     Lengths are measured with `b` in images as `a` predicts them.
-
-    Parameters
-    ----------
-    a
-        The earlier calibration.
-    b
-        The later one.
-    volume
-        Where they are compared, in the world of `a`.
-
-    Raises
-    ------
-    InputError
-        Where the two cannot be compared: fewer than two cameras in common that see the volume, or images of other
-        sizes.
     """
     pairs = common_cameras(a, b)
     points = volume.grid()
@@ -242,11 +227,6 @@ def seen_volume(rig: Rig) -> ComparisonVolume:
     """Where most cameras look: a cube around the point nearest to all optical axes, half as wide as it is far away.
 
     For rigs whose points are not known.
-
-    Raises
-    ------
-    InputError
-        For fewer than two cameras.
     """
     if len(rig.cameras) < 2:
         raise InputError(Phrase("error-no-volume"))

@@ -196,42 +196,17 @@ def entry_bytes(entry: Entry) -> bytes:
 
 
 def read_entry(folder: Path) -> Entry:
-    """The entry in a folder of a profile's history.
-
-    Raises
-    ------
-    InputError
-        Where it is not as it was written.
-    """
+    """The entry in a folder of a profile's history."""
     return ENTRY.read(folder / ENTRY_FILE, below=folder)
 
 
 def sha256(path: Path) -> str:
-    """The SHA-256 of a file.
-
-    Raises
-    ------
-    InputError
-        Where it cannot be read, is a link or far too large.
-    """
+    """The SHA-256 of a file."""
     return hashlib.sha256(read_below(path.parent, path.name, _MOST_BYTES)).hexdigest()
 
 
 def checked_rig(folder: Path, entry: Entry) -> Rig:
-    """The rig of an entry.
-
-    Parameters
-    ----------
-    folder
-        The entry's folder.
-    entry
-        The entry, with the hash of its rig.
-
-    Raises
-    ------
-    InputError
-        Where its file is not the one that was saved.
-    """
+    """The rig of an entry."""
     path = folder / RIG_FILE
     if sha256(path) != entry.files[RIG_FILE]:
         raise InputError(Phrase("error-changed-since", {"file": path}))

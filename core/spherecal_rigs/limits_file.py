@@ -97,13 +97,7 @@ class Pin:
 
     @classmethod
     def of(cls, text: str) -> "Pin":
-        """The hash of a PIN that somebody has chosen, with a salt of its own.
-
-        Raises
-        ------
-        InputError
-            Where it is too short or too long.
-        """
+        """The hash of a PIN that somebody has chosen, with a salt of its own."""
         if not LEAST_PIN <= len(text) <= MOST_PIN:
             raise InputError(Phrase("error-pin-length", {"least": LEAST_PIN, "most": MOST_PIN, "found": len(text)}))
         salt = os.urandom(_SALT_BYTES)
@@ -233,13 +227,7 @@ def limits_path() -> Path:
 
 
 def read_limits(path: Path | None = None) -> KeptLimits:
-    """The limits kept on this machine; those delivered where there is no file.
-
-    Raises
-    ------
-    InputError
-        Where the file is damaged.
-    """
+    """The limits kept on this machine; those delivered where there is no file."""
     path = path or limits_path()
     try:
         path.lstat()
@@ -259,13 +247,7 @@ def limits_in_use(path: Path | None = None) -> tuple[Limits, str]:
 
 
 def changing_limits(path: Path) -> AbstractContextManager[None]:
-    """Hold the limits' file from reading to writing, so that no other program's change is lost.
-
-    Raises
-    ------
-    OutputError
-        Where its folder cannot be made, or another program holds the file too long.
-    """
+    """Hold the limits' file from reading to writing, so that no other program's change is lost."""
     make_parent(path, Phrase("error-set-limits"))
     return locked(path)
 
@@ -273,17 +255,7 @@ def changing_limits(path: Path) -> AbstractContextManager[None]:
 def write_limits(kept: KeptLimits, path: Path | None = None) -> None:
     """Write the file whole, with the last 500 changes.
 
-    Parameters
-    ----------
-    kept
-        Limits, lock and changes.
-    path
-        The file; None: that of `limits_path`.
-
-    Raises
-    ------
-    OutputError
-        Where the file cannot be written.
+    `path` None: that of `limits_path`.
     """
     path = path or limits_path()
     kept = replace(kept, changes=kept.changes[-_KEPT_CHANGES:])
@@ -294,16 +266,7 @@ def write_limits(kept: KeptLimits, path: Path | None = None) -> None:
 def with_limits(kept: KeptLimits, limits: Limits, by: str, now: datetime | None = None) -> KeptLimits:
     """Other limits in place of those kept, each that differs noted with who, when and what.
 
-    Parameters
-    ----------
-    kept
-        What the file holds.
-    limits
-        The new limits.
-    by
-        Who changes them.
-    now
-        When; None: now.
+    `now` None: now.
     """
     pairs = [(name, getattr(kept.limits, name), getattr(limits, name)) for name in NAMES]
     news = tuple(LimitChange(_moment(now), by, name, before, after) for name, before, after in pairs if before != after)
@@ -313,16 +276,7 @@ def with_limits(kept: KeptLimits, limits: Limits, by: str, now: datetime | None 
 def with_pin(kept: KeptLimits, pin: Pin | None, by: str, now: datetime | None = None) -> KeptLimits:
     """What is kept with another PIN or without one; the change is noted as well.
 
-    Parameters
-    ----------
-    kept
-        What the file holds.
-    pin
-        The new PIN; None: no lock.
-    by
-        Who changes it.
-    now
-        When; None: now.
+    `pin` None: no lock; `now` None: now.
     """
     change = LimitChange(_moment(now), by, "pin-removed" if pin is None else "pin-set")
     return replace(kept, pin=pin, changes=(*kept.changes, change))

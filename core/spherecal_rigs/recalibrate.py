@@ -54,27 +54,6 @@ def recalibrate(
     """The rig with the selected cameras recalibrated from a session; frame and scale are those of the locked ones.
 
     A rig whose world is no camera's frame, as of another program, comes out in that of its first locked camera.
-
-    Parameters
-    ----------
-    session
-        What the selected cameras and some locked ones recorded together.
-    rig
-        The calibration so far, in millimetres.
-    selection
-        Which cameras, and what of them.
-    settings
-        How to calibrate.
-    context
-        For progress, and to stop.
-
-    Raises
-    ------
-    InputError
-        Where cameras are unknown, or fewer than two stay locked: they must give the frame and the scale. Where the
-        reference camera is not in the session, or the rig has no scale.
-    Cancelled
-        Where the context says so.
     """
     settings, context, watch = settings or CalibrationSettings(), context or Context(), Stopwatch()
     rig = _with_reference(rig, selection)

@@ -26,25 +26,6 @@ def repose(session: Session, rig: Rig, cameras: tuple[str, ...], context: Contex
 
     The others stay exactly as they were (they are turned as one where the reference camera itself has moved). The
     mended cameras' uncertainty holds that of the cameras they were hung on.
-
-    Parameters
-    ----------
-    session
-        Placements of the ball that the mended cameras and others saw.
-    rig
-        The calibration so far.
-    cameras
-        Ids of the cameras that moved.
-    context
-        For progress, and to stop.
-
-    Raises
-    ------
-    InputError
-        As `recalibrate`; where the session has no placements; and where the reference camera moved and the session does
-        not have all cameras of the rig.
-    Cancelled
-        Where the context says so.
     """
     if not session.placements:
         raise InputError(Phrase("error-repair-needs-ball"))

@@ -43,21 +43,7 @@ class SaveOptions:
 def save_result(profile: Profile, result: Path, options: SaveOptions | None = None) -> str:
     """Add a result folder to a profile's history; the new calibration's id.
 
-    Parameters
-    ----------
-    profile
-        The profile.
-    result
-        The result folder.
-    options
-        What the result folder does not say; None: nothing.
-
-    Raises
-    ------
-    InputError
-        As `prepare`.
-    OutputError
-        As `add_entry`.
+    `options` None: nothing.
     """
     return add_entry(profile, *prepare(result, options))
 
@@ -65,17 +51,7 @@ def save_result(profile: Profile, result: Path, options: SaveOptions | None = No
 def prepare(result: Path, options: SaveOptions | None = None) -> tuple[Entry, dict[str, bytes]]:
     """The entry and the files of a result folder, as a profile keeps them.
 
-    Parameters
-    ----------
-    result
-        The result folder.
-    options
-        What it does not say; None: nothing.
-
-    Raises
-    ------
-    InputError
-        Where the result, the session or the settings cannot be used or do not belong together.
+    `options` None: nothing.
     """
     o = options or SaveOptions()
     rig_path = result / RIG_FILE
@@ -195,11 +171,6 @@ def points_box(path: Path) -> tuple[tuple[float, ...], tuple[float, ...]] | None
     """The box that holds 98 % of the points along each axis: its low and high corner (3,), mm.
 
     The rest is left out so that a wrong point cannot enlarge it. None where there is no such file, or no point in it.
-
-    Raises
-    ------
-    InputError
-        Where the file is broken.
     """
     if not path.is_file():
         return None

@@ -25,13 +25,7 @@ class Source:
 
 
 def read_source(path: Path) -> Source:
-    """The rig at `path`: of a profile the one in use.
-
-    Raises
-    ------
-    InputError
-        Where there is none.
-    """
+    """The rig at `path`: of a profile the one in use."""
     if path.is_dir() and is_profile(path):
         profile = open_profile(path)
         rig = profile.rig()

@@ -204,13 +204,7 @@ def is_profile(folder: Path) -> bool:
 
 
 def open_profile(folder: Path) -> Profile:
-    """The profile in a folder, checked.
-
-    Raises
-    ------
-    InputError
-        Where profile.json is not as it was written.
-    """
+    """The profile in a folder, checked."""
     if not is_profile(folder):
         raise InputError(Phrase("error-no-profile", {"folder": folder}))
     kept = PROFILE.read(folder / PROFILE_FILE, below=folder)
@@ -247,21 +241,7 @@ def _number(path: Path) -> tuple[int, str]:
 def create_profile(folder: Path, name: str | None = None, limits: ValidityLimits | None = None) -> Profile:
     """Make an empty profile in a new or empty folder, or open the one that is there.
 
-    Parameters
-    ----------
-    folder
-        The profile's folder.
-    name
-        The rig's name; None: the folder's.
-    limits
-        When calibrations age; None: those delivered. Name and limits of a profile that is there stay.
-
-    Raises
-    ------
-    InputError
-        Where the name cannot be one, or the profile that is there is broken.
-    OutputError
-        For folders with other contents, and where it cannot be written.
+    `name` None: the folder's; `limits` None: those delivered.
     """
     if is_profile(folder):
         return open_profile(folder)
@@ -285,15 +265,7 @@ def create_profile(folder: Path, name: str | None = None, limits: ValidityLimits
 
 
 def set_limits(folder: Path, **given: float) -> Profile:
-    """Change limits of the validity of a profile's calibrations; the others stay.
-
-    Raises
-    ------
-    InputError
-        Where a limit is negative, or one of ageing is above that of stale.
-    OutputError
-        Where the profile cannot be written.
-    """
+    """Change limits of the validity of a profile's calibrations; the others stay."""
     with locked(folder / PROFILE_FILE):
         profile = open_profile(folder)
         write_profile(replace(profile, limits=replace(profile.limits, **given)))
@@ -306,22 +278,7 @@ def write_profile(profile: Profile) -> None:
 
 
 def add_entry(profile: Profile, entry: Entry, files: dict[str, bytes]) -> str:
-    """Add a calibration to the history, whole or not at all; its id. The one in use stays in use.
-
-    Parameters
-    ----------
-    profile
-        The profile.
-    entry
-        What is known of the calibration; the hashes of its files are filled in.
-    files
-        Contents of the files beside it, by name.
-
-    Raises
-    ------
-    OutputError
-        Where it cannot be written.
-    """
+    """Add a calibration to the history, whole or not at all; its id. The one in use stays in use."""
     root = profile.folder
     new = f"{HISTORY}/.{secrets.token_hex(6)}{PARTIAL}"
     hashes = {name: hashlib.sha256(data).hexdigest() for name, data in files.items()}
@@ -365,27 +322,7 @@ def _sweep(history: Path) -> None:
 
 
 def apply(profile: Profile, calibration: str, note: str = "", despite_findings: bool = False) -> Profile:
-    """Put a calibration to use: from one moment to the next, and rig.json becomes a copy of its rig.
-
-    Parameters
-    ----------
-    profile
-        The profile.
-    calibration
-        Its id.
-    note
-        Why it is put to use; needed where it is to be used with care.
-    despite_findings
-        Whether it may be one that is not valid.
-
-    Raises
-    ------
-    InputError
-        Where its file was changed, or it is not valid and `despite_findings` is not given. Also where it is to be used
-        with care and `note` does not say why that may be.
-    OutputError
-        Where the profile cannot be written.
-    """
+    """Put a calibration to use: from one moment to the next, and rig.json becomes a copy of its rig."""
     with locked(profile.folder / PROFILE_FILE):  # what others have put to use meanwhile is not lost
         return _apply(open_profile(profile.folder), calibration, note, despite_findings)
 
@@ -409,21 +346,7 @@ def _apply(profile: Profile, calibration: str, note: str, despite_findings: bool
 def restore(profile: Profile, calibration: str | None = None, note: str = "") -> Profile:
     """Put an earlier calibration back to use: the last good one, or the one named.
 
-    Parameters
-    ----------
-    profile
-        The profile.
-    calibration
-        Its id; it need not be valid. None: the last valid one that was in use before.
-    note
-        Why; empty: "restored".
-
-    Raises
-    ------
-    InputError
-        Where there is none, or its file was changed.
-    OutputError
-        Where the profile cannot be written.
+    `calibration` None: the last valid one that was in use before.
     """
     chosen = calibration or profile.last_good_id
     if chosen is None:
@@ -446,15 +369,7 @@ def copy_is_right(profile: Profile) -> bool:
 
 
 def heal(profile: Profile) -> None:
-    """Make rig.json the copy of the rig in use.
-
-    Raises
-    ------
-    InputError
-        Where the rig in use was changed.
-    OutputError
-        Where the copy cannot be written.
-    """
+    """Make rig.json the copy of the rig in use."""
     if profile.active_id is None or profile.active is None or copy_is_right(profile):
         return
     data = read_below(profile.folder, f"{HISTORY}/{profile.active_id}/{RIG_FILE}", _MOST_BYTES)

@@ -68,13 +68,7 @@ class Trend:
 
 
 def make_trend(profile: Profile) -> Trend:
-    """The trend of all calibrations that are valid and can be read.
-
-    Raises
-    ------
-    InputError
-        For fewer than two, and where two cannot be compared.
-    """
+    """The trend of all calibrations that are valid and can be read."""
     ids = tuple(key for key, entry in profile.entries.items() if entry.valid)
     if len(ids) < 2:
         raise InputError(Phrase("error-trend-calibrations", {"folder": profile.folder, "found": len(ids)}))
@@ -97,13 +91,7 @@ def make_trend(profile: Profile) -> Trend:
 
 
 def make_check_trend(profile: Profile) -> Trend:
-    """The trend of the quick checks kept in the profile.
-
-    Raises
-    ------
-    InputError
-        For fewer than two.
-    """
+    """The trend of the quick checks kept in the profile."""
     checks, _ = read_checks(profile.folder)
     if len(checks) < 2:
         raise InputError(Phrase("error-trend-checks", {"folder": profile.folder, "found": len(checks)}))

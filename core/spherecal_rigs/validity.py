@@ -56,18 +56,7 @@ def validity(
 
     A check that finds all well leaves the age as it is: it does not see all that ages.
 
-    Parameters
-    ----------
-    entry
-        The calibration; None where none is in use.
-    limits
-        When it counts as ageing and as stale.
-    now
-        The time to judge at; None: now.
-    temperature_c
-        The rig's temperature, degrees Celsius; None: not known.
-    checked
-        Its last quick check; None: none is known.
+    `entry` None where none is in use; `now` None: now; `temperature_c` None: not known; `checked` None: none is known.
     """
     if entry is None:
         return Validity("none", ("no calibration is in use",))

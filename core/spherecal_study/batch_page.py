@@ -15,15 +15,7 @@ _VERDICTS = {"consistent": ("consistent", GOOD), "inconsistent": ("inconsistent"
 
 
 def batch_page(rows: Sequence[dict[str, Any]], settings: Mapping[str, Any]) -> Document:
-    """The document with one line for each session; the same rows give the same bytes.
-
-    Parameters
-    ----------
-    rows
-        One row for each session (batch.COLUMNS).
-    settings
-        Settings of the batch by name.
-    """
+    """The document with one line for each session; the same rows give the same bytes."""
     document = Document("A4", "SphereCal batch", f"Batch by SphereCal {__version__}")
     document.begin_section("Batch of calibrations")
     document.y += 2.0

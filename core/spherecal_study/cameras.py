@@ -41,15 +41,7 @@ def _counts(options: Options) -> range:
 
 
 def page(listed: list[Trial], results: Results, options: Options) -> StudyPage:
-    """The study's page: errors over the number of cameras, and the table paper / ours.
-
-    Parameters
-    ----------
-    listed, results
-        The trials, and their results in the same order.
-    options
-        Options of the study.
-    """
+    """The study's page: errors over the number of cameras, and the table paper / ours."""
     document = begin(
         TITLE,
         options,

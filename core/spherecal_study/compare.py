@@ -92,15 +92,7 @@ _COLUMNS = (
 
 
 def page(listed: list[Trial], results: Results, options: Options) -> StudyPage:
-    """The study's page: all methods by residuals, bars and time, and the table paper / ours.
-
-    Parameters
-    ----------
-    listed, results
-        The trials, and their results in the same order.
-    options
-        Options of the study.
-    """
+    """The study's page: all methods by residuals, bars and time, and the table paper / ours."""
     document = begin(
         TITLE,
         options,

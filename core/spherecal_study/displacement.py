@@ -31,17 +31,6 @@ def displaced_cases(session: Session, truth: Truth, start: StartValues, seed: in
 
     [Tao21] (22). `cases` has each percentage with and without projection, and for the diagonal with points triangulated
     from the cameras.
-
-    Parameters
-    ----------
-    session, truth
-        The simulated session and its truth.
-    start
-        Start values with chained points.
-    seed
-        What the displacements follow from.
-    damping
-        `diagonal`, as the product has it, or `identity-mm`, Levenberg's with lengths in millimetres.
     """
     network, state, points = start.network, start.poses.state, start.points
     assert points is not None

@@ -44,15 +44,7 @@ _Cases = list[dict[str, Any]]
 
 
 def page(listed: list[Trial], results: Results, options: Options) -> StudyPage:
-    """The study's page: which starts converge, final errors by camera, and the table paper / ours.
-
-    Parameters
-    ----------
-    listed, results
-        The trials, and their results in the same order.
-    options
-        Options of the study.
-    """
+    """The study's page: which starts converge, final errors by camera, and the table paper / ours."""
     document = begin(
         TITLE,
         options,

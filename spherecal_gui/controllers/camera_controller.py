@@ -185,15 +185,6 @@ class CameraController(ControllerPart):
         """Start work without live images, for it needs their cores; they go on when it has ended.
 
         They are ended beside the window, which never waits.
-
-        Parameters
-        ----------
-        step
-            Id of the step whose work it is, for which a failure is noted.
-        work
-            Runs in a thread of its own.
-        done
-            Called with the result of the work, in the window's thread.
         """
         live = self.live
 
@@ -240,13 +231,5 @@ class CameraController(ControllerPart):
 
 
 def masks_of(project: Project, camera: str) -> tuple[Rectangle, ...]:
-    """The parts of a camera's image in which nothing is a target: left, top, width and height in px.
-
-    Parameters
-    ----------
-    project
-        Whose masks are meant.
-    camera
-        Its name.
-    """
+    """The parts of a camera's image in which nothing is a target: left, top, width and height in px."""
     return tuple(rectangle for name, rectangle in project.masks if name == camera)

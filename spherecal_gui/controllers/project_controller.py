@@ -87,17 +87,7 @@ class ProjectController(QObject):
         self.logged.emit(f"{datetime.now():%H:%M:%S}  {text}")
 
     def tell(self, kind: str, text: str, hint: str = "") -> None:
-        """Say something that people should know.
-
-        Parameters
-        ----------
-        kind
-            `good`, `bad` or `info`.
-        text
-            What it is.
-        hint
-            What to do about it; empty for nothing.
-        """
+        """Say something that people should know."""
         self.note(f"{text} {hint}".strip())
         self.said.emit(kind, text, hint)
 

@@ -29,17 +29,7 @@ class FrameScene(RenderedScene):
         self.show_scene(choice.scene)
 
     def paint_rig(self, painter: QPainter, data: SceneData, eye: Eye) -> None:
-        """Draw the rig and the axes over it.
-
-        Parameters
-        ----------
-        painter
-            Of the widget.
-        data
-            The rig.
-        eye
-            From where it is seen; it turns places in mm into px of the widget.
-        """
+        """Draw the rig and the axes over it."""
         super().paint_rig(painter, data, eye)
         painter.setFont(theme.font(theme.LEAD, bold=True))
         painter.setPen(QPen(theme.colour("text"), 2))

@@ -38,14 +38,7 @@ class DeviationChart(Chart):
     def show_values(self, times: FloatArray, off: FloatArray, expanded: FloatArray, unit: str) -> None:
         """Show deviations with their expanded uncertainties.
 
-        Parameters
-        ----------
-        times
-            Of the sets, (n,) s.
-        off, expanded
-            Deviations and their expanded uncertainties (k = 2), (n,) in the value's unit.
-        unit
-            The value's name and unit, written beside the axis.
+        `times`: of the sets, (n,) s; `off`, `expanded` (n,).
         """
         c = theme.now()
         self.clear()

@@ -25,15 +25,7 @@ _AXIS_LENGTH = 1.6  # of a camera's frustum in the picture
 
 
 def place_text(name: str, kind: str) -> str:
-    """A place as it is shown in a list.
-
-    Parameters
-    ----------
-    name
-        The place's name.
-    kind
-        `ball`, `mark` or `point`.
-    """
+    """A place as it is shown in a list."""
     texts = {
         "ball": translate("Frame", "{name}: the ball's centre"),
         "mark": translate("Frame", "{name}: mark of a bar"),
@@ -44,12 +36,7 @@ def place_text(name: str, kind: str) -> str:
 def frame_words(definition: FrameDefinition | None, reference: str | None) -> str:
     """In which frame exports are given, for the page.
 
-    Parameters
-    ----------
-    definition
-        The user's frame; None: that of the reference camera.
-    reference
-        Id of the reference camera; None where there is none.
+    `definition` None: that of the reference camera; `reference` None where there is none.
     """
     camera = translate("Frame", "the reference camera's frame ({camera})").format(camera=reference or "-")
     if definition is None:
@@ -120,12 +107,7 @@ class FrameChoice:
     def choose(self, role: Role, name: str | None) -> None:
         """Another place for a role; a new origin suggests the others.
 
-        Parameters
-        ----------
-        role
-            `origin`, `x` or `xy`.
-        name
-            The place; None as the origin is the reference camera.
+        `name` None as the origin is the reference camera.
         """
         made = replace(self.definition, **{role: name})
         if role == "origin" and name is None:

@@ -23,15 +23,7 @@ _Entry = dict[str, object]  # a JSON object of the file
 
 
 def scene_glb(data: SceneData, style: SceneStyle) -> bytes:
-    """The file's bytes; the same scene gives the same bytes.
-
-    Parameters
-    ----------
-    data
-        The scene.
-    style
-        Colours, and the layers that are written.
-    """
+    """The file's bytes; the same scene gives the same bytes."""
     made = _Maker()
     shapes = scene_shapes(data, style)
     for mesh in shapes.meshes:

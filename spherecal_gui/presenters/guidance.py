@@ -75,17 +75,7 @@ class GuidanceView:
 
 
 def guidance_of(found: "Advised", rig: "Rig", spheres: "Sequence[PlacedSphere]") -> GuidanceView | None:
-    """The engine's answer as the window shows it; None where nothing helps.
-
-    Parameters
-    ----------
-    found
-        The engine's answer.
-    rig
-        The cameras as they are known so far.
-    spheres
-        The ball at every placement so far, in the order in which they were taken; the last is where it is now.
-    """
+    """The engine's answer as the window shows it; None where nothing helps."""
     from spherecal_documents.report.rig_view import TOP, choose_axes  # imports scipy
 
     best = found.best
@@ -180,30 +170,14 @@ def move_text(shown: GuidanceView) -> str:
 
 
 def is_enough(shown: GuidanceView, planned_taken: bool) -> bool:
-    """Whether all that was planned is taken and one more placement would not be worth it.
-
-    Parameters
-    ----------
-    shown
-        The advice.
-    planned_taken
-        Whether all that was planned is captured.
-    """
+    """Whether all that was planned is taken and one more placement would not be worth it."""
     if not planned_taken or shown.coarse or shown.now_mm is None or shown.next_mm is None:
         return False
     return shown.next_mm > (1 - WORTH) * shown.now_mm
 
 
 def advice_text(shown: GuidanceView, planned_taken: bool) -> str:
-    """Where to put the ball next; "Enough" where all that was planned is taken and no move is worth a tenth.
-
-    Parameters
-    ----------
-    shown
-        The advice.
-    planned_taken
-        Whether all that was planned is captured.
-    """
+    """Where to put the ball next; "Enough" where all that was planned is taken and no move is worth a tenth."""
     if is_enough(shown, planned_taken):
         return translate("Guidance", "Enough.")
     if not planned_taken and is_enough(shown, True):
@@ -234,15 +208,7 @@ def now_text(shown: GuidanceView) -> tuple[str, Level]:
 
 
 def next_text(shown: GuidanceView, planned_taken: bool = False) -> str:
-    """What the next placement would give, or one more than was planned.
-
-    Parameters
-    ----------
-    shown
-        The advice.
-    planned_taken
-        Whether all that was planned is captured, so that the next one is one more.
-    """
+    """What the next placement would give, or one more than was planned."""
     if shown.next_mm is None or not np.isfinite(shown.next_mm):
         return ""
     text = translate("Guidance", "With this placement: {mm:.3f} mm")

@@ -123,12 +123,7 @@ def limit_problems(limits: Limits) -> dict[str, str]:
 def value_text(name: str, value: Value | None) -> str:
     """A limit's value with its unit, for people.
 
-    Parameters
-    ----------
-    name
-        The limit's field in `Limits`; it decides the unit.
-    value
-        The value; None or empty text: no limit.
+    `value` None or empty text: no limit.
     """
     if isinstance(value, bool):
         return translate("Limits", "yes") if value else translate("Limits", "no")
@@ -241,17 +236,7 @@ class LimitsDesk:
     # --- the lock ----------------------------------------------------------------------------------------------------
 
     def unlock(self, name: str, pin: str, again: str = "") -> str:
-        """Unlock for somebody: with the PIN, or by setting one where there is none; what is in the way, else empty.
-
-        Parameters
-        ----------
-        name
-            Who unlocks; noted with every change.
-        pin
-            The PIN, or the one to set.
-        again
-            The one to set once more; not looked at where a PIN is set.
-        """
+        """Unlock for somebody: with the PIN, or by setting one where there is none; what is in the way, else empty."""
         if self.wait_s > 0:
             return self.wait_text()
         name = name.strip()

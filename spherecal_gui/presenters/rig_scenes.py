@@ -54,14 +54,7 @@ def rig_scene(rig: "Rig") -> SceneData | None:
 def next_scene(rig: "Rig", spheres: "Sequence[PlacedSphere]", centre_mm: ArrayLike) -> SceneData | None:
     """The rig as it is known so far, the ball where it was and where it should go next.
 
-    Parameters
-    ----------
-    rig
-        The cameras as they are known so far.
-    spheres
-        The ball at every placement so far; the last one is where it is now.
-    centre_mm
-        Centre (3,) of the ball where it should go, mm in the rig's world.
+    `centre_mm`: centre (3,) of the ball where it should go, mm in the rig's world.
     """
     from spherecal_documents.report.rig_view import DrawnPlacement  # imports scipy
 
@@ -81,15 +74,7 @@ def next_scene(rig: "Rig", spheres: "Sequence[PlacedSphere]", centre_mm: ArrayLi
 
 
 def check_scene(rig: "Rig", found: "Check | CheckSummary") -> SceneData | None:
-    """The calibration in use, and those cameras that a check found moved where they are now.
-
-    Parameters
-    ----------
-    rig
-        The calibration in use.
-    found
-        The check; of one that was read again, no camera is moved, as directions are not kept.
-    """
+    """The calibration in use, and those cameras that a check found moved where they are now."""
     from spherecal.geometry.rotation import exp_rotation  # imports scipy
 
     moved = {one.test.id: one.test for one in found.cameras if one.test.moved}

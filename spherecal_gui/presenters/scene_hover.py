@@ -29,15 +29,7 @@ class SceneItem:
 
 
 def items_of(data: SceneData, layers: frozenset[str]) -> list[SceneItem]:
-    """Everything that can be asked about.
-
-    Parameters
-    ----------
-    data
-        The scene.
-    layers
-        The layers that are shown, of `spherecal_documents.scene.shapes.LAYERS`.
-    """
+    """Everything that can be asked about."""
     found = [
         SceneItem("camera", camera.id, camera.centre, 0.0, data, i, 0) for i, camera in enumerate(data.scene.cameras)
     ]

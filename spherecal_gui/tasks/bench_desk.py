@@ -91,16 +91,7 @@ class BenchDesk:
     # --- changes -----------------------------------------------------------------------------------------------------
 
     def change(self, what: str, draft: BenchDraft) -> None:
-        """Another draft.
-
-        Parameters
-        ----------
-        what
-            The field that is typed into. Changes of one field one after the other are one step back; empty: a step of
-            its own.
-        draft
-            What is described from now on.
-        """
+        """Another draft."""
         if draft == self.draft and draft.ball.own is self.draft.ball.own:
             return
         if not (what and self._past and self._past[-1][0] == what):

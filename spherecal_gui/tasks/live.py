@@ -172,15 +172,6 @@ def wait_for_sight(view: LiveView, serial: str, seconds: float) -> Sight | None:
     """The camera's first examined image; for commands and tests, never for the window.
 
     None where there was none in this time.
-
-    Parameters
-    ----------
-    view
-        The live view, started.
-    serial
-        The camera's serial number.
-    seconds
-        How long to wait at most.
     """
     until = time.perf_counter() + seconds
     while time.perf_counter() < until and view.sight(serial) is None and view.problem is None:

@@ -55,28 +55,7 @@ class Outcome:
 
 
 def read_outcome(folder: Path, session: Path, profile: Path, bars: "Sequence[Bar]", context: Context) -> Outcome:
-    """The result in a folder with all that can be said about it.
-
-    Parameters
-    ----------
-    folder
-        The result.
-    session
-        The session that it came from.
-    profile
-        The rig's profile; it may not be there.
-    bars
-        The bars on the bench.
-    context
-        Progress and cancelling.
-
-    Raises
-    ------
-    InputError
-        Where the result cannot be read.
-    Cancelled
-        When somebody has stopped it.
-    """
+    """The result in a folder with all that can be said about it."""
     from spherecal.result.result_folder import read_result
 
     context.report("reading the result", 0.0)

@@ -46,17 +46,7 @@ class PaintedScene(SceneView):
         super().scene_changed()
 
     def paint_rig(self, painter: QPainter, data: SceneData, eye: Eye) -> None:
-        """Back to front as far as that matters: floor, balls with their dots, cameras, lines.
-
-        Parameters
-        ----------
-        painter
-            Of the widget, or of a picture.
-        data
-            The scene.
-        eye
-            From where it is looked at.
-        """
+        """Back to front as far as that matters: floor, balls with their dots, cameras, lines."""
         self._lines = self._lines or scene_lines(data, self.style_of_now())
         floor, *lines = self._lines
         _draw_lines(painter, eye, floor.ends, floor.colours, floor.width)

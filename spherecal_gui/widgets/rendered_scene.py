@@ -140,10 +140,7 @@ class RenderedScene(PaintedScene):
     def thumbnail(self, width: int, height: int) -> QImage:
         """The middle of the picture of pyvista, where there is one.
 
-        Parameters
-        ----------
-        width, height
-            Size of the picture, px.
+        `width`, `height`: size of the picture, px.
         """
         if self._image is None or self._broken:
             return super().thumbnail(width, height)
@@ -152,17 +149,7 @@ class RenderedScene(PaintedScene):
         return small.copy((small.width() - width) // 2, (small.height() - height) // 2, width, height)
 
     def paint_rig(self, painter: QPainter, data: SceneData, eye: Eye) -> None:
-        """The picture that is there, names and cube where it has them; else the painted rig.
-
-        Parameters
-        ----------
-        painter
-            Of this widget.
-        data
-            The scene.
-        eye
-            From where it is looked at.
-        """
+        """The picture that is there, names and cube where it has them; else the painted rig."""
         if self._image is None or self._broken:
             super().paint_rig(painter, data, eye)
             return

@@ -92,15 +92,7 @@ class VerificationView(QSplitter):
         self.panel.show_scene(data)
 
     def show_bars(self, bars: "BarReport", stale: bool) -> None:
-        """Show a verification.
-
-        Parameters
-        ----------
-        bars
-            The verification.
-        stale
-            Whether it is out of date.
-        """
+        """Show a verification."""
         verdict = bar_verdict(bars)
         word = "  ".join([verdict.word, self.tr("(out of date)")]) if stale else verdict.word
         self.words: tuple[str, Level] = (word, "caution" if stale else verdict.level)

@@ -60,15 +60,7 @@ def longest_spacing(target_set: TargetSet) -> tuple[str, str, float] | None:
 
 
 def print_error(target_set: TargetSet, spacing: PrintedSpacing) -> float | None:
-    """By how much the print is larger than designed, relatively; None where no target has both dots.
-
-    Parameters
-    ----------
-    target_set
-        The targets as designed.
-    spacing
-        What was measured on the print.
-    """
+    """By how much the print is larger than designed, relatively; None where no target has both dots."""
     for layout in target_set.layouts.values():
         if spacing.from_point in layout and spacing.to_point in layout:
             designed = float(np.hypot(*(layout[spacing.from_point] - layout[spacing.to_point])))
@@ -110,13 +102,7 @@ def balls_path() -> Path:
 
 
 def read_balls(path: Path | None = None) -> dict[str, RegisteredBall]:
-    """The balls by name, in the file's order; none where there is no file.
-
-    Raises
-    ------
-    InputError
-        Where the file is broken.
-    """
+    """The balls by name, in the file's order; none where there is no file."""
     path = path or balls_path()
     if not path.exists():
         return {}
@@ -124,13 +110,7 @@ def read_balls(path: Path | None = None) -> dict[str, RegisteredBall]:
 
 
 def changing_balls(path: Path | None = None) -> AbstractContextManager[None]:
-    """Hold the file from reading to writing, so that no other program's change is lost.
-
-    Raises
-    ------
-    OutputError
-        Where its folder cannot be made, or another program holds the file too long.
-    """
+    """Hold the file from reading to writing, so that no other program's change is lost."""
     path = path or balls_path()
     make_parent(path, Phrase("error-set-balls"))
     return locked(path)
@@ -139,17 +119,7 @@ def changing_balls(path: Path | None = None) -> AbstractContextManager[None]:
 def write_balls(balls: Mapping[str, RegisteredBall], path: Path | None = None) -> None:
     """Write the file whole.
 
-    Parameters
-    ----------
-    balls
-        The balls by name.
-    path
-        The file; None: that of `balls_path`.
-
-    Raises
-    ------
-    OutputError
-        Where the file cannot be written.
+    `path` None: that of `balls_path`.
     """
     path = path or balls_path()
     make_parent(path, Phrase("error-set-balls"))

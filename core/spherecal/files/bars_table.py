@@ -114,15 +114,7 @@ class Arrivals:
 
 
 def arrivals(table: BarsTable, known: Mapping[str, RegisteredBar]) -> Arrivals:
-    """Which bars of a table are new, known with the same figures, or known with others.
-
-    Parameters
-    ----------
-    table
-        The table as read.
-    known
-        The registry's bars by serial.
-    """
+    """Which bars of a table are new, known with the same figures, or known with others."""
     fresh = tuple(bar for bar in table.bars if bar.serial not in known)
     same = tuple(bar for bar in table.bars if known.get(bar.serial) == bar)
     return Arrivals(fresh, same, tuple(bar for bar in table.bars if bar not in fresh and bar not in same))
@@ -157,13 +149,7 @@ class _Column:
 
 
 def read_bars_table(path: Path) -> BarsTable:
-    """The bars of a CSV file.
-
-    Raises
-    ------
-    InputError
-        Where it is no such table at all, or too long.
-    """
+    """The bars of a CSV file."""
     text = _text_of(read_file(path, _MOST_BYTES), path)
     delimiter = _delimiter(text)
     try:
@@ -451,20 +437,7 @@ def bars_table(bars: Sequence[RegisteredBar]) -> str:
 
 
 def write_bars_table(bars: Sequence[RegisteredBar], path: Path) -> None:
-    """Write the table, with the mark by which spreadsheets know UTF-8.
-
-    Parameters
-    ----------
-    bars
-        The bars, in the order of the table.
-    path
-        The file.
-
-    Raises
-    ------
-    OutputError
-        Where the file cannot be written.
-    """
+    """Write the table, with the mark by which spreadsheets know UTF-8."""
     write_file_whole(path, b"\xef\xbb\xbf" + bars_table(bars).encode())
 
 

@@ -66,20 +66,7 @@ def bench_document(bench: Bench) -> dict[str, Any]:
 
 
 def write_bench(bench: Bench, folder: Path) -> Path:
-    """Write bench.json and targets.json, each whole; the path of the first.
-
-    Parameters
-    ----------
-    bench
-        The ball and the bars in front of the cameras.
-    folder
-        The folder, made where it is missing.
-
-    Raises
-    ------
-    OutputError
-        Where a file cannot be written.
-    """
+    """Write bench.json and targets.json, each whole; the path of the first."""
     path = folder / FILE
     make_parent(path, Phrase("error-choose-folder"))
     write_target_set(folder / TARGETS, bench.ball.target_set)

@@ -62,20 +62,7 @@ FRAME = FileFormat(
 
 
 def write_frame(frame: UserFrame, path: Path) -> None:
-    """Write the file whole.
-
-    Parameters
-    ----------
-    frame
-        The frame.
-    path
-        The file.
-
-    Raises
-    ------
-    OutputError
-        Where the file cannot be written.
-    """
+    """Write the file whole."""
     write_file_whole(path, FRAME.bytes(frame))
 
 
@@ -85,11 +72,5 @@ def frame_entry(frame: UserFrame) -> dict[str, Any]:
 
 
 def read_frame(path: Path) -> UserFrame:
-    """The frame in a file.
-
-    Raises
-    ------
-    InputError
-        Names the place that is not as docs/formats.md says.
-    """
+    """The frame in a file."""
     return FRAME.read(path)

@@ -26,16 +26,6 @@ def frame_times(videos: Mapping[str, Path]) -> tuple[Path, dict[str, FloatArray]
     """The table beside the videos and each camera's ascending frame times in seconds; None where there is none.
 
     None as well where the videos are in several folders, or the table is another program's.
-
-    Parameters
-    ----------
-    videos
-        The videos by camera.
-
-    Raises
-    ------
-    InputError
-        Where a row has no time, or a video no rows.
     """
     folders = {path.parent for path in videos.values()}
     beside = [folder / name for folder in folders for name in NAMES if (folder / name).is_file()]

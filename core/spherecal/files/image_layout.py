@@ -63,17 +63,7 @@ class ImageLayout:
 def recognise(folder: Path, pattern: str | None = None) -> ImageLayout:
     """The layout of the images or videos in a folder, by its pattern where one is given.
 
-    Parameters
-    ----------
-    folder
-        The folder, searched with the folders below it.
-    pattern
-        Such as "{camera}/{placement}.png"; None: to be found from the names.
-
-    Raises
-    ------
-    InputError
-        Where there are no images or videos, the pattern fits none, or the names can be read in more than one way.
+    `pattern` None: to be found from the names.
     """
     found = _listed(folder)
     if not found:

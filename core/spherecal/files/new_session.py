@@ -106,31 +106,7 @@ def make_session(
     Where `source` is the folder or is inside it, nothing is copied and session.json is written beside the images. Where
     it fails, nothing is left behind.
 
-    Parameters
-    ----------
-    folder
-        The session's folder to be.
-    source
-        The folder of the images or videos.
-    pattern
-        Which file is of which camera and placement, as "{camera}/{placement}.png"; None: to be found from the names.
-    contents
-        What the session holds besides images.
-    known
-        What the user says of all cameras.
-    frames
-        Placements that are made of videos at most.
-    context
-        For progress, and to stop.
-
-    Raises
-    ------
-    InputError
-        Where the layout is ambiguous, an image is none or has another size than the others of its camera.
-    OutputError
-        Where the folder cannot be written, or has a session.json already.
-    Cancelled
-        Where the user stopped it.
+    `pattern` None: to be found from the names.
     """
     inside = Path(os.path.realpath(source)).is_relative_to(os.path.realpath(folder))
     if inside and (folder / SESSION_FILE).exists():

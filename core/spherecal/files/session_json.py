@@ -9,15 +9,7 @@ from spherecal.geometry.camera import camera_matrix, is_fisheye
 
 
 def session_json(session: Session, folder: Path) -> dict[str, Any]:
-    """The document session.json of a session.
-
-    Parameters
-    ----------
-    session
-        The session.
-    folder
-        The folder with its images, if it has any.
-    """
+    """The document session.json of a session."""
     document: dict[str, Any] = {
         "format": "spherecal/session",
         "version": 1,

@@ -51,14 +51,7 @@ def predict_lengths(cameras: Cameras, ends: FloatArray, sigma_px: float) -> Pred
 
     A dot is seen by all cameras whose image holds it: nothing hides it. See docs/formulation.md, Prediction.
 
-    Parameters
-    ----------
-    cameras
-        The cameras and their covariance.
-    ends
-        Ends of the lengths in the cameras' frame and unit, (m,2,3).
-    sigma_px
-        Standard deviation of one coordinate of a dot's image, px.
+    `ends`: ends of the lengths in the cameras' frame and unit, (m,2,3).
     """
     at_once = max(arrays.ROWS_AT_ONCE // (2 * max(len(cameras.rotation), 1)), 1)
     parts = [_gradients(cameras, ends[k : k + at_once], sigma_px) for k in range(0, max(len(ends), 1), at_once)]
@@ -70,12 +63,7 @@ def predict_lengths(cameras: Cameras, ends: FloatArray, sigma_px: float) -> Pred
 def length_gradients(cameras: Cameras, ends: FloatArray) -> FloatArray:
     """Derivatives (k,c*w) of lengths by the cameras, of the k lengths of which two cameras see both ends.
 
-    Parameters
-    ----------
-    cameras
-        The cameras.
-    ends
-        Ends of the lengths in the cameras' frame and unit, (m,2,3).
+    `ends`: ends of the lengths in the cameras' frame and unit, (m,2,3).
     """
     gradient, _, _, known = _gradients(cameras, ends, 1.0)
     return gradient[known]

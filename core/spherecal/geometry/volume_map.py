@@ -64,12 +64,7 @@ def measured_volume(points: FloatArray, camera_centres: FloatArray) -> Volume:
 
     Nine tenths of the points' extent: a length must be inside as a whole.
 
-    Parameters
-    ----------
-    points
-        The points, (n,3) mm.
-    camera_centres
-        Projection centres of the cameras, (c,3) mm.
+    `points`: the points, (n,3) mm; `camera_centres`: projection centres of the cameras, (c,3) mm.
     """
     centred = camera_centres - camera_centres.mean(axis=0)
     axes = np.linalg.svd(centred)[2]
@@ -80,19 +75,7 @@ def measured_volume(points: FloatArray, camera_centres: FloatArray) -> Volume:
 
 
 def length_map(cameras: Cameras, volume: Volume, sigma_px: float, scale_relative: float = 0.0) -> LengthMap:
-    """The map over a volume in mm.
-
-    Parameters
-    ----------
-    cameras
-        The cameras and their covariance in mm.
-    volume
-        The box.
-    sigma_px
-        Standard deviation of one coordinate of a dot's image, px.
-    scale_relative
-        Relative standard uncertainty of the scale; 0 where the cameras' covariance holds the scale's share.
-    """
+    """The map over a volume in mm."""
     places = volume.grid(GRID)
     directions = DIRECTIONS @ volume.axes
     half = LENGTH_MM / 2 * directions

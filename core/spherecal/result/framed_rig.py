@@ -43,18 +43,6 @@ def result_places(folder: Path, requested: Collection[str] = ()) -> dict[str, Pl
 
     `P1` is the ball's centre at placement P1. `A-01/A1` is the mark A1 of a bar verified in the pose A-01: its longest
     length's ends, without covariance. `B-01/901/centre` is a point of points.csv.
-
-    Parameters
-    ----------
-    folder
-        The result folder.
-    requested
-        Names of points. Of the ball's dots only these are given, of bar poses all points.
-
-    Raises
-    ------
-    InputError
-        Where files are missing or broken.
     """
     table = read_csv(folder / "points.csv", POINT_COLUMNS)
     xyz = np.column_stack([table.numbers(axis) for axis in _AXES]).reshape(-1, 3)
@@ -134,42 +122,14 @@ def _marks(path: Path) -> dict[str, Place]:
 
 
 def define_frame(folder: Path, definition: FrameDefinition) -> UserFrame:
-    """The user's frame in the world of the rig in a result folder.
-
-    Parameters
-    ----------
-    folder
-        The result folder.
-    definition
-        How the frame is defined.
-
-    Raises
-    ------
-    InputError
-        For places that the result does not have or that define no frame, and where its files are broken.
-    """
+    """The user's frame in the world of the rig in a result folder."""
     rig = read_rig(folder / "rig.json")
     places = result_places(folder, definition.places) if definition.places else {}
     return frame_of(definition, places, rig)
 
 
 def frame_of(definition: FrameDefinition, places: Mapping[str, Place], rig: Rig) -> UserFrame:
-    """The frame that a definition gives with these places of a rig.
-
-    Parameters
-    ----------
-    definition
-        How the frame is defined.
-    places
-        The rig's places by name.
-    rig
-        The rig, whose world they are in.
-
-    Raises
-    ------
-    InputError
-        As `define_frame`.
-    """
+    """The frame that a definition gives with these places of a rig."""
     return replace(
         _frame(definition, places, "mm" if rig.scale.source != "none" else "units"),
         reference_camera=rig.reference_camera,
@@ -205,18 +165,6 @@ def in_frame(rig: Rig, frame: UserFrame) -> Rig:
 
     The cameras' covariance and rotation sigmas are about their own axes and stay. Centres' sigmas are turned, with the
     correlations of the covariance; without it, as if there were none. Findings keep their words.
-
-    Parameters
-    ----------
-    rig
-        The rig.
-    frame
-        The user's frame, defined on this rig or on one with the same reference camera.
-
-    Raises
-    ------
-    InputError
-        Where the frame belongs to a rig with another reference camera.
     """
     if frame.reference_camera != rig.reference_camera:
         names = {"camera": frame.reference_camera or "-", "own": rig.reference_camera or "-"}

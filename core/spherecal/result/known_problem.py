@@ -54,15 +54,7 @@ class KnownNetwork:
 
 
 def what_is_known(session: Session, calibration: Calibration) -> KnownNetwork | None:
-    """The network behind a calibration; None where it has no covariance or no ball.
-
-    Parameters
-    ----------
-    session
-        The session that was calibrated.
-    calibration
-        Its result.
-    """
+    """The network behind a calibration; None where it has no covariance or no ball."""
     rig, covariance = calibration.rig, calibration.rig.covariance
     n_ball = len(session.placements)
     placed = {sphere.placement for sphere in calibration.spheres}

@@ -105,22 +105,6 @@ def advise(
     """Where to put the ball next, from a calibration with the placements recorded so far; None without a ball.
 
     Prediction to first order, with the ball as known so far. Lengths in the rig's frame, mm.
-
-    Parameters
-    ----------
-    session
-        The session that was calibrated.
-    calibration
-        Its result.
-    context
-        For progress, and to stop.
-    enough_dots
-        Dots that every camera should see at a placement.
-
-    Raises
-    ------
-    Cancelled
-        When the user stops the work.
     """
     context = context or Context()
     known = what_is_known(session, calibration)
@@ -149,15 +133,6 @@ def first_guess(session: Session, calibration: Calibration, enough_dots: int = E
     """A place that enough cameras see, as far as can be from those so far, turned about the volume's thin axis.
 
     By geometry alone, for an answer at once; no length is predicted (`expanded_mm` NaN). None without a ball.
-
-    Parameters
-    ----------
-    session
-        The session that was calibrated.
-    calibration
-        Its result.
-    enough_dots
-        Dots that every camera should see at a placement.
     """
     known = what_is_known(session, calibration)
     if known is None:

@@ -13,13 +13,7 @@ from spherecal.verify.write_verification import BAR_COLUMNS
 
 
 def read_bar_report(folder: Path) -> BarReport | None:
-    """The verification in a result folder; None where there is none.
-
-    Raises
-    ------
-    InputError
-        Where it is broken, or one of its two files is missing.
-    """
+    """The verification in a result folder; None where there is none."""
     table, document = folder / "bars.csv", folder / "verification.json"
     if not table.exists() and not document.exists():
         return None

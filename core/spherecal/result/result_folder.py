@@ -91,13 +91,7 @@ class Result:
 
 
 def read_result(folder: Path) -> Result:
-    """Read a result folder.
-
-    Raises
-    ------
-    InputError
-        Names the file that is missing, broken or does not fit the others.
-    """
+    """Read a result folder."""
     if not folder.is_dir():
         raise InputError(Phrase("error-no-result-folder", {"folder": folder}))
     return read_unchanged(folder, _read_result)

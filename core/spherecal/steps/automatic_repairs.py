@@ -83,17 +83,7 @@ def _faults(calibration: Calibration) -> tuple[int, int]:
 
 
 def ways(session: Session, now: Calibration, done: Repairs) -> Iterator[Repairs]:
-    """Repairs of all certain faults together, in the order to try them; none if too much is wrong.
-
-    Parameters
-    ----------
-    session
-        The session as it was recorded.
-    now
-        The calibration with the repairs `done`, whose findings are used.
-    done
-        Repairs made so far. Each way has them too.
-    """
+    """Repairs of all certain faults together, in the order to try them; none if too much is wrong."""
     findings = now.rig.quality.findings
     # of two equal images `wrong-placement` knows the old one
     reported = {frozenset(f.where) for f in findings if f.code == "wrong-placement"}
@@ -179,13 +169,6 @@ def is_last_pose(session: Session, image: str) -> bool:
 
     A region of interest was shifted at the last two images of a camera before one of 7 dots. Both were left out, and
     lengths were 8.8 times their U off.
-
-    Parameters
-    ----------
-    session
-        The session as it was recorded.
-    image
-        Camera and placement, written as `C05@P3`; False for one that the session does not have.
     """
     camera, _, place = image.partition("@")
     names = [one.id for one in session.placements]
@@ -236,15 +219,6 @@ def may_be_swapped(session: Session, way: Repairs, camera: str) -> bool:
 
     A camera was exchanged from P3 on with one that had not seen the ball before. Its first two images were left out:
     926 mm off if the names of these are the right ones.
-
-    Parameters
-    ----------
-    session
-        The session as it was recorded.
-    way
-        The repairs in question.
-    camera
-        Id of the camera.
     """
     seen = placements_seen_by(session, [camera])
     out = {place for name, _, place in (value.partition("@") for value in way.leave_out) if name == camera}
@@ -261,13 +235,6 @@ def keeps_a_tested_pose(mended: Session, way: Repairs) -> bool:
 
     A region of interest that was shifted by 8 px before P2 of four was repaired by three poses of one image each and
     one image left out. Nothing tests those, and a length was 4 times its U off.
-
-    Parameters
-    ----------
-    mended
-        The session with the repairs made.
-    way
-        The repairs.
     """
     of = [value.partition("@")[0] for value in (*way.split, *way.leave_out)]
     return all(

@@ -26,17 +26,7 @@ from spherecal.steps.start_values import StartValues
 
 
 def ball_network(recording: Recording, network: Network, local: LocalNetwork, free: BallFit) -> BallNetwork:
-    """The dots of the ball in the free network; no two-view gate judges a camera that is alone.
-
-    Parameters
-    ----------
-    recording
-        The recording.
-    network, local
-        The network in the free form, and its local reconstructions with the gate's verdicts.
-    free
-        The solution in the free form; cameras that it does not place are alone.
-    """
+    """The dots of the ball in the free network; no two-view gate judges a camera that is alone."""
     candidates = local.keep | ~free.placed[network.camera]
     return BallNetwork(network, recording.features, recording.n_placements, recording.n_ball, candidates)
 
@@ -47,24 +37,6 @@ def fit_ball_model(
     """The network in millimetres, in the ball model that the data support; the free form if the user stops this.
 
     Decision 0006; docs/formulation.md, section The rigid ball.
-
-    Parameters
-    ----------
-    recording, start
-        The recording, and what its adjustment started from.
-    free
-        The solution in the free form.
-    settings
-        Of these `method`, `ball`, `shape_sd_mm`, `intrinsics`, `paths` and `seed` count.
-    run
-        What the stages share.
-
-    Raises
-    ------
-    InputError
-        As `select_ball_model`, and where the targets do not go with the stored ball.
-    PartialResultAccepted
-        Where the user wants what there is and the caller has a partial result.
     """
     ball = ball_network(recording, start.network, start.local, free)
     try:
@@ -110,22 +82,6 @@ def select_ball_model(
 
     Where motions of cameras or of the ball explain what the rigid form does not, it is kept (decisions 0006, 0009,
     0012).
-
-    Parameters
-    ----------
-    recording
-        The recording.
-    free, ball
-        The solution in the free form, and its network.
-    settings
-        Of these `method`, `shape_sd_mm`, `intrinsics`, `paths` and `seed` count.
-    run
-        What the stages share.
-
-    Raises
-    ------
-    InputError
-        Where the rigid or soft form is asked for and is not possible, as when no two placements share enough dots.
     """
     wanted: RequestedForm = settings.method if settings.method in ("rigid", "soft") else "auto"
 
@@ -162,16 +118,7 @@ def solve_others(
 ) -> list[BallFit]:
     """The free form of each group of cameras that has no common view with those placed, each in its own frame.
 
-    Parameters
-    ----------
-    recording, network
-        The recording, and its network in the free form.
-    placed
-        Cameras that have a pose, (c,).
-    settings
-        Of these `paths` and `seed` count.
-    run
-        What the stages share.
+    `placed`: cameras that have a pose, (c,).
     """
     groups: list[BallFit] = []
     rest = ~placed

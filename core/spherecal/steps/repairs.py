@@ -42,19 +42,6 @@ def repaired(session: Session, repairs: Repairs) -> Session:
 
     A camera that is split becomes two, with one set of intrinsics. It keeps its pose from the placement on; another
     one, with `earlier_pose_of`, has the pose before. What is before is by the order of placements, then bar poses.
-
-    Parameters
-    ----------
-    session
-        The recorded session.
-    repairs
-        What is asked for.
-
-    Raises
-    ------
-    InputError
-        For names that are not in the session, a camera that has nothing on one side of a split, and where fewer than
-        two cameras are left.
     """
     for value in repairs.swap:
         session = _swapped(session, *_read_swap(session, value))
@@ -74,17 +61,6 @@ def recorded(
     """The calibration of a mended session, in terms of the original cameras, with its repairs and a finding for each.
 
     Repairs recorded before stay.
-
-    Parameters
-    ----------
-    calibration
-        Of the mended session.
-    session, mended
-        The session as it was, and as `repaired` made it.
-    repairs
-        What was done to it.
-    automatic
-        Whether they were not asked for, but certain.
     """
     rig, earlier = calibration.rig, {camera.id: camera for camera in calibration.rig.earlier_poses}
     done, findings = [], []
@@ -121,15 +97,7 @@ def recorded(
 
 
 def placements_seen_by(session: Session, cameras: Sequence[str]) -> list[str]:
-    """The placements of the ball of which some cameras have observations, in order; all of a session without any.
-
-    Parameters
-    ----------
-    session
-        The session.
-    cameras
-        The cameras' ids.
-    """
+    """The placements of the ball of which some cameras have observations, in order; all of a session without any."""
     o, names = session.observations, [placement.id for placement in session.placements]
     if o is None:
         return names

@@ -72,30 +72,12 @@ def without_effect(settings: CalibrationSettings) -> tuple[Finding, ...]:
 
 
 def as_stated(session: Session, settings: CalibrationSettings) -> tuple[Finding, ...]:
-    """Findings on the user's input: assumed figures, settings without effect.
-
-    Parameters
-    ----------
-    session, settings
-        The session, and how to calibrate it.
-    """
+    """Findings on the user's input: assumed figures, settings without effect."""
     return (*assumed_of_session(session), *without_effect(settings))
 
 
 def check_settings(session: Session, settings: CalibrationSettings) -> None:
-    """Checks that the settings can be used with the session and with each other.
-
-    Parameters
-    ----------
-    session, settings
-        The session, and how to calibrate it.
-
-    Raises
-    ------
-    InputError
-        Where `tao2021` meets a lens model other than Brown's. Where weights or the base of paths are out of range.
-        Where a method gets a stored ball and takes none.
-    """
+    """Checks that the settings can be used with the session and with each other."""
     other = next((camera for camera in session.cameras if camera.lens_model != "brown"), None)
     if settings.method == "tao2021" and other is not None:
         raise InputError(Phrase("error-lens-of-method", {"camera": other.id, "model": other.lens_model}))

@@ -22,15 +22,7 @@ from spherecal.steps.settings import CalibrationSettings
 
 
 def describe_network(recording: Recording, settings: CalibrationSettings) -> Network:
-    """Who observes what, and which intrinsics are to be estimated.
-
-    Parameters
-    ----------
-    recording
-        The recording.
-    settings
-        Of these `method`, `intrinsics` and `own_intrinsics` count.
-    """
+    """Who observes what, and which intrinsics are to be estimated."""
     cameras, observations, features = recording.session.cameras, recording.observations, recording.features
     free = settings.intrinsics == "free"
     estimated = estimated_intrinsics(recording.session, free)
@@ -44,17 +36,7 @@ def describe_network(recording: Recording, settings: CalibrationSettings) -> Net
 
 
 def local_network(recording: Recording, settings: CalibrationSettings, context: Context) -> LocalNetwork:
-    """Two-view geometry, triples, view graph and paths of a recording, from its cameras' priors; [Tao21] (3)-(14).
-
-    Parameters
-    ----------
-    recording
-        The recording.
-    settings
-        Of these `paths` and `seed` count.
-    context
-        For progress, and to stop.
-    """
+    """Two-view geometry, triples, view graph and paths of a recording, from its cameras' priors; [Tao21] (3)-(14)."""
     observations, features = recording.observations, recording.features
     local = reconstruct_locally(observations, features, recording.priors, settings.paths, settings.seed, context)
     release_freed()
@@ -82,17 +64,7 @@ class StartValues:
 def start_values(
     recording: Recording, local: LocalNetwork, settings: CalibrationSettings, context: Context
 ) -> StartValues:
-    """Poses chained along the paths and by resection; points as in the paper if that is requested.
-
-    Parameters
-    ----------
-    recording, local
-        The recording, and its local reconstructions.
-    settings
-        Of these `method`, `intrinsics`, `own_intrinsics` and `spherical_projection` count.
-    context
-        For progress, and to stop.
-    """
+    """Poses chained along the paths and by resection; points as in the paper if that is requested."""
     context.report("start values", 0.0, Phrase("compiling"))
     network = describe_network(recording, settings)
     poses = grow(local, network, recording.priors, local.keep, context)
@@ -104,17 +76,7 @@ def start_values(
 
 
 def points_as_in_the_paper(start: InitialPoses, local: LocalNetwork, features: Features, spherical: bool) -> FloatArray:
-    """Points (p,3) chained through the triples and, unless none-SPO, moved onto their placements' spheres, [Tao21].
-
-    Parameters
-    ----------
-    start, local
-        The cameras' poses, and the local reconstructions whose points are chained.
-    features
-        For the placement of each point.
-    spherical
-        Whether points are moved onto the spheres (SPO, Algorithm 2).
-    """
+    """Points (p,3) chained through the triples and, unless none-SPO, moved onto their placements' spheres, [Tao21]."""
     points = chain_points(
         local.paths, local.triples, local.graph.scale, start.state.rotation, start.state.translation, len(features)
     )
@@ -124,17 +86,7 @@ def points_as_in_the_paper(start: InitialPoses, local: LocalNetwork, features: F
 def run_of(
     recording: Recording, start: StartValues, settings: CalibrationSettings, context: Context, watch: Stopwatch
 ) -> Run:
-    """Data that the stages from the adjustment on share; the requested reference camera is the first, if it has a pose.
-
-    Parameters
-    ----------
-    recording, start
-        The recording, and what its adjustment starts from.
-    settings
-        Of these `method` and `reference` count.
-    context, watch
-        For progress and to stop, and for the times of the stages.
-    """
+    """Data that the stages from the adjustment on share; the requested reference camera is first, if it has a pose."""
     cameras, placed = recording.session.cameras, start.poses.placed
     requested = [c for c, camera in enumerate(cameras) if camera.id == settings.reference and placed[c]]
     first, *others = dict.fromkeys((*requested, *start.local.graph.references))

@@ -69,23 +69,7 @@ def choose_frames(
     The recording is cut into as many stretches as moments are wanted. Of each the sharpest of its stillest frames is
     taken, unless it shows the same as the one before.
 
-    Parameters
-    ----------
-    videos
-        The file of each camera.
-    most
-        Number of moments at most.
-    context
-        For progress, and to stop.
-    times
-        Times in s of all frames of each video; None: frames i of all videos show one moment.
-
-    Raises
-    ------
-    InputError
-        For a video that cannot be read or is too long or too short, and for numbers of frames that do not agree.
-    Cancelled
-        When the user stops the work.
+    `times` None: frames i of all videos show one moment.
     """
     watched = {}
     for number, (camera, path) in enumerate(videos.items()):
@@ -134,23 +118,7 @@ def common_moments(times: Sequence[NDArray[np.floating[Any]]]) -> IntArray:
 def keep_frames(path: Path, frames: Sequence[int], keep: Callable[[int, bytes], None], context: Context) -> None:
     """Pass some frames of a video on as grey PNG files, in ascending order.
 
-    Parameters
-    ----------
-    path
-        The video.
-    frames
-        Numbers of the frames, from 0.
-    keep
-        Called with the number and the PNG's bytes of each frame.
-    context
-        For progress, and to stop.
-
-    Raises
-    ------
-    InputError
-        Where the video cannot be read or a frame cannot be coded.
-    Cancelled
-        When the user stops the work.
+    `keep`: called with the number and the PNG's bytes of each frame.
     """
     wanted = set(frames)
     for number, grey in enumerate(_frames(path)):

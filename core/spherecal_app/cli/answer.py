@@ -18,15 +18,7 @@ if TYPE_CHECKING:
 
 
 def answer(options: argparse.Namespace, document: object) -> None:
-    """With `--json`, print the document: all that goes to standard output, or to standard error beside a file there.
-
-    Parameters
-    ----------
-    options
-        Those of the command.
-    document
-        What it tells: anything that `plain` knows.
-    """
+    """With `--json`, print the document: all that goes to standard output, or to standard error beside a file there."""
     if options.json:
         print(json.dumps(plain(document), indent=1), file=out.file, flush=True)
 

@@ -77,17 +77,7 @@ def _check_forms(options: argparse.Namespace) -> None:
 
 
 def show_calibration(calibration: Calibration, folder: Path, seconds: float) -> None:
-    """Print the result in words and a table, verdict first.
-
-    Parameters
-    ----------
-    calibration
-        The result.
-    folder
-        Where it was written.
-    seconds
-        How long the calibration took.
-    """
+    """Print the result in words and a table, verdict first."""
     rig = calibration.rig
     quality = rig.quality
     colour = {"valid": "bold green", "use-with-care": "bold yellow", "not-valid": "bold red"}[quality.verdict]

@@ -13,15 +13,7 @@ from spherecal_cameras.protocol import CameraSource, Discovery, features_of
 
 
 def examined(source: CameraSource, discovery: Discovery, rate_hz: float) -> tuple[LineExamination, ...]:
-    """The lines of the GigE cameras that a source has open; none where there are no such cameras.
-
-    Parameters
-    ----------
-    source, discovery
-        The source and the cameras that it found.
-    rate_hz
-        How many images a second every camera is to send.
-    """
+    """The lines of the GigE cameras that a source has open; none where there are no such cameras."""
     serials = [info.serial for info in discovery.cameras if info.transport in ("GEV", "GigEVision")]
     if source.kind != "genicam" or not serials:
         return ()
@@ -51,24 +43,7 @@ def show(lines: Sequence[LineExamination]) -> None:
 def keep_staggered(
     options: argparse.Namespace, profile: CameraProfile, source: CameraSource, lines: Sequence[LineExamination]
 ) -> None:
-    """Write the proposed delays into the profile and the cameras.
-
-    Parameters
-    ----------
-    options
-        Those of the command, which name the profile's file.
-    profile
-        The user's settings.
-    source
-        Whose cameras are open.
-    lines
-        What `examined` found.
-
-    Raises
-    ------
-    InputError
-        Where no delays are proposed, as no line says its speed.
-    """
+    """Write the proposed delays into the profile and the cameras."""
     staggers = [stagger for line in lines for stagger in line.staggers]
     if not staggers:
         raise InputError(Phrase("error-no-delays"))

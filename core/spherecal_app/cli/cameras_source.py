@@ -19,43 +19,17 @@ def profile_of(options: argparse.Namespace) -> CameraProfile:
 
 
 def open_asking(name: str, producers: Sequence[str], faults: Sequence[str]) -> CameraSource:
-    """A source of cameras; at a terminal the user is asked about drivers that were never allowed.
-
-    Parameters
-    ----------
-    name
-        genicam, replay:SESSION or simulated[:PRESET].
-    producers
-        Driver files (.cti), or folders of them.
-    faults
-        Faults of simulated cameras.
-    """
+    """A source of cameras; at a terminal the user is asked about drivers that were never allowed."""
     return open_source(name, producers, faults, asked_before(producers) if name == "genicam" else None)
 
 
 def open_named(options: argparse.Namespace, profile: CameraProfile) -> CameraSource:
-    """The source that the options name.
-
-    Parameters
-    ----------
-    options
-        Those of a command of the group `cameras`.
-    profile
-        The user's settings, which may name further drivers.
-    """
+    """The source that the options name."""
     return open_asking(options.source, (*options.producer, *profile.producers), options.fault)
 
 
 def discovered(source: CameraSource, context: Context) -> Discovery:
-    """The cameras of a source; where they are not real, that is said.
-
-    Parameters
-    ----------
-    source
-        Of cameras.
-    context
-        Takes progress; may cancel.
-    """
+    """The cameras of a source; where they are not real, that is said."""
     discovery = source.discover(context)
     if source.label:
         print(source.label, file=sys.stderr)

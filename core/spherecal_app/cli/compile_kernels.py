@@ -64,17 +64,7 @@ def run_when_idle() -> None:
 def compile_all(tell: Callable[[int, int], None], trial: str = _TRIAL) -> None:
     """Run the trial of the kernels, its parts side by side: they are in numba's cache afterwards, and a stamp says so.
 
-    Parameters
-    ----------
-    tell
-        Called as `tell(done, all)` after every step.
-    trial
-        The module with the PARTS.
-
-    Raises
-    ------
-    SpherecalError
-        Where a part fails.
+    `tell`: called as `tell(done, all)` after every step.
     """
     made_from = wanted()
     with _side_by_side(trial, "PARTS") as finish:

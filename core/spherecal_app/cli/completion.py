@@ -37,15 +37,7 @@ def completion(options: argparse.Namespace) -> int:
 
 
 def script(parser: argparse.ArgumentParser, shell: str) -> str:
-    """The script for a shell.
-
-    Parameters
-    ----------
-    parser
-        The parser of all commands.
-    shell
-        bash, zsh or fish.
-    """
+    """The script for a shell."""
     if shell == "fish":
         return _fish(parser)
     made = _BASH.format(shell=shell, tables="\n".join(_tables(parser)))

@@ -28,13 +28,5 @@ def say(*lines: str) -> None:
 
 
 def number(value: float | None, digits: int) -> str:
-    """A number with so many decimals; "-" where there is none or it is not finite.
-
-    Parameters
-    ----------
-    value
-        The number.
-    digits
-        How many decimals.
-    """
+    """A number with so many decimals; "-" where there is none or it is not finite."""
     return "-" if value is None or not isfinite(value) else f"{value:.{digits}f}"

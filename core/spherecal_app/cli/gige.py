@@ -58,17 +58,7 @@ def simulate(options: argparse.Namespace) -> int:
 
 
 def show(rig: GigeRig, scenes: SessionScenes, scene: str) -> None:
-    """Let the cameras of the rig see a scene; images with more than 8 bits lose their lowest.
-
-    Parameters
-    ----------
-    rig
-        The simulated cameras.
-    scenes
-        The images of a session, by placement and bar pose.
-    scene
-        The placement or bar pose that they see from now on.
-    """
+    """Let the cameras of the rig see a scene; images with more than 8 bits lose their lowest."""
     bits = scenes.bits
     images = scenes.images(scene)
     for serial in scenes.cameras:
@@ -77,19 +67,7 @@ def show(rig: GigeRig, scenes: SessionScenes, scene: str) -> None:
 
 
 def follow(rig: GigeRig, scenes: SessionScenes, lines: Iterable[str], tell: Callable[[str], None]) -> None:
-    """Obey commands line by line until `quit`; when there are no more, the rig stays until the program is ended.
-
-    Parameters
-    ----------
-    rig
-        The simulated cameras.
-    scenes
-        What they can see.
-    lines
-        The commands: a scene, a fault with its values, `quit`.
-    tell
-        Takes the answer to each.
-    """
+    """Obey commands line by line until `quit`; when there are no more, the rig stays until the program is ended."""
     for line in lines:
         words = line.split()
         if words == ["quit"]:

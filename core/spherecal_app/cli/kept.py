@@ -7,17 +7,7 @@ from spherecal.base.errors import OutputError
 
 
 def kept_in_profile(what: str, profile: Path, keep: Callable[[], bool]) -> str | None:
-    """Keep it; what to say of it, None where there was nothing to keep. A profile that cannot be written to is said.
-
-    Parameters
-    ----------
-    what
-        What is kept, as "The check".
-    profile
-        The profile.
-    keep
-        Keeps it, and says whether it did; raises `OutputError` where the profile cannot be written to.
-    """
+    """Keep it; what to say of it, None where there was nothing to keep. A profile that cannot be written to is said."""
     try:
         kept = keep()
     except OutputError as error:

@@ -13,35 +13,14 @@ from spherecal_app.cli.parsing import is_standard_output
 
 
 def check_output_folder(path: Path, marker: Marker) -> None:
-    """Check that a folder may be written, as `check_folder` does.
-
-    Parameters
-    ----------
-    path
-        The folder.
-    marker
-        The file by which a folder of ours is known, which may be replaced.
-
-    Raises
-    ------
-    InputError
-        For "-", as a folder cannot go to standard output; else as `check_folder`.
-    """
+    """Check that a folder may be written, as `check_folder` does."""
     if is_standard_output(path):
         raise InputError(Phrase("error-folder-to-output"))
     check_folder(path, marker)
 
 
 def to_output(path: Path, data: bytes) -> None:
-    """Write a single file whole.
-
-    Parameters
-    ----------
-    path
-        The file; "-" is standard output.
-    data
-        Its contents.
-    """
+    """Write a single file whole."""
     with output_file(path) as place:
         write_file_whole(place, data)
 

@@ -49,15 +49,7 @@ class Parser(argparse.ArgumentParser):
 
 
 def main_parser(program: str, description: str, epilog: str) -> Parser:
-    """A parser without options yet: no option may be abbreviated.
-
-    Parameters
-    ----------
-    program
-        The name of the program.
-    description, epilog
-        What its help begins and ends with.
-    """
+    """A parser without options yet: no option may be abbreviated."""
     parser = Parser(prog=program, description=description, epilog=epilog, allow_abbrev=False)
     parser.set_defaults(leaf=parser)
     return parser
@@ -70,19 +62,7 @@ def commands_below(
     *,
     required: bool = True,
 ) -> Add:
-    """The function that adds a command below this one.
-
-    Parameters
-    ----------
-    parser
-        The parser of the command above.
-    metavar
-        How the help calls the word that names a command.
-    dest
-        The option that this word becomes.
-    required
-        Whether the word must be given.
-    """
+    """The function that adds a command below this one."""
     commands = parser.add_subparsers(dest=dest, required=required, metavar=metavar)
 
     def add(name: str, text: str) -> argparse.ArgumentParser:

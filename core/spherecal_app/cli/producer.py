@@ -52,17 +52,7 @@ def _seen(feed: RigFeed, producers: Path | None) -> dict[str, object]:
 
 
 def follow(feed: RigFeed, lines: Iterable[str], tell: Callable[[str], None]) -> None:
-    """Obey commands line by line until `quit`; when there are no more, the rig stays until the program is ended.
-
-    Parameters
-    ----------
-    feed
-        What the simulated cameras send.
-    lines
-        The commands: a scene, `unplug SERIAL`, `plug SERIAL`, `pulse`, `quit`.
-    tell
-        Takes the answer to each.
-    """
+    """Obey commands line by line until `quit`; when there are no more, the rig stays until the program is ended."""
     for line in lines:
         words = line.split()
         if words == ["quit"]:

@@ -44,15 +44,7 @@ def verify(options: argparse.Namespace) -> int:
 
 
 def show_verification(verification: Verification, folder: Path) -> None:
-    """Print the verification in words and a table, verdict first.
-
-    Parameters
-    ----------
-    verification
-        The result.
-    folder
-        Where it was written.
-    """
+    """Print the verification in words and a table, verdict first."""
     word = {"consistent": "[bold green]CONSISTENT[/]", "inconsistent": "[bold red]INCONSISTENT[/]"}
     out.print(
         f"{word.get(verification.decision.verdict, '[bold yellow]NO DATA[/]')}: {phrase(verification.decision.rule)}"

@@ -75,14 +75,7 @@ LOADING, OPENING, SETTING_UP, READING, TRIGGERING, CHECKING = range(1, 7)
 def run(connection: Connection, touch_name: str, log_file: str | None) -> None:
     """Serve one program until it quits or is gone.
 
-    Parameters
-    ----------
-    connection
-        The pipe to the program.
-    touch_name
-        Name of the shared memory of the program's `TouchMark`.
-    log_file
-        Where the drivers' output goes; None: nowhere.
+    `log_file` None: nowhere.
     """
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the program's; it ends us
     _die_with_parent()

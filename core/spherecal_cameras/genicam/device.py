@@ -41,20 +41,7 @@ class DeviceLost(Exception):
 
 
 class Device:
-    """An open camera; `close` never raises.
-
-    Parameters
-    ----------
-    producer, listed
-        The loaded driver, and the camera as it lists it.
-    serial, settings
-        Its serial number, and what `set_up` is to write.
-
-    Raises
-    ------
-    DeviceLost
-        From most methods, where the camera does not answer.
-    """
+    """An open camera; `close` never raises."""
 
     def __init__(self, producer: Producer, listed: Any, serial: str, settings: CameraSettings) -> None:
         from harvesters.core import Callback
@@ -183,13 +170,7 @@ class Device:
         self._acquiring = on
 
     def trigger(self, round_number: int) -> None:
-        """Take one image by software, for this trigger round.
-
-        Raises
-        ------
-        FeatureError
-            Where the camera does not do it.
-        """
+        """Take one image by software, for this trigger round."""
         name = self.features.name("software trigger")
         if name is None:
             raise FeatureError("the camera has no software trigger")
@@ -198,20 +179,7 @@ class Device:
         self.features.execute(name)
 
     def schedule(self, round_number: int, at_s: float) -> int:
-        """Expect an image at a future moment; that moment by the camera's clock, in ns.
-
-        Parameters
-        ----------
-        round_number
-            The image's trigger round.
-        at_s
-            The moment, s of perf_counter.
-
-        Raises
-        ------
-        FeatureError
-            Where the camera's clock is not synchronised or cannot be read.
-        """
+        """Expect an image at a future moment; that moment by the camera's clock, in ns."""
         if not self.common_clock:
             raise FeatureError("its clock is not synchronised (IEEE 1588)")
         at_ns = self._clock.camera_ns(at_s)
@@ -340,11 +308,6 @@ class Device:
 
         Access status would be cheaper, but shows losses with some producers only (harvesters issue 272). genicam takes
         a code that it does not know for success: the value is then whatever was in memory.
-
-        Raises
-        ------
-        DeviceLost
-            Where the camera does not answer, or its width is not what it was.
         """
         node = self.features.node(self.features.name("width") or "")
         if node is None or self._width is None:

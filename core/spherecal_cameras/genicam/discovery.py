@@ -56,24 +56,8 @@ def discover(
 ) -> Discovery:
     """Every camera that the producer files reach; each file is tried in a process of its own.
 
-    Parameters
-    ----------
-    files
-        Producer files (.cti).
-    context
-        For progress, and to stop; None does neither.
-    trust
-        Judges every file before it is loaded (see trust.py); a refused one gets a verdict that says so. None: all are
-        loaded.
-    ask
-        Asked about new and changed files. None: a new one is allowed and remembered, a changed one refused.
-
-    Raises
-    ------
-    CamerasNotInstalled
-        Where the packages for cameras are missing.
-    Cancelled
-        Where the context says so.
+    `context` None does neither; `trust` None: all are loaded; `ask` None: a new one is allowed and remembered, a
+    changed one refused.
     """
     check_packages()
     context = context or Context()
@@ -152,13 +136,7 @@ def _other_maker(one: CameraInfo, other: CameraInfo) -> bool:
 
 
 def check_packages() -> None:
-    """Check that harvesters and genicam can be loaded.
-
-    Raises
-    ------
-    CamerasNotInstalled
-        Where they cannot.
-    """
+    """Check that harvesters and genicam can be loaded."""
     try:
         import genicam.gentl  # noqa: F401
         import harvesters.core  # noqa: F401
@@ -255,15 +233,7 @@ def end_word(code: int | None) -> str:
 
 
 def probe(driver: tuple[str, str, str], connection: Connection) -> None:
-    """Load a driver in the probe process, send a verdict (`Probed`), and end the process.
-
-    Parameters
-    ----------
-    driver
-        The file it is known by, the file to load, and its SHA-256, empty for the program's own files.
-    connection
-        Where the verdict goes.
-    """
+    """Load a driver in the probe process, send a verdict (`Probed`), and end the process."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     silent = os.open(os.devnull, os.O_WRONLY)
     os.dup2(silent, 1)

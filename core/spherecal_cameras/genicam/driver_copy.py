@@ -30,13 +30,7 @@ class NotTheSame(Exception):
 
 
 def hash_of(path: str) -> str:
-    """The SHA-256 of a regular file.
-
-    Raises
-    ------
-    OSError
-        Where it cannot be read, is a link, no regular file or larger than 1 GiB.
-    """
+    """The SHA-256 of a regular file."""
     digest = hashlib.sha256()
     with open(_opened(path), "rb") as file:
         while chunk := file.read(_CHUNK):
@@ -58,20 +52,6 @@ def private_copy(real: str, sha256: str) -> str:
     """The path of a copy of a driver file, with links to its neighbours; on Windows the file's own path.
 
     On Windows a file that is held open (`hold`) cannot be exchanged.
-
-    Parameters
-    ----------
-    real
-        Real path of the file.
-    sha256
-        SHA-256 that its contents must have.
-
-    Raises
-    ------
-    NotTheSame
-        Where its contents are others.
-    OSError
-        Where the copy cannot be made.
     """
     if os.name == "nt":
         return real
@@ -144,13 +124,7 @@ def _remove_copies() -> None:
 
 
 def hold(path: str) -> None:
-    """On Windows, keep a file from being written, renamed or removed for as long as this process lives.
-
-    Raises
-    ------
-    OSError
-        Where it cannot be opened, or is open for writing elsewhere.
-    """
+    """On Windows, keep a file from being written, renamed or removed for as long as this process lives."""
     if os.name != "nt":
         return
     import ctypes

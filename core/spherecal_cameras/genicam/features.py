@@ -46,15 +46,7 @@ class FeatureError(Exception):
 
 
 class NodeFeatures:
-    """The features of one node map; nodes are looked up once.
-
-    Parameters
-    ----------
-    node_map
-        Node map of genicam.
-    offline
-        For a description without a camera, whose nodes have no access mode.
-    """
+    """The features of one node map; nodes are looked up once."""
 
     def __init__(self, node_map: Any, offline: bool = False) -> None:
         self._map = node_map
@@ -123,15 +115,7 @@ class NodeFeatures:
         return _text_of(self.node(name), "unit").strip().lower()
 
     def limit(self, name: str, which: str) -> float | None:
-        """The present limit of a number; None where it has none.
-
-        Parameters
-        ----------
-        name
-            Exact name of the node.
-        which
-            `min` or `max`.
-        """
+        """The present limit of a number; None where it has none."""
         try:
             value = getattr(self.node(name), which, None)
         except Exception:
@@ -151,15 +135,7 @@ class NodeFeatures:
             return ()
 
     def meant(self, name: str, value: Any) -> Any:
-        """A wanted value in the camera's own words and steps: `Off` may be False or `Disabled`, 11 may be 8.
-
-        Parameters
-        ----------
-        name
-            Exact name of the node.
-        value
-            The wanted value.
-        """
+        """A wanted value in the camera's own words and steps: `Off` may be False or `Disabled`, 11 may be 8."""
         node = self.node(name)
         return value if node is None else _fit(node, value)
 
@@ -167,18 +143,6 @@ class NodeFeatures:
         """Write a node, in the camera's own words and steps (`meant`); the value that it then has.
 
         A node that has the value already is not written, and so may be read-only.
-
-        Parameters
-        ----------
-        name
-            Exact name of the node.
-        value
-            The wanted value.
-
-        Raises
-        ------
-        FeatureError
-            Where the camera does not have it, or does not take the value.
         """
         node = self.node(name)
         if node is None:
@@ -198,13 +162,7 @@ class NodeFeatures:
             raise FeatureError(plain(error)) from error
 
     def execute(self, name: str) -> None:
-        """Run a command.
-
-        Raises
-        ------
-        FeatureError
-            Where the camera does not have it, or it cannot be run.
-        """
+        """Run a command."""
         node = self.node(name)
         if node is None:
             raise FeatureError("the camera does not have it")
@@ -214,15 +172,7 @@ class NodeFeatures:
             raise FeatureError(plain(error)) from error
 
     def is_done_late(self, name: str, most_s: float) -> bool:
-        """Wait until a command that was run is done; whether it was done, but not at once.
-
-        Parameters
-        ----------
-        name
-            Exact name of the command.
-        most_s
-            Longest time to wait, s; after it the result is False.
-        """
+        """Wait until a command that was run is done; whether it was done, but not at once."""
         node, until, late = self.node(name), time.monotonic() + most_s, False
         with suppress(Exception):  # a command that cannot be read back counts as done at once
             while node is not None and not node.is_done():

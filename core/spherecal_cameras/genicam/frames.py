@@ -18,20 +18,7 @@ class FrameStore:
         self._mailbox: dict[str, tuple[FrameMeta, Frame]] = {}
 
     def ring_for(self, serial: str, image_bytes: int) -> UseRing:
-        """A ring that the camera's images fit into, made where there is none.
-
-        Parameters
-        ----------
-        serial
-            Serial number of the camera.
-        image_bytes
-            Bytes of its largest image.
-
-        Raises
-        ------
-        CameraError
-            Where there is no shared memory for one.
-        """
+        """A ring that the camera's images fit into, made where there is none."""
         ring = self._rings.get(serial)
         if ring is None or ring.slot_bytes < image_bytes:
             made = Ring(shared_memory_name(), SLOTS, max(image_bytes, 1), create=True)

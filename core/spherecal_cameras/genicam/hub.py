@@ -36,15 +36,6 @@ class Producer:
     """One loaded producer file.
 
     Harvesters says nothing when a file does not load and lists no devices: `problem` is what it logged.
-
-    Parameters
-    ----------
-    file
-        The file it is known by.
-    load
-        The file to load; empty is `file` itself.
-    sha256
-        SHA-256 that the loaded file must have; empty is not checked.
     """
 
     def __init__(self, file: str, load: str = "", sha256: str = "") -> None:
@@ -108,11 +99,6 @@ class Producer:
         """Send an action command for a moment (ns) of the cameras' common clock.
 
         The features are those that the standard names for a producer or its interfaces.
-
-        Raises
-        ------
-        FeatureError
-            Where the driver has none, or does not take a value.
         """
         sent = False
         for module in (*self._harvester._systems, *self._harvester._ifaces):

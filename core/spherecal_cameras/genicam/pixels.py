@@ -22,11 +22,6 @@ def grey_pixels(component: Any) -> GreyPixels:
     """The pixels (h, w) of a 2-D component of a buffer; a view on its memory where they need no unpacking.
 
     Line padding is cut off, colour becomes luminance, a Bayer mosaic stays as it is.
-
-    Raises
-    ------
-    ValueError
-        For anything else: other formats, depth maps, a size that does not fit.
     """
     name, data = str(component.data_format), component.data
     if data is None or name.startswith(_NO_PICTURE):
@@ -54,11 +49,6 @@ def first_grey(components: Sequence[Any]) -> tuple[Any, GreyPixels]:
     """The first component of a buffer that is an image, and its pixels (h, w).
 
     Cameras with several parts in a buffer put range, confidence or processed images beside the plain one.
-
-    Raises
-    ------
-    ValueError
-        Where there is none.
     """
     problem = "a buffer without an image"
     for component in components:
@@ -90,15 +80,6 @@ def in_order(image: GreyPixels, bits: int, big: bool) -> tuple[GreyPixels, int]:
 
     Drivers are often wrong about the order: 10 to 14 bits show it, since the other bits must be 0. Where they are 0 in
     neither order, the values are at the upper end of 16 bits.
-
-    Parameters
-    ----------
-    image
-        Pixels as delivered, (h, w).
-    bits
-        Significant bits by the pixel format's name.
-    big
-        Whether the driver says that the first byte is the high one; used for 16 bits only.
     """
     if image.dtype != np.uint16 or bits == 8:
         return image, bits if image.dtype == np.uint8 else 16

@@ -51,26 +51,7 @@ def remove_orphans() -> list[str]:
 
 
 class Ring:
-    """Shared memory for the last `slots` images of a camera; the program makes it, the camera process attaches.
-
-    Parameters
-    ----------
-    name
-        Name of the shared memory.
-    slots
-        Images that fit into it.
-    slot_bytes
-        Bytes of the largest image.
-    create
-        Make it, else attach to it.
-
-    Raises
-    ------
-    CameraError
-        Where the system has no room for a new one.
-    OSError
-        Where there is none of this name to attach to, or one of it already.
-    """
+    """Shared memory for the last `slots` images of a camera; the program makes it, the camera process attaches."""
 
     def __init__(self, name: str, slots: int, slot_bytes: int, create: bool) -> None:
         self.name, self.slots, self.slot_bytes = name, slots, slot_bytes
@@ -111,14 +92,7 @@ class Ring:
     def read(self, slot: int, sequence: int, height: int, width: int, deep: bool) -> GreyPixels | None:
         """A copy of an image (h, w); None if it has been overwritten meanwhile, or cannot be in the ring.
 
-        Parameters
-        ----------
-        slot, sequence
-            Its slot, and its number.
-        height, width
-            Its size, px.
-        deep
-            Whether it has 16 bits a pixel, else 8.
+        `height`, `width`: its size, px.
         """
         heads, bodies = self._heads, self._bodies
         if not bodies:  # closed meanwhile
@@ -172,15 +146,7 @@ class TouchMark:
         self._cells = np.frombuffer(_buffer(self._memory), np.int32)
 
     def set(self, camera: int, action: int) -> None:
-        """Note what is about to be done.
-
-        Parameters
-        ----------
-        camera
-            Number of the camera; -1: none.
-        action
-            Index into `child.ACTIONS`.
-        """
+        """Note what is about to be done."""
         self._cells[0], self._cells[1] = camera + 1, action
 
     def get(self) -> tuple[int, int]:

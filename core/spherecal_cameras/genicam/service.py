@@ -81,18 +81,7 @@ def _admit_unasked(file: str) -> Admitted | Refusal:
 class CameraService:
     """One camera process and what is known about its cameras. Thread-safe; `close` it.
 
-    Parameters
-    ----------
-    log_file
-        Where the process writes what drivers print; None: nowhere.
-    gate
-        Says, before every start of the process, what to load for a driver file, or why not. None loads what was allowed
-        before.
-
-    Raises
-    ------
-    CameraError
-        From methods that wait for an answer, where the process does not give one or the service is closed.
+    `log_file` None: nowhere; `gate` None loads what was allowed before.
     """
 
     def __init__(self, log_file: Path | None = None, gate: Gate | None = None) -> None:
@@ -153,26 +142,13 @@ class CameraService:
         return self._ask(lambda request: Describe(request, serial)).features
 
     def indicate(self, serial: str, on: bool) -> bool:
-        """Switch an open camera's own light; whether it has one that can be switched.
-
-        Parameters
-        ----------
-        serial
-            Serial number of the camera.
-        on
-            On or off.
-        """
+        """Switch an open camera's own light; whether it has one that can be switched."""
         return bool(self._ask(lambda request: Indicate(request, serial, on)).features)
 
     def acquire(self, on: bool, live_hz: float | None) -> None:
         """Let cameras send images or not, and trigger them for a live view.
 
-        Parameters
-        ----------
-        on
-            Whether images are to come.
-        live_hz
-            Rate of the triggers, Hz; None triggers nothing.
+        `live_hz` None triggers nothing.
         """
         with self._lock:
             self._acquiring, self._live_hz = on, live_hz
@@ -189,15 +165,7 @@ class CameraService:
         return self._acquiring
 
     def trigger(self, round_number: int, serials: Iterable[str]) -> None:
-        """Trigger cameras once; `refusals` says later which did not take it.
-
-        Parameters
-        ----------
-        round_number
-            Number of the trigger round.
-        serials
-            Serial numbers of the cameras.
-        """
+        """Trigger cameras once; `refusals` says later which did not take it."""
         self._tell(Trigger(round_number, tuple(serials)))
 
     def is_triggered(self, round_number: int) -> bool:

@@ -65,15 +65,6 @@ def set_up(serial: str, features: NodeFeatures, settings: CameraSettings) -> Set
     """Write all features of a camera that is open and not acquiring; a report of each.
 
     What the camera refuses is in the report and raises nothing.
-
-    Parameters
-    ----------
-    serial
-        Serial number, for the report.
-    features
-        The camera's features.
-    settings
-        What is wanted.
     """
     began = time.perf_counter()
     reports: list[FeatureReport] = []
@@ -160,15 +151,7 @@ def _exposure(features: NodeFeatures, wanted_us: float) -> FeatureReport:
 
 
 def exposure_unit_us(features: NodeFeatures, name: str) -> float | None:
-    """Microseconds of one step of the camera's exposure; None where it does not say.
-
-    Parameters
-    ----------
-    features
-        The camera's features.
-    name
-        Its own name of the exposure.
-    """
+    """Microseconds of one step of the camera's exposure; None where it does not say."""
     if name == "ExposureTimeRaw":
         base = features.read("ExposureTimeBaseAbs")  # of older Basler cameras
         known = float(base) if isinstance(base, int | float) and base > 0 else None

@@ -17,15 +17,7 @@ _INCOMPLETE_S = 5.0  # how long incomplete images are remembered
 
 
 class Slot:
-    """A camera that is to be kept open: its device, if it is there, and what was last said about it.
-
-    Parameters
-    ----------
-    number
-        Its number in the program's list.
-    wanted
-        What the program requested.
-    """
+    """A camera that is to be kept open: its device, if it is there, and what was last said about it."""
 
     def __init__(self, number: int, wanted: RequestedCamera) -> None:
         self.number = number
@@ -50,15 +42,7 @@ class Slot:
 
 
 def assess(slot: Slot, device: Device, now: float) -> tuple[CameraState, str, str]:
-    """The state of an open camera, its cause and its remedy, in words.
-
-    Parameters
-    ----------
-    slot, device
-        The camera, and its open device.
-    now
-        s of perf_counter.
-    """
+    """The state of an open camera, its cause and its remedy, in words."""
     if not device.acquiring:
         return CameraState.CONNECTED, "", ""
     if device.unreadable:
@@ -81,15 +65,7 @@ def attach(ring: UseRing) -> Ring:
 
 
 def why_not_opened(error: Exception, access: str) -> tuple[CameraState, str, str]:
-    """The state, cause and remedy of a camera that could not be opened, by the driver's error.
-
-    Parameters
-    ----------
-    error
-        What the driver, or genicam, raised.
-    access
-        What the driver said before, see `access_of`.
-    """
+    """The state, cause and remedy of a camera that could not be opened, by the driver's error."""
     text = plain(error)
     if "genapi" in type(error).__module__:
         return words.no_description(text)

@@ -39,20 +39,7 @@ _DRAIN_S = 0.5  # for cameras without time stamps: a late image must not pass fo
 class GenicamSource:
     """GenICam cameras behind the protocol (see `CameraSource`).
 
-    Parameters
-    ----------
-    producers
-        The user's own .cti files or folders, tried before those of the system.
-    log_file
-        Where the camera process writes what drivers print; None is `default_log_file()`.
-    ask
-        Asked, in the thread that discovers, about new and changed driver files. None: a new one is allowed and
-        remembered, a changed one refused (see trust.py).
-
-    Raises
-    ------
-    InputError
-        Where the list of allowed drivers is damaged.
+    `log_file` None is `default_log_file()`.
     """
 
     kind: SourceKind = "genicam"
@@ -78,15 +65,7 @@ class GenicamSource:
     # --- finding and opening -----------------------------------------------------------------------------------------
 
     def discover(self, context: Context | None = None) -> Discovery:
-        """The cameras of all producer files, each tried in a process of its own.
-
-        Raises
-        ------
-        CamerasNotInstalled
-            Where the packages for cameras are missing.
-        Cancelled
-            Where the context says so.
-        """
+        """The cameras of all producer files, each tried in a process of its own."""
         self._discovery = discover(producer_files(self._own), context, self._look_again(), self._ask)
         return self._discovery
 
@@ -95,20 +74,7 @@ class GenicamSource:
         return self._trust
 
     def open(self, serials: Iterable[str], settings: Mapping[str, CameraSettings]) -> tuple[SetupReport, ...]:
-        """Open and set up exactly these cameras; a report of each that could be opened.
-
-        Parameters
-        ----------
-        serials
-            Serial numbers of the cameras.
-        settings
-            Settings by serial; cameras that are not in it have the defaults.
-
-        Raises
-        ------
-        CameraError
-            Where a camera is not found, none was named, or the camera process does not answer.
-        """
+        """Open and set up exactly these cameras; a report of each that could be opened."""
         wanted = list(dict.fromkeys(serials))
         if not wanted:
             raise CameraError(Phrase("error-no-camera-named"))
@@ -128,13 +94,7 @@ class GenicamSource:
         )
 
     def apply(self, settings: Mapping[str, CameraSettings]) -> tuple[SetupReport, ...]:
-        """Give open cameras new settings, by serial; a report of each that can be reached.
-
-        Raises
-        ------
-        CameraError
-            Where a camera is not open.
-        """
+        """Give open cameras new settings, by serial; a report of each that can be reached."""
         service = self._opened()
         for serial in settings:
             if serial not in service.settings():
@@ -150,20 +110,7 @@ class GenicamSource:
         return self._opened().describe(serial)
 
     def indicate(self, serial: str, on: bool) -> bool:
-        """Switch a camera's own light, to find the camera in the rig; whether it has one.
-
-        Parameters
-        ----------
-        serial
-            Serial number of the camera.
-        on
-            On or off.
-
-        Raises
-        ------
-        CameraError
-            Where no camera is open.
-        """
+        """Switch a camera's own light, to find the camera in the rig; whether it has one."""
         return self._opened().indicate(serial, on)
 
     def _opened(self) -> CameraService:
@@ -179,13 +126,7 @@ class GenicamSource:
     # --- live --------------------------------------------------------------------------------------------------------
 
     def start_live(self, rate_hz: float = 5.0) -> None:
-        """Keep fresh images coming, triggered at `rate_hz`.
-
-        Raises
-        ------
-        CameraError
-            Where no camera is open.
-        """
+        """Keep fresh images coming, triggered at `rate_hz`."""
         self._live_hz = rate_hz
         self._opened().acquire(True, rate_hz)
 
@@ -212,19 +153,7 @@ class GenicamSource:
     def capture_set(self, request: CaptureRequest | None = None, context: Context | None = None) -> FrameSet:
         """Take one set; tried again as often as the request says while a camera is missing.
 
-        Parameters
-        ----------
-        request
-            Which cameras, how long to wait and how often to try again; None is `CaptureRequest()`.
-        context
-            To stop; None never stops.
-
-        Raises
-        ------
-        CameraError
-            Where no camera is open, or a requested one is not.
-        Cancelled
-            Where the context says so.
+        `request` None is `CaptureRequest()`; `context` None never stops.
         """
         request, context = request or CaptureRequest(), context or Context()
         service = self._opened()

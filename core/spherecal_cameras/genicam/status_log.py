@@ -43,15 +43,7 @@ class StatusLog:
         return events
 
     def set_state(self, serial: str, state: CameraState, cause: str = "", remedy: str = "") -> None:
-        """Note a camera's state, and make an event of it if it has changed.
-
-        Parameters
-        ----------
-        serial
-            Serial number of the camera; one that is not kept is passed over.
-        state, cause, remedy
-            The state, why, and what to do; empty where all is well.
-        """
+        """Note a camera's state, and make an event of it if it has changed."""
         with self._lock:
             status = self._statuses.get(serial)
             if status is None or (status.state, status.cause) == (state, cause):
@@ -71,16 +63,7 @@ class StatusLog:
     ) -> None:
         """Note that something happened, and log it.
 
-        Parameters
-        ----------
-        kind
-            What it is about.
-        message, hint
-            What happened and what to do, in words.
-        camera
-            Serial number; None for all cameras.
-        status
-            The camera's new state, for a change of it.
+        `camera` None for all cameras.
         """
         with self._lock:
             self._events.append(CameraEvent(kind, message, hint, camera, time.perf_counter(), status))
@@ -98,15 +81,7 @@ class StatusLog:
                     self._statuses[serial] = replace(status, counters=own, temperature_c=warm)
 
     def add(self, serial: str, overwritten: int = 0, reopened: int = 0) -> None:
-        """Count images that could not be fetched in time, or returns after a loss.
-
-        Parameters
-        ----------
-        serial
-            Serial number of the camera.
-        overwritten, reopened
-            By how much the two counters grow.
-        """
+        """Count images that could not be fetched in time, or returns after a loss."""
         with self._lock:
             status = self._statuses.get(serial)
             if status is not None:

@@ -73,15 +73,7 @@ DRIVERS = FileFormat(
 class TrustStore:
     """The files that were allowed: real path -> hash.
 
-    Parameters
-    ----------
-    path
-        File of the list; None is `default_trust_path()`.
-
-    Raises
-    ------
-    InputError
-        Where the list is damaged.
+    `path` None is `default_trust_path()`.
     """
 
     def __init__(self, path: Path | None = None) -> None:
@@ -132,14 +124,7 @@ class TrustStore:
 def refusal(store: TrustStore, file: str, ask: Ask | None) -> Refusal | None:
     """Why a driver may not be loaded; None where it may. Asks about a new or changed one, and remembers the answer yes.
 
-    Parameters
-    ----------
-    store
-        The files that were allowed.
-    file
-        The driver file.
-    ask
-        Asked about a new or changed file. None: a new one is allowed and remembered, a changed one refused.
+    `ask` None: a new one is allowed and remembered, a changed one refused.
     """
     return _refusal(store, store.look(file), ask)
 
@@ -156,14 +141,7 @@ class Admitted:
 def admit(store: TrustStore, file: str, ask: Ask | None) -> Admitted | Refusal:
     """What to load for a driver file, a private copy of what was looked at and allowed; else why it is not loaded.
 
-    Parameters
-    ----------
-    store
-        The files that were allowed.
-    file
-        The driver file.
-    ask
-        Asked about a new or changed file. None: a new one is allowed and remembered, a changed one refused.
+    `ask` None: a new one is allowed and remembered, a changed one refused.
     """
     driver = store.look(file)
     if (reason := _refusal(store, driver, ask)) is not None:
@@ -179,15 +157,7 @@ def admit(store: TrustStore, file: str, ask: Ask | None) -> Admitted | Refusal:
 
 
 def admit_again(store: TrustStore, file: str) -> Admitted | Refusal:
-    """As `admit`, where nobody is asked: only what was allowed before, with the same contents, is loaded.
-
-    Parameters
-    ----------
-    store
-        The files that were allowed.
-    file
-        The driver file.
-    """
+    """As `admit`, where nobody is asked: only what was allowed before, with the same contents, is loaded."""
     if store.look(file).state in ("own", "known"):
         return admit(store, file, lambda _: False)
     return Refusal("This driver is not the one that was allowed, so it is not loaded.", "Look for cameras again.")

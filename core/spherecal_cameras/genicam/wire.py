@@ -48,20 +48,7 @@ def _plain(value: Any) -> Any:
 
 
 def unpack(data: bytes, kinds: tuple[type, ...]) -> Any:
-    """The message in some bytes.
-
-    Parameters
-    ----------
-    data
-        A message as `pack` makes it.
-    kinds
-        The dataclasses that it may be.
-
-    Raises
-    ------
-    WireError
-        For anything else, or fields that are not right.
-    """
+    """The message in some bytes."""
     try:
         name, fields = json.loads(data)
     except (ValueError, TypeError, RecursionError) as error:
@@ -170,30 +157,14 @@ def _dataclass_check(kind: type) -> Check:
 
 
 class Inbox:
-    """The messages that come through a connection; a message that is cut short does not block.
-
-    Parameters
-    ----------
-    connection
-        End of a pipe.
-    kinds
-        The dataclasses that messages may be.
-    """
+    """The messages that come through a connection; a message that is cut short does not block."""
 
     def __init__(self, connection: Any, kinds: tuple[type, ...]) -> None:
         self._connection, self._kinds = connection, kinds
         self._waiting = bytearray()
 
     def messages(self) -> Iterator[Any]:
-        """The whole messages that are there now, after the connection was found readable.
-
-        Raises
-        ------
-        EOFError
-            At the connection's end.
-        WireError
-            For data that are no message.
-        """
+        """The whole messages that are there now, after the connection was found readable."""
         if os.name == "nt":  # pipes of Windows hand over whole messages
             yield unpack(self._connection.recv_bytes(MOST_BYTES), self._kinds)
             return

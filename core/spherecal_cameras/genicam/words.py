@@ -56,15 +56,7 @@ def no_description(problem: str) -> tuple[CameraState, str, str]:
 
 
 def no_producer(file: str, problem: str) -> tuple[CameraState, str, str]:
-    """A camera whose producer file did not load.
-
-    Parameters
-    ----------
-    file
-        The producer file.
-    problem
-        Why it did not load, in the loader's words.
-    """
+    """A camera whose producer file did not load."""
     return (
         CameraState.ERROR,
         f"The driver {file} could not be loaded ({problem}).",
@@ -109,15 +101,7 @@ def left_out(times: int) -> tuple[CameraState, str, str]:
 
 
 def slow(serial: str, seconds: float) -> tuple[str, str]:
-    """A camera that answers late: message and hint.
-
-    Parameters
-    ----------
-    serial
-        Serial number of the camera.
-    seconds
-        How long it took, s.
-    """
+    """A camera that answers late: message and hint."""
     return (
         f"Camera {serial} took {seconds:.1f} s to answer; all cameras wait meanwhile.",
         "Check its cable and the load of its line; a camera that loses connection begins like this.",

@@ -31,21 +31,7 @@ class Solid:
 
 
 def draw(solid: Solid, dots: TrueDots, station: Station, blur_px: float, white: float) -> NDArray[np.float32]:
-    """The noise-free image (h, w), 1 = full scale.
-
-    Parameters
-    ----------
-    solid
-        The body with the dots.
-    dots
-        The dots, in the world.
-    station
-        The camera.
-    blur_px
-        Standard deviation of the blur, px.
-    white
-        Grey value of a white dot that faces the camera, 1 = full scale.
-    """
+    """The noise-free image (h, w), 1 = full scale."""
     width, height = station.size
     image = np.full((height, width), _BACKGROUND * white, np.float32)
     level = white / _WHITE
@@ -198,17 +184,6 @@ def digitise(
     """Grey values (h, w) of a noise-free image: shot and read noise of a 3.45 um sensor, gain, black level, clipping.
 
     The noise is read from a block at a random place, which is several times as fast as new random numbers.
-
-    Parameters
-    ----------
-    picture
-        Noise-free image (h, w), 1 = full scale.
-    bits
-        Bits of the result: uint8 up to 8, else uint16.
-    gain
-        Factor on the signal.
-    rng
-        Chooses the place in the block of noise.
     """
     start = int(rng.integers(len(_NOISE_BLOCK)))
     out: NDArray[np.uint8] | NDArray[np.uint16]

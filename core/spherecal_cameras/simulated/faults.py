@@ -36,13 +36,7 @@ class SimulatedFault:
 
 
 def parse_fault(text: str) -> SimulatedFault:
-    """A fault written as KIND:CAMERA[:AMOUNT][@FIRST[-LAST]], such as `lose:C03@2-3`.
-
-    Raises
-    ------
-    InputError
-        Where the text is not of this form.
-    """
+    """A fault written as KIND:CAMERA[:AMOUNT][@FIRST[-LAST]], such as `lose:C03@2-3`."""
     body, _, sets = text.partition("@")
     kind, _, rest = body.partition(":")
     camera, _, amount = rest.partition(":")

@@ -27,21 +27,7 @@ class SimulatedSource(InProcessSource):
 
     `stage` moves ball and bars; `faults` may be exchanged at any time, as by `inject` and `heal`.
 
-    Parameters
-    ----------
-    preset, seed
-        The rig, and what its random parts and the images' noise follow from.
-    faults
-        What goes wrong.
-    rendered
-        Render the images (1 s each) instead of fast drawing.
-    stage
-        What the cameras look at; None makes one of `preset` and `seed`.
-
-    Raises
-    ------
-    InputError
-        For an unknown preset, or a fault of a camera that the rig does not have.
+    `stage` None makes one of `preset` and `seed`.
     """
 
     kind: SourceKind = "simulated"
@@ -85,23 +71,11 @@ class SimulatedSource(InProcessSource):
         return self.stage.shown
 
     def show(self, pose: str) -> None:
-        """Put the ball to a placement, or a bar into a pose.
-
-        Raises
-        ------
-        InputError
-            Where there is no such id.
-        """
+        """Put the ball to a placement, or a bar into a pose."""
         self.stage.show(pose)
 
     def inject(self, fault: SimulatedFault) -> None:
-        """Add a fault.
-
-        Raises
-        ------
-        InputError
-            Where the rig does not have its camera.
-        """
+        """Add a fault."""
         serial = fault.camera if fault.camera in self._index else PREFIX + fault.camera
         if serial not in self._index:
             known = ", ".join(camera.id for camera in self.stage.truth.cameras)
@@ -136,24 +110,7 @@ class SimulatedSource(InProcessSource):
         self._exposed = {serial: self.stage.at(moment) for serial, moment in exposed_s.items()}
 
     def take_image(self, serial: str, settings: CameraSettings, number: int, attempt: int, timeout_s: float) -> Frame:
-        """One image, drawn or rendered with the faults that the simulated camera has now.
-
-        Parameters
-        ----------
-        serial, settings
-            The camera, and its settings.
-        number
-            Number of the set; 0 is the live view.
-        attempt
-            Number of the try, from 1.
-        timeout_s
-            How long the caller waits for the image, s.
-
-        Raises
-        ------
-        NoImage
-            Where a fault keeps the image away.
-        """
+        """One image, drawn or rendered with the faults that the simulated camera has now."""
         faults = {
             fault.kind: fault for fault in self.faults if fault.camera == serial and fault.active(self._now(number))
         }

@@ -59,15 +59,7 @@ class ArtefactPose:
     turn_rad: Vector = (0.0, 0.0, 0.0)
 
     def moved(self, shift_mm: Vector, turn_deg: Vector) -> "ArtefactPose":
-        """The same, with a further movement.
-
-        Parameters
-        ----------
-        shift_mm
-            Shift, mm, in the rig's frame.
-        turn_deg
-            Rotation vector, deg, in the rig's frame; the place is not turned with it.
-        """
+        """The same, with a further movement."""
         turn = exp_rotation(np.deg2rad(np.asarray(turn_deg, float))) @ exp_rotation(np.array(self.turn_rad))
         shift = np.array(self.shift_mm) + np.asarray(shift_mm, float)
         return ArtefactPose(self.shown, _vector(shift), _vector(log_rotation(turn)))
@@ -76,19 +68,7 @@ class ArtefactPose:
 class Stage:
     """A simulated rig with its ball and bars; `poses` names everything that can be shown.
 
-    Parameters
-    ----------
-    preset
-        Name of the rig.
-    seed
-        What its random parts follow from.
-    options
-        What else is simulated; None is that of rendered sessions with two bar poses.
-
-    Raises
-    ------
-    InputError
-        For an unknown preset.
+    `options` None is that of rendered sessions with two bar poses.
     """
 
     def __init__(self, preset: str, seed: int = 1, options: SimulationOptions | None = None) -> None:
@@ -112,28 +92,14 @@ class Stage:
         return self._artefact.shown
 
     def show(self, pose: str) -> None:
-        """Put the ball to a placement, or a bar into one of its poses; forgets movements by hand.
-
-        Raises
-        ------
-        InputError
-            Where there is no such id.
-        """
+        """Put the ball to a placement, or a bar into one of its poses; forgets movements by hand."""
         if pose not in self.poses:
             raise InputError(Phrase("error-no-simulated-pose", {"pose": repr(pose), "names": list(self.poses)}))
         with self._lock:
             self._artefact, self._path = ArtefactPose(pose), None
 
     def move(self, shift_mm: Vector, turn_deg: Vector = (0, 0, 0)) -> None:
-        """Move the ball or bar by hand, in the rig's frame.
-
-        Parameters
-        ----------
-        shift_mm
-            Shift, mm.
-        turn_deg
-            Rotation vector, deg.
-        """
+        """Move the ball or bar by hand, in the rig's frame."""
         with self._lock:
             self._artefact = self._artefact.moved(shift_mm, turn_deg)
 
@@ -155,16 +121,7 @@ class Stage:
     ) -> NDArray[np.float32]:
         """The noise-free image (h, w) of a simulated camera, 1 = full scale.
 
-        Parameters
-        ----------
-        camera
-            Index of the camera.
-        view
-            How it sees.
-        rendered
-            Rendered, else drawn; rendered images do not follow `blur_px`.
-        artefact
-            What it looks at; None is what is there now.
+        `artefact` None is what is there now.
         """
         artefact = artefact or self.at()
         station, shown = self._station(camera, view), artefact.shown

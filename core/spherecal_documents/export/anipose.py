@@ -30,13 +30,7 @@ def toml_lens_and_pose(camera: FileCamera) -> str:
 
 
 def read_toml(path: Path) -> JsonValue:
-    """What a TOML file holds.
-
-    Raises
-    ------
-    InputError
-        Where it is none.
-    """
+    """What a TOML file holds."""
     text = decode(path, read_bytes(path, _MOST_BYTES))
     try:
         return JsonValue(tomllib.loads(text), path)
@@ -47,20 +41,7 @@ def read_toml(path: Path) -> JsonValue:
 
 
 def read_toml_camera(section: JsonValue, name: str) -> FileCamera:
-    """The camera of one section, pose world to camera, lengths as the file has them.
-
-    Parameters
-    ----------
-    section
-        The section, as `toml_lens_and_pose` writes it.
-    name
-        The camera's id.
-
-    Raises
-    ------
-    InputError
-        Where a field is missing or is something else.
-    """
+    """The camera of one section, pose world to camera, lengths as the file has them."""
     f = section.fields(("size", "matrix", "distortions", "rotation", "translation"), ("fisheye",))
     width, height = (side.integer(1) for side in f["size"].items(2))
     coefficients = [item.number() for item in f["distortions"].items()]

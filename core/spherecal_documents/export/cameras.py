@@ -88,15 +88,7 @@ class FileRig:
 
 
 def distortion(camera: FileCamera, lengths: Sequence[int]) -> list[float]:
-    """The distortion numbers in OpenCV's order, cut to the shortest of `lengths` that loses nothing; fisheye: four.
-
-    Parameters
-    ----------
-    camera
-        The camera.
-    lengths
-        How many numbers the format can hold; the camera's coefficients after the most of them must be 0.
-    """
+    """The distortion numbers in OpenCV's order, cut to the shortest of `lengths` that loses nothing; fisheye: four."""
     if camera.fisheye:
         return camera.intrinsics[4:8].tolist()
     numbers = camera.intrinsics[4:]
@@ -107,28 +99,13 @@ def distortion(camera: FileCamera, lengths: Sequence[int]) -> list[float]:
 def lens_vector(matrix: FloatArray, coefficients: FloatArray | list[float], fisheye: bool) -> FloatArray:
     """The 16 intrinsics of either model from a 3x3 camera matrix and coefficients in OpenCV's order.
 
-    Parameters
-    ----------
-    matrix
-        Camera matrix (3, 3), px.
-    coefficients
-        Distortion numbers in OpenCV's order, of the fisheye model four; those that are missing are 0.
-    fisheye
-        Whether the lens is of the fisheye model.
+    `matrix`: camera matrix (3, 3), px.
     """
     return fisheye_vector(matrix, coefficients) if fisheye else intrinsics_vector(matrix, coefficients)
 
 
 def safe_names(ids: Sequence[str], letter_first: bool = False) -> list[str]:
-    """Different names of letters, digits and "_" for camera ids: fit for file names, ROS frames and image names.
-
-    Parameters
-    ----------
-    ids
-        The cameras' ids.
-    letter_first
-        Whether a name must begin with a letter.
-    """
+    """Different names of letters, digits and "_" for camera ids: fit for file names, ROS frames and image names."""
     names: list[str] = []
     taken: set[str] = set()
     for text in ids:
@@ -150,15 +127,7 @@ def number(value: float) -> str:
 
 
 def numbers(values: FloatArray | Sequence[float], separator: str = ", ") -> str:
-    """Numbers on one line, each read back unchanged.
-
-    Parameters
-    ----------
-    values
-        The numbers, of an array row by row.
-    separator
-        What is put between them.
-    """
+    """Numbers on one line, each read back unchanged."""
     return separator.join(number(value) for value in np.asarray(values, dtype=float).ravel())
 
 

@@ -106,11 +106,6 @@ def read_colmap(folder: Path) -> list[FileCamera]:
     """The cameras of a text model, named after the folder of their images where that is one name a camera.
 
     The pose is that of the camera's first image.
-
-    Raises
-    ------
-    InputError
-        Names file and line of what cannot be used.
     """
     lenses = _read_cameras(folder / "cameras.txt")
     poses: dict[int, Pose] = {}

@@ -27,22 +27,7 @@ def import_rig(path: Path, name: str, unit: Unit | None = None, ids: Sequence[st
 
     Nothing is known of its accuracy, which its one finding says.
 
-    Parameters
-    ----------
-    path
-        The file or folder.
-    name
-        The format.
-    unit
-        The unit of lengths in the file; None: the format's own.
-    ids
-        The cameras' ids in the file's order; None: their names there.
-
-    Raises
-    ------
-    InputError
-        Where the file cannot be used: a camera without pose or image size, a name that is no id or comes twice. Also
-        for an unknown format, a unit that the format does not have, and another number of ids than of cameras.
+    `unit` None: the format's own; `ids` None: their names there.
     """
     form = _format(name)
     if not path.exists():

@@ -36,13 +36,7 @@ def _write(rig: FileRig) -> Mapping[str, str]:
 
 
 def read_kalibr(path: Path) -> list[FileCamera]:
-    """The cameras of a camchain in its order, named after their ROS topic where there is one.
-
-    Raises
-    ------
-    InputError
-        Where it is no camchain, or has a lens model that this program lacks.
-    """
+    """The cameras of a camchain in its order, named after their ROS topic where there is one."""
     chain = read_yaml(path)
     entries = chain.value if isinstance(chain.value, dict) else {}
     if "cam0" not in entries:

@@ -128,13 +128,7 @@ class _Reader:
 
 
 def read_mat(path: Path) -> MatFile:
-    """The variables of a file.
-
-    Raises
-    ------
-    InputError
-        Where it is damaged, too large or of version 7.3 (HDF5).
-    """
+    """The variables of a file."""
     data = read_bytes(path, _MOST_BYTES)
     if data[:8] == b"\x89HDF\r\n\x1a\n" or b"MATLAB 7.3" in data[:_HEADER]:
         raise InputError(f"{path}: is of MATLAB's version 7.3 (HDF5), which is not read.", "Save it with '-v7'.")

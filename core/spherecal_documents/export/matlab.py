@@ -28,13 +28,7 @@ _SAVE = "In MATLAB: s = toStruct(parameters); save('rig.mat', '-struct', 's', '-
 
 
 def read_matlab(path: Path) -> Sequence[FileCamera]:
-    """The cameras of a .mat file.
-
-    Raises
-    ------
-    InputError
-        Where it holds no calibration, or one that only MATLAB can read.
-    """
+    """The cameras of a .mat file."""
     values = _variables(path)
     if set(_STEREO) <= set(values):
         left, right = (_bouguet(path, values, f"_{side}", side) for side in ("left", "right"))

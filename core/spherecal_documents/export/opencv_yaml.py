@@ -26,17 +26,7 @@ _FISHEYE = "fisheye_model"  # as OpenCV's calibration sample calls it: 1 for cv:
 
 
 def opencv_node(name: str, matrix: FloatArray, indent: str = "") -> str:
-    """A matrix (rows, columns) as FileStorage writes it.
-
-    Parameters
-    ----------
-    name
-        The node's key.
-    matrix
-        The matrix, in doubles.
-    indent
-        Blanks before each line.
-    """
+    """A matrix (rows, columns) as FileStorage writes it."""
     shape = "".join(
         f"{indent}   {key}: {value}\n" for key, value in (("rows", matrix.shape[0]), ("cols", matrix.shape[1]))
     )
@@ -62,13 +52,7 @@ def _camera(camera: FileCamera, rig: FileRig) -> str:
 
 
 def read_opencv_file(path: Path) -> FileCamera:
-    """The camera of one YAML file.
-
-    Raises
-    ------
-    InputError
-        Where it holds none, or a tilted sensor, which our model lacks.
-    """
+    """The camera of one YAML file."""
     value = read_yaml(path)
     matrix_key, distortion_key = (_first_key(value, keys) for keys in (_MATRIX_KEYS, _DISTORTION_KEYS))
     if matrix_key is None:
@@ -115,13 +99,7 @@ def _pose(rotation: JsonValue, translation: JsonValue) -> Pose:
 
 
 def read_opencv(path: Path) -> list[FileCamera]:
-    """The cameras of a folder with one YAML file each, or of one such file.
-
-    Raises
-    ------
-    InputError
-        As `read_opencv_file`, and for a folder without such a file.
-    """
+    """The cameras of a folder with one YAML file each, or of one such file."""
     if not path.is_dir():
         return [read_opencv_file(path)]
     files = sorted(file for ending in ("*.yml", "*.yaml") for file in path.glob(ending))

@@ -20,13 +20,7 @@ class ImportFormat:
 
 
 def exporter(name: str) -> Format | None:
-    """The export format of an installed package; None where no package has this name.
-
-    Raises
-    ------
-    InputError
-        Where it cannot be loaded, is something else, or two packages give it.
-    """
+    """The export format of an installed package; None where no package has this name."""
     return load(EXPORTERS, name, Format)
 
 
@@ -34,11 +28,6 @@ def importer(name: str) -> Format | ImportFormat | None:
     """The format of an installed package that can be read: an importer, else an exporter that reads back.
 
     None where no package has this name.
-
-    Raises
-    ------
-    InputError
-        As `exporter`.
     """
     found = load(IMPORTERS, name, (Format, ImportFormat))
     return exporter(name) if found is None else found

@@ -23,13 +23,7 @@ _MOST_BYTES = 1 << 30
 
 
 def read_cameras(path: Path) -> tuple[str, list[FileCamera]]:
-    """The name of the format and the cameras of a COLMAP text model, a Kalibr camchain or OpenCV's YAML.
-
-    Raises
-    ------
-    InputError
-        Where there is no such file, or it is none of these.
-    """
+    """The name of the format and the cameras of a COLMAP text model, a Kalibr camchain or OpenCV's YAML."""
     if not path.exists():
         raise InputError(Phrase("error-no-file-or-folder", {"path": path}))
     if path.is_dir() and (path / "cameras.txt").is_file():
@@ -47,22 +41,7 @@ def read_cameras(path: Path) -> tuple[str, list[FileCamera]]:
 
 
 def matched(session: Session, found: Sequence[FileCamera], by_order: bool) -> dict[str, FileCamera]:
-    """The file's camera for each of the session's, by id (or by order); cameras that the file lacks are left out.
-
-    Parameters
-    ----------
-    session
-        The session.
-    found
-        The file's cameras.
-    by_order
-        Whether camera i of the file is camera i of the session, whatever its name.
-
-    Raises
-    ------
-    InputError
-        Where none fits, two have one name, or the number of cameras (by order) or an image size differs.
-    """
+    """The file's camera for each of the session's, by id (or by order); cameras that the file lacks are left out."""
     if by_order:
         if len(found) != len(session.cameras):
             counts = {"count": len(found), "cameras": len(session.cameras)}
@@ -98,22 +77,6 @@ def write_with_priors(session_folder: Path, priors: Mapping[str, FileCamera], ou
     """Write a copy of the session whole to `output` in which these cameras have these lenses as priors.
 
     session.json keeps all its other contents.
-
-    Parameters
-    ----------
-    session_folder
-        The session.
-    priors
-        By id of the session's cameras, those whose lenses are taken.
-    output
-        The folder of the copy.
-
-    Raises
-    ------
-    InputError
-        Where the session cannot be read.
-    OutputError
-        Where the copy cannot be written.
     """
     session = read_session(session_folder)
     document = json.loads((session_folder / SESSION_FILE).read_bytes().decode("utf-8-sig"))

@@ -48,31 +48,9 @@ def refit(
     To second order a lens with a prism looks like a turned one with tangential distortion, so that a turn may halve the
     loss. Where it does not, the rotation is the identity.
 
-    Parameters
-    ----------
-    intrinsics
-        The lens (16,), not of the fisheye model.
-    image_size
-        (width, height) in px.
-    coefficients
-        How many distortion numbers it keeps, in OpenCV's order.
-    seeing
-        The camera and a box in its rig's world, mm: fitted only where the camera sees the box, unless that is hardly
-        anything of its image. There the largest difference is made least, not the rms. None: over the whole image.
-
-    Returns
-    -------
-    lens
-        The new lens (16,).
-    rotation
-        A turn of the camera about its own centre: `x_camera' = rotation @ x_camera`.
-    loss
-        What it costs in px.
-
-    Raises
-    ------
-    InputError
-        Where the lens cannot be inverted over half of its image.
+    `intrinsics`: the lens (16,), not of the fisheye model; `image_size` (width, height) in px; `seeing` None: over the
+    whole image; returns lens The new lens (16,). rotation A turn of the camera about its own centre: `x_camera' =
+    rotation @ x_camera`. loss What it costs in px.
     """
     rays, uv = _rays(intrinsics, image_size, _FIT_GRID)
     if len(uv) < 0.5 * _FIT_GRID[0] * _FIT_GRID[1]:
@@ -102,12 +80,7 @@ def refit(
 def dropped(intrinsics: FloatArray, coefficients: int) -> tuple[str, ...]:
     """The names of those distortion numbers that are in use and not among the first `coefficients`.
 
-    Parameters
-    ----------
-    intrinsics
-        The lens (16,), not of the fisheye model.
-    coefficients
-        How many distortion numbers are kept, in OpenCV's order.
+    `intrinsics`: the lens (16,), not of the fisheye model.
     """
     return tuple(
         name for name, value in list(zip(INTRINSIC_NAMES, intrinsics, strict=True))[4 + coefficients :] if value
@@ -117,12 +90,7 @@ def dropped(intrinsics: FloatArray, coefficients: int) -> tuple[str, ...]:
 def pixel_grid(image_size: tuple[int, int], grid: tuple[int, int]) -> FloatArray:
     """Image points (n, 2) px from edge to edge of the image, row by row.
 
-    Parameters
-    ----------
-    image_size
-        (width, height) in px.
-    grid
-        How many (columns, rows).
+    `image_size` (width, height) in px; `grid`: how many (columns, rows).
     """
     width, height = image_size
     u, v = np.meshgrid(np.linspace(-0.5, width - 0.5, grid[0]), np.linspace(-0.5, height - 0.5, grid[1]))

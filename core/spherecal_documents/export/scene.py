@@ -68,20 +68,6 @@ def largest_difference_px(form: SceneFormat, path: Path, rig: FileRig) -> float:
     Of corners it is how far they are off in the image, of centres their shift as seen at the corners' distance. It is
     infinite for a frustum that is not in front of its camera, or not finite. Corners beyond the lens model's inverse,
     which have no place in the image, are left out.
-
-    Parameters
-    ----------
-    form
-        The format.
-    path
-        The file as written.
-    rig
-        What was written.
-
-    Raises
-    ------
-    InputError
-        Where the file cannot be read back.
     """
     read = form.frusta(path) @ form.world(rig)  # transposed inverse of a rotation
     largest = 0.0

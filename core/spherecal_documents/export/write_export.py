@@ -81,31 +81,7 @@ def export_rig(
 
     A lens with more coefficients than the format has is replaced by the nearest one that fits (see refit.py).
 
-    Parameters
-    ----------
-    rig
-        The rig.
-    name
-        The format, also one of a scene (SCENES) or of an installed package.
-    output
-        The file, or the folder of a format that has one.
-    unit
-        The unit of lengths; None: the format's usual one.
-    max_loss_px
-        By how much a replaced lens may change a projection, px.
-    frame
-        The user's frame, in which all poses are given; None: the world of rig.json.
-    volume_mm
-        Lowest and highest corner of a box in the rig's world, mm. A lens that would lose more than `max_loss_px` over
-        its image is fitted where its camera sees the box. None: always over the whole image.
-
-    Raises
-    ------
-    InputError
-        For a rig without cameras, an unknown format, a unit that the format does not have, a frame of another rig. Also
-        for a fisheye lens that the format does not have, and a lens that would lose more than `max_loss_px`.
-    OutputError
-        Where it cannot be written.
+    `unit` None: the format's usual one; `frame` None: the world of rig; `volume_mm` None: always over the whole image.
     """
     if not rig.cameras:
         raise InputError(Phrase("error-nothing-to-export"))
@@ -131,13 +107,7 @@ def export_rig(
 
 
 def format_named(name: str) -> Format:
-    """The format of this name, the program's or an installed package's.
-
-    Raises
-    ------
-    InputError
-        Where there is none; lists those there are.
-    """
+    """The format of this name, the program's or an installed package's."""
     found = FORMATS.get(name) or exporter(name)
     if found is None:
         others = (one for one in names(EXPORTERS) if one not in FORMATS)
@@ -156,17 +126,7 @@ def _refuse_fisheye(form: Format, rig: Rig) -> None:
 def chosen_unit(form: Format | ImportFormat, unit: Unit | None) -> Unit:
     """The unit of lengths: the one given, or the format's usual one.
 
-    Parameters
-    ----------
-    form
-        The format.
-    unit
-        The unit that was asked for; None: none was.
-
-    Raises
-    ------
-    InputError
-        Where the format does not have that unit.
+    `unit` None: none was.
     """
     if unit is None:
         return form.units[0]
@@ -285,13 +245,6 @@ def check_points(camera: RigCamera, rig: Rig) -> tuple[FloatArray, FloatArray]:
     """Up to 1,000 points (n, 3) in mm in the world and their images (n, 2): all over the image, near and far.
 
     Points where the lens cannot be inverted are left out. The same camera and rig give the same points.
-
-    Parameters
-    ----------
-    camera
-        The camera.
-    rig
-        Its rig, whose size the depths follow.
     """
     random = np.random.default_rng(_SEED)
     width, height = camera.image_size
@@ -308,17 +261,6 @@ def largest_difference_px(rig: Rig, ids: Sequence[str], cameras: Sequence[FileCa
     """Largest difference in px between the rig's projections and those of cameras that were read.
 
     It is infinite where a camera that was read has no image of a point.
-
-    Parameters
-    ----------
-    rig
-        The rig that was written, lengths in mm.
-    ids
-        The ids of its cameras in the file, in the rig's order.
-    cameras
-        The cameras that were read.
-    unit
-        The file's unit of lengths.
     """
     by_id = {camera.id: camera for camera in cameras}
     largest = 0.0

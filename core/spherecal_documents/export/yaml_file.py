@@ -30,13 +30,7 @@ _Loader.add_constructor("tag:yaml.org,2002:opencv-matrix", _mapping)
 
 
 def read_yaml(path: Path) -> JsonValue:
-    """What a YAML file holds, OpenCV's `%YAML:1.0` included.
-
-    Raises
-    ------
-    InputError
-        Where it is none, or not safe to read.
-    """
+    """What a YAML file holds, OpenCV's `%YAML:1.0` included."""
     text = decode(path, read_bytes(path, _MOST_BYTES))
     if text.startswith("%YAML:"):
         text = text.partition("\n")[2]
@@ -74,13 +68,7 @@ def _named(value: object) -> object:
 
 
 def opencv_matrix(value: JsonValue) -> FloatArray:
-    """A matrix as OpenCV's FileStorage or ROS writes it (rows, cols, data), or a list of lists; (rows, columns).
-
-    Raises
-    ------
-    InputError
-        Where it is something else.
-    """
+    """A matrix as OpenCV's FileStorage or ROS writes it (rows, cols, data), or a list of lists; (rows, columns)."""
     if isinstance(value.value, list):
         nested = value.items(least=1)
         if isinstance(nested[0].value, list):

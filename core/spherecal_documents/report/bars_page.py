@@ -20,15 +20,7 @@ _EXPANDED = 2.0  # where the decision states no coverage factor
 
 
 def add_bars_pages(document: Document, result: Result) -> None:
-    """The verification with reference bars; nothing where there was none.
-
-    Parameters
-    ----------
-    document
-        The report's pages.
-    result
-        The result.
-    """
+    """The verification with reference bars; nothing where there was none."""
     bars = result.bars
     if bars is None:
         return
@@ -71,14 +63,7 @@ def ordered_lengths(bars: BarReport) -> list[tuple[str, str, str]]:
 def draw_errors(sheet: Sheet, box: PageBox, bars: BarReport, keys: list[tuple[str, str, str]]) -> None:
     """Each measured length as a mark with its uncertainty, by certified length; the mean beside them.
 
-    Parameters
-    ----------
-    sheet, box
-        The page, and the place on it.
-    bars
-        The verification.
-    keys
-        The certified lengths to show, as (bar, start, end), from left to right.
+    `keys` (bar, start, end).
     """
     k = bars.coverage_factor or _EXPANDED
     axes = sheet.axes(box.inset(15.0, 7.0, 0.0, 12.0))

@@ -19,15 +19,7 @@ _IN_A_TABLE = 5  # distortion coefficients beside the other numbers
 
 
 def add_cameras_page(document: Document, result: Result) -> None:
-    """Every placed camera with its fit, focal length and place, and their uncertainties.
-
-    Parameters
-    ----------
-    document
-        The report's pages.
-    result
-        The result.
-    """
+    """Every placed camera with its fit, focal length and place, and their uncertainties."""
     rig, unit = result.rig, result.unit
     document.begin_section(
         label("report-cameras-worst-fit-first") if rig.cameras else label("report-cameras"),

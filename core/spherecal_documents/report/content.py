@@ -69,15 +69,7 @@ def _entry(finding: Finding) -> dict[str, Any]:
 
 
 def content_json(content: Content, result: Result) -> dict[str, Any]:
-    """The report as data: verdicts, key figures, findings, and every table with its numbers as printed.
-
-    Parameters
-    ----------
-    content
-        What the report says.
-    result
-        The result, for the fingerprint of its input.
-    """
+    """The report as data: verdicts, key figures, findings, and every table with its numbers as printed."""
     return {
         "format": FORMAT,
         "version": VERSION,

@@ -60,13 +60,7 @@ class Issuer:
 
 
 def read_issuer(path: Path) -> Issuer:
-    """The statements in a file.
-
-    Raises
-    ------
-    InputError
-        Names what is missing.
-    """
+    """The statements in a file."""
     return ISSUER.read(path)
 
 
@@ -120,18 +114,6 @@ def dcc_bytes(result: Result, issuer: Issuer) -> bytes:
     """The certificate as XML; the same result and issuer give the same bytes.
 
     Source: the published schema of DCC 3.2.1.
-
-    Parameters
-    ----------
-    result
-        The result.
-    issuer
-        Who issues the certificate, to whom, when and where.
-
-    Raises
-    ------
-    InputError
-        Where no camera is placed, lengths have no scale, or the measurement ends before it begins.
     """
     if not result.rig.cameras or not result.has_scale:
         raise InputError(Phrase("error-certificate-needs", {"folder": result.folder}))

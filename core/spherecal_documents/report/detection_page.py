@@ -43,17 +43,7 @@ def find_session(result: Result, given: Path | None) -> Session | None:
     The folder around the result is tried as well. A folder that was only guessed is left alone where it is another
     session or cannot be read; None where none fits.
 
-    Parameters
-    ----------
-    result
-        The result.
-    given
-        The session's folder; None: to be looked for.
-
-    Raises
-    ------
-    InputError
-        Where the folder given is another session, or cannot be read.
+    `given` None: to be looked for.
     """
     if given is not None:
         session = read_session(given)
@@ -76,14 +66,7 @@ def find_session(result: Result, given: Path | None) -> Session | None:
 def choose_detections(result: Result, session: Session | None, most: int = 2) -> list[Detection]:
     """The images to show: that with the most observations used, then one of another camera and placement.
 
-    Parameters
-    ----------
-    result
-        The result.
-    session
-        Its session, with the images; None: no image is shown.
-    most
-        How many images at most.
+    `session` None: no image is shown.
     """
     if session is None:
         return []
@@ -107,22 +90,7 @@ def choose_detections(result: Result, session: Session | None, most: int = 2) ->
 
 
 def add_detection_pages(document: Document, result: Result, detections: list[Detection]) -> None:
-    """A page for each image: the whole with target numbers, and a detail of it.
-
-    Parameters
-    ----------
-    document
-        The report's pages.
-    result
-        The result.
-    detections
-        The images.
-
-    Raises
-    ------
-    InputError
-        Where an image cannot be read, or has another size than its camera.
-    """
+    """A page for each image: the whole with target numbers, and a detail of it."""
     for detection in detections:
         image = read_grey(detection.path)
         _check_size(image, detection, result)
@@ -164,13 +132,7 @@ def _check_size(image: NDArray[np.uint8], detection: Detection, result: Result) 
 
 
 def read_grey(path: Path) -> NDArray[np.uint8]:
-    """An image as grey values with its contrast stretched; orientation tags are ignored.
-
-    Raises
-    ------
-    InputError
-        Where it cannot be read, or is too large.
-    """
+    """An image as grey values with its contrast stretched; orientation tags are ignored."""
     try:
         with Image.open(path) as image:
             if image.width * image.height > _MOST_PIXELS:
@@ -187,14 +149,7 @@ def read_grey(path: Path) -> NDArray[np.uint8]:
 def draw_detection(sheet: Sheet, box: PageBox, image: NDArray[np.uint8], detection: Detection) -> None:
     """The whole image with a circle for each observation and the numbers of the targets.
 
-    Parameters
-    ----------
-    sheet, box
-        The page, and the place on it, of the image's aspect.
-    image
-        Grey values (height, width).
-    detection
-        The observations in it.
+    `image`: grey values (height, width).
     """
     height, width = image.shape
     shown = image
@@ -224,14 +179,7 @@ def _number(axes: Axes, mm_per_px: float, detection: Detection, window: FloatArr
 def draw_detail(sheet: Sheet, box: PageBox, image: NDArray[np.uint8], detection: Detection) -> None:
     """The part of the image around its densest place, so large that single dots are seen.
 
-    Parameters
-    ----------
-    sheet, box
-        The page, and the place on it.
-    image
-        Grey values (height, width).
-    detection
-        The observations in it.
+    `image`: grey values (height, width).
     """
     height, width = image.shape
     part = 0.16 * width

@@ -82,17 +82,7 @@ class Document:
         return True
 
     def begin_section(self, name: str, needed: float = 60.0, new_page: bool = True) -> None:
-        """A section with its heading, on a new page or where there is room for it and `needed` mm more.
-
-        Parameters
-        ----------
-        name
-            The heading.
-        needed
-            Room below the heading, mm, without which a page is begun.
-        new_page
-            Whether to begin a page in any case.
-        """
+        """A section with its heading, on a new page or where there is room for it and `needed` mm more."""
         self.section = name
         if new_page:
             self.new_page()
@@ -108,16 +98,7 @@ class Document:
     def paragraph(self, text: str, size_pt: float = BODY_PT, colour: str = INK, after: float = 1.5) -> None:
         """A paragraph over the width of the page.
 
-        Parameters
-        ----------
-        text
-            The text.
-        size_pt
-            Size of the type, pt.
-        colour
-            Its colour.
-        after
-            Room below it, mm.
+        `after`: room below it, mm.
         """
         for line in wrap(text, self.width, size_pt):
             self.need(leading(size_pt))
@@ -137,17 +118,7 @@ class Document:
         return taken
 
     def table(self, columns: Sequence[Column], rows: Sequence[Sequence[Cell]], size_pt: float = SMALL_PT) -> None:
-        """A table as wide as the text, over as many pages as it takes, its head repeated; shaded every second row.
-
-        Parameters
-        ----------
-        columns
-            The columns; their widths are in proportion, since the table is as wide as the text.
-        rows
-            The cells of each row.
-        size_pt
-            Size of the type, pt.
-        """
+        """A table as wide as the text, over as many pages as it takes, its head repeated; shaded every second row."""
         stretch = self.width / sum(column.width for column in columns)
         columns = [replace(column, width=column.width * stretch) for column in columns]
         height = leading(size_pt) + 0.9
@@ -194,21 +165,7 @@ class Document:
         draw: Callable[[Sheet, PageBox, str], None],
         gap: float = 4.0,
     ) -> None:
-        """One panel for each name, `columns` in a row, each `height` mm high, over as many pages as it takes.
-
-        Parameters
-        ----------
-        names
-            What the panels show.
-        columns
-            Panels in a row.
-        height
-            Height of a panel, mm.
-        draw
-            Draws the panel of a name: takes the page, the place on it, the name.
-        gap
-            Room between panels, mm.
-        """
+        """One panel for each name, `columns` in a row, each `height` mm high, over as many pages as it takes."""
         for start in range(0, len(names), columns):
             row = self.box(height + gap)
             for box, name in zip(row.inset(0, bottom=gap).grid(1, columns, gap), names[start:], strict=False):

@@ -25,22 +25,6 @@ def save_guidance_picture(rig: Rig, guidance: Guidance, radius_mm: float, path: 
     """The candidates for the next placement, tilted and from above, coloured by what they give; the best one is drawn.
 
     PNG, 1800 x 840 px.
-
-    Parameters
-    ----------
-    rig
-        The rig.
-    guidance
-        The placements so far and the candidates, in the rig's frame.
-    radius_mm
-        The ball's radius.
-    path
-        The file.
-
-    Raises
-    ------
-    OutputError
-        Where it cannot be written.
     """
     centres = np.array([camera.centre_mm for camera in rig.cameras])
     every = np.vstack([centres, guidance.placements_mm])
@@ -101,22 +85,7 @@ def _candidates(panel: Axes, guidance: Guidance, flat, view: Projection, radius_
 
 
 def save_map_picture(rig: Rig, lengths: LengthMap, path: Path) -> None:
-    """The map of a length's expanded uncertainty: slices through the volume, the worst direction at each place. PNG.
-
-    Parameters
-    ----------
-    rig
-        The rig.
-    lengths
-        The map, places in the rig's frame; a cube of them.
-    path
-        The file.
-
-    Raises
-    ------
-    OutputError
-        Where it cannot be written.
-    """
+    """The map of a length's expanded uncertainty: slices through the volume, the worst direction at each place. PNG."""
     seen = np.isfinite(lengths.expanded_mm).any(axis=1)
     largest = np.where(np.isfinite(lengths.expanded_mm), lengths.expanded_mm, -1.0).max(axis=1)
     worst = np.where(seen, largest, np.nan)

@@ -56,14 +56,7 @@ table,svg{break-inside:avoid}}
 def html_bytes(content: Content, result: Result, picture: ScenePicture | None = None) -> bytes:
     """The file; the same result gives the same bytes. To be called within `report_style`.
 
-    Parameters
-    ----------
-    content
-        What the report says.
-    result
-        The result, for the drawings.
-    picture
-        The rig in space, in place of the oblique view; None: that view is drawn.
+    `picture` None: that view is drawn.
     """
     title = label("report-spherecal-calibration-report")
     body = [f"<h1>{escape(title)}</h1>", *(_verdict(v.title, v.word, v.colour, v.sentence) for v in content.verdicts)]

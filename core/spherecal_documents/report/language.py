@@ -15,13 +15,7 @@ _now: ContextVar[str] = ContextVar("language", default="en")
 
 @contextmanager
 def speaking(language: str) -> Iterator[None]:
-    """Reports made within are in this language: en, de or zh_CN.
-
-    Raises
-    ------
-    InputError
-        For one that is not available.
-    """
+    """Reports made within are in this language: en, de or zh_CN."""
     if language not in LANGUAGES:
         raise InputError(Phrase("error-report-language", {"language": language, "names": list(LANGUAGES)}))
     token = _now.set(language)
@@ -42,15 +36,7 @@ def label(key: str, /, **values: Value) -> str:
 
 
 def word(keys: Mapping[str, str], name: str) -> str:
-    """The word for a name that a file has, by the keys of those that are known; another name as it is.
-
-    Parameters
-    ----------
-    keys
-        Keys of the catalogue by the names that are known.
-    name
-        The name.
-    """
+    """The word for a name that a file has, by the keys of those that are known; another name as it is."""
     return label(keys[name]) if name in keys else name
 
 

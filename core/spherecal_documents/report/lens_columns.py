@@ -21,15 +21,7 @@ def lens_columns(cameras: Sequence[RigCamera]) -> dict[int, str]:
 
 
 def lens_number(camera: RigCamera, i: int) -> float:
-    """The number in place `i` of the 16; 0 in places that a fisheye lens does not have.
-
-    Parameters
-    ----------
-    camera
-        The camera.
-    i
-        The place, from 0, in the order of the 16 intrinsics.
-    """
+    """The number in place `i` of the 16; 0 in places that a fisheye lens does not have."""
     if i >= len(FISHEYE_NAMES) and is_fisheye(camera.intrinsics):
         return 0.0
     return float(camera.intrinsics[i])

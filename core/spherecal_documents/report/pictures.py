@@ -26,21 +26,7 @@ def save_pictures(result_folder: Path, folder: Path, session_folder: Path | None
 
     Returns the files written. The folder is made where it is missing.
 
-    Parameters
-    ----------
-    result_folder
-        The result.
-    folder
-        Where the pictures are written.
-    session_folder
-        The session, for an image; None: it is looked for beside the result.
-
-    Raises
-    ------
-    InputError
-        For a folder or file that cannot be used as it is.
-    OutputError
-        Where a picture cannot be written.
+    `session_folder` None: it is looked for beside the result.
     """
     result = read_result(result_folder)
     detections = choose_detections(result, find_session(result, session_folder), most=1)

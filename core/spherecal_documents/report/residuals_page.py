@@ -41,15 +41,7 @@ class ArrowScale:
 
 
 def add_residual_pages(document: Document, result: Result) -> None:
-    """The histogram of all residuals, then a panel of residual vectors for each camera.
-
-    Parameters
-    ----------
-    document
-        The report's pages.
-    result
-        The result.
-    """
+    """The histogram of all residuals, then a panel of residual vectors for each camera."""
     document.begin_section(label("report-residuals"))
     if not result.residuals.used.any():
         document.paragraph(label("report-no-observation-was-used-so"))
@@ -92,15 +84,7 @@ def arrow_scale(result: Result) -> ArrowScale:
 
 
 def arrow_caption(scale: ArrowScale, result: Result) -> str:
-    """What the arrows show.
-
-    Parameters
-    ----------
-    scale
-        How they are drawn.
-    result
-        The result, for the number of observations that were left out.
-    """
+    """What the arrows show."""
     left_out = int((~result.residuals.used & np.isfinite(result.residuals.du_dv[:, 0])).sum())
     crosses = label("report-crosses", count=count(left_out)) if left_out else ""
     return label("report-arrows", times=magnification(scale), crosses=crosses)
@@ -112,15 +96,7 @@ def magnification(scale: ArrowScale) -> str:
 
 
 def draw_key(sheet: Sheet, box: PageBox, scale: ArrowScale) -> None:
-    """A bar of the colours with its numbers.
-
-    Parameters
-    ----------
-    sheet, box
-        The page, and the place on it.
-    scale
-        How residuals are drawn.
-    """
+    """A bar of the colours with its numbers."""
     axes = sheet.axes(PageBox(box.x + 32.0, box.y + 0.5, 60.0, 2.6))
     axes.imshow(
         np.linspace(0, 1, 128)[None],
@@ -143,17 +119,6 @@ def draw_panel(sheet: Sheet, box: PageBox, name: str, result: Result, scale: Arr
     """One camera's residual vectors in its image frame.
 
     Observations that were left out are crosses. Of very many residuals only some are drawn, evenly chosen.
-
-    Parameters
-    ----------
-    sheet, box
-        The page, and the place on it.
-    name
-        The camera's id.
-    result
-        The result.
-    scale
-        How residuals are drawn.
     """
     camera = result.rig.camera(name)
     assert camera is not None
@@ -211,15 +176,7 @@ def _arrows(axes: Axes, start: FloatArray, du_dv: FloatArray, scale: ArrowScale,
 
 
 def draw_histogram(sheet: Sheet, box: PageBox, result: Result) -> None:
-    """How du and dv are distributed, beside the normal distribution of the same spread.
-
-    Parameters
-    ----------
-    sheet, box
-        The page, and the place on it.
-    result
-        The result, with at least one observation that was used.
-    """
+    """How du and dv are distributed, beside the normal distribution of the same spread."""
     sheet.text(box.x, box.y + 3.4, label("report-distribution-of-du-and-dv"), SMALL_PT, bold=True)
     values = result.residuals.du_dv[result.residuals.used]
     sd = max(float(np.sqrt((values**2).mean())), 1e-12)

@@ -29,14 +29,7 @@ _GRID = "#e3e6ea"
 def add_rig_pages(document: Document, result: Result, picture: ScenePicture | None = None) -> None:
     """The rig, of at least one camera, from above, from the front, from the side and obliquely, or as a `picture`.
 
-    Parameters
-    ----------
-    document
-        The report's pages.
-    result
-        The result.
-    picture
-        The rig in space, in place of the oblique view; None: all four views are drawn.
+    `picture` None: all four views are drawn.
     """
     document.begin_section(label("report-rig-and-placements"))
     scene = make_scene(result)
@@ -84,19 +77,7 @@ def _explanation(scene: DrawnRig, result: Result) -> str:
 
 
 def draw_view(sheet: Sheet, box: PageBox, scene: DrawnRig, view: Projection, result: Result) -> None:
-    """One view with its title, a scale bar or axes, names of cameras and placements.
-
-    Parameters
-    ----------
-    sheet, box
-        The page, and the place on it.
-    scene
-        The rig in the picture's frame.
-    view
-        From which side; with named axes it has scales, otherwise a grid below the rig.
-    result
-        The result, for the unit of lengths.
-    """
+    """One view with its title, a scale bar or axes, names of cameras and placements."""
     sheet.text(box.x, box.y + 3.0, phrase(view.name, language_now()), SMALL_PT, bold=True)
     measured = bool(view.labels[0])
     inner = box.inset(*_frame(view))

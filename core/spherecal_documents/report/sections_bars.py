@@ -70,15 +70,7 @@ def verdict_word(verdict: str) -> str:
 
 
 def name_of(bar: str, start: str, end: str) -> str:
-    """A certified length's name: bar and both marks.
-
-    Parameters
-    ----------
-    bar
-        The bar's id.
-    start, end
-        Its marks.
-    """
+    """A certified length's name: bar and both marks."""
     return f"{bar} {start}{TO}{end}"
 
 

@@ -87,15 +87,7 @@ def _lenses(result: Result) -> Section | None:
 
 
 def image_cells(result: Result, name: str) -> np.ndarray | None:
-    """How many used observations each cell of a camera's image holds (rows, columns); None where it has none.
-
-    Parameters
-    ----------
-    result
-        The result.
-    name
-        The camera's id.
-    """
+    """How many used observations each cell of a camera's image holds (rows, columns); None where it has none."""
     camera = result.rig.camera(name)
     own = result.residuals.rows_of.get(name)
     if camera is None or own is None:

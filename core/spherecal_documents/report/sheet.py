@@ -26,17 +26,7 @@ Align = Literal["left", "center", "right"]
 
 
 def text_width(text: str, size_pt: float, bold: bool = False) -> float:
-    """The width of a line of text in millimetres.
-
-    Parameters
-    ----------
-    text
-        The text.
-    size_pt
-        Size of the type, pt.
-    bold
-        Whether it is bold.
-    """
+    """The width of a line of text in millimetres."""
     prop = FontProperties(size=size_pt, weight="bold" if bold else "normal")
     return text_to_path.get_text_width_height_descent(text, prop, ismath=False)[0] * MM_PER_PT if text else 0.0
 
@@ -46,36 +36,14 @@ _ONE_BY_ONE = re.compile(r"[ -~\xa0-\u02ff\u0370-\u058f\u2010-\u2027\u2030-\u22f
 
 
 def fits(text: str, width_mm: float, size_pt: float, bold: bool = False) -> bool:
-    """Whether the width of a line of text is at most `width_mm`; to lay it out takes longest, most need not be.
-
-    Parameters
-    ----------
-    text
-        The text.
-    width_mm
-        The width, mm.
-    size_pt
-        Size of the type, pt.
-    bold
-        Whether it is bold.
-    """
+    """Whether the width of a line of text is at most `width_mm`; to lay it out takes longest, most need not be."""
     if _ONE_BY_ONE.fullmatch(text) and widest(text, size_pt, bold) <= width_mm:
         return True
     return text_width(text, size_pt, bold) <= width_mm
 
 
 def widest(text: str, size_pt: float, bold: bool = False) -> float:
-    """A bound of the width of a line of such letters, mm: their advances, and room for kerning and for what overhangs.
-
-    Parameters
-    ----------
-    text
-        The text.
-    size_pt
-        Size of the type, pt.
-    bold
-        Whether it is bold.
-    """
+    """A bound of the width of a line of such letters, mm: advances, and room for kerning and overhang."""
     fonts = (*rcParams["font.family"], *rcParams["font.sans-serif"])
     return size_pt * (1.05 * sum(_advance(letter, bold, fonts) for letter in text) + 0.3 * MM_PER_PT)
 
@@ -94,19 +62,7 @@ _WORD = re.compile(rf"[{_BEGINS}]*[{_CHINESE}][{_ENDS}]*|(?:(?![{_CHINESE}{_BEGI
 
 
 def wrap(text: str, width_mm: float, size_pt: float, bold: bool = False) -> list[str]:
-    """The text in lines of at most this width; a word too long for a line is cut.
-
-    Parameters
-    ----------
-    text
-        The text.
-    width_mm
-        Width of a line, mm.
-    size_pt
-        Size of the type, pt.
-    bold
-        Whether it is bold.
-    """
+    """The text in lines of at most this width; a word too long for a line is cut."""
     lines: list[str] = []
     line, gap = "", ""
     for word in _WORD.findall(text):
@@ -135,19 +91,7 @@ def _cut(word: str, width_mm: float, size_pt: float, bold: bool) -> list[str]:
 
 
 def shortened(text: str, width_mm: float, size_pt: float, bold: bool = False) -> str:
-    """The text, or its beginning and an ellipsis, within this width.
-
-    Parameters
-    ----------
-    text
-        The text.
-    width_mm
-        The width, mm.
-    size_pt
-        Size of the type, pt.
-    bold
-        Whether it is bold.
-    """
+    """The text, or its beginning and an ellipsis, within this width."""
     if fits(text, width_mm, size_pt, bold):
         return text
     most = bisect_right(range(len(text)), width_mm, key=lambda n: text_width(text[:n] + "…", size_pt, bold)) - 1
@@ -166,22 +110,14 @@ class PageBox:
     def inset(self, left: float, top: float = 0.0, right: float = 0.0, bottom: float = 0.0) -> "PageBox":
         """A smaller box inside this one.
 
-        Parameters
-        ----------
-        left, top, right, bottom
-            Room between their sides, mm.
+        `left`, `top`, `right`, `bottom`: room between their sides, mm.
         """
         return PageBox(self.x + left, self.y + top, self.width - left - right, self.height - top - bottom)
 
     def grid(self, rows: int, columns: int, gap: float = 4.0) -> list["PageBox"]:
         """Equal boxes row by row with gaps between them.
 
-        Parameters
-        ----------
-        rows, columns
-            How many boxes.
-        gap
-            Between them, mm.
+        `gap`: between them, mm.
         """
         width = (self.width - gap * (columns - 1)) / columns
         height = (self.height - gap * (rows - 1)) / rows
@@ -211,20 +147,7 @@ class Sheet:
     ) -> None:
         """A line of text with its base line at y; dollars are dollars.
 
-        Parameters
-        ----------
-        x, y
-            Where it begins, mm; with another `align` where its middle or its end is.
-        text
-            The text.
-        size_pt
-            Size of the type, pt.
-        bold
-            Whether it is bold.
-        colour
-            Its colour.
-        align
-            Which part of it is at x.
+        `x`, `y`: where it begins, mm.
         """
         self.figure.add_artist(
             Text(
@@ -244,16 +167,7 @@ class Sheet:
     def lines(self, x: float, y: float, lines: Sequence[str], size_pt: float = BODY_PT, colour: str = INK) -> float:
         """Lines of text below each other, the first with its base line at y; where the next base line would be.
 
-        Parameters
-        ----------
-        x, y
-            Where the first line begins, mm.
-        lines
-            The lines.
-        size_pt
-            Size of the type, pt.
-        colour
-            Its colour.
+        `x`, `y`: where the first line begins, mm.
         """
         for line in lines:
             self.text(x, y, line, size_pt, colour=colour)
@@ -263,30 +177,13 @@ class Sheet:
     def rule(self, x0: float, x1: float, y: float, colour: str = RULE, width_pt: float = 0.5) -> None:
         """A horizontal line.
 
-        Parameters
-        ----------
-        x0, x1
-            Its ends, mm.
-        y
-            Its height on the page, mm from the top.
-        colour
-            Its colour.
-        width_pt
-            Its width, pt.
+        `x0`, `x1`: its ends, mm; `y`: its height on the page, mm from the top.
         """
         place = ([x0 / self.width, x1 / self.width], [1 - y / self.height] * 2)
         self.figure.add_artist(Line2D(*place, color=colour, linewidth=width_pt, transform=self.figure.transFigure))
 
     def fill(self, box: PageBox, colour: str) -> None:
-        """A filled rectangle.
-
-        Parameters
-        ----------
-        box
-            Its place.
-        colour
-            Its colour.
-        """
+        """A filled rectangle."""
         left_foot = (box.x / self.width, 1 - (box.y + box.height) / self.height)
         size = (box.width / self.width, box.height / self.height)
         self.figure.add_artist(
@@ -294,15 +191,7 @@ class Sheet:
         )
 
     def axes(self, box: PageBox, **settings: Any) -> Axes:
-        """Axes whose data area fills the box.
-
-        Parameters
-        ----------
-        box
-            The place.
-        settings
-            Properties of the axes, as matplotlib has them.
-        """
+        """Axes whose data area fills the box."""
         place = (
             box.x / self.width, 1 - (box.y + box.height) / self.height,
             box.width / self.width, box.height / self.height,

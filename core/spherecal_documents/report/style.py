@@ -126,14 +126,7 @@ def report_style() -> Iterator[None]:
 def number(value: float | None, digits: int, sign: bool = False) -> str:
     """A number with fixed digits, a true minus, an en dash where there is none; never -0.00.
 
-    Parameters
-    ----------
-    value
-        The number; None or not finite: there is none.
-    digits
-        Digits after the point.
-    sign
-        Whether a plus is shown too.
+    `value` None or not finite: there is none.
     """
     if value is None or not math.isfinite(value):
         return NONE
@@ -148,12 +141,7 @@ def significant(value: float | None, digits: int = 2) -> str:
 
     An en dash where there is none.
 
-    Parameters
-    ----------
-    value
-        The number; None or not finite: there is none.
-    digits
-        Its significant digits.
+    `value` None or not finite: there is none.
     """
     if value is None or not math.isfinite(value):
         return NONE
@@ -169,15 +157,7 @@ def count(value: int) -> str:
 
 
 def some_of(names: tuple[str, ...] | list[str], most: int = 12) -> str:
-    """The names, or the first of them and how many more there are.
-
-    Parameters
-    ----------
-    names
-        The names.
-    most
-        How many are shown.
-    """
+    """The names, or the first of them and how many more there are."""
     if len(names) <= most:
         return ", ".join(names)
     return label("and-more", names=", ".join(names[:most]), more=len(names) - most)

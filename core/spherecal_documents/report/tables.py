@@ -53,14 +53,7 @@ def made_by(result: Result) -> str:
 def add_section(document: Document, section: Section | None, needed: float = 35.0) -> None:
     """Print a section; nothing for None.
 
-    Parameters
-    ----------
-    document
-        The report's pages.
-    section
-        The section.
-    needed
-        Room below its heading, mm, without which a page is begun.
+    `needed`: room below its heading, mm, without which a page is begun.
     """
     if section is None:
         return

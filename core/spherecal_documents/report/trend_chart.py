@@ -40,22 +40,7 @@ _OF_CAMERAS = {
 
 
 def write_trend_chart(trend: Trend, output: Path) -> None:
-    """Write the chart as .pdf or .svg, whole.
-
-    Parameters
-    ----------
-    trend
-        The trend.
-    output
-        The file; its ending chooses the form.
-
-    Raises
-    ------
-    InputError
-        For another ending.
-    OutputError
-        Where it cannot be written.
-    """
+    """Write the chart as .pdf or .svg, whole."""
     ending = output.suffix.lower()
     if ending not in _ENDINGS:
         raise InputError(Phrase("error-chart-kind", {"file": output}))

@@ -18,14 +18,7 @@ _MAP_MM = 46.0
 def add_uncertainty_page(document: Document, result: Result, section: Section | None) -> None:
     """The map with its table; nothing for a rig without one.
 
-    Parameters
-    ----------
-    document
-        The report's pages.
-    result
-        The result.
-    section
-        The table's section; None: there is none.
+    `section` None: there is none.
     """
     if section is None or result.rig.length_map is None:
         return
@@ -49,14 +42,7 @@ def layers_of(found: LengthMap) -> FloatArray | None:
 def draw_layers(sheet: Sheet, box: PageBox, worst: FloatArray, found: LengthMap) -> None:
     """The layers side by side, numbers in the squares.
 
-    Parameters
-    ----------
-    sheet, box
-        The page, and the place on it.
-    worst
-        The largest expanded uncertainty (n, n, n) at each place, mm, as `layers_of` gives it.
-    found
-        The map.
+    `worst` (n, n, n) mm.
     """
     side = len(worst)
     low, high = (float(f(worst[np.isfinite(worst)])) if np.isfinite(worst).any() else 1.0 for f in (np.min, np.max))

@@ -44,17 +44,7 @@ _TYPICAL_MM = 500.0
 
 
 def add_verdict_page(document: Document, result: Result, note: str = "") -> None:
-    """Begin the report: what the result is worth, in words, figures and findings.
-
-    Parameters
-    ----------
-    document
-        The report's pages.
-    result
-        The result.
-    note
-        What is printed under the verdicts; empty: nothing.
-    """
+    """Begin the report: what the result is worth, in words, figures and findings."""
     document.section = label("report-summary")
     document.new_page()
     document.sheet.text(document.left, 25.0, label("report-calibration-report"), TITLE_PT, bold=True)
@@ -295,15 +285,7 @@ def sorted_findings(findings: tuple[Finding, ...]) -> list[Finding]:
 
 
 def add_finding(document: Document, finding: Finding) -> None:
-    """Print a finding: severity, message, hint and the ids concerned.
-
-    Parameters
-    ----------
-    document
-        The report's pages.
-    finding
-        The finding.
-    """
+    """Print a finding: severity, message, hint and the ids concerned."""
     indent = 20.0
     width = document.width - indent
     where = label("report-concerns", names=some_of(finding.where, 120)) if finding.where else ""

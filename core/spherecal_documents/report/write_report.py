@@ -40,34 +40,7 @@ def write_report(
     The ending of `output` chooses the form: `.pdf`, `.html`, `.json` (the same content as data), `.xml` (a Digital
     Calibration Certificate, always in English).
 
-    Parameters
-    ----------
-    result_folder
-        The result.
-    output
-        The file.
-    session_folder
-        The session, whose images the PDF's pictures of detections need. None: a folder `session` beside the result, or
-        the one around it, if it is the result's own.
-    page
-        Size of the PDF's pages.
-    issuer
-        The file with the statements of a certificate; None: there can be no certificate.
-    language
-        en, de or zh_CN; what has no translation stays English.
-    notice
-        Printed as it is at the head of every page of the PDF.
-    note
-        Printed as it is under the PDF's verdicts.
-    render
-        Is asked for the rig in space, in place of the drawn view, in PDF and HTML; None: it is drawn.
-
-    Raises
-    ------
-    InputError
-        For another ending, and for a folder or file that cannot be used as it is.
-    OutputError
-        Where the report cannot be written.
+    `issuer` None: there can be no certificate; `render` None: it is drawn.
     """
     forms = {
         ".html": lambda folder: html_report(folder, session_folder, render),
@@ -87,17 +60,7 @@ def write_report(
 def certificate(result_folder: Path, issuer: Path | None) -> bytes:
     """A Digital Calibration Certificate, as XML.
 
-    Parameters
-    ----------
-    result_folder
-        The result.
-    issuer
-        The file that says who issues it; None is refused.
-
-    Raises
-    ------
-    InputError
-        Without that file, and as `dcc_bytes`.
+    `issuer` None is refused.
     """
     from spherecal_documents.report.dcc import dcc_bytes, read_issuer
 
@@ -114,18 +77,7 @@ def report_bytes(
     note: str = "",
     render: Renderer | None = None,
 ) -> bytes:
-    """The report as the bytes of a PDF.
-
-    Parameters
-    ----------
-    result_folder, session_folder, page, notice, note, render
-        As of `write_report`.
-
-    Raises
-    ------
-    InputError
-        For an unknown size of pages, for Chinese without a font for it, and for files that cannot be used.
-    """
+    """The report as the bytes of a PDF."""
     if page not in PAGE_SIZES_MM:
         raise InputError(Phrase("error-page", {"page": repr(page), "pages": list(PAGE_SIZES_MM)}))
     result = read_result(result_folder)
@@ -139,18 +91,7 @@ def report_bytes(
 
 
 def html_report(result_folder: Path, session_folder: Path | None = None, render: Renderer | None = None) -> bytes:
-    """The report as one HTML file.
-
-    Parameters
-    ----------
-    result_folder, session_folder, render
-        As of `write_report`.
-
-    Raises
-    ------
-    InputError
-        For a folder or file that cannot be used as it is.
-    """
+    """The report as one HTML file."""
     from spherecal_documents.report.html import html_bytes
 
     result = read_result(result_folder)
@@ -160,13 +101,7 @@ def html_report(result_folder: Path, session_folder: Path | None = None, render:
 
 
 def json_report(result_folder: Path) -> bytes:
-    """The report's content as the bytes of a JSON file.
-
-    Raises
-    ------
-    InputError
-        For a folder or file that cannot be used as it is.
-    """
+    """The report's content as the bytes of a JSON file."""
     result = read_result(result_folder)
     return json_bytes(content_json(make_content(result), result))
 
@@ -181,18 +116,7 @@ def make_document(
 ) -> Document:
     """The report's pages; to be called, and the result used, within `report_style`.
 
-    Parameters
-    ----------
-    result
-        The result.
-    detections
-        Images with their observations; empty: no pages of them.
-    page
-        Size of the pages.
-    notice, note
-        As of `write_report`.
-    scene
-        The rig in space; None: it is drawn.
+    `scene` None: it is drawn.
     """
     document = Document(page, label("report-spherecal-calibration-report"), made_by(result))
     document.notice = notice

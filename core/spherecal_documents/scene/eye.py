@@ -54,50 +54,22 @@ class View:
         return right, np.cross(towards, right)
 
     def eye(self, width: int, height: int) -> Eye:
-        """The projection onto a picture of this size, at least 16 x 16 px.
-
-        Parameters
-        ----------
-        width, height
-            Size of the picture, px.
-        """
+        """The projection onto a picture of this size, at least 16 x 16 px."""
         return Eye(self.middle, *self.axes(), self.zoom * self.fitted, max(width, 16), max(height, 16))
 
     def turned(self, turn_deg: float, lift_deg: float) -> "View":
-        """The view after a turn, never past the poles.
-
-        Parameters
-        ----------
-        turn_deg
-            Turn about the height axis, deg.
-        lift_deg
-            By how much the eye is lifted, deg.
-        """
+        """The view after a turn, never past the poles."""
         lift = float(np.clip(self.lift_deg + lift_deg, -90, 90))
         return replace(self, turn_deg=self.turn_deg + turn_deg, lift_deg=lift)
 
     def moved(self, right_px: float, down_px: float) -> "View":
-        """The view after the scene was moved by hand.
-
-        Parameters
-        ----------
-        right_px, down_px
-            How far the scene moves in the picture, px.
-        """
+        """The view after the scene was moved by hand."""
         right, up = self.axes()
         scale = self.zoom * self.fitted
         return replace(self, middle=self.middle - (right_px * right - down_px * up) / scale)
 
     def closer(self, factor: float, right_px: float = 0.0, down_px: float = 0.0) -> "View":
-        """The view closer by a factor, within the limits of the zoom; one place of the picture stays where it is.
-
-        Parameters
-        ----------
-        factor
-            By how much the scene becomes larger.
-        right_px, down_px
-            The place that stays, from the picture's middle, px.
-        """
+        """The view closer by a factor, within the limits of the zoom; one place of the picture stays where it is."""
         zoom = float(np.clip(self.zoom * factor, _LEAST_ZOOM, _MOST_ZOOM))
         there = replace(self.moved(-right_px, -down_px), zoom=zoom)
         return there.moved(right_px, down_px)
@@ -106,14 +78,7 @@ class View:
 def fitting_view(places: FloatArray, side: str, width: float, height: float) -> View:
     """The view from a side that shows all places in a picture.
 
-    Parameters
-    ----------
-    places
-        What is to be seen, (n, 3) mm.
-    side
-        A key of `SIDES`.
-    width, height
-        Size of the picture, px.
+    `places`: what is to be seen, (n, 3) mm; `width`, `height`: size of the picture, px.
     """
     turn, lift = SIDES[side]
     view = View(np.zeros(3), turn, lift)

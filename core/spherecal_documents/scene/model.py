@@ -199,12 +199,7 @@ class SceneData:
     def flat(self, side: str, places: FloatArray) -> FloatArray:
         """Places in the plane of one of the report's views, (n, 2) mm.
 
-        Parameters
-        ----------
-        side
-            `oblique`, `top`, `front` or `side`.
-        places
-            Places in the scene, (n, 3) mm.
+        `places`: places in the scene, (n, 3) mm.
         """
         from spherecal_documents.report.rig_view import FRONT, OBLIQUE, SIDE, TOP
 
@@ -233,15 +228,7 @@ class Floor:
 
 
 def round_factor(wanted: float, size: float) -> float:
-    """The largest of 1, 2, 5, 10, 20, ... by which `size` stays within `wanted`; 1 where it is larger already.
-
-    Parameters
-    ----------
-    wanted
-        The largest size wanted.
-    size
-        The size as it is, in the same unit.
-    """
+    """The largest of 1, 2, 5, 10, 20, ... by which `size` stays within `wanted`; 1 where it is larger already."""
     if size <= 0 or wanted <= size:
         return 1.0
     ratio = wanted / size
@@ -252,12 +239,7 @@ def round_factor(wanted: float, size: float) -> float:
 def ramp(sizes: FloatArray, dark: bool) -> list[tuple[int, int, int]]:
     """Colours (red, green, blue; 0 to 255) for sizes from 0 to 1.
 
-    Parameters
-    ----------
-    sizes
-        Sizes, (n,); smaller and larger ones get the colours of 0 and 1.
-    dark
-        For a dark background, else a light one.
+    `sizes`: sizes, (n,).
     """
     table = np.array(_DARK if dark else _LIGHT, dtype=float)
     where = np.clip(sizes, 0, 1) * 2
@@ -270,17 +252,7 @@ def ramp(sizes: FloatArray, dark: bool) -> list[tuple[int, int, int]]:
 
 
 def scene_data(result: Any, links: tuple[tuple[str, str], ...] = (), most: int = 6000) -> SceneData | None:
-    """The scene of a result; None without cameras.
-
-    Parameters
-    ----------
-    result
-        The result (report.result_folder).
-    links
-        Pairs of cameras that were joined, by id.
-    most
-        Points that are shown at most; of more, every k-th is.
-    """
+    """The scene of a result; None without cameras."""
     from spherecal_documents.report.rig_view import make_scene
 
     if not result.rig.cameras:
@@ -385,14 +357,7 @@ def with_bars(data: SceneData, report: Any, places: Mapping[str, Any]) -> SceneD
 
     A length whose error is larger than its expanded uncertainty (k = 2) is `bad`.
 
-    Parameters
-    ----------
-    data
-        The scene.
-    report
-        The verification (report.verification_file); None: no bars.
-    places
-        Places of marks (export.frame) by pose and mark, `POSE/MARK`.
+    `report` None: no bars.
     """
     bars = []
     for row in report.measured if report is not None else ():
@@ -411,13 +376,7 @@ def with_bars(data: SceneData, report: Any, places: Mapping[str, Any]) -> SceneD
 def with_moved(data: SceneData, changes: Sequence[tuple[str, FloatArray, FloatArray]]) -> SceneData:
     """The scene with cameras that have moved.
 
-    Parameters
-    ----------
-    data
-        The scene with the cameras as they are now; before, they were where shift and turn are taken back.
-    changes
-        For each camera its id, the shift (3,) mm of its centre in the world, and the turn (3,) deg in its axes. Cameras
-        that the scene does not have are passed over.
+    `changes` (3,) mm.
     """
     from spherecal.geometry.rotation import exp_rotation
 
@@ -439,11 +398,6 @@ def with_moved(data: SceneData, changes: Sequence[tuple[str, FloatArray, FloatAr
 def with_images(data: SceneData, images: Mapping[str, Any]) -> SceneData:
     """The scene with the last image of each camera.
 
-    Parameters
-    ----------
-    data
-        The scene.
-    images
-        Images (height, width) by camera id, 0 to 255.
+    `images`: images (height, width) by camera id, 0 to 255.
     """
     return replace(data, images={name: np.asarray(image, dtype=np.uint8) for name, image in images.items()})

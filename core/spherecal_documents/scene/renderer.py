@@ -55,15 +55,7 @@ class ScenePlotter:
         self._plotter.render()  # fails here and now where OpenGL does not work
 
     def show(self, data: SceneData, style: SceneStyle) -> None:
-        """Show another scene, or the same in another style.
-
-        Parameters
-        ----------
-        data
-            The scene.
-        style
-            Colours, and what is shown.
-        """
+        """Show another scene, or the same in another style."""
         self._plotter.clear_actors()
         self._lines = []
         self._radius = data.radius
@@ -120,15 +112,7 @@ class ScenePlotter:
         self._plotter.add_mesh(made, texture=texture, lighting=False, show_scalar_bar=False, reset_camera=False)
 
     def picture(self, eye: Eye, fine: bool) -> Any:
-        """The picture, (height, width, 3) uint8.
-
-        Parameters
-        ----------
-        eye
-            From where the scene is seen.
-        fine
-            Smooth the edges, which takes longer.
-        """
+        """The picture, (height, width, 3) uint8."""
         factor = _FINE if fine else 1
         plotter = self._plotter
         size = [eye.width * factor, eye.height * factor]
@@ -200,17 +184,7 @@ def serve(pipe: Connection) -> None:
 
 
 def render_once(data: SceneData, style: SceneStyle, eye: Eye) -> Any:
-    """One picture with smooth edges, (height, width, 3) uint8, from a process of its own; None where that fails.
-
-    Parameters
-    ----------
-    data
-        The scene.
-    style
-        Colours, and what is shown.
-    eye
-        From where the scene is seen.
-    """
+    """One picture with smooth edges, (height, width, 3) uint8, from a process of its own; None where that fails."""
     context = multiprocessing.get_context("spawn")
     ours, theirs = context.Pipe()
     process = context.Process(target=serve, args=(theirs,), daemon=True, name="spherecal-picture")

@@ -90,15 +90,7 @@ class Shapes:
 
 
 def scene_shapes(data: SceneData, style: SceneStyle) -> Shapes:
-    """Everything that the style shows of a scene.
-
-    Parameters
-    ----------
-    data
-        The scene.
-    style
-        Colours, and what is shown.
-    """
+    """Everything that the style shows of a scene."""
     shown = style.layers
     meshes = [*_cameras(data, style), *_balls(data, style), *_bars(data, style)]
     if "map" in shown and len(data.map_mm):
@@ -114,15 +106,7 @@ def scene_shapes(data: SceneData, style: SceneStyle) -> Shapes:
 
 
 def scene_lines(data: SceneData, style: SceneStyle) -> list[Lines]:
-    """Floor, frusta, volume, axes, what has moved, and the paths where they are shown.
-
-    Parameters
-    ----------
-    data
-        The scene.
-    style
-        Colours, and what is shown.
-    """
+    """Floor, frusta, volume, axes, what has moved, and the paths where they are shown."""
     lines = [_floor(data, style), _frusta(data, style), _box(data, style), *_axes(data), *_moved(data, style)]
     lines += [*_rings(data, style), *_wanted(data, style)]
     if "links" in style.layers and data.links:
@@ -136,31 +120,13 @@ def _same(tint: Sequence[int], count: int) -> ByteArray:
 
 
 def blended(first: Sequence[int], second: Sequence[int], share: float) -> Tint:
-    """The colour between two.
-
-    Parameters
-    ----------
-    first, second
-        Colours, 0 to 255.
-    share
-        Share of the second, 0 to 1.
-    """
+    """The colour between two."""
     r, g, b = ((1 - share) * np.array(first) + share * np.array(second)).round().astype(int).tolist()
     return r, g, b
 
 
 def joined(meshes: Sequence[Mesh], smooth: bool, name: str = "") -> Mesh:
-    """Several meshes as one.
-
-    Parameters
-    ----------
-    meshes
-        The meshes; none makes an empty one.
-    smooth
-        Normals of the result: smooth, else one for each face.
-    name
-        Name of the result.
-    """
+    """Several meshes as one."""
     if not meshes:
         return Mesh(
             np.empty((0, 3)), np.empty((0, 3), dtype=np.int64), np.empty((0, 3), dtype=np.uint8), smooth, name=name
@@ -267,12 +233,7 @@ def _picture(data: SceneData) -> Picture | None:
 def shrunk(image: Any, longest: int) -> ByteArray:
     """The image with every k by k pixels averaged, (h, w) uint8.
 
-    Parameters
-    ----------
-    image
-        The image, (height, width).
-    longest
-        Longer side of the result at most, px.
+    `image`: the image, (height, width); `longest`: longer side of the result at most, px.
     """
     k = max(1, -(-max(image.shape) // longest))
     h, w = (side // k * k for side in image.shape)
@@ -296,15 +257,7 @@ def _balls(data: SceneData, style: SceneStyle) -> list[Mesh]:
 
 
 def solid_balls(data: SceneData, layers: frozenset[str]) -> bool:
-    """Whether the balls are drawn as bodies: they would hide bars and the map, which are inside them.
-
-    Parameters
-    ----------
-    data
-        The scene.
-    layers
-        Layers that are shown (LAYERS).
-    """
+    """Whether the balls are drawn as bodies: they would hide bars and the map, which are inside them."""
     return not data.bars and not ("map" in layers and len(data.map_mm))
 
 

@@ -20,22 +20,6 @@ def write_board_sheet(path: Path, pattern: BoardPattern, page: str = "A4") -> No
     """Write a board at full size as a PDF, the page turned where it fits better so.
 
     The same board gives the same bytes.
-
-    Parameters
-    ----------
-    path
-        The file.
-    pattern
-        The board.
-    page
-        One of `BOARD_PAGES_MM`.
-
-    Raises
-    ------
-    InputError
-        For an unknown page, or a board that is too large for it.
-    OutputError
-        Where the file cannot be written.
     """
     if page not in BOARD_PAGES_MM:
         raise InputError(Phrase("error-page", {"page": repr(page), "pages": list(BOARD_PAGES_MM)}))

@@ -15,55 +15,21 @@ class PdfCanvas:
     """Draws page after page, in points with y up; `data` is the whole document."""
 
     def __init__(self, title: str, width: float, height: float) -> None:
-        """All pages have the same size.
-
-        Parameters
-        ----------
-        title
-            Title of the document.
-        width, height
-            Size of the pages in points.
-        """
+        """All pages have the same size."""
         self._title, self._size = title, (width, height)
         self._pages: list[bytes] = []
         self._drawn: list[str] = []
 
     def line(self, x0: float, y0: float, x1: float, y1: float, width: float) -> None:
-        """A black line.
-
-        Parameters
-        ----------
-        x0, y0, x1, y1
-            Its ends in points.
-        width
-            Its width in points.
-        """
+        """A black line."""
         self._add(f"0 G {_n(width)} w {_n(x0)} {_n(y0)} m {_n(x1)} {_n(y1)} l S")
 
     def rectangle(self, x: float, y: float, width: float, height: float, grey: float) -> None:
-        """A filled rectangle.
-
-        Parameters
-        ----------
-        x, y
-            Its lower left corner in points.
-        width, height
-            Its size in points.
-        grey
-            0 is black, 1 white.
-        """
+        """A filled rectangle."""
         self._add(f"{_n(grey)} g n {_n(x)} {_n(y)} {_n(width)} {_n(height)} re f")
 
     def disc(self, x: float, y: float, radius: float, grey: float) -> None:
-        """A filled circle.
-
-        Parameters
-        ----------
-        x, y, radius
-            Its centre and radius in points.
-        grey
-            0 is black, 1 white.
-        """
+        """A filled circle."""
         k, quarters = _CIRCLE * radius, []
         for px, py in ((0, 1), (-1, 0), (0, -1), (1, 0)):  # the ends of the quarters, counter-clockwise from (1, 0)
             qx, qy = py, -px  # where the quarter begins
@@ -78,21 +44,7 @@ class PdfCanvas:
     def text(
         self, x: float, y: float, text: str, size: float, bold: bool = False, grey: float = 0.0, turn_deg: float = 0.0
     ) -> None:
-        """A line of text.
-
-        Parameters
-        ----------
-        x, y
-            Where its base line starts, in points.
-        text
-            The text; characters that the fonts do not have become question marks.
-        size, bold
-            Size of the font in points, and whether it is bold.
-        grey
-            0 is black, 1 white.
-        turn_deg
-            Turn of the base line, counter-clockwise.
-        """
+        """A line of text."""
         c, s = cos(radians(turn_deg)), sin(radians(turn_deg))
         matrix = " ".join(_n(value) for value in (c, s, -s, c, x, y))
         self._add(f"{_n(grey)} g BT /F{int(bold)} {_n(size)} Tf {matrix} Tm {_string(text)} Tj ET")

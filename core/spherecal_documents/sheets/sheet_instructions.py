@@ -51,13 +51,6 @@ def rings(targets: int = BALL_TARGETS, diameter_mm: float = BALL_DIAMETER_MM) ->
     """Rings from the equator to the pole that spread stickers evenly over a ball.
 
     Rings are as far apart as the stickers on them; all but the equator's are used twice, north and south.
-
-    Parameters
-    ----------
-    targets
-        About how many stickers there are.
-    diameter_mm
-        The ball's diameter.
     """
     radius = diameter_mm / 2
     spacing = math.sqrt(4 * math.pi * radius**2 / targets)
@@ -72,15 +65,7 @@ def rings(targets: int = BALL_TARGETS, diameter_mm: float = BALL_DIAMETER_MM) ->
 
 
 def draw_instructions(drawing: SheetDrawing, target_set: TargetSet, ids: list[int]) -> None:
-    """Draw the page of instructions.
-
-    Parameters
-    ----------
-    drawing
-        Where to draw.
-    target_set, ids
-        The set, and the ids that the sheet has.
-    """
+    """Draw the page of instructions."""
     drawing.text(_LEFT_MM, 24.0, "Coded targets", size_pt=20, bold=True)
     drawing.text(
         _LEFT_MM,

@@ -43,51 +43,22 @@ class SheetDrawing:
     def line(self, x0: float, y0: float, x1: float, y1: float, width_mm: float = _HAIRLINE_MM) -> None:
         """A black line.
 
-        Parameters
-        ----------
-        x0, y0, x1, y1
-            Its ends in mm.
-        width_mm
-            Its width.
+        `x0`, `y0`, `x1`, `y1`: its ends in mm.
         """
         ends = (x0 * MM, (self.height_mm - y0) * MM, x1 * MM, (self.height_mm - y1) * MM)
         self.canvas.line(*ends, width_mm * MM)
 
     def square(self, x: float, y: float, size_mm: float, grey: float) -> None:
-        """A filled square.
-
-        Parameters
-        ----------
-        x, y, size_mm
-            Its top left corner in mm, and its side.
-        grey
-            0 is black, 1 white.
-        """
+        """A filled square."""
         self.rectangle(x, y, size_mm, size_mm, grey)
 
     def rectangle(self, x: float, y: float, width_mm: float, height_mm: float, grey: float) -> None:
-        """A filled rectangle.
-
-        Parameters
-        ----------
-        x, y, width_mm, height_mm
-            Its top left corner in mm, and its size.
-        grey
-            0 is black, 1 white.
-        """
+        """A filled rectangle."""
         bottom = (self.height_mm - y - height_mm) * MM
         self.canvas.rectangle(x * MM, bottom, width_mm * MM, height_mm * MM, grey)
 
     def disc(self, x: float, y: float, diameter_mm: float, grey: float) -> None:
-        """A filled circle.
-
-        Parameters
-        ----------
-        x, y, diameter_mm
-            Its centre in mm, and its diameter.
-        grey
-            0 is black, 1 white.
-        """
+        """A filled circle."""
         self.canvas.disc(x * MM, (self.height_mm - y) * MM, diameter_mm / 2 * MM, grey)
 
     def text(
@@ -102,18 +73,7 @@ class SheetDrawing:
     ) -> None:
         """A line of text.
 
-        Parameters
-        ----------
-        x, y
-            Where its base line starts, in mm.
-        text
-            The text.
-        size_pt, bold
-            Size of the font in points, and whether it is bold.
-        grey
-            0 is black, 1 white.
-        turn_deg
-            Turn of the base line, counter-clockwise.
+        `x`, `y`: where its base line starts, in mm.
         """
         self.canvas.text(x * MM, (self.height_mm - y) * MM, text, size_pt, bold, grey, turn_deg)
 
@@ -125,23 +85,7 @@ def write_sheet(
 
     The file is written whole or not at all, and the same targets give the same bytes.
 
-    Parameters
-    ----------
-    path
-        The file.
-    target_set, page
-        The targets, and the size of the pages.
-    start_id
-        The first target; None begins with the first of the set.
-    count
-        How many targets; None writes all from there on.
-
-    Raises
-    ------
-    InputError
-        For ids that the set does not have, an unknown page, or stickers too large for the page.
-    OutputError
-        Where the file cannot be written.
+    `start_id` None begins with the first of the set; `count` None writes all from there on.
     """
     from spherecal_documents.sheets.sheet_instructions import draw_instructions
 
@@ -169,20 +113,7 @@ def write_sheet(
 
 
 def sticker_places(page: Page, size_mm: float) -> list[tuple[float, float]]:
-    """Top left corners of the stickers on one page, in mm, row by row.
-
-    Parameters
-    ----------
-    page
-        Size of the page.
-    size_mm
-        Side of a sticker.
-
-    Raises
-    ------
-    InputError
-        If not even one fits.
-    """
+    """Top left corners of the stickers on one page, in mm, row by row."""
     width, height = PAGE_SIZES_MM[page]
     left, top = _MARGIN_MM + _RULER_BAND_MM, _MARGIN_MM
     pitch = size_mm + _GAP_MM
@@ -196,14 +127,7 @@ def sticker_places(page: Page, size_mm: float) -> list[tuple[float, float]]:
 def draw_sticker(drawing: SheetDrawing, target_set: TargetSet, target: int, x: float, y: float) -> None:
     """Draw one target.
 
-    Parameters
-    ----------
-    drawing
-        Where to draw.
-    target_set, target
-        The set, and the target's id.
-    x, y
-        Top left corner of its sticker, mm.
+    `x`, `y`: top left corner of its sticker, mm.
     """
     if target_set.dictionary is not None:
         _draw_marker(drawing, target_set, target, x, y)
@@ -230,18 +154,6 @@ def scaled(target_set: TargetSet, measured_horizontal_mm: float, measured_vertic
     """The target set as it came out of the printer whose 100 mm rulers measure given lengths.
 
     Dot places are stretched in x and y, diameter and size by the (geometric) mean of both.
-
-    Parameters
-    ----------
-    target_set
-        The set as designed.
-    measured_horizontal_mm, measured_vertical_mm
-        Measured lengths of the two rulers.
-
-    Raises
-    ------
-    InputError
-        For lengths that are off by more than 5 %.
     """
     across, down = measured_horizontal_mm / RULER_MM, measured_vertical_mm / RULER_MM
     for name, factor in (("horizontal", across), ("vertical", down)):

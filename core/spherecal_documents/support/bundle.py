@@ -83,27 +83,7 @@ def write_bundle(
     It holds no images unless asked. Where program and packages are the same, `calibrate` of the bundle gives the same
     rig.json as of the session, byte for byte, but for serial numbers that were replaced.
 
-    Parameters
-    ----------
-    folder
-        The session.
-    output
-        The zip file.
-    options
-        What to add, and whether names stay; None: nothing is added, names are replaced.
-    context
-        For progress, and to stop; None: neither.
-    announce
-        Is given the contents before the file is written, and may raise to stop it; None: nobody is asked.
-
-    Raises
-    ------
-    InputError
-        Where the session, or what is to be added, cannot be read.
-    OutputError
-        Where the file cannot be written.
-    Cancelled
-        Where the user stopped it.
+    `options` None: nothing is added, names are replaced; `context` None: neither; `announce` None: nobody is asked.
     """
     options, context = options or BundleOptions(), context or Context()
     session = read_session(folder)
@@ -139,21 +119,7 @@ def write_zip(output: Path, files: Mapping[str, Callable[[], bytes]], context: C
 
     Nobody else can read it before it is in its place.
 
-    Parameters
-    ----------
-    output
-        The zip file.
-    files
-        What gives each file's contents, by its name in the zip file.
-    context
-        For progress, and to stop; None: neither.
-
-    Raises
-    ------
-    OutputError
-        Where it cannot be written.
-    Cancelled
-        Where the user stopped it.
+    `context` None: neither.
     """
     with tempfile.TemporaryFile() as archive:
         with zipfile.ZipFile(archive, "w", zipfile.ZIP_DEFLATED, compresslevel=6) as bundle:
@@ -195,18 +161,7 @@ def _plain(name: str) -> str:
 
 
 def with_observations(session: Session, settings: CalibrationSettings, context: Context) -> Session:
-    """A session of images with the very observations that `calibrate` would use.
-
-    Parameters
-    ----------
-    session
-        The session.
-    settings
-        How it is calibrated. Except by board and bar, targets missed in the images are looked for again with that
-        result.
-    context
-        For progress, and to stop.
-    """
+    """A session of images with the very observations that `calibrate` would use."""
     seen = observed(session, context)
     if settings.method in ("board", "bar"):
         return seen
@@ -288,13 +243,7 @@ def versions() -> dict[str, Any]:
 
 @contextmanager
 def session_of(path: Path) -> Iterator[Path]:
-    """The session folder at `path`, or that inside a bundle, unpacked for as long as the context lasts.
-
-    Raises
-    ------
-    InputError
-        For a bundle that is broken, far too large, or names files outside itself.
-    """
+    """The session folder at `path`, or that inside a bundle, unpacked for as long as the context lasts."""
     if path.is_dir() or path.suffix.lower() != ".zip":
         yield path
         return
@@ -304,20 +253,7 @@ def session_of(path: Path) -> Iterator[Path]:
 
 
 def unpack(path: Path, to: Path) -> None:
-    """Unpack a bundle into an empty folder.
-
-    Parameters
-    ----------
-    path
-        The zip file.
-    to
-        The folder.
-
-    Raises
-    ------
-    InputError
-        As `session_of`; the folder may then hold a part of it.
-    """
+    """Unpack a bundle into an empty folder."""
     if not path.is_file():
         raise InputError(Phrase("error-no-file", {"file": path}))
     try:

@@ -81,15 +81,7 @@ class Redactor:
         return text
 
     def document(self, value: Any, field: str = "") -> Any:
-        """A JSON document without names: fields that hold one by their name, all texts as `text` does.
-
-        Parameters
-        ----------
-        value
-            The document, or a part of it.
-        field
-            The name of the field that holds it; empty: none.
-        """
+        """A JSON document without names: fields that hold one by their name, all texts as `text` does."""
         if isinstance(value, dict):
             return {self._key(str(key)): self.document(one, str(key)) for key, one in value.items()}
         if isinstance(value, list):
@@ -125,15 +117,7 @@ class Redactor:
         return "\n".join(lines).encode()
 
     def file(self, name: str, data: bytes) -> bytes:
-        """The contents of a file without names: of tables the ids; binary files are as they were.
-
-        Parameters
-        ----------
-        name
-            The file's name; its ending says what it holds.
-        data
-            Its contents.
-        """
+        """The contents of a file without names: of tables the ids; binary files are as they were."""
         suffix = Path(name).suffix.lower()
         if suffix == ".csv":
             return self._table(data)

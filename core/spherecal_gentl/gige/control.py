@@ -38,19 +38,7 @@ class GigeRig:
 
     `inside(command)` runs a command on that computer. Everything ends with `close`, or with this process.
 
-    Parameters
-    ----------
-    cameras
-        The cameras to simulate, 1 to `MOST_CAMERAS`.
-    mtu
-        Largest packet of the network, bytes (576 to 9216).
-
-    Raises
-    ------
-    InputError
-        Where this machine cannot do it (not Linux, no namespaces, no compiler, no libaravis), or for an impossible rig.
-    OutputError
-        Where a part of the rig does not start.
+    `mtu`: largest packet of the network, bytes (576 to 9216).
     """
 
     def __init__(self, cameras: Sequence[GigeCamera], mtu: int = 1500) -> None:
@@ -115,15 +103,7 @@ class GigeRig:
         return tuple(self._pictures)
 
     def inside(self, command: Sequence[str] = (), computer: str = "client") -> list[str]:
-        """The command that runs `command` on a computer of the rig, in whatever process it is started.
-
-        Parameters
-        ----------
-        command
-            Program and arguments.
-        computer
-            `client`, the rig's computer, or `second`.
-        """
+        """The command that runs `command` on a computer of the rig, in whatever process it is started."""
         user = [] if os.geteuid() == 0 else [f"--user=/proc/{self.pid}/ns/user", "--preserve-credentials"]
         return ["nsenter", *user, f"--net=/proc/{self.pid}/fd/{self._computers[computer]}", *command]
 
@@ -161,35 +141,12 @@ class GigeRig:
     def set_image(self, serial: str, image: NDArray[np.uint8]) -> None:
         """Set what a simulated camera sees from the next frame on.
 
-        Parameters
-        ----------
-        serial
-            Serial number of the camera.
-        image
-            Of the camera's size, (height, width).
-
-        Raises
-        ------
-        InputError
-            Where the image has another size or type.
+        `image`: of the camera's size, (height, width).
         """
         self._pictures[serial].put(image)
 
     def fault(self, name: str, *words: str | float) -> None:
-        """Make a fault.
-
-        Parameters
-        ----------
-        name
-            Its name in `FAULTS`.
-        words
-            What `FAULTS` says for it.
-
-        Raises
-        ------
-        OutputError
-            Where the fault cannot be made here, or the rig has ended.
-        """
+        """Make a fault."""
         self._ask([name, *words])
 
     def _ask(self, request: Any) -> dict[str, Any]:

@@ -42,30 +42,12 @@ class Gvcp:
         self._socket.close()
 
     def read(self, register: int, seconds: float) -> int | None:
-        """The register's value; None where no answer comes in time.
-
-        Parameters
-        ----------
-        register
-            Its address.
-        seconds
-            How long to wait, s.
-        """
+        """The register's value; None where no answer comes in time."""
         answer = self._ask(_READ, struct.pack(">I", register), _READ_ANSWER, seconds)
         return None if answer is None or len(answer) < 4 else struct.unpack(">I", answer[:4])[0]
 
     def write(self, register: int, value: int, seconds: float) -> bool:
-        """Whether the camera confirmed the new value in time.
-
-        Parameters
-        ----------
-        register
-            Its address.
-        value
-            What to write, 32 bits.
-        seconds
-            How long to wait, s.
-        """
+        """Whether the camera confirmed the new value in time."""
         return self._ask(_WRITE, struct.pack(">II", register, value), _WRITE_ANSWER, seconds) is not None
 
     def _ask(self, command: int, payload: bytes, wanted: int, seconds: float) -> bytes | None:
@@ -86,22 +68,7 @@ class Gvcp:
 
 
 def search(interface: str, seconds: float = 0.7, address: str = "") -> list[NetworkCamera]:
-    """The cameras that answer to a broadcast on an interface, of whatever subnet, sorted by serial number and address.
-
-    Parameters
-    ----------
-    interface
-        Name of the network interface.
-    seconds
-        How long to wait for answers, s.
-    address
-        The interface's own address, by which systems other than Linux choose it.
-
-    Raises
-    ------
-    OSError
-        Where the broadcast cannot be sent.
-    """
+    """Cameras of any subnet that answer to a broadcast on an interface, sorted by serial number and address."""
     found: dict[tuple[str, str], NetworkCamera] = {}
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as asking:
         asking.setsockopt(socket.SOL_SOCKET, socket.SO_BROADCAST, 1)

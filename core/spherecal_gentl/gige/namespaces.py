@@ -81,13 +81,7 @@ class NetworkNamespace:
 
     @classmethod
     def new(cls) -> "NetworkNamespace":
-        """An empty network namespace, its loopback up.
-
-        Raises
-        ------
-        CommandError
-            Where the system refuses it.
-        """
+        """An empty network namespace, its loopback up."""
         with _elsewhere():
             if _libc.unshare(_NEW_NETWORK) != 0:
                 raise CommandError(os.strerror(ctypes.get_errno()))
@@ -97,13 +91,7 @@ class NetworkNamespace:
 
     @contextmanager
     def entered(self) -> Iterator[None]:
-        """The calling thread is in the namespace; sockets made meanwhile stay there.
-
-        Raises
-        ------
-        CommandError
-            Where the system refuses it.
-        """
+        """The calling thread is in the namespace; sockets made meanwhile stay there."""
         with _elsewhere():
             self._enter()
             yield
@@ -115,17 +103,7 @@ class NetworkNamespace:
     def run(self, *command: str, data: str | None = None) -> str:
         """What a command in the namespace prints.
 
-        Parameters
-        ----------
-        command
-            Program and arguments.
-        data
-            Its standard input; None: as the calling process.
-
-        Raises
-        ------
-        CommandError
-            Where it fails.
+        `data` None: as the calling process.
         """
         done = subprocess.run(
             self.inside(command),

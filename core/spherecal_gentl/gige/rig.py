@@ -62,19 +62,7 @@ class Camera:
 class CameraNetwork:
     """The switch in this process's own namespace; everything else in namespaces of its own.
 
-    Parameters
-    ----------
-    server
-        The program that is one simulated camera.
-    mtu
-        Largest packet, bytes.
-    cameras
-        For each camera `serial`, `width`, `height` and `pictures`, the file descriptor of what it sees.
-
-    Raises
-    ------
-    CommandError
-        From all methods, where a command that changes the network fails.
+    `mtu`: largest packet, bytes.
     """
 
     def __init__(self, server: str, mtu: int, cameras: list[dict[str, Any]]) -> None:
@@ -183,42 +171,16 @@ class CameraNetwork:
             self._ask_nft(f"add rule netdev faults {port} {rule}")
 
     def loss(self, serial: str, percent: float) -> None:
-        """A share of the packets that the camera sends is lost at random, whatever they are.
-
-        Parameters
-        ----------
-        serial
-            Serial number of the camera.
-        percent
-            The share, percent, in steps of 0.01; 0 ends it.
-        """
+        """A share of the packets that the camera sends is lost at random, whatever they are."""
         parts = round(percent * 100)
         self._rules(self.cameras[serial].port, *([f"numgen random mod 10000 < {parts} drop"] if parts else []))
 
     def burst(self, serial: str, length: int, every: int) -> None:
-        """Some of the packets that the camera sends are lost, one after another.
-
-        Parameters
-        ----------
-        serial
-            Serial number of the camera.
-        length
-            Packets lost in a row; 0 ends it.
-        every
-            Packets from the beginning of one loss to that of the next.
-        """
+        """Some of the packets that the camera sends are lost, one after another."""
         self._rules(self.cameras[serial].port, *([f"numgen inc mod {every} < {length} drop"] if length else []))
 
     def thin(self, where: str, mbit_s: float) -> None:
-        """A cable carries less.
-
-        Parameters
-        ----------
-        where
-            Serial number of the camera whose cable it is, or `line` for the computer's.
-        mbit_s
-            What it carries, Mbit/s; 0 ends it.
-        """
+        """A cable carries less."""
         network, device = (self._switch, "client") if where == "line" else (self.cameras[where].network, "eth0")
         if not mbit_s:
             network.run("tc", "qdisc", "delete", "dev", device, "root")
@@ -242,14 +204,7 @@ class CameraNetwork:
     def latency(self, serial: str, ms: float, jitter_ms: float = 0.0) -> None:
         """Packets of the camera arrive later, in another order with jitter; needs the netem module.
 
-        Parameters
-        ----------
-        serial
-            Serial number of the camera.
-        ms
-            By how much, ms; 0 ends it.
-        jitter_ms
-            How far the delays differ, ms.
+        `ms`: by how much, ms.
         """
         network = self.cameras[serial].network
         if not ms:
@@ -277,13 +232,7 @@ class CameraNetwork:
             self._start(self.cameras[serial])
 
     def seize(self, serial: str) -> None:
-        """A program on the second computer gets control, as after a broken line; returns when it has it.
-
-        Raises
-        ------
-        CommandError
-            Where the camera does not give control away within 20 s.
-        """
+        """A program on the second computer gets control, as after a broken line; returns when it has it."""
         camera = self.cameras[serial]
         self.release(serial)  # one that the camera has forgotten, as after a loss of power, is of no use
         self._rules("client", f"ip daddr {camera.address} udp dport 3956 drop")
@@ -305,13 +254,7 @@ class CameraNetwork:
             holder.end()
 
     def conflict(self, serial: str, other: str) -> None:
-        """The camera starts with the address of another one.
-
-        Parameters
-        ----------
-        serial, other
-            Serial numbers of both.
-        """
+        """The camera starts with the address of another one."""
         self._readdress(serial, self.cameras[other].address)
 
     def subnet(self, serial: str) -> None:

@@ -62,19 +62,7 @@ def build_producer(folder: Path | None = None, aravis: bool = False) -> Path:
     It is kept in the user's cache folder under a hash of its sources and the compiler's name, alone in its folder. So
     this folder can be named in GENICAM_GENTL64_PATH.
 
-    Parameters
-    ----------
-    folder
-        Where a copy is put, whose path is then the result; None: no copy.
-    aravis
-        The producer for real cameras on libaravis, else that of simulated cameras.
-
-    Raises
-    ------
-    InputError
-        Where there is no C++ compiler or no libaravis-dev.
-    OutputError
-        Where building fails or the folder cannot be written.
+    `folder` None: no copy.
     """
     product = _OF_ARAVIS if aravis else _SIMULATED
     kept = _built(product)
@@ -85,15 +73,7 @@ def build_producer(folder: Path | None = None, aravis: bool = False) -> Path:
 
 
 def build_fake_camera() -> Path:
-    """The program that is one simulated GigE Vision camera in this machine, built on first use.
-
-    Raises
-    ------
-    InputError
-        Where there is no C++ compiler or no libaravis-dev.
-    OutputError
-        Where building fails.
-    """
+    """The program that is one simulated GigE Vision camera in this machine, built on first use."""
     return _built(_FAKE_CAMERA)
 
 
@@ -105,23 +85,7 @@ def built_producers() -> list[Path]:
 def compile_command(
     compiler: str, source: Path, include: Path, output: Path, library: bool = True, flags: Sequence[str] = ()
 ) -> list[str]:
-    """The command that builds a .cti or a program. The one for Microsoft's `cl` has never been run by us.
-
-    Parameters
-    ----------
-    compiler
-        Name or path of the compiler.
-    source
-        The C++ file.
-    include
-        Folder of the generated header; `cl` writes its object file there.
-    output
-        What is built.
-    library
-        A shared library, else a program; has no effect with `cl`.
-    flags
-        Further options for compiler and linker; not used with `cl`.
-    """
+    """The command that builds a .cti or a program. The one for Microsoft's `cl` has never been run by us."""
     if Path(compiler).stem.lower() in ("cl", "clang-cl"):
         plain = ["/nologo", "/std:c++17", "/O2", "/EHsc", "/LD", "/utf-8", f"/I{include}"]
         return [compiler, *plain, str(source), f"/Fe:{output}", f"/Fo:{include / 'producer.obj'}"]
@@ -135,13 +99,7 @@ def compile_command(
 
 
 def aravis_flags() -> list[str]:
-    """What the compiler needs for libaravis.
-
-    Raises
-    ------
-    InputError
-        Where pkg-config or libaravis's files for building are missing.
-    """
+    """What the compiler needs for libaravis."""
     if (tool := shutil.which("pkg-config")) is None:
         raise _no_aravis("pkg-config")
     # Debian's libaravis-dev names packages that it does not bring, so that `--cflags aravis-0.8` alone fails

@@ -68,19 +68,7 @@ class ProducerControl:
     Every program that loads the .cti with `environment` set sees these cameras. Closing unplugs them all. Methods that
     take a serial number raise InputError where no simulated camera has it.
 
-    Parameters
-    ----------
-    cameras
-        The cameras to simulate; an empty sequence is `simulated_cameras()`.
-    name
-        Name of the shared memory; None is an unused one.
-
-    Raises
-    ------
-    InputError
-        For cameras that cannot be simulated, or a name that a running program uses.
-    OutputError
-        Where the system refuses the memory.
+    `name` None is an unused one.
     """
 
     def __init__(self, cameras: Sequence[SimulatedCamera] = (), name: str | None = None) -> None:
@@ -101,11 +89,6 @@ class ProducerControl:
         """Steer the simulated cameras of another running program.
 
         Without a name these are the cameras of `spherecal cameras simulate-producer`.
-
-        Raises
-        ------
-        InputError
-            Where there are none, or they are of another version.
         """
         control = cls.__new__(cls)
         control._region = attach(name or default_name())
@@ -137,15 +120,7 @@ class ProducerControl:
 
     @property
     def environment(self) -> dict[str, str]:
-        """The variables that lead a program to these cameras: this region, and the folder of the built producer.
-
-        Raises
-        ------
-        InputError
-            Where the producer has to be built and there is no compiler.
-        OutputError
-            Where it cannot be built.
-        """
+        """The variables that lead a program to these cameras: this region, and the folder of the built producer."""
         from spherecal_gentl.producer.build import DISCOVERY_VARIABLE, build_producer
 
         return {REGION_VARIABLE: self.name, DISCOVERY_VARIABLE: str(build_producer().parent)}
@@ -160,20 +135,7 @@ class ProducerControl:
     def set_image(self, serial: str, image: NDArray[Any]) -> int:
         """Set what a camera sees from its next exposure on; the image's number (1, 2, ...).
 
-        Parameters
-        ----------
-        serial
-            Serial number of the camera.
-        image
-            As large as the sensor, (height, width). It is uint8 for 8 source bits, else uint16 with the values in its
-            low bits.
-
-        Raises
-        ------
-        InputError
-            For an image of another size or type.
-        OutputError
-            Where the shared memory is full.
+        `image`: as large as the sensor, (height, width).
         """
         record, index = self._record(serial), self._index[serial]
         shape = int(record["sensor_height"]), int(record["sensor_width"])
@@ -191,13 +153,7 @@ class ProducerControl:
         return number
 
     def set_images(self, images: Mapping[str, NDArray[Any]]) -> None:
-        """Set what several cameras see, by serial number; the others keep theirs.
-
-        Raises
-        ------
-        InputError
-            For an image of another size or type.
-        """
+        """Set what several cameras see, by serial number; the others keep theirs."""
         for serial, image in images.items():
             self.set_image(serial, image)
 
@@ -206,15 +162,7 @@ class ProducerControl:
         self._record(serial)["image_published"] = 0
 
     def expose_by(self, serial: str, reference_us: float) -> None:
-        """Let exposure and gain change the brightness: images are as given at `reference_us` and 0 dB.
-
-        Parameters
-        ----------
-        serial
-            Serial number of the camera.
-        reference_us
-            Exposure time at which images are as given, us; 0: exposure and gain change nothing.
-        """
+        """Let exposure and gain change the brightness: images are as given at `reference_us` and 0 dB."""
         self._record(serial)["exposure_reference_us"] = reference_us
 
     # ---- the world around the cameras ----
@@ -226,39 +174,15 @@ class ProducerControl:
         header["line_pulses"] += 1
 
     def set_temperature(self, serial: str, temperature_c: float) -> None:
-        """Set what DeviceTemperature reads.
-
-        Parameters
-        ----------
-        serial
-            Serial number of the camera.
-        temperature_c
-            Temperature, degrees Celsius.
-        """
+        """Set what DeviceTemperature reads."""
         self._record(serial)["temperature_c"] = temperature_c
 
     def set_clock_offset(self, serial: str, seconds: float) -> None:
-        """Set how far a camera's clock is from that of the others (at first 0, as synchronised by PTP).
-
-        Parameters
-        ----------
-        serial
-            Serial number of the camera.
-        seconds
-            Camera minus others, s.
-        """
+        """Set how far a camera's clock is from that of the others (at first 0, as synchronised by PTP)."""
         self._record(serial)["clock_offset_ns"] = round(seconds * 1e9)
 
     def set_link(self, serial: str, bytes_per_s: float) -> None:
-        """Set the speed of a camera's link.
-
-        Parameters
-        ----------
-        serial
-            Serial number of the camera.
-        bytes_per_s
-            Bytes a second; 0 is without limit, 118e6 what Gigabit Ethernet gives.
-        """
+        """Set the speed of a camera's link."""
         self._record(serial)["link_bytes_per_s"] = bytes_per_s
 
     # ---- faults ----
@@ -272,49 +196,19 @@ class ProducerControl:
         self._record(serial)["unplugged_until_ns"] = 0
 
     def power_cycle(self, serial: str, seconds: float = 1.0) -> None:
-        """The camera is gone for some time and comes back with its start-up settings.
-
-        Parameters
-        ----------
-        serial
-            Serial number of the camera.
-        seconds
-            How long, s.
-        """
+        """The camera is gone for some time and comes back with its start-up settings."""
         record = self._record(serial)
         _unplug(record, time.monotonic_ns() + round(seconds * 1e9))
         record["powered"] = 0
 
     def refuse_opening(self, serial: str, code: int = ACCESS_DENIED) -> None:
-        """Opening fails.
-
-        Parameters
-        ----------
-        serial
-            Serial number of the camera.
-        code
-            ACCESS_DENIED where another program has it open, NOT_AVAILABLE for an address conflict; 0 is no fault.
-        """
+        """Opening fails."""
         self._record(serial)["open_error"] = code
 
     def fail_reads(self, serial: str, times: int | None = 1, code: int = IO_ERROR, feature: str | None = None) -> None:
         """Register reads fail, of one feature or of any.
 
-        Parameters
-        ----------
-        serial
-            Serial number of the camera.
-        times
-            How often; None: until `clear_faults`.
-        code
-            GenTL's error code.
-        feature
-            GenICam name of the feature; None: any.
-
-        Raises
-        ------
-        InputError
-            Where there is no register of this name.
+        `times` None: until `clear_faults`; `feature` None: any.
         """
         record = self._record(serial)
         record["read_error"] = code
@@ -324,21 +218,7 @@ class ProducerControl:
     def fail_writes(self, serial: str, times: int | None = 1, code: int = IO_ERROR, feature: str | None = None) -> None:
         """Register writes and commands fail, of one feature or of any.
 
-        Parameters
-        ----------
-        serial
-            Serial number of the camera.
-        times
-            How often; None: until `clear_faults`.
-        code
-            GenTL's error code.
-        feature
-            GenICam name of the feature; None: any.
-
-        Raises
-        ------
-        InputError
-            Where there is no register of this name.
+        `times` None: until `clear_faults`; `feature` None: any.
         """
         record = self._record(serial)
         record["write_error"] = code
@@ -346,28 +226,13 @@ class ProducerControl:
         record["write_error_count"] = _count(times)
 
     def delay_registers(self, serial: str, seconds: float) -> None:
-        """Every register access takes some time.
-
-        Parameters
-        ----------
-        serial
-            Serial number of the camera.
-        seconds
-            How long, s; 0 is no delay.
-        """
+        """Every register access takes some time."""
         self._record(serial)["port_delay_us"] = round(seconds * 1e6)
 
     def fail_stream(self, serial: str, times: int | None = 1, code: int = IO_ERROR) -> None:
         """Waiting for a frame fails.
 
-        Parameters
-        ----------
-        serial
-            Serial number of the camera.
-        times
-            How often; None: until `clear_faults`.
-        code
-            GenTL's error code.
+        `times` None: until `clear_faults`.
         """
         record = self._record(serial)
         record["event_error"] = code
@@ -380,65 +245,35 @@ class ProducerControl:
     def spoil_frames(self, serial: str, times: int | None = 1) -> None:
         """Frames arrive incomplete: the lower half is missing.
 
-        Parameters
-        ----------
-        serial
-            Serial number of the camera.
-        times
-            How often; None: until `clear_faults`.
+        `times` None: until `clear_faults`.
         """
         self._record(serial)["incomplete_count"] = _count(times)
 
     def lose_frames(self, serial: str, times: int | None = 1) -> None:
         """Frames are exposed and lost on the way: their frame numbers are left out.
 
-        Parameters
-        ----------
-        serial
-            Serial number of the camera.
-        times
-            How often; None: until `clear_faults`.
+        `times` None: until `clear_faults`.
         """
         self._record(serial)["lost_frame_count"] = _count(times)
 
     def drop_triggers(self, serial: str, times: int | None = 1) -> None:
         """Triggers do not reach the camera: no frame, and no gap in the frame numbers.
 
-        Parameters
-        ----------
-        serial
-            Serial number of the camera.
-        times
-            How often; None: until `clear_faults`.
+        `times` None: until `clear_faults`.
         """
         self._record(serial)["dropped_trigger_count"] = _count(times)
 
     def delay_frames(self, serial: str, seconds: float, times: int | None = 1) -> None:
         """Frames arrive late, with the time stamp of their exposure; those behind them wait.
 
-        Parameters
-        ----------
-        serial
-            Serial number of the camera.
-        seconds
-            How late, s.
-        times
-            How often; None: until `clear_faults`.
+        `times` None: until `clear_faults`.
         """
         record = self._record(serial)
         record["late_ms"] = round(seconds * 1e3)
         record["late_count"] = _count(times)
 
     def pad_lines(self, serial: str, padding_bytes: int) -> None:
-        """Every line of an image ends with padding; to be set while the camera does not stream.
-
-        Parameters
-        ----------
-        serial
-            Serial number of the camera.
-        padding_bytes
-            Bytes of padding; 0 is none.
-        """
+        """Every line of an image ends with padding; to be set while the camera does not stream."""
         self._record(serial)["padding_bytes"] = padding_bytes
 
     def clear_faults(self, serial: str | None = None) -> None:
@@ -473,13 +308,7 @@ class ProducerControl:
 
 @cache
 def feature_address(feature: str) -> int:
-    """The address of the register behind a feature of device.xml.
-
-    Raises
-    ------
-    InputError
-        Where there is no register of that name.
-    """
+    """The address of the register behind a feature of device.xml."""
     namespace = "{http://www.genicam.org/GenApi/Version_1_1}"
     root = ElementTree.parse(Path(__file__).with_name("device.xml")).getroot()
     nodes = {node.get("Name"): node for node in root}

@@ -16,18 +16,7 @@ from spherecal_gentl.producer.control import ProducerControl, SimulatedCamera
 
 
 class SessionScenes:
-    """What the cameras of a session folder see in each placement and bar pose.
-
-    Parameters
-    ----------
-    session_folder
-        A session with images.
-
-    Raises
-    ------
-    InputError
-        For a folder that is no session, or one without images.
-    """
+    """What the cameras of a session folder see in each placement and bar pose."""
 
     def __init__(self, session_folder: Path) -> None:
         session = read_session(session_folder)
@@ -43,13 +32,7 @@ class SessionScenes:
         return tuple(self._images)
 
     def images(self, scene: str) -> dict[str, NDArray[Any]]:
-        """What each camera sees, by serial number, (height, width); black where it has no image.
-
-        Raises
-        ------
-        InputError
-            For an unknown scene, or an image that cannot be read or is not of the size that the session names.
-        """
+        """What each camera sees, by serial number, (height, width); black where it has no image."""
         if scene not in self._images:
             raise InputError(f"There is no scene {scene!r}; there are {', '.join(self._images)}.")
         return {serial: self._image(scene, serial) for serial in self.cameras}
@@ -76,21 +59,7 @@ class RigFeed:
 
     `control` steers the simulated cameras (faults, counters).
 
-    Parameters
-    ----------
-    session_folder
-        A session with images.
-    name
-        Name of the shared memory. None is an unused one, or with `running` the usual one.
-    scene
-        Placement or bar pose to start with; None is the first one.
-    running
-        The simulated cameras of that name belong to another program and stay when this is closed.
-
-    Raises
-    ------
-    InputError
-        For a session without images, with more than 16 cameras, or whose images are not of the size that it names.
+    `name` None is an unused one, or with `running` the usual one; `scene` None is the first one.
     """
 
     def __init__(
@@ -127,11 +96,6 @@ class RigFeed:
         """Let every camera see this scene from its next exposure on; one without an image of it sees black.
 
         All images are read before the first is shown, so that the scene changes within milliseconds.
-
-        Raises
-        ------
-        InputError
-            For an unknown scene or an image that cannot be read.
         """
         images = self._scenes.images(scene)
         self.control.set_images(images)

@@ -46,15 +46,7 @@ class SharedRegion:
         return self._devices
 
     def slot(self, device: int, image: int) -> NDArray[np.uint8]:
-        """The bytes of one image of a camera (two slots take turns).
-
-        Parameters
-        ----------
-        device
-            Index of the camera.
-        image
-            Number of the image.
-        """
+        """The bytes of one image of a camera (two slots take turns)."""
         assert self._bytes is not None
         size = int(self._header["slot_bytes"][0])
         start = layout.IMAGES_AT + (2 * device + image % 2) * size
@@ -70,24 +62,7 @@ class SharedRegion:
 
 
 def create(name: str, device_count: int, slot_bytes: int) -> SharedRegion:
-    """A new region of zeroes with its header filled. One left over by a program that ended is replaced.
-
-    Parameters
-    ----------
-    name
-        Name of the shared memory.
-    device_count
-        Simulated cameras.
-    slot_bytes
-        Bytes of the largest image.
-
-    Raises
-    ------
-    InputError
-        Where a running program uses the name.
-    OutputError
-        Where the system refuses the memory.
-    """
+    """A new region of zeroes with its header filled. One left over by a program that ended is replaced."""
     total = layout.IMAGES_AT + 2 * device_count * slot_bytes
     _clear_leftover(name)
     try:
@@ -105,13 +80,7 @@ def create(name: str, device_count: int, slot_bytes: int) -> SharedRegion:
 
 
 def attach(name: str) -> SharedRegion:
-    """The region that a running controller made.
-
-    Raises
-    ------
-    InputError
-        Where there is none, or one of another version.
-    """
+    """The region that a running controller made."""
     try:
         memory = _open(name)
     except (OSError, ValueError) as error:

@@ -23,15 +23,7 @@ PATH_BASE = 1.1  # spherecal.initialise.path.BASE, which would load scipy
 
 
 def flag(to: To, name: str, text: str) -> None:
-    """Add an option without a value.
-
-    Parameters
-    ----------
-    to
-        The parser or group.
-    name, text
-        The option and its help.
-    """
+    """Add an option without a value."""
     to.add_argument(name, action="store_true", help=text)
 
 
@@ -40,14 +32,7 @@ def word(
 ) -> None:
     """Add an option that takes a word.
 
-    Parameters
-    ----------
-    to
-        The parser or group.
-    name, metavar, text
-        The option, how the help calls its value (None: by the option's name), and its help.
-    required, default
-        Whether it must be given; what it is unless given.
+    `name`, `metavar`, `text` None: by the option's name), and its help.
     """
     to.add_argument(name, metavar=metavar, default=default, help=text).required = required
 
@@ -63,16 +48,7 @@ def number(
 ) -> None:
     """Add an option that takes a number.
 
-    Parameters
-    ----------
-    to
-        The parser or group.
-    name, metavar, text
-        The option, how the help calls its value (None: by the option's name), and its help.
-    kind
-        What makes a number of the word, or refuses it.
-    default
-        What it is unless given.
+    `name`, `metavar`, `text` None: by the option's name), and its help.
     """
     to.add_argument(name, type=kind, metavar=metavar, default=default, help=text)
 
@@ -80,50 +56,18 @@ def number(
 def path(
     to: To, name: str, metavar: str, text: str, kind: Callable[[str], Path] = Path, *, required: bool = False
 ) -> None:
-    """Add an argument or an option that names a file or folder.
-
-    Parameters
-    ----------
-    to
-        The parser or group.
-    name, metavar, text
-        The argument or option, how the help calls its value, and its help.
-    kind
-        What makes a path of the word.
-    required
-        Of an option: whether it must be given; an argument must.
-    """
+    """Add an argument or an option that names a file or folder."""
     action = to.add_argument(name, type=kind, metavar=metavar, help=text)
     action.required = required or not action.option_strings
 
 
 def repeated(to: To, name: str, metavar: str, text: str, kind: Callable[[str], object] = str) -> None:
-    """Add an option that may be given again; its values are a list.
-
-    Parameters
-    ----------
-    to
-        The parser or group.
-    name, metavar, text
-        The option, how the help calls its value, and its help.
-    kind
-        What a value is made by.
-    """
+    """Add an option that may be given again; its values are a list."""
     to.add_argument(name, action="append", default=[], type=kind, metavar=metavar, help=text)
 
 
 def choice(to: To, name: str, among: Sequence[str], text: str, default: str | None = None) -> None:
-    """Add an option that takes one of some words.
-
-    Parameters
-    ----------
-    to
-        The parser or group.
-    name, among, text
-        The option, the words, and its help.
-    default
-        The word that it is unless given.
-    """
+    """Add an option that takes one of some words."""
     to.add_argument(name, choices=tuple(among), default=default, help=text)
 
 
@@ -131,44 +75,18 @@ def choice(to: To, name: str, among: Sequence[str], text: str, default: str | No
 
 
 def output(to: To, metavar: str, text: str, *, required: bool = True, default: Path | None = None) -> None:
-    """Add `-o`, `--output`: what a command writes.
-
-    Parameters
-    ----------
-    to
-        The parser or group.
-    metavar, text
-        How the help calls it, and its help.
-    required, default
-        Whether it must be given; where the command writes unless it is.
-    """
+    """Add `-o`, `--output`: what a command writes."""
     action = to.add_argument("-o", "--output", type=Path, metavar=metavar, default=default, help=text)
     action.required = required and default is None
 
 
 def session(to: To, text: str = "the session folder") -> None:
-    """Add the argument SESSION.
-
-    Parameters
-    ----------
-    to
-        The parser or group.
-    text
-        Its help.
-    """
+    """Add the argument SESSION."""
     path(to, "session", "SESSION", text)
 
 
 def result(to: To, text: str = "the result folder") -> None:
-    """Add the argument RESULT.
-
-    Parameters
-    ----------
-    to
-        The parser or group.
-    text
-        Its help.
-    """
+    """Add the argument RESULT."""
     path(to, "result", "RESULT", text)
 
 
@@ -179,15 +97,7 @@ def rig_file(text: str) -> Path:
 
 
 def rig(to: To, name: str = "--rig") -> None:
-    """Add the rig.json that a command works with.
-
-    Parameters
-    ----------
-    to
-        The parser or group.
-    name
-        An option that must be given, or without dashes an argument.
-    """
+    """Add the rig.json that a command works with."""
     path(to, name, "rig.json", "the rig, or the folder of its result", rig_file, required=name.startswith("-"))
 
 
@@ -223,15 +133,7 @@ def path_weights(to: To) -> None:
 
 
 def seed(to: To, text: str, default: int) -> None:
-    """Add the seed of random choices: 0 to 2147483646.
-
-    Parameters
-    ----------
-    to
-        The parser or group.
-    text, default
-        Its help; what it is unless given.
-    """
+    """Add the seed of random choices: 0 to 2147483646."""
     number(to, "--seed", None, text, _seed, default=default)
 
 
@@ -245,17 +147,7 @@ def workers(to: To) -> None:
 
 
 def between(kind: Callable[[str], Number], low: float, high: float, words: str) -> Callable[[str], Number]:
-    """The kind of a `number` from `low` to `high`.
-
-    Parameters
-    ----------
-    kind
-        `int` or `float`.
-    low, high
-        The smallest and the largest value.
-    words
-        What is said of anything else: argparse would name a function of ours.
-    """
+    """The kind of a `number` from `low` to `high`."""
 
     def converted(text: str) -> Number:
         try:

@@ -16,7 +16,7 @@ from tests.gui_walking import PATIENCE_S, WORK, begun, pump, settle, take
 
 # What the program loads in its threads.
 _LOADED = (
-    "spherecal.calibrate", "spherecal_rigs.save", "spherecal.result.result_folder", "spherecal.verify.bars",
+    "spherecal.calibrate", "spherecal_rigs.save", "spherecal_rigs.result_folder", "spherecal.verify.bars",
     "spherecal_gui.tasks.kept_check", "spherecal_gui.tasks.live",
 )  # fmt: skip
 

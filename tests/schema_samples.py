@@ -12,17 +12,14 @@ from typing import Any
 
 from spherecal.base.errors import InputError
 from spherecal.files.ball_file import read_ball
-from spherecal.files.ball_registry import read_balls
 from spherecal.files.bar_registry import read_registry
 from spherecal.files.bundle_file import original_sha256
 from spherecal.files.capture_file import read_captured_sets
 from spherecal.files.findings_file import read_findings
-from spherecal.files.frame_file import read_frame
 from spherecal.files.json_file import JsonValue
 from spherecal.files.read_session import read_session
 from spherecal.files.rig_file import read_rig
 from spherecal.files.target_set_file import read_target_set
-from spherecal.result.read_verification import read_bar_report
 from spherecal_boards.board_pattern import board_pattern, board_uncertainty, shape_estimated
 from spherecal_cameras.capture import SessionCamera, SessionFolder
 from spherecal_cameras.genicam.trust import TrustStore
@@ -34,9 +31,12 @@ from spherecal_documents.report.dcc import read_issuer
 from spherecal_gui.last_verification import last_verification
 from spherecal_gui.project_folder import load_project, taken_in
 from spherecal_measuring.body_file import read_body
+from spherecal_rigs.ball_registry import read_balls
 from spherecal_rigs.checks import read_checks
 from spherecal_rigs.entry import read_entry
+from spherecal_rigs.frame_file import read_frame
 from spherecal_rigs.limits_file import read_limits
+from spherecal_rigs.read_verification import read_bar_report
 from spherecal_rigs.store import open_profile
 from tests.example_session import VALID, make_session
 

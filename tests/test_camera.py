@@ -34,7 +34,7 @@ from spherecal.geometry.camera import (
     undistort,
 )
 from spherecal.geometry.length_uncertainty import Cameras, predict_lengths
-from spherecal.result.next_placement import _cameras_at, _in_view
+from spherecal_rigs.next_placement import _cameras_at, _in_view
 from tests import reference_engine as reference
 from tests.networks import small_network
 

@@ -19,7 +19,6 @@ from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QMessageBox, QPushButton
 
 from spherecal.data.session import BarLength, Certificate, Mark
-from spherecal.files.ball_registry import read_balls
 from spherecal.files.bar_registry import RegisteredBar, read_registry, write_registry
 from spherecal.targets.family import make_target_set
 from spherecal_cameras.plan import read_plan
@@ -31,6 +30,7 @@ from spherecal_gui.project import Project
 from spherecal_gui.project_folder import rig_bench
 from spherecal_gui.tasks import jobs
 from spherecal_gui.tasks.bench_desk import BenchDesk
+from spherecal_rigs.ball_registry import read_balls
 
 TODAY = date(2026, 11, 23)
 

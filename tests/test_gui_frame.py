@@ -15,7 +15,6 @@ pytest.importorskip("PySide6.QtWidgets", reason="Qt cannot be loaded here", exc_
 from PySide6.QtWidgets import QFileDialog, QPushButton
 
 from spherecal.base.context import Context
-from spherecal.files.frame_file import read_frame, write_frame
 from spherecal.files.write_result import write_result
 from spherecal.geometry.user_frame import FrameDefinition
 from spherecal_app.cli.main import main
@@ -30,6 +29,7 @@ from spherecal_gui.project_folder import profile_of
 from spherecal_gui.tasks.outcome import read_outcome
 from spherecal_gui.wizard.window import WizardWindow
 from spherecal_gui.workflow import Step
+from spherecal_rigs.frame_file import read_frame, write_frame
 from spherecal_sim.session_folder import write_session
 from tests.gui_walking import settle
 from tests.networks import calibrated, one_thread

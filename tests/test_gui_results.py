@@ -21,7 +21,6 @@ from spherecal.base.messages.values import Phrase
 from spherecal.calibrate import calibrate
 from spherecal.data.findings import AdvisedRepair, Finding
 from spherecal.files.write_result import write_result
-from spherecal.result.result_folder import read_result
 from spherecal_documents.scene.model import SceneData, scene_data
 from spherecal_gui import project as changes
 from spherecal_gui import theme
@@ -40,6 +39,7 @@ from spherecal_gui.project_folder import load_project, save_project
 from spherecal_gui.tasks.outcome import read_outcome
 from spherecal_gui.widgets.findings import FindingsList
 from spherecal_gui.workflow import Running, Status, resolve
+from spherecal_rigs.result_folder import read_result
 from spherecal_sim.session_folder import write_session
 from tests.networks import calibrated, one_thread, simulated
 

@@ -15,11 +15,11 @@ from spherecal.data.session import Session
 from spherecal.files.rig_file import read_rig
 from spherecal.files.write_result import write_result
 from spherecal.geometry.length_uncertainty import Cameras, predict_lengths
-from spherecal.result.next_placement import ENOUGH_DOTS, advise
 from spherecal.steps.settings import CalibrationSettings
 from spherecal_app.cli.main import main
 from spherecal_documents.report.guidance_picture import save_guidance_picture, save_map_picture
 from spherecal_rigs.limits_file import Limits
+from spherecal_rigs.next_placement import ENOUGH_DOTS, advise
 from spherecal_rigs.recalibrate import Selection, recalibrate
 from spherecal_sim.session import observe_again
 from spherecal_sim.session_folder import write_session

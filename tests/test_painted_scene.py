@@ -10,10 +10,10 @@ from PySide6.QtCore import QPoint, QPointF, Qt
 from PySide6.QtGui import QWheelEvent
 from pytestqt.qtbot import QtBot
 
-from spherecal.result.result_folder import read_result
 from spherecal_documents.scene.model import SceneData, scene_data
 from spherecal_gui.widgets.painted_scene import PaintedScene
 from spherecal_gui.widgets.scene import make_scene_view
+from spherecal_rigs.result_folder import read_result
 from spherecal_sim.session import simulate_session
 from spherecal_sim.session_folder import write_session
 from spherecal_sim.truth import SimulationOptions

@@ -26,7 +26,6 @@ from spherecal.data.rig import Quality, Rig, RigScale
 from spherecal.files.read_session import read_session
 from spherecal.files.rig_file import read_rig, rig_bytes
 from spherecal.files.write_result import POINT_COLUMNS, RESIDUAL_COLUMNS, SPHERE_COLUMNS
-from spherecal.result.result_folder import read_result
 from spherecal_app.cli.exit_codes import DONE
 from spherecal_app.cli.main import main
 from spherecal_documents.report.detection_page import choose_detections, find_session, read_grey
@@ -36,6 +35,7 @@ from spherecal_documents.report.scene_picture import ScenePicture
 from spherecal_documents.report.sheet import fits, shortened, text_width, widest, wrap
 from spherecal_documents.report.style import number, report_style, significant
 from spherecal_documents.report.write_report import html_report, make_document, report_bytes, write_report
+from spherecal_rigs.result_folder import read_result
 from spherecal_sim.session import simulate_session
 from spherecal_sim.session_folder import write_session
 from spherecal_sim.truth import SimulationOptions

@@ -17,8 +17,6 @@ from spherecal.base.errors import InputError
 from spherecal.base.messages.catalogue import LANGUAGES
 from spherecal.data.findings import as_written
 from spherecal.files.written_phrase import Sentence
-from spherecal.result.read_verification import read_bar_report
-from spherecal.result.result_folder import Result, read_result
 from spherecal.verify.bars import VerifySettings, verify
 from spherecal.verify.limit import parse_limit
 from spherecal.verify.write_verification import write_verification
@@ -33,6 +31,8 @@ from spherecal_documents.report.sheet import text_width, wrap
 from spherecal_documents.report.style import report_style
 from spherecal_documents.report.verdict_page import add_verdict_page
 from spherecal_documents.report.write_report import write_report
+from spherecal_rigs.read_verification import read_bar_report
+from spherecal_rigs.result_folder import Result, read_result
 
 OTHERS = [name for name in LANGUAGES if name != "en"]
 # Words that are the same in a language.

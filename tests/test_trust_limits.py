@@ -24,7 +24,6 @@ from spherecal.files.atomic import RESULT, read_unchanged, write_folder_whole
 from spherecal.files.json_file import read_json
 from spherecal.files.lock import locked
 from spherecal.files.read_session import read_session
-from spherecal.files.result_table import read_csv
 from spherecal.files.rig_file import read_rig, rig_bytes
 from spherecal.targets.images import read_image
 from spherecal_app.cli.main import main
@@ -36,6 +35,7 @@ from spherecal_cameras.protocol import CameraSource, CameraState, Counters, Setu
 from spherecal_documents.export.csv_table import cell, from_cell
 from spherecal_documents.export.write_export import export_rig
 from spherecal_documents.export.yaml_file import read_yaml
+from spherecal_rigs.result_table import read_csv
 
 posix = pytest.mark.skipif(os.name == "nt", reason="POSIX")
 

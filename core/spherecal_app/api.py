@@ -17,12 +17,8 @@ from spherecal.data.rig_camera import RigCamera
 from spherecal.data.session import Bar, BarLength, BarPose, CameraSpec, Certificate, Mark, Scale, Session
 from spherecal.files.ball_file import BallProfile
 from spherecal.files.bar_registry import RegisteredBar
-from spherecal.files.frame_file import read_frame, write_frame
-from spherecal.files.new_session import NewSession
 from spherecal.files.write_result import write_result
 from spherecal.geometry.user_frame import FrameDefinition, UserFrame
-from spherecal.result.framed_rig import define_frame as _define_frame
-from spherecal.result.next_placement import Guidance
 from spherecal.steps.repairs import Repairs
 from spherecal.steps.settings import CalibrationSettings
 from spherecal.targets.detection import Detections, DetectionSettings
@@ -30,6 +26,7 @@ from spherecal.targets.target_set import TargetSet
 from spherecal.verify.limit import LengthLimit
 from spherecal.verify.verification import Verification
 from spherecal.verify.write_verification import write_verification
+from spherecal_app.recordings.new_session import NewSession
 from spherecal_app.use_cases import (
     AnyPath,
     apply_calibration,
@@ -78,6 +75,9 @@ from spherecal_measuring.results import BodyPose, MeasuredSet, MeasuredValue, Ob
 from spherecal_measuring.task import Body, BodyPoint, PointName, Ruler, Task
 from spherecal_rigs.check import Check
 from spherecal_rigs.compare import Comparison
+from spherecal_rigs.frame_file import read_frame, write_frame
+from spherecal_rigs.framed_rig import define_frame as _define_frame
+from spherecal_rigs.next_placement import Guidance
 from spherecal_rigs.source import corners_beside
 from spherecal_rigs.store import Profile
 from spherecal_sim.truth import CameraMove, SimulationOptions, Truth

@@ -23,12 +23,10 @@ from spherecal.files.ball_file import BallProfile, ball_bytes, read_ball
 from spherecal.files.bar_registry import RegisteredBar, changing_registry, read_registry, registry_path, write_registry
 from spherecal.files.from_arrays import Lens
 from spherecal.files.json_file import JsonValue
-from spherecal.files.new_session import Contents, NewSession, StatedCameras, make_session
 from spherecal.files.read_session import read_session
 from spherecal.files.rig_file import COVARIANCE_FILE, covariance_bytes, read_rig, rig_bytes
 from spherecal.files.target_set_file import read_target_set, write_target_set
 from spherecal.geometry.camera import LensModel
-from spherecal.result.next_placement import Guidance, advise
 from spherecal.steps.settings import CalibrationSettings, Method
 from spherecal.targets.detection import Detections, DetectionSettings, detect
 from spherecal.targets.family import make_target_set
@@ -38,6 +36,7 @@ from spherecal.verify.bars import VerifySettings, verify
 from spherecal.verify.limit import LengthLimit, parse_limit
 from spherecal.verify.pose_plan import BarMarks, PosePlan, plan_poses
 from spherecal.verify.verification import Verification
+from spherecal_app.recordings.new_session import Contents, NewSession, StatedCameras, make_session
 from spherecal_boards.board_pattern import board_entry, board_pattern
 from spherecal_cameras.protocol import CameraSource
 from spherecal_documents.sheets import board_sheet
@@ -53,6 +52,7 @@ from spherecal_measuring.task import Body, Task
 from spherecal_rigs.check import Check, check
 from spherecal_rigs.check_ball import read_known_ball
 from spherecal_rigs.compare import Comparison, compare
+from spherecal_rigs.next_placement import Guidance, advise
 from spherecal_rigs.recalibrate import Selection, What, recalibrate
 from spherecal_rigs.save import SaveOptions, prepare
 from spherecal_rigs.source import Source, corners_beside, points_file, read_source, volume_of

@@ -12,9 +12,9 @@ from spherecal.base.messages.values import Phrase
 from spherecal.data.rig import Rig
 from spherecal.data.rig_camera import last_axis, posed
 from spherecal.geometry.user_frame import UserFrame
-from spherecal.result.framed_rig import in_frame
 from spherecal.verify.outlying_views import Views, triangulate_checked
 from spherecal.verify.uncertainty import PointErrors, point_errors
+from spherecal_rigs.framed_rig import in_frame
 
 # What the detector reaches on clean prints is better, a laser dot or a feature matcher worse; the points' covariance
 # is proportional to its square, so that a caller who knows better can say so.

@@ -7,10 +7,10 @@ import numpy as np
 
 from spherecal.base.arrays import BoolArray, ByValue, FloatArray, IntArray
 from spherecal.data.observations import Features, Observations
-from spherecal.files.result_table import read_csv
 from spherecal.files.write_result import POINT_COLUMNS
 from spherecal.geometry.transform import Similarity, fit_similarity
 from spherecal.verify.uncertainty import PointErrors, calibration_variance
+from spherecal_rigs.result_table import read_csv
 
 LEAST_DOTS = 12
 # A sticker that was replaced is off by millimetres, the reconstruction by hundredths.

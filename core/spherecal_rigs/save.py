@@ -17,13 +17,13 @@ from spherecal.data.verdict import named
 from spherecal.files.capture_file import CapturedSet, last_taken, read_captured_sets
 from spherecal.files.json_file import read_bytes, read_json
 from spherecal.files.read_session import FORMAT, SESSION_FILE, VERSION, read_session
-from spherecal.files.result_table import read_csv
 from spherecal.files.rig_file import read_rig
 from spherecal.files.target_set_file import TARGETS
 from spherecal.files.write_result import POINT_COLUMNS
 from spherecal.verify.verification_file import VERIFICATION
 from spherecal_cameras.profile import CameraProfile, read_profile, settings_json
 from spherecal_rigs.entry import FILES, RIG_FILE, CameraEntry, Entry
+from spherecal_rigs.result_table import read_csv
 from spherecal_rigs.store import Profile, add_entry
 
 _MOST_BYTES = 64 << 20

@@ -17,7 +17,7 @@ from spherecal_gui.tasks.task import Runner
 from spherecal_gui.texts import error_text
 
 if TYPE_CHECKING:  # results need scipy, for which the window does not wait
-    from spherecal.result.result_folder import Result
+    from spherecal_rigs.result_folder import Result
 
 log = logging.getLogger("spherecal.gui")
 translate = QCoreApplication.translate

@@ -15,16 +15,7 @@ from spherecal.base.filesystem import as_id
 from spherecal.base.messages.catalogue import phrase
 from spherecal.base.messages.values import Phrase
 from spherecal.data.session import Bar
-from spherecal.files.ball_registry import (
-    USUAL_PRINT,
-    WORST_PRINT,
-    PrintedSpacing,
-    RegisteredBall,
-    longest_spacing,
-    print_error,
-)
 from spherecal.files.bar_registry import MARKS, RegisteredBar, read_lengths, read_registered_bar
-from spherecal.files.bench_file import Bench, BenchBar
 from spherecal.files.json_file import JsonValue, printable
 from spherecal.targets.family import FAMILY, make_target_set
 from spherecal.targets.target_set import TargetSet
@@ -32,6 +23,15 @@ from spherecal_gui import languages
 from spherecal_gui.presenters.certificates import state_words
 from spherecal_gui.project import FEW_PLACEMENTS
 from spherecal_gui.standing import Level
+from spherecal_rigs.ball_registry import (
+    USUAL_PRINT,
+    WORST_PRINT,
+    PrintedSpacing,
+    RegisteredBall,
+    longest_spacing,
+    print_error,
+)
+from spherecal_rigs.bench_file import Bench, BenchBar
 
 if TYPE_CHECKING:  # imports scipy
     from spherecal_cameras.plan import CapturePlan

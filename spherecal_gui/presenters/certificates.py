@@ -81,8 +81,8 @@ def reminder(bars: "Iterable[Bar | RegisteredBar]", today: date) -> Reminder:
 def bench_reminder(bench: Path, today: date) -> Reminder:
     """Of the bars on the rig's bench; where none was described, of all bars of the library."""
     from spherecal.files.bar_registry import read_registry
-    from spherecal.files.bench_file import FORMAT, VERSION
     from spherecal.files.read_bars import read_bars
+    from spherecal_rigs.bench_file import FORMAT, VERSION
 
     bars: Iterable[Bar | RegisteredBar] = ()
     try:

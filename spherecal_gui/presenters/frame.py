@@ -14,8 +14,8 @@ from spherecal_documents.scene.model import SceneData, scene_data
 from spherecal_gui.texts import error_text
 
 if TYPE_CHECKING:  # imports scipy.optimize
-    from spherecal.result.framed_rig import Place
-    from spherecal.result.result_folder import Result
+    from spherecal_rigs.framed_rig import Place
+    from spherecal_rigs.result_folder import Result
 
 translate = QCoreApplication.translate
 
@@ -155,7 +155,7 @@ class FrameChoice:
         self._make()
 
     def _make(self) -> None:
-        from spherecal.result.framed_rig import frame_of  # imports scipy.optimize
+        from spherecal_rigs.framed_rig import frame_of  # imports scipy.optimize
 
         try:
             self.frame, self.problem = frame_of(self.definition, self.places, self.rig), ""

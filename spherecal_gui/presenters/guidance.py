@@ -13,9 +13,9 @@ from spherecal_gui.presenters.coverage import Level
 
 if TYPE_CHECKING:  # imports scipy
     from spherecal.data.rig import PlacedSphere, Rig
-    from spherecal.result.next_placement import Candidate
-    from spherecal.result.next_placement import Guidance as Advised
     from spherecal_gui.tasks.ghost import Ghost, ToGo
+    from spherecal_rigs.next_placement import Candidate
+    from spherecal_rigs.next_placement import Guidance as Advised
 
 translate = QCoreApplication.translate
 

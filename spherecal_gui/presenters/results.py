@@ -15,9 +15,9 @@ from spherecal_gui.presenters.coverage import Level
 
 if TYPE_CHECKING:  # imports scipy
     from spherecal.data.rig import Affected
-    from spherecal.result.result_folder import Result
     from spherecal.verify.verification_file import BarReport
     from spherecal_gui.tasks.outcome import Compared
+    from spherecal_rigs.result_folder import Result
 
 translate = QCoreApplication.translate
 

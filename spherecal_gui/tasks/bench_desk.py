@@ -11,7 +11,6 @@ from PySide6.QtCore import QCoreApplication
 from spherecal.base.errors import InputError, SpherecalError
 from spherecal.base.messages.catalogue import phrase
 from spherecal.base.messages.values import Phrase
-from spherecal.files.ball_registry import RegisteredBall, balls_path, changing_balls, read_balls, write_balls
 from spherecal.files.bar_registry import (
     RegisteredBar,
     changing_registry,
@@ -19,8 +18,6 @@ from spherecal.files.bar_registry import (
     registry_path,
     write_registry,
 )
-from spherecal.files.bars_table import arrivals, read_bars_table, write_bars_table
-from spherecal.files.bench_file import Bench, write_bench
 from spherecal.files.target_set_file import read_target_set
 from spherecal_cameras.plan import CapturePlan, read_plan
 from spherecal_gui import languages
@@ -37,6 +34,9 @@ from spherecal_gui.presenters.bench import (
     targets_words,
 )
 from spherecal_gui.project_folder import rig_bench
+from spherecal_rigs.ball_registry import RegisteredBall, balls_path, changing_balls, read_balls, write_balls
+from spherecal_rigs.bars_table import arrivals, read_bars_table, write_bars_table
+from spherecal_rigs.bench_file import Bench, write_bench
 
 translate = QCoreApplication.translate
 

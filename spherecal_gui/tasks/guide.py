@@ -26,7 +26,7 @@ from spherecal_gui.project_folder import Document
 if TYPE_CHECKING:
     from spherecal.data.rig import Calibration
     from spherecal.data.session import Session
-    from spherecal.result.next_placement import Guidance as Advised
+    from spherecal_rigs.next_placement import Guidance as Advised
 
 # Imported inside functions: the calibration with scipy and the kernels, for which the window does not wait.
 
@@ -42,9 +42,9 @@ def plan_coarse(
     `target_set` None where the session has none.
     """
     from spherecal.calibrate import calibrate
-    from spherecal.result.next_placement import first_guess
     from spherecal.steps.settings import CalibrationSettings
     from spherecal_gui.tasks.ghost import thinned
+    from spherecal_rigs.next_placement import first_guess
 
     few = {name: thinned(one, _COARSE_DOTS) for name, one in dots.items()}
     share = _dots_in(few) / max(_dots_in(dots), 1)
@@ -68,7 +68,7 @@ def plan_next(
     `target_set` None where the session has none.
     """
     from spherecal.calibrate import calibrate
-    from spherecal.result.next_placement import advise
+    from spherecal_rigs.next_placement import advise
 
     session = session_of_dots(document, target_set, dots)
     calibration = calibrate(session, None, context)

@@ -96,10 +96,10 @@ def _as_people_count(name: str) -> list[tuple[int, str]]:
 
 def _plan(source: "CameraSource", project: Project) -> "CapturePlan":
     """Targets, ball, scale and bars: of the bench file that was named, else of the recording or the simulated rig."""
-    from spherecal.files.bench_file import whole_bar
     from spherecal_boards.board_pattern import recorded_board
     from spherecal_cameras.plan import CapturePlan, check_marks, plan_of, read_plan
     from spherecal_cameras.protocol import session_behind
+    from spherecal_rigs.bench_file import whole_bar
 
     if project.bench:
         plan = read_plan(Path(project.bench))
@@ -300,11 +300,11 @@ def verify(folder: Path, result: Path, limit: str, context: Context, seen: Obser
     from spherecal.detect.session_images import observed
     from spherecal.files.read_session import read_session
     from spherecal.files.rig_file import read_rig
-    from spherecal.result.read_verification import read_bar_report
     from spherecal.verify.bars import VerifySettings
     from spherecal.verify.bars import verify as run
     from spherecal.verify.limit import parse_limit
     from spherecal.verify.write_verification import write_verification
+    from spherecal_rigs.read_verification import read_bar_report
     from spherecal_rigs.save import points_box
 
     check_folders(result.parent)
@@ -424,7 +424,7 @@ def save_profile(result: Path, session: Path, profile: Path, put_to_use: bool, n
 
 def _keep_frame(own: Path, kept: Path) -> None:
     """The project's frame is the rig's from now on, the default of the exports of later calibrations."""
-    from spherecal.files.frame_file import read_frame, write_frame
+    from spherecal_rigs.frame_file import read_frame, write_frame
 
     if own.is_file():
         write_frame(read_frame(own), kept)

@@ -19,10 +19,10 @@ if TYPE_CHECKING:
 
     from spherecal.data.rig import Rig
     from spherecal.data.session import Bar
-    from spherecal.result.framed_rig import Place
-    from spherecal.result.result_folder import Result
     from spherecal.verify.pose_plan import PosePlan
     from spherecal_rigs.compare import Comparison
+    from spherecal_rigs.framed_rig import Place
+    from spherecal_rigs.result_folder import Result
 
 # Imported inside functions: scipy and the kernels, for which the window does not wait.
 
@@ -56,7 +56,7 @@ class Outcome:
 
 def read_outcome(folder: Path, session: Path, profile: Path, bars: "Sequence[Bar]", context: Context) -> Outcome:
     """The result in a folder with all that can be said about it."""
-    from spherecal.result.result_folder import read_result
+    from spherecal_rigs.result_folder import read_result
 
     context.report("reading the result", 0.0)
     result = read_result(folder)
@@ -84,8 +84,8 @@ def _last_images(folder: Path) -> "Mapping[str, NDArray[np.uint8]]":
 
 def _places(folder: Path, session: Path) -> "Mapping[str, Place]":
     """The places to define a frame by, with those that the project's own frame names."""
-    from spherecal.files.frame_file import read_frame
-    from spherecal.result.framed_rig import result_places
+    from spherecal_rigs.frame_file import read_frame
+    from spherecal_rigs.framed_rig import result_places
 
     try:
         wanted = read_frame(session / "frame.json").definition.places if (session / "frame.json").is_file() else ()

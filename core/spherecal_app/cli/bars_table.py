@@ -5,12 +5,12 @@ import argparse
 from spherecal.base.messages.catalogue import phrase
 from spherecal.data.findings import counted
 from spherecal.files.bar_registry import changing_registry, read_registry, registry_path, write_registry
-from spherecal.files.bars_table import arrivals, read_bars_table, write_bars_table
 from spherecal_app.cli.answer import answer
 from spherecal_app.cli.bars import state
 from spherecal_app.cli.console import say
 from spherecal_app.cli.exit_codes import DONE, NOT_VALID
 from spherecal_app.cli.output import output_file
+from spherecal_rigs.bars_table import arrivals, read_bars_table, write_bars_table
 
 
 def import_table(options: argparse.Namespace) -> int:

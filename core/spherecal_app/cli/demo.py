@@ -13,7 +13,6 @@ from spherecal.base.messages.values import Phrase
 from spherecal.data.findings import counted
 from spherecal.data.verdict import WORDS
 from spherecal.files.rig_file import read_rig
-from spherecal.result.read_verification import read_bar_report
 from spherecal_app.cli.answer import answer
 from spherecal_app.cli.compile_kernels import demo_kernels
 from spherecal_app.cli.console import out, say
@@ -21,6 +20,7 @@ from spherecal_app.cli.exit_codes import DONE
 from spherecal_app.cli.main import main
 from spherecal_app.cli.parsing import is_standard_output
 from spherecal_app.cli.progress import shown_progress
+from spherecal_rigs.read_verification import read_bar_report
 from spherecal_sim.render_session import demo_session
 
 

@@ -7,7 +7,6 @@ from spherecal.base.errors import InputError
 from spherecal.base.messages.values import Phrase
 from spherecal.data.findings import counted
 from spherecal.data.verdict import WORDS, named
-from spherecal.files.frame_file import read_frame
 from spherecal.files.rig_file import read_rig
 from spherecal_app.cli.answer import answer
 from spherecal_app.cli.console import out, say
@@ -16,6 +15,7 @@ from spherecal_app.cli.output import output_file
 from spherecal_documents.export.refit import Loss
 from spherecal_documents.export.scene import SceneFormat
 from spherecal_documents.export.write_export import DEFAULT_MAX_LOSS_PX, export_rig
+from spherecal_rigs.frame_file import read_frame
 from spherecal_rigs.source import corners_beside
 
 

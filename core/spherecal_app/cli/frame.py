@@ -2,13 +2,13 @@
 
 import argparse
 
-from spherecal.files.frame_file import frame_entry, write_frame
 from spherecal.geometry.user_frame import FrameDefinition, UserFrame
-from spherecal.result.framed_rig import define_frame
 from spherecal_app.cli.answer import answer
 from spherecal_app.cli.console import say
 from spherecal_app.cli.exit_codes import DONE
 from spherecal_app.cli.output import output_file
+from spherecal_rigs.frame_file import frame_entry, write_frame
+from spherecal_rigs.framed_rig import define_frame
 
 
 def frame(options: argparse.Namespace) -> int:

@@ -10,11 +10,11 @@ from spherecal.base.messages.values import Phrase
 from spherecal.calibrate import calibrate
 from spherecal.detect.session_images import observed
 from spherecal.files.read_session import read_session
-from spherecal.result.next_placement import Guidance, advise
 from spherecal_app.cli.answer import answer
 from spherecal_app.cli.console import out
 from spherecal_app.cli.exit_codes import DONE
 from spherecal_app.cli.progress import shown_progress
+from spherecal_rigs.next_placement import Guidance, advise
 
 
 def guide(options: argparse.Namespace) -> int:

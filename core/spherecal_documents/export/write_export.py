@@ -16,11 +16,9 @@ from spherecal.base.plugins import EXPORTERS, names
 from spherecal.data.rig import Rig, RigCamera, Verdict
 from spherecal.data.verdict import WORDS, named
 from spherecal.files.atomic import Marker, write_file_whole, write_folder_whole
-from spherecal.files.frame_file import frame_entry
 from spherecal.files.json_file import json_bytes, software_entry
 from spherecal.geometry.camera import is_fisheye, project, undistort
 from spherecal.geometry.user_frame import UserFrame
-from spherecal.result.framed_rig import in_frame
 from spherecal_documents.export import (
     anipose,
     caliscope,
@@ -40,6 +38,8 @@ from spherecal_documents.export.other_formats import ImportFormat, exporter
 from spherecal_documents.export.refit import Box, Loss, dropped, refit
 from spherecal_documents.export.scene import SCENES, SceneFormat
 from spherecal_documents.export.scene import largest_difference_px as scene_difference_px
+from spherecal_rigs.frame_file import frame_entry
+from spherecal_rigs.framed_rig import in_frame
 
 _MODULES = (opencv_yaml, ros, kalibr, colmap, metashape, anipose, caliscope, mc_calib, multical, mrcal, csv_table)
 FORMATS: dict[str, Format] = {module.FORMAT.name: module.FORMAT for module in _MODULES}

@@ -5,7 +5,6 @@ import math
 import numpy as np
 from matplotlib.axes import Axes
 
-from spherecal.result.result_folder import Result
 from spherecal.verify.verification_file import BUDGET_PARTS, BarReport, BarRow, LengthRow
 from spherecal_documents.report.document import Cell, Column, Document
 from spherecal_documents.report.language import label, written
@@ -14,6 +13,7 @@ from spherecal_documents.report.sheet import PageBox, Sheet, shortened
 from spherecal_documents.report.style import ACCENT, BAD, CAUTION, INK, MARKS, NONE, RULE, SMALL_PT, TINY_PT, TO, number
 from spherecal_documents.report.tables import add_section
 from spherecal_documents.report.verdict_page import add_finding, sorted_findings, verification_verdict
+from spherecal_rigs.result_folder import Result
 
 _IN_A_PLOT = 10  # lengths side by side
 _EXPANDED = 2.0  # where the decision states no coverage factor

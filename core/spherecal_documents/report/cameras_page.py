@@ -6,12 +6,12 @@ import numpy as np
 
 from spherecal.data.rig import RigCamera
 from spherecal.geometry.camera import INTRINSIC_NAMES
-from spherecal.result.result_folder import Result
 from spherecal_documents.report.document import Cell, Column, Document
 from spherecal_documents.report.language import label
 from spherecal_documents.report.lens_columns import lens_columns, lens_model_words, lens_number
 from spherecal_documents.report.sheet import text_width
 from spherecal_documents.report.style import BAD, NONE, SMALL_PT, count, number, significant, some_of
+from spherecal_rigs.result_folder import Result
 
 # A camera whose residuals are this much above the rig's is worth a look.
 _CONSPICUOUS = 1.5

@@ -6,7 +6,6 @@ from typing import Any
 from spherecal.data.findings import Finding
 from spherecal.files.findings_file import FINDING
 from spherecal.files.json_file import software_entry
-from spherecal.result.result_folder import Result
 from spherecal_documents.report.language import finding_words, label
 from spherecal_documents.report.sections_bars import bar_sections
 from spherecal_documents.report.sections_rig import rig_sections
@@ -17,6 +16,7 @@ from spherecal_documents.report.verdict_page import (
     sorted_findings,
     verification_verdict,
 )
+from spherecal_rigs.result_folder import Result
 
 FORMAT = "spherecal/report"
 VERSION = 1

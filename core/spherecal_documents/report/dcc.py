@@ -22,9 +22,9 @@ from spherecal.files.codec import FileFormat, Kind, choice, field, optional, rec
 from spherecal.files.codec import date as day
 from spherecal.files.json_file import JsonValue
 from spherecal.geometry.camera import INTRINSIC_NAMES, is_fisheye, lens_names
-from spherecal.result.result_folder import Result
 from spherecal.verify.verification_file import ArtefactRow
 from spherecal_documents.report.content import make_content
+from spherecal_rigs.result_folder import Result
 
 DCC, SI, XSI = "https://ptb.de/dcc", "https://ptb.de/si", "http://www.w3.org/2001/XMLSchema-instance"
 SCHEMA = "3.2.1"

@@ -13,12 +13,12 @@ from spherecal.base.errors import InputError
 from spherecal.base.messages.values import Phrase
 from spherecal.data.session import Session
 from spherecal.files.read_session import SESSION_FILE, read_session
-from spherecal.result.result_folder import Result
 from spherecal_documents.report.document import Document
 from spherecal_documents.report.labels import Labels
 from spherecal_documents.report.language import label
 from spherecal_documents.report.sheet import PageBox, Sheet, shortened
 from spherecal_documents.report.style import SMALL_PT, SOFT, TINY_PT, count
+from spherecal_rigs.result_folder import Result
 
 _MOST_PIXELS = 200_000_000
 _SHOWN_WIDTH = 1500  # px: as fine as an office printer shows at the width of a page

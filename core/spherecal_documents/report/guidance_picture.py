@@ -13,9 +13,9 @@ from spherecal.base.arrays import FloatArray
 from spherecal.data.rig import Rig
 from spherecal.files.atomic import write_file_whole
 from spherecal.geometry.volume_map import LengthMap
-from spherecal.result.next_placement import Guidance
 from spherecal_documents.report.rig_view import OBLIQUE, TOP, Projection, choose_axes
 from spherecal_documents.report.style import INK, SOFT, report_style
+from spherecal_rigs.next_placement import Guidance
 
 _CAMERA, _PAST, _BEST = "#33475b", "#8a949e", "#c8500a"
 _DPI = 150

@@ -7,7 +7,6 @@ from html import escape
 
 import matplotlib
 
-from spherecal.result.result_folder import Result
 from spherecal_documents.report.bars_page import draw_errors, ordered_lengths
 from spherecal_documents.report.content import Content
 from spherecal_documents.report.language import label, language_now
@@ -19,6 +18,7 @@ from spherecal_documents.report.sheet import PageBox, Sheet
 from spherecal_documents.report.tables import ReportTable, Section, made_by
 from spherecal_documents.report.uncertainty_page import draw_layers, layers_of
 from spherecal_documents.report.verdict_page import severity_word, signed_by
+from spherecal_rigs.result_folder import Result
 
 _STYLE = """
 :root{color-scheme:light}

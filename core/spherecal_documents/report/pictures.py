@@ -4,7 +4,6 @@ import io
 from pathlib import Path
 
 from spherecal.files.atomic import write_file_whole
-from spherecal.result.result_folder import Result, read_result
 from spherecal_documents.report.bars_page import draw_errors, ordered_lengths
 from spherecal_documents.report.detection_page import choose_detections, draw_detection, find_session, read_grey
 from spherecal_documents.report.guidance_picture import save_map_picture
@@ -14,6 +13,7 @@ from spherecal_documents.report.rig_page import draw_view
 from spherecal_documents.report.rig_view import OBLIQUE, TOP, make_scene
 from spherecal_documents.report.sheet import PageBox, Sheet
 from spherecal_documents.report.style import SMALL_PT, report_style
+from spherecal_rigs.result_folder import Result, read_result
 
 _WIDTH_MM = 180.0
 _DPI = 200  # 1417 px wide

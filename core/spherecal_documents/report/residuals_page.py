@@ -8,7 +8,6 @@ from matplotlib.patches import PathPatch
 from matplotlib.path import Path
 
 from spherecal.base.arrays import FloatArray
-from spherecal.result.result_folder import Result
 from spherecal_documents.report.document import Document
 from spherecal_documents.report.language import label
 from spherecal_documents.report.sheet import PageBox, Sheet, shortened, text_width
@@ -25,6 +24,7 @@ from spherecal_documents.report.style import (
     number,
     significant,
 )
+from spherecal_rigs.result_folder import Result
 
 _MANY = 24  # cameras; more may get the smallest panels
 _ARROWS_PER_MM2 = 0.55  # beyond them nothing is seen any more

@@ -7,7 +7,6 @@ from matplotlib.patches import Circle
 
 from spherecal.base.arrays import FloatArray
 from spherecal.base.messages.catalogue import phrase
-from spherecal.result.result_folder import Result
 from spherecal_documents.report.document import Document
 from spherecal_documents.report.labels import Labels
 from spherecal_documents.report.language import label, language_now
@@ -15,6 +14,7 @@ from spherecal_documents.report.rig_view import FRONT, OBLIQUE, SIDE, TOP, Drawn
 from spherecal_documents.report.scene_picture import ScenePicture, draw_scene
 from spherecal_documents.report.sheet import PageBox, Sheet, shortened
 from spherecal_documents.report.style import INK, MARKS, NONE, RULE, SERIES, SMALL_PT, SOFT, TINY_PT, number
+from spherecal_rigs.result_folder import Result
 
 _CROWDED = 12  # cameras that four views on one page can still name
 _MANY_PLACEMENTS = 6

@@ -7,8 +7,8 @@ import numpy as np
 from spherecal.base.arrays import FloatArray
 from spherecal.base.messages.values import Phrase
 from spherecal.data.rig import RigCamera
-from spherecal.result.result_folder import Result
 from spherecal_documents.report.language import label
+from spherecal_rigs.result_folder import Result
 
 # Below this length of the mean of all unit view directions the cameras look all around, and it means nothing.
 _COMMON_DIRECTION = 0.3

@@ -8,11 +8,11 @@ from numpy.typing import NDArray
 
 from spherecal.base.arrays import FloatArray
 from spherecal.data.session import Session
-from spherecal.result.result_folder import Result
 from spherecal_documents.report.labels import Labels
 from spherecal_documents.report.language import label
 from spherecal_documents.report.sheet import PageBox, Sheet
 from spherecal_documents.report.style import INK, SMALL_PT, SOFT, TINY_PT
+from spherecal_rigs.result_folder import Result
 
 _FOOT_MM = 4.0
 

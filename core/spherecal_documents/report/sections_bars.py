@@ -1,10 +1,10 @@
 """The verification as sections: conformity, budgets, artefacts and certificates, temperatures, departures."""
 
-from spherecal.result.result_folder import Result
 from spherecal.verify.verification_file import AcceptanceReport, BarReport, BudgetReport, ProcedureReport
 from spherecal_documents.report.language import label, word, written
 from spherecal_documents.report.style import NONE, TO, count, number, significant
 from spherecal_documents.report.tables import ReportTable, Section
+from spherecal_rigs.result_folder import Result
 
 _MANY = 10_000
 # The words for what verification.json names.

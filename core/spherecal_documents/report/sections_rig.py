@@ -5,11 +5,11 @@ import hashlib
 import numpy as np
 
 from spherecal.geometry.camera import INTRINSIC_NAMES
-from spherecal.result.result_folder import Result
 from spherecal_documents.report.language import label
 from spherecal_documents.report.lens_columns import lens_columns, lens_model_words, lens_number
 from spherecal_documents.report.style import NONE, count, number, significant
 from spherecal_documents.report.tables import ReportTable, Section, calibrated_with, images_taken
+from spherecal_rigs.result_folder import Result
 
 # Cells along an image's longer side: a dot field of a hundred targets fills what it crosses.
 _CELLS = 10

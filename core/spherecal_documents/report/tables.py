@@ -4,9 +4,9 @@ from dataclasses import dataclass
 from datetime import UTC
 
 from spherecal import __version__
-from spherecal.result.result_folder import Result
 from spherecal_documents.report.document import Column, Document
 from spherecal_documents.report.language import label, word
+from spherecal_rigs.result_folder import Result
 
 _DETAILS = {"method": "report-method", "seed": "report-seed"}
 

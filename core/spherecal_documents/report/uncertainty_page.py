@@ -5,12 +5,12 @@ from matplotlib.patches import Rectangle
 
 from spherecal.base.arrays import FloatArray
 from spherecal.geometry.volume_map import LengthMap
-from spherecal.result.result_folder import Result
 from spherecal_documents.report.document import Document
 from spherecal_documents.report.language import label
 from spherecal_documents.report.sheet import PageBox, Sheet
 from spherecal_documents.report.style import INK, NONE, RULE, SIZES, SMALL_PT, SOFT, TINY_PT, number
 from spherecal_documents.report.tables import Section, add_section
+from spherecal_rigs.result_folder import Result
 
 _MAP_MM = 46.0
 

@@ -6,7 +6,6 @@ import numpy as np
 
 from spherecal.data.findings import Finding
 from spherecal.data.rig import Affected
-from spherecal.result.result_folder import Result
 from spherecal.verify.verification_file import AcceptanceReport, BarReport
 from spherecal_documents.report.document import Document
 from spherecal_documents.report.language import finding_words, label
@@ -31,6 +30,7 @@ from spherecal_documents.report.style import (
     some_of,
 )
 from spherecal_documents.report.tables import calibrated_with, images_taken
+from spherecal_rigs.result_folder import Result
 
 _WORDS = {"valid": "verdict-valid", "use-with-care": "verdict-use-with-care", "not-valid": "verdict-not-valid"}
 _SEVERITIES = {"error": "report-severity-error", "warning": "report-severity-warning", "info": "report-severity-info"}

@@ -6,7 +6,6 @@ from spherecal.base.errors import InputError
 from spherecal.base.messages.values import Phrase
 from spherecal.files.atomic import write_file_whole
 from spherecal.files.json_file import json_bytes
-from spherecal.result.result_folder import Result, read_result
 from spherecal_documents.report.bars_page import add_bars_pages
 from spherecal_documents.report.cameras_page import add_cameras_page
 from spherecal_documents.report.content import content_json, make_content
@@ -22,6 +21,7 @@ from spherecal_documents.report.style import chinese_fonts, report_style
 from spherecal_documents.report.tables import add_section, made_by
 from spherecal_documents.report.uncertainty_page import add_uncertainty_page
 from spherecal_documents.report.verdict_page import add_signature, add_verdict_page
+from spherecal_rigs.result_folder import Result, read_result
 
 
 def write_report(

@@ -10,13 +10,13 @@ from numpy.typing import NDArray
 from spherecal.base.arrays import FloatArray
 from spherecal.base.errors import SpherecalError
 from spherecal.data.session import Session
-from spherecal.result.result_folder import Result
 from spherecal_documents.report.scene_picture import ScenePicture
 from spherecal_documents.report.style import ACCENT, BAD, CAUTION, GOOD, INK, RULE
 from spherecal_documents.scene.eye import fitting_view
 from spherecal_documents.scene.model import SceneData, scene_data, with_images
 from spherecal_documents.scene.renderer import can_render, render_once
 from spherecal_documents.scene.shapes import SceneStyle, rgb
+from spherecal_rigs.result_folder import Result
 
 _SIZE_PX = (1600, 880)
 _ROOM = 0.92

@@ -10,10 +10,10 @@ from typing import Any, Literal
 from spherecal.base.messages.values import Phrase
 from spherecal.data.session import Bar
 from spherecal.files.atomic import make_parent, write_file_whole
-from spherecal.files.ball_registry import RegisteredBall
 from spherecal.files.bar_registry import figures_entry
 from spherecal.files.json_file import json_bytes
 from spherecal.files.target_set_file import write_target_set
+from spherecal_rigs.ball_registry import RegisteredBall
 
 FILE, TARGETS = "bench.json", "targets.json"
 FORMAT, VERSION = "spherecal/session", 1  # a bench is a session without images (read_session.py)

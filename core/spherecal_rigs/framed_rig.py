@@ -12,7 +12,6 @@ from spherecal.base.messages.values import Phrase
 from spherecal.data.rig import BallShape, CameraCovariance, CameraSigma, Rig, RigCamera
 from spherecal.files.ball_file import BALL_FILE, LEAST_DOTS, read_ball
 from spherecal.files.json_file import printable, read_json
-from spherecal.files.result_table import CsvTable, read_csv
 from spherecal.files.rig_file import read_rig
 from spherecal.files.write_result import POINT_COLUMNS, SPHERE_COLUMNS
 from spherecal.geometry.sphere import fit_sphere
@@ -20,6 +19,7 @@ from spherecal.geometry.transform import fit_similarity
 from spherecal.geometry.user_frame import FrameDefinition, UserFrame, user_frame
 from spherecal.geometry.volume_map import LengthMap
 from spherecal.verify.verification_file import VERIFICATION
+from spherecal_rigs.result_table import CsvTable, read_csv
 
 _AXES = ("x_mm", "y_mm", "z_mm")
 _MOST_NAMED = 12

@@ -23,7 +23,7 @@ from spherecal.geometry.camera import is_unfolded, project
 from spherecal.geometry.length_uncertainty import Cameras, predict_lengths
 from spherecal.geometry.rotation import exp_rotation
 from spherecal.geometry.volume_map import DIRECTIONS, LENGTH_MM, Volume
-from spherecal.result.known_problem import KnownNetwork, what_is_known
+from spherecal_rigs.known_problem import KnownNetwork, what_is_known
 
 COVERAGE_FACTOR = 2.0
 STAGE = "guidance"

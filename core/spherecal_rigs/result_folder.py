@@ -12,12 +12,12 @@ from spherecal.base.messages.values import Phrase
 from spherecal.data.rig import PlacedSphere, Rig
 from spherecal.files.atomic import read_unchanged
 from spherecal.files.json_file import read_json
-from spherecal.files.result_table import CsvTable, read_csv
 from spherecal.files.rig_file import RIG, read_rig
 from spherecal.files.write_result import POINT_COLUMNS, RESIDUAL_COLUMNS, SPHERE_COLUMNS
 from spherecal.geometry.camera import project
-from spherecal.result.read_verification import read_bar_report
 from spherecal.verify.verification_file import BarReport
+from spherecal_rigs.read_verification import read_bar_report
+from spherecal_rigs.result_table import CsvTable, read_csv
 
 
 @dataclass(frozen=True)

@@ -7,9 +7,9 @@ from pathlib import Path
 from spherecal.base.errors import InputError
 from spherecal.base.messages.values import Phrase
 from spherecal.files.findings_file import with_values
-from spherecal.files.result_table import read_csv
 from spherecal.verify.verification_file import VERIFICATION, BarReport, BarRow
 from spherecal.verify.write_verification import BAR_COLUMNS
+from spherecal_rigs.result_table import read_csv
 
 
 def read_bar_report(folder: Path) -> BarReport | None:

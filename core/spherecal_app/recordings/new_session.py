@@ -15,15 +15,15 @@ from spherecal.base.messages.values import Phrase
 from spherecal.data.findings import counted
 from spherecal.data.session import Session
 from spherecal.files.atomic import SESSION, WRITTEN_FILE, check_folder, write_folder_whole, written_bytes
-from spherecal.files.frame_times import frame_times
-from spherecal.files.image_layout import ImageLayout, recognise
 from spherecal.files.json_file import MOST_CAMERAS, json_bytes
 from spherecal.files.read_session import FORMAT, SESSION_FILE, VERSION, read_session
 from spherecal.files.target_set_file import target_set_bytes
 from spherecal.geometry.camera import LensModel
 from spherecal.targets.image_facts import ImageFacts, image_facts
 from spherecal.targets.target_set import TargetSet
-from spherecal.targets.video_frames import choose_frames, keep_frames
+from spherecal_app.recordings.frame_times import frame_times
+from spherecal_app.recordings.image_layout import ImageLayout, recognise
+from spherecal_app.recordings.video_frames import choose_frames, keep_frames
 
 STAGE = "reading images"
 TARGETS_FILE = "targets.json"

@@ -34,7 +34,7 @@ _TABLES = ("lists", "phrases")
 _ENGLISH = (
     "core/spherecal_gentl/gige/", "core/spherecal_gentl/producer/", "core/spherecal_app/cli/gige.py",
     "core/spherecal_app/cli/parsing.py", "core/spherecal_app/cli/producer.py", "core/spherecal_documents/export/",
-    "core/spherecal/files/from_arrays.py", "core/spherecal_sim/", "core/spherecal_study/",
+    "core/spherecal/data/from_arrays.py", "core/spherecal_sim/", "core/spherecal_study/",
 )  # fmt: skip
 
 

@@ -14,24 +14,6 @@ from pathlib import Path as _Path  # noqa: E402
 
 __version__ = "0.1.0"
 
-_PUBLIC = frozenset((
-    "FORMATS", "BallProfile", "Bar", "BarLength", "BarPose", "Body", "BodyPoint", "BodyPose", "Calibration",
-    "CalibrationSettings", "CameraMove", "CameraSpec", "Cancelled", "Certificate", "Check", "Comparison", "Context",
-    "DetectionSettings", "Detections", "Exported", "FileCamera", "FileRig", "Finding", "Format", "Guidance",
-    "ImportFormat", "InputError", "LengthLimit", "LiveSettings", "Mark", "MeasuredPoints", "MeasuredSet",
-    "MeasuredValue", "MissingPackage", "NewSession", "Observations", "ObservedSet", "OutputError", "PointName",
-    "Pose", "Profile", "Progress", "Quality", "RegisteredBar", "Repairs", "Rig", "RigCamera", "RigScale", "Ruler",
-    "Scale", "Series", "Session", "SimulationOptions", "SpherecalError", "TargetSet", "Task", "Truth", "UserFrame",
-    "Verification", "apply_calibration", "calibrate_points", "calibrate_session", "check_rig", "compare_rigs",
-    "cross_validate_session", "define_frame", "detect_targets", "export_rig", "guide_next_placement", "import_rig",
-    "live_sets", "load_ball", "load_bars", "load_body", "load_frame", "load_profile", "load_rig", "load_session",
-    "load_targets", "make_targets", "measure", "new_session", "plan_bar_poses", "project_points",
-    "recalibrate_cameras", "save_ball", "save_bar", "save_body", "save_calibration", "save_frame", "save_rig",
-    "save_targets", "save_to_profile", "save_verification", "simulate_session", "triangulate_points", "verify_rig",
-    "write_board_sheet", "write_report", "write_target_sheet",
-))  # fmt: skip
-__all__ = sorted(_PUBLIC)  # noqa: PLE0605  # pyright: ignore[reportUnsupportedDunderAll]
-
 
 def _find_room_for_compiled_code() -> None:
     """Where neither the program's nor the user's folder can be written, numba's cache goes to the temporary files.
@@ -61,11 +43,15 @@ _find_room_for_compiled_code()
 
 
 def __getattr__(name: str) -> object:
-    if name in _PUBLIC:
-        # by name, so that the modules below, which ask this one for its version, do not depend on the interface
-        return getattr(_importlib.import_module("spherecal_app.api"), name)
-    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    """A name of the Python interface, found by its module's name: the method itself imports no interface."""
+    interface = "spherecal_app.api"
+    if name == "__path__" or (name.startswith("_") and name != "__all__"):
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    names = _importlib.import_module(interface)
+    if name != "__all__" and name not in names.__all__:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return getattr(names, name)
 
 
 def __dir__() -> list[str]:
-    return sorted((*_PUBLIC, "__version__"))
+    return sorted((*__getattr__("__all__"), "__version__"))  # type: ignore[misc]

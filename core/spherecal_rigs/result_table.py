@@ -8,7 +8,8 @@ import numpy as np
 from spherecal.base.arrays import BoolArray, FloatArray, IntArray
 from spherecal.base.errors import InputError
 from spherecal.base.messages.values import Phrase
-from spherecal.files.json_file import check_lines, decode, name_problem, printable, read_bytes
+from spherecal.data.observations import name_problem
+from spherecal.files.json_file import check_lines, decode, printable, read_bytes
 
 _MOST_BYTES = 128 << 20  # two million residuals
 

@@ -25,9 +25,10 @@ from spherecal.base.filesystem import (
     write_new,
 )
 from spherecal.base.messages.values import Phrase
+from spherecal.data.observations import name_problem
 from spherecal.data.rig import Rig
 from spherecal.files.codec import FileFormat, field, items, name, number, optional, record, software, text, time
-from spherecal.files.json_file import JsonValue, name_problem
+from spherecal.files.json_file import JsonValue
 from spherecal.files.lock import LOCK, locked
 from spherecal_rigs.checks import FOLDER as CHECKS
 from spherecal_rigs.checks import last_check

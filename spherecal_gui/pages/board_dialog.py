@@ -153,7 +153,7 @@ class BoardDialog(QDialog):
 
     def save_sheet(self, path: Path) -> None:
         """Write the sheet, on the smallest page that takes the board; say so where none does."""
-        from spherecal_app.use_cases import write_board_sheet  # loads the calibration, which takes a second
+        from spherecal_app.api import write_board_sheet  # loads the calibration, which takes a second
 
         for page in ("A4", "A3", "A2", "A1", "A0"):
             try:

@@ -5,6 +5,17 @@ from dataclasses import dataclass
 import numpy as np
 
 from spherecal.base.arrays import BoolArray, ByValue, FloatArray, IntArray
+from spherecal.base.messages.values import Phrase
+
+SIGMA_COLUMNS = ("sigma_u", "sigma_v")
+# A dot's centre lies in the image, give or take noise and the eccentricity correction of a few pixels. Beyond a tenth
+# of the larger side it belongs to another image: a wrong image_size, or u and v exchanged (their sides differ by more
+# on usual sensors).
+MARGIN = 0.1
+LEAST_SIGMA_PX = 1e-4  # a hundredth of the best centres there are; less would only be a division by nearly zero
+# Names become file names and table cells: no longer than common file systems allow with a suffix.
+LONGEST_NAME = 100
+_NOT_IN_NAMES = '/\\,"'
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -74,3 +85,16 @@ def seen_matrix(features: Features, observations: Observations, keep: BoolArray)
     seen = np.zeros((len(observations.cameras), len(features)), dtype=bool)
     seen[observations.camera[keep], features.of_observation[keep]] = True
     return seen
+
+
+def name_problem(text: str) -> Phrase | None:
+    """Why a text cannot be the name of a camera, placement, bar, mark or point; None if it can."""
+    if not text:
+        return Phrase("problem-name-empty")
+    if len(text) > LONGEST_NAME:
+        return Phrase("problem-name-long", {"most": LONGEST_NAME})
+    if not text.isprintable() or any(c in text for c in _NOT_IN_NAMES):
+        return Phrase("problem-name-characters")
+    if text != text.strip() or text in (".", ".."):
+        return Phrase("problem-name-spaces")
+    return None

@@ -16,8 +16,8 @@ from spherecal.targets.masks import Rectangle
 from spherecal.targets.target_set import TargetSet
 
 if TYPE_CHECKING:
+    from spherecal.data.from_arrays import Lens
     from spherecal.data.rig_camera import ImageSize
-    from spherecal.files.from_arrays import Lens
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -208,7 +208,7 @@ class Session(ByValue):
         InputError
             Says what cannot be used.
         """
-        from spherecal.files.from_arrays import camera_specs, digest, observations_of
+        from spherecal.data.from_arrays import camera_specs, digest, observations_of
 
         specs = camera_specs(cameras, image_size, fisheye)
         poses = [pose.id for pose in bar_poses]

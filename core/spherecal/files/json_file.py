@@ -18,6 +18,7 @@ from spherecal import __version__
 from spherecal.base.errors import InputError, Words, advice
 from spherecal.base.filesystem import id_problem, read_below, read_file
 from spherecal.base.messages.values import Phrase
+from spherecal.data.observations import LONGEST_NAME, name_problem
 
 # 100 cameras times 1000 placements with an image path each are 7 MB.
 _MOST_BYTES = 64 << 20
@@ -27,10 +28,7 @@ _DEEPEST = 100  # our files need 6
 MOST_CAMERAS = 1000  # the largest rigs that we know of have some hundred
 _LONGEST_LINE = 10_000  # of tables; eight names of 100 characters in UTF-8 and as many numbers are 4000
 _MOST_UNKNOWN = 50  # fields that are compared with known names
-# Names become file names and table cells: no longer than common file systems allow with a suffix.
-_LONGEST_NAME = 100
 _LONGEST_TEXT = 1000
-_NOT_IN_NAMES = '/\\,"'
 # "focal_lenght_mm" scores 0.93 against the right name, unrelated keys of our files at most 0.8 against each other.
 _MISSPELT = 0.85
 # No quantity of ours is larger, and products of a few such numbers stay finite.
@@ -77,19 +75,6 @@ def shown_number(value: object) -> Words:
         return Phrase("json-long-number")
 
 
-def name_problem(text: str) -> Phrase | None:
-    """Why a text cannot be the name of a camera, placement, bar, mark or point; None if it can."""
-    if not text:
-        return Phrase("problem-name-empty")
-    if len(text) > _LONGEST_NAME:
-        return Phrase("problem-name-long", {"most": _LONGEST_NAME})
-    if not text.isprintable() or any(c in text for c in _NOT_IN_NAMES):
-        return Phrase("problem-name-characters")
-    if text != text.strip() or text in (".", ".."):
-        return Phrase("problem-name-spaces")
-    return None
-
-
 @dataclass(frozen=True)
 class JsonValue:
     """A value out of a JSON file that knows its place there.
@@ -112,7 +97,7 @@ class JsonValue:
         """The value of a field or list item of this one."""
         if isinstance(key, int):
             return JsonValue(value, self.file, f"{self.place}[{key}]", self.later)
-        shown = key if key.isprintable() and len(key) <= _LONGEST_NAME else printable(key)
+        shown = key if key.isprintable() and len(key) <= LONGEST_NAME else printable(key)
         return JsonValue(value, self.file, f"{self.place}.{shown}" if self.place else shown, self.later)
 
     def _wrong(self, expected: Words) -> InputError:
@@ -141,7 +126,7 @@ class JsonValue:
         known = {*required, *optional}
         unknown = () if self.later or not absent else (key for key in given if key not in known)
         for key in itertools.islice(unknown, _MOST_UNKNOWN):
-            if len(key) <= _LONGEST_NAME and (meant := difflib.get_close_matches(key, absent, 1, _MISSPELT)):
+            if len(key) <= LONGEST_NAME and (meant := difflib.get_close_matches(key, absent, 1, _MISSPELT)):
                 raise self.error(Phrase("problem-unknown-field", {"field": printable(key), "meant": meant[0]}))
         return {key: self.at(key, given[key]) for key in (*required, *optional) if key in given}
 

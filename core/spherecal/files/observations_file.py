@@ -12,20 +12,14 @@ from numpy.typing import NDArray
 from spherecal.base.arrays import BoolArray, FloatArray, IntArray
 from spherecal.base.errors import InputError
 from spherecal.base.messages.values import Phrase
-from spherecal.data.observations import Observations
+from spherecal.data.observations import LEAST_SIGMA_PX, MARGIN, SIGMA_COLUMNS, Observations, name_problem
 from spherecal.files.atomic import write_file_whole
-from spherecal.files.json_file import check_lines, decode, name_problem, printable, read_bytes
+from spherecal.files.json_file import check_lines, decode, printable, read_bytes
 
 COLUMNS = ("placement", "camera", "target", "point", "u", "v")
-SIGMA_COLUMNS = ("sigma_u", "sigma_v")
 
 _MOST_BYTES = 128 << 20  # 2.5 million rows
 _LONGEST_FIELD = 400  # bytes: a name of 100 characters in UTF-8
-# A dot's centre lies in the image, give or take noise and the eccentricity correction of a few pixels. Beyond a tenth
-# of the larger side it belongs to another image: a wrong image_size, or u and v exchanged (their sides differ by more
-# on usual sensors).
-MARGIN = 0.1
-LEAST_SIGMA_PX = 1e-4  # a hundredth of the best centres there are; less would only be a division by nearly zero
 
 Bytes = NDArray[np.bytes_]
 

@@ -7,12 +7,12 @@ from rich.markup import escape
 from rich.table import Table
 
 from spherecal.data.findings import counted
+from spherecal_app.api import new_session
 from spherecal_app.cli.answer import answer
 from spherecal_app.cli.console import out, say
 from spherecal_app.cli.exit_codes import DONE
 from spherecal_app.cli.progress import shown_progress
 from spherecal_app.recordings.new_session import NewSession
-from spherecal_app.use_cases import new_session
 
 
 def new(options: argparse.Namespace) -> int:

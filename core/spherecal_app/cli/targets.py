@@ -27,7 +27,7 @@ def export(options: argparse.Namespace) -> int:
 def sheet(options: argparse.Namespace) -> int:
     """`spherecal targets sheet`."""
     if options.board is not None:
-        from spherecal_app.use_cases import write_board_sheet  # here, since it loads the whole engine
+        from spherecal_app.api import write_board_sheet  # here, since it loads the whole engine
 
         with output_file(options.output) as place:
             drawn = write_board_sheet(options.board, place, options.page)

@@ -7,7 +7,8 @@ import numpy as np
 
 from spherecal.base.errors import InputError
 from spherecal.base.messages.values import Phrase
-from spherecal.files.json_file import JsonValue, name_problem
+from spherecal.data.observations import name_problem
+from spherecal.files.json_file import JsonValue
 from spherecal.geometry.camera import FISHEYE_MARK, N_INTRINSICS
 from spherecal_documents.export.cameras import FileCamera, FileRig, Pose, distortion, numbers, rows
 from spherecal_documents.export.format import Format

@@ -10,12 +10,9 @@ from numpy.typing import ArrayLike
 from spherecal.base.arrays import FloatArray, IntArray, float_array
 from spherecal.base.errors import InputError
 from spherecal.base.filesystem import id_problem
-from spherecal.data.observations import Observations
+from spherecal.data.observations import LEAST_SIGMA_PX, MARGIN, SIGMA_COLUMNS, Observations, name_problem
 from spherecal.data.rig_camera import ImageSize, is_wide, size_of
 from spherecal.data.session import CameraSpec
-from spherecal.files.json_file import name_problem
-from spherecal.files.observations_file import LEAST_SIGMA_PX, MARGIN, SIGMA_COLUMNS, observations_bytes
-from spherecal.files.target_set_file import target_set_bytes
 from spherecal.geometry import opencv
 from spherecal.targets.target_set import TargetSet
 
@@ -107,12 +104,18 @@ def digest(cameras: Sequence[CameraSpec], observations: Observations, target_set
 
     `target_set` None where they are not known.
     """
-    sha = hashlib.sha256(observations_bytes(observations))
+    o = observations
+    sha = hashlib.sha256(repr((o.placements, o.cameras, o.points)).encode())
+    for values in (o.placement, o.camera, o.target, o.point, o.uv, *(() if o.sigma is None else (o.sigma,))):
+        sha.update(np.ascontiguousarray(values))
     for camera in cameras:
         lens = f"{camera.intrinsics_group} {camera.lens_model} {camera.prior.tolist()}"
         sha.update(f"{camera.id} {camera.image_size} {lens}".encode())
     if target_set is not None:
-        sha.update(target_set_bytes(target_set))
+        t = target_set
+        sha.update(f"{t.family} {t.polarity} {t.size_mm} {t.dot_diameter_mm} {t.dictionary}".encode())
+        for target, dots in target_set.layouts.items():
+            sha.update(repr((target, {name: place.tolist() for name, place in dots.items()})).encode())
     sha.update(rest.encode())
     return sha.hexdigest()
 

@@ -89,7 +89,7 @@ def ready_kernels(folder: Path) -> Path:
 def _sources() -> str:
     """A hash of everything that the compiled kernels come from."""
     files = [path for path in sorted((ROOT / "core").rglob("*.py")) if b"njit" in path.read_bytes()]
-    files += [HERE / "kernels.py", ROOT / "core" / "spherecal" / "cli" / "kernel_trial.py"]
+    files += [HERE / "kernels.py", ROOT / "core" / "spherecal_app" / "cli" / "kernel_trial.py"]
     known = [sys.version, _numba_version(), *(hashlib.sha256(path.read_bytes()).hexdigest() for path in files)]
     return hashlib.sha256("\n".join(known).encode()).hexdigest()
 

@@ -9,6 +9,7 @@ from pathlib import Path
 from tests.conftest import ROOT
 
 ENGINE = ROOT / "core" / "spherecal"
+_REPORT = ROOT / "core" / "spherecal_documents" / "report"
 
 
 @dataclass(frozen=True)
@@ -40,13 +41,13 @@ def phrases_in_code() -> list[Made]:
         keys = module.strings(call.args[0])
         if module.name != _OF_ANY_KEY or keys != {"*"}:
             found.append(Made(f"{module.name}:{call.lineno}", keys, values=values))
-    for module, call in _calls("label", (ENGINE / "report",)):  # a phrase in the report's language
+    for module, call in _calls("label", (_REPORT,)):  # a phrase in the report's language
         if module.name == _OF_ANY_KEY:
             continue
         names = [one.arg for one in call.keywords]
         values = None if None in names else frozenset(map(str, names))
         found.append(Made(f"{module.name}:{call.lineno}", module.strings(call.args[0]), values=values))
-    for module, call in _calls("word", (ENGINE / "report",)):
+    for module, call in _calls("word", (_REPORT,)):
         found.append(Made(f"{module.name}:{call.lineno}", module.strings(call.args[0]), values=frozenset()))
     return found
 

@@ -177,7 +177,7 @@ def test_kernels_find_room_where_program_and_home_are_read_only(tmp_path: Path) 
     if os.geteuid() == 0 and not shutil.which("setpriv"):
         pytest.skip("needs setpriv to stop being root")
     package = tmp_path / "installed"
-    shutil.copytree(ROOT / "core" / "spherecal", package / "spherecal", ignore=shutil.ignore_patterns("__pycache__"))
+    shutil.copytree(ROOT / "core", package, ignore=shutil.ignore_patterns("__pycache__"))
     for path in (package, *package.rglob("*")):
         path.chmod(0o555 if path.is_dir() else 0o444)
     for path in (tmp_path, *tmp_path.parents):

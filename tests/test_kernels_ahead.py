@@ -73,7 +73,7 @@ def package(tmp_path_factory: pytest.TempPathFactory) -> Path:
     if not sys.platform.startswith("linux") or not shutil.which("g++") or not (include / "Python.h").is_file():
         pytest.skip("needs Linux, g++ and Python's headers")
     folder = tmp_path_factory.mktemp("ahead")
-    for name in ("spherecal", "spherecal_sim"):
+    for name in [path.name for path in (ROOT / "core").glob("spherecal*")]:
         leave = shutil.ignore_patterns("__pycache__")
         shutil.copytree(ROOT / "core" / name, folder / "core" / name, ignore=leave)
     done = run(SAMPLE, folder, NUMBA_CACHE_DIR=str(folder / "cache"))

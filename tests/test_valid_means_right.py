@@ -1,14 +1,16 @@
 """Wrong recordings never end VALID: repaired and right, to be used with care within what is stated, or not valid."""
 
 import json
-from collections.abc import Callable
 from dataclasses import replace
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
+from conftest import ROOT
 
+import spherecal.calibrate as method
 from spherecal.base.errors import InputError
 from spherecal.calibrate import calibrate
 from spherecal.data.findings import AdvisedRepair, Finding, as_written
@@ -20,7 +22,7 @@ from spherecal.diagnose.plausibility import implausible
 from spherecal.files.rig_file import read_rig
 from spherecal.files.write_result import write_result
 from spherecal.geometry.transform import fit_similarity
-from spherecal.steps.automatic_repairs import edited_where_certain, most_wrong, ways
+from spherecal.steps.automatic_repairs import most_wrong, ways
 from spherecal.steps.repairs import Repairs, repaired
 from spherecal.steps.settings import CalibrationSettings
 from spherecal.verify.bars import VerifySettings, verify
@@ -59,12 +61,14 @@ AS_RECORDED = CalibrationSettings(repair_by_itself=False)
 def as_recorded_and_repaired(session: Session) -> tuple[Calibration, Calibration]:
     """The calibration of a session as it was recorded, with which the repairs begin, and the one with them."""
     runs: list[Calibration] = []
+    solve = method._solve
 
-    def noted(some: Session, run: Callable[[Session], Calibration]) -> Calibration:
-        return edited_where_certain(some, lambda one: runs.append(run(one)) or runs[-1])
+    def noted(*arguments: Any) -> Calibration:
+        runs.append(solve(*arguments))
+        return runs[-1]
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("spherecal.calibrate.edited_where_certain", noted)
+        patch.setattr(method, "_solve", noted)
         done = calibrate(session)
     return runs[0], done
 
@@ -349,7 +353,8 @@ def test_normal_rigs_are_valid_and_nothing_is_amber(rig: str, options: dict[str,
 
 
 def test_every_code_of_the_engine_has_its_row() -> None:
-    made = findings_in_code(ENGINE / "scale" / "stored_ball.py", ENGINE / "diagnose", ENGINE / "methods")
+    boards = ROOT / "core" / "spherecal_boards"
+    made = findings_in_code(ENGINE / "scale" / "stored_ball.py", ENGINE / "diagnose", boards)
     written = {code for one in made if one.severities & {"warning", "error"} for code in one.codes if "-" in code}
     written -= {"form-rigid"}  # made with the other forms, and never a warning
     assert len(written) > 30 and written <= set(RULES), written - set(RULES)

@@ -107,7 +107,7 @@ def digest(cameras: Sequence[CameraSpec], observations: Observations, target_set
     o = observations
     sha = hashlib.sha256(repr((o.placements, o.cameras, o.points)).encode())
     for values in (o.placement, o.camera, o.target, o.point, o.uv, *(() if o.sigma is None else (o.sigma,))):
-        sha.update(np.ascontiguousarray(values))
+        sha.update(values.tobytes())
     for camera in cameras:
         lens = f"{camera.intrinsics_group} {camera.lens_model} {camera.prior.tolist()}"
         sha.update(f"{camera.id} {camera.image_size} {lens}".encode())

@@ -510,7 +510,7 @@ def kernels_compiled(beside: str) -> Iterator[None]:
     drop_kernels()
     say(f"Compiling the kernels beside {beside}")
     paths = os.pathsep.join([str(ROOT / "core"), str(ROOT)])
-    command: list[str | Path] = [PYTHON, "-m", "spherecal.cli.main", "compile-kernels"]
+    command: list[str | Path] = [PYTHON, "-m", "spherecal_app.cli.main", "compile-kernels"]
     with tempfile.TemporaryFile("w+") as printed:
         process = subprocess.Popen(
             [str(part) for part in command],

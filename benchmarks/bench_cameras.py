@@ -22,8 +22,8 @@ import numpy as np
 from camera_rig import rig
 from figures import Figures
 
-from spherecal.cameras.producer.control import ProducerControl, simulated_cameras
-from spherecal.cameras.protocol import CameraSettings, CaptureRequest
+from spherecal_cameras.protocol import CameraSettings, CaptureRequest
+from spherecal_gentl.producer.control import ProducerControl, simulated_cameras
 
 PERIOD_S = 0.016
 GOAL_P95_MS, GOAL_MAX_MS = 5.0, 20.0
@@ -120,9 +120,9 @@ def in_process(cameras: int, seconds: float, rate_hz: float) -> dict[str, Any]:
     """The plain way: Harvesters in this process, one fetching thread a camera, default time-outs."""
     from harvesters.core import Harvester
 
-    from spherecal.cameras.gentl.features import NodeFeatures
-    from spherecal.cameras.gentl.setup import set_up
-    from spherecal.cameras.producer.build import build_producer
+    from spherecal_cameras.genicam.features import NodeFeatures
+    from spherecal_cameras.genicam.setup import set_up
+    from spherecal_gentl.producer.build import build_producer
 
     harvester, stop, counts = Harvester(), threading.Event(), [0] * cameras
     harvester.add_file(str(build_producer()))

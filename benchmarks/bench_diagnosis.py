@@ -23,7 +23,7 @@ from spherecal.calibrate import calibrate
 from spherecal.data.session import Session
 from spherecal.diagnose import checks
 from spherecal.files.read_session import read_session
-from spherecal.methods import ball_model, sphere
+from spherecal_boards import ball_model, sphere
 from spherecal_sim.session import simulate_session
 from spherecal_sim.truth import SimulationOptions
 

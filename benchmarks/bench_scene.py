@@ -48,8 +48,8 @@ def main() -> None:
 
 def rig() -> Any:
     """Twelve cameras in two rings around four balls."""
-    from spherecal.report.rig_view import CameraShape, DrawnPlacement, DrawnRig
-    from spherecal_scene.model import SceneData
+    from spherecal_documents.report.rig_view import CameraShape, DrawnPlacement, DrawnRig
+    from spherecal_documents.scene.model import SceneData
 
     rng = np.random.default_rng(1)
     cameras = []
@@ -86,7 +86,7 @@ def rig() -> Any:
 
 
 def _shown(view: Any) -> Any:
-    from spherecal_scene.shapes import LAYERS
+    from spherecal_documents.scene.shapes import LAYERS
 
     view.resize(*SIZE)
     view.show_scene(rig())

@@ -57,7 +57,7 @@ def state(temporary: Path) -> State:
 
 def command(*words: object) -> None:
     """A command in this process, silent; RuntimeError where it fails."""
-    from spherecal.cli.main import main
+    from spherecal_app.cli.main import main
 
     with open(os.devnull, "w", encoding="utf-8") as nowhere, redirect_stdout(nowhere), redirect_stderr(nowhere):
         code = main([str(word) for word in words])
@@ -104,9 +104,9 @@ def window_maker(home: Path) -> Callable[[], None]:
 
 def looker() -> Callable[[], None]:
     """Looks for targets in a live image of the ball, each with noise of its own."""
-    from spherecal.cameras.simulated.draw import digitise
-    from spherecal.cameras.simulated.stage import Stage, StageView
     from spherecal.targets.detection import Detector
+    from spherecal_cameras.simulated.draw import digitise
+    from spherecal_cameras.simulated.stage import Stage, StageView
 
     stage = Stage("demo")
     assert stage.session.target_set is not None

@@ -148,8 +148,8 @@ def overlay(options: argparse.Namespace, home: Path) -> dict[str, object]:
 
 def _still_source() -> Any:
     """12 cameras whose images come from memory: what is measured is the window, not a camera."""
-    from spherecal.cameras.in_process import InProcessSource
-    from spherecal.cameras.protocol import CameraInfo, CameraSettings, Frame
+    from spherecal_cameras.in_process import InProcessSource
+    from spherecal_cameras.protocol import CameraInfo, CameraSettings, Frame
 
     class StillSource(InProcessSource):
         kind = "replay"
@@ -183,8 +183,8 @@ def _connect(window: Any, source: Any) -> None:
     """Hand the window a source that is open, as connecting would."""
     from dataclasses import replace
 
-    from spherecal.cameras.capture import SessionCamera
-    from spherecal.cameras.plan import CapturePlan
+    from spherecal_cameras.capture import SessionCamera
+    from spherecal_cameras.plan import CapturePlan
     from spherecal_gui.project import Artefacts, Project
     from spherecal_gui.project_folder import save_project
     from spherecal_gui.tasks.live import Connection, LiveView

@@ -1,6 +1,6 @@
 """Faults of simulated cameras behind the real Harvesters path: each is injected, seen, healed and timed.
 
-For tests, studies and benchmarks of spherecal.cameras; needs the simulated producer (a C++ compiler).
+For tests, studies and benchmarks of spherecal_cameras; needs the simulated producer (a C++ compiler).
 """
 
 import os
@@ -10,10 +10,10 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 
-from spherecal.cameras.gentl.source import GenicamSource
-from spherecal.cameras.producer import control
-from spherecal.cameras.producer.control import ProducerControl, SimulatedCamera
-from spherecal.cameras.protocol import CameraSettings, CaptureRequest, EventKind
+from spherecal_cameras.genicam.source import GenicamSource
+from spherecal_cameras.protocol import CameraSettings, CaptureRequest, EventKind
+from spherecal_gentl.producer import control
+from spherecal_gentl.producer.control import ProducerControl, SimulatedCamera
 
 TIMEOUT_S = 0.4
 LIMIT_S = 15.0

@@ -6,10 +6,10 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 
-from spherecal.cameras.gentl.source import GenicamSource
-from spherecal.cameras.gige.control import GigeCamera, GigeRig
-from spherecal.cameras.producer.build import DISCOVERY_VARIABLE, build_producer
-from spherecal.cameras.protocol import CameraSettings, CameraState, CaptureRequest, FrameSet
+from spherecal_cameras.genicam.source import GenicamSource
+from spherecal_cameras.protocol import CameraSettings, CameraState, CaptureRequest, FrameSet
+from spherecal_gentl.gige.control import GigeCamera, GigeRig
+from spherecal_gentl.producer.build import DISCOVERY_VARIABLE, build_producer
 
 TIMEOUT_S = 0.6
 LIMIT_S = 20.0

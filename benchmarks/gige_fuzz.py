@@ -20,8 +20,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from benchmarks.gige_sanitized import built
-from spherecal.cameras.gige.control import GigeCamera, GigeRig
-from spherecal.cameras.gige.gvcp import search
+from spherecal_gentl.gige.control import GigeCamera, GigeRig
+from spherecal_gentl.gige.gvcp import search
 
 MINUTES, SEED = 10.0, 24
 BURST_S, LIMIT_S = 15.0, 60.0

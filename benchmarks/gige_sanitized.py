@@ -13,11 +13,11 @@ import time
 from pathlib import Path
 
 from spherecal.base.resources import cache_folder
-from spherecal.cameras.gige.control import GigeCamera, GigeRig
-from spherecal.cameras.producer.build import aravis_flags
+from spherecal_gentl.gige.control import GigeCamera, GigeRig
+from spherecal_gentl.producer.build import aravis_flags
 
 _HERE = Path(__file__).resolve().parent
-_PRODUCER = _HERE.parent / "core/spherecal/cameras/producer"
+_PRODUCER = _HERE.parent / "core/spherecal_gentl/producer"
 _CYCLES, _FRAMES = "4", "15"
 _PLUGGED_S, _UNPLUGGED_S, _LIMIT_S = 1.0, 2.5, 600.0
 # What these libraries keep for the life of a program, and their own locks, which the thread sanitizer does not know.

@@ -7,10 +7,10 @@ scheduled action command.
 import os
 import statistics
 
-from spherecal.cameras.gentl.source import GenicamSource
-from spherecal.cameras.gige.control import GigeCamera, GigeRig
-from spherecal.cameras.producer.build import DISCOVERY_VARIABLE, build_producer
-from spherecal.cameras.protocol import CameraSettings, CaptureRequest, TriggerMode
+from spherecal_cameras.genicam.source import GenicamSource
+from spherecal_cameras.protocol import CameraSettings, CaptureRequest, TriggerMode
+from spherecal_gentl.gige.control import GigeCamera, GigeRig
+from spherecal_gentl.producer.build import DISCOVERY_VARIABLE, build_producer
 
 _CAMERAS, _SETTLING, _SETS = 6, 5, 20
 

@@ -16,11 +16,11 @@ from PySide6.QtCore import QCoreApplication, Qt
 from PySide6.QtWidgets import QApplication
 
 from spherecal.base.context import Context
-from spherecal.cameras.gige.control import GigeCamera, GigeRig
-from spherecal.cameras.producer.build import DISCOVERY_VARIABLE, build_producer
-from spherecal.cameras.producer.feed import SessionScenes
-from spherecal.cli.gige import show
-from spherecal.cli.main import main as spherecal
+from spherecal_app.cli.gige import show
+from spherecal_app.cli.main import main as spherecal
+from spherecal_gentl.gige.control import GigeCamera, GigeRig
+from spherecal_gentl.producer.build import DISCOVERY_VARIABLE, build_producer
+from spherecal_gentl.producer.feed import SessionScenes
 from spherecal_gui.wizard.window import WizardWindow
 from spherecal_sim.render_session import demo_session
 

@@ -14,8 +14,8 @@ from spherecal.data.recording import Recording
 from spherecal.data.session import Session
 from spherecal.initialise.incremental import grow
 from spherecal.initialise.local import reconstruct_locally
-from spherecal.methods.settings import CalibrationSettings
-from spherecal.methods.sphere import describe_network
+from spherecal.steps.settings import CalibrationSettings
+from spherecal.steps.start_values import describe_network
 from spherecal_sim.session import simulate_session
 
 SEED = 1

@@ -8,8 +8,8 @@ import tempfile
 import time
 from pathlib import Path
 
-from spherecal.cli.main import main
-from spherecal.report.pictures import save_pictures
+from spherecal_app.cli.main import main
+from spherecal_documents.report.pictures import save_pictures
 from spherecal_sim.render_session import demo_session
 
 PICTURES = Path(__file__).parent / "pictures"

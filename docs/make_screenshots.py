@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from spherecal.cameras.simulated.stage import Vector
+    from spherecal_cameras.simulated.stage import Vector
 
 SIZE = (1280, 800)
 SIZES = (SIZE, (1920, 1080), (2560, 1440))
@@ -433,7 +433,7 @@ def _camera(p: Photographer) -> None:
 
 
 def _lose(p: Photographer, camera: str, shown: Callable[[], bool]) -> None:
-    from spherecal.cameras.simulated.faults import SimulatedFault
+    from spherecal_cameras.simulated.faults import SimulatedFault
 
     p.window.controller.cameras.connection.source.inject(SimulatedFault("lose", camera))
     p.wait(shown)

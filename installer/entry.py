@@ -17,7 +17,7 @@ def main() -> int:
     if arguments[:2] == ["-m", "spherecal_gui"]:  # what the command line runs with sys.executable
         arguments = arguments[2:]
     elif arguments and not Path(sys.argv[0]).stem.endswith("-gui"):
-        from spherecal.cli.main import entry as command
+        from spherecal_app.cli.main import entry as command
 
         return command()
     sys.argv = [sys.argv[0], *opened(arguments)]

@@ -2,7 +2,7 @@
 
 python3 installer/kernels.py FOLDER: a folder `_kernels` in FOLDER for spherecal/base/kernels.py, with kernels.json and
 one library for every kind of processor. Which functions for which types is found out by calling them
-(spherecal/cli/kernel_trial.py). Needs gcc, g++ and Python's headers.
+(spherecal_app/cli/kernel_trial.py). Needs gcc, g++ and Python's headers.
 """
 
 import argparse
@@ -157,7 +157,7 @@ def _named(node: ast.AST) -> Iterator[tuple[str | None, str]]:
 
 def find(output: Path) -> None:
     """Run the trial; the types that each kernel was called with."""
-    from spherecal.cli.kernel_trial import run_all
+    from spherecal_app.cli.kernel_trial import run_all
 
     with tempfile.TemporaryDirectory() as folder:
         run_all(Path(folder))

@@ -7,9 +7,9 @@ from spherecal.base.errors import InputError
 from spherecal.base.filesystem import read_below, write_below
 from spherecal.base.messages.values import Phrase
 from spherecal.files.write_result import RESIDUAL_COLUMNS, SPHERE_COLUMNS
-from spherecal.profile.entry import FILES, RIG_FILE
-from spherecal.profile.store import Profile, is_profile, open_profile
 from spherecal_gui.project import Verdict
+from spherecal_rigs.entry import FILES, RIG_FILE
+from spherecal_rigs.store import Profile, is_profile, open_profile
 
 _MOST_BYTES = 64 << 20
 _OF_OTHERS = ("verification.json", "bars.csv", "targets.json")  # of the verification before; of the session
@@ -19,18 +19,6 @@ def result_of(profile: Path, result: Path) -> tuple[str, Verdict]:
     """Write the calibration in use of a profile as a result folder; its number and verdict.
 
     The profile keeps no residuals and no spheres: these tables are empty.
-
-    Parameters
-    ----------
-    profile
-        The rig's profile.
-    result
-        The folder to write; it is made where it is not there.
-
-    Raises
-    ------
-    InputError
-        Where no calibration is in use, or a file was changed since it was saved.
     """
     kept = open_profile(profile)
     number, entry = kept.active_id, kept.active
@@ -47,15 +35,7 @@ def result_of(profile: Path, result: Path) -> tuple[str, Verdict]:
 
 
 def number_of(profile: Path, result: Path) -> str | None:
-    """The number of the calibration in use where it is that of a result folder; None where it is another.
-
-    Parameters
-    ----------
-    profile
-        The rig's profile; it may not be there.
-    result
-        The result folder.
-    """
+    """The number of the calibration in use where it is that of a result folder; None where it is another."""
     if not is_profile(profile):
         return None
     kept: Profile = open_profile(profile)

@@ -40,21 +40,7 @@ LAST_VERIFICATION = FileFormat(
 def keep_verification(profile: Path, calibration: str, verdict: Verdict, now: datetime | None = None) -> None:
     """Write it, whole.
 
-    Parameters
-    ----------
-    profile
-        The rig's profile.
-    calibration
-        Number of the calibration that was verified.
-    verdict
-        What came out.
-    now
-        When; None: at this moment.
-
-    Raises
-    ------
-    OutputError
-        Where the disk refuses.
+    `now` None: at this moment.
     """
     at = (now or datetime.now(UTC)).astimezone(UTC).replace(microsecond=0)
     document = LAST_VERIFICATION.document(LastVerification(calibration, at, verdict))
@@ -64,12 +50,7 @@ def keep_verification(profile: Path, calibration: str, verdict: Verdict, now: da
 def last_verification(profile: Path, calibration: str | None) -> LastVerification | None:
     """The last verification, if it was of this calibration; None where there is none that can be read.
 
-    Parameters
-    ----------
-    profile
-        The rig's profile.
-    calibration
-        Number of the calibration in use; None: none is.
+    `calibration` None: none is.
     """
     if calibration is None or not is_plain_file_below(profile, FILE):
         return None

@@ -1,6 +1,6 @@
 """The limits in use: read when the window is made, taken over when the responsible person changes them."""
 
-from spherecal.profile.limits_file import Limits
+from spherecal_rigs.limits_file import Limits
 
 _now = [Limits()]
 

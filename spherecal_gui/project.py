@@ -198,28 +198,12 @@ class Project:
 
 
 def with_cameras(project: Project, cameras: tuple[str, ...]) -> Project:
-    """The cameras chosen; those of a project that has sets stay as they are.
-
-    Parameters
-    ----------
-    project
-        The project.
-    cameras
-        Their serial numbers.
-    """
+    """The cameras chosen; those of a project that has sets stay as they are."""
     return project if project.taken else replace(project, cameras=cameras)
 
 
 def with_artefacts(project: Project, artefacts: Artefacts) -> Project:
-    """What is on the bench, confirmed.
-
-    Parameters
-    ----------
-    project
-        The project.
-    artefacts
-        What somebody has confirmed.
-    """
+    """What is on the bench, confirmed."""
     return replace(project, artefacts=artefacts)
 
 
@@ -233,16 +217,7 @@ def with_set(
 ) -> Project:
     """A set was taken (or taken again) at this moment; what was to be mended about the one before is past.
 
-    Parameters
-    ----------
-    project
-        The project.
-    name
-        Id of the set.
-    taken
-        The moment.
-    flaws
-        The cameras that are missing in it, or that saw it move; None: nothing is wrong.
+    `flaws` None: nothing is wrong.
     """
     again = project.taken.get(name, taken) != taken
     repairs = tuple(one for one in project.repairs if not (again and repaired_set(one[1]) == name))
@@ -251,29 +226,13 @@ def with_set(
 
 
 def with_moved(project: Project, cameras: tuple[str, ...]) -> Project:
-    """These cameras count as they stand now: what was taken before shows them where they were.
-
-    Parameters
-    ----------
-    project
-        The project.
-    cameras
-        The cameras.
-    """
+    """These cameras count as they stand now: what was taken before shows them where they were."""
     own = tuple(Flaw(name, at, "moved since", cameras) for name, at in project.taken.items())
     return replace(project, flaws=(*project.flaws, *own)) if cameras else project
 
 
 def with_kept(project: Project, name: str) -> Project:
-    """Somebody keeps a set as it is, with what is wrong with it.
-
-    Parameters
-    ----------
-    project
-        The project.
-    name
-        Id of the set.
-    """
+    """Somebody keeps a set as it is, with what is wrong with it."""
     mine = project.flaws_of(name)
     return replace(project, flaws=tuple(replace(one, kept=True) if one in mine else one for one in project.flaws))
 
@@ -286,15 +245,7 @@ def repaired_set(value: str) -> str | None:
 
 
 def without_set(project: Project, name: str) -> Project:
-    """A set was deleted; it stays planned.
-
-    Parameters
-    ----------
-    project
-        The project.
-    name
-        Id of the set.
-    """
+    """A set was deleted; it stays planned."""
     return replace(project, taken={key: value for key, value in project.taken.items() if key != name})
 
 
@@ -305,30 +256,14 @@ def with_another_placement(project: Project) -> Project:
 
 
 def without_placement(project: Project, name: str) -> Project:
-    """A placement that was not taken is no longer planned; no fewer are planned than a calibration needs.
-
-    Parameters
-    ----------
-    project
-        The project.
-    name
-        Id of the placement.
-    """
+    """A placement that was not taken is no longer planned; no fewer are planned than a calibration needs."""
     if name in project.taken or len(project.placements) <= FEW_PLACEMENTS:
         return project
     return replace(project, placements=tuple(one for one in project.placements if one != name))
 
 
 def with_calibration(project: Project, verdict: Verdict) -> Project:
-    """A calibration of the present inputs was finished.
-
-    Parameters
-    ----------
-    project
-        The project.
-    verdict
-        What came out.
-    """
+    """A calibration of the present inputs was finished."""
     return _succeeded(replace(project, calibrated=Computation(project.calibration_inputs, verdict)), "calibrate")
 
 
@@ -338,41 +273,17 @@ def with_accepted(project: Project) -> Project:
 
 
 def with_verification(project: Project, verdict: Verdict) -> Project:
-    """A verification of the present inputs was finished.
-
-    Parameters
-    ----------
-    project
-        The project.
-    verdict
-        What came out.
-    """
+    """A verification of the present inputs was finished."""
     return _succeeded(replace(project, verified=Computation(project.verification_inputs, verdict)), "verify")
 
 
 def with_check(project: Project, verdict: Verdict) -> Project:
-    """A check of the present inputs was finished.
-
-    Parameters
-    ----------
-    project
-        The project.
-    verdict
-        What came out.
-    """
+    """A check of the present inputs was finished."""
     return _succeeded(replace(project, checked=Computation(project.check_inputs, verdict)), "check")
 
 
 def with_poses(project: Project, poses: tuple[tuple[str, str], ...]) -> Project:
-    """Other poses of the check bars are planned; those that were taken stay.
-
-    Parameters
-    ----------
-    project
-        The project.
-    poses
-        Ids of the poses, each with its bar's id.
-    """
+    """Other poses of the check bars are planned; those that were taken stay."""
     ids = [pose for pose, _ in poses]
     kept = tuple(pose for pose in project.check_poses if pose in project.taken and pose not in ids)
     bars = tuple(one for one in project.pose_bars if one[0] in kept)
@@ -380,40 +291,19 @@ def with_poses(project: Project, poses: tuple[tuple[str, str], ...]) -> Project:
 
 
 def with_limit(project: Project, limit: str) -> Project:
-    """Length errors are judged by this limit, or by their own uncertainty where it is empty.
-
-    Parameters
-    ----------
-    project
-        The project.
-    limit
-        The limit, as A+L/K; empty: none.
-    """
+    """Length errors are judged by this limit, or by their own uncertainty where it is empty."""
     return replace(project, limit=limit)
 
 
 def with_note(project: Project, note: str) -> Project:
-    """By whom it was made, and why.
-
-    Parameters
-    ----------
-    project
-        The project.
-    note
-        What the operator has written.
-    """
+    """By whom it was made, and why."""
     return replace(project, note=note)
 
 
 def with_bar_temperature(project: Project, celsius: float | None) -> Project:
     """The bars' temperature was read.
 
-    Parameters
-    ----------
-    project
-        The project.
-    celsius
-        The temperature; None: it is not known.
+    `celsius` None: it is not known.
     """
     return replace(project, bar_celsius=celsius)
 
@@ -421,14 +311,7 @@ def with_bar_temperature(project: Project, celsius: float | None) -> Project:
 def with_mask(project: Project, camera: str, rectangle: Rectangle) -> Project:
     """One more part of a camera's image in which nothing is a target.
 
-    Parameters
-    ----------
-    project
-        The project.
-    camera
-        The camera.
-    rectangle
-        Left, top, width and height of the part, px.
+    `rectangle`: left, top, width and height of the part, px.
     """
     return replace(project, masks=(*project.masks, (camera, rectangle)))
 
@@ -436,12 +319,7 @@ def with_mask(project: Project, camera: str, rectangle: Rectangle) -> Project:
 def without_masks(project: Project, camera: str | None = None) -> Project:
     """Without the masks of a camera, or without any.
 
-    Parameters
-    ----------
-    project
-        The project.
-    camera
-        The camera; None: all.
+    `camera` None: all.
     """
     return replace(project, masks=tuple(one for one in project.masks if camera not in (None, one[0])))
 
@@ -452,15 +330,7 @@ def without_last_mask(project: Project) -> Project:
 
 
 def with_repaired(project: Project, verdict: Verdict) -> Project:
-    """The cameras that a check found moved were recalibrated.
-
-    Parameters
-    ----------
-    project
-        The project.
-    verdict
-        The verdict on the calibration with these cameras placed again.
-    """
+    """The cameras that a check found moved were recalibrated."""
     inputs = (("check", fingerprint(project.checked)),)
     return _succeeded(replace(project, repaired=Computation(inputs, verdict)), "check")
 
@@ -485,62 +355,24 @@ def saved_inputs(project: Project) -> tuple[tuple[str, str], ...]:
 
 
 def with_repair(project: Project, option: str, value: str) -> Project:
-    """A repair is asked for; one that is there already stays as it is.
-
-    Parameters
-    ----------
-    project
-        The project.
-    option
-        The option of the command line, such as `--leave-out`.
-    value
-        What it is given, such as `C05@P3`.
-    """
+    """A repair is asked for; one that is there already stays as it is."""
     if (option, value) in project.repairs:
         return project
     return replace(project, repairs=(*project.repairs, (option, value)))
 
 
 def without_repair(project: Project, option: str, value: str) -> Project:
-    """A repair is taken back.
-
-    Parameters
-    ----------
-    project
-        The project.
-    option
-        The option of the command line.
-    value
-        What it was given.
-    """
+    """A repair is taken back."""
     return replace(project, repairs=tuple(one for one in project.repairs if one != (option, value)))
 
 
 def with_failure(project: Project, step: str, text: str) -> Project:
-    """The work of a step ended with an error.
-
-    Parameters
-    ----------
-    project
-        The project.
-    step
-        Id of the step.
-    text
-        The error, in plain words.
-    """
+    """The work of a step ended with an error."""
     return replace(project, failures={**project.failures, step: text})
 
 
 def without_failure(project: Project, step: str) -> Project:
-    """The work of a step is tried again.
-
-    Parameters
-    ----------
-    project
-        The project.
-    step
-        Id of the step.
-    """
+    """The work of a step is tried again."""
     return _succeeded(project, step)
 
 

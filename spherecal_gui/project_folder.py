@@ -49,7 +49,7 @@ from spherecal_gui.project import Artefacts, Computation, Flaw, FlawCode, Projec
 PROFILE, TRAINING_PROFILE = "rig-profile", "training-profile"
 FILE = "wizard.json"
 _FOLDERS = ("result", "repair", "verification", "placements", "bars", "removed", "wizard")
-CAPTURE = "capture.json"  # spherecal.cameras.capture, which takes a second to import
+CAPTURE = "capture.json"  # spherecal_cameras.capture, which takes a second to import
 _MOST_BYTES = 64 << 20
 
 Document = dict[str, Any]  # a JSON object, such as session.json: json itself gives Any
@@ -250,17 +250,7 @@ def _as_on_disk(project: Project) -> Project:
 
 
 def new_folder(parent: Path, now: datetime, purpose: str = "calibration") -> Path:
-    """A folder that is not there yet, named by what it is for, the day and the time.
-
-    Parameters
-    ----------
-    parent
-        Where projects are kept.
-    now
-        The day and the time.
-    purpose
-        What it is for; its name begins so.
-    """
+    """A folder that is not there yet, named by what it is for, the day and the time."""
     base = parent / f"{purpose}-{now:%Y-%m-%d-%H%M}"
     folder, number = base, 2
     while folder.exists():
@@ -272,20 +262,7 @@ _BOARD_PLACEMENTS = 12  # each of six cameras around a volume then sees the boar
 
 
 def write_bench(projects: Path, board: Mapping[str, object]) -> Path:
-    """The description of a bench with nothing but a board on it, among the projects; one file for each board.
-
-    Parameters
-    ----------
-    projects
-        Where projects are kept.
-    board
-        The board as session.json has it.
-
-    Raises
-    ------
-    OutputError
-        Where it cannot be written.
-    """
+    """The description of a bench with nothing but a board on it, among the projects; one file for each board."""
     placements = [{"id": f"P{number:02d}"} for number in range(1, _BOARD_PLACEMENTS + 1)]
     document = {"format": "spherecal/session", "version": 1, "board": dict(board), "placements": placements}
     data = json.dumps(document, indent=1).encode()
@@ -313,15 +290,7 @@ def discard(folder: Path) -> None:
 
 
 def recent_projects(parent: Path, most: int = 8) -> list[Path]:
-    """The projects in a folder, the newest first; unreadable ones are left out.
-
-    Parameters
-    ----------
-    parent
-        Where projects are kept.
-    most
-        How many to list at most.
-    """
+    """The projects in a folder, the newest first; unreadable ones are left out."""
     try:
         found = [path.parent for path in parent.glob(f"*/{FILE}")]
         there = [folder for folder in found if is_project(folder)]  # a link to nowhere hides no other project

@@ -20,11 +20,11 @@ from spherecal.base.filesystem import (
 )
 from spherecal.base.interrupts import uninterrupted
 from spherecal.base.messages.values import Phrase
-from spherecal.cameras.averaging import Stillness
-from spherecal.cameras.capture import SessionCamera, SessionFolder
-from spherecal.cameras.plan import CapturePlan, PlannedSet
-from spherecal.cameras.protocol import CameraSource, FrameSet
 from spherecal.files.target_set_file import target_set_bytes
+from spherecal_cameras.averaging import Stillness
+from spherecal_cameras.capture import SessionCamera, SessionFolder
+from spherecal_cameras.plan import CapturePlan, PlannedSet
+from spherecal_cameras.protocol import CameraSource, FrameSet
 from spherecal_gui.project_folder import Document
 
 _REMOVED = "removed"
@@ -79,12 +79,7 @@ class RecordedSession(SessionFolder):
     def plan_anew(self, set_id: str, temperature_c: float | None) -> None:
         """The set is to be taken (again), the bar being as warm as this.
 
-        Parameters
-        ----------
-        set_id
-            The set.
-        temperature_c
-            The bar's temperature; None: it is not known.
+        `temperature_c` None: it is not known.
         """
         sets = tuple(replace(one, temperature_c=temperature_c) if one.id == set_id else one for one in self.plan.sets)
         self.plan = replace(self.plan, sets=sets)
@@ -110,19 +105,7 @@ class RecordedSession(SessionFolder):
     def add(self, planned: PlannedSet, taken: FrameSet, stillness: Mapping[str, Stillness] | None = None) -> None:
         """Write a set; one of the same id that was there is put aside first, and back where the new one fails.
 
-        Parameters
-        ----------
-        planned
-            The set, as it is planned.
-        taken
-            What the cameras delivered.
-        stillness
-            By serial number how much the scene moved; None: not tested.
-
-        Raises
-        ------
-        OutputError
-            Where the disk refuses; the set that was there is brought back.
+        `stillness` None: not tested.
         """
         if planned.id not in self._images:
             super().add(planned, taken, stillness)
@@ -138,21 +121,7 @@ class RecordedSession(SessionFolder):
         remove_below(self.folder, marker)
 
     def remove(self, set_id: str, retaking: bool = False) -> None:
-        """Put a set aside, images and all; `undo` brings the last one back.
-
-        Parameters
-        ----------
-        set_id
-            The set; one that was not taken is left as it is.
-        retaking
-            It is being taken again. This is noted, so that it comes back if the program ends before the new one is
-            there.
-
-        Raises
-        ------
-        OutputError
-            Where the disk refuses.
-        """
+        """Put a set aside, images and all; `undo` brings the last one back."""
         entry = next((one for one in self._sets if one["id"] == set_id), None)
         if entry is None:
             return

@@ -60,13 +60,7 @@ def worst(levels: Iterable[Level]) -> Level:
 
 
 def worse(one: Level, other: Level) -> bool:
-    """Whether a level is worse than another.
-
-    Parameters
-    ----------
-    one, other
-        The levels.
-    """
+    """Whether a level is worse than another."""
     return _RANK.index(one) > _RANK.index(other)
 
 
@@ -82,20 +76,7 @@ def stand(
 
     Of parts that are equally bad the page's own comes first, then the step's.
 
-    Parameters
-    ----------
-    own
-        The page's headline.
-    step
-        What the step's status says.
-    troubles
-        What is wrong elsewhere, such as lost cameras.
-    button
-        The page's large button; None: it has none.
-    may_go_on
-        The next step is open.
-    alarmed
-        A red message is on the screen; then nothing is green and nothing goes on by itself.
+    `button` None: it has none.
     """
     parts = (own, step, *troubles)
     level = worst(part.level for part in parts)
@@ -112,15 +93,7 @@ def _default(level: Level, button: Button | None, may_go_on: bool) -> Default:
 
 
 def status_shown(status: Status, level: Level) -> Status:
-    """How the rail draws the current step: its status, unless the state of the page is worse.
-
-    Parameters
-    ----------
-    status
-        The step's status.
-    level
-        State of its page.
-    """
+    """How the rail draws the current step: its status, unless the state of the page is worse."""
     if status in (Status.BLOCKED, Status.RUNNING) or not worse(level, level_of(status)):
         return status
     if level == "bad":
@@ -131,16 +104,7 @@ def status_shown(status: Status, level: Level) -> Status:
 def camera_level(lost: bool, connected: bool, kind: StepKind | None, live: bool) -> Level:
     """The colour of the chip with the cameras: red only where the page needs them, and never greener than the page.
 
-    Parameters
-    ----------
-    lost
-        Whether a camera sends no images.
-    connected
-        Whether the cameras are open.
-    kind
-        The kind of the page's step; None: no project is open.
-    live
-        Whether the cameras are real; simulated and recorded ones are never green.
+    `kind` None: no project is open.
     """
     if (lost or not connected) and (kind is None or kind in NEEDS_CAMERAS):
         return "bad"

@@ -10,7 +10,7 @@ from spherecal_gui import languages
 from spherecal_gui.workflow import Reason, Status, Step
 
 if TYPE_CHECKING:  # the window is shown before cameras are loaded
-    from spherecal.cameras.protocol import CameraStatus
+    from spherecal_cameras.protocol import CameraStatus
 
 translate = QCoreApplication.translate
 

@@ -110,15 +110,7 @@ def pt(size: float) -> float:
 
 
 def font(size: float, bold: bool = False) -> QFont:
-    """The window's font in this size.
-
-    Parameters
-    ----------
-    size
-        Points, before the mode for reading from afar makes them more.
-    bold
-        The semibold that is shipped.
-    """
+    """The window's font in this size."""
     made = _fonts.get((size, bold))
     if made is None:
         made = _fonts[size, bold] = QFont(QApplication.font())
@@ -128,15 +120,7 @@ def font(size: float, bold: bool = False) -> QFont:
 
 
 def mixed(first: str, second: str, share: float) -> str:
-    """The colour between two, as `#rrggbb`.
-
-    Parameters
-    ----------
-    first, second
-        The two colours.
-    share
-        Share of the second, from 0 to 1.
-    """
+    """The colour between two, as `#rrggbb`."""
     a, b = QColor(first), QColor(second)
     parts = zip((a.red(), a.green(), a.blue()), (b.red(), b.green(), b.blue()), strict=True)
     return "#" + "".join(f"{round(x + share * (y - x)):02x}" for x, y in parts)
@@ -160,17 +144,7 @@ def colour(name: str) -> QColor:
 
 
 def apply(application: QApplication, dark: bool, far: bool = False) -> None:
-    """Dress the whole program; nothing is done where it is dressed so already, as each widget is styled again.
-
-    Parameters
-    ----------
-    application
-        The program.
-    dark
-        Whether the palette is dark.
-    far
-        Whether the text is large, to be read from three metres.
-    """
+    """Dress the whole program; nothing is done where it is dressed so already, as each widget is styled again."""
     global _now, _factor
     _now, _factor = (DARK if dark else LIGHT), (FAR_FACTOR if far else 1.0)
     sheet, bare = style_sheet(_now), not application.styleSheet()

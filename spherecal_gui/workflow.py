@@ -122,15 +122,7 @@ def steps_of(project: Project) -> tuple[Step, ...]:
 
 
 def resolve(project: Project, running: Running) -> WorkflowState:
-    """The state of all steps; pure: the same project and the same running work give the same answer.
-
-    Parameters
-    ----------
-    project
-        The project.
-    running
-        What goes on at the moment.
-    """
+    """The state of all steps; pure: the same project and the same running work give the same answer."""
     steps = steps_of(project)
     ids = [step.id for step in steps]
     states = tuple(_state(step, project, running) for step in steps)

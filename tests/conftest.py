@@ -134,7 +134,7 @@ def demo_tried(made_once: Callable[[str, Callable[[Path], None]], Path]) -> Path
     """A folder in which `spherecal demo -o try` was run; `printed.txt` is what it said."""
 
     def run(folder: Path) -> None:
-        from spherecal.cli.main import main
+        from spherecal_app.cli.main import main
 
         with (folder / "printed.txt").open("w", encoding="utf-8") as printed, redirect_stdout(printed):
             assert main(["demo", "-o", str(folder / "try")]) == 0
@@ -153,13 +153,13 @@ def drawn_session(made_once: Callable[[str, Callable[[Path], None]], Path]) -> P
     def draw(folder: Path) -> None:
         from dataclasses import replace
 
-        from spherecal.cli.main import main
+        from spherecal_app.cli.main import main
         from spherecal_sim.render_session import RENDERED
 
         session = folder / "session"
         words = ["cameras", "capture", "--source", "simulated", "--placements", "3", "-o", str(session)]
         with pytest.MonkeyPatch.context() as patch, (folder / "printed.txt").open("w", encoding="utf-8") as printed:
-            patch.setattr("spherecal.cameras.simulated.stage.RENDERED", replace(RENDERED, targets=100))
+            patch.setattr("spherecal_cameras.simulated.stage.RENDERED", replace(RENDERED, targets=100))
             with redirect_stdout(printed):
                 assert main([*words, "--profile", str(folder / "profile.json")]) == 0
         document = json.loads((session / "session.json").read_text(encoding="utf-8"))

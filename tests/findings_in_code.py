@@ -113,7 +113,7 @@ _READERS = tuple(
 
 
 # This makes phrases of the keys that the report's labels name.
-_OF_ANY_KEY = "core/spherecal/report/language.py"
+_OF_ANY_KEY = "core/spherecal_documents/report/language.py"
 
 
 def _names(node: ast.AST) -> set[str]:

@@ -8,9 +8,9 @@ from pathlib import Path
 import pytest
 
 from spherecal.base.errors import InputError
-from spherecal.cameras.gige.control import GigeCamera, GigeRig
-from spherecal.cameras.gige.namespaces import why_not
-from spherecal.cameras.producer.build import build_producer
+from spherecal_gentl.gige.control import GigeCamera, GigeRig
+from spherecal_gentl.gige.namespaces import why_not
+from spherecal_gentl.producer.build import build_producer
 
 SMALL = (320, 240)
 

@@ -16,7 +16,7 @@ from tests.gui_walking import PATIENCE_S, WORK, begun, pump, settle, take
 
 # What the program loads in its threads.
 _LOADED = (
-    "spherecal.calibrate", "spherecal.profile.save", "spherecal.report.result_folder", "spherecal.verify.bars",
+    "spherecal.calibrate", "spherecal_rigs.save", "spherecal_rigs.result_folder", "spherecal.verify.bars",
     "spherecal_gui.tasks.kept_check", "spherecal_gui.tasks.live",
 )  # fmt: skip
 
@@ -67,7 +67,7 @@ def killed_while_taking(home: str, where: str) -> None:
     take(made, "P1")
     with pytest.MonkeyPatch.context() as patch:
         if where == "before the images":
-            patch.setattr("spherecal.cameras.capture.png", die)
+            patch.setattr("spherecal_cameras.capture.png", die)
         elif where == "before the metadata":
             patch.setattr(RecordedSession, "_write_metadata", die)
         take(made, "P2")

@@ -19,13 +19,13 @@ import pytest
 
 import spherecal.calibrate as engine
 from spherecal.base.context import Context
-from spherecal.cameras.protocol import CameraSettings, Frame
-from spherecal.cameras.simulated.source import SimulatedSource
 from spherecal.data.rig import Calibration
 from spherecal.data.session import Session
-from spherecal.methods.settings import CalibrationSettings
+from spherecal.steps.settings import CalibrationSettings
 from spherecal.targets.detection import Detections, DetectionSettings, Detector
 from spherecal.targets.images import balance_mosaic
+from spherecal_cameras.protocol import CameraSettings, Frame
+from spherecal_cameras.simulated.source import SimulatedSource
 from spherecal_sim.render_session import RENDERED
 from tests.networks import computed_once
 
@@ -119,9 +119,9 @@ def images_at_rest() -> Iterator[None]:
         return data.tobytes()
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("spherecal.cameras.simulated.stage.RENDERED", replace(RENDERED, targets=_TARGETS))
+        patch.setattr("spherecal_cameras.simulated.stage.RENDERED", replace(RENDERED, targets=_TARGETS))
         patch.setattr("spherecal_gui.tasks.live.balance_mosaic", balance_once)
-        patch.setattr("spherecal.cameras.capture.png", png)
+        patch.setattr("spherecal_cameras.capture.png", png)
         patch.setattr(SimulatedSource, "take_image", take_image)
         patch.setattr(Detector, "detect", detect_once)
         yield

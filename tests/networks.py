@@ -25,7 +25,7 @@ from spherecal.files.lock import locked
 from spherecal.geometry.camera import FISHEYE_MARK, N_INTRINSICS, estimated_mask, project
 from spherecal.geometry.rotation import exp_rotation, log_rotation
 from spherecal.geometry.transform import fit_similarity
-from spherecal.methods.settings import CalibrationSettings
+from spherecal.steps.settings import CalibrationSettings
 from spherecal_sim.observe import look, observe
 from spherecal_sim.rigs import look_at
 from spherecal_sim.session import simulate_session

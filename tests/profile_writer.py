@@ -3,8 +3,8 @@
 import sys
 from pathlib import Path
 
-from spherecal.profile.save import save_result
-from spherecal.profile.store import apply, create_profile, open_profile
+from spherecal_rigs.save import save_result
+from spherecal_rigs.store import apply, create_profile, open_profile
 
 
 def write_without_end(folder: Path, results: list[Path]) -> None:

@@ -11,33 +11,33 @@ from pathlib import Path
 from typing import Any
 
 from spherecal.base.errors import InputError
-from spherecal.cameras.capture import SessionCamera, SessionFolder
-from spherecal.cameras.gentl.trust import TrustStore
-from spherecal.cameras.plan import CapturePlan, PlannedSet
-from spherecal.cameras.profile import read_profile as read_cameras
-from spherecal.cameras.simulated.source import SimulatedSource
-from spherecal.cameras.simulated.stage import Stage
 from spherecal.files.ball_file import read_ball
-from spherecal.files.ball_registry import read_balls
 from spherecal.files.bar_registry import read_registry
 from spherecal.files.bundle_file import original_sha256
 from spherecal.files.capture_file import read_captured_sets
 from spherecal.files.findings_file import read_findings
-from spherecal.files.frame_file import read_frame
 from spherecal.files.json_file import JsonValue
 from spherecal.files.read_session import read_session
 from spherecal.files.rig_file import read_rig
 from spherecal.files.target_set_file import read_target_set
-from spherecal.measuring.body_file import read_body
-from spherecal.methods.board_pattern import board_pattern, board_uncertainty, shape_estimated
-from spherecal.profile.checks import read_checks
-from spherecal.profile.entry import read_entry
-from spherecal.profile.limits_file import read_limits
-from spherecal.profile.store import open_profile
-from spherecal.report.dcc import read_issuer
-from spherecal.report.verification_file import read_bar_report
+from spherecal_boards.board_pattern import board_pattern, board_uncertainty, shape_estimated
+from spherecal_cameras.capture import SessionCamera, SessionFolder
+from spherecal_cameras.genicam.trust import TrustStore
+from spherecal_cameras.plan import CapturePlan, PlannedSet
+from spherecal_cameras.profile import read_profile as read_cameras
+from spherecal_cameras.simulated.source import SimulatedSource
+from spherecal_cameras.simulated.stage import Stage
+from spherecal_documents.report.dcc import read_issuer
 from spherecal_gui.last_verification import last_verification
 from spherecal_gui.project_folder import load_project, taken_in
+from spherecal_measuring.body_file import read_body
+from spherecal_rigs.ball_registry import read_balls
+from spherecal_rigs.checks import read_checks
+from spherecal_rigs.entry import read_entry
+from spherecal_rigs.frame_file import read_frame
+from spherecal_rigs.limits_file import read_limits
+from spherecal_rigs.read_verification import read_bar_report
+from spherecal_rigs.store import open_profile
 from tests.example_session import VALID, make_session
 
 TIME = "2026-11-21T09:30:00+00:00"

@@ -10,7 +10,7 @@ pytest.importorskip("PySide6.QtWidgets", reason="Qt cannot be loaded here", exc_
 
 from PySide6.QtWidgets import QApplication, QTextBrowser, QWidget
 
-from spherecal.support.licences import parts
+from spherecal_documents.support.licences import parts
 from spherecal_gui.wizard.dialogs import about_dialog
 
 

@@ -15,8 +15,8 @@ import pytest
 from conftest import ROOT
 
 import spherecal
-from spherecal import api
-from spherecal.cli.main import main
+from spherecal_app import api
+from spherecal_app.cli.main import main
 from spherecal_sim.session import simulate_session
 from spherecal_sim.session_folder import write_session
 from spherecal_sim.truth import SimulationOptions
@@ -64,7 +64,7 @@ def test_every_public_function_says_what_it_gives() -> None:
 def test_importing_the_package_loads_nothing_heavy() -> None:
     code = (
         "import sys, spherecal; assert spherecal.__version__; "
-        "sys.exit(any(m in sys.modules for m in ('numpy', 'scipy', 'numba', 'cv2', 'spherecal.api')))"
+        "sys.exit(any(m in sys.modules for m in ('numpy', 'scipy', 'numba', 'cv2', 'spherecal_app.api')))"
     )
     assert subprocess.run([sys.executable, "-c", code], timeout=60, check=False).returncode == 0
 

@@ -9,11 +9,11 @@ from pathlib import Path
 import pytest
 
 from spherecal.base.errors import InputError, OutputError
-from spherecal.cameras.plan import read_plan
-from spherecal.cli.main import main
 from spherecal.files.bar_registry import find_bar, read_registry, write_registry
 from spherecal.files.read_session import read_session
 from spherecal.targets.family import make_target_set
+from spherecal_app.cli.main import main
+from spherecal_cameras.plan import read_plan
 from spherecal_gui.tasks.jobs import artefacts_of
 from spherecal_sim.session_folder import session_json
 from tests.example_session import VALID, changed, make_session

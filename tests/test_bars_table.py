@@ -8,10 +8,12 @@ import pytest
 
 from spherecal.base.errors import InputError
 from spherecal.base.messages.catalogue import phrase
-from spherecal.cameras.plan import check_marks, read_plan
-from spherecal.cli.main import main
 from spherecal.data.session import BarLength, Certificate, Mark
-from spherecal.files.ball_registry import (
+from spherecal.files.bar_registry import RegisteredBar, find_bar, read_registry, write_registry
+from spherecal.targets.family import make_target_set
+from spherecal_app.cli.main import main
+from spherecal_cameras.plan import check_marks, read_plan
+from spherecal_rigs.ball_registry import (
     PrintedSpacing,
     RegisteredBall,
     longest_spacing,
@@ -19,10 +21,8 @@ from spherecal.files.ball_registry import (
     read_balls,
     write_balls,
 )
-from spherecal.files.bar_registry import RegisteredBar, find_bar, read_registry, write_registry
-from spherecal.files.bars_table import arrivals, bars_table, read_bars_table, write_bars_table
-from spherecal.files.bench_file import Bench, BenchBar, whole_bar, write_bench
-from spherecal.targets.family import make_target_set
+from spherecal_rigs.bars_table import arrivals, bars_table, read_bars_table, write_bars_table
+from spherecal_rigs.bench_file import Bench, BenchBar, whole_bar, write_bench
 
 HEADING = "serial,from,from_target,to,to_target,length [mm],uncertainty [mm],k"
 

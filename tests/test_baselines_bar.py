@@ -9,14 +9,14 @@ from threadpoolctl import threadpool_limits
 
 from spherecal.base.errors import InputError
 from spherecal.calibrate import calibrate
-from spherecal.cli.main import main
 from spherecal.data.rig import Calibration
 from spherecal.data.session import Session
 from spherecal.geometry.rotation import log_rotation
 from spherecal.geometry.transform import fit_similarity
-from spherecal.methods.bar import calibrate_bar
-from spherecal.methods.bar_marks import bar_recording, known_lengths
-from spherecal.methods.settings import CalibrationSettings
+from spherecal.steps.settings import CalibrationSettings
+from spherecal_app.cli.main import main
+from spherecal_boards.bar import calibrate_bar
+from spherecal_boards.bar_marks import bar_recording, known_lengths
 from spherecal_sim.boards import SimulatedRecording, simulate_waved_bar
 from spherecal_sim.session import simulate_session
 from spherecal_sim.session_folder import write_session

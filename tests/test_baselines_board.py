@@ -11,17 +11,17 @@ from threadpoolctl import threadpool_limits
 
 from spherecal.base.context import Context
 from spherecal.base.errors import InputError
-from spherecal.cli.main import main
 from spherecal.data.rig import Calibration
 from spherecal.data.session import Session
 from spherecal.files.observations_file import write_observations
 from spherecal.files.read_session import read_session
 from spherecal.geometry.rotation import log_rotation
 from spherecal.geometry.transform import fit_similarity
-from spherecal.methods.board import calibrate_board
-from spherecal.methods.board_images import find_boards
-from spherecal.methods.board_pattern import read_board_pattern
-from spherecal.methods.settings import CalibrationSettings
+from spherecal.steps.settings import CalibrationSettings
+from spherecal_app.cli.main import main
+from spherecal_boards.board import calibrate_board
+from spherecal_boards.board_images import find_boards
+from spherecal_boards.board_pattern import read_board_pattern
 from spherecal_sim.boards import SimulatedRecording, simulate_board
 
 PITCH = 33.0

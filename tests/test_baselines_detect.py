@@ -4,9 +4,9 @@ import cv2
 import numpy as np
 import pytest
 
-from spherecal.methods.board_images import find_board
-from spherecal.methods.circles import find_circles
 from spherecal.targets.board_pattern import BoardKind, BoardPattern
+from spherecal_boards.board_images import find_board
+from spherecal_boards.circles import find_circles
 
 SIZE = (1200, 900)
 RINGS = ((2, 2), (2, 6), (4, 2))

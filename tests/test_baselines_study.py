@@ -15,8 +15,8 @@ from matplotlib.backends.backend_pdf import PdfFile
 
 from spherecal.base.context import Context
 from spherecal.base.errors import Cancelled, InputError
-from spherecal.cli.main import main
-from spherecal.report.style import report_style
+from spherecal_app.cli.main import main
+from spherecal_documents.report.style import report_style
 from spherecal_sim import rigs
 from spherecal_sim.session import simulate_session
 from spherecal_sim.truth import SimulationOptions

@@ -12,7 +12,7 @@ import pytest
 
 from spherecal.base.context import Context
 from spherecal.base.errors import InputError
-from spherecal.cli.main import main
+from spherecal_app.cli.main import main
 from spherecal_sim.session import simulate_session
 from spherecal_sim.session_folder import write_session
 from spherecal_sim.truth import SimulationOptions

@@ -21,8 +21,8 @@ from spherecal.base import arrays
 from spherecal.base.arrays import blocks, blocks_of_groups
 from spherecal.diagnose.score import ScoreTest, make_score_test
 from spherecal.geometry.camera import undistort, undistort_views
+from spherecal.geometry.length_uncertainty import Cameras, predict_lengths
 from spherecal.geometry.triangulation import Triangulation, ray_angles, triangulate
-from spherecal.predict.lengths import Cameras, predict_lengths
 from tests.networks import Small, one_thread, perturbed, small_network
 from tests.test_covariance import with_world
 

@@ -7,14 +7,14 @@ import numpy as np
 import pytest
 
 from spherecal.base.errors import InputError
-from spherecal.cli.main import main
 from spherecal.files.json_file import JsonValue
 from spherecal.geometry.camera import intrinsics_vector, project
 from spherecal.geometry.rotation import exp_rotation
-from spherecal.methods.board_images import find_board
-from spherecal.methods.board_pattern import board_entry, board_pattern
 from spherecal.targets.board_pattern import BoardPattern, figure, tag_dictionary
-from spherecal.targets.board_sheet import words
+from spherecal_app.cli.main import main
+from spherecal_boards.board_images import find_board
+from spherecal_boards.board_pattern import board_entry, board_pattern
+from spherecal_documents.sheets.board_sheet import words
 from spherecal_sim.rendered_board import BoardCamera, render_board
 
 CAMERA = BoardCamera(

@@ -20,7 +20,7 @@ from spherecal.files.read_session import read_session
 from spherecal.files.write_result import write_result
 from spherecal.geometry.rotation import log_rotation
 from spherecal.geometry.transform import fit_similarity
-from spherecal.methods.settings import CalibrationSettings
+from spherecal.steps.settings import CalibrationSettings
 from spherecal_sim.session_folder import write_session
 from spherecal_sim.truth import CameraMove
 from tests.networks import (

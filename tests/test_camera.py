@@ -33,8 +33,8 @@ from spherecal.geometry.camera import (
     project_with_point_derivatives,
     undistort,
 )
-from spherecal.guidance.next_placement import _cameras_at, _in_view
-from spherecal.predict.lengths import Cameras, predict_lengths
+from spherecal.geometry.length_uncertainty import Cameras, predict_lengths
+from spherecal_rigs.next_placement import _cameras_at, _in_view
 from tests import reference_engine as reference
 from tests.networks import small_network
 

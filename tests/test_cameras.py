@@ -18,14 +18,21 @@ from hypothesis import strategies as st
 
 from spherecal.base.context import Context
 from spherecal.base.errors import Cancelled, InputError
-from spherecal.cameras.averaging import average, stillness, take_averaged
-from spherecal.cameras.clock import CameraClock
-from spherecal.cameras.doctor import brightness, covered_camera, examine
-from spherecal.cameras.gentl.pixels import grey_pixels, significant_bits
-from spherecal.cameras.matching import RoundKeeper, SetMatcher, Sighting
-from spherecal.cameras.plan import check_marks, plan_of, read_plan
-from spherecal.cameras.profile import CameraDescription, CameraProfile, read_profile, write_profile
-from spherecal.cameras.protocol import (
+from spherecal.files.read_session import read_session
+from spherecal.files.target_set_file import write_target_set
+from spherecal.geometry.camera import project
+from spherecal.targets.detection import Detector
+from spherecal.targets.family import make_target_set
+from spherecal.targets.images import read_image
+from spherecal_app.cli.main import main
+from spherecal_cameras.averaging import average, stillness, take_averaged
+from spherecal_cameras.clock import CameraClock
+from spherecal_cameras.doctor import brightness, covered_camera, examine
+from spherecal_cameras.genicam.pixels import grey_pixels, significant_bits
+from spherecal_cameras.matching import RoundKeeper, SetMatcher, Sighting
+from spherecal_cameras.plan import check_marks, plan_of, read_plan
+from spherecal_cameras.profile import CameraDescription, CameraProfile, read_profile, write_profile
+from spherecal_cameras.protocol import (
     CameraError,
     CameraSettings,
     CameraSource,
@@ -36,18 +43,11 @@ from spherecal.cameras.protocol import (
     Region,
     TriggerMode,
 )
-from spherecal.cameras.replay import ReplaySource
-from spherecal.cameras.simulated.faults import SimulatedFault, parse_fault
-from spherecal.cameras.simulated.source import SimulatedSource
-from spherecal.cameras.simulated.stage import Stage, StageView
-from spherecal.cameras.sources import open_source
-from spherecal.cli.main import main
-from spherecal.files.read_session import read_session
-from spherecal.files.target_set_file import write_target_set
-from spherecal.geometry.camera import project
-from spherecal.targets.detection import Detector
-from spherecal.targets.family import make_target_set
-from spherecal.targets.images import read_image
+from spherecal_cameras.replay import ReplaySource
+from spherecal_cameras.simulated.faults import SimulatedFault, parse_fault
+from spherecal_cameras.simulated.source import SimulatedSource
+from spherecal_cameras.simulated.stage import Stage, StageView
+from spherecal_cameras.sources import open_source
 
 
 @pytest.fixture(scope="module")
@@ -622,7 +622,7 @@ def test_list_show_set_and_doctor_on_the_simulated_rig(tmp_path, capsys):
 
 
 def test_a_real_camera_without_a_lens_is_asked_for_it():
-    from spherecal.cameras.plan import camera_spec_json
+    from spherecal_cameras.plan import camera_spec_json
 
     with pytest.raises(CameraError, match="--focal-length-mm"):
         camera_spec_json("left", "1", "m", (100, 100), None, 8.0)

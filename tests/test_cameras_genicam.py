@@ -15,13 +15,13 @@ import numpy as np
 import pytest
 
 from benchmarks.camera_rig import FAULTS, injected, rig
-from spherecal.cameras.gentl.discovery import discover, producer_files, together
-from spherecal.cameras.gentl.features import NAMES, NodeFeatures
-from spherecal.cameras.gentl.rings import Ring, remove_orphans, shared_memory_name
-from spherecal.cameras.gentl.setup import set_up
-from spherecal.cameras.gentl.source import GenicamSource
-from spherecal.cameras.producer.control import SimulatedCamera, simulated_cameras
-from spherecal.cameras.protocol import (
+from spherecal_app.cli.main import main
+from spherecal_cameras.genicam.discovery import discover, producer_files, together
+from spherecal_cameras.genicam.features import NAMES, NodeFeatures
+from spherecal_cameras.genicam.rings import Ring, remove_orphans, shared_memory_name
+from spherecal_cameras.genicam.setup import set_up
+from spherecal_cameras.genicam.source import GenicamSource
+from spherecal_cameras.protocol import (
     CameraError,
     CameraInfo,
     CameraSettings,
@@ -32,7 +32,7 @@ from spherecal.cameras.protocol import (
     ProducerVerdict,
     Region,
 )
-from spherecal.cli.main import main
+from spherecal_gentl.producer.control import SimulatedCamera, simulated_cameras
 from tests.built_producer import built_producer
 
 pytest.importorskip("harvesters", reason="harvesters is not installed: pip install spherecal[cameras]")
@@ -262,8 +262,8 @@ def _patience() -> float:
 
 PARENT = """
 import os, sys, time
-from spherecal.cameras.gentl.source import GenicamSource
-from spherecal.cameras.protocol import CameraSettings
+from spherecal_cameras.genicam.source import GenicamSource
+from spherecal_cameras.protocol import CameraSettings
 
 if __name__ == "__main__":
     source = GenicamSource([sys.argv[1]])
@@ -525,7 +525,7 @@ def test_end_to_end_over_the_simulated_producer(cti, drawn_session, tmp_path, ca
     monkeypatch.setenv("GENICAM_GENTL64_PATH", str(cti.parent))
     with log_file.open("w") as log:
         stage = subprocess.Popen(
-            [sys.executable, "-m", "spherecal.cli.main", "cameras", "simulate-producer", str(scene)],
+            [sys.executable, "-m", "spherecal_app.cli.main", "cameras", "simulate-producer", str(scene)],
             stdin=subprocess.PIPE,
             stdout=log,
             stderr=log,
@@ -533,7 +533,7 @@ def test_end_to_end_over_the_simulated_producer(cti, drawn_session, tmp_path, ca
         )
         try:
             assert _wait(lambda: "They see P1" in log_file.read_text(), 60.0), log_file.read_text()
-            spherecal = f"{sys.executable} -m spherecal.cli.main"
+            spherecal = f"{sys.executable} -m spherecal_app.cli.main"
             show = f"{spherecal} cameras simulate-producer {scene} --running --show $SPHERECAL_SET"
             session = tmp_path / "session"
             capsys.readouterr()

@@ -11,22 +11,22 @@ import pytest
 from spherecal.base.context import Context
 from spherecal.base.errors import InputError
 from spherecal.calibrate import calibrate
-from spherecal.cli.main import main
 from spherecal.data.rig import Rig
 from spherecal.data.rig_camera import posed
 from spherecal.data.session import Placement, Session
 from spherecal.files.rig_file import read_rig
 from spherecal.files.write_result import write_result
-from spherecal.methods.settings import CalibrationSettings
-from spherecal.profile.store import open_profile
-from spherecal.uses.check import check
-from spherecal.uses.check_ball import read_known_ball
-from spherecal.uses.check_file import check_json
-from spherecal.uses.repose import repose
+from spherecal.steps.settings import CalibrationSettings
 from spherecal.verify.bars import views_of
 from spherecal.verify.consistency import examine_cameras
 from spherecal.verify.limit import parse_limit
 from spherecal.verify.outlying_views import Views
+from spherecal_app.cli.main import main
+from spherecal_rigs.check import check
+from spherecal_rigs.check_ball import read_known_ball
+from spherecal_rigs.check_file import check_json
+from spherecal_rigs.repose import repose
+from spherecal_rigs.store import open_profile
 from spherecal_sim.session import observe_again, simulate_session
 from spherecal_sim.session_folder import write_session
 from spherecal_sim.truth import CameraMove, SimulationOptions

@@ -19,10 +19,10 @@ import pytest
 
 import spherecal.files.write_result as writing
 from spherecal.base.arrays import FloatArray
-from spherecal.cli import calibrate as command
-from spherecal.cli.exit_codes import BAD_INPUT, CANCELLED, DONE, NOT_VALID
-from spherecal.cli.main import main
 from spherecal.files.rig_file import read_rig
+from spherecal_app.cli import calibrate as command
+from spherecal_app.cli.exit_codes import BAD_INPUT, CANCELLED, DONE, NOT_VALID
+from spherecal_app.cli.main import main
 from spherecal_sim.session import simulate_session
 from spherecal_sim.session_folder import write_session
 from spherecal_sim.truth import SimulationOptions
@@ -457,7 +457,7 @@ def test_ctrl_c_is_one_line(
 
 def shell(*arguments: object, **options: object) -> subprocess.CompletedProcess[str]:
     """The installed command in a process of its own."""
-    command = [sys.executable, "-m", "spherecal.cli.main", *map(str, arguments)]
+    command = [sys.executable, "-m", "spherecal_app.cli.main", *map(str, arguments)]
     return subprocess.run(command, capture_output=True, text=True, check=False, timeout=120, **options)  # type: ignore[call-overload]
 
 
@@ -523,7 +523,7 @@ def test_interrupt_ends_a_running_calibration_and_leaves_nothing(
     stage: str, large_session: Path, tmp_path: Path
 ) -> None:
     process = subprocess.Popen(
-        [sys.executable, "-m", "spherecal.cli.main", "calibrate", large_session, "-o", tmp_path / "out"],
+        [sys.executable, "-m", "spherecal_app.cli.main", "calibrate", large_session, "-o", tmp_path / "out"],
         stderr=subprocess.PIPE,
         stdout=subprocess.PIPE,
         text=True,

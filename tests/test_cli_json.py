@@ -14,10 +14,10 @@ from conftest import ROOT
 
 import spherecal
 from spherecal.base.resources import manual_page
-from spherecal.cli.exit_codes import BAD_INPUT, DONE, NOT_VALID
-from spherecal.cli.main import main
-from spherecal.cli.options import make_parser
-from spherecal.cli.parsing import is_leaf, parsers_below
+from spherecal_app.cli.exit_codes import BAD_INPUT, DONE, NOT_VALID
+from spherecal_app.cli.main import main
+from spherecal_app.cli.options import make_parser
+from spherecal_app.cli.parsing import is_leaf, parsers_below
 
 LEAVES = {words: one for words, one in parsers_below(make_parser()) if is_leaf(one)}
 TEXT = {("help",), ("completion",)}  # a text for a person, a script for a shell
@@ -146,7 +146,7 @@ def test_one_document_and_nothing_else(
     name: str, run: Run, capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     if name == "demo":  # without images, which are rendered and detected in test_demo.py
-        monkeypatch.setattr("spherecal.cli.demo.demo_session", lambda _: Path(run("calibrate")[1]))
+        monkeypatch.setattr("spherecal_app.cli.demo.demo_session", lambda _: Path(run("calibrate")[1]))
         monkeypatch.setenv("SPHERECAL_3D", "painted")
     code = main([*run(name), "--json"])
     out, err = capfd.readouterr()

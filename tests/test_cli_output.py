@@ -14,10 +14,10 @@ from mpl_toolkits.mplot3d.art3d import Line3D
 
 import spherecal
 from spherecal.base.errors import InputError, MissingPackage
-from spherecal.cli.completion import script
-from spherecal.cli.main import main
-from spherecal.cli.options import make_parser
-from spherecal.cli.parsing import is_leaf, parsers_below
+from spherecal_app.cli.completion import script
+from spherecal_app.cli.main import main
+from spherecal_app.cli.options import make_parser
+from spherecal_app.cli.parsing import is_leaf, parsers_below
 from tests.export_rigs import make_rig
 
 

@@ -11,16 +11,16 @@ import pytest
 
 import spherecal
 from spherecal.base import early
-from spherecal.cli import doctor, progress
-from spherecal.cli.commands import COMMANDS, command_of
-from spherecal.cli.console import out as console
-from spherecal.cli.exit_codes import BAD_INPUT, DONE, NOT_VALID
-from spherecal.cli.main import main
-from spherecal.cli.options import make_parser
-from spherecal.cli.parsers.shared import PATH_BASE
-from spherecal.cli.parsing import is_leaf, parsers_below
 from spherecal.data.findings import counted
 from spherecal.initialise.path import BASE
+from spherecal_app.cli import doctor, progress
+from spherecal_app.cli.commands import COMMANDS, command_of
+from spherecal_app.cli.console import out as console
+from spherecal_app.cli.exit_codes import BAD_INPUT, DONE, NOT_VALID
+from spherecal_app.cli.main import main
+from spherecal_app.cli.options import make_parser
+from spherecal_app.cli.parsers.shared import PATH_BASE
+from spherecal_app.cli.parsing import is_leaf, parsers_below
 
 PARSERS = dict(parsers_below(make_parser()))
 LEAVES = {words: parser for words, parser in PARSERS.items() if is_leaf(parser)}
@@ -102,14 +102,14 @@ def test_help_loads_no_engine() -> None:
     """Whoever asks for help waits for the parsers alone."""
     code = (
         "import sys\n"
-        "from spherecal.cli.main import main\n"
+        "from spherecal_app.cli.main import main\n"
         "try:\n    main(sys.argv[1:])\n"
         "except SystemExit:\n    print(*sys.modules, file=sys.stderr)\n"
     )
     for words in (["--help"], ["calibrate", "--help"], ["cameras", "capture", "--help"]):
         done = subprocess.run([sys.executable, "-c", code, *words], capture_output=True, text=True, check=True)
         loaded = done.stderr.split()
-        assert "spherecal.cli.parsers.calibrate" in loaded
+        assert "spherecal_app.cli.parsers.calibrate" in loaded
         rooms = {name.split(".")[1] for name in loaded if name.startswith("spherecal.")}
         assert rooms == {"base", "cli"}, rooms
         assert not {"scipy", "cv2", "numba", "rich", "spherecal_sim"} & set(loaded)
@@ -145,7 +145,7 @@ def test_the_package_runs_as_a_module(tmp_path: Path) -> None:
     ("line", "ours"),
     [
         (["python", "-m", "spherecal", "-V"], True),
-        (["python", "-X", "dev", "-I", "-m", "spherecal.cli.main"], True),
+        (["python", "-X", "dev", "-I", "-m", "spherecal_app.cli.main"], True),
         (["python", "-m", "pytest", "-m", "spherecal"], False),
         (["python", "tool.py", "-m", "spherecal"], False),
         (["python", "-c", "import spherecal"], False),

@@ -36,7 +36,7 @@ def test_no_colour_where_none_is_wanted(monkeypatch: pytest.MonkeyPatch, variabl
     monkeypatch.setenv("TERM", "xterm-256color")
 
     def printed() -> str:
-        from spherecal.cli.console import out
+        from spherecal_app.cli.console import out
 
         stream = Terminal()
         type(out)(file=stream, highlight=False, soft_wrap=True).print("[green]VALID[/]")

@@ -10,8 +10,8 @@ import pytest
 
 from spherecal.base import kernels
 from spherecal.base.errors import SpherecalError
-from spherecal.cli.compile_kernels import compile_all
-from spherecal.cli.main import main
+from spherecal_app.cli.compile_kernels import compile_all
+from spherecal_app.cli.main import main
 
 # Steps that note that they ran, in the file that the environment names; what `trial_that_fails` does is in its name.
 TRIALS = {
@@ -86,7 +86,7 @@ def test_where_they_are_compiled_the_command_ends_at_once(notes: Path, capsys: p
 @pytest.mark.skipif(not hasattr(os, "SCHED_IDLE"), reason="Linux only")
 def test_idle_is_the_lowest_priority() -> None:
     code = (
-        "import os\nfrom spherecal.cli.compile_kernels import run_when_idle\nrun_when_idle()\n"
+        "import os\nfrom spherecal_app.cli.compile_kernels import run_when_idle\nrun_when_idle()\n"
         "print(os.nice(0), os.sched_getscheduler(0) == os.SCHED_IDLE)"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)

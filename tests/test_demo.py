@@ -14,12 +14,12 @@ import pytest
 from spherecal.base.context import Context
 from spherecal.base.errors import InputError
 from spherecal.calibrate import calibrate
-from spherecal.cli.main import main
 from spherecal.data.rig import Calibration
 from spherecal.data.session import Session
 from spherecal.detect.redetection import with_missed_targets
 from spherecal.detect.session_images import observed
 from spherecal.files.read_session import read_session
+from spherecal_app.cli.main import main
 from spherecal_sim.render_session import demo_session
 
 
@@ -84,7 +84,7 @@ def test_demo_without_matplotlib_leaves_out_the_report_and_says_so(
     for name in [name for name in sys.modules if name.split(".")[0] == "matplotlib"]:
         monkeypatch.delitem(sys.modules, name)
     monkeypatch.setitem(sys.modules, "matplotlib", None)  # as Python itself marks a package that cannot be imported
-    monkeypatch.setattr("spherecal.cli.demo.main", step)
+    monkeypatch.setattr("spherecal_app.cli.demo.main", step)
     assert main(["demo", "-o", str(tmp_path)]) == 0
     assert ran == ["calibrate", "verify"]
     found = capsys.readouterr().out.splitlines()[1:]

@@ -16,10 +16,10 @@ from PySide6.QtGui import QFontInfo
 from PySide6.QtWidgets import QLabel, QWidget
 
 from spherecal.base.resources import resource_path
-from spherecal.support.licences import parts
+from spherecal_documents.scene.model import ramp
+from spherecal_documents.support.licences import parts
 from spherecal_gui import theme
 from spherecal_gui.widgets.icons import LEVEL_ICONS, give_icon, pixmap, svg_pixmap
-from spherecal_scene.model import ramp
 from tests.conftest import ROOT
 from tests.test_gui_pages import contrast
 

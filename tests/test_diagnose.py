@@ -12,7 +12,7 @@ from benchmarks.studies.diagnosis import FAULTS, Case
 from spherecal.calibrate import calibrate
 from spherecal.data.findings import Finding
 from spherecal.files.read_session import read_session
-from spherecal.methods.settings import CalibrationSettings
+from spherecal.steps.settings import CalibrationSettings
 from spherecal_sim.session import simulate_session
 from spherecal_sim.truth import SimulationOptions
 from tests.networks import one_thread, simulated

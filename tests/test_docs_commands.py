@@ -16,8 +16,8 @@ import pytest
 from conftest import ROOT
 
 from spherecal.base.messages.catalogue import table
-from spherecal.cli.main import main
-from spherecal.cli.options import make_parser
+from spherecal_app.cli.main import main
+from spherecal_app.cli.options import make_parser
 
 DOCS = ROOT / "docs"
 # The wizard's own page and studies are written by runs, decisions tell of what was.
@@ -224,7 +224,7 @@ def test_words_of_the_window_are_those_on_the_screen(page: str) -> None:
 
 def test_the_guides_description_of_the_bench_is_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Typed off the guide by somebody who reads only it."""
-    from spherecal.cameras.plan import read_plan
+    from spherecal_cameras.plan import read_plan
 
     text = (DOCS / "guide" / "bench.md").read_text(encoding="utf-8")
     monkeypatch.chdir(tmp_path)

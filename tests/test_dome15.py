@@ -11,7 +11,7 @@ from spherecal.calibrate import calibrate
 from spherecal.data.rig import Calibration
 from spherecal.data.session import Session
 from spherecal.files.read_session import read_session
-from spherecal.methods.settings import CalibrationSettings
+from spherecal.steps.settings import CalibrationSettings
 from tests.networks import codes, observed, one_thread, with_observations
 
 __all__ = ["one_thread"]

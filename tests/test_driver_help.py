@@ -2,10 +2,10 @@
 
 import pytest
 
-from spherecal.cameras.driver_help import LocalAddress, answering_cameras, driver_troubles, local_addresses
-from spherecal.cameras.gige.gvcp import NetworkCamera
-from spherecal.cameras.makers import MAKERS, driver_folders
-from spherecal.cameras.protocol import CameraInfo, Discovery, ProducerVerdict
+from spherecal_cameras.driver_help import LocalAddress, answering_cameras, driver_troubles, local_addresses
+from spherecal_cameras.makers import MAKERS, driver_folders
+from spherecal_cameras.protocol import CameraInfo, Discovery, ProducerVerdict
+from spherecal_gentl.gige.gvcp import NetworkCamera
 
 INFO = CameraInfo("S1", "m", "v", "a.cti")
 LOCAL = (LocalAddress("eth0", "10.1.0.5"), LocalAddress("eth1", "192.168.7.1"))

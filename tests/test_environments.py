@@ -16,18 +16,18 @@ from pathlib import Path
 import pytest
 from conftest import ROOT
 
-from spherecal.cli.main import main
+from spherecal_app.cli.main import main
 from spherecal_sim.session import simulate_session
 from spherecal_sim.session_folder import write_session
 from spherecal_sim.truth import SimulationOptions
 
 LINUX_HERE = sys.platform.startswith("linux")
 LINUX = pytest.mark.skipif(not LINUX_HERE, reason="the arrangement is Linux's")
-RUN = "import sys; from spherecal.cli.main import main; sys.exit(main(sys.argv[1:]))"
+RUN = "import sys; from spherecal_app.cli.main import main; sys.exit(main(sys.argv[1:]))"
 # Commands one after the other: each a list of words in the JSON of the only argument; the exit codes go to stdout.
 RUN_ALL = """
 import json, sys
-from spherecal.cli.main import main
+from spherecal_app.cli.main import main
 codes = [main(words) for words in json.loads(sys.argv[1])]
 sys.stdout.write("\\n" + json.dumps(codes))
 """
@@ -89,7 +89,7 @@ def audit(event, args):
 sys.addaudithook(audit)
 """
 COMMANDS = """
-from spherecal.cli.main import main
+from spherecal_app.cli.main import main
 s, o = sys.argv[1:]
 LINES = f'''doctor
 targets export -o {o}/targets.json
@@ -372,8 +372,8 @@ def test_a_clock_that_is_set_back_loses_no_calibration(
     session: Path, rig: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The order of a profile is that of saving, whatever the clock said; and validity stays a word, not a crash."""
-    from spherecal.profile import save as saving
-    from spherecal.profile.store import open_profile
+    from spherecal_rigs import save as saving
+    from spherecal_rigs.store import open_profile
 
     class Clock(datetime):
         shift = timedelta()

@@ -6,10 +6,10 @@ from pathlib import Path
 
 import pytest
 
-from spherecal.cli.main import main
 from spherecal.data.rig import Quality, RigScale
-from spherecal.export.write_export import FORMATS
 from spherecal.files.rig_file import rig_bytes
+from spherecal_app.cli.main import main
+from spherecal_documents.export.write_export import FORMATS
 from tests.export_rigs import make_rig
 
 

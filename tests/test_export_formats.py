@@ -10,9 +10,9 @@ from benchmarks.studies.export_readers import READERS, python_for
 from benchmarks.studies.exports import GOAL_PX, round_trip
 from spherecal.base.errors import InputError, OutputError
 from spherecal.data.rig import Rig
-from spherecal.export.refit import pixel_grid, refit
-from spherecal.export.write_export import FORMATS, export_rig
 from spherecal.geometry.camera import project, undistort
+from spherecal_documents.export.refit import pixel_grid, refit
+from spherecal_documents.export.write_export import FORMATS, export_rig
 from tests.export_rigs import make_rig, renamed
 
 RIGS = {count: make_rig(count) for count in (5, 12)}

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from spherecal.base.errors import InputError
-from spherecal.export.refit import pixel_grid, refit
-from spherecal.export.write_export import export_rig
 from spherecal.geometry.camera import project, undistort
+from spherecal_documents.export.refit import pixel_grid, refit
+from spherecal_documents.export.write_export import export_rig
 from tests.export_rigs import make_rig
 
 SIZE = (2064, 1544)
@@ -79,7 +79,7 @@ def test_no_turn_where_it_does_not_help():
 
 
 def test_a_turned_camera_keeps_its_centre(tmp_path: Path) -> None:
-    from spherecal.export.write_export import FORMATS
+    from spherecal_documents.export.write_export import FORMATS
 
     rig = make_rig(12)
     export_rig(rig, "metashape", tmp_path / "x.xml", max_loss_px=1)

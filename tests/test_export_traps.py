@@ -12,8 +12,8 @@ import yaml
 from scipy.spatial.transform import Rotation
 
 from spherecal.data.rig import RigCamera
-from spherecal.export.cameras import number, safe_names
-from spherecal.export.write_export import export_rig
+from spherecal_documents.export.cameras import number, safe_names
+from spherecal_documents.export.write_export import export_rig
 from tests.export_rigs import make_rig, renamed
 
 RIG = make_rig(4)

@@ -24,8 +24,8 @@ from spherecal.diagnose.checks import (
 from spherecal.diagnose.evidence import Evidence
 from spherecal.diagnose.soundness import MANY_OUTLIERS
 from spherecal.geometry.sphere import Sphere
-from spherecal.methods.settings import CalibrationSettings
 from spherecal.result import build
+from spherecal.steps.settings import CalibrationSettings
 from tests.findings_in_code import ENGINE, findings_in_code
 from tests.networks import (
     calibrated,

@@ -11,11 +11,6 @@ import pytest
 from spherecal.base.arrays import FloatArray
 from spherecal.base.errors import InputError
 from spherecal.data.lens_model import with_lens_model
-from spherecal.export.colmap import read_colmap
-from spherecal.export.kalibr import read_kalibr
-from spherecal.export.opencv_yaml import read_opencv
-from spherecal.export.priors import write_with_priors
-from spherecal.export.write_export import FORMATS, export_rig
 from spherecal.files.read_session import read_session
 from spherecal.files.rig_file import read_rig, rig_bytes
 from spherecal.geometry.camera import (
@@ -32,6 +27,11 @@ from spherecal.geometry.camera import (
     undistort,
 )
 from spherecal.geometry.lens_fit import fit_lens, image_field
+from spherecal_documents.export.colmap import read_colmap
+from spherecal_documents.export.kalibr import read_kalibr
+from spherecal_documents.export.opencv_yaml import read_opencv
+from spherecal_documents.export.priors import write_with_priors
+from spherecal_documents.export.write_export import FORMATS, export_rig
 from tests.export_rigs import make_rig
 
 SIZE = (2064, 1544)

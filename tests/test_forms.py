@@ -14,7 +14,7 @@ from spherecal.data.observations import Observations, find_features
 from spherecal.data.rig import Calibration
 from spherecal.data.session import Session
 from spherecal.geometry.rotation import exp_rotation
-from spherecal.methods.settings import CalibrationSettings
+from spherecal.steps.settings import CalibrationSettings
 from spherecal_sim.observe import look, observe
 from spherecal_sim.truth import Truth
 from tests.networks import calibrated, codes, errors_of, observed, one_thread, rms, simulated, with_observations

@@ -16,13 +16,13 @@ import numpy as np
 import pytest
 
 from spherecal.base.errors import InputError, OutputError
-from spherecal.cameras.gentl.source import GenicamSource
-from spherecal.cameras.gige import gvcp
-from spherecal.cameras.gige.control import GigeCamera, GigeRig
-from spherecal.cameras.producer import build
-from spherecal.cameras.protocol import CameraSettings, CameraState, CaptureRequest
-from spherecal.cli import gige as command
-from spherecal.cli.options import make_parser
+from spherecal_app.cli import gige as command
+from spherecal_app.cli.options import make_parser
+from spherecal_cameras.genicam.source import GenicamSource
+from spherecal_cameras.protocol import CameraSettings, CameraState, CaptureRequest
+from spherecal_gentl.gige import gvcp
+from spherecal_gentl.gige.control import GigeCamera, GigeRig
+from spherecal_gentl.producer import build
 from tests.gige_rig import SMALL, aravis_producer, wired
 from tests.producer_client import Client, end, gentl, new_client, noise, picture, shoot
 
@@ -276,7 +276,7 @@ def test_a_fault_that_cannot_be_made_is_an_error_and_the_rig_goes_on(rig: GigeRi
 
 PROGRAM = """
 import sys, time
-from spherecal.cameras.gige.control import GigeCamera, GigeRig
+from spherecal_gentl.gige.control import GigeCamera, GigeRig
 with GigeRig([GigeCamera("K1", 64, 64)]) as rig:
     print(rig.pid, flush=True)
     time.sleep(60)
@@ -329,7 +329,7 @@ def test_the_command_obeys_and_says_what_it_does_not_understand(rig: GigeRig) ->
 
 
 def test_cameras_are_listed_by_the_program_itself(rig: GigeRig) -> None:
-    words = [sys.executable, "-m", "spherecal.cli.main", "cameras", "list", "--json"]
+    words = [sys.executable, "-m", "spherecal_app.cli.main", "cameras", "list", "--json"]
     environment = os.environ | {"GENICAM_GENTL64_PATH": str(aravis_producer().parent)}
     done = subprocess.run(words, env=environment, capture_output=True, text=True, timeout=120, check=False)
     assert done.returncode == 0, done.stderr

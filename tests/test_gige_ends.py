@@ -15,12 +15,12 @@ from pathlib import Path
 import pytest
 
 from benchmarks.gige_fuzz import PAYLOAD, TRAILER, Wire
-from spherecal.cameras.gige.namespaces import why_not
-from spherecal.cli.exit_codes import BAD_INPUT, CANCELLED
-from spherecal.cli.main import main
+from spherecal_app.cli.exit_codes import BAD_INPUT, CANCELLED
+from spherecal_app.cli.main import main
+from spherecal_gentl.gige.namespaces import why_not
 from tests.gige_rig import aravis_producer, wired
 
-SPHERECAL = [sys.executable, "-m", "spherecal.cli.main"]
+SPHERECAL = [sys.executable, "-m", "spherecal_app.cli.main"]
 LIMIT_S = 60.0
 
 
@@ -118,8 +118,8 @@ def test_killed_outright_it_leaves_no_command_and_no_namespace(session: Path) ->
 
 CLIENT = """
 import os, sys, time
-from spherecal.cameras.gentl.source import GenicamSource
-from spherecal.cameras.protocol import CameraSettings
+from spherecal_cameras.genicam.source import GenicamSource
+from spherecal_cameras.protocol import CameraSettings
 from tests.gige_rig import wired
 with wired(1) as rig, GenicamSource() as source:
     serials = source.discover().serials

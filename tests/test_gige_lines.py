@@ -5,9 +5,9 @@ import sys
 import numpy as np
 import pytest
 
-from spherecal.cameras.gige.gvcp import NetworkCamera
-from spherecal.cameras.gige.lines import CameraLoad, NetworkLine, assess, load_of, network_lines, stagger, wire_bytes
-from spherecal.cameras.protocol import FeatureReport
+from spherecal_cameras.network_lines import CameraLoad, NetworkLine, assess, load_of, network_lines, stagger, wire_bytes
+from spherecal_cameras.protocol import FeatureReport
+from spherecal_gentl.gige.gvcp import NetworkCamera
 
 GIGABIT = NetworkLine("eth1", "10.0.0.1", "255.255.255.0", 9000, 1000.0, 0, 33_554_432)
 LOAD = CameraLoad(5_000_000, 1.0, 8992)

@@ -9,14 +9,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from spherecal.cameras.gige.control import GigeCamera, GigeRig
-from spherecal.cameras.producer.feed import SessionScenes
-from spherecal.cameras.simulated.stage import Stage
-from spherecal.cli.gige import show
-from spherecal.cli.main import main
 from spherecal.files.read_session import read_session
 from spherecal.files.rig_file import read_rig
 from spherecal.targets.images import read_image
+from spherecal_app.cli.gige import show
+from spherecal_app.cli.main import main
+from spherecal_cameras.simulated.stage import Stage
+from spherecal_gentl.gige.control import GigeCamera, GigeRig
+from spherecal_gentl.producer.feed import SessionScenes
 from tests.gige_rig import aravis_producer, wired_as
 
 # Measured: 0.012 mm RMS and 0.016 mm at most, over 1.3 m, of four placements and one pose of each bar.

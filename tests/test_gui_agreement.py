@@ -13,7 +13,7 @@ os.environ.setdefault("QT_QPA_PLATFORM", "offscreen")
 
 pytest.importorskip("PySide6.QtWidgets", reason="Qt cannot be loaded here", exc_type=ImportError)
 
-from spherecal.cameras.simulated.faults import SimulatedFault
+from spherecal_cameras.simulated.faults import SimulatedFault
 from spherecal_gui import project as changes
 from spherecal_gui.controllers.camera_controller import CameraController
 from spherecal_gui.presenters.start import FAULTS

@@ -20,12 +20,9 @@ from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QLineEdit
 
 from spherecal.base.context import Context, Progress
-from spherecal.cameras.protocol import CameraSettings, CameraState, CameraStatus, Counters
 from spherecal.data.findings import Finding, leave_out
 from spherecal.files.write_result import write_result
-from spherecal.profile.save import SaveOptions, save_result
-from spherecal.profile.store import apply, create_profile, open_profile
-from spherecal.uses.check_file import FORMAT, VERSION
+from spherecal_cameras.protocol import CameraSettings, CameraState, CameraStatus, Counters
 from spherecal_gui.controllers.controller import Controller
 from spherecal_gui.fingerprint import fingerprint
 from spherecal_gui.pages.calibrate import CalibratePage
@@ -47,6 +44,9 @@ from spherecal_gui.tasks.task import BackgroundTask
 from spherecal_gui.widgets.tile import Wall
 from spherecal_gui.wizard.window import WizardWindow
 from spherecal_gui.workflow import Step
+from spherecal_rigs.check_file import FORMAT, VERSION
+from spherecal_rigs.save import SaveOptions, save_result
+from spherecal_rigs.store import apply, create_profile, open_profile
 from tests.gui_walking import pump, settle
 from tests.test_results import example_calibration
 

@@ -18,11 +18,10 @@ from PySide6.QtCore import Qt
 from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QMessageBox, QPushButton
 
-from spherecal.cameras.plan import read_plan
 from spherecal.data.session import BarLength, Certificate, Mark
-from spherecal.files.ball_registry import read_balls
 from spherecal.files.bar_registry import RegisteredBar, read_registry, write_registry
 from spherecal.targets.family import make_target_set
+from spherecal_cameras.plan import read_plan
 from spherecal_gui.pages.bench_dialog import BenchDialog
 from spherecal_gui.presenters.bench import BarDraft, BenchDraft, LengthDraft, bar_draft, number_of, read_bar, read_bench
 from spherecal_gui.presenters.certificates import bench_reminder, reminder, state_words
@@ -31,6 +30,7 @@ from spherecal_gui.project import Project
 from spherecal_gui.project_folder import rig_bench
 from spherecal_gui.tasks import jobs
 from spherecal_gui.tasks.bench_desk import BenchDesk
+from spherecal_rigs.ball_registry import read_balls
 
 TODAY = date(2026, 11, 23)
 

@@ -15,7 +15,7 @@ import shlex
 
 import spherecal
 from benchmarks.studies.boards import BASELINE_MM, render_set
-from spherecal.cli.main import main
+from spherecal_app.cli.main import main
 from spherecal_gui.pages.board_dialog import BoardDialog
 from spherecal_gui.pages.placement import PlacementPage
 from spherecal_gui.pages.results import ResultsPage

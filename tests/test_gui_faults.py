@@ -11,8 +11,8 @@ os.environ.setdefault("QT_QPA_PLATFORM", "offscreen")
 
 pytest.importorskip("PySide6.QtWidgets", reason="Qt cannot be loaded here", exc_type=ImportError)
 
-from spherecal.cameras.gentl.source import GenicamSource
-from spherecal.cameras.simulated.faults import SimulatedFault
+from spherecal_cameras.genicam.source import GenicamSource
+from spherecal_cameras.simulated.faults import SimulatedFault
 from spherecal_gui.controllers.controller import Controller
 from spherecal_gui.presenters.placement import advice
 from spherecal_gui.project_folder import load_project, taken_in
@@ -45,7 +45,7 @@ def test_a_full_disk_while_taking_keeps_what_was_taken(wizard, said, monkeypatch
     take(wizard, "P1")
     before = {path.name: path.read_bytes() for path in (wizard.project.folder / "placements" / "P1").iterdir()}
     with monkeypatch.context() as patch:
-        patch.setattr("spherecal.cameras.capture.png", full)
+        patch.setattr("spherecal_cameras.capture.png", full)
         take(wizard, "P2")
     assert status(wizard, "placement:P2") is Status.FAILED
     kind, text, hint = said[-1]
@@ -62,7 +62,7 @@ def test_a_full_disk_while_retaking_keeps_the_one_before(wizard, monkeypatch):
     take(wizard, "P1")
     at = wizard.project.taken["P1"]
     with monkeypatch.context() as patch:
-        patch.setattr("spherecal.cameras.capture.png", full)
+        patch.setattr("spherecal_cameras.capture.png", full)
         take(wizard, "P1")
     assert taken_in(wizard.project.folder) == {"P1": at}, "at once, without anybody's undo"
     assert wizard.sets.can_undo is None
@@ -181,7 +181,7 @@ def test_detection_that_breaks_is_said_once_and_the_window_lives(qtbot, tmp_path
 @pytest.mark.skipif(os.name == "nt", reason="kills by signal")
 def test_the_camera_process_killed_is_seen_and_the_walk_goes_on(qapp, tmp_path, monkeypatch):
     from spherecal.base.context import Context
-    from spherecal.cameras.producer.feed import RigFeed
+    from spherecal_gentl.producer.feed import RigFeed
     from spherecal_sim.render_session import demo_session
 
     cti = built_producer()

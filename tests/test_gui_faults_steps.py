@@ -18,9 +18,9 @@ pytest.importorskip("PySide6.QtWidgets", reason="Qt cannot be loaded here", exc_
 from PySide6.QtCore import QCoreApplication
 from PySide6.QtWidgets import QPushButton
 
-from spherecal.cameras.producer.feed import RigFeed
-from spherecal.cameras.simulated.faults import SimulatedFault
-from spherecal.cameras.simulated.source import SimulatedSource
+from spherecal_cameras.simulated.faults import SimulatedFault
+from spherecal_cameras.simulated.source import SimulatedSource
+from spherecal_gentl.producer.feed import RigFeed
 from spherecal_gui.controllers.controller import Controller
 from spherecal_gui.pages.placement import PlacementPage
 from spherecal_gui.project_folder import load_project, save_project

@@ -15,10 +15,9 @@ pytest.importorskip("PySide6.QtWidgets", reason="Qt cannot be loaded here", exc_
 from PySide6.QtWidgets import QFileDialog, QPushButton
 
 from spherecal.base.context import Context
-from spherecal.cli.main import main
-from spherecal.files.frame_file import read_frame, write_frame
 from spherecal.files.write_result import write_result
 from spherecal.geometry.user_frame import FrameDefinition
+from spherecal_app.cli.main import main
 from spherecal_gui import languages, theme
 from spherecal_gui import project as changes
 from spherecal_gui.controllers.controller import Controller
@@ -30,6 +29,7 @@ from spherecal_gui.project_folder import profile_of
 from spherecal_gui.tasks.outcome import read_outcome
 from spherecal_gui.wizard.window import WizardWindow
 from spherecal_gui.workflow import Step
+from spherecal_rigs.frame_file import read_frame, write_frame
 from spherecal_sim.session_folder import write_session
 from tests.gui_walking import settle
 from tests.networks import calibrated, one_thread
@@ -191,7 +191,7 @@ def test_the_dialog_follows_every_press(dialog, choice):
 
 
 def test_axes_are_red_green_blue(dialog, choice):
-    from spherecal_scene.model import AXIS_TINTS
+    from spherecal_documents.scene.model import AXIS_TINTS
 
     choice.choose("origin", "P1")
     dialog.scene.update()

@@ -15,7 +15,6 @@ from PySide6.QtCore import QCoreApplication
 from PySide6.QtWidgets import QInputDialog
 
 from spherecal.base.errors import InputError
-from spherecal.profile.store import open_profile
 from spherecal_gui.controllers.camera_controller import CameraController
 from spherecal_gui.controllers.controller import Controller
 from spherecal_gui.in_use import number_of, result_of
@@ -26,6 +25,7 @@ from spherecal_gui.presenters.start import next_check_text, validity_of, verifie
 from spherecal_gui.project_folder import TRAINING_PROFILE
 from spherecal_gui.wizard.window import WizardWindow
 from spherecal_gui.workflow import Status
+from spherecal_rigs.store import open_profile
 from tests.gui_walking import pump, settle, status, take
 from tests.networks import calibrated
 
@@ -76,7 +76,7 @@ def test_an_unverified_calibration_is_not_called_fresh(profile):
 
 
 def test_a_check_that_says_recalibrate_makes_the_chip_red(profile):
-    from spherecal.profile.checks import keep_check
+    from spherecal_rigs.checks import keep_check
 
     check = {"verdict": "recalibrate", "sentence": "C03 has moved.", "tolerance_mm": 0.1, "cameras": [], "balls": [],
              "lengths": []}  # fmt: skip
@@ -177,7 +177,7 @@ def test_another_limit_reads_no_image_again(projects, monkeypatch):
 
 
 def test_the_reference_camera_stays_that_of_the_calibration_in_use(profile, tmp_path):
-    from spherecal.methods.settings import CalibrationSettings
+    from spherecal.steps.settings import CalibrationSettings
     from spherecal_gui.tasks import jobs
 
     kept = jobs.kept_reference(profile, tmp_path)

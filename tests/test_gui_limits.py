@@ -19,10 +19,6 @@ from PySide6.QtWidgets import QAbstractSpinBox, QDoubleSpinBox, QLineEdit, QMenu
 from spherecal.base.context import Context
 from spherecal.data.session import Bar, BarLength
 from spherecal.files.write_result import write_result
-from spherecal.profile.limits_file import KeptLimits, Limits, Pin, read_limits, with_limits, with_pin, write_limits
-from spherecal.profile.save import SaveOptions, save_result
-from spherecal.profile.store import apply, create_profile, open_profile
-from spherecal.profile.validity import ValidityLimits
 from spherecal_gui import languages, limits, theme
 from spherecal_gui import project as changes
 from spherecal_gui.controllers.controller import Controller
@@ -37,6 +33,10 @@ from spherecal_gui.presenters.placement import Scene
 from spherecal_gui.project import Artefacts, Project
 from spherecal_gui.tasks import jobs
 from spherecal_gui.wizard.window import WizardWindow
+from spherecal_rigs.limits_file import KeptLimits, Limits, Pin, read_limits, with_limits, with_pin, write_limits
+from spherecal_rigs.save import SaveOptions, save_result
+from spherecal_rigs.store import apply, create_profile, open_profile
+from spherecal_rigs.validity import ValidityLimits
 from tests.test_results import example_calibration
 
 TIGHT = Limits(150, 2.0, 4.0, 0.5, 1.0, "0.03+L/20000", verification_limit_open=False, unverified_use=False)

@@ -13,13 +13,13 @@ pytest.importorskip("PySide6.QtWidgets", reason="Qt cannot be loaded here", exc_
 
 from PySide6.QtCore import QObject, Signal
 
-from spherecal.cameras.protocol import CameraSettings
-from spherecal.cameras.simulated.source import SimulatedSource
 from spherecal.data.rig import Rig
-from spherecal.measuring.results import Contradiction
+from spherecal_cameras.protocol import CameraSettings
+from spherecal_cameras.simulated.source import SimulatedSource
 from spherecal_gui.pages.measure import MeasurePage
 from spherecal_gui.presenters.measure import rate_of, ruler_hint, rulers_of, trust_of
 from spherecal_gui.workflow import Step
+from spherecal_measuring.results import Contradiction
 
 PATIENCE_MS = 60_000
 

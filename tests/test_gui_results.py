@@ -21,7 +21,7 @@ from spherecal.base.messages.values import Phrase
 from spherecal.calibrate import calibrate
 from spherecal.data.findings import AdvisedRepair, Finding
 from spherecal.files.write_result import write_result
-from spherecal.report.result_folder import read_result
+from spherecal_documents.scene.model import SceneData, scene_data
 from spherecal_gui import project as changes
 from spherecal_gui import theme
 from spherecal_gui.presenters.results import (
@@ -39,7 +39,7 @@ from spherecal_gui.project_folder import load_project, save_project
 from spherecal_gui.tasks.outcome import read_outcome
 from spherecal_gui.widgets.findings import FindingsList
 from spherecal_gui.workflow import Running, Status, resolve
-from spherecal_scene.model import SceneData, scene_data
+from spherecal_rigs.result_folder import read_result
 from spherecal_sim.session_folder import write_session
 from tests.networks import calibrated, one_thread, simulated
 
@@ -138,8 +138,8 @@ def test_repairs_survive_a_crash(tmp_path):
 @pytest.fixture(scope="module")
 def folders(tmp_path_factory):
     """A session, its result, and a profile that has another calibration of the rig in use."""
-    from spherecal.profile.save import SaveOptions, save_result
-    from spherecal.profile.store import apply, create_profile, open_profile
+    from spherecal_rigs.save import SaveOptions, save_result
+    from spherecal_rigs.store import apply, create_profile, open_profile
 
     home = tmp_path_factory.mktemp("results")
     session, truth = simulated("demo", 1, targets=200)

@@ -145,14 +145,14 @@ def test_a_cameras_dialog_shows_it_live_and_sets_it(qtbot, wizard):
 @pytest.mark.slow
 def test_real_cameras_blink_are_renamed_and_asked_about(qtbot, home, monkeypatch):
     """Over the simulated producer, copied to a place where it is a stranger."""
-    from spherecal.cameras.producer.control import ProducerControl, SimulatedCamera
-    from spherecal.cameras.profile import (
+    from spherecal_cameras.profile import (
         CameraDescription,
         CameraProfile,
         default_profile_path,
         read_profile,
         write_profile,
     )
+    from spherecal_gentl.producer.control import ProducerControl, SimulatedCamera
 
     cti = built_producer()
     folder = home / "driver"
@@ -285,10 +285,10 @@ def test_a_finding_speaks_the_readers_language_with_its_figures(german):
 def real_errors(tmp_path: Path) -> list:
     """What the engine says to mistakes and broken files."""
     from spherecal.base.errors import SpherecalError
-    from spherecal.cameras.sources import open_source
     from spherecal.files.atomic import write_file_whole
     from spherecal.targets.images import read_image
     from spherecal.verify.limit import parse_limit
+    from spherecal_cameras.sources import open_source
 
     (tmp_path / "no.png").write_bytes(b"no picture")
     found = []
@@ -317,7 +317,7 @@ def test_the_errors_of_the_engine_that_are_known_are_translated(tmp_path, german
 
 @pytest.mark.slow
 def test_a_lost_camera_is_said_in_german(wizard, german):
-    from spherecal.cameras.simulated.faults import SimulatedFault
+    from spherecal_cameras.simulated.faults import SimulatedFault
     from spherecal_gui.presenters.connect import camera_lines
 
     wizard.cameras.connection.source.inject(SimulatedFault("lose", "C02"))

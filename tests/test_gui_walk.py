@@ -19,8 +19,8 @@ pytest.importorskip("PySide6.QtWidgets", reason="Qt cannot be loaded here", exc_
 from PySide6.QtCore import QCoreApplication
 from PySide6.QtWidgets import QApplication
 
-from spherecal.cameras.simulated.faults import SimulatedFault
-from spherecal.cli.main import main
+from spherecal_app.cli.main import main
+from spherecal_cameras.simulated.faults import SimulatedFault
 from spherecal_gui.controllers.camera_controller import CameraController
 from spherecal_gui.controllers.controller import Controller
 from spherecal_gui.pages.verify import VerifyPage

@@ -16,6 +16,7 @@ from PySide6.QtGui import QColor, QImage, QMouseEvent
 from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication, QLabel, QPushButton
 
+from spherecal_documents.scene.model import SceneData
 from spherecal_gui import project as changes
 from spherecal_gui import sounds, theme
 from spherecal_gui.presenters import coverage as cov
@@ -40,7 +41,6 @@ from spherecal_gui.widgets.table import Table
 from spherecal_gui.widgets.tile import CameraTile, Wall, shown_image
 from spherecal_gui.widgets.top_view import TopView
 from spherecal_gui.workflow import Running, resolve
-from spherecal_scene.model import SceneData
 
 
 def colours_of(widget) -> set[str]:

@@ -9,18 +9,18 @@ import pytest
 
 from spherecal.base.errors import InputError
 from spherecal.calibrate import calibrate
-from spherecal.cli.main import main
+from spherecal.cross_validate import cross_validate
 from spherecal.data.rig import Calibration
 from spherecal.data.session import Session
 from spherecal.files.rig_file import read_rig
 from spherecal.files.write_result import write_result
-from spherecal.guidance.next_placement import ENOUGH_DOTS, advise
-from spherecal.methods.settings import CalibrationSettings
-from spherecal.predict.lengths import Cameras, predict_lengths
-from spherecal.profile.limits_file import Limits
-from spherecal.report.guidance_picture import save_guidance_picture, save_map_picture
-from spherecal.uses.cross_validate import cross_validate
-from spherecal.uses.recalibrate import Selection, recalibrate
+from spherecal.geometry.length_uncertainty import Cameras, predict_lengths
+from spherecal.steps.settings import CalibrationSettings
+from spherecal_app.cli.main import main
+from spherecal_documents.report.guidance_picture import save_guidance_picture, save_map_picture
+from spherecal_rigs.limits_file import Limits
+from spherecal_rigs.next_placement import ENOUGH_DOTS, advise
+from spherecal_rigs.recalibrate import Selection, recalibrate
 from spherecal_sim.session import observe_again
 from spherecal_sim.session_folder import write_session
 from spherecal_sim.truth import CameraMove

@@ -28,13 +28,17 @@ VIOLATIONS = [
     ("core/spherecal/data/planted.py", "import spherecal.adjust", "Dependencies run one way"),
     ("core/spherecal/files/planted.py", "import spherecal_sim", "The method knows no simulator, study or scene"),
     ("core/spherecal/verify/planted.py", "import spherecal.calibrate", "Dependencies run one way"),
-    ("core/spherecal_sim/planted.py", "import spherecal.cli", "The simulator knows neither studies nor commands"),
+    ("core/spherecal_sim/planted.py", "import spherecal_app.cli", "The simulator knows neither studies nor commands"),
     ("core/spherecal/targets/planted.py", "import spherecal_gui", "The engine knows no window"),
-    ("core/spherecal/cli/planted.py", "import PySide6", "The engine knows no window"),
+    ("core/spherecal_app/cli/planted.py", "import PySide6", "The engine knows no window"),
     ("core/spherecal/files/planted_too.py", "import pyvista", "Only the scene's renderer knows pyvista"),
-    ("core/spherecal/report/planted.py", "import spherecal_scene", "The method knows no simulator, study or scene"),
-    ("core/spherecal/verify/planted_too.py", "import harvesters", "Camera drivers stay inside spherecal.cameras"),
-    ("spherecal_gui/planted.py", "import genicam", "Camera drivers stay inside spherecal.cameras"),
+    (
+        "core/spherecal_documents/report/planted.py",
+        "import spherecal_documents.scene",
+        "The method knows no simulator, study or scene",
+    ),
+    ("core/spherecal/verify/planted_too.py", "import harvesters", "Camera drivers stay inside spherecal_cameras"),
+    ("spherecal_gui/planted.py", "import genicam", "Camera drivers stay inside spherecal_cameras"),
     ("spherecal_gui/controllers/planted.py", "import spherecal_gui.pages", "The controllers know no widgets"),
     ("core/spherecal/adjust/planted_too.py", "import cv2", "OpenCV stays where images and two-view geometry are"),
     ("spherecal_gui/planted_too.py", "import cv2", "OpenCV stays where images and two-view geometry are"),
@@ -87,24 +91,24 @@ def test_heavy_import_at_module_level_turns_red(module):
 # What else may write or remove, and what it is: nothing of it is a file whose name comes from outside.
 MAY_WRITE = {
     "core/spherecal/__init__.py": {"mkdtemp"},  # temporary folders, which nobody else can enter
-    "core/spherecal/support/bundle.py": {"TemporaryDirectory"},
-    "core/spherecal/cameras/gentl/child.py": {"open"},  # the log file, /dev/null
-    "core/spherecal/cameras/gentl/discovery.py": {"open"},  # /dev/null
-    "core/spherecal/cameras/gentl/driver_copy.py": {"symlink_to", "chmod", "fchmod"},  # in a folder of our own
-    "core/spherecal/cameras/gentl/frames.py": {"unlink"},  # shared memory
-    "core/spherecal/cameras/gentl/rings.py": {"unlink"},
-    "core/spherecal/cameras/gentl/service.py": {"unlink"},
-    "core/spherecal/cameras/gige/control.py": {"ftruncate"},  # memory without a name
-    "core/spherecal/cameras/plan.py": {"TemporaryDirectory"},
-    "core/spherecal/cameras/producer/build.py": {"TemporaryDirectory", "chmod"},  # what was built here is a program
-    "core/spherecal/cameras/producer/region.py": {"unlink"},
-    "core/spherecal/cli/compile_kernels.py": {"TemporaryDirectory"},
-    "core/spherecal/cli/console.py": {"open"},  # /dev/null
-    "core/spherecal/cli/gige.py": {"TemporaryDirectory"},
-    "core/spherecal/cli/output.py": {"TemporaryDirectory"},  # what then goes to standard output
-    "core/spherecal/cli/main.py": {"open", "FileHandler"},  # /dev/null, the log file that the user names
+    "core/spherecal_documents/support/bundle.py": {"TemporaryDirectory"},
+    "core/spherecal_cameras/genicam/child.py": {"open"},  # the log file, /dev/null
+    "core/spherecal_cameras/genicam/discovery.py": {"open"},  # /dev/null
+    "core/spherecal_cameras/genicam/driver_copy.py": {"symlink_to", "chmod", "fchmod"},  # in a folder of our own
+    "core/spherecal_cameras/genicam/frames.py": {"unlink"},  # shared memory
+    "core/spherecal_cameras/genicam/rings.py": {"unlink"},
+    "core/spherecal_cameras/genicam/service.py": {"unlink"},
+    "core/spherecal_gentl/gige/control.py": {"ftruncate"},  # memory without a name
+    "core/spherecal_cameras/plan.py": {"TemporaryDirectory"},
+    "core/spherecal_gentl/producer/build.py": {"TemporaryDirectory", "chmod"},  # what was built here is a program
+    "core/spherecal_gentl/producer/region.py": {"unlink"},
+    "core/spherecal_app/cli/compile_kernels.py": {"TemporaryDirectory"},
+    "core/spherecal_app/cli/console.py": {"open"},  # /dev/null
+    "core/spherecal_app/cli/gige.py": {"TemporaryDirectory"},
+    "core/spherecal_app/cli/output.py": {"TemporaryDirectory"},  # what then goes to standard output
+    "core/spherecal_app/cli/main.py": {"open", "FileHandler"},  # /dev/null, the log file that the user names
     "core/spherecal/base/resources.py": {"mkdtemp"},
-    "core/spherecal_scene/renderer.py": {"unlink"},  # shared memory
+    "core/spherecal_documents/scene/renderer.py": {"unlink"},  # shared memory
     "core/spherecal/files/atomic.py": {"rmdir", "rename", "open", "chmod"},  # folders just made; to sync
     "core/spherecal/files/lock.py": {"open", "unlink", "ftruncate"},  # lock files
     "spherecal_gui/pages/limits_dialog.py": {"save"},  # a method of ours
@@ -199,9 +203,7 @@ def test_a_parameter_that_nobody_describes_turns_red(tmp_path: Path) -> None:
 
 
 def test_the_engine_loads_no_window():
-    code = (
-        "import sys, spherecal.cli.main; sys.exit(any(m.startswith(('PySide6', 'spherecal_gui')) for m in sys.modules))"
-    )
+    code = "import sys, spherecal_app.cli.main; sys.exit(any(m.startswith(('PySide6', 'spherecal_gui')) for m in sys.modules))"
     assert subprocess.run([sys.executable, "-c", code], timeout=60, check=False).returncode == 0
 
 

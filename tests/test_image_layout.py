@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from spherecal.base.errors import InputError
-from spherecal.files.image_layout import recognise
+from spherecal_app.recordings.image_layout import recognise
 
 
 def folder(path: Path, names: list[str]) -> Path:

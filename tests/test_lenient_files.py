@@ -12,13 +12,13 @@ import numpy as np
 import pytest
 
 import spherecal
-from spherecal.cli.main import main
 from spherecal.files.assumed import assumed_of_session
 from spherecal.files.bar_registry import bar_entry, read_registered_bar
 from spherecal.files.json_file import JsonValue
-from spherecal.support.redact import Redactor, serials_in
 from spherecal.verify.uncertainty import expansion_kelvin
 from spherecal.verify.verification import Verification
+from spherecal_app.cli.main import main
+from spherecal_documents.support.redact import Redactor, serials_in
 
 Change = Callable[[dict[str, Any]], None]
 

@@ -8,7 +8,6 @@ import pytest
 
 from spherecal.base.errors import InputError
 from spherecal.calibrate import calibrate
-from spherecal.cli.main import main
 from spherecal.data.findings import Finding
 from spherecal.data.lens_model import with_lens_model
 from spherecal.data.rig import Calibration
@@ -16,7 +15,8 @@ from spherecal.data.session import Session
 from spherecal.files.read_session import read_session
 from spherecal.files.rig_file import read_rig
 from spherecal.geometry.camera import INTRINSIC_NAMES, is_fisheye, lens_model, undistort
-from spherecal.methods.settings import CalibrationSettings
+from spherecal.steps.settings import CalibrationSettings
+from spherecal_app.cli.main import main
 from spherecal_sim.session import simulate_session
 from spherecal_sim.session_folder import write_session
 from spherecal_sim.truth import SimulationOptions, Truth

@@ -15,10 +15,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from spherecal.base.errors import InputError, OutputError, SpherecalError
-from spherecal.cli.main import main
 from spherecal.files.write_result import write_result
 from spherecal.initialise.view_graph import MIN_COMMON
-from spherecal.profile.limits_file import (
+from spherecal_app.cli.main import main
+from spherecal_rigs.limits_file import (
     DOTS,
     LIMITS,
     NAMES,
@@ -32,8 +32,8 @@ from spherecal.profile.limits_file import (
     with_pin,
     write_limits,
 )
-from spherecal.profile.store import open_profile
-from spherecal.profile.validity import ValidityLimits
+from spherecal_rigs.store import open_profile
+from spherecal_rigs.validity import ValidityLimits
 from tests.conftest import ROOT
 from tests.test_results import example_calibration
 from tests.test_session_fuzz import JSON_VALUES
@@ -218,7 +218,7 @@ def test_they_are_read_before_the_window_stands(path: Path) -> None:
     """Without what takes half a second to import, a formula included."""
     write_limits(KeptLimits(TIGHT))
     code = (
-        "import sys; from spherecal.profile.limits_file import limits_in_use; print(limits_in_use()[0].stale_hours); "
+        "import sys; from spherecal_rigs.limits_file import limits_in_use; print(limits_in_use()[0].stale_hours); "
         "sys.exit(bool({'scipy', 'numba', 'cv2'} & set(sys.modules)))"
     )
     done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=False)

@@ -14,19 +14,19 @@ from scipy.spatial.transform import Rotation
 
 from benchmarks.studies.markers import compared
 from spherecal.base.errors import InputError
-from spherecal.cli.main import main
 from spherecal.files.rig_file import read_rig
 from spherecal.files.target_set_file import read_target_set, write_target_set
 from spherecal.geometry.camera import project
-from spherecal.measuring.live import collected
-from spherecal.measuring.regions import _joined
 from spherecal.targets.detection import Detections, DetectionSettings, Detector
 from spherecal.targets.family import DOTS
 from spherecal.targets.marker_set import CORNERS, make_marker_set, sticker_mm
-from spherecal.targets.sheet import scaled, sticker_places, write_sheet
 from spherecal.targets.target_set import TargetSet
+from spherecal_app.cli.main import main
+from spherecal_documents.sheets.sticker_sheet import scaled, sticker_places, write_sheet
 from spherecal_gui.presenters.coverage import Dots
 from spherecal_gui.tasks.guide import observations_of, printed_scale
+from spherecal_measuring.live import collected
+from spherecal_measuring.regions import _joined
 from spherecal_sim.rendered_stickers import (
     StickerCamera,
     camera_ring,
@@ -227,7 +227,7 @@ def test_the_report_shows_them(
 ) -> None:
     report = tmp_path / f"report.{ending}"
     if ending == "pdf":  # the scene is rendered for the other; two fifths of the time went into its fonts
-        monkeypatch.setattr("spherecal.cli.report.scene_picture", lambda *_: None)
+        monkeypatch.setattr("spherecal_app.cli.report.scene_picture", lambda *_: None)
         monkeypatch.setattr(PdfFile, "writeFonts", lambda self: self.writeObject(self.fontObject, {}))
     assert main(["report", str(result), "-o", str(report), "--session", str(recorded.folder), "-q"]) == 0
     if ending == "html":

@@ -9,11 +9,11 @@ import pytest
 
 from spherecal.base.context import Context
 from spherecal.base.errors import InputError
-from spherecal.cameras.simulated.source import SimulatedSource
 from spherecal.detect.session_images import observed
 from spherecal.files.read_session import read_session
 from spherecal.targets.detection import DetectionSettings, Detector
 from spherecal.targets.masks import masked
+from spherecal_cameras.simulated.source import SimulatedSource
 from spherecal_sim.session_folder import session_json
 
 

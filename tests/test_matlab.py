@@ -10,9 +10,9 @@ import pytest
 from scipy.io import savemat
 
 from spherecal.base.errors import InputError
-from spherecal.export.cameras import FileCamera
-from spherecal.export.import_rig import import_rig
-from spherecal.export.matlab import read_matlab
+from spherecal_documents.export.cameras import FileCamera
+from spherecal_documents.export.import_rig import import_rig
+from spherecal_documents.export.matlab import read_matlab
 
 POINTS = np.random.default_rng(2).uniform([-300, -200, 1500], [300, 200, 2500], (40, 3))
 TURN, SHIFT = cv2.Rodrigues(np.array([0.02, -0.3, 0.01]))[0], np.array([400.0, -5.0, 30.0])

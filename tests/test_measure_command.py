@@ -17,20 +17,20 @@ import pytest
 
 import spherecal
 from spherecal.base.errors import InputError, OutputError
-from spherecal.cameras.protocol import CameraError, CameraInfo, Discovery
-from spherecal.cameras.simulated.source import SimulatedSource
-from spherecal.cli.main import main
 from spherecal.data.rig import Rig
-from spherecal.measuring.live import LiveSets, LiveSettings, known_of, rig_cameras_of
-from spherecal.measuring.measurer import Measurer
-from spherecal.measuring.regions import RegionSearch, _boxes
-from spherecal.measuring.run import run
-from spherecal.measuring.series_file import write_series
-from spherecal.measuring.sets import sets_of_session
-from spherecal.measuring.stream import MeasurementStream
-from spherecal.profile.checks import read_checks
 from spherecal.targets.detection import DetectionSettings, Detector
 from spherecal.targets.family import make_target_set
+from spherecal_app.cli.main import main
+from spherecal_cameras.protocol import CameraError, CameraInfo, Discovery
+from spherecal_cameras.simulated.source import SimulatedSource
+from spherecal_measuring.live import LiveSets, LiveSettings, known_of, rig_cameras_of
+from spherecal_measuring.measurer import Measurer
+from spherecal_measuring.regions import RegionSearch, _boxes
+from spherecal_measuring.run import run
+from spherecal_measuring.series_file import write_series
+from spherecal_measuring.sets import sets_of_session
+from spherecal_measuring.stream import MeasurementStream
+from spherecal_rigs.checks import read_checks
 from spherecal_sim.session import simulate_session
 from spherecal_sim.session_folder import write_session
 from spherecal_sim.truth import SimulationOptions
@@ -104,7 +104,7 @@ def test_a_series_is_replaced_and_nothing_else_is(session: Path, result: Path, t
 def test_a_measurement_that_is_ended_keeps_its_sets(result: Path, tmp_path: Path, number: signal.Signals) -> None:
     words = ["--cameras", "simulated:demo", "--rig", result, "-o", tmp_path / "series", "--rate", "5", "--json"]
     process = subprocess.Popen(
-        [sys.executable, "-m", "spherecal.cli.main", "measure", *words],
+        [sys.executable, "-m", "spherecal_app.cli.main", "measure", *words],
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,
@@ -319,7 +319,7 @@ def test_health_is_kept_in_the_profile(session: Path, result: Path, tmp_path: Pa
     rig = spherecal.load_rig(result)
     one = next(sets_of_session(spherecal.load_session(session), rig))
     measurer = Measurer(rig, spherecal.Task(spherecal.load_session(session).target_set))
-    from spherecal.uses.keep_health import keep_health
+    from spherecal_measuring.keep_health import keep_health
 
     measurer.measure(one)
     assert keep_health(tmp_path / "rig", measurer.health, rig) is False  # too few to tell

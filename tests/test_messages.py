@@ -32,8 +32,8 @@ GIVEN = {"where", "repairs"}
 _TABLES = ("lists", "phrases")
 # Errors here are still English: files of other programs, arrays and studies, which a programmer meets, and simulators.
 _ENGLISH = (
-    "core/spherecal/cameras/gige/", "core/spherecal/cameras/producer/", "core/spherecal/cli/gige.py",
-    "core/spherecal/cli/parsing.py", "core/spherecal/cli/producer.py", "core/spherecal/export/",
+    "core/spherecal_gentl/gige/", "core/spherecal_gentl/producer/", "core/spherecal_app/cli/gige.py",
+    "core/spherecal_app/cli/parsing.py", "core/spherecal_app/cli/producer.py", "core/spherecal_documents/export/",
     "core/spherecal/files/from_arrays.py", "core/spherecal_sim/", "core/spherecal_study/",
 )  # fmt: skip
 

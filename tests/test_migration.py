@@ -13,13 +13,13 @@ import pytest
 from conftest import ROOT
 
 from spherecal.base.errors import InputError
-from spherecal.cameras.gentl.trust import TrustStore
-from spherecal.cameras.profile import read_profile as read_cameras
 from spherecal.files.read_session import read_session
 from spherecal.files.rig_file import read_rig
 from spherecal.files.target_set_file import read_target_set
-from spherecal.profile.store import open_profile
-from spherecal.report.result_folder import read_result
+from spherecal_cameras.genicam.trust import TrustStore
+from spherecal_cameras.profile import read_profile as read_cameras
+from spherecal_rigs.result_folder import read_result
+from spherecal_rigs.store import open_profile
 
 RELEASES = sorted(path for path in (ROOT / "tests" / "data" / "released").iterdir() if path.is_dir())
 IDS = [path.name for path in RELEASES]
@@ -90,7 +90,7 @@ def test_a_later_version_is_refused_and_left_alone(release: Path, what: str) -> 
 
 
 def test_downgrading_is_told_in_one_line(release: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    from spherecal.cli.main import main
+    from spherecal_app.cli.main import main
 
     file = release / "session" / "session.json"
     file.write_text(file.read_text(encoding="utf-8").replace('"version": 1', '"version": 7', 1), encoding="utf-8")

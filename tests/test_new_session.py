@@ -11,9 +11,9 @@ from PIL import Image
 import spherecal
 from spherecal.base.context import Context
 from spherecal.base.errors import Cancelled, InputError, OutputError
-from spherecal.cli.main import main
-from spherecal.targets.video_frames import _frames as video_frames
-from spherecal.targets.video_frames import common_moments
+from spherecal_app.cli.main import main
+from spherecal_app.recordings.video_frames import _frames as video_frames
+from spherecal_app.recordings.video_frames import common_moments
 
 SIZE = (160, 120)
 BOARD = {"kind": "chessboard", "rows": 6, "columns": 9, "pitch_mm": 25.0}

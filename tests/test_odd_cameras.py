@@ -13,19 +13,17 @@ from typing import Any
 import numpy as np
 import pytest
 
-from spherecal.cameras.clock import CameraClock
-from spherecal.cameras.gentl.device import Device
-from spherecal.cameras.gentl.discovery import together
-from spherecal.cameras.gentl.features import FeatureError
-from spherecal.cameras.gentl.hub import Producer, clean
-from spherecal.cameras.gentl.pixels import grey_pixels, in_order
-from spherecal.cameras.gentl.rings import SLOTS, Ring, shared_memory_name
-from spherecal.cameras.gentl.slots import Slot, assess
-from spherecal.cameras.gentl.source import GenicamSource
-from spherecal.cameras.matching import RoundKeeper
-from spherecal.cameras.producer import build
-from spherecal.cameras.producer.control import ProducerControl, SimulatedCamera
-from spherecal.cameras.protocol import (
+from spherecal_cameras.clock import CameraClock
+from spherecal_cameras.genicam.device import Device
+from spherecal_cameras.genicam.discovery import together
+from spherecal_cameras.genicam.features import FeatureError
+from spherecal_cameras.genicam.hub import Producer, clean
+from spherecal_cameras.genicam.pixels import grey_pixels, in_order
+from spherecal_cameras.genicam.rings import SLOTS, Ring, shared_memory_name
+from spherecal_cameras.genicam.slots import Slot, assess
+from spherecal_cameras.genicam.source import GenicamSource
+from spherecal_cameras.matching import RoundKeeper
+from spherecal_cameras.protocol import (
     CameraInfo,
     CameraSettings,
     CameraState,
@@ -34,6 +32,8 @@ from spherecal.cameras.protocol import (
     Region,
     SetupReport,
 )
+from spherecal_gentl.producer import build
+from spherecal_gentl.producer.control import ProducerControl, SimulatedCamera
 from tests.built_producer import built_producer
 
 SIZE = (320, 240)

@@ -21,7 +21,7 @@ import spherecal
 from installer.debian import make_scene_deb
 from installer.scene_part import take_apart
 from spherecal.base.resources import manual_page
-from spherecal.support.licences import bill_of_materials, closure, licence_text, parts
+from spherecal_documents.support.licences import bill_of_materials, closure, licence_text, parts
 
 BIN = "Scripts" if os.name == "nt" else "bin"
 
@@ -49,14 +49,14 @@ def test_the_wheel_holds_the_program_and_its_files(built: Path) -> None:
     assert not [n for n in names if n.endswith((".ts", ".map"))]
     assert {"spherecal/py.typed", "spherecal/__init__.pyi", "spherecal_gui/app.py"} <= names
     assert {
-        f"spherecal/cameras/producer/{n}"
+        f"spherecal_gentl/producer/{n}"
         for n in ("device.xml", "region.h", "spherecal_gentl.cpp", "spherecal_aravis.cpp", "gvcp.h", "gvsp_filter.h")
     } <= names
-    assert "spherecal/cameras/gige/fake_camera.cpp" in names
+    assert "spherecal_gentl/gige/fake_camera.cpp" in names
     assert not [n for n in names if n.endswith((".nbi", ".nbc", ".pyc")) or n.startswith(("tests", "docs"))]
     scripts = configparser.ConfigParser()
     scripts.read_string(entries)
-    assert scripts["console_scripts"]["spherecal"] == "spherecal.cli.main:entry"
+    assert scripts["console_scripts"]["spherecal"] == "spherecal_app.cli.main:entry"
     assert scripts["gui_scripts"]["spherecal-gui"] == "spherecal_gui.__main__:main"
     for extra in ("gui", "cameras"):
         assert f"Provides-Extra: {extra}" in metadata
@@ -92,7 +92,7 @@ def test_the_engine_alone_in_a_fresh_environment(built: Path, tmp_path: Path) ->
         link_distribution(name, site)
     program = home / BIN / "spherecal"
     program.write_text(
-        f"#!{home / BIN / 'python'}\nimport sys\nfrom spherecal.cli.main import main\nsys.exit(main())\n"
+        f"#!{home / BIN / 'python'}\nimport sys\nfrom spherecal_app.cli.main import main\nsys.exit(main())\n"
     )
     program.chmod(0o755)
     environment = {k: v for k, v in os.environ.items() if k not in ("PYTHONPATH", "VIRTUAL_ENV")}
@@ -117,7 +117,7 @@ def test_the_engine_alone_in_a_fresh_environment(built: Path, tmp_path: Path) ->
 # The exit code and the words of each command, as JSON in the last line.
 ALL_COMMANDS = """
 import contextlib, io, json
-from spherecal.cli.main import main
+from spherecal_app.cli.main import main
 said = []
 for line in ("doctor", "simulate demo --observations-only -o s", "targets export -o targets.json",
              "calibrate s -o r", "verify s --rig r/rig.json -o r", "report r -o r.pdf"):

@@ -10,10 +10,10 @@ from PySide6.QtCore import QPoint, QPointF, Qt
 from PySide6.QtGui import QWheelEvent
 from pytestqt.qtbot import QtBot
 
-from spherecal.report.result_folder import read_result
+from spherecal_documents.scene.model import SceneData, scene_data
 from spherecal_gui.widgets.painted_scene import PaintedScene
 from spherecal_gui.widgets.scene import make_scene_view
-from spherecal_scene.model import SceneData, scene_data
+from spherecal_rigs.result_folder import read_result
 from spherecal_sim.session import simulate_session
 from spherecal_sim.session_folder import write_session
 from spherecal_sim.truth import SimulationOptions
@@ -21,7 +21,7 @@ from spherecal_sim.truth import SimulationOptions
 
 @pytest.fixture(scope="module")
 def data(tmp_path_factory: pytest.TempPathFactory) -> SceneData:
-    from spherecal.cli.main import main
+    from spherecal_app.cli.main import main
 
     folder = tmp_path_factory.mktemp("painted")
     write_session(*simulate_session("demo", 1, SimulationOptions(targets=80)), folder / "session")

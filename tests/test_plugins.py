@@ -14,9 +14,9 @@ from conftest import ROOT
 
 import spherecal
 from spherecal.base.errors import InputError
-from spherecal.cameras.protocol import CameraSource, CaptureRequest
-from spherecal.cameras.sources import open_source
-from spherecal.cli.main import main
+from spherecal_app.cli.main import main
+from spherecal_cameras.protocol import CameraSource, CaptureRequest
+from spherecal_cameras.sources import open_source
 from tests.export_rigs import make_rig
 
 EXAMPLES = ("exporter_package", "importer_package", "camera_source_package")

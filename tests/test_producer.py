@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from spherecal.base.errors import InputError, OutputError
-from spherecal.cameras.producer import build, layout
-from spherecal.cameras.producer.build import build_producer, compile_command
-from spherecal.cameras.producer.control import ProducerControl, SimulatedCamera, feature_address, simulated_cameras
-from spherecal.cameras.producer.region import attach
+from spherecal_gentl.producer import build, layout
+from spherecal_gentl.producer.build import build_producer, compile_command
+from spherecal_gentl.producer.control import ProducerControl, SimulatedCamera, feature_address, simulated_cameras
+from spherecal_gentl.producer.region import attach
 from tests.producer_client import SMALL, Client, built_cti, end, new_client, picture, shoot, small_rig  # noqa: F401 (fixtures)
 
 # ---- building ----

@@ -12,13 +12,13 @@ import pytest
 from PIL import Image
 
 from spherecal.base.errors import InputError
-from spherecal.cameras.producer.control import ProducerControl
-from spherecal.cameras.producer.feed import RigFeed
-from spherecal.cli import producer as command
-from spherecal.cli.exit_codes import DONE
-from spherecal.cli.main import main
 from spherecal.files.target_set_file import write_target_set
 from spherecal.targets.family import make_target_set
+from spherecal_app.cli import producer as command
+from spherecal_app.cli.exit_codes import DONE
+from spherecal_app.cli.main import main
+from spherecal_gentl.producer.control import ProducerControl
+from spherecal_gentl.producer.feed import RigFeed
 from spherecal_sim.session import simulate_session
 from spherecal_sim.session_folder import write_session
 from tests.producer_client import (
@@ -119,7 +119,7 @@ def test_the_command_runs_until_it_is_ended_and_others_can_change_the_scene(
 ) -> None:
     monkeypatch.setenv("SPHERECAL_GENTL_REGION", f"spherecal-command-{os.getpid()}")
     folder = str(_write_session(tmp_path / "s"))
-    words = [sys.executable, "-m", "spherecal.cli.main", "cameras", "simulate-producer", folder]
+    words = [sys.executable, "-m", "spherecal_app.cli.main", "cameras", "simulate-producer", folder]
     with subprocess.Popen(words, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as running:
         assert running.stdout is not None
         assert "2 simulated cameras: 4711, C2" in running.stdout.readline()
@@ -141,7 +141,7 @@ def test_as_json_it_tells_what_is_seen_and_nothing_else(
 ) -> None:
     monkeypatch.setenv("SPHERECAL_GENTL_REGION", f"spherecal-json-{os.getpid()}")
     folder = str(_write_session(tmp_path / "s"))
-    words = [sys.executable, "-m", "spherecal.cli.main", "cameras", "simulate-producer", folder, "--json"]
+    words = [sys.executable, "-m", "spherecal_app.cli.main", "cameras", "simulate-producer", folder, "--json"]
     done = subprocess.run(words, input="P2\nquit\n", capture_output=True, text=True, check=True, timeout=60)
     assert json.loads(done.stdout) == {
         "cameras": ["4711", "C2"], "scene": "P1", "scenes": ["P1", "P2"], "producers": str(cti.parent)

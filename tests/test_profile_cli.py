@@ -10,14 +10,14 @@ import pytest
 
 from spherecal.base.context import Context
 from spherecal.calibrate import calibrate
-from spherecal.cameras.profile import CameraDescription, CameraProfile, write_profile
-from spherecal.cameras.protocol import CameraSettings
-from spherecal.cli.main import main
 from spherecal.files.read_session import read_session
 from spherecal.files.rig_file import rig_bytes
 from spherecal.files.write_result import write_result
-from spherecal.methods.settings import CalibrationSettings
-from spherecal.profile.store import create_profile, open_profile
+from spherecal.steps.settings import CalibrationSettings
+from spherecal_app.cli.main import main
+from spherecal_cameras.profile import CameraDescription, CameraProfile, write_profile
+from spherecal_cameras.protocol import CameraSettings
+from spherecal_rigs.store import create_profile, open_profile
 from spherecal_sim.session import simulate_session
 from spherecal_sim.session_folder import write_session
 from spherecal_sim.truth import SimulationOptions

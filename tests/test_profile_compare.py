@@ -12,15 +12,15 @@ from spherecal.base.errors import InputError
 from spherecal.data.rig import Rig
 from spherecal.files.rig_file import rig_bytes
 from spherecal.geometry.rotation import exp_rotation
-from spherecal.profile.alignment import MatchedCamera, sights
-from spherecal.profile.compare import CameraChange, ComparisonVolume, compare, seen_volume
-from spherecal.profile.entry import Entry
-from spherecal.profile.save import SaveOptions, save_result
-from spherecal.profile.source import read_source, volume_of
-from spherecal.profile.store import apply, create_profile, open_profile
-from spherecal.profile.trend import Trend, control_limits, make_trend, trend_table
-from spherecal.profile.trend_chart import write_trend_chart
-from spherecal.profile.validity import ValidityLimits, validity
+from spherecal_documents.report.trend_chart import write_trend_chart
+from spherecal_rigs.alignment import MatchedCamera, sights
+from spherecal_rigs.compare import CameraChange, ComparisonVolume, compare, seen_volume
+from spherecal_rigs.entry import Entry
+from spherecal_rigs.save import SaveOptions, save_result
+from spherecal_rigs.source import read_source, volume_of
+from spherecal_rigs.store import apply, create_profile, open_profile
+from spherecal_rigs.trend import Trend, control_limits, make_trend, trend_table
+from spherecal_rigs.validity import ValidityLimits, validity
 from spherecal_sim.truth import SimulationOptions
 from tests.export_rigs import make_rig
 

@@ -13,16 +13,16 @@ from benchmarks.studies.mischief_motions import late_camera
 from benchmarks.studies.mischief_world import RIGS, make_world
 from spherecal.base.errors import InputError
 from spherecal.calibrate import calibrate
-from spherecal.cli.main import main
-from spherecal.data.edits import Repairs, repaired
 from spherecal.data.rig import Affected, Calibration
 from spherecal.data.session import Session
-from spherecal.diagnose.automatic_edits import is_last_pose, keeps_a_tested_pose, may_be_swapped
 from spherecal.files.rig_file import read_rig
 from spherecal.files.write_result import write_result
 from spherecal.geometry.rotation import log_rotation
 from spherecal.geometry.transform import fit_similarity
-from spherecal.methods.settings import CalibrationSettings
+from spherecal.steps.automatic_repairs import is_last_pose, keeps_a_tested_pose, may_be_swapped
+from spherecal.steps.repairs import Repairs, repaired
+from spherecal.steps.settings import CalibrationSettings
+from spherecal_app.cli.main import main
 from spherecal_sim.session_folder import write_session
 from spherecal_sim.truth import CameraMove, Truth
 from tests.networks import calibrated, codes, errors_of, observed, one_thread, rms, simulated

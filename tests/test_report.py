@@ -21,21 +21,21 @@ from matplotlib.text import Text
 from PIL import Image, ImageDraw
 
 from spherecal.base.errors import InputError, OutputError
-from spherecal.cli.exit_codes import DONE
-from spherecal.cli.main import main
 from spherecal.data.findings import as_written
 from spherecal.data.rig import Quality, Rig, RigScale
 from spherecal.files.read_session import read_session
 from spherecal.files.rig_file import read_rig, rig_bytes
 from spherecal.files.write_result import POINT_COLUMNS, RESIDUAL_COLUMNS, SPHERE_COLUMNS
-from spherecal.report.detection_page import choose_detections, find_session, read_grey
-from spherecal.report.pictures import save_pictures
-from spherecal.report.result_folder import read_result
-from spherecal.report.rig_view import make_scene
-from spherecal.report.scene_picture import ScenePicture
-from spherecal.report.sheet import fits, shortened, text_width, widest, wrap
-from spherecal.report.style import number, report_style, significant
-from spherecal.report.write_report import html_report, make_document, report_bytes, write_report
+from spherecal_app.cli.exit_codes import DONE
+from spherecal_app.cli.main import main
+from spherecal_documents.report.detection_page import choose_detections, find_session, read_grey
+from spherecal_documents.report.pictures import save_pictures
+from spherecal_documents.report.rig_view import make_scene
+from spherecal_documents.report.scene_picture import ScenePicture
+from spherecal_documents.report.sheet import fits, shortened, text_width, widest, wrap
+from spherecal_documents.report.style import number, report_style, significant
+from spherecal_documents.report.write_report import html_report, make_document, report_bytes, write_report
+from spherecal_rigs.result_folder import read_result
 from spherecal_sim.session import simulate_session
 from spherecal_sim.session_folder import write_session
 from spherecal_sim.truth import SimulationOptions
@@ -192,7 +192,7 @@ def test_the_command_shows_the_rendered_scene_where_it_can(demo, tmp_path, monke
     drawn = written("drawn.html")
     monkeypatch.delenv("SPHERECAL_3D")
     rendered = written("rendered.html")
-    monkeypatch.setattr("spherecal_scene.renderer.serve", end_at_once)
+    monkeypatch.setattr("spherecal_documents.scene.renderer.serve", end_at_once)
     ended = written("ended.html")
     assert "data:image/png" not in drawn and ended == drawn
     if rendered == drawn:
@@ -472,9 +472,9 @@ def test_numbers():
 
 def test_start_up_stays_light():
     code = (
-        "import sys, spherecal.cli.main, spherecal.cli.calibrate\n"
+        "import sys, spherecal_app.cli.main, spherecal_app.cli.calibrate\n"
         "assert 'matplotlib' not in sys.modules\n"
-        "import spherecal.report.write_report\n"
+        "import spherecal_documents.report.write_report\n"
         "sys.exit('matplotlib.pyplot' in sys.modules)"
     )
     assert subprocess.run([sys.executable, "-c", code], timeout=60, check=False).returncode == 0

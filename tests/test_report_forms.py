@@ -12,14 +12,14 @@ import numpy as np
 import pytest
 
 from spherecal.base.errors import InputError
-from spherecal.cli.main import main
-from spherecal.report.content import make_content
-from spherecal.report.dcc import clean, dcc_bytes, decimal, read_issuer
-from spherecal.report.html import _STYLE
-from spherecal.report.result_folder import read_result
-from spherecal.report.sections_rig import image_cells
-from spherecal.report.write_report import write_report
-from spherecal_scene.picture import scene_picture
+from spherecal_app.cli.main import main
+from spherecal_documents.report.content import make_content
+from spherecal_documents.report.dcc import clean, dcc_bytes, decimal, read_issuer
+from spherecal_documents.report.html import _STYLE
+from spherecal_documents.report.sections_rig import image_cells
+from spherecal_documents.report.write_report import write_report
+from spherecal_documents.scene.picture import scene_picture
+from spherecal_rigs.result_folder import read_result
 from tests.test_report import PICTURE, page_texts
 
 ISSUER = {

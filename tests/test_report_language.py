@@ -15,24 +15,24 @@ from matplotlib.text import Text
 
 from spherecal.base.errors import InputError
 from spherecal.base.messages.catalogue import LANGUAGES
-from spherecal.cli.main import main
 from spherecal.data.findings import as_written
 from spherecal.files.written_phrase import Sentence
-from spherecal.report import language as language_module
-from spherecal.report.cameras_page import add_cameras_page
-from spherecal.report.content import Content, make_content
-from spherecal.report.detection_page import Detection, add_detection_pages
-from spherecal.report.document import Document
-from spherecal.report.language import label, speaking, word, written
-from spherecal.report.result_folder import Result, read_result
-from spherecal.report.sheet import text_width, wrap
-from spherecal.report.style import report_style
-from spherecal.report.verdict_page import add_verdict_page
-from spherecal.report.verification_file import read_bar_report
-from spherecal.report.write_report import write_report
 from spherecal.verify.bars import VerifySettings, verify
 from spherecal.verify.limit import parse_limit
 from spherecal.verify.write_verification import write_verification
+from spherecal_app.cli.main import main
+from spherecal_documents.report import language as language_module
+from spherecal_documents.report.cameras_page import add_cameras_page
+from spherecal_documents.report.content import Content, make_content
+from spherecal_documents.report.detection_page import Detection, add_detection_pages
+from spherecal_documents.report.document import Document
+from spherecal_documents.report.language import label, speaking, word, written
+from spherecal_documents.report.sheet import text_width, wrap
+from spherecal_documents.report.style import report_style
+from spherecal_documents.report.verdict_page import add_verdict_page
+from spherecal_documents.report.write_report import write_report
+from spherecal_rigs.read_verification import read_bar_report
+from spherecal_rigs.result_folder import Result, read_result
 
 OTHERS = [name for name in LANGUAGES if name != "en"]
 # Words that are the same in a language.
@@ -215,7 +215,7 @@ def test_chinese_is_broken_between_characters() -> None:
 
 
 def test_a_pdf_in_chinese_needs_a_font(result: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    from spherecal.report import write_report as module
+    from spherecal_documents.report import write_report as module
 
     monkeypatch.setattr(module, "chinese_fonts", lambda: ())
     with pytest.raises(InputError, match="no font with Chinese characters"):

@@ -19,14 +19,9 @@ from PySide6.QtCore import QPoint, QPointF, Qt
 from pytestqt.qtbot import QtBot
 
 from spherecal.geometry.rotation import exp_rotation
-from spherecal.report.rig_view import CameraShape, DrawnPlacement, DrawnRig
-from spherecal_gui.presenters.gltf import scene_glb
-from spherecal_gui.presenters.scene_hover import items_of
-from spherecal_gui.widgets.painted_scene import PaintedScene
-from spherecal_gui.widgets.rendered_scene import RenderedScene
-from spherecal_gui.widgets.scene_panel import ScenePanel
-from spherecal_scene.eye import SIDES, View, fitting_view
-from spherecal_scene.model import (
+from spherecal_documents.report.rig_view import CameraShape, DrawnPlacement, DrawnRig
+from spherecal_documents.scene.eye import SIDES, View, fitting_view
+from spherecal_documents.scene.model import (
     CameraFigures,
     SceneBar,
     SceneData,
@@ -34,9 +29,14 @@ from spherecal_scene.model import (
     with_images,
     with_moved,
 )
-from spherecal_scene.picture import named_places, paper_style
-from spherecal_scene.renderer import can_render, render_once
-from spherecal_scene.shapes import LAYERS, SHOWN_AT_FIRST, SceneStyle, blended, scene_shapes, shrunk
+from spherecal_documents.scene.picture import named_places, paper_style
+from spherecal_documents.scene.renderer import can_render, render_once
+from spherecal_documents.scene.shapes import LAYERS, SHOWN_AT_FIRST, SceneStyle, blended, scene_shapes, shrunk
+from spherecal_gui.presenters.gltf import scene_glb
+from spherecal_gui.presenters.scene_hover import items_of
+from spherecal_gui.widgets.painted_scene import PaintedScene
+from spherecal_gui.widgets.rendered_scene import RenderedScene
+from spherecal_gui.widgets.scene_panel import ScenePanel
 
 STYLE = SceneStyle(
     True, (18, 23, 28), (55, 66, 77), (232, 237, 242), (116, 180, 230), (99, 207, 152), (238, 180, 87), (255, 140, 130)

@@ -15,10 +15,10 @@ from conftest import ROOT
 
 import spherecal
 from spherecal.base.errors import InputError
-from spherecal.cli.main import main
-from spherecal.export.refit import refit
-from spherecal.export.scene import SCENES
 from spherecal.geometry.camera import project, undistort
+from spherecal_app.cli.main import main
+from spherecal_documents.export.refit import refit
+from spherecal_documents.export.scene import SCENES
 from tests.export_rigs import make_rig
 
 

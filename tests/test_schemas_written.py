@@ -9,30 +9,30 @@ from typing import Any
 import pytest
 from conftest import ROOT
 
-from spherecal.cameras.gentl.trust import Driver, TrustStore
-from spherecal.cameras.profile import CameraDescription, CameraProfile, write_profile
-from spherecal.cameras.protocol import CameraSettings, Region
-from spherecal.cli.main import main
-from spherecal.export.write_export import export_rig
 from spherecal.files.bar_registry import read_registered_bar, write_registry
 from spherecal.files.bundle_file import bundle_bytes
 from spherecal.files.json_file import JsonValue
 from spherecal.files.rig_file import read_rig
-from spherecal.measuring.body_file import read_body, write_body
-from spherecal.measuring.measurer import Measurer
-from spherecal.measuring.run import run
-from spherecal.measuring.sets import sets_of_session
-from spherecal.measuring.tables import set_json
-from spherecal.profile.limits_file import KeptLimits, Limits, Pin, with_limits, with_pin, write_limits
-from spherecal.uses.check import check
-from spherecal.uses.check_ball import read_known_ball
-from spherecal.uses.check_file import check_json, keep
 from spherecal.verify.bars import VerifySettings, verify
 from spherecal.verify.limit import parse_limit
 from spherecal.verify.write_verification import write_verification
+from spherecal_app.cli.main import main
+from spherecal_cameras.genicam.trust import Driver, TrustStore
+from spherecal_cameras.profile import CameraDescription, CameraProfile, write_profile
+from spherecal_cameras.protocol import CameraSettings, Region
+from spherecal_documents.export.write_export import export_rig
 from spherecal_gui.last_verification import keep_verification
 from spherecal_gui.project import Artefacts, Computation, Flaw, Project
 from spherecal_gui.project_folder import save_project
+from spherecal_measuring.body_file import read_body, write_body
+from spherecal_measuring.measurer import Measurer
+from spherecal_measuring.run import run
+from spherecal_measuring.sets import sets_of_session
+from spherecal_measuring.tables import set_json
+from spherecal_rigs.check import check
+from spherecal_rigs.check_ball import read_known_ball
+from spherecal_rigs.check_file import check_json, keep
+from spherecal_rigs.limits_file import KeptLimits, Limits, Pin, with_limits, with_pin, write_limits
 from spherecal_sim.session_folder import write_session
 from tests.example_session import VALID
 from tests.json_schema import problems

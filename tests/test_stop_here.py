@@ -12,7 +12,7 @@ from spherecal.data.rig import Calibration
 from spherecal.files.read_session import read_session
 from spherecal.files.rig_file import read_rig
 from spherecal.files.write_result import write_result
-from spherecal.methods.settings import CalibrationSettings
+from spherecal.steps.settings import CalibrationSettings
 from spherecal_sim.render_session import demo_session
 from tests.networks import simulated
 

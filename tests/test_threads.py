@@ -8,8 +8,8 @@ import pytest
 from threadpoolctl import ThreadpoolController
 
 from spherecal.base.threads import one_blas_thread
-from spherecal.methods.board import calibrate_board
-from spherecal.methods.board_start import ONE_OPENCV_THREAD
+from spherecal_boards.board import calibrate_board
+from spherecal_boards.board_start import ONE_OPENCV_THREAD
 from spherecal_sim.boards import simulate_board
 
 

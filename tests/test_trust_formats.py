@@ -13,14 +13,14 @@ import pytest
 
 from spherecal.base.errors import InputError, OutputError
 from spherecal.base.filesystem import create, write_whole
-from spherecal.cameras.gentl.messages import Live
-from spherecal.cameras.gentl.wire import WireError, pack, unpack
-from spherecal.cli.main import main
 from spherecal.files.atomic import RESULT, write_folder_whole
 from spherecal.files.lock import LOCK, locked, short_name
 from spherecal.files.read_session import read_session
-from spherecal.support.bundle import BundleOptions, session_of, write_bundle
-from spherecal.support.redact import Redactor
+from spherecal_app.cli.main import main
+from spherecal_cameras.genicam.messages import Live
+from spherecal_cameras.genicam.wire import WireError, pack, unpack
+from spherecal_documents.support.bundle import BundleOptions, session_of, write_bundle
+from spherecal_documents.support.redact import Redactor
 from spherecal_gui.project_folder import load_project, recent_projects
 from spherecal_sim.session import simulate_session
 from spherecal_sim.session_folder import write_session
@@ -134,7 +134,7 @@ def test_one_hostile_session_of_a_batch_stops_nobody(tmp_path: Path) -> None:
 
 
 def _program(*words: str, **streams: object) -> "subprocess.CompletedProcess[str]":
-    command = [sys.executable, "-m", "spherecal.cli.main", *words]
+    command = [sys.executable, "-m", "spherecal_app.cli.main", *words]
     return subprocess.run(command, text=True, timeout=120, check=False, **streams)  # type: ignore[call-overload]
 
 

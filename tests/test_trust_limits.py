@@ -20,22 +20,22 @@ from export_rigs import make_rig
 
 from spherecal.base import filesystem as files
 from spherecal.base.errors import InputError, OutputError
-from spherecal.cameras.capture import SessionCamera, SessionFolder, session_ids
-from spherecal.cameras.gentl import messages, wire
-from spherecal.cameras.gentl.rings import Ring
-from spherecal.cameras.plan import CapturePlan, PlannedSet
-from spherecal.cameras.protocol import CameraSource, CameraState, Counters, SetupReport
-from spherecal.cli.main import main
-from spherecal.export.csv_table import cell, from_cell
-from spherecal.export.write_export import export_rig
-from spherecal.export.yaml_file import read_yaml
 from spherecal.files.atomic import RESULT, read_unchanged, write_folder_whole
 from spherecal.files.json_file import read_json
 from spherecal.files.lock import locked
 from spherecal.files.read_session import read_session
 from spherecal.files.rig_file import read_rig, rig_bytes
-from spherecal.report.csv_table import read_csv
 from spherecal.targets.images import read_image
+from spherecal_app.cli.main import main
+from spherecal_cameras.capture import SessionCamera, SessionFolder, session_ids
+from spherecal_cameras.genicam import messages, wire
+from spherecal_cameras.genicam.rings import Ring
+from spherecal_cameras.plan import CapturePlan, PlannedSet
+from spherecal_cameras.protocol import CameraSource, CameraState, Counters, SetupReport
+from spherecal_documents.export.csv_table import cell, from_cell
+from spherecal_documents.export.write_export import export_rig
+from spherecal_documents.export.yaml_file import read_yaml
+from spherecal_rigs.result_table import read_csv
 
 posix = pytest.mark.skipif(os.name == "nt", reason="POSIX")
 
@@ -241,13 +241,13 @@ def test_lack_of_memory_is_one_line(monkeypatch: pytest.MonkeyPatch, capsys: pyt
     def lack(*_: object) -> None:
         raise MemoryError
 
-    monkeypatch.setattr("spherecal.cli.doctor.doctor", lack)
+    monkeypatch.setattr("spherecal_app.cli.doctor.doctor", lack)
     assert main(["doctor"]) == 2
     assert "not enough memory" in capsys.readouterr().err
 
 
 def program(*words: str, **options: object) -> subprocess.Popen[bytes]:
-    return subprocess.Popen([sys.executable, "-m", "spherecal.cli.main", *words], stderr=subprocess.PIPE, **options)  # type: ignore[call-overload]
+    return subprocess.Popen([sys.executable, "-m", "spherecal_app.cli.main", *words], stderr=subprocess.PIPE, **options)  # type: ignore[call-overload]
 
 
 @posix

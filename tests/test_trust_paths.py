@@ -12,17 +12,17 @@ from example_session import VALID, make_session
 from export_rigs import make_rig
 
 from spherecal.base.errors import InputError, OutputError, SpherecalError
-from spherecal.cameras.capture import SessionCamera, SessionFolder
-from spherecal.cameras.plan import CapturePlan, PlannedSet
-from spherecal.cameras.protocol import CameraSource, Frame, FrameSet
-from spherecal.cli.main import main
 from spherecal.files.atomic import RESULT, check_folder
 from spherecal.files.rig_file import rig_bytes
-from spherecal.profile.save import save_result
-from spherecal.profile.store import apply, create_profile, open_profile
+from spherecal_app.cli.main import main
+from spherecal_cameras.capture import SessionCamera, SessionFolder
+from spherecal_cameras.plan import CapturePlan, PlannedSet
+from spherecal_cameras.protocol import CameraSource, Frame, FrameSet
 from spherecal_gui import project, project_folder, recorded
 from spherecal_gui.tasks import dot_store
 from spherecal_gui.tasks.bundle import bundle_files
+from spherecal_rigs.save import save_result
+from spherecal_rigs.store import apply, create_profile, open_profile
 
 pytestmark = pytest.mark.skipif(os.name == "nt", reason="links and pipes as POSIX has them")
 

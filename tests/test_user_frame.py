@@ -11,15 +11,15 @@ from hypothesis import strategies as st
 
 import spherecal
 from spherecal.base.errors import InputError, SpherecalError
-from spherecal.cli.main import main
-from spherecal.export.frame import in_frame, result_places
-from spherecal.export.write_export import FORMATS, export_rig
-from spherecal.files.frame_file import read_frame, write_frame
 from spherecal.files.rig_file import rig_bytes
 from spherecal.files.write_result import write_result
 from spherecal.geometry.user_frame import LEAST_ANGLE_DEG, TURNS, FrameDefinition, turn_matrix, user_frame
 from spherecal.verify.bars import verify
 from spherecal.verify.write_verification import write_verification
+from spherecal_app.cli.main import main
+from spherecal_documents.export.write_export import FORMATS, export_rig
+from spherecal_rigs.frame_file import read_frame, write_frame
+from spherecal_rigs.framed_rig import in_frame, result_places
 from tests.export_rigs import make_rig
 from tests.networks import calibrated, one_thread
 from tests.test_session_fuzz import JSON_VALUES, leaves

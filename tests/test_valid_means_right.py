@@ -11,26 +11,26 @@ import pytest
 
 from spherecal.base.errors import InputError
 from spherecal.calibrate import calibrate
-from spherecal.cli.exit_codes import DONE, NOT_VALID
-from spherecal.cli.main import main
-from spherecal.data.edits import Repairs, repaired
 from spherecal.data.findings import AdvisedRepair, Finding, as_written
 from spherecal.data.observations import Observations
 from spherecal.data.rig import Affected, Calibration, Quality
 from spherecal.data.session import Session
 from spherecal.data.verdict import RULES, affected, effect, is_valid, named, ruled, widening
-from spherecal.diagnose.automatic_edits import edited_where_certain, most_wrong, ways
 from spherecal.diagnose.plausibility import implausible
 from spherecal.files.rig_file import read_rig
 from spherecal.files.write_result import write_result
 from spherecal.geometry.transform import fit_similarity
-from spherecal.methods.settings import CalibrationSettings
-from spherecal.profile.save import save_result
-from spherecal.profile.store import apply, create_profile, open_profile
-from spherecal.uses.check import check
+from spherecal.steps.automatic_repairs import edited_where_certain, most_wrong, ways
+from spherecal.steps.repairs import Repairs, repaired
+from spherecal.steps.settings import CalibrationSettings
 from spherecal.verify.bars import VerifySettings, verify
 from spherecal.verify.limit import parse_limit
 from spherecal.verify.pose_plan import BarMarks, facing_cameras, plan_poses
+from spherecal_app.cli.exit_codes import DONE, NOT_VALID
+from spherecal_app.cli.main import main
+from spherecal_rigs.check import check
+from spherecal_rigs.save import save_result
+from spherecal_rigs.store import apply, create_profile, open_profile
 from spherecal_sim.session_folder import write_session
 from spherecal_sim.truth import CameraMove, Truth
 from tests.findings_in_code import ENGINE, findings_in_code

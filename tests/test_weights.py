@@ -13,7 +13,7 @@ from spherecal.ball.rigid import align, share_shape
 from spherecal.base.arrays import FloatArray
 from spherecal.base.context import Context
 from spherecal.calibrate import calibrate
-from spherecal.methods.settings import CalibrationSettings
+from spherecal.steps.settings import CalibrationSettings
 from spherecal_sim.truth import SimulationOptions
 from tests.networks import errors_of, observed, one_thread, rms
 from tests.reference_engine import reference_instead

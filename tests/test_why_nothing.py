@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 from spherecal.base.context import Context
 from spherecal.base.messages.catalogue import phrase
 from spherecal.calibrate import calibrate
-from spherecal.cli.main import main
 from spherecal.data.session import Placement, Session
 from spherecal.detect.nothing_found import nothing_found
 from spherecal.detect.session_images import observed
@@ -25,6 +24,7 @@ from spherecal.targets.family import make_target_set
 from spherecal.targets.images import read_image
 from spherecal.targets.target_set import TargetSet
 from spherecal.targets.why_nothing import Cause, why_nothing
+from spherecal_app.cli.main import main
 from spherecal_sim.dot_truth import ball_dots
 from spherecal_sim.render import render_image
 from spherecal_sim.render_session import CLUTTERED, RENDERED

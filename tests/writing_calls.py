@@ -106,7 +106,7 @@ def _writes(call: ast.Call, place: int) -> bool:
 def files_that_write(root: Path) -> dict[str, list[tuple[int, str]]]:
     """The writing calls by source file of the program, those of `files.py` left out."""
     found = {}
-    for folder in ("core/spherecal", "core/spherecal_scene", "spherecal_gui"):
+    for folder in ("core/spherecal", "core/spherecal_documents.scene", "spherecal_gui"):
         for path in sorted((root / folder).rglob("*.py")):
             if calls := writing_calls(path.read_text(encoding="utf-8")):
                 found[path.relative_to(root).as_posix()] = calls

@@ -14,9 +14,9 @@ from spherecal.base.arrays import FloatArray
 from spherecal.files.json_file import JsonValue
 from spherecal.geometry.camera import intrinsics_vector
 from spherecal.geometry.rotation import exp_rotation
-from spherecal.methods.board_images import FoundBoard, find_board
-from spherecal.methods.board_pattern import board_entry, board_pattern
 from spherecal.targets.board_pattern import BoardPattern, figure
+from spherecal_boards.board_images import FoundBoard, find_board
+from spherecal_boards.board_pattern import board_entry, board_pattern
 from spherecal_sim.rendered_board import BoardCamera, paint, render_board
 
 BOARDS = (

@@ -9,7 +9,7 @@ from benchmarks.studies.report import Report
 from spherecal.calibrate import calibrate
 from spherecal.data.rig import Rig
 from spherecal.data.session import Session
-from spherecal.uses.check import check
+from spherecal_rigs.check import check
 from spherecal_sim.session import observe_again, simulate_session
 from spherecal_sim.truth import CameraMove, SimulationOptions, Truth
 

@@ -8,7 +8,7 @@ from benchmarks.studies.simulated import BarErrors, Bars, bar_errors
 from spherecal.base.arrays import FloatArray
 from spherecal.calibrate import calibrate
 from spherecal.data.session import Session
-from spherecal.methods.settings import CalibrationSettings, Method
+from spherecal.steps.settings import CalibrationSettings, Method
 from spherecal_sim.truth import Truth
 
 

@@ -23,7 +23,7 @@ from spherecal.geometry.camera import project
 from spherecal.initialise.chain import chain_points
 from spherecal.initialise.incremental import grow
 from spherecal.initialise.local import reconstruct_locally
-from spherecal.methods.settings import CalibrationSettings
+from spherecal.steps.settings import CalibrationSettings
 from spherecal_sim.rigs import nominal_intrinsics
 from spherecal_sim.truth import SimulationOptions
 

@@ -13,9 +13,9 @@ from pathlib import Path
 from spherecal.base.errors import SpherecalError
 from spherecal.files.read_session import read_session
 from spherecal.files.rig_file import rig_bytes
-from spherecal.profile.checks import keep_check
-from spherecal.profile.save import save_result
-from spherecal.profile.store import apply, create_profile, open_profile
+from spherecal_rigs.checks import keep_check
+from spherecal_rigs.save import save_result
+from spherecal_rigs.store import apply, create_profile, open_profile
 from spherecal_sim.session import simulate_session
 from spherecal_sim.session_folder import write_session
 from spherecal_sim.truth import SimulationOptions

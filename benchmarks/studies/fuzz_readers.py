@@ -11,11 +11,11 @@ import numpy as np
 from benchmarks.studies.fuzz import Reader, zipped
 from spherecal.base.errors import InputError
 from spherecal.calibrate import calibrate
-from spherecal.export.write_export import export_rig
 from spherecal.files.write_result import write_result
 from spherecal.verify.bars import VerifySettings, verify
 from spherecal.verify.limit import parse_limit
 from spherecal.verify.write_verification import write_verification
+from spherecal_documents.export.write_export import export_rig
 from spherecal_sim.session import simulate_session
 from spherecal_sim.session_folder import write_session
 from spherecal_sim.truth import SimulationOptions
@@ -55,11 +55,11 @@ def _through(path: Path, read: Callable[[], object]) -> Callable[[Path, bytes], 
 
 
 def _session_readers(folder: Path) -> list[Reader]:
-    from spherecal.cameras.plan import read_plan
     from spherecal.files.read_session import read_session
     from spherecal.files.target_set_file import read_target_set
-    from spherecal.methods.board_pattern import read_board_pattern
-    from spherecal.support.bundle import session_of, write_bundle
+    from spherecal_boards.board_pattern import read_board_pattern
+    from spherecal_cameras.plan import read_plan
+    from spherecal_documents.support.bundle import session_of, write_bundle
 
     session = folder / "session"
     session.mkdir()
@@ -88,16 +88,16 @@ def _session_readers(folder: Path) -> list[Reader]:
 
 
 def _result_readers(folder: Path) -> list[Reader]:
-    from spherecal.export.frame import define_frame
     from spherecal.files.ball_file import read_ball
-    from spherecal.files.frame_file import read_frame, write_frame
     from spherecal.files.rig_file import read_rig
     from spherecal.geometry.user_frame import FrameDefinition
-    from spherecal.profile.save import prepare
-    from spherecal.report.content import make_content
-    from spherecal.report.result_folder import read_result
-    from spherecal.report.verification_file import read_bar_report
-    from spherecal.uses.check_ball import read_known_ball
+    from spherecal_documents.report.content import make_content
+    from spherecal_rigs.check_ball import read_known_ball
+    from spherecal_rigs.frame_file import read_frame, write_frame
+    from spherecal_rigs.framed_rig import define_frame
+    from spherecal_rigs.read_verification import read_bar_report
+    from spherecal_rigs.result_folder import read_result
+    from spherecal_rigs.save import prepare
 
     session, truth = simulate_session("rigA", 1, SimulationOptions(targets=12, placements=3, bar_poses=1))
     done = calibrate(session)
@@ -131,19 +131,19 @@ def _result_readers(folder: Path) -> list[Reader]:
 
 
 def _other_readers(folder: Path) -> list[Reader]:
-    from spherecal.cameras.gentl.trust import TrustStore
-    from spherecal.cameras.profile import CameraDescription, CameraProfile, read_profile, write_profile
-    from spherecal.cameras.protocol import CameraSettings
     from spherecal.files.bar_registry import read_registry
     from spherecal.files.read_session import read_session
     from spherecal.files.rig_file import read_rig
-    from spherecal.profile.checks import keep_check, read_checks
-    from spherecal.profile.limits_file import KeptLimits, Limits, Pin, read_limits, with_limits, with_pin, write_limits
-    from spherecal.profile.save import save_result
-    from spherecal.profile.store import apply, create_profile, open_profile
-    from spherecal.report.dcc import read_issuer
-    from spherecal.uses.check import check
-    from spherecal.uses.check_file import check_json
+    from spherecal_cameras.genicam.trust import TrustStore
+    from spherecal_cameras.profile import CameraDescription, CameraProfile, read_profile, write_profile
+    from spherecal_cameras.protocol import CameraSettings
+    from spherecal_documents.report.dcc import read_issuer
+    from spherecal_rigs.check import check
+    from spherecal_rigs.check_file import check_json
+    from spherecal_rigs.checks import keep_check, read_checks
+    from spherecal_rigs.limits_file import KeptLimits, Limits, Pin, read_limits, with_limits, with_pin, write_limits
+    from spherecal_rigs.save import save_result
+    from spherecal_rigs.store import apply, create_profile, open_profile
 
     profile = folder / "profile"
     saved = save_result(create_profile(profile), folder / "result")
@@ -213,9 +213,9 @@ def _foreign_readers(folder: Path) -> list[Reader]:
     """Lenses of OpenCV, Kalibr and COLMAP; every export read back; images."""
     from PIL import Image
 
-    from spherecal.export.priors import read_cameras
-    from spherecal.export.write_export import FORMATS
     from spherecal.targets.images import read_image
+    from spherecal_documents.export.priors import read_cameras
+    from spherecal_documents.export.write_export import FORMATS
 
     rig = make_rig(4, 3, 1)
     found = []

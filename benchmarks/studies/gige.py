@@ -21,11 +21,11 @@ from benchmarks.gige_faults import FAULTS, WireOutcome, injected, wire
 from benchmarks.gige_fuzz import MINUTES, fuzzed
 from benchmarks.studies.cameras import resident_mb
 from benchmarks.studies.report import Report
-from spherecal.cameras.gentl.source import GenicamSource
-from spherecal.cameras.gige.control import GigeCamera, GigeRig
-from spherecal.cameras.producer.build import build_producer
-from spherecal.cameras.producer.control import ProducerControl, SimulatedCamera
-from spherecal.cameras.protocol import CameraSettings
+from spherecal_cameras.genicam.source import GenicamSource
+from spherecal_cameras.protocol import CameraSettings
+from spherecal_gentl.gige.control import GigeCamera, GigeRig
+from spherecal_gentl.producer.build import build_producer
+from spherecal_gentl.producer.control import ProducerControl, SimulatedCamera
 
 RUNS = 20
 SIZE = (1224, 1024)  # cameras and client share this machine's processors: 12 x 5 MP would measure those

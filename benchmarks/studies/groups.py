@@ -19,7 +19,7 @@ from spherecal.calibrate import calibrate
 from spherecal.data.observations import Observations, find_features
 from spherecal.data.session import Session
 from spherecal.geometry.rotation import exp_rotation
-from spherecal.methods.settings import CalibrationSettings
+from spherecal.steps.settings import CalibrationSettings
 from spherecal_sim.observe import look, observe
 from spherecal_sim.rigs import ball_turns
 from spherecal_sim.session import simulate_session

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from benchmarks.studies.hostile_inputs import Ground, spoil
-from spherecal.cli.main import entry
+from spherecal_app.cli.main import entry
 
 # Half a second to two each, drawing or computing: as often as the others they would take most of the time.
 _SLOW = {"report pdf", "report html", "report xml", "batch", "guide", "recalibrate", "licences", "trend"}
@@ -178,8 +178,8 @@ def open_in_window(folder: Path) -> int:
     from types import SimpleNamespace
 
     from spherecal.base.errors import SpherecalError
-    from spherecal.cameras.capture import SessionCamera
-    from spherecal.cameras.plan import CapturePlan, PlannedSet
+    from spherecal_cameras.capture import SessionCamera
+    from spherecal_cameras.plan import CapturePlan, PlannedSet
     from spherecal_gui.project_folder import load_project, save_project
     from spherecal_gui.recorded import RecordedSession
     from spherecal_gui.tasks.dot_store import DotStore

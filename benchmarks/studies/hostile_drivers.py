@@ -9,12 +9,12 @@ import time
 from dataclasses import dataclass
 from pathlib import Path
 
-from spherecal.cameras.gentl.discovery import discover
-from spherecal.cameras.gentl.messages import RequestedCamera
-from spherecal.cameras.gentl.service import CameraService
-from spherecal.cameras.gentl.trust import TrustStore, admit_again
-from spherecal.cameras.producer.build import build_producer
-from spherecal.cameras.protocol import CameraSettings
+from spherecal_cameras.genicam.discovery import discover
+from spherecal_cameras.genicam.messages import RequestedCamera
+from spherecal_cameras.genicam.service import CameraService
+from spherecal_cameras.genicam.trust import TrustStore, admit_again
+from spherecal_cameras.protocol import CameraSettings
+from spherecal_gentl.producer.build import build_producer
 
 _LOADING_S = 0.5  # in which the process that was started again would load the driver
 _RESTART_S = 20.0  # a process that was killed is started again within 2 s, on a busy machine later

@@ -231,7 +231,7 @@ def interrupts(number: int, root: Path, seed: int = 1, until: float = math.inf) 
     chance = random.Random(seed)
     ground = make_ground(root / "ground")
     commands = {
-        name: [sys.executable, "-m", "spherecal.cli.main", *words.format(valid=ground.valid).split()]
+        name: [sys.executable, "-m", "spherecal_app.cli.main", *words.format(valid=ground.valid).split()]
         for name, words in _INTERRUPTED.items()
     }
     longest, whole = {}, {}

@@ -23,9 +23,9 @@ from spherecal.data.rig import Calibration, Quality, Rig, RigCamera
 from spherecal.data.rig_camera import posed
 from spherecal.data.session import Session
 from spherecal.geometry.camera import project
+from spherecal.geometry.length_uncertainty import Cameras, predict_lengths
 from spherecal.geometry.triangulation import triangulate
-from spherecal.methods.settings import CalibrationSettings
-from spherecal.predict.lengths import Cameras, predict_lengths
+from spherecal.steps.settings import CalibrationSettings
 
 BEYOND_U = 3.0
 COVERAGE_FACTOR = 2.0

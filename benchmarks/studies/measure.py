@@ -11,9 +11,9 @@ from benchmarks.studies.measured_world import Path, World, calibrated_world, fac
 from benchmarks.studies.report import Report
 from spherecal.base.arrays import FloatArray
 from spherecal.geometry.rotation import exp_rotation
-from spherecal.measuring.measurer import Measurer
-from spherecal.measuring.results import ObservedSet
-from spherecal.measuring.task import Task
+from spherecal_measuring.measurer import Measurer
+from spherecal_measuring.results import ObservedSet
+from spherecal_measuring.task import Task
 from spherecal_sim.faults import lens_misfit
 
 SEEDS = 6

@@ -8,16 +8,16 @@ from dataclasses import dataclass
 import numpy as np
 
 from benchmarks.studies.report import Report
-from spherecal.cameras.simulated.draw import digitise
-from spherecal.cameras.simulated.stage import Stage, StageView
 from spherecal.data.rig import Rig, rig_of_unknown_quality
 from spherecal.data.rig_camera import RigCamera
-from spherecal.measuring.live import collected, known_of
-from spherecal.measuring.measurer import Measurer
-from spherecal.measuring.regions import FULL_PERIOD_S, RegionSearch
-from spherecal.measuring.results import ObservedSet
-from spherecal.measuring.task import Task
 from spherecal.targets.detection import Detector
+from spherecal_cameras.simulated.draw import digitise
+from spherecal_cameras.simulated.stage import Stage, StageView
+from spherecal_measuring.live import collected, known_of
+from spherecal_measuring.measurer import Measurer
+from spherecal_measuring.regions import FULL_PERIOD_S, RegionSearch
+from spherecal_measuring.results import ObservedSet
+from spherecal_measuring.task import Task
 
 CAMERAS = (4, 8, 12)
 RATE_HZ = 10.0

@@ -12,9 +12,9 @@ from spherecal.data.rig import Calibration, Rig
 from spherecal.data.session import Session
 from spherecal.geometry.rotation import exp_rotation
 from spherecal.geometry.transform import Similarity, fit_similarity
-from spherecal.measuring.results import ObservedSet
-from spherecal.measuring.task import PointName
 from spherecal.targets.centre import target_centre
+from spherecal_measuring.results import ObservedSet
+from spherecal_measuring.task import PointName
 from spherecal_sim.ball import Ball
 from spherecal_sim.observe import ObservingCameras, look, observe
 from spherecal_sim.session import simulate_session

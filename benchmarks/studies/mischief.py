@@ -34,7 +34,7 @@ from benchmarks.studies.mischief_motions import (
 )
 from benchmarks.studies.mischief_world import Pose, World
 from spherecal.data.observations import Observations
-from spherecal.methods.settings import CalibrationSettings
+from spherecal.steps.settings import CalibrationSettings
 from spherecal.targets.family import make_target_set
 from spherecal_sim.ball import Ball, make_ball
 from spherecal_sim.faults import shape_changes

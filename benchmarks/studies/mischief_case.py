@@ -12,7 +12,7 @@ from spherecal.data.findings import Finding
 from spherecal.data.observations import Features, Observations
 from spherecal.data.session import Session
 from spherecal.geometry.rotation import exp_rotation
-from spherecal.methods.settings import CalibrationSettings
+from spherecal.steps.settings import CalibrationSettings
 
 
 @dataclass(frozen=True)

@@ -12,7 +12,7 @@ from benchmarks.studies.realistic import dot_places
 from spherecal.base.arrays import FloatArray
 from spherecal.data.observations import Observations
 from spherecal.data.session import Bar, BarLength, BarPose, CameraSpec, Mark, Placement, Scale, Session
-from spherecal.methods.settings import CalibrationSettings
+from spherecal.steps.settings import CalibrationSettings
 from spherecal.targets.family import make_target_set
 from spherecal_sim.ball import Ball
 from spherecal_sim.lens_errors import TrueLens

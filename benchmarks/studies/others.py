@@ -33,7 +33,7 @@ from spherecal.files.read_session import read_session
 from spherecal.geometry.camera import project
 from spherecal.geometry.posed import PosedCameras
 from spherecal.geometry.triangulation import triangulate
-from spherecal.methods.settings import CalibrationSettings
+from spherecal.steps.settings import CalibrationSettings
 from spherecal.verify.bars import verify
 from spherecal_sim.bars import study_bars
 from spherecal_sim.boards import simulate_board

@@ -21,9 +21,9 @@ from spherecal.data.rig import Calibration
 from spherecal.data.session import Session
 from spherecal.files.read_session import read_session
 from spherecal.files.rig_file import rig_bytes
-from spherecal.methods.settings import CalibrationSettings
-from spherecal.profile.compare import Comparison, ComparisonVolume, compare
-from spherecal.profile.store import open_profile
+from spherecal.steps.settings import CalibrationSettings
+from spherecal_rigs.compare import Comparison, ComparisonVolume, compare
+from spherecal_rigs.store import open_profile
 from spherecal_sim.session import observe_again, simulate_session
 from spherecal_sim.truth import CameraMove, SimulationOptions
 from tests.export_rigs import make_rig

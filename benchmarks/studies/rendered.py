@@ -25,8 +25,8 @@ from spherecal.data.rig import Calibration
 from spherecal.data.session import Session
 from spherecal.detect.session_images import observed
 from spherecal.files.read_session import read_session
-from spherecal.methods.settings import CalibrationSettings, Method
-from spherecal.predict.lengths import Cameras, predict_lengths
+from spherecal.geometry.length_uncertainty import Cameras, predict_lengths
+from spherecal.steps.settings import CalibrationSettings, Method
 from spherecal.verify.bars import verify
 from spherecal.verify.verification import Overall
 from spherecal_sim.render_session import CLUTTERED, DOT_TRUTH_FILE, RENDERED, render_session

@@ -23,9 +23,9 @@ from spherecal.data.rig import Calibration
 from spherecal.data.session import Bar, BarLength, Session
 from spherecal.geometry.posed import PosedCameras
 from spherecal.geometry.triangulation import triangulate
-from spherecal.methods.settings import CalibrationSettings
-from spherecal.methods.sphere import describe_network
 from spherecal.scale.metric import Solution, in_millimetres
+from spherecal.steps.settings import CalibrationSettings
+from spherecal.steps.start_values import describe_network
 from spherecal_sim.bars import StudyBars, study_bars
 from spherecal_sim.session import simulate_session
 from spherecal_sim.truth import SimulationOptions, Truth

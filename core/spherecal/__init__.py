@@ -1,6 +1,6 @@
 """SphereCal: calibration of multi-camera measuring rigs with an imperfect ball.
 
-The names of `spherecal.api` are names of the package, loaded on first use: importing it alone costs milliseconds.
+The names of `spherecal_app.api` are names of the package, loaded on first use: importing it alone costs milliseconds.
 """
 
 from spherecal.base.early import end_at_once as _end_at_once
@@ -63,7 +63,7 @@ _find_room_for_compiled_code()
 def __getattr__(name: str) -> object:
     if name in _PUBLIC:
         # by name, so that the modules below, which ask this one for its version, do not depend on the interface
-        return getattr(_importlib.import_module("spherecal.api"), name)
+        return getattr(_importlib.import_module("spherecal_app.api"), name)
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
 
 

@@ -2,7 +2,7 @@
 
 import sys
 
-from spherecal.cli.main import entry
+from spherecal_app.cli.main import entry
 
 if __name__ == "__main__":
     sys.exit(entry())

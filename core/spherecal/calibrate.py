@@ -6,7 +6,6 @@ from functools import partial
 from spherecal.ball.fit import solve_free
 from spherecal.base.context import Context, Stopwatch
 from spherecal.base.threads import on_one_blas_thread
-from spherecal.data.edits import Repairs, with_repairs
 from spherecal.data.lens_model import with_lens_model
 from spherecal.data.recording import Recording
 from spherecal.data.rig import Calibration
@@ -14,16 +13,17 @@ from spherecal.data.session import Session
 from spherecal.data.verdict import with_findings
 from spherecal.detect.nothing_found import nothing_found
 from spherecal.detect.session_images import observed
-from spherecal.diagnose.automatic_edits import edited_where_certain
 from spherecal.diagnose.lens_models import best_lens_model
 from spherecal.diagnose.plausibility import implausible
-from spherecal.methods.ball_model import fit_ball_model
-from spherecal.methods.bar import calibrate_bar
-from spherecal.methods.board import calibrate_board
-from spherecal.methods.settings import CalibrationSettings, as_stated, check_settings
-from spherecal.methods.sphere import local_network, run_of, start_values
-from spherecal.methods.two_passes import calibrate_twice
 from spherecal.result.build import build_failed_result, build_result
+from spherecal.steps.automatic_repairs import edited_where_certain
+from spherecal.steps.fit_ball import fit_ball_model
+from spherecal.steps.repairs import Repairs, with_repairs
+from spherecal.steps.settings import CalibrationSettings, as_stated, check_settings
+from spherecal.steps.start_values import local_network, run_of, start_values
+from spherecal.steps.two_passes import calibrate_twice
+from spherecal_boards.bar import calibrate_bar
+from spherecal_boards.board import calibrate_board
 
 _BASELINES = {"board": calibrate_board, "bar": calibrate_bar}
 
@@ -36,17 +36,7 @@ def calibrate(
 
     A rig that could not be calibrated, or only in part, is a result too, with `valid` False and findings that say why.
 
-    Parameters
-    ----------
-    session, settings, context
-        What to calibrate from; how, None for the defaults; for progress, and to stop.
-
-    Raises
-    ------
-    InputError
-        Where the session has neither images nor observations, or settings that it cannot be calibrated with.
-    Cancelled
-        When the user stops the work.
+    `session`, `settings`, `context` None for the defaults.
     """
     settings, context, watch = settings or CalibrationSettings(), context or Context(), Stopwatch()
     if settings.repairs:

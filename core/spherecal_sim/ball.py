@@ -53,15 +53,7 @@ _LOBES = 12
 
 
 def random_bumps(amplitude_mm: float, rng: np.random.Generator) -> Bumps:
-    """Bumps whose largest height or depth is `amplitude_mm`.
-
-    Parameters
-    ----------
-    amplitude_mm
-        Largest height or depth, mm.
-    rng
-        Draws the bumps.
-    """
+    """Bumps whose largest height or depth is `amplitude_mm`."""
     axes = rng.normal(size=(_LOBES, 3))
     axes /= np.linalg.norm(axes, axis=1, keepdims=True)
     bumps = Bumps(axes, _LEGENDRE[np.arange(_LOBES) % 4] * rng.normal(size=(_LOBES, 1)))
@@ -103,23 +95,7 @@ def make_ball(
     bump_mm: float = 1.0,
     print_sd_mm: float = 0.0,
 ) -> Ball:
-    """A ball with the given targets of a set, spread evenly and turned at random in their planes.
-
-    Parameters
-    ----------
-    target_set
-        The set with the layouts of the targets.
-    targets
-        Ids of the targets on the ball; all have the points of the first one.
-    rng
-        Draws print, bumps and the stickers' places.
-    radius_mm
-        Radius of the ball, mm.
-    bump_mm
-        Largest height or depth of its bumps, mm.
-    print_sd_mm
-        Standard deviation, per coordinate, of a dot's place on its flat sticker, mm.
-    """
+    """A ball with the given targets of a set, spread evenly and turned at random in their planes."""
     points = tuple(sorted(target_set.layouts[targets[0]]))
     layouts = np.array([[target_set.layouts[t][p] for p in points] for t in targets], dtype=float)
     if print_sd_mm:
@@ -173,14 +149,7 @@ def wrap(radius_mm: float, bumps: Bumps, frames: FloatArray, flat_mm: FloatArray
     A dot at distance d from its sticker's centre is carried along the ball's normal section in the dot's direction
     until the arc there is d long (exponential map).
 
-    Parameters
-    ----------
-    radius_mm, bumps
-        The ball's surface.
-    frames
-        Axes of each dot's sticker, (n, 3, 3), as in `Ball`.
-    flat_mm
-        Places on the stickers, (n, 2) mm.
+    `frames`: axes of each dot's sticker, (n, 3, 3), as in `Ball`; `flat_mm`: places on the stickers, (n, 2) mm.
     """
     length = np.hypot(flat_mm[:, 0], flat_mm[:, 1])
     along = flat_mm / np.where(length > 0, length, 1.0)[:, None]

@@ -23,15 +23,7 @@ _THERMOMETER_SD_C = 0.05
 
 
 def make_bars(first_target: int, rng: np.random.Generator) -> tuple[TrueBar, ...]:
-    """The two bars, with coded marks from target id `first_target` on.
-
-    Parameters
-    ----------
-    first_target
-        Target id of the first mark.
-    rng
-        Draws the marks' places.
-    """
+    """The two bars, with coded marks from target id `first_target` on."""
     bars = []
     for bar_id, nominal in MARKS_MM.items():
         targets = tuple(range(first_target, first_target + len(nominal)))
@@ -45,14 +37,7 @@ def make_bars(first_target: int, rng: np.random.Generator) -> tuple[TrueBar, ...
 def certify(bars: tuple[TrueBar, ...], scale_bar: str | None, rng: np.random.Generator) -> tuple[Bar, ...]:
     """The bars as a session describes them: certificates with errors of their stated uncertainty.
 
-    Parameters
-    ----------
-    bars
-        The bars as they are.
-    scale_bar
-        Id of the bar that gives the scale; None: all bars check.
-    rng
-        Draws the certificates' errors.
+    `scale_bar` None: all bars check.
     """
     certified = []
     for bar in bars:
@@ -72,12 +57,7 @@ def certify(bars: tuple[TrueBar, ...], scale_bar: str | None, rng: np.random.Gen
 def mark_places(bar: TrueBar, pose: TrueBarPose, flat_mm: FloatArray) -> FloatArray:
     """World places of points of a bar's marks, (marks, points, 3) mm.
 
-    Parameters
-    ----------
-    bar, pose
-        The bar, and its pose with the temperature by which it is longer.
-    flat_mm
-        The points on their stickers, (marks, points, 2) mm.
+    `flat_mm`: the points on their stickers, (marks, points, 2) mm.
     """
     stretch = 1 + bar.expansion_per_kelvin * (pose.temperature_c - bar.reference_temperature_c)
     x = np.zeros((*flat_mm.shape[:2], 3))
@@ -98,21 +78,8 @@ def pose_bars(
 
     There are fewer poses where the volume does not have room for them.
 
-    Parameters
-    ----------
-    bars
-        The bars.
-    count
-        Poses of each bar.
-    view
-        The simulated cameras.
-    volume_mm
-        The measuring volume's lowest and highest corner, (2, 3) mm.
-    view_limit_deg
-        Largest angle at which marks are seen, deg; they are then printed on the bar's face (normal -z). None: they are
-        seen from all around.
-    rng
-        Draws poses and temperatures.
+    `volume_mm`: the measuring volume's lowest and highest corner, (2, 3) mm; `view_limit_deg` None: they are seen from
+    all around.
     """
     poses = []
     for bar in bars:
@@ -124,15 +91,7 @@ def pose_bars(
 
 
 def recorded_poses(poses: tuple[TrueBarPose, ...], rng: np.random.Generator) -> tuple[BarPose, ...]:
-    """The poses as a session states them: with the temperature that was read.
-
-    Parameters
-    ----------
-    poses
-        The poses with their true temperatures.
-    rng
-        Draws the thermometer's errors.
-    """
+    """The poses as a session states them: with the temperature that was read."""
     return tuple(
         BarPose(p.id, p.bar, round(p.temperature_c + float(rng.normal(0.0, _THERMOMETER_SD_C)), 2)) for p in poses
     )
@@ -189,17 +148,7 @@ STUDY_LENGTHS_MM = (100.0, 200.0, 300.0, 400.0, 500.0)
 
 
 def study_bars(truth: Truth, rng: np.random.Generator, per_length: int = 8) -> StudyBars:
-    """Random bars of 100 to 500 mm in the volume, both ends in at least 3 views, with the noise of the session.
-
-    Parameters
-    ----------
-    truth
-        The simulated session's truth: its cameras, volume, noise and lens misfit.
-    rng
-        Draws bars and noise.
-    per_length
-        Bars of each length; fewer where the volume does not have room for them.
-    """
+    """Random bars of 100 to 500 mm in the volume, both ends in at least 3 views, with the noise of the session."""
     view = look(truth.cameras)
     ends = []
     for length in STUDY_LENGTHS_MM:

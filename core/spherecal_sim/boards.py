@@ -39,30 +39,7 @@ def simulate_board(
     sigma_px: float = 0.04,
     print_sd_mm: float = 0.0,
 ) -> SimulatedRecording:
-    """A board of dots shown all over the volume, towards one simulated camera after the other.
-
-    Parameters
-    ----------
-    preset
-        Name of the rig.
-    seed
-        What all random parts follow from.
-    placements
-        How often the board is shown.
-    rows, columns
-        Dots of the board.
-    pitch_mm
-        Distance of neighbouring dots, mm; 33 mm is that of [Tao21]'s comparison.
-    sigma_px
-        Standard deviation of an image coordinate, px.
-    print_sd_mm
-        Standard deviation by which a dot is off its place in the board's plane, per coordinate, mm.
-
-    Raises
-    ------
-    InputError
-        For an unknown preset.
-    """
+    """A board of dots shown all over the volume, towards one simulated camera after the other."""
     design = rig_design(preset)
     of_rig, of_board, of_places, of_noise = (np.random.default_rng(s) for s in np.random.SeedSequence(seed).spawn(4))
     cameras = build_cameras(design, of_rig)
@@ -106,28 +83,7 @@ def simulate_waved_bar(
     sigma_px: float = 0.04,
     certificate_mm: float = 0.004,
 ) -> SimulatedRecording:
-    """A bar of marks waved all over the volume, seen from all around.
-
-    Parameters
-    ----------
-    preset
-        Name of the rig.
-    seed
-        What all random parts follow from.
-    frames
-        Poses of the bar.
-    marks_mm
-        Places of the marks along the bar, mm.
-    sigma_px
-        Standard deviation of an image coordinate, px.
-    certificate_mm
-        Expanded uncertainty (k = 2) of its certified lengths, mm, which are off accordingly.
-
-    Raises
-    ------
-    InputError
-        For an unknown preset.
-    """
+    """A bar of marks waved all over the volume, seen from all around."""
     design = rig_design(preset)
     of_rig, of_bar, of_places, of_noise = (np.random.default_rng(s) for s in np.random.SeedSequence(seed).spawn(4))
     cameras = build_cameras(design, of_rig)

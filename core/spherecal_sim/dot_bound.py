@@ -19,18 +19,9 @@ def dot_bounds(
 
     The model has nine parameters: centre, three of the ellipse, contrast, and a background plane; the blur is known.
 
-    Parameters
-    ----------
-    centres
-        The dots' centres, (n, 2) px.
-    outline_moments
-        Central moments of their outlines per area, (n, 2, 2) px^2.
-    exposure
-        Noise-free image (height, width), 1 = full scale.
-    kernel
-        Weights of the cells around a pixel (optics.pixel_kernel), (k, k).
-    sensor
-        The sensor, whose noise and digits count.
+    `centres`: the dots' centres, (n, 2) px; `outline_moments`: central moments of their outlines per area, (n, 2, 2)
+    px^2; `exposure`: noise-free image (height, width), 1 = full scale; `kernel`: weights of the cells around a pixel
+    (optics.pixel_kernel), (k, k).
     """
     terms = separable(kernel)
     blur = len(kernel) / CELLS / 2

@@ -34,12 +34,7 @@ class TrueDots:
     def moved(self, rotation: FloatArray, place: FloatArray) -> "TrueDots":
         """The dots after `x' = rotation @ x + place`.
 
-        Parameters
-        ----------
-        rotation
-            Rotation, (3, 3).
-        place
-            Shift, (3,) mm.
+        `rotation`: rotation, (3, 3); `place`: shift, (3,) mm.
         """
         return TrueDots(
             self.target,
@@ -79,17 +74,7 @@ class DotTruth:
 
 
 def ball_dots(ball: Ball, dot_radius_mm: float, half_sticker_mm: float) -> TrueDots:
-    """All dots of a ball, in the ball frame, mm.
-
-    Parameters
-    ----------
-    ball
-        The ball.
-    dot_radius_mm
-        Radius of a dot, mm.
-    half_sticker_mm
-        Half the side of a sticker, mm.
-    """
+    """All dots of a ball, in the ball frame, mm."""
     n = len(ball.dots_mm)
     circle = _circle(dot_radius_mm)
     flat = ball.layouts_mm.reshape(-1, 1, 2) + circle
@@ -108,15 +93,7 @@ def ball_dots(ball: Ball, dot_radius_mm: float, half_sticker_mm: float) -> TrueD
 
 
 def bar_dots(scene: TracedScene, targets: tuple[int, ...]) -> TrueDots:
-    """All dots on the marks of a scene's bar, in the world, mm.
-
-    Parameters
-    ----------
-    scene
-        A scene with a bar (scene.bar_scene).
-    targets
-        Target ids of the bar's marks, in order.
-    """
+    """All dots on the marks of a scene's bar, in the world, mm."""
     marks, dots = scene.mark_dots.shape[:2]
     flat = np.zeros((marks, dots, 1 + RIM_POINTS, 3))
     flat[..., :2] = scene.mark_dots[:, :, None] + np.concatenate([np.zeros((1, 2)), _circle(scene.dot_radius)])
@@ -153,15 +130,7 @@ class Outlines:
 
 
 def outline_dots(dots: TrueDots, station: Station) -> Outlines:
-    """The outlines of all dots that may touch the image: turned to the camera and near its field of view.
-
-    Parameters
-    ----------
-    dots
-        The dots, in the world.
-    station
-        The simulated camera.
-    """
+    """The outlines of all dots that may touch the image: turned to the camera and near its field of view."""
     rotation, translation, intrinsics = station.rotation, station.translation_mm, station.intrinsics
     x = dots.places @ rotation.T + translation
     corner = np.maximum(intrinsics[2:4], np.array(station.size) - intrinsics[2:4])
@@ -173,19 +142,7 @@ def outline_dots(dots: TrueDots, station: Station) -> Outlines:
 
 
 def see_dots(dots: TrueDots, outlines: Outlines, scene: TracedScene, station: Station) -> DotTruth:
-    """The truth about the dots whose centres are in the image and seen below 88 degrees, hidden or not.
-
-    Parameters
-    ----------
-    dots
-        The dots, in the world.
-    outlines
-        Their outlines in this image (`outline_dots`).
-    scene
-        The scene, which may hide dots.
-    station
-        The simulated camera.
-    """
+    """The truth about the dots whose centres are in the image and seen below 88 degrees, hidden or not."""
     rotation, translation, intrinsics = station.rotation, station.translation_mm, station.intrinsics
     uv = project(dots.places[outlines.dot] @ rotation.T + translation, intrinsics)
     view_deg = _view_angles(dots, station.centre_mm)[outlines.dot]

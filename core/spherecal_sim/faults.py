@@ -10,16 +10,7 @@ from spherecal_sim.ball import Ball, random_bumps
 def lens_misfit(uv: FloatArray, size: FloatArray, phases: FloatArray, amplitude_px: float) -> FloatArray:
     """A smooth field of about one period per image, (n, 2) px, of rms `amplitude_px` per axis.
 
-    Parameters
-    ----------
-    uv
-        Image points, (n, 2) px.
-    size
-        Image size of each row's camera, (n, 2) px.
-    phases
-        Phases of each row's camera, (n, 4) rad.
-    amplitude_px
-        Rms per axis, px.
+    `phases`: phases of each row's camera, (n, 4) rad.
     """
     turns = 2 * np.pi * uv / size
     du = np.sin(turns[:, 0] + phases[:, 0]) * np.cos(turns[:, 1] + phases[:, 1])
@@ -28,21 +19,7 @@ def lens_misfit(uv: FloatArray, size: FloatArray, phases: FloatArray, amplitude_
 
 
 def shape_changes(ball: Ball, count: int, rms_mm: float, kind: str, rng: np.random.Generator) -> FloatArray:
-    """Displacements of the ball's dots in `count` placements, (count, dots, 3) mm.
-
-    Parameters
-    ----------
-    ball
-        The ball.
-    count
-        Placements.
-    rms_mm
-        Rms of a displacement (3-D), mm.
-    kind
-        `smooth` bends the ball (each coordinate a field of degree 2 to 5), `per-dot` moves every dot by itself.
-    rng
-        Draws the displacements.
-    """
+    """Displacements of the ball's dots in `count` placements, (count, dots, 3) mm."""
     if kind == "per-dot":
         return rng.normal(0.0, rms_mm / np.sqrt(3.0), (count, len(ball.dots_mm), 3))
     n = ball.dots_mm / np.linalg.norm(ball.dots_mm, axis=1, keepdims=True)
@@ -63,16 +40,7 @@ def spoil(
     Half of the wrong ones come from targets that exchanged their ids in one image (all dots of both). 30 % are 0.5 to 3
     px off in any direction, 20 % are anywhere in the frame.
 
-    Parameters
-    ----------
-    observations
-        The observations, which stay as they are.
-    sizes
-        Image sizes by camera, (cameras, 2) px.
-    fraction
-        Share of wrong observations.
-    rng
-        Draws which are wrong, and how.
+    `sizes`: image sizes by camera, (cameras, 2) px.
     """
     n = len(observations)
     uv = observations.uv.copy()

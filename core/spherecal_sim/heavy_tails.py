@@ -11,13 +11,6 @@ _DEGREES = 5.0
 def heavy_noise(sd_px: FloatArray, rng: np.random.Generator, degrees: float = _DEGREES) -> FloatArray:
     """Errors (n, 2) px of given standard deviations, distributed by Student's t.
 
-    Parameters
-    ----------
-    sd_px
-        Standard deviation per coordinate, (n,) px.
-    rng
-        Draws the errors.
-    degrees
-        Degrees of freedom, more than 2.
+    `sd_px`: standard deviation per coordinate, (n,) px.
     """
     return sd_px[:, None] * np.sqrt((degrees - 2) / degrees) * rng.standard_t(degrees, (len(sd_px), 2))

@@ -94,20 +94,7 @@ def random_field(
     estimated intrinsics or a turn of the camera explain in the region is taken out: there the camera's true pose and
     lens stay what they are. Outside the region nothing is used and the field keeps the value of its border.
 
-    Parameters
-    ----------
-    size
-        Image size (width, height), px.
-    intrinsics
-        Intrinsics of the lens, (16,).
-    region
-        Lowest and highest corner of the region, (2, 2), in normalised image points (the frame at +-1).
-    rms_px
-        Rms of the field per axis, px.
-    radial_share
-        Share of the higher radial orders in its variance, 0 to 1.
-    rng
-        Draws the field.
+    `size`: image size (width, height), px; `intrinsics`: intrinsics of the lens, (16,); `region` (2, 2).
     """
     low, high = region
     steps = [np.linspace(-1, 1, n) for n in _GRID]

@@ -81,20 +81,7 @@ class _Scene:
 
 
 def simulate_network(kind: str, seed: int) -> tuple[Session, TrueNetwork]:
-    """A session of a network and its truth; the same seed gives the same session.
-
-    Parameters
-    ----------
-    kind
-        One of `KINDS`.
-    seed
-        What all random parts follow from.
-
-    Raises
-    ------
-    InputError
-        For an unknown kind.
-    """
+    """A session of a network and its truth; the same seed gives the same session."""
     makers = {"targets": _targets, "building": _building, "sheet": _sheet}
     if kind not in makers:
         raise InputError(f"There is no network {kind!r}.", f"Networks are {', '.join(KINDS)}.")

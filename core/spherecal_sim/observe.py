@@ -32,14 +32,7 @@ class ObservingCameras:
 def look(cameras: tuple[TrueCamera, ...], move: CameraMove | None = None, placement: int = 0) -> ObservingCameras:
     """The simulated cameras as they are at a placement index.
 
-    Parameters
-    ----------
-    cameras
-        The cameras.
-    move
-        A camera that was knocked; None: none was.
-    placement
-        Index of the placement.
+    `move` None: none was.
     """
     poses = [camera_pose(c, move, placement) for c in cameras]
     sizes = np.array([c.kind.image_size for c in cameras], dtype=float)
@@ -65,16 +58,8 @@ def observe(
     A point is seen where it is in front of the camera and its image in the frame. On a convex body the angle's limit
     implies that nothing hides it.
 
-    Parameters
-    ----------
-    view
-        The simulated cameras.
-    points
-        Points in the world, (m, 3) mm.
-    normals
-        Outward normals of the surface there, (m, 3). None: points are seen from all around.
-    view_limit_deg
-        Angle between normal and line of sight below which a point is seen, deg.
+    `points`: points in the world, (m, 3) mm; `normals`: outward normals of the surface there, (m, 3); None: points are
+    seen from all around.
     """
     camera, point = np.nonzero(_facing(view, points, normals, view_limit_deg))
     x = np.einsum("nij,nj->ni", view.rotations[camera], points[point]) + view.translations[camera]

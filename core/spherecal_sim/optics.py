@@ -99,16 +99,7 @@ def gather(
 ) -> None:
     """Add to `image` the cells weighted by column x row around each pixel's centre.
 
-    Parameters
-    ----------
-    cells
-        Cells, CELLS x CELLS for each pixel.
-    column, row
-        Weights along both directions, (k,), a `KernelTerm`.
-    margin
-        The cells begin this number of pixels above and to the left of the image.
-    image
-        Image to add to, (rows, columns).
+    `column`, `row`: weights along both directions, (k,), a `KernelTerm`; `image`: image to add to, (rows, columns).
     """
     k = len(column)
     offset = margin * CELLS + CELLS // 2 - k // 2
@@ -130,12 +121,7 @@ def gather(
 def vignetting(intrinsics: FloatArray, size: tuple[int, int]) -> NDArray[np.float32]:
     """Natural vignetting cos^4 of the angle from the axis, (height, width).
 
-    Parameters
-    ----------
-    intrinsics
-        Intrinsics, (16,); distortion is left out. A fisheye lens darkens as a pinhole of its focal length does.
-    size
-        Image size (width, height), px.
+    `intrinsics`: intrinsics, (16,); `size`: image size (width, height), px.
     """
     width, height = size
     x2 = ((np.arange(width) - intrinsics[2]) / intrinsics[0]) ** 2
@@ -144,17 +130,7 @@ def vignetting(intrinsics: FloatArray, size: tuple[int, int]) -> NDArray[np.floa
 
 
 def expose(exposure: NDArray[np.float32], sensor: Sensor, rng: np.random.Generator) -> Image:
-    """Grey values (height, width) of an image: shot and read noise, gain, black level, clipping, rounding.
-
-    Parameters
-    ----------
-    exposure
-        Noise-free image (height, width), 1 = full well.
-    sensor
-        The sensor.
-    rng
-        Draws the noise.
-    """
+    """Grey values (height, width) of an image: shot and read noise, gain, black level, clipping, rounding."""
     electrons = np.clip(exposure, 0.0, None) * np.float32(sensor.full_well_e)
     if sensor.noise:
         deviation = np.sqrt(electrons + np.float32(sensor.read_noise_e**2))

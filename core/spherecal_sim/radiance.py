@@ -29,14 +29,7 @@ _SAMPLES = 4  # a side of a cell of a dot: 16 x 16 a pixel
 def ideal_place(intrinsics, u, v, x, y):
     """Normalised ideal coordinates (x, y) of an image point, by Newton's method.
 
-    Parameters
-    ----------
-    intrinsics
-        Intrinsics, (16,).
-    u, v
-        The image point, px.
-    x, y
-        Where to begin, such as the result for a neighbouring point.
+    `intrinsics`: intrinsics, (16,); `u`, `v`: the image point, px.
     """
     if intrinsics[15] == FISHEYE_MARK:
         return _fisheye_place(intrinsics, u, v, x, y)
@@ -86,17 +79,7 @@ def _fisheye_place(intrinsics, u, v, x, y):
 
 @njit(nogil=True, cache=True)
 def look_along(scene, rotation, centre, x, y):
-    """The surface seen along normalised coordinates, with its light: code, place (x, y) on it, diffuse, gloss.
-
-    Parameters
-    ----------
-    scene
-        The scene.
-    rotation, centre
-        Pose of the camera.
-    x, y
-        Normalised ideal coordinates.
-    """
+    """The surface seen along normalised coordinates, with its light: code, place (x, y) on it, diffuse, gloss."""
     dx = rotation[0, 0] * x + rotation[1, 0] * y + rotation[2, 0]
     dy = rotation[0, 1] * x + rotation[1, 1] * y + rotation[2, 1]
     dz = rotation[0, 2] * x + rotation[1, 2] * y + rotation[2, 2]
@@ -108,19 +91,7 @@ def look_along(scene, rotation, centre, x, y):
 
 @njit(nogil=True, cache=True)
 def place_along(scene, code, rotation, centre, x, y):
-    """The place (x, y) mm on a sticker that shows along normalised coordinates.
-
-    Parameters
-    ----------
-    scene
-        The scene.
-    code
-        Code of the sticker, known to show there.
-    rotation, centre
-        Pose of the camera.
-    x, y
-        Normalised ideal coordinates.
-    """
+    """The place (x, y) mm on a sticker that shows along normalised coordinates."""
     dx = rotation[0, 0] * x + rotation[1, 0] * y + rotation[2, 0]
     dy = rotation[0, 1] * x + rotation[1, 1] * y + rotation[2, 1]
     dz = rotation[0, 2] * x + rotation[1, 2] * y + rotation[2, 2]
@@ -132,12 +103,7 @@ def place_along(scene, code, rotation, centre, x, y):
 def bilinear(a, b, c, d, s, t):
     """The value between four corners.
 
-    Parameters
-    ----------
-    a, b, c, d
-        Values at (0, 0), at s = 1, at t = 1, and at (1, 1).
-    s, t
-        Place between them, 0 to 1.
+    `a`, `b`, `c`, `d`: values at (0, 0), at s = 1, at t = 1, and at (1, 1).
     """
     return (a * (1 - s) + b * s) * (1 - t) + (c * (1 - s) + d * s) * t
 
@@ -155,18 +121,7 @@ def trace_band(
 ) -> None:
     """Fill `cells` with the radiance of the pixels from (u_first, v_first) on.
 
-    Parameters
-    ----------
-    scene
-        The scene.
-    rotation, centre, intrinsics
-        The camera.
-    marks
-        For each pixel (rows, columns) whether EDGE or DENSE sampling is needed; rows and columns are multiples of TILE.
-    u_first, v_first
-        The first pixel.
-    cells
-        To be filled, (CELLS rows, CELLS columns).
+    `marks` (rows, columns).
     """
     scene, rotation, centre, intrinsics = unowned((scene, rotation, centre, intrinsics))
     rows, columns = marks.shape
@@ -210,13 +165,6 @@ def is_plain(code, i, j):
 
     What is convex fills a tile whose corners it fills; for a wall the neighbours must show it too, so that nothing can
     begin inside the tile.
-
-    Parameters
-    ----------
-    code
-        Codes of the surfaces at the tiles' corners, (rows + 1, columns + 1).
-    i, j
-        Row and column of the tile.
     """
     first = code[i, j]
     if first >= ARM:
@@ -232,14 +180,7 @@ def is_plain(code, i, j):
 def fill_bilinear(block, a, b, c, d, n):
     """Fill n x n cells from the values at the corners.
 
-    Parameters
-    ----------
-    block
-        The cells, (n, n).
-    a, b, c, d
-        Values at the corners, in the order of `bilinear`.
-    n
-        Cells of a side.
+    `block`: the cells, (n, n).
     """
     for k in range(n):
         t = (k + 0.5) / n
@@ -249,23 +190,7 @@ def fill_bilinear(block, a, b, c, d, n):
 
 @njit(nogil=True, cache=True)
 def trace_tile(scene, rotation, centre, intrinsics, marks, u_first, v_first, x, y, block):
-    """Fill the cells of one tile, pixel by pixel, from rays through the pixels' corners.
-
-    Parameters
-    ----------
-    scene
-        The scene.
-    rotation, centre, intrinsics
-        The camera.
-    marks
-        Sampling of each pixel, (TILE, TILE).
-    u_first, v_first
-        The tile's first pixel.
-    x, y
-        Normalised coordinates from which its first corner is sought.
-    block
-        The cells, (TILE * CELLS, TILE * CELLS).
-    """
+    """Fill the cells of one tile, pixel by pixel, from rays through the pixels' corners."""
     n = TILE + 1
     cx, cy = np.empty((n, n)), np.empty((n, n))
     code = np.empty((n, n), np.int64)
@@ -303,12 +228,7 @@ def trace_tile(scene, rotation, centre, intrinsics, marks, u_first, v_first, x, 
 def corners(grid, k, m):
     """The four values of a grid around the square (k, m).
 
-    Parameters
-    ----------
-    grid
-        Values, (rows, columns).
-    k, m
-        Row and column of the square's first corner.
+    `grid`: values, (rows, columns).
     """
     return grid[k, m], grid[k, m + 1], grid[k + 1, m], grid[k + 1, m + 1]
 
@@ -317,18 +237,7 @@ def corners(grid, k, m):
 def edge_pixel(scene, rotation, centre, x4, y4, samples, pixel):
     """Fill a pixel across an edge, by rays through each cell.
 
-    Parameters
-    ----------
-    scene
-        The scene.
-    rotation, centre
-        Pose of the camera.
-    x4, y4
-        Normalised coordinates of the pixel's corners, (4,).
-    samples
-        Rays along a cell's side.
-    pixel
-        The cells, (CELLS, CELLS).
+    `x4`, `y4`: normalised coordinates of the pixel's corners, (4,).
     """
     n = CELLS * samples
     for k in range(CELLS):
@@ -352,22 +261,8 @@ def dense_pixel(scene, code, rotation, centre, x4, y4, places, d4, g4, pixel):
     The four corners are known in all respects. Over one pixel (0.4 mm) of a 500 mm ball a place departs from the
     quadratic by 1e-6 mm.
 
-    Parameters
-    ----------
-    scene
-        The scene.
-    code
-        Code of the sticker.
-    rotation, centre
-        Pose of the camera.
-    x4, y4
-        Normalised coordinates of the pixel's corners, (4,).
-    places
-        Places x (4,) and y (4,) of the corners on the sticker, mm.
-    d4, g4
-        Diffuse light and gloss at the corners, (4,).
-    pixel
-        The cells, (CELLS, CELLS).
+    `x4`, `y4`: normalised coordinates of the pixel's corners, (4,); `places`: places x (4,) and y (4,) of the corners
+    on the sticker, mm; `d4`, `g4`: diffuse light and gloss at the corners, (4,).
     """
     nodes = np.empty((2, 3, 3))
     for k in range(3):
@@ -420,18 +315,8 @@ def cell_albedo(paper, white, radius, dots, dirt, x, y):
 
     A sample on a rim counts with the part of it that the rim leaves inside: a linear ramp as wide as the sample.
 
-    Parameters
-    ----------
-    paper, white
-        Albedos of the sticker and of its dots.
-    radius
-        Radius of a dot, mm.
-    dots
-        Places of the dots on the sticker, (n, 2) mm.
-    dirt
-        Specks and scratches, (d, 6), as in `TracedScene`.
-    x, y
-        Places of the cell's corners on the sticker, (4,) mm.
+    `radius`: radius of a dot, mm; `dots`: places of the dots on the sticker, (n, 2) mm; `dirt`: specks and scratches,
+    (d, 6), as in `TracedScene`; `x`, `y`: places of the cell's corners on the sticker, (4,) mm.
     """
     ux, uy = (x[1] - x[0] + x[3] - x[2]) / 2 / _SAMPLES, (y[1] - y[0] + y[3] - y[2]) / 2 / _SAMPLES
     vx, vy = (x[2] - x[0] + x[3] - x[1]) / 2 / _SAMPLES, (y[2] - y[0] + y[3] - y[1]) / 2 / _SAMPLES

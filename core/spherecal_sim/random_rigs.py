@@ -35,16 +35,7 @@ class RandomRig:
 
 
 def random_rig(rng: np.random.Generator, lenses: Literal["usual", "wide", "strong", "long"] = "usual") -> RandomRig:
-    """A rig whose simulated cameras all see the middle of its volume.
-
-    Parameters
-    ----------
-    rng
-        Draws the rig.
-    lenses
-        With `usual` lenses the ball fills a quarter to a half of the image. `wide` ones (100 degrees over the diagonal,
-        fisheyes) are near. `strong` ones have a barrel distortion of 10 to 15 % at the corner, `long` ones are far.
-    """
+    """A rig whose simulated cameras all see the middle of its volume."""
     arrangement: Arrangement = rng.choice(get_args(Arrangement))
     n = int(rng.integers(6 if arrangement in ("walls", "ring") else 4, 17))
     radius = float(rng.uniform(100, 300))

@@ -128,12 +128,8 @@ class RealisticTruth:
     def see(self, points: FloatArray, normals: FloatArray | None) -> tuple[IntArray, IntArray, FloatArray]:
         """Camera (n,), point (n,) and exact image (n, 2) px of what is seen in the middle of the recording.
 
-        Parameters
-        ----------
-        points
-            Points in the world, (m, 3) mm.
-        normals
-            Outward normals of the surface there, (m, 3). None: points are seen from all around.
+        `points`: points in the world, (m, 3) mm; `normals`: outward normals of the surface there, (m, 3); None: points
+        are seen from all around.
         """
         return _see(self.rig, self.lenses, points, normals)
 
@@ -147,12 +143,7 @@ def simulate_realistic(seed: int, options: RealisticOptions | None = None) -> tu
 
     A rig that the observations do not link is drawn another time; the fortieth is taken as it is.
 
-    Parameters
-    ----------
-    seed
-        What all random parts follow from.
-    options
-        What the recording suffers from; None draws it (`draw_options`).
+    `options` None draws it (`draw_options`).
     """
     of_options, of_rig, of_ball, of_places, of_lens, of_noise, of_faults = (
         np.random.default_rng(s) for s in np.random.SeedSequence(seed).spawn(7)
@@ -456,19 +447,7 @@ def _padded(truth: RealisticTruth, observations: Observations) -> RealisticTruth
 def random_lengths(
     truth: RealisticTruth, count: int, rng: np.random.Generator, share: tuple[float, float] = (0.2, 0.8)
 ) -> FloatArray:
-    """Ends (count or fewer, 2, 3) mm of random lengths in the volume, each end in three or more views.
-
-    Parameters
-    ----------
-    truth
-        The recording's truth: its rig and lenses.
-    count
-        How many.
-    rng
-        Draws the lengths.
-    share
-        Shortest and longest length, as shares of the volume's diagonal.
-    """
+    """Ends (count or fewer, 2, 3) mm of random lengths in the volume, each end in three or more views."""
     low, high = truth.rig.volume_mm
     diagonal = float(np.linalg.norm(high - low))
     found = [np.empty((0, 2, 3))]

@@ -39,25 +39,7 @@ def render_image(
 ) -> Rendered:
     """The image that a simulated camera takes of a scene, and the truth about the scene's dots.
 
-    Parameters
-    ----------
-    scene
-        The scene, lit for this camera (scene.lit_for).
-    dots
-        Its dots, in the world.
-    station
-        The simulated camera.
-    settings
-        Optics and sensor.
-    rng
-        Draws the noise.
-    context
-        To stop; None never stops.
-
-    Raises
-    ------
-    Cancelled
-        Where the context says so.
+    `context` None never stops.
     """
     context = context or Context()
     scene, station = _packed(scene), replace(station, rotation=np.ascontiguousarray(station.rotation))

@@ -49,29 +49,7 @@ def render_session(
 
     The same seed gives the same images, however many threads there are.
 
-    Parameters
-    ----------
-    preset
-        Name of the rig.
-    seed
-        What all random parts follow from.
-    folder
-        Where the session is written.
-    context
-        For progress, and to stop; None does neither.
-    options
-        What is simulated; None is `RENDERED`.
-    settings
-        How images are made; None is `CLUTTERED`.
-
-    Raises
-    ------
-    InputError
-        For an unknown preset or options that images cannot show.
-    OutputError
-        Where the folder cannot be written.
-    Cancelled
-        Where the context says so.
+    `context` None does neither; `options` None is `RENDERED`; `settings` None is `CLUTTERED`.
     """
     context = context or Context()
     options, settings = options or RENDERED, settings or CLUTTERED
@@ -98,16 +76,7 @@ def render_placement(
 ) -> Rendered:
     """One image of the ball, with the truth about its dots.
 
-    Parameters
-    ----------
-    session, truth
-        A simulated session and its truth.
-    placement, camera
-        Indices of the placement and of the simulated camera.
-    settings
-        How images are made; None is `CLUTTERED`.
-    seed
-        What the noise follows from.
+    `settings` None is `CLUTTERED`.
     """
     settings = settings or CLUTTERED
     targets = _target_set(session)
@@ -119,17 +88,7 @@ def render_placement(
 
 
 def station_at(camera: TrueCamera, truth: Truth, placement: int) -> Station:
-    """A simulated camera as it is at a placement.
-
-    Parameters
-    ----------
-    camera
-        The camera.
-    truth
-        The truth, with the move of a camera that was knocked.
-    placement
-        Index of the placement; bar poses come after the last one.
-    """
+    """A simulated camera as it is at a placement."""
     rotation, translation = camera_pose(camera, truth.options.moved, placement)
     return Station(camera.id, rotation, translation, camera.intrinsics, camera.kind.image_size)
 
@@ -221,19 +180,7 @@ def _take(shot: _Shot) -> DotTruth:
 def write_png(path: Path, image: Image) -> None:
     """Write a grey image of 8 or 16 bits as PNG.
 
-    Parameters
-    ----------
-    path
-        The file, which is not there yet.
-    image
-        The image, (height, width).
-
-    Raises
-    ------
-    OutputError
-        Where the image cannot be encoded.
-    OSError
-        Where the file is there already or cannot be written.
+    `image`: the image, (height, width).
     """
     import cv2
 
@@ -272,15 +219,7 @@ _CACHE_VERSION = 1
 
 
 def demo_session(context: Context | None = None) -> Path:
-    """The folder of the demo's session, rendered on first use and then kept in the user's cache folder.
-
-    Raises
-    ------
-    OutputError
-        Where the folder cannot be written.
-    Cancelled
-        Where the context says so.
-    """
+    """The folder of the demo's session, rendered on first use and then kept in the user's cache folder."""
     folder = cache_folder(f"demo-{_CACHE_VERSION}")
     if (folder / SESSION.file).exists():
         return folder

@@ -34,15 +34,7 @@ class Painted:
 
 
 def paint(figure: Figure, px_per_mm: float) -> Painted:
-    """The figure as an image, its edges anti-aliased.
-
-    Parameters
-    ----------
-    figure
-        The figure.
-    px_per_mm
-        Resolution, px for a mm.
-    """
+    """The figure as an image, its edges anti-aliased."""
     width, height = (int(np.ceil(side * px_per_mm)) for side in figure.size_mm)
     out = np.ones((height, width), np.float32)
     for x, y, a, b, grey in figure.rectangles:
@@ -80,20 +72,7 @@ def render_board(
 
     Rays that meet the board from behind see the background.
 
-    Parameters
-    ----------
-    figure
-        What is printed on the board.
-    camera
-        The simulated camera.
-    rotation, translation
-        `x_camera = rotation @ x_figure + translation` of places (x, y, 0) mm, y down.
-    random
-        Draws the noise.
-    noise_grey
-        Standard deviation of the noise, grey values.
-    painted
-        The figure, where it was painted before; None: it is painted as fine as the image needs.
+    `rotation`, `translation` (x, y, 0) mm; `painted` None: it is painted as fine as the image needs.
     """
     width, height = camera.size
     uv = [np.append(np.arange(-0.5, side, _NODES), side + _NODES) for side in camera.size]

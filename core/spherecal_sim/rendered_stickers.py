@@ -50,17 +50,7 @@ class StickerCamera:
 
 
 def sticker_ball(targets: TargetSet, radius_mm: float, random: np.random.Generator) -> StickerBall:
-    """The stickers of a set spread evenly over a ball, each turned at random.
-
-    Parameters
-    ----------
-    targets
-        The set; all its targets are on the ball.
-    radius_mm
-        Radius of the ball, mm.
-    random
-        Draws the turns.
-    """
+    """The stickers of a set spread evenly over a ball, each turned at random."""
     n = len(targets.layouts)
     z = 1 - (2 * np.arange(n) + 1) / n
     angle = np.arange(n) * np.pi * (3 - 5**0.5)
@@ -112,24 +102,7 @@ def render_stickers(
 ) -> NDArray[np.uint8]:
     """The grey image (h, w) of the ball.
 
-    Parameters
-    ----------
-    ball
-        The ball.
-    painted
-        Its stickers (`painted_stickers`).
-    camera
-        The simulated camera.
-    turn
-        Rotation ball to world, (3, 3).
-    place
-        Centre of the ball in the world, (3,) mm.
-    random
-        Draws the noise.
-    blur_px
-        Standard deviation of the lens's blur, px.
-    noise_grey
-        Standard deviation of the noise, grey values.
+    `turn`: rotation ball to world, (3, 3); `place`: centre of the ball in the world, (3,) mm.
     """
     width, height = camera.size
     steps = [np.arange(side * _RAYS) / _RAYS - 0.5 + 0.5 / _RAYS for side in camera.size]
@@ -205,20 +178,7 @@ def camera_ring(
 ) -> list[StickerCamera]:
     """Simulated cameras on an arc about the volume, at two heights, each a little different.
 
-    Parameters
-    ----------
-    count
-        How many.
-    size
-        Image size (width, height), px.
-    focal_px
-        Focal length, px; each camera's is up to 2 % off.
-    distance_mm
-        Distance from the volume's middle along the arc, mm.
-    random
-        Draws focal lengths and principal points.
-    arc_deg
-        The arc, deg.
+    `size`: image size (width, height), px.
     """
     cameras = []
     for i in range(count):
@@ -241,19 +201,6 @@ def write_sticker_session(
     """Write a session folder with rendered images; the scale is a long distance on each target.
 
     It is that of the points A and E, or of 0 and 2 where a target has no point A.
-
-    Parameters
-    ----------
-    folder
-        Where the session is written.
-    ball
-        The ball.
-    cameras
-        The simulated cameras.
-    placements
-        Placements, with the ball turned and moved at random.
-    random
-        Draws placements and noise.
     """
     painted = painted_stickers(ball.targets)
     entries = []

@@ -78,11 +78,6 @@ def rig_design(preset: str) -> RigDesign:
 
     A preset is also any `hallN` (N even, >= 6), `domeN` (N >= 3) and `wideN` (lenses with a field of N degrees, 60 to
     160).
-
-    Raises
-    ------
-    InputError
-        For an unknown name, or a number that is not possible.
     """
     if preset == "rigA":
         return _rig_a()
@@ -152,13 +147,7 @@ _HALL_COLUMN_MM = 312.5
 
 
 def hall(n_cameras: int) -> RigDesign:
-    """Two rows of cameras over a lane; the ball is walked along it, by default with one placement a camera.
-
-    Raises
-    ------
-    InputError
-        For an odd number of cameras, or fewer than 6.
-    """
+    """Two rows of cameras over a lane; the ball is walked along it, by default with one placement a camera."""
     if n_cameras < 6 or n_cameras % 2:
         raise InputError(f"A hall has an even number of cameras, at least 6, not {n_cameras}.")
     columns = n_cameras // 2
@@ -181,13 +170,7 @@ def hall(n_cameras: int) -> RigDesign:
 
 
 def dome(n_cameras: int) -> RigDesign:
-    """Cameras spread evenly over the upper half of a sphere of 1200 mm, all aimed near its centre.
-
-    Raises
-    ------
-    InputError
-        For fewer than 3 cameras.
-    """
+    """Cameras spread evenly over the upper half of a sphere of 1200 mm, all aimed near its centre."""
     if n_cameras < 3:
         raise InputError(f"A dome has at least 3 cameras, not {n_cameras}.")
     i = np.arange(n_cameras)
@@ -208,13 +191,7 @@ def dome(n_cameras: int) -> RigDesign:
 
 
 def wide(field_deg: int) -> RigDesign:
-    """Rig A's frame with fisheye lenses of the given field over the image's diagonal.
-
-    Raises
-    ------
-    InputError
-        For a field of less than 60 or more than 160 degrees.
-    """
+    """Rig A's frame with fisheye lenses of the given field over the image's diagonal."""
     if not 60 <= field_deg <= 160:
         raise InputError(f"A wide rig has lenses of 60 to 160 degrees, not {field_deg}.")
     plain = _rig_a()
@@ -235,15 +212,7 @@ _GOLDEN_ANGLE = np.pi * (3.0 - np.sqrt(5.0))
 
 
 def build_cameras(design: RigDesign, rng: np.random.Generator) -> tuple[TrueCamera, ...]:
-    """The simulated cameras of a rig as built: mounted a little off the drawing, with lenses of their own.
-
-    Parameters
-    ----------
-    design
-        The drawing.
-    rng
-        Draws poses and lenses.
-    """
+    """The simulated cameras of a rig as built: mounted a little off the drawing, with lenses of their own."""
     n = len(design.places_mm)
     centres = design.places_mm + rng.normal(0.0, 4.0, (n, 3))
     tilts = exp_rotation(rng.normal(0.0, np.deg2rad(0.5), (n, 3)))
@@ -258,14 +227,8 @@ def build_cameras(design: RigDesign, rng: np.random.Generator) -> tuple[TrueCame
 def look_at(place: FloatArray, aim: FloatArray, up: FloatArray) -> FloatArray:
     """World-to-camera rotation (3, 3) of a camera that looks at a place.
 
-    Parameters
-    ----------
-    place
-        Where the camera is, (3,) mm.
-    aim
-        What it looks at, (3,) mm.
-    up
-        Direction of the image's top, (3,), not along the line of sight.
+    `place`: where the camera is, (3,) mm; `aim`: what it looks at, (3,) mm; `up`: direction of the image's top, (3,),
+    not along the line of sight.
     """
     z = (aim - place) / np.linalg.norm(aim - place)
     x = np.cross(z, up)
@@ -321,18 +284,7 @@ _HEIGHT_MM = 150.0
 
 
 def ball_places(design: RigDesign, count: int, layout: Layout) -> FloatArray:
-    """Where the ball's centre is put, (count, 3) mm in the rig's frame.
-
-    Parameters
-    ----------
-    design
-        The rig.
-    count
-        Placements.
-    layout
-        `spread` fills the rig's box (or walks along it), `heights` does so at heights +-150 mm, `row` keeps to x.
-        `clustered` stays within +-60 mm and `stacked` at the middle, one above the other.
-    """
+    """Where the ball's centre is put, (count, 3) mm in the rig's frame."""
     low, high = design.ball_box_mm
     middle, half = (low + high) / 2, (high - low) / 2
     if design.walk and layout == "spread":
@@ -365,18 +317,7 @@ def _unit_grid(count: int) -> FloatArray:
 
 
 def ball_turns(count: int, turns: Turns, rng: np.random.Generator) -> FloatArray:
-    """Rotations ball to world of the placements, (count, 3, 3).
-
-    Parameters
-    ----------
-    count
-        Placements.
-    turns
-        `turned`: each differs from the one before by 30 to 60 degrees about a random axis, so that successive
-        placements share targets. `moved`: all equal; `random`: any.
-    rng
-        Draws the rotations.
-    """
+    """Rotations ball to world of the placements, (count, 3, 3)."""
     if turns == "moved":
         return np.tile(random_rotations(1, rng), (count, 1, 1))
     if turns == "random":
@@ -391,15 +332,7 @@ def ball_turns(count: int, turns: Turns, rng: np.random.Generator) -> FloatArray
 
 
 def random_rotations(count: int, rng: np.random.Generator) -> FloatArray:
-    """Uniformly distributed rotations, (count, 3, 3), from normal quaternions.
-
-    Parameters
-    ----------
-    count
-        How many.
-    rng
-        Draws them.
-    """
+    """Uniformly distributed rotations, (count, 3, 3), from normal quaternions."""
     quaternions = rng.normal(size=(count, 4))
     w, x, y, z = (quaternions / np.sqrt((quaternions**2).sum(axis=1, keepdims=True))).T
     return np.stack(

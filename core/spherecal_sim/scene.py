@@ -52,19 +52,7 @@ _FULL_SCALE_OF_WHITE = 0.8  # leaves room for the highlight at the nominal expos
 
 
 def ball_scene(truth: Truth, targets: TargetSet, placement: int, settings: RenderSettings) -> TracedScene:
-    """The ball in a placement.
-
-    Parameters
-    ----------
-    truth
-        The simulated session's truth.
-    targets
-        The target set, for the sizes and colours of stickers and dots.
-    placement
-        Index of the placement.
-    settings
-        How images are made.
-    """
+    """The ball in a placement."""
     ball = truth.ball
     scene = _empty_scene(truth, targets, settings)
     dots = ball.layouts_mm
@@ -88,19 +76,7 @@ def ball_scene(truth: Truth, targets: TargetSet, placement: int, settings: Rende
 
 
 def bar_scene(truth: Truth, targets: TargetSet, pose: TrueBarPose, settings: RenderSettings) -> TracedScene:
-    """A bar in one of its poses, its marks at their places at the pose's temperature.
-
-    Parameters
-    ----------
-    truth
-        The simulated session's truth.
-    targets
-        The target set, with the layouts of the marks.
-    pose
-        The pose, with its bar and temperature.
-    settings
-        How images are made.
-    """
+    """A bar in one of its poses, its marks at their places at the pose's temperature."""
     bar = truth.bar(pose.bar)
     scene = _empty_scene(truth, targets, settings)
     points = truth.ball.points
@@ -164,17 +140,6 @@ def lit_for(scene: TracedScene, truth: Truth, camera: int, settings: RenderSetti
 
     A white surface that faces the camera where the ball's near side usually is comes to 80 % of full scale times
     `settings.exposure`.
-
-    Parameters
-    ----------
-    scene
-        The scene.
-    truth
-        The simulated session's truth.
-    camera
-        Index of the camera.
-    settings
-        How images are made.
     """
     level = settings.exposure * _FULL_SCALE_OF_WHITE / WHITE
     if not len(scene.lights):

@@ -33,19 +33,7 @@ def simulate_session(preset: str, seed: int, options: SimulationOptions | None =
     Rig, ball, placements, bars, noise and faults draw from streams of their own, so that, say, more noise leaves the
     rig as it was. The world of the truth is the rig's frame.
 
-    Parameters
-    ----------
-    preset
-        Name of the rig.
-    seed
-        What all random parts follow from.
-    options
-        What to simulate; None is the standard session.
-
-    Raises
-    ------
-    InputError
-        For an unknown preset.
+    `options` None is the standard session.
     """
     options = options or SimulationOptions()
     design = rig_design(preset)
@@ -106,15 +94,7 @@ def simulate_session(preset: str, seed: int, options: SimulationOptions | None =
 
 
 def observe_again(session: Session, truth: Truth, rng: np.random.Generator) -> tuple[Session, Truth]:
-    """The same session and truth recorded another time: new noise and, where the options ask for them, new outliers.
-
-    Parameters
-    ----------
-    session, truth
-        A simulated session with observations, and its truth.
-    rng
-        Draws noise and outliers.
-    """
+    """The same session and truth recorded another time: new noise and, where the options ask for them, new outliers."""
     assert session.observations is not None
     observations, outlier = _recorded(replace(session.observations, uv=truth.uv_true_px), truth, rng, rng)
     return replace(session, observations=observations), replace(truth, outlier=outlier)

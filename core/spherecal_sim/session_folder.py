@@ -15,38 +15,12 @@ from spherecal_sim.truth import Truth, write_truth
 
 
 def write_session(session: Session, truth: Truth, folder: Path) -> None:
-    """Write a session folder, whole or not at all; an older session there is replaced.
-
-    Parameters
-    ----------
-    session, truth
-        The simulated session and its truth.
-    folder
-        Where it is written.
-
-    Raises
-    ------
-    OutputError
-        Where it cannot be written.
-    """
+    """Write a session folder, whole or not at all; an older session there is replaced."""
     write_folder_whole(folder, lambda partial: fill_session_folder(session, truth, partial), SESSION)
 
 
 def fill_session_folder(session: Session, truth: Truth, folder: Path) -> None:
-    """Write the files of a session into an existing folder.
-
-    Parameters
-    ----------
-    session, truth
-        The simulated session and its truth.
-    folder
-        The folder; the session's images, if any, are in it.
-
-    Raises
-    ------
-    OutputError, OSError
-        Where a file cannot be written.
-    """
+    """Write the files of a session into an existing folder."""
     _write_json(session_json(session, folder), folder / "session.json")
     if session.target_set is not None:
         write_target_set(folder / "targets.json", session.target_set)
@@ -60,15 +34,7 @@ def _write_json(document: dict[str, Any], path: Path) -> None:
 
 
 def session_json(session: Session, folder: Path) -> dict[str, Any]:
-    """The document session.json of a session.
-
-    Parameters
-    ----------
-    session
-        The session.
-    folder
-        The folder with its images, if it has any.
-    """
+    """The document session.json of a session."""
     document: dict[str, Any] = {
         "format": "spherecal/session",
         "version": 1,

@@ -24,17 +24,6 @@ def light(scene, ox, oy, oz, px, py, pz, nx, ny, nz):
     """Diffuse irradiance and gloss at a point, of all ring lights, falling off with distance.
 
     The gloss is Blinn's, exponent 64: a highlight some 10 degrees wide, like that of a satin film.
-
-    Parameters
-    ----------
-    scene
-        The scene.
-    ox, oy, oz
-        From where the point is seen, mm.
-    px, py, pz
-        The point, mm.
-    nx, ny, nz
-        Unit normal of the surface there.
     """
     vx, vy, vz = ox - px, oy - py, oz - pz
     q = 1.0 / np.sqrt(vx * vx + vy * vy + vz * vz)
@@ -65,14 +54,7 @@ def light(scene, ox, oy, oz, px, py, pz, nx, ny, nz):
 def albedo(scene, code, x, y):
     """Albedo of a surface at a place on it, hard edges.
 
-    Parameters
-    ----------
-    scene
-        The scene.
-    code
-        Code of the surface (tracing.py).
-    x, y
-        The place on it, mm.
+    `x`, `y`: the place on it, mm.
     """
     if code >= STICKER:
         return sticker_albedo(scene, scene.sticker_dots[code - STICKER], code - STICKER, x, y)
@@ -92,16 +74,7 @@ def albedo(scene, code, x, y):
 def sticker_albedo(scene, dots, dirt_index, x, y):
     """Albedo of a sticker: paper, dots, and dirt on top.
 
-    Parameters
-    ----------
-    scene
-        The scene.
-    dots
-        Places of the sticker's dots, (n, 2) mm.
-    dirt_index
-        Row of the sticker in `scene.dirt`.
-    x, y
-        The place on the sticker, mm.
+    `dots`: places of the sticker's dots, (n, 2) mm; `x`, `y`: the place on the sticker, mm.
     """
     value = scene.albedos[PAPER]
     for k in range(len(dots)):
@@ -117,12 +90,7 @@ def sticker_albedo(scene, dots, dirt_index, x, y):
 def dirt_distance(dirt, x, y):
     """Distance in mm from the edge of a speck or scratch, negative inside; no dirt has half width 0.
 
-    Parameters
-    ----------
-    dirt
-        Segment ends, half width, albedo, (6,).
-    x, y
-        The place on the sticker, mm.
+    `dirt`: segment ends, half width, albedo, (6,).
     """
     if dirt[4] <= 0.0:
         return 1.0
@@ -136,14 +104,7 @@ def dirt_distance(dirt, x, y):
 def wall_albedo(scene, wall, x, y):
     """Albedo of the room's walls with their white blobs.
 
-    Parameters
-    ----------
-    scene
-        The scene.
-    wall
-        Number of the wall, 0 to 5.
-    x, y
-        The two coordinates on it, mm.
+    `x`, `y`: the two coordinates on it, mm.
     """
     g = scene.blob_grid.shape[1]
     first = 1 if wall < 2 else 0

@@ -63,14 +63,7 @@ class TracedScene(NamedTuple):
 def bump(axes, c, nx, ny, nz):
     """Height of the ball's bumps in mm and its gradient (not yet tangential) at a unit direction.
 
-    Parameters
-    ----------
-    axes
-        Axes of the lobes, (3, k).
-    c
-        Their coefficients, (6, k) mm.
-    nx, ny, nz
-        The unit direction in the ball frame.
+    `axes`: axes of the lobes, (3, k); `c`: their coefficients, (6, k) mm.
     """
     h = gx = gy = gz = 0.0
     for k in range(axes.shape[1]):
@@ -93,13 +86,6 @@ def hit_ball(scene, ox, oy, oz, dx, dy, dz):
 
     Newton's method from the sphere that encloses the ball: seen from outside the distance from the surface falls along
     a convex curve, so the steps never overshoot.
-
-    Parameters
-    ----------
-    scene
-        The scene.
-    ox, oy, oz, dx, dy, dz
-        The ray in the ball frame.
     """
     b = ox * dx + oy * dy + oz * dz
     disc = b * b - (ox * ox + oy * oy + oz * oz - scene.ball_reach**2)
@@ -132,17 +118,7 @@ _NODES = (0.5 - 0.5 / np.sqrt(3.0), 0.5 + 0.5 / np.sqrt(3.0))  # of ball.wrap
 
 @njit(nogil=True, cache=False, forceinline=True)
 def flatten(scene, s, nx, ny, nz):
-    """Sticker coordinates in mm of the surface in a unit direction: the inverse of `ball.wrap`.
-
-    Parameters
-    ----------
-    scene
-        The scene.
-    s
-        Number of the sticker.
-    nx, ny, nz
-        The unit direction in the ball frame.
-    """
+    """Sticker coordinates in mm of the surface in a unit direction: the inverse of `ball.wrap`."""
     axes, coefficients = scene.lobe_axes, scene.lobe_coefficients
     f = scene.sticker_frames[s]
     ex = nx * f[0, 0] + ny * f[0, 1] + nz * f[0, 2]
@@ -173,15 +149,7 @@ def flatten(scene, s, nx, ny, nz):
 
 @njit(nogil=True, cache=False, forceinline=True)
 def sticker_at(scene, nx, ny, nz):
-    """The ball's sticker in a unit direction (or -1) and the place on it in mm.
-
-    Parameters
-    ----------
-    scene
-        The scene.
-    nx, ny, nz
-        The unit direction in the ball frame.
-    """
+    """The ball's sticker in a unit direction (or -1) and the place on it in mm."""
     g = scene.sticker_grid.shape[0]
     i = min(int((nx + 1) * 0.5 * g), g - 1)
     j = min(int((ny + 1) * 0.5 * g), g - 1)
@@ -205,17 +173,7 @@ def sticker_at(scene, nx, ny, nz):
 
 @njit(nogil=True, cache=False, forceinline=True)
 def place_on(scene, code, ox, oy, oz, dx, dy, dz):
-    """The place in mm on a sticker that a ray known to hit it hits.
-
-    Parameters
-    ----------
-    scene
-        The scene.
-    code
-        Code of the sticker: MARK + m or STICKER + s.
-    ox, oy, oz, dx, dy, dz
-        The ray in the world.
-    """
+    """The place in mm on a sticker that a ray known to hit it hits."""
     if code < STICKER:
         m = code - MARK
         _, x, y, _ = hit_bar(scene, scene.mark_bar[m], ox, oy, oz, dx, dy, dz)
@@ -229,15 +187,7 @@ def place_on(scene, code, ox, oy, oz, dx, dy, dz):
 
 @njit(nogil=True, cache=False, forceinline=True)
 def in_ball_frame(scene, ox, oy, oz, dx, dy, dz):
-    """A ray of the world in the ball frame: origin and direction.
-
-    Parameters
-    ----------
-    scene
-        The scene.
-    ox, oy, oz, dx, dy, dz
-        The ray in the world.
-    """
+    """A ray of the world in the ball frame: origin and direction."""
     r, c = scene.ball_rotation, scene.ball_place
     qx, qy, qz = ox - c[0], oy - c[1], oz - c[2]
     return (
@@ -254,12 +204,7 @@ def in_ball_frame(scene, ox, oy, oz, dx, dy, dz):
 def hit_arm(arm, ox, oy, oz, dx, dy, dz):
     """Distance along a ray to a capsule, or -1.
 
-    Parameters
-    ----------
-    arm
-        Ends and radius of the capsule, (7,) mm.
-    ox, oy, oz, dx, dy, dz
-        The ray in the world.
+    `arm`: ends and radius of the capsule, (7,) mm.
     """
     ax, ay, az = arm[3] - arm[0], arm[4] - arm[1], arm[5] - arm[2]
     px, py, pz = ox - arm[0], oy - arm[1], oz - arm[2]
@@ -290,17 +235,7 @@ def hit_arm(arm, ox, oy, oz, dx, dy, dz):
 
 @njit(nogil=True, cache=False, forceinline=True)
 def hit_bar(scene, p, ox, oy, oz, dx, dy, dz):
-    """Distance along a ray to the face of a bar or -1, the place (x, y) on it, and whether it is the marked side.
-
-    Parameters
-    ----------
-    scene
-        The scene.
-    p
-        Number of the bar.
-    ox, oy, oz, dx, dy, dz
-        The ray in the world.
-    """
+    """Distance along a ray to the face of a bar or -1, the place (x, y) on it, and whether it is the marked side."""
     r, o = scene.bar_rotations[p], scene.bar_places[p]
     dn = dx * r[0, 2] + dy * r[1, 2] + dz * r[2, 2]
     if abs(dn) < 1e-9:
@@ -318,15 +253,7 @@ def hit_bar(scene, p, ox, oy, oz, dx, dy, dz):
 
 @njit(nogil=True, cache=False, forceinline=True)
 def hit_room(scene, ox, oy, oz, dx, dy, dz):
-    """Distance along a ray to the room's walls from inside, and the wall: 0 x low, 1 x high, 2 y low .. 5 z high.
-
-    Parameters
-    ----------
-    scene
-        The scene.
-    ox, oy, oz, dx, dy, dz
-        The ray in the world.
-    """
+    """Distance along a ray to the room's walls from inside, and the wall: 0 x low, 1 x high, 2 y low .. 5 z high."""
     best, wall = 1e30, 0
     o, d = (ox, oy, oz), (dx, dy, dz)
     for axis in range(3):
@@ -340,15 +267,7 @@ def hit_room(scene, ox, oy, oz, dx, dy, dz):
 
 @njit(nogil=True, cache=False, forceinline=True)
 def trace(scene, ox, oy, oz, dx, dy, dz):
-    """The first surface on a ray: code, place on it (x, y), point and normal in the world.
-
-    Parameters
-    ----------
-    scene
-        The scene.
-    ox, oy, oz, dx, dy, dz
-        The ray in the world.
-    """
+    """The first surface on a ray: code, place on it (x, y), point and normal in the world."""
     t, wall = hit_room(scene, ox, oy, oz, dx, dy, dz)
     code = wall
     nx = ny = nz = x = y = 0.0
@@ -401,12 +320,7 @@ def trace(scene, ox, oy, oz, dx, dy, dz):
 def arm_normal(arm, px, py, pz):
     """Outward unit normal of a capsule at a point of its surface.
 
-    Parameters
-    ----------
-    arm
-        Ends and radius of the capsule, (7,) mm.
-    px, py, pz
-        The point, mm.
+    `arm`: ends and radius of the capsule, (7,) mm; `px`, `py`, `pz`: the point, mm.
     """
     ax, ay, az = arm[3] - arm[0], arm[4] - arm[1], arm[5] - arm[2]
     s = ((px - arm[0]) * ax + (py - arm[1]) * ay + (pz - arm[2]) * az) / (ax * ax + ay * ay + az * az)
@@ -420,12 +334,7 @@ def arm_normal(arm, px, py, pz):
 def wall_place(wall, px, py, pz):
     """Inward normal of a wall and the two coordinates of a point on it.
 
-    Parameters
-    ----------
-    wall
-        Number of the wall, 0 to 5.
-    px, py, pz
-        The point, mm.
+    `px`, `py`, `pz`: the point, mm.
     """
     side = -1.0 if wall % 2 else 1.0
     if wall < 2:

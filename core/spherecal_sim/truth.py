@@ -125,14 +125,7 @@ class Truth(ByValue):
 def camera_pose(camera: TrueCamera, move: CameraMove | None, placement: int) -> tuple[FloatArray, FloatArray]:
     """Rotation (3, 3) and translation (3,) mm of a simulated camera at a placement, after its move if it had one.
 
-    Parameters
-    ----------
-    camera
-        The camera.
-    move
-        A camera that was knocked; None: none was.
-    placement
-        Index of the placement.
+    `move` None: none was.
     """
     if move is None or move.camera != camera.id or placement < move.from_placement:
         return camera.rotation, camera.translation_mm
@@ -142,20 +135,7 @@ def camera_pose(camera: TrueCamera, move: CameraMove | None, placement: int) -> 
 
 
 def write_truth(truth: Truth, path: Path) -> None:
-    """Write truth.json: cameras, ball, placements, bars and noise; lengths in mm, world = the rig's frame.
-
-    Parameters
-    ----------
-    truth
-        What is written.
-    path
-        The file, which is not there yet.
-
-    Raises
-    ------
-    OSError
-        Where the file is there already or cannot be written.
-    """
+    """Write truth.json: cameras, ball, placements, bars and noise; lengths in mm, world = the rig's frame."""
     create(path, (json.dumps(_as_json(truth), indent=1) + "\n").encode())
 
 

@@ -48,15 +48,7 @@ class Estimate:
         return float(t.ppf(_TAIL, self.n - 1)) * self.error if self.n > 1 else float("inf")
 
     def words(self, digits: int = 4, factor: float = 1.0) -> str:
-        """Mean and standard error, `0.0312 +- 0.0004`.
-
-        Parameters
-        ----------
-        digits
-            Digits after the point.
-        factor
-            Both are multiplied by it, as for another unit.
-        """
+        """Mean and standard error, `0.0312 +- 0.0004`."""
         if not self.n:
             return "not run"
         if self.n < 2:
@@ -75,69 +67,29 @@ def estimate(values: Sequence[float | None]) -> Estimate:
 
 
 def below(ours: Estimate, limit: float) -> Verdict:
-    """Whether the mean is below a limit of the paper.
-
-    Parameters
-    ----------
-    ours
-        Our estimate.
-    limit
-        The limit, in the same unit.
-    """
+    """Whether the mean is below a limit of the paper."""
     return _side(ours.n, ours.high < limit, ours.low >= limit)
 
 
 def above(ours: Estimate, limit: float) -> Verdict:
-    """Whether the mean is above a limit of the paper.
-
-    Parameters
-    ----------
-    ours
-        Our estimate.
-    limit
-        The limit, in the same unit.
-    """
+    """Whether the mean is above a limit of the paper."""
     return _side(ours.n, ours.low > limit, ours.high <= limit)
 
 
 def like(ours: Estimate, paper: float) -> Verdict:
-    """Whether the mean is the paper's value within the factor `RATIO`.
-
-    Parameters
-    ----------
-    ours
-        Our estimate.
-    paper
-        The paper's value, in the same unit.
-    """
+    """Whether the mean is the paper's value within the factor `RATIO`."""
     inside = ours.low > paper / RATIO and ours.high < paper * RATIO
     return _side(ours.n, inside, ours.high < paper / RATIO or ours.low > paper * RATIO)
 
 
 def always(count: int, n: int) -> Verdict:
-    """Whether something happened in more than `ALWAYS` of the runs.
-
-    Parameters
-    ----------
-    count
-        Runs in which it happened.
-    n
-        All runs.
-    """
+    """Whether something happened in more than `ALWAYS` of the runs."""
     low, high = share_interval(count, n)
     return _side(n, low > ALWAYS, high < ALWAYS)
 
 
 def never(count: int, n: int) -> Verdict:
-    """Whether something happened in fewer than 1 - `ALWAYS` of the runs.
-
-    Parameters
-    ----------
-    count
-        Runs in which it happened.
-    n
-        All runs.
-    """
+    """Whether something happened in fewer than 1 - `ALWAYS` of the runs."""
     return always(n - count, n)
 
 
@@ -148,15 +100,7 @@ def ordered(steps: Sequence[Estimate]) -> Verdict:
 
 
 def share_interval(count: int, n: int) -> tuple[float, float]:
-    """The 95 % interval (low, high) of a share, after C. Clopper and E. Pearson (1934).
-
-    Parameters
-    ----------
-    count
-        Runs in which something happened.
-    n
-        All runs; for none the interval is 0 to 1.
-    """
+    """The 95 % interval (low, high) of a share, after C. Clopper and E. Pearson (1934)."""
     if n == 0:
         return 0.0, 1.0
     low = 0.0 if count == 0 else float(beta.ppf(1 - _TAIL, count, n - count + 1))

@@ -18,17 +18,17 @@ from spherecal.calibrate import calibrate
 from spherecal.data.rig import Calibration
 from spherecal.data.session import Session
 from spherecal.detect.session_images import observed
-from spherecal.export.csv_table import cell
 from spherecal.files.atomic import RESULT, SESSION, write_file_whole
 from spherecal.files.json_file import json_bytes
 from spherecal.files.read_session import read_session
 from spherecal.files.rig_file import read_rig
 from spherecal.files.write_result import write_result
-from spherecal.methods.settings import CalibrationSettings
-from spherecal.report.style import report_style
+from spherecal.steps.settings import CalibrationSettings
 from spherecal.verify.bars import verify
 from spherecal.verify.verification import Verification
 from spherecal.verify.write_verification import write_verification
+from spherecal_documents.export.csv_table import cell
+from spherecal_documents.report.style import report_style
 from spherecal_study.batch_page import batch_page
 from spherecal_study.executor import Result, Trial, Workers, run_trials, trial_file
 
@@ -55,20 +55,7 @@ class Batch:
 
 
 def find_sessions(folder: Path, output: Path) -> list[Path]:
-    """The session folders below a folder, by name.
-
-    Parameters
-    ----------
-    folder
-        Where to look; it may be a session itself.
-    output
-        Folder of results, which is not searched.
-
-    Raises
-    ------
-    InputError
-        Where there is no such folder, or no session in it.
-    """
+    """The session folders below a folder, by name."""
     if not folder.is_dir():
         raise InputError(f"{folder}: is no folder.", "Name the folder that holds the sessions.")
     ours = output.resolve()
@@ -96,28 +83,6 @@ def run_batch(folder: Path, output: Path, settings: Mapping[str, Any], workers: 
     """Calibrate all sessions below a folder; results go into `output/results`, a table page and CSV beside them.
 
     A session that was done before, unchanged since, is not done again; those that failed are.
-
-    Parameters
-    ----------
-    folder
-        Where the sessions are.
-    output
-        Where the results go: a new folder, an empty one, or that of an earlier batch.
-    settings
-        Settings of CalibrationSettings by name.
-    workers
-        Where the calibrations run.
-    context
-        For progress, and to stop.
-
-    Raises
-    ------
-    InputError
-        Where there is no session.
-    OutputError
-        Where `output` cannot be written or has something else in it.
-    Cancelled
-        Where the context says so.
     """
     sessions = find_sessions(folder, output)
     _check_output(output)
@@ -175,17 +140,6 @@ def calibrate_session(session: str, output: str, fingerprint: str, settings: dic
     """Calibrate one session folder and write its result, verified where it has check bars; a row (see COLUMNS).
 
     Whatever goes wrong is the row's message.
-
-    Parameters
-    ----------
-    session
-        The session folder.
-    output
-        Folder of the result.
-    fingerprint
-        Distinguishes a session that has changed; not used here.
-    settings
-        Settings of CalibrationSettings by name.
     """
     del fingerprint
     try:

@@ -4,8 +4,8 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from spherecal import __version__
-from spherecal.report.document import Cell, Column, Document
-from spherecal.report.style import BAD, CAUTION, GOOD, NONE, SMALL_PT, SOFT, significant
+from spherecal_documents.report.document import Cell, Column, Document
+from spherecal_documents.report.style import BAD, CAUTION, GOOD, NONE, SMALL_PT, SOFT, significant
 
 _WORDS = {
     "valid": ("valid", GOOD), "use with care": ("with care", CAUTION), "not valid": ("not valid", BAD),
@@ -15,15 +15,7 @@ _VERDICTS = {"consistent": ("consistent", GOOD), "inconsistent": ("inconsistent"
 
 
 def batch_page(rows: Sequence[dict[str, Any]], settings: Mapping[str, Any]) -> Document:
-    """The document with one line for each session; the same rows give the same bytes.
-
-    Parameters
-    ----------
-    rows
-        One row for each session (batch.COLUMNS).
-    settings
-        Settings of the batch by name.
-    """
+    """The document with one line for each session; the same rows give the same bytes."""
     document = Document("A4", "SphereCal batch", f"Batch by SphereCal {__version__}")
     document.begin_section("Batch of calibrations")
     document.y += 2.0

@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 
-from spherecal.report.document import Document
+from spherecal_documents.report.document import Document
 from spherecal_study.agreement import Estimate, below, estimate, like, ordered
 from spherecal_study.executor import Trial
 from spherecal_study.page import (
@@ -92,15 +92,7 @@ _COLUMNS = (
 
 
 def page(listed: list[Trial], results: Results, options: Options) -> StudyPage:
-    """The study's page: all methods by residuals, bars and time, and the table paper / ours.
-
-    Parameters
-    ----------
-    listed, results
-        The trials, and their results in the same order.
-    options
-        Options of the study.
-    """
+    """The study's page: all methods by residuals, bars and time, and the table paper / ours."""
     document = begin(
         TITLE,
         options,

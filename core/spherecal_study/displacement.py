@@ -16,7 +16,7 @@ from spherecal.data.observations import find_features
 from spherecal.data.recording import calibration_observations
 from spherecal.data.session import Session
 from spherecal.initialise.spherical_projection import project_to_spheres
-from spherecal.methods.sphere import StartValues
+from spherecal.steps.start_values import StartValues
 from spherecal_sim.truth import Truth
 from spherecal_study.identity_damping import minimise_with_identity
 
@@ -31,17 +31,6 @@ def displaced_cases(session: Session, truth: Truth, start: StartValues, seed: in
 
     [Tao21] (22). `cases` has each percentage with and without projection, and for the diagonal with points triangulated
     from the cameras.
-
-    Parameters
-    ----------
-    session, truth
-        The simulated session and its truth.
-    start
-        Start values with chained points.
-    seed
-        What the displacements follow from.
-    damping
-        `diagonal`, as the product has it, or `identity-mm`, Levenberg's with lengths in millimetres.
     """
     network, state, points = start.network, start.poses.state, start.points
     assert points is not None

@@ -58,20 +58,7 @@ class Workers(Protocol):
     """
 
     def results(self, trials: Sequence[Trial], context: Context) -> Iterator[tuple[int, Result | None]]:
-        """Run all trials; each result with the number of its trial as it comes.
-
-        Parameters
-        ----------
-        trials
-            The trials.
-        context
-            To stop.
-
-        Raises
-        ------
-        Cancelled
-            Where the context says so.
-        """
+        """Run all trials; each result with the number of its trial as it comes."""
         ...
 
 
@@ -84,27 +71,7 @@ def run_trials(
 ) -> list[Result]:
     """The results of all trials in their order; those already in `folder` are not run again, equal ones once.
 
-    Parameters
-    ----------
-    trials
-        The trials.
-    folder
-        Where results are kept.
-    workers
-        Where trials run.
-    context
-        For progress, and to stop.
-    instead
-        Gives the result, which is not kept, of a trial that always ends its worker. None: such a trial is an error.
-
-    Raises
-    ------
-    InputError
-        Where a trial always ends its worker and there is no `instead`.
-    OutputError
-        Where the folder cannot be written.
-    Cancelled
-        Where the context says so.
+    `instead` None: such a trial is an error.
     """
     try:
         folder.mkdir(parents=True, exist_ok=True)
@@ -130,15 +97,7 @@ def run_trials(
 
 
 def trial_file(folder: Path, trial: Trial) -> Path:
-    """The file in which the result of a trial is kept.
-
-    Parameters
-    ----------
-    folder
-        Folder of all results.
-    trial
-        The trial.
-    """
+    """The file in which the result of a trial is kept."""
     return folder / f"{trial.key}.json"
 
 
@@ -152,15 +111,7 @@ def _of_the_dead(trial: Trial, instead: Callable[[Trial], Result] | None) -> Res
 
 
 def kept_result(folder: Path, trial: Trial) -> Result | None:
-    """A result from an earlier run, None where there is none (or only a damaged one).
-
-    Parameters
-    ----------
-    folder
-        Folder of all results.
-    trial
-        The trial.
-    """
+    """A result from an earlier run, None where there is none (or only a damaged one)."""
     try:
         document = json.loads(trial_file(folder, trial).read_bytes())
     except (OSError, ValueError):
@@ -188,20 +139,7 @@ class LocalProcesses:
     run: Callable[[Trial], Result] = run_here
 
     def results(self, trials: Sequence[Trial], context: Context) -> Iterator[tuple[int, Result | None]]:
-        """Run all trials; each result with the number of its trial as it comes. A worker that dies is replaced.
-
-        Parameters
-        ----------
-        trials
-            The trials.
-        context
-            To stop.
-
-        Raises
-        ------
-        Cancelled
-            Where the context says so.
-        """
+        """Run all trials; each result with the number of its trial as it comes. A worker that dies is replaced."""
         if self.count == 0:
             for number, trial in enumerate(trials):
                 context.check()
@@ -280,20 +218,6 @@ class DaskCluster:
         """Run all trials; each result with the number of its trial as it comes.
 
         The cluster repeats the trials of a lost worker.
-
-        Parameters
-        ----------
-        trials
-            The trials.
-        context
-            To stop.
-
-        Raises
-        ------
-        InputError
-            Where dask is not installed or no scheduler answers.
-        Cancelled
-            Where the context says so.
         """
         client = self._client()
         from distributed import KilledWorker
@@ -346,11 +270,6 @@ def _wait_a_little(pending: set) -> None:
 def workers_for(count: int, cluster: str | None) -> Workers:
     """A cluster where an address is given, else local processes.
 
-    Parameters
-    ----------
-    count
-        Local processes; 0 runs everything in this process.
-    cluster
-        Address of a Dask scheduler, or None.
+    `cluster` None.
     """
     return DaskCluster(cluster) if cluster else LocalProcesses(count)

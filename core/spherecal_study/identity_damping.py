@@ -23,15 +23,7 @@ ITERATIONS = 50
 
 
 def minimise_with_identity(problem: Problem, state: State, tolerance: float = 1e-8) -> Minimum:
-    """The state that Levenberg's method reaches in fifty steps (free form, no rows but observations).
-
-    Parameters
-    ----------
-    problem, state
-        What is adjusted, and where to begin.
-    tolerance
-        Relative decrease of the cost at which it has converged.
-    """
+    """The state that Levenberg's method reaches in fifty steps (free form, no rows but observations)."""
     with one_blas_thread():
         cost, growth = _cost(problem, state), 2.0
         costs = [cost]

@@ -2,7 +2,7 @@
 
 from typing import Any
 
-from spherecal.report.document import Document
+from spherecal_documents.report.document import Document
 from spherecal_study.agreement import Estimate, below, estimate, like
 from spherecal_study.executor import Trial
 from spherecal_study.measures import all_errors
@@ -37,15 +37,7 @@ def trials(options: Options) -> list[Trial]:
 
 
 def page(listed: list[Trial], results: Results, options: Options) -> StudyPage:
-    """The study's page: errors over the number of placements, and the table paper / ours.
-
-    Parameters
-    ----------
-    listed, results
-        The trials, and their results in the same order.
-    options
-        Options of the study.
-    """
+    """The study's page: errors over the number of placements, and the table paper / ours."""
     document = begin(
         TITLE,
         options,

@@ -34,15 +34,7 @@ def residual_figures(calibration: Calibration) -> dict[str, Any]:
 
 
 def outcome(calibration: Calibration, cpu_s: float) -> dict[str, Any]:
-    """Whether it is valid, how many cameras were placed, the seconds of each stage, the processor time of all.
-
-    Parameters
-    ----------
-    calibration
-        The calibration.
-    cpu_s
-        Its processor time, s.
-    """
+    """Whether it is valid, how many cameras were placed, the seconds of each stage, the processor time of all."""
     return {
         "valid": calibration.rig.quality.valid,
         "cameras": len(calibration.rig.cameras),
@@ -55,13 +47,6 @@ def bar_figures(session: Session, calibration: Calibration) -> dict[str, Any]:
     """Errors in mm of the check bars of a session by length, and the stated standard uncertainty of each length, mm.
 
     The latter is the root mean square of the combined standard uncertainties of a length in all poses.
-
-    Parameters
-    ----------
-    session
-        The session in which the bars are observed.
-    calibration
-        The calibration whose rig measures them.
     """
     if not calibration.rig.cameras:
         return {"bars": {}, "bars_u_mm": {}}
@@ -76,15 +61,7 @@ def bar_figures(session: Session, calibration: Calibration) -> dict[str, Any]:
 
 
 def calibration_only(truth: Truth, calibration: Calibration) -> dict[str, Any]:
-    """Errors in mm of forty bars of 100 to 500 mm whose image points are perfect: what the calibration alone does.
-
-    Parameters
-    ----------
-    truth
-        The simulated session's truth.
-    calibration
-        Its calibration; with fewer than two cameras there are no errors.
-    """
+    """Errors in mm of forty bars of 100 to 500 mm whose image points are perfect: what the calibration alone does."""
     exact = study_bars(replace(truth, sigma_px=np.zeros(len(truth.cameras))), np.random.default_rng(_BARS_SEED))
     o = exact.observations
     rig = calibration.rig

@@ -2,7 +2,7 @@
 
 from typing import Any
 
-from spherecal.report.document import Document
+from spherecal_documents.report.document import Document
 from spherecal_study.agreement import Estimate, always, estimate, never, share_interval
 from spherecal_study.displacement import PERCENT
 from spherecal_study.executor import Trial
@@ -44,15 +44,7 @@ _Cases = list[dict[str, Any]]
 
 
 def page(listed: list[Trial], results: Results, options: Options) -> StudyPage:
-    """The study's page: which starts converge, final errors by camera, and the table paper / ours.
-
-    Parameters
-    ----------
-    listed, results
-        The trials, and their results in the same order.
-    options
-        Options of the study.
-    """
+    """The study's page: which starts converge, final errors by camera, and the table paper / ours."""
     document = begin(
         TITLE,
         options,

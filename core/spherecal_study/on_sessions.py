@@ -12,8 +12,8 @@ from spherecal.base.context import Context
 from spherecal.base.errors import InputError
 from spherecal.data.session import Session
 from spherecal.files.read_session import read_session
-from spherecal.report.document import Document
-from spherecal.report.style import report_style
+from spherecal_documents.report.document import Document
+from spherecal_documents.report.style import report_style
 from spherecal_study.batch import fingerprint_of
 from spherecal_study.executor import Result, Trial, Workers, run_trials
 from spherecal_study.measures import all_errors
@@ -43,31 +43,7 @@ class SessionOptions:
 
 
 def run_session_study(name: str, options: SessionOptions, folder: Path, workers: Workers, context: Context) -> Path:
-    """Run `layouts`, `path` or `cameras` on a recorded session and write its page into the folder; the page's path.
-
-    Parameters
-    ----------
-    name
-        The study.
-    options
-        The session, and how it is divided.
-    folder
-        Where the page goes; results of trials are kept in `trials` below it.
-    workers
-        Where the calibrations run.
-    context
-        For progress, and to stop.
-
-    Raises
-    ------
-    InputError
-        For other studies, sessions without a ball, those too small to leave anything out, and those whose calibration
-        is not valid.
-    OutputError
-        Where the folder cannot be written.
-    Cancelled
-        Where the context says so.
-    """
+    """Run `layouts`, `path` or `cameras` on a recorded session and write its page into the folder; the page's path."""
     if name not in NAMES:
         raise InputError(
             f"The study {name} makes no sense on a recorded session: {_WHY_NOT[name]}.",

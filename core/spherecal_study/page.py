@@ -9,9 +9,9 @@ from matplotlib.axes import Axes
 from matplotlib.ticker import FuncFormatter, MaxNLocator, NullFormatter
 
 from spherecal import __version__
-from spherecal.report.document import Column, Document
-from spherecal.report.sheet import PageBox
-from spherecal.report.style import BAD, CAUTION, GOOD, INK, MARKS, NONE, SERIES, SMALL_PT, SOFT, significant
+from spherecal_documents.report.document import Column, Document
+from spherecal_documents.report.sheet import PageBox
+from spherecal_documents.report.style import BAD, CAUTION, GOOD, INK, MARKS, NONE, SERIES, SMALL_PT, SOFT, significant
 from spherecal_sim.rigs import rig_design
 from spherecal_study.agreement import LEAST_RUNS, TESTS, Verdict
 from spherecal_study.executor import Trial
@@ -85,17 +85,7 @@ class PaperComparison:
 
 
 def begin(title: str, options: Options, text: Sequence[str]) -> Document:
-    """A document with its title and what was done.
-
-    Parameters
-    ----------
-    title
-        Title of the study.
-    options
-        Options of the study.
-    text
-        Paragraphs on what was done.
-    """
+    """A document with its title and what was done."""
     document = Document("A4", f"SphereCal study: {title}", f"Study by SphereCal {__version__}")
     document.begin_section(title)
     document.y += 2.0
@@ -116,26 +106,12 @@ def begin(title: str, options: Options, text: Sequence[str]) -> Document:
 
 
 def with_seeds(listed: Sequence[Trial], results: Results) -> list[tuple[Trial, dict[str, Any]]]:
-    """Trials and their results, each result with the seed of its trial.
-
-    Parameters
-    ----------
-    listed
-        The trials.
-    results
-        Their results, in the same order.
-    """
+    """Trials and their results, each result with the seed of its trial."""
     return [(t, {**r, "seed": t.settings["seed"]}) for t, r in zip(listed, results, strict=True)]
 
 
 def pairs(one: Results, other: Results) -> list[tuple[dict[str, Any], dict[str, Any]]]:
-    """Results of two methods on the same seeds: a series that is not finished may lack some of either.
-
-    Parameters
-    ----------
-    one, other
-        Results with their seeds (`with_seeds`).
-    """
+    """Results of two methods on the same seeds: a series that is not finished may lack some of either."""
     by_seed = {r["seed"]: r for r in other}
     return [(r, by_seed[r["seed"]]) for r in one if r["seed"] in by_seed]
 
@@ -149,15 +125,7 @@ class StudyPage:
 
 
 def paper_table(document: Document, rows: Sequence[PaperComparison]) -> StudyPage:
-    """The page with the table paper / ours at its end, the reasons below it.
-
-    Parameters
-    ----------
-    document
-        The page so far.
-    rows
-        Lines of the table.
-    """
+    """The page with the table paper / ours at its end, the reasons below it."""
     document.begin_section("Paper and ours", 40.0, new_page=False)
     columns = [
         Column("quantity", 46.0, "left"),
@@ -181,14 +149,7 @@ def paper_table(document: Document, rows: Sequence[PaperComparison]) -> StudyPag
 def table(document: Document, columns: Sequence[tuple[str, float]], rows: Sequence[Sequence[Any]]) -> None:
     """Add a table to a document; numbers have three significant digits.
 
-    Parameters
-    ----------
-    document
-        The document.
-    columns
-        Headings and widths in mm; the first is left-aligned.
-    rows
-        Cells; None is shown as not known.
+    `columns`: headings and widths in mm; `rows` None is shown as not known.
     """
     heads = [Column(name, width, "left" if i == 0 else "right") for i, (name, width) in enumerate(columns)]
     document.table(heads, [[_cell(value) for value in row] for row in rows])
@@ -214,22 +175,7 @@ def curves(
 ) -> None:
     """Add curves over a number to a document, each with its own mark.
 
-    Parameters
-    ----------
-    document
-        The document.
-    series
-        Values x and y by the curve's name.
-    x_label, y_label
-        Labels of the axes.
-    height
-        Height of the plot, mm.
-    log
-        Logarithmic y axis, else it begins at 0.
-    lines
-        Levels of the paper by name.
-    errors
-        Standard errors of y by the curve's name.
+    `height`: height of the plot, mm.
     """
     axes = _axes(document.box(height), document)
     for number, (name, (x, y)) in enumerate(series.items()):
@@ -258,24 +204,7 @@ def columns_by_group(
 ) -> None:
     """Add columns side by side for each group to a document.
 
-    Parameters
-    ----------
-    document
-        The document.
-    groups
-        Names of the groups.
-    series
-        Values, one for each group, by name.
-    y_label
-        Label of the y axis.
-    height
-        Height of the plot, mm.
-    log
-        Logarithmic y axis.
-    paper
-        Levels of the paper by name.
-    errors
-        Standard errors of the values by name.
+    `height`: height of the plot, mm.
     """
     axes = _axes(document.box(height), document)
     width = 0.8 / max(len(series), 1)

@@ -19,11 +19,6 @@ def write_paper(folder: Path) -> None:
     """Write `paper.md`: every line of the tables paper / ours of the studies run so far, and which are missing.
 
     Only studies on simulated observations of the paper's own rigs count; nothing is written where there is none.
-
-    Raises
-    ------
-    OutputError
-        Where the file cannot be written.
     """
     kept = {page.name: page for page in pages(folder) if _as_in_the_paper(page)}
     if kept:

@@ -5,8 +5,8 @@ from typing import Any
 
 import numpy as np
 
-from spherecal.report.document import Document
-from spherecal.report.style import BAD, INK, RULE, SERIES, SMALL_PT
+from spherecal_documents.report.document import Document
+from spherecal_documents.report.style import BAD, INK, RULE, SERIES, SMALL_PT
 from spherecal_sim.rigs import rig_design
 from spherecal_study.agreement import RATIO, Estimate, above, estimate, like
 from spherecal_study.executor import Trial
@@ -69,15 +69,7 @@ def _rigs(options: Options) -> tuple[str, ...]:
 
 
 def page(listed: list[Trial], results: Results, options: Options) -> StudyPage:
-    """The study's page: paths, starts and results of each search, the graph, and the table paper / ours.
-
-    Parameters
-    ----------
-    listed, results
-        The trials, and their results in the same order.
-    options
-        Options of the study.
-    """
+    """The study's page: paths, starts and results of each search, the graph, and the table paper / ours."""
     document = begin(
         TITLE,
         options,
@@ -222,17 +214,7 @@ def _over(one: float | None, other: float | None) -> float | None:
 def draw_graph(
     document: Document, opt: dict[str, Any], first: dict[str, Any], view: str = "Cameras from above"
 ) -> None:
-    """Add a drawing of the camera graph to a document: cameras, all edges, and those of two searches' paths.
-
-    Parameters
-    ----------
-    document
-        The document.
-    opt, first
-        Results of trials (trials.paths): of OPT, whose cameras and edges are drawn, and of none-OPT.
-    view
-        From where the cameras are seen, for the caption.
-    """
+    """Add a drawing of the camera graph to a document: cameras, all edges, and those of two searches' paths."""
     box = document.box(78.0)
     axes = document.sheet.axes(box.inset(10.0, 2.0, 10.0, 4.0))
     places = np.array(opt["places"])[:, :2]

@@ -10,7 +10,6 @@ from spherecal.base.arrays import FloatArray
 from spherecal.base.context import Context
 from spherecal.base.errors import InputError
 from spherecal.calibrate import calibrate
-from spherecal.data.edits import Repairs
 from spherecal.data.session import Session
 from spherecal.detect.redetection import with_missed_targets
 from spherecal.detect.session_images import observed
@@ -18,7 +17,8 @@ from spherecal.files.observations_file import read_observations, write_observati
 from spherecal.files.read_session import read_session
 from spherecal.geometry.transform import fit_similarity
 from spherecal.initialise.path import Search
-from spherecal.methods.settings import CalibrationSettings, Method
+from spherecal.steps.repairs import Repairs
+from spherecal.steps.settings import CalibrationSettings, Method
 from spherecal_study.measures import bar_figures, outcome, residual_figures
 
 
@@ -29,21 +29,7 @@ def recorded(
 
     A part that cannot be calibrated at all gives an invalid result with its `message`.
 
-    Parameters
-    ----------
-    session
-        The session folder.
-    fingerprint
-        Distinguishes recordings that are at one place one after the other; not used here.
-    method, search
-        As in CalibrationSettings.
-    without
-        What is left out, as `placement:P1` or `camera:C01`; None: nothing.
-
-    Raises
-    ------
-    InputError
-        Where the session cannot be read.
+    `without` None: nothing.
     """
     del fingerprint
     loaded = detected(Path(session))
@@ -67,13 +53,7 @@ def recorded(
 
 
 def detected(folder: Path) -> Session:
-    """A session with observations: its own, or those found in its images once and then kept in the user's cache.
-
-    Raises
-    ------
-    InputError
-        Where the session or an image cannot be read.
-    """
+    """A session with observations: its own, or those found in its images once and then kept in the user's cache."""
     session = read_session(folder)
     if session.observations is not None:
         return session
@@ -96,12 +76,7 @@ def apart_mm(centres: dict[str, list[float]], whole: dict[str, list[float]]) -> 
 
     None for fewer than three common cameras.
 
-    Parameters
-    ----------
-    centres
-        Centres (3,) mm by camera.
-    whole
-        Those of the whole recording.
+    `centres`: centres (3,) mm by camera.
     """
     common = sorted(set(centres) & set(whole))
     if len(common) < 3:
@@ -114,12 +89,7 @@ def apart_mm(centres: dict[str, list[float]], whole: dict[str, list[float]]) -> 
 def seen_along_the_thinnest(centres: dict[str, list[float]], ids: list[str]) -> FloatArray:
     """Places (c, 2) of cameras in the plane in which they spread most; NaN for those that were not placed.
 
-    Parameters
-    ----------
-    centres
-        Centres (3,) by camera.
-    ids
-        All cameras, in the order of the result.
+    `centres`: centres (3,) by camera.
     """
     known = np.array(list(centres.values()))
     axes = np.linalg.svd(known - known.mean(axis=0))[2][:2]

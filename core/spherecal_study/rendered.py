@@ -73,15 +73,7 @@ def renderings(trials: Sequence[Trial]) -> list[Trial]:
 
 
 def render(what: str, **settings: Any) -> dict[str, Any]:
-    """Render one of the recordings below and keep it; how many images it has.
-
-    Parameters
-    ----------
-    what
-        `ball`, `bars`, `board` or `bar`.
-    settings
-        Those of the function that renders it.
-    """
+    """Render one of the recordings below and keep it; how many images it has."""
     if what == "ball":
         session = rendered_ball(**settings)[0]
     else:
@@ -92,37 +84,14 @@ def render(what: str, **settings: Any) -> dict[str, Any]:
 def rendered_ball(preset: str, seed: int, placements: int | None, layout: Layout) -> tuple[Session, Truth]:
     """A session with images of the ball, whose dots' spacing gives the scale, and its truth (simulate_session).
 
-    Parameters
-    ----------
-    preset, seed
-        The simulated rig.
-    placements
-        Placements; None is the rig's own number.
-    layout
-        Where the ball is put (`rigs.ball_places`).
-
-    Raises
-    ------
-    OutputError
-        Where the images cannot be kept.
+    `placements` None is the rig's own number.
     """
     options = SimulationOptions(placements=placements, layout=layout, bar_poses=0, mark_points="dots")
     return _by_the_product(preset, seed, options)
 
 
 def rendered_bars(preset: str, seed: int) -> Session:
-    """A session with images of the two check bars before the same simulated cameras.
-
-    Parameters
-    ----------
-    preset, seed
-        The simulated rig.
-
-    Raises
-    ------
-    OutputError
-        Where the images cannot be kept.
-    """
+    """A session with images of the two check bars before the same simulated cameras."""
     options = SimulationOptions(placements=1, bar_poses=BAR_POSES, mark_points="dots")
     session, _ = _by_the_product(preset, seed, options)
     return replace(session, placements=())
@@ -141,18 +110,6 @@ def rendered_waved_bar(preset: str, seed: int, frames: int) -> Session:
     """A session with images of a bar of four marks, its lengths certified: the 1-D method's recording.
 
     Every frame is sharp; a real bar is not while it moves.
-
-    Parameters
-    ----------
-    preset, seed
-        The simulated rig.
-    frames
-        Poses of the bar.
-
-    Raises
-    ------
-    OutputError
-        Where the images cannot be kept.
     """
     options = SimulationOptions(placements=1, bar_poses=frames, mark_points="dots", scale="bar")
 
@@ -181,22 +138,7 @@ def rendered_waved_bar(preset: str, seed: int, frames: int) -> Session:
 
 
 def rendered_board(preset: str, seed: int, placements: int, print_sd_mm: float) -> Session:
-    """A session with images of a board of 8 x 11 dots 33 mm apart, three of them rings: the 2-D method's recording.
-
-    Parameters
-    ----------
-    preset, seed
-        The simulated rig.
-    placements
-        How often the board is shown.
-    print_sd_mm
-        Standard deviation by which a dot is off its place, per coordinate, mm.
-
-    Raises
-    ------
-    OutputError
-        Where the images cannot be kept.
-    """
+    """A session with images of a board of 8 x 11 dots 33 mm apart, three of them rings: the 2-D method's recording."""
 
     def build(folder: Path) -> None:
         recording = simulate_board(
@@ -291,22 +233,7 @@ def _one(path: Path, scene: TracedScene, dots: TrueDots, station: Station, rng: 
 
 
 def kept(kind: str, what: dict[str, Any], build: Callable[[Path], None]) -> Path:
-    """The folder of a recording in the user's cache, built on first use.
-
-    Parameters
-    ----------
-    kind
-        Kind of recording, with which the folder's name begins.
-    what
-        What it is rendered from, as plain JSON; other values give another folder.
-    build
-        Renders it into a new folder.
-
-    Raises
-    ------
-    OutputError
-        Where the folder cannot be written.
-    """
+    """The folder of a recording in the user's cache, built on first use."""
     from platformdirs import user_cache_path
 
     text = json.dumps([_VERSION, kind, what], sort_keys=True)

@@ -1,6 +1,6 @@
 """The second system of the paper: twelve cameras on two planes."""
 
-from spherecal.report.document import Document
+from spherecal_documents.report.document import Document
 from spherecal_study.agreement import Estimate, always, estimate, like
 from spherecal_study.executor import Trial
 from spherecal_study.measures import all_errors
@@ -33,15 +33,7 @@ def trials(options: Options) -> list[Trial]:
 
 
 def page(listed: list[Trial], results: Results, options: Options) -> StudyPage:
-    """The study's page: residuals and bars of both rigs, and the table paper / ours.
-
-    Parameters
-    ----------
-    listed, results
-        The trials, and their results in the same order.
-    options
-        Options of the study.
-    """
+    """The study's page: residuals and bars of both rigs, and the table paper / ours."""
     document = begin(
         TITLE,
         options,

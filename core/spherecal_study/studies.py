@@ -10,7 +10,7 @@ from spherecal.base.errors import InputError
 from spherecal.base.filesystem import remove_below
 from spherecal.files.atomic import write_file_whole
 from spherecal.files.json_file import json_bytes
-from spherecal.report.style import report_style
+from spherecal_documents.report.style import report_style
 from spherecal_study import cameras, compare, layouts, noise, path, rig_b, wand
 from spherecal_study.executor import Trial, Workers, kept_result, run_trials
 from spherecal_study.page import Options, Results, StudyPage
@@ -27,33 +27,7 @@ _DPI = 130  # of the pictures of pages: small print can be read
 def run_study(
     name: str, options: Options, folder: Path, workers: Workers, context: Context, kept_only: bool = False
 ) -> Path:
-    """Run a study and write its page (see `write_page`) and the index of all pages into the folder; the page's path.
-
-    Parameters
-    ----------
-    name
-        A key of `STUDIES`.
-    options
-        Options of the study.
-    folder
-        Where the page goes. Results of trials are kept in `trials` below it, and taken from there if the study is run
-        again.
-    workers
-        Where the trials run.
-    context
-        For progress, and to stop.
-    kept_only
-        Run nothing; the page shows the results that are kept.
-
-    Raises
-    ------
-    InputError
-        Where a study is not possible on images or on another rig, or nothing is kept.
-    OutputError
-        Where the folder cannot be written.
-    Cancelled
-        Where the context says so.
-    """
+    """Run a study and write its page (see `write_page`) and the index of all pages into the folder; the page's path."""
     _check(name, options)
     study = STUDIES[name]
     listed = study.trials(options)
@@ -93,24 +67,6 @@ def write_page(
 
     They are `NAME.pdf`, pictures `NAME-1.png` .. of its pages, `NAME.json` with all results, and `paper.md`. To be
     called within `report_style`.
-
-    Parameters
-    ----------
-    name, title
-        Name and title of the study.
-    page
-        The page.
-    options
-        Options of the study, as plain JSON.
-    listed, results
-        The trials, and their results in the same order.
-    folder
-        Where the files go.
-
-    Raises
-    ------
-    OutputError
-        Where a file cannot be written.
     """
     figures = [
         {"kind": t.kind, "settings": dict(t.settings), "result": r} for t, r in zip(listed, results, strict=True)

@@ -22,8 +22,8 @@ from spherecal.initialise.incremental import grow
 from spherecal.initialise.local import LocalNetwork, reconstruct_locally
 from spherecal.initialise.path import BASE, Search, find_paths
 from spherecal.initialise.view_graph import EdgeWeights, build_graph
-from spherecal.methods.settings import CalibrationSettings, Method
-from spherecal.methods.sphere import StartValues, describe_network
+from spherecal.steps.settings import CalibrationSettings, Method
+from spherecal.steps.start_values import StartValues, describe_network
 from spherecal_sim.boards import simulate_board, simulate_waved_bar
 from spherecal_sim.rigs import Layout, TrueCamera
 from spherecal_sim.session import simulate_session
@@ -56,28 +56,8 @@ def ball(
 ) -> dict[str, Any]:
     """One calibration with the ball: residuals, bars, errors of the calibration alone.
 
-    Parameters
-    ----------
-    preset, seed
-        The simulated rig and session.
-    sigma_px
-        Standard deviation of an image coordinate, px; None takes rendered images.
-    placements
-        Placements of the ball.
-    layout
-        Where the ball is put (`rigs.ball_places`).
-    method, search
-        As in CalibrationSettings.
-    spherical
-        Whether `tao2021` moves points onto spheres (SPO).
-    cameras
-        How many cameras are used, those nearest to the rig's middle; None is all.
-    print_sd_mm
-        Standard deviation by which a dot is off its sticker's pattern, per coordinate, mm.
-    known
-        Whether the true intrinsics are known before, else those of the data sheets.
-    paths
-        xi1, xi2, TH_er in px (None: by the data) and b; None leaves all to the method.
+    `sigma_px` None takes rendered images; `cameras` None is all; `paths`: xi1, xi2, TH_er in px (None: by the data) and
+    b; None leaves all to the method.
     """
     session, truth = _session(preset, seed, sigma_px, placements, layout, print_sd_mm)
     session = _with_known(session, truth.cameras) if known else session
@@ -107,20 +87,7 @@ def board(
 ) -> dict[str, Any]:
     """One calibration of the same rig with a plane board, its bars those of the ball's session.
 
-    Parameters
-    ----------
-    preset, seed
-        The simulated rig and session.
-    sigma_px
-        Standard deviation of an image coordinate, px; None takes rendered images.
-    placements
-        How often the board is shown.
-    print_sd_mm
-        Standard deviation by which a dot is off its place, per coordinate, mm.
-    joint
-        Adjust all together; else the cameras stay as they were chained, as in the paper.
-    known
-        Whether the true intrinsics are known before, else those of the data sheets.
+    `sigma_px` None takes rendered images.
     """
     if sigma_px is None:
         session = rendered_board(preset, seed, placements, print_sd_mm)
@@ -134,19 +101,7 @@ def bar(
 ) -> dict[str, Any]:
     """One calibration of the same rig with a waved bar, its check bars those of the ball's session.
 
-    Parameters
-    ----------
-    preset, seed
-        The simulated rig and session.
-    sigma_px
-        Standard deviation of an image coordinate, px; None takes rendered images.
-    frames
-        Poses of the bar.
-    joint
-        Adjust all together; else pairs of cameras are adjusted alone and chained.
-    known
-        Whether the true intrinsics are known before, else those of the data sheets; without `joint` known ones are
-        fixed.
+    `sigma_px` None takes rendered images.
     """
     if sigma_px is None:
         session = rendered_waved_bar(preset, seed, frames)
@@ -172,19 +127,7 @@ def _rival(
 
 
 def wand(preset: str, seed: int, sigma_px: float, frames: int, known: bool = False) -> dict[str, Any]:
-    """One calibration with a waved bar, against the truth and its bound.
-
-    Parameters
-    ----------
-    preset, seed
-        The simulated rig and recording.
-    sigma_px
-        Standard deviation of an image coordinate, px.
-    frames
-        Poses of the bar.
-    known
-        Whether the true intrinsics are known before, else those of the data sheets.
-    """
+    """One calibration with a waved bar, against the truth and its bound."""
     recording = simulate_waved_bar(preset, seed, frames, sigma_px=sigma_px)
     session = _with_known(recording.session, recording.cameras) if known else recording.session
     calibration, cpu_s = _timed(session, CalibrationSettings(method="bar"))
@@ -201,18 +144,8 @@ def paths(
 ) -> dict[str, Any]:
     """The graph, the paths of one search, and how good the chained start is, before anything else is done with it.
 
-    Parameters
-    ----------
-    preset, seed
-        The simulated rig and session.
-    sigma_px
-        Standard deviation of an image coordinate, px; None takes rendered images.
-    search
-        As in CalibrationSettings.
-    known
-        Whether the true intrinsics are known before, else those of the data sheets.
-    paths
-        xi1, xi2, TH_er in px (None: by the data) and b; None leaves all to the method.
+    `sigma_px` None takes rendered images; `paths`: xi1, xi2, TH_er in px (None: by the data) and b; None leaves all to
+    the method.
     """
     session, truth = _session(preset, seed, sigma_px, None, "spread")
     session = _with_known(session, truth.cameras) if known else session
@@ -228,14 +161,7 @@ def path_figures(session: Session, search: Search, numbers: PathNumbers | None =
     `count_share`: the median share of the term xi2 / N in an edge's weight, [Tao21] (12). `changed_by_count`: of how
     many cameras the path is another one without that term. A path over an edge that the graph refuses has no length.
 
-    Parameters
-    ----------
-    session
-        The session.
-    search
-        As in CalibrationSettings.
-    numbers
-        xi1, xi2, TH_er in px (None: by the data) and b; None leaves all to the method.
+    `numbers`: xi1, xi2, TH_er in px (None: by the data) and b; None leaves all to the method.
     """
     network, local, known = _local(session, search, numbers)
     rotation, translation = chain_poses(local.paths, local.triples, local.graph.scale, len(known))
@@ -265,22 +191,7 @@ def path_figures(session: Session, search: Search, numbers: PathNumbers | None =
 
 
 def recorded_paths(session: str, fingerprint: str, search: Search) -> dict[str, Any]:
-    """The graph, paths and start of a recorded session (see `path_figures`).
-
-    Parameters
-    ----------
-    session
-        The session folder.
-    fingerprint
-        Distinguishes recordings that are at one place one after the other; not used here.
-    search
-        As in CalibrationSettings.
-
-    Raises
-    ------
-    InputError
-        Where the session cannot be read.
-    """
+    """The graph, paths and start of a recorded session (see `path_figures`)."""
     del fingerprint
     return path_figures(detected(Path(session)), search)
 
@@ -288,16 +199,7 @@ def recorded_paths(session: str, fingerprint: str, search: Search) -> dict[str, 
 def displaced(preset: str, seed: int, sigma_px: float, damping: str, known: bool = False) -> dict[str, Any]:
     """How adjustments end whose start points are displaced, [Tao21] (22); see displacement.py.
 
-    Parameters
-    ----------
-    preset, seed
-        The simulated rig and session.
-    sigma_px
-        Standard deviation of an image coordinate, px; None takes rendered images.
-    damping
-        `diagonal` or `identity-mm` (`displaced_cases`).
-    known
-        Whether the true intrinsics are known before, else those of the data sheets.
+    `sigma_px` None takes rendered images; `damping`: `diagonal` or `identity-mm` (`displaced_cases`).
     """
     session, truth = _session(preset, seed, sigma_px, 4, "spread")
     session = _with_known(session, truth.cameras) if known else session
@@ -333,15 +235,7 @@ def _with_bars(session: Session, preset: str, seed: int, sigma_px: float | None)
 
 
 def some_cameras(session: Session, truth: Truth, count: int) -> tuple[Session, Truth]:
-    """The session and truth of the cameras nearest to the rig's middle: they overlap most.
-
-    Parameters
-    ----------
-    session, truth
-        A simulated session and its truth.
-    count
-        How many cameras.
-    """
+    """The session and truth of the cameras nearest to the rig's middle: they overlap most."""
     centres = np.array([c.centre_mm for c in truth.cameras])
     off = np.linalg.norm(centres - centres.mean(axis=0), axis=1)
     kept = np.sort(np.argsort(off, kind="stable")[:count])

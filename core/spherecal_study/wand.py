@@ -7,7 +7,7 @@ import numpy as np
 from spherecal.base.arrays import FloatArray
 from spherecal.data.rig import Calibration
 from spherecal.geometry.transform import fit_similarity
-from spherecal.report.document import Document
+from spherecal_documents.report.document import Document
 from spherecal_sim.boards import SimulatedRecording
 from spherecal_study.agreement import always, estimate
 from spherecal_study.executor import Trial
@@ -43,15 +43,6 @@ def errors_and_bounds(recording: SimulatedRecording, calibration: Calibration, s
 
     The bound is that of Cramer and Rao: the covariance of the adjustment at the noise that was simulated. Lengths in
     mm, focal lengths in px, the scale relative.
-
-    Parameters
-    ----------
-    recording
-        The simulated recording.
-    calibration
-        Its calibration.
-    sigma_px
-        Standard deviation of an image coordinate that was simulated, px.
     """
     f = calibration.features
     truth = recording.points_mm[f.placement, f.target - 1]
@@ -83,15 +74,7 @@ def _rms(vectors: FloatArray) -> float:
 
 
 def page(listed: list[Trial], results: Results, options: Options) -> StudyPage:
-    """The study's page: errors beside their bounds, over the number of frames, and the table paper / ours.
-
-    Parameters
-    ----------
-    listed, results
-        The trials, and their results in the same order.
-    options
-        Options of the study.
-    """
+    """The study's page: errors beside their bounds, over the number of frames, and the table paper / ours."""
     document = begin(
         TITLE,
         options,

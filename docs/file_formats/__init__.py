@@ -9,16 +9,16 @@ from typing import Any
 from file_formats.other import FORMATS as _OTHER
 from file_formats.results import FORMATS as _RESULTS
 from file_formats.sessions import FORMATS as _SESSIONS
-from spherecal.cameras.gentl.trust import DRIVERS
-from spherecal.cameras.profile import CAMERAS
-from spherecal.files.ball_registry import BALLS
 from spherecal.files.bar_registry import BARS
 from spherecal.files.codec import FileFormat
-from spherecal.profile.checks import PROFILE_CHECK
-from spherecal.profile.entry import ENTRY
-from spherecal.profile.limits_file import LIMITS
-from spherecal.profile.store import PROFILE
-from spherecal.report.dcc import ISSUER
+from spherecal_cameras.genicam.trust import DRIVERS
+from spherecal_cameras.profile import CAMERAS
+from spherecal_documents.report.dcc import ISSUER
+from spherecal_rigs.ball_registry import BALLS
+from spherecal_rigs.checks import PROFILE_CHECK
+from spherecal_rigs.entry import ENTRY
+from spherecal_rigs.limits_file import LIMITS
+from spherecal_rigs.store import PROFILE
 
 _SETTINGS = (CAMERAS, DRIVERS, BARS, BALLS, LIMITS, ISSUER, PROFILE, ENTRY, PROFILE_CHECK)
 FORMATS: tuple[FileFormat[Any], ...] = (*_SESSIONS, *_RESULTS, *_SETTINGS, *_OTHER)

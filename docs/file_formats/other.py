@@ -18,9 +18,9 @@ from file_formats.vocabulary import (
     text,
     written,
 )
-from spherecal.measuring.body_file import BODY
 from spherecal_gui.last_verification import LAST_VERIFICATION
 from spherecal_gui.project_folder import WIZARD
+from spherecal_measuring.body_file import BODY
 
 SERIES = written(
     "series",

@@ -21,10 +21,10 @@ from file_formats.vocabulary import (
 from spherecal.files.ball_file import BALL
 from spherecal.files.codec import record as frame_record
 from spherecal.files.findings_file import FINDINGS
-from spherecal.files.frame_file import FIELDS as FRAME_FIELDS
-from spherecal.files.frame_file import FRAME
 from spherecal.files.rig_file import RIG
 from spherecal.verify.verification_file import VERIFICATION
+from spherecal_rigs.frame_file import FIELDS as FRAME_FIELDS
+from spherecal_rigs.frame_file import FRAME
 
 _MOST_MM = 1e9
 _FINDINGS = items("What was found.", finding())

@@ -1,16 +1,16 @@
 """`spherecal cameras list --source pictures:FOLDER`: every picture of a folder as a camera that shows it.
 
 A source of real cameras does the same: it lists its cameras and takes an image when asked. `InProcessSource` does the
-rest (live view, sets, states); what needs a process of its own implements `spherecal.cameras.protocol.CameraSource`.
+rest (live view, sets, states); what needs a process of its own implements `spherecal_cameras.protocol.CameraSource`.
 """
 
 import time
 from pathlib import Path
 
 import spherecal
-from spherecal.cameras.in_process import InProcessSource
-from spherecal.cameras.protocol import CameraInfo, CameraSettings, Frame, SourceKind
 from spherecal.targets.images import read_image
+from spherecal_cameras.in_process import InProcessSource
+from spherecal_cameras.protocol import CameraInfo, CameraSettings, Frame, SourceKind
 
 
 class PictureSource(InProcessSource):

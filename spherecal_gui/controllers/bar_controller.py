@@ -83,15 +83,7 @@ class BarController(ControllerPart):
         return drawn_bar(Lenses.of(self.main.result.rig), np.stack([planned.start_mm, planned.end_mm]), seen)
 
     def look_at(self, pose: str, sights: "dict[str, Sight]") -> bool:
-        """Work out where the bar lies now, beside the window; whether that was begun.
-
-        Parameters
-        ----------
-        pose
-            The pose that is laid, by id.
-        sights
-            The newest examined images by camera name.
-        """
+        """Work out where the bar lies now, beside the window; whether that was begun."""
         planned, outcome, connection = self.planned_pose(pose), self.main.outcome, self._cameras.connection
         if planned is None or outcome is None or connection is None or self.looker.running is not None:
             return False

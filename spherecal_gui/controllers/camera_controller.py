@@ -15,9 +15,9 @@ from spherecal_gui.tasks import jobs
 from spherecal_gui.tasks.driver_question import DriverQuestion
 
 if TYPE_CHECKING:  # cameras and detection need scipy and numba, for which the window does not wait
-    from spherecal.cameras.driver_help import DriverTrouble
-    from spherecal.cameras.gentl.trust import Ask, Driver
-    from spherecal.cameras.in_process import Staged
+    from spherecal_cameras.driver_help import DriverTrouble
+    from spherecal_cameras.genicam.trust import Ask, Driver
+    from spherecal_cameras.in_process import Staged
     from spherecal_gui.tasks.live import Connection, LiveView
 
 translate = QCoreApplication.translate
@@ -84,7 +84,7 @@ class CameraController(ControllerPart):
 
     def allow_driver(self, file: str) -> None:
         """Allow a driver that was refused, and search again."""
-        from spherecal.cameras.gentl.trust import TrustStore  # the window starts without the cameras' modules
+        from spherecal_cameras.genicam.trust import TrustStore  # the window starts without the cameras' modules
 
         def allow() -> None:
             store = TrustStore()
@@ -109,7 +109,7 @@ class CameraController(ControllerPart):
 
     def _connected(self, connection: "Connection") -> None:
         # Loaded by the thread that connects the cameras; the second one needs scipy and numba.
-        from spherecal.cameras.driver_help import driver_troubles
+        from spherecal_cameras.driver_help import driver_troubles
         from spherecal_gui.tasks.live import LiveView
 
         if self.project is None:
@@ -185,15 +185,6 @@ class CameraController(ControllerPart):
         """Start work without live images, for it needs their cores; they go on when it has ended.
 
         They are ended beside the window, which never waits.
-
-        Parameters
-        ----------
-        step
-            Id of the step whose work it is, for which a failure is noted.
-        work
-            Runs in a thread of its own.
-        done
-            Called with the result of the work, in the window's thread.
         """
         live = self.live
 
@@ -227,7 +218,7 @@ class CameraController(ControllerPart):
         """The simulated or recorded source, which shows what it is asked for; None for real cameras."""
         if self.connection is None:
             return None
-        from spherecal.cameras.in_process import Staged  # the window starts without the cameras' modules
+        from spherecal_cameras.in_process import Staged  # the window starts without the cameras' modules
 
         source = self.connection.source
         return source if isinstance(source, Staged) else None
@@ -240,13 +231,5 @@ class CameraController(ControllerPart):
 
 
 def masks_of(project: Project, camera: str) -> tuple[Rectangle, ...]:
-    """The parts of a camera's image in which nothing is a target: left, top, width and height in px.
-
-    Parameters
-    ----------
-    project
-        Whose masks are meant.
-    camera
-        Its name.
-    """
+    """The parts of a camera's image in which nothing is a target: left, top, width and height in px."""
     return tuple(rectangle for name, rectangle in project.masks if name == camera)

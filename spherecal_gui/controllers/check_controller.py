@@ -14,8 +14,8 @@ from spherecal_gui.tasks import jobs
 from spherecal_gui.texts import verdict_word
 
 if TYPE_CHECKING:  # checks need scipy, for which the window does not wait
-    from spherecal.uses.check import Check
     from spherecal_gui.tasks.kept_check import CheckSummary
+    from spherecal_rigs.check import Check
 
 translate = QCoreApplication.translate
 

@@ -111,27 +111,13 @@ class ComputationController(ControllerPart):
         self.main.changed.emit()
 
     def repair(self, option: str, value: str) -> None:
-        """Ask for a repair at the next calibration; no image on disk is touched by it.
-
-        Parameters
-        ----------
-        option
-            Of the command line: `--leave-out`, `--split` or `--swap`.
-        value
-            What it is asked for, such as C05@P3.
-        """
+        """Ask for a repair at the next calibration; no image on disk is touched by it."""
         if self.project is not None and self.runner.running is None:
             self.main.update(changes.with_repair(self.project, option, value))
             self.main.result_changed.emit()
 
     def take_back(self, option: str, value: str) -> None:
-        """No longer ask for a repair.
-
-        Parameters
-        ----------
-        option, value
-            As for `repair`.
-        """
+        """No longer ask for a repair."""
         if self.project is not None and self.runner.running is None:
             self.main.update(changes.without_repair(self.project, option, value))
             self.main.result_changed.emit()

@@ -88,22 +88,7 @@ class Controller(ProjectController):
     # --- projects ----------------------------------------------------------------------------------------------------
 
     def new_project(self, source: str, parent: Path, bench: str = "") -> None:
-        """Begin a calibration in a new folder.
-
-        Parameters
-        ----------
-        source
-            Where the images come from: `genicam`, `replay:FOLDER` or `simulated:RIG`, with faults after a plus sign.
-        parent
-            The folder in which the new one is made.
-        bench
-            The file that describes targets, ball and bars; empty where the source does.
-
-        Raises
-        ------
-        OutputError
-            Where the folder cannot be made.
-        """
+        """Begin a calibration in a new folder."""
         self.close_project()
         limit = limits.now().verification_limit
         project = Project(new_folder(parent, datetime.now()), source, bench, limit=limit)
@@ -112,13 +97,7 @@ class Controller(ProjectController):
         self._is_new = True
 
     def new_check(self, like: Project) -> None:
-        """Begin a check with the cameras and the bench of an earlier calibration.
-
-        Raises
-        ------
-        OutputError
-            Where the folder cannot be made.
-        """
+        """Begin a check with the cameras and the bench of an earlier calibration."""
         self.close_project()
         folder = new_folder(like.folder.parent, datetime.now(), "check")
         project = Project(folder, like.source, like.bench, placements=("P1",), purpose="check")
@@ -127,15 +106,7 @@ class Controller(ProjectController):
         self._is_new = True
 
     def new_verification(self, like: Project) -> None:
-        """Begin a verification of the calibration in use, with the cameras and the bench of an earlier project.
-
-        Raises
-        ------
-        InputError
-            Where no calibration is in use.
-        OutputError
-            Where the folder cannot be made.
-        """
+        """Begin a verification of the calibration in use, with the cameras and the bench of an earlier project."""
         from spherecal_gui.in_use import result_of  # needs scipy
 
         self.close_project()
@@ -160,15 +131,7 @@ class Controller(ProjectController):
             self.new_project(like.source, like.folder.parent, like.bench)
 
     def open_project(self, folder: Path) -> None:
-        """Go on with a project where it was left.
-
-        Raises
-        ------
-        InputError
-            Where the folder holds none.
-        OutputError
-            Where it is open already: two windows would each write over what the other has done.
-        """
+        """Go on with a project where it was left."""
         self.close_project()
         if is_project(folder):
             self._hold(folder)

@@ -53,8 +53,8 @@ class FrameController(ControllerPart):
         if not (made_for[0] / FRAME).is_file():
             self.frame = self._frame_of_profile()
             return
-        from spherecal.export.frame import frame_of  # needs scipy
-        from spherecal.files.frame_file import read_frame, write_frame
+        from spherecal_rigs.frame_file import read_frame, write_frame
+        from spherecal_rigs.framed_rig import frame_of  # needs scipy
 
         path = made_for[0] / FRAME
         try:
@@ -79,7 +79,7 @@ class FrameController(ControllerPart):
 
     def _frame_of_profile(self) -> "UserFrame | None":
         """The frame kept with the rig; None where there is none, or where it is of another camera's world."""
-        from spherecal.files.frame_file import read_frame  # needs scipy
+        from spherecal_rigs.frame_file import read_frame  # needs scipy
 
         path = profile_of(self.project) / FRAME if self.project is not None else None
         if path is None or self.main.outcome is None or not path.is_file():
@@ -96,9 +96,9 @@ class FrameController(ControllerPart):
         path = self.file
         if path is None or self.project is None or self.main.outcome is None or self.runner.running:
             return False
-        from spherecal.export.frame import frame_of  # needs scipy
-        from spherecal.files.frame_file import write_frame
         from spherecal.geometry.user_frame import FrameDefinition
+        from spherecal_rigs.frame_file import write_frame
+        from spherecal_rigs.framed_rig import frame_of  # needs scipy
 
         if definition == FrameDefinition() and not (profile_of(self.project) / FRAME).is_file():
             done = self.main.attempt(lambda: remove_below(path.parent, path.name))

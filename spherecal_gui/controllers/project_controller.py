@@ -17,7 +17,7 @@ from spherecal_gui.tasks.task import Runner
 from spherecal_gui.texts import error_text
 
 if TYPE_CHECKING:  # results need scipy, for which the window does not wait
-    from spherecal.report.result_folder import Result
+    from spherecal_rigs.result_folder import Result
 
 log = logging.getLogger("spherecal.gui")
 translate = QCoreApplication.translate
@@ -87,17 +87,7 @@ class ProjectController(QObject):
         self.logged.emit(f"{datetime.now():%H:%M:%S}  {text}")
 
     def tell(self, kind: str, text: str, hint: str = "") -> None:
-        """Say something that people should know.
-
-        Parameters
-        ----------
-        kind
-            `good`, `bad` or `info`.
-        text
-            What it is.
-        hint
-            What to do about it; empty for nothing.
-        """
+        """Say something that people should know."""
         self.note(f"{text} {hint}".strip())
         self.said.emit(kind, text, hint)
 

@@ -19,7 +19,7 @@ from spherecal_gui.tasks import jobs
 from spherecal_gui.tasks.dot_store import DotStore
 
 if TYPE_CHECKING:  # cameras and detection need scipy and numba, for which the window does not wait
-    from spherecal.cameras.capture import SessionCamera
+    from spherecal_cameras.capture import SessionCamera
     from spherecal_gui.recorded import RecordedSession
     from spherecal_gui.tasks.live import Connection
 
@@ -116,15 +116,7 @@ class RecordingController(ControllerPart):
         return self.check_session if set_id in checks else self.session
 
     def image_path(self, set_id: str, camera: str) -> Path | None:
-        """The image that a camera took of a set; None where it took none.
-
-        Parameters
-        ----------
-        set_id
-            A placement or a pose of a bar.
-        camera
-            Its name.
-        """
+        """The image that a camera took of a set; None where it took none."""
         folder = self.folder_of(set_id)
         return folder.images(set_id).get(camera) if folder is not None else None
 
@@ -144,17 +136,7 @@ class RecordingController(ControllerPart):
         return {name: self._clear[name][2] for name in self._found}
 
     def keep_dots(self, set_id: str, at: str, dots: Mapping[str, Dots]) -> None:
-        """Keep what was found in a set, on disk as well.
-
-        Parameters
-        ----------
-        set_id
-            A placement or a pose of a bar.
-        at
-            The moment at which it was taken.
-        dots
-            Its dots by camera, before masks.
-        """
+        """Keep what was found in a set, on disk as well."""
         if self._store is not None:
             self._store.save(set_id, at, dots)
             self._found[set_id] = dots
@@ -201,12 +183,7 @@ class RecordingController(ControllerPart):
     def mask(self, serial: str, rectangle: Rectangle) -> None:
         """Nothing in this part of a camera's image is a target from now on, in what was taken as well.
 
-        Parameters
-        ----------
-        serial
-            Which camera.
-        rectangle
-            Left, top, width and height in px.
+        `rectangle`: left, top, width and height in px.
         """
         connection = self._cameras.connection
         if self.project is not None and connection is not None:

@@ -57,17 +57,7 @@ class SavingController(ControllerPart):
             self.main.update(changes.with_note(self.project, note))
 
     def save_profile(self, profile: Path, put_to_use: bool, note: str = "") -> bool:
-        """Add the calibration to a rig profile's history; whether that was begun.
-
-        Parameters
-        ----------
-        profile
-            Its folder.
-        put_to_use
-            Whether it becomes the calibration in use.
-        note
-            By whom and why.
-        """
+        """Add the calibration to a rig profile's history; whether that was begun."""
         project = self.project
         if project is None:
             return False
@@ -83,15 +73,7 @@ class SavingController(ControllerPart):
         return self._save(work, message)
 
     def export(self, form: str, output: Path) -> bool:
-        """Write the rig in another program's format, in the project's frame; whether that was begun.
-
-        Parameters
-        ----------
-        form
-            The format's name, as `spherecal export --to` has it.
-        output
-            The file or folder to write.
-        """
+        """Write the rig in another program's format, in the project's frame; whether that was begun."""
         project = self.project
         if project is None:
             return False

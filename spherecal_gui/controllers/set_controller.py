@@ -32,15 +32,7 @@ class SetController(ControllerPart):
         return set_id if task is not None and task is self.runner.task else None
 
     def take(self, set_id: str, step: str) -> bool:
-        """Take a set, or take it again; False where that is not possible now.
-
-        Parameters
-        ----------
-        set_id
-            A placement or a pose of a bar.
-        step
-            Id of the step that takes it, for which a failure is noted.
-        """
+        """Take a set, or take it again; False where that is not possible now."""
         folder = self._recording.folder_of(set_id)
         if self._cameras.connection is None or folder is None or self.project is None:
             return False
@@ -116,7 +108,7 @@ class SetController(ControllerPart):
 
     def add_placement(self) -> None:
         """Plan one more placement and go there."""
-        from spherecal.cameras.plan import PlannedSet  # needs scipy
+        from spherecal_cameras.plan import PlannedSet  # needs scipy
 
         session = self._recording.session
         if self.project is None or session is None:

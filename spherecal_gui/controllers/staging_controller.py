@@ -10,7 +10,7 @@ from spherecal_gui.controllers.project_controller import ProjectController
 from spherecal_gui.tasks.guided_bar import lay_bar
 
 if TYPE_CHECKING:  # the simulator needs scipy, for which the window does not wait
-    from spherecal.cameras.simulated.stage import Stage
+    from spherecal_cameras.simulated.stage import Stage
 
 
 @runtime_checkable

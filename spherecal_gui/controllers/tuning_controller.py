@@ -17,7 +17,7 @@ from spherecal_gui.controllers.project_controller import ProjectController
 from spherecal_gui.tasks.task import Runner
 
 if TYPE_CHECKING:  # the window starts without the cameras' modules
-    from spherecal.cameras.protocol import CameraSettings, TriggerMode
+    from spherecal_cameras.protocol import CameraSettings, TriggerMode
 
 translate = QCoreApplication.translate
 
@@ -30,15 +30,7 @@ class Indicating(Protocol):
     """A source whose cameras may have a light of their own."""
 
     def indicate(self, serial: str, on: bool) -> bool:
-        """Switch a camera's own light; whether it has one that can be switched.
-
-        Parameters
-        ----------
-        serial
-            Which camera.
-        on
-            Whether it is lit.
-        """
+        """Switch a camera's own light; whether it has one that can be switched."""
         ...
 
 
@@ -63,8 +55,8 @@ class TuningController(ControllerPart):
     def settings_of(self, serial: str) -> "CameraSettings":
         """A camera's settings as they were set."""
         # The window starts without the cameras' modules.
-        from spherecal.cameras.profile import default_profile_path, read_profile
-        from spherecal.cameras.protocol import CameraSettings
+        from spherecal_cameras.profile import default_profile_path, read_profile
+        from spherecal_cameras.protocol import CameraSettings
 
         if serial not in self._tuned:
             known = read_profile(default_profile_path()).entry(serial).settings if self._real else CameraSettings()
@@ -88,15 +80,6 @@ class TuningController(ControllerPart):
         """Give a camera a name, an exposure and a gain; whether that was begun.
 
         Those of real cameras are kept in the camera profile. A name that it cannot have now is left as it is.
-
-        Parameters
-        ----------
-        serial
-            Which camera.
-        name
-            The name it is to have.
-        exposure_us, gain_db
-            Exposure in µs and gain in dB.
         """
         connection = self._cameras.connection
         if connection is None or self.runner.running:
@@ -138,15 +121,7 @@ class TuningController(ControllerPart):
         return "" if self._real else translate("Connect", "Simulated cameras are all exposed at the same moment.")
 
     def name_camera(self, serial: str, name: str) -> None:
-        """Give a camera another name; the window says why it cannot have it.
-
-        Parameters
-        ----------
-        serial
-            Which camera.
-        name
-            The name it is to have.
-        """
+        """Give a camera another name; the window says why it cannot have it."""
         connection = self._cameras.connection
         if connection is None:
             return
@@ -172,15 +147,7 @@ class TuningController(ControllerPart):
         return self._cameras.connection is not None and isinstance(self._cameras.connection.source, Indicating)
 
     def blink(self, serial: str, answered: Callable[[bool], None]) -> None:
-        """Let a camera's own light blink for some seconds.
-
-        Parameters
-        ----------
-        serial
-            Which camera.
-        answered
-            Is called at the end, in the window's thread, with whether the camera has such a light.
-        """
+        """Let a camera's own light blink for some seconds."""
         source = self._cameras.connection.source if self._cameras.connection is not None else None
         if not isinstance(source, Indicating):
             answered(False)
@@ -202,7 +169,7 @@ class TuningController(ControllerPart):
 
 def _keep(serial: str, name: str | None, settings: "CameraSettings") -> None:
     """Write a camera's name and settings into the camera profile."""
-    from spherecal.cameras.profile import default_profile_path, read_profile, write_profile  # as in settings_of
+    from spherecal_cameras.profile import default_profile_path, read_profile, write_profile  # as in settings_of
 
     path = default_profile_path()
     profile = read_profile(path)

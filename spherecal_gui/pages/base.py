@@ -88,15 +88,7 @@ class Page(QWidget):
         return None
 
     def say(self, text: str, level: Level) -> None:
-        """The page's own part of its headline; what is worse elsewhere is said instead.
-
-        Parameters
-        ----------
-        text
-            The headline; empty for none.
-        level
-            Its colour.
-        """
+        """The page's own part of its headline; what is worse elsewhere is said instead."""
         self._own = Part(level, text)
         self.show_standing()
 

@@ -81,15 +81,7 @@ class BenchDialog(QDialog):
             line.installEventFilter(self)
 
     def eventFilter(self, watched: QObject, event: QEvent) -> bool:
-        """Whether the key means the whole dialog, and goes no further.
-
-        Parameters
-        ----------
-        watched
-            The field that has the focus.
-        event
-            What Qt would hand to it.
-        """
+        """Whether the key means the whole dialog, and goes no further."""
         if event.type() in (QEvent.Type.KeyPress, QEvent.Type.ShortcutOverride) and isinstance(event, QKeyEvent):
             for standard, act in (
                 (QKeySequence.StandardKey.Undo, self._undo),

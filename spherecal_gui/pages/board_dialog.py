@@ -16,7 +16,7 @@ from PySide6.QtWidgets import (
 )
 
 from spherecal.base.errors import SpherecalError
-from spherecal.methods.board_pattern import board_entry
+from spherecal_boards.board_pattern import board_entry
 from spherecal_gui.texts import error_text
 from spherecal_gui.widgets.basic import WheelGuard, button, enable, label, set_level
 
@@ -153,7 +153,7 @@ class BoardDialog(QDialog):
 
     def save_sheet(self, path: Path) -> None:
         """Write the sheet, on the smallest page that takes the board; say so where none does."""
-        from spherecal.uses.use_cases import write_board_sheet  # loads the calibration, which takes a second
+        from spherecal_app.use_cases import write_board_sheet  # loads the calibration, which takes a second
 
         for page in ("A4", "A3", "A2", "A1", "A0"):
             try:

@@ -5,8 +5,6 @@ from pathlib import Path
 from PySide6.QtWidgets import QHBoxLayout, QLabel, QVBoxLayout, QWidget
 
 from spherecal.base.errors import SpherecalError
-from spherecal.profile.store import open_profile
-from spherecal.uses.check import Check
 from spherecal_gui import limits
 from spherecal_gui.controllers.controller import Controller
 from spherecal_gui.pages.base import Page, PageAction
@@ -20,6 +18,8 @@ from spherecal_gui.widgets.basic import Card, button, enable, label, set_level
 from spherecal_gui.widgets.scene_panel import ScenePanel, SceneSplit
 from spherecal_gui.widgets.table import Cell, Table
 from spherecal_gui.workflow import Status
+from spherecal_rigs.check import Check
+from spherecal_rigs.store import open_profile
 
 
 class CheckPage(Page):

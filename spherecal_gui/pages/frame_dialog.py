@@ -9,12 +9,12 @@ from PySide6.QtGui import QColor, QPainter, QPen
 from PySide6.QtWidgets import QComboBox, QDialog, QDoubleSpinBox, QGridLayout, QHBoxLayout, QVBoxLayout, QWidget
 
 from spherecal.geometry.user_frame import TURNS
+from spherecal_documents.scene.eye import Eye
+from spherecal_documents.scene.model import AXIS_TINTS, SceneData
 from spherecal_gui import theme
 from spherecal_gui.presenters.frame import FrameChoice, Role, turn_word
 from spherecal_gui.widgets.basic import button, enable, label, set_level
 from spherecal_gui.widgets.rendered_scene import RenderedScene
-from spherecal_scene.eye import Eye
-from spherecal_scene.model import AXIS_TINTS, SceneData
 
 _MOST_MM = 100_000.0
 _ROLES: tuple[Role, ...] = get_args(Role)
@@ -29,17 +29,7 @@ class FrameScene(RenderedScene):
         self.show_scene(choice.scene)
 
     def paint_rig(self, painter: QPainter, data: SceneData, eye: Eye) -> None:
-        """Draw the rig and the axes over it.
-
-        Parameters
-        ----------
-        painter
-            Of the widget.
-        data
-            The rig.
-        eye
-            From where it is seen; it turns places in mm into px of the widget.
-        """
+        """Draw the rig and the axes over it."""
         super().paint_rig(painter, data, eye)
         painter.setFont(theme.font(theme.LEAD, bold=True))
         painter.setPen(QPen(theme.colour("text"), 2))

@@ -18,7 +18,6 @@ from PySide6.QtWidgets import (
     QWidget,
 )
 
-from spherecal.profile.limits_file import MOST_PIN, Limits
 from spherecal_gui import theme
 from spherecal_gui.presenters.limits import (
     LimitField,
@@ -29,6 +28,7 @@ from spherecal_gui.presenters.limits import (
     value_text,
 )
 from spherecal_gui.widgets.basic import Downwards, WheelGuard, button, enable, label, set_level
+from spherecal_rigs.limits_file import MOST_PIN, Limits
 
 _TICK_MS = 200
 _HISTORY_PX = 120  # six lines

@@ -10,8 +10,6 @@ from PySide6.QtWidgets import QAbstractItemView, QHBoxLayout, QListWidget, QVBox
 
 from spherecal.base.arrays import FloatArray
 from spherecal.base.errors import SpherecalError
-from spherecal.measuring.results import MeasuredSet
-from spherecal.measuring.task import Task
 from spherecal_gui import theme
 from spherecal_gui.controllers.controller import Controller
 from spherecal_gui.pages.base import Page, PageAction
@@ -30,6 +28,8 @@ from spherecal_gui.widgets.basic import Card, label, set_level
 from spherecal_gui.widgets.charts import Chart
 from spherecal_gui.widgets.table import Cell, Table
 from spherecal_gui.workflow import Step
+from spherecal_measuring.results import MeasuredSet
+from spherecal_measuring.task import Task
 
 
 class DeviationChart(Chart):
@@ -38,14 +38,7 @@ class DeviationChart(Chart):
     def show_values(self, times: FloatArray, off: FloatArray, expanded: FloatArray, unit: str) -> None:
         """Show deviations with their expanded uncertainties.
 
-        Parameters
-        ----------
-        times
-            Of the sets, (n,) s.
-        off, expanded
-            Deviations and their expanded uncertainties (k = 2), (n,) in the value's unit.
-        unit
-            The value's name and unit, written beside the axis.
+        `times`: of the sets, (n,) s; `off`, `expanded` (n,).
         """
         c = theme.now()
         self.clear()

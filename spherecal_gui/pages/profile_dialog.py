@@ -8,9 +8,6 @@ from PySide6.QtGui import QPixmap
 from PySide6.QtWidgets import QDialog, QHBoxLayout, QInputDialog, QVBoxLayout, QWidget
 
 from spherecal.base.errors import SpherecalError
-from spherecal.profile.compare import compare, seen_volume
-from spherecal.profile.source import entry_volume
-from spherecal.profile.store import apply, open_profile
 from spherecal_gui import limits
 from spherecal_gui.presenters.results import compared_text
 from spherecal_gui.presenters.start import picture_of, profile_rows, validity_of
@@ -18,6 +15,9 @@ from spherecal_gui.tasks.outcome import Compared
 from spherecal_gui.texts import error_text
 from spherecal_gui.widgets.basic import Chip, button, enable, label, once, set_level
 from spherecal_gui.widgets.table import Table
+from spherecal_rigs.compare import compare, seen_volume
+from spherecal_rigs.source import entry_volume
+from spherecal_rigs.store import apply, open_profile
 
 _PICTURE_PX = 300
 

@@ -183,12 +183,7 @@ class ResultsPage(Page):
     def show_camera(self, camera: str, placement: str | None = None) -> None:
         """Show a camera's residuals and mark it in the scene.
 
-        Parameters
-        ----------
-        camera
-            Its id.
-        placement
-            Whose residuals are shown; None for those of all placements.
+        `placement` None for those of all placements.
         """
         result = self.controller.result
         if result is None:

@@ -15,7 +15,7 @@ from PySide6.QtWidgets import (
     QWidget,
 )
 
-from spherecal.export.write_export import FORMATS
+from spherecal_documents.export.write_export import FORMATS
 from spherecal_gui import limits, theme
 from spherecal_gui.controllers.controller import Controller
 from spherecal_gui.pages.base import Page, PageAction

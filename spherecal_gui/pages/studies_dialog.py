@@ -117,16 +117,6 @@ class StudiesDialog(QDialog):
 
 
 def run_one(name: str, folder: Path, context: Context) -> Path:
-    """Run one study as `spherecal study NAME -o FOLDER --workers 0` does; the file of its page.
-
-    Parameters
-    ----------
-    name
-        A key of `STUDIES`.
-    folder
-        Where page and results are written; what is there already is not computed again.
-    context
-        For progress, and to stop.
-    """
+    """Run one study as `spherecal study NAME -o FOLDER --workers 0` does; the file of its page."""
     asked = Options(STUDIES[name].RUNS, 0.04, 1)
     return run_study(name, asked, folder, workers_for(0, None), context)

@@ -54,14 +54,9 @@ class RigPlanes:
     def of(rig: "Rig", middle: FloatArray) -> "RigPlanes":
         """Upright, as the rig is set up.
 
-        Parameters
-        ----------
-        rig
-            The calibrated rig.
-        middle
-            Origin (3,) of both planes, mm in the rig's world.
+        `middle`: origin (3,) of both planes, mm in the rig's world.
         """
-        from spherecal.report.rig_view import choose_axes  # imports scipy
+        from spherecal_documents.report.rig_view import choose_axes  # imports scipy
 
         centres = np.array([camera.centre_mm for camera in rig.cameras])
         axes = choose_axes(rig.cameras, centres, np.asarray(middle)[None])[0]
@@ -69,7 +64,7 @@ class RigPlanes:
 
     def flat(self, places: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Places (n, 3) mm from above and from the front, (n, 2) each."""
-        from spherecal.report.rig_view import FRONT, TOP  # imports scipy
+        from spherecal_documents.report.rig_view import FRONT, TOP  # imports scipy
 
         own = (np.atleast_2d(places) - self.middle) @ self.axes.T
         return TOP.flat(own), FRONT.flat(own)
@@ -80,18 +75,8 @@ def bar_guide(
 ) -> BarGuide:
     """What to do about a pose, the bar's ends being where they were seen.
 
-    Parameters
-    ----------
-    planes
-        The planes in which the rig is shown.
-    plan
-        The plan of which the pose is; its volume is drawn.
-    pose
-        The pose to lay.
-    ends_mm
-        First and last mark (2, 3), mm in the rig's world; None where they were not found.
-    still
-        Whether the cameras that see the bar see it at rest; None: none sees it.
+    `ends_mm`: first and last mark (2, 3), mm in the rig's world; None where they were not found; `still` None: none
+    sees it.
     """
     from spherecal.verify.pose_plan import judge_pose  # imports scipy
 

@@ -29,19 +29,7 @@ class PoseState:
 
 
 def pose_state(targets: Mapping[str, int], taken: bool, taking: bool, name: str) -> PoseState:
-    """What to do with a pose.
-
-    Parameters
-    ----------
-    targets
-        How many of the bar's targets each camera sees now, by camera.
-    taken
-        Whether the pose is captured.
-    taking
-        Whether it is being captured.
-    name
-        What the pose is called.
-    """
+    """What to do with a pose."""
     seeing = sum(count >= 2 for count in targets.values())
     if taking:
         return PoseState(seeing, translate("Bars", "Hold still: images are being captured"), "caution")
@@ -55,15 +43,7 @@ def pose_state(targets: Mapping[str, int], taken: bool, taking: bool, name: str)
 
 
 def next_pose(poses: Sequence[str], taken: Mapping[str, str]) -> str | None:
-    """The first pose that is not taken.
-
-    Parameters
-    ----------
-    poses
-        Ids of the planned poses, in their order.
-    taken
-        The moment of taking by id, of those that are captured.
-    """
+    """The first pose that is not taken."""
     return next((pose for pose in poses if pose not in taken), None)
 
 

@@ -15,16 +15,7 @@ from spherecal.base.filesystem import as_id
 from spherecal.base.messages.catalogue import phrase
 from spherecal.base.messages.values import Phrase
 from spherecal.data.session import Bar
-from spherecal.files.ball_registry import (
-    USUAL_PRINT,
-    WORST_PRINT,
-    PrintedSpacing,
-    RegisteredBall,
-    longest_spacing,
-    print_error,
-)
 from spherecal.files.bar_registry import MARKS, RegisteredBar, read_lengths, read_registered_bar
-from spherecal.files.bench_file import Bench, BenchBar
 from spherecal.files.json_file import JsonValue, printable
 from spherecal.targets.family import FAMILY, make_target_set
 from spherecal.targets.target_set import TargetSet
@@ -32,9 +23,18 @@ from spherecal_gui import languages
 from spherecal_gui.presenters.certificates import state_words
 from spherecal_gui.project import FEW_PLACEMENTS
 from spherecal_gui.standing import Level
+from spherecal_rigs.ball_registry import (
+    USUAL_PRINT,
+    WORST_PRINT,
+    PrintedSpacing,
+    RegisteredBall,
+    longest_spacing,
+    print_error,
+)
+from spherecal_rigs.bench_file import Bench, BenchBar
 
 if TYPE_CHECKING:  # imports scipy
-    from spherecal.cameras.plan import CapturePlan
+    from spherecal_cameras.plan import CapturePlan
 
 translate = QCoreApplication.translate
 
@@ -166,17 +166,7 @@ _BAR_FIELDS = {
 
 
 def bar_draft(bar: RegisteredBar, role: str = "none", id: str = "") -> BarDraft:
-    """A bar of the library, to be changed.
-
-    Parameters
-    ----------
-    bar
-        The bar as the library has it.
-    role
-        `scale`, `check` or `none`: what it does on the bench.
-    id
-        Its id on the bench; empty: it gets one by its serial.
-    """
+    """A bar of the library, to be changed."""
     c, own = bar.certificate, bar.assumed
     lengths = tuple(
         LengthDraft(
@@ -353,15 +343,7 @@ def _numbered(first: int, last: int, width: float) -> TargetSet:
 
 
 def read_targets(draft: BallDraft, problems: Problems) -> TargetSet | None:
-    """The targets that are meant.
-
-    Parameters
-    ----------
-    draft
-        The ball as it was typed.
-    problems
-        Takes what is wrong, by field.
-    """
+    """The targets that are meant."""
     if draft.own is not None:
         return draft.own
     numbers: dict[str, int] = {}
@@ -526,15 +508,7 @@ def warnings(draft: BenchDraft) -> list[str]:
 
 
 def bars_of(known: Mapping[str, RegisteredBar], on_bench: Iterable[Bar]) -> tuple[BarDraft, ...]:
-    """All bars of the library and those that stand on a bench, which come first.
-
-    Parameters
-    ----------
-    known
-        The library's bars by serial.
-    on_bench
-        The bars of the bench.
-    """
+    """All bars of the library and those that stand on a bench, which come first."""
     first = []
     for bar in on_bench:
         own = registered(bar)
@@ -549,14 +523,7 @@ def bench_draft(
 ) -> BenchDraft:
     """The bench that a plan describes, beside all that the library has.
 
-    Parameters
-    ----------
-    plan
-        What is on the bench; None, or without targets: nothing that is known.
-    balls
-        The library's balls by name.
-    known
-        The library's bars by serial.
+    `plan` None, or without targets: nothing that is known.
     """
     if plan is None or plan.target_set is None:
         ball = next((ball_draft(one) for one in balls.values()), BallDraft()) if len(balls) == 1 else BallDraft()
@@ -580,15 +547,7 @@ def bench_draft(
 
 
 def certificate_state(draft: BarDraft, today: date) -> tuple[str, Level]:
-    """The state of a bar's certificate, in a few words.
-
-    Parameters
-    ----------
-    draft
-        The bar as it was typed.
-    today
-        The day for which the certificate must hold.
-    """
+    """The state of a bar's certificate, in a few words."""
     bar, _ = read_bar(draft)
     return state_words(bar.certificate, today) if bar is not None else (translate("Bench", "incomplete"), "caution")
 

@@ -42,15 +42,7 @@ class InputRow:
 
 
 def input_rows(names: Sequence[str], dots: Mapping[str, Mapping[str, Sized]]) -> list[InputRow]:
-    """What a calibration would be computed from.
-
-    Parameters
-    ----------
-    names
-        Ids of the sets.
-    dots
-        The dots by set and camera, of the sets that are captured.
-    """
+    """What a calibration would be computed from."""
     rows = []
     for name in names:
         seen = [len(one) for one in dots.get(name, {}).values() if len(one)]

@@ -32,12 +32,7 @@ class Reminder:
 def state_words(certificate: "Certificate | None", today: date) -> tuple[str, Level]:
     """The state of a certificate in a few words, and the colour of that.
 
-    Parameters
-    ----------
-    certificate
-        The bar's certificate; None where it has none.
-    today
-        The day for which it must hold.
+    `certificate` None where it has none.
     """
     from spherecal.files.bar_registry import expiry
 
@@ -59,15 +54,7 @@ def state_words(certificate: "Certificate | None", today: date) -> tuple[str, Le
 
 
 def reminder(bars: "Iterable[Bar | RegisteredBar]", today: date) -> Reminder:
-    """One sentence about the bars whose certificate has expired or soon will.
-
-    Parameters
-    ----------
-    bars
-        Bars of the library, or of a session.
-    today
-        The day for which the certificates must hold.
-    """
+    """One sentence about the bars whose certificate has expired or soon will."""
     from spherecal.files.bar_registry import RegisteredBar, expiry
 
     names: dict[str, list[str]] = {"expired": [], "not-yet": [], "expires-soon": []}
@@ -92,18 +79,10 @@ def reminder(bars: "Iterable[Bar | RegisteredBar]", today: date) -> Reminder:
 
 
 def bench_reminder(bench: Path, today: date) -> Reminder:
-    """Of the bars on the rig's bench; where none was described, of all bars of the library.
-
-    Parameters
-    ----------
-    bench
-        The file that describes the bench; it may not be there.
-    today
-        The day for which the certificates must hold.
-    """
+    """Of the bars on the rig's bench; where none was described, of all bars of the library."""
     from spherecal.files.bar_registry import read_registry
-    from spherecal.files.bench_file import FORMAT, VERSION
     from spherecal.files.read_bars import read_bars
+    from spherecal_rigs.bench_file import FORMAT, VERSION
 
     bars: Iterable[Bar | RegisteredBar] = ()
     try:

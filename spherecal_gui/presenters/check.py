@@ -11,8 +11,8 @@ from spherecal_gui.presenters.coverage import Level
 from spherecal_gui.presenters.results import VerdictText
 
 if TYPE_CHECKING:  # imports scipy and OpenCV
-    from spherecal.uses.check import Check
     from spherecal_gui.tasks.kept_check import CheckSummary
+    from spherecal_rigs.check import Check
 
 translate = QCoreApplication.translate
 
@@ -45,15 +45,7 @@ def check_verdict(found: "Check | CheckSummary") -> VerdictText:
 
 
 def repaired_verdict(after: "Check | CheckSummary", in_use: bool) -> VerdictText:
-    """The verdict once the cameras that moved are recalibrated: by the check after it, in use or not yet.
-
-    Parameters
-    ----------
-    after
-        The check after the repair.
-    in_use
-        Whether the repaired calibration is in use.
-    """
+    """The verdict once the cameras that moved are recalibrated: by the check after it, in use or not yet."""
     message = check_verdict(after)
     if in_use:
         return message
@@ -108,17 +100,7 @@ def check_rows(found: "Check | CheckSummary") -> list[CheckRow]:
 
 
 def repaired_text(found: "Check | CheckSummary", after: "Check | CheckSummary", in_use: bool) -> tuple[str, Level]:
-    """What a repair has done: by how much a point was off before and after, worst camera of those that moved.
-
-    Parameters
-    ----------
-    found
-        The check that found the cameras moved.
-    after
-        The check after the repair.
-    in_use
-        Whether the repaired calibration is in use.
-    """
+    """What a repair has done: by how much a point was off before and after, worst camera of those that moved."""
     moved = set(found.to_repair)
     before = max((float(one.test.point_mm) for one in found.cameras if one.test.id in moved), default=0.0)
     now = max((float(one.test.point_mm) for one in after.cameras if one.test.id in moved), default=0.0)

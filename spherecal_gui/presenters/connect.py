@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 
 from PySide6.QtCore import QCoreApplication
 
-from spherecal.cameras.protocol import CameraStatus
 from spherecal.data.session import Bar
+from spherecal_cameras.protocol import CameraStatus
 from spherecal_gui.presenters.bench import targets_words
 from spherecal_gui.presenters.certificates import Reminder, reminder
 from spherecal_gui.presenters.coverage import Level
@@ -22,7 +22,7 @@ if TYPE_CHECKING:  # imports scipy, OpenCV and the kernels
 
 translate = QCoreApplication.translate
 
-# Lost or damaged images beyond this share say that the link is ill; a healthy one loses none (spherecal.cameras).
+# Lost or damaged images beyond this share say that the link is ill; a healthy one loses none (spherecal_cameras).
 _ILL = 0.01
 _MOST_NAMED = 6
 
@@ -60,12 +60,7 @@ class DrawnBench:
 def camera_lines(connection: "Connection | None", expected: tuple[str, ...]) -> list[CameraLine]:
     """The cameras of the rig; those that were expected and are missing come first.
 
-    Parameters
-    ----------
-    connection
-        The open cameras; None: nothing is connected, and there are no lines.
-    expected
-        Serial numbers of the cameras that the project has.
+    `connection` None: nothing is connected, and there are no lines.
     """
     if connection is None:
         return []
@@ -106,17 +101,7 @@ def _health(status: CameraStatus | None) -> tuple[str, Level]:
 
 
 def connect_summary(lines: list[CameraLine], searching: bool, failure: str) -> tuple[str, Level]:
-    """How many of how many, or what is in the way.
-
-    Parameters
-    ----------
-    lines
-        The cameras.
-    searching
-        Whether cameras are being looked for.
-    failure
-        Why connecting failed; empty: it did not.
-    """
+    """How many of how many, or what is in the way."""
     if searching:
         return translate("Connect", "Looking for cameras"), "none"
     if failure:
@@ -148,12 +133,7 @@ def lengths_texts(bar: Bar) -> list[str]:
 def bars_with_nominal(connection: "Connection | None", bars: Collection[str]) -> list[Bar]:
     """Those of these bars that have nominal lengths.
 
-    Parameters
-    ----------
-    connection
-        What is connected; None: there are no bars.
-    bars
-        Ids of the bars to choose among.
+    `connection` None: there are no bars.
     """
     known = connection.plan.bars if connection is not None else ()
     return [bar for bar in known if bar.id in bars and any(one.nominal_mm is not None for one in bar.lengths)]
@@ -211,12 +191,7 @@ def recording_text(source: str) -> str:
 def bench_rows(connection: "Connection | None", confirmed: Artefacts | None) -> list[BenchRow]:
     """What the source or the chosen file says is on the bench.
 
-    Parameters
-    ----------
-    connection
-        What is connected; None: nothing.
-    confirmed
-        What somebody has confirmed; None: nobody has, and the rows show what the connection says.
+    `connection` None: nothing; `confirmed` None: nobody has, and the rows show what the connection says.
     """
     artefacts = confirmed
     if artefacts is None and connection is not None:

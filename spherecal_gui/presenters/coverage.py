@@ -53,13 +53,7 @@ _SAME_DOTS = 16  # that two images of one camera have in common
 
 
 def same_place(before: SetDots, now: SetDots) -> bool:
-    """Whether the ball shows the same dots at the same places in most cameras that see it, as if it was never moved.
-
-    Parameters
-    ----------
-    before, now
-        The dots of two sets, by camera.
-    """
+    """Whether the ball shows the same dots at the same places in most cameras that see it, as if it was never moved."""
     same = other = 0
     for camera, dots in now.items():
         if len(dots) < _SAME_DOTS or camera not in before:
@@ -75,12 +69,7 @@ def same_place(before: SetDots, now: SetDots) -> bool:
 def unmasked(dots: Dots, rectangles: Sequence[tuple[float, float, float, float]]) -> Dots:
     """The dots outside all of these parts of the image.
 
-    Parameters
-    ----------
-    dots
-        The dots of one image.
-    rectangles
-        Left, top, width and height of each part, px.
+    `rectangles`: left, top, width and height of each part, px.
     """
     if not rectangles:
         return dots
@@ -117,15 +106,7 @@ def coverage(images: Sequence[Dots]) -> float:
 
 
 def common_dots(sets: Sequence[SetDots], cameras: Sequence[str]) -> IntArray:
-    """The dots that each two cameras see at the same placement, summed, (c, c); the diagonal counts a camera's own.
-
-    Parameters
-    ----------
-    sets
-        The dots of each placement, by camera.
-    cameras
-        Names of the c cameras, in the order of rows and columns.
-    """
+    """The dots that each two cameras see at the same placement, summed, (c, c); the diagonal counts a camera's own."""
     total = np.zeros((len(cameras), len(cameras)), dtype=np.int64)
     for one in sets:
         keys = [_keys(one.get(camera)) for camera in cameras]
@@ -171,15 +152,7 @@ BOARD_VIEWS = 4
 
 
 def board_needs(sets: Sequence[SetDots], cameras: Sequence[str]) -> list[CameraNeed]:
-    """As `needs`, of a board: it is to be seen at some placements, and by a second camera at one of them.
-
-    Parameters
-    ----------
-    sets
-        The dots of each placement, by camera.
-    cameras
-        Names of the cameras.
-    """
+    """As `needs`, of a board: it is to be seen at some placements, and by a second camera at one of them."""
     common, found = common_dots(sets, cameras), []
     for index, camera in enumerate(cameras):
         images = [one[camera] for one in sets if camera in one and len(one[camera])]
@@ -195,15 +168,7 @@ def board_needs(sets: Sequence[SetDots], cameras: Sequence[str]) -> list[CameraN
 
 
 def needs(sets: Sequence[SetDots], cameras: Sequence[str]) -> list[CameraNeed]:
-    """What each camera still needs: `more` dots, or the dots it has better `spread` over its image.
-
-    Parameters
-    ----------
-    sets
-        The dots of each placement, by camera.
-    cameras
-        Names of the cameras.
-    """
+    """What each camera still needs: `more` dots, or the dots it has better `spread` over its image."""
     common = common_dots(sets, cameras)
     found = []
     for index, camera in enumerate(cameras):

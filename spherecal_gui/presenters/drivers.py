@@ -7,8 +7,8 @@ from pathlib import Path
 
 from PySide6.QtCore import QCoreApplication
 
-from spherecal.cameras.driver_help import DriverTrouble
-from spherecal.cameras.makers import ANY_MAKER, MAKERS
+from spherecal_cameras.driver_help import DriverTrouble
+from spherecal_cameras.makers import ANY_MAKER, MAKERS
 
 translate = QCoreApplication.translate
 
@@ -29,15 +29,7 @@ class DriverNote:
 
 
 def driver_notes(troubles: Sequence[DriverTrouble], system: str = sys.platform) -> list[DriverNote]:
-    """One note for each trouble; drivers without cameras share one.
-
-    Parameters
-    ----------
-    troubles
-        Why there are no cameras, as the engine has found out.
-    system
-        The operating system, as `sys.platform` names it.
-    """
+    """One note for each trouble; drivers without cameras share one."""
     windows = system.startswith("win")
     notes = []
     without = [one.file for one in troubles if one.kind == "no-cameras"]

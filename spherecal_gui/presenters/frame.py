@@ -10,12 +10,12 @@ from PySide6.QtCore import QCoreApplication
 from spherecal.base.arrays import FloatArray
 from spherecal.base.errors import InputError
 from spherecal.geometry.user_frame import FrameDefinition, UserFrame, turn_matrix
+from spherecal_documents.scene.model import SceneData, scene_data
 from spherecal_gui.texts import error_text
-from spherecal_scene.model import SceneData, scene_data
 
 if TYPE_CHECKING:  # imports scipy.optimize
-    from spherecal.export.frame import Place
-    from spherecal.report.result_folder import Result
+    from spherecal_rigs.framed_rig import Place
+    from spherecal_rigs.result_folder import Result
 
 translate = QCoreApplication.translate
 
@@ -25,15 +25,7 @@ _AXIS_LENGTH = 1.6  # of a camera's frustum in the picture
 
 
 def place_text(name: str, kind: str) -> str:
-    """A place as it is shown in a list.
-
-    Parameters
-    ----------
-    name
-        The place's name.
-    kind
-        `ball`, `mark` or `point`.
-    """
+    """A place as it is shown in a list."""
     texts = {
         "ball": translate("Frame", "{name}: the ball's centre"),
         "mark": translate("Frame", "{name}: mark of a bar"),
@@ -44,12 +36,7 @@ def place_text(name: str, kind: str) -> str:
 def frame_words(definition: FrameDefinition | None, reference: str | None) -> str:
     """In which frame exports are given, for the page.
 
-    Parameters
-    ----------
-    definition
-        The user's frame; None: that of the reference camera.
-    reference
-        Id of the reference camera; None where there is none.
+    `definition` None: that of the reference camera; `reference` None where there is none.
     """
     camera = translate("Frame", "the reference camera's frame ({camera})").format(camera=reference or "-")
     if definition is None:
@@ -120,12 +107,7 @@ class FrameChoice:
     def choose(self, role: Role, name: str | None) -> None:
         """Another place for a role; a new origin suggests the others.
 
-        Parameters
-        ----------
-        role
-            `origin`, `x` or `xy`.
-        name
-            The place; None as the origin is the reference camera.
+        `name` None as the origin is the reference camera.
         """
         made = replace(self.definition, **{role: name})
         if role == "origin" and name is None:
@@ -173,7 +155,7 @@ class FrameChoice:
         self._make()
 
     def _make(self) -> None:
-        from spherecal.export.frame import frame_of  # imports scipy.optimize
+        from spherecal_rigs.framed_rig import frame_of  # imports scipy.optimize
 
         try:
             self.frame, self.problem = frame_of(self.definition, self.places, self.rig), ""

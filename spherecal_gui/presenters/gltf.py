@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from spherecal.base.arrays import FloatArray, IntArray
-from spherecal_scene.model import SceneData
-from spherecal_scene.shapes import ByteArray, Lines, Mesh, Picture, SceneStyle, scene_shapes
+from spherecal_documents.scene.model import SceneData
+from spherecal_documents.scene.shapes import ByteArray, Lines, Mesh, Picture, SceneStyle, scene_shapes
 
 _FLOAT, _UINT32, _UINT8 = 5126, 5125, 5121
 _ARRAY, _ELEMENTS = 34962, 34963
@@ -23,15 +23,7 @@ _Entry = dict[str, object]  # a JSON object of the file
 
 
 def scene_glb(data: SceneData, style: SceneStyle) -> bytes:
-    """The file's bytes; the same scene gives the same bytes.
-
-    Parameters
-    ----------
-    data
-        The scene.
-    style
-        Colours, and the layers that are written.
-    """
+    """The file's bytes; the same scene gives the same bytes."""
     made = _Maker()
     shapes = scene_shapes(data, style)
     for mesh in shapes.meshes:

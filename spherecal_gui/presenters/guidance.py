@@ -8,14 +8,14 @@ import numpy as np
 from PySide6.QtCore import QCoreApplication
 
 from spherecal.base.arrays import FloatArray
+from spherecal_documents.scene.model import SceneData
 from spherecal_gui.presenters.coverage import Level
-from spherecal_scene.model import SceneData
 
 if TYPE_CHECKING:  # imports scipy
     from spherecal.data.rig import PlacedSphere, Rig
-    from spherecal.guidance.next_placement import Candidate
-    from spherecal.guidance.next_placement import Guidance as Advised
     from spherecal_gui.tasks.ghost import Ghost, ToGo
+    from spherecal_rigs.next_placement import Candidate
+    from spherecal_rigs.next_placement import Guidance as Advised
 
 translate = QCoreApplication.translate
 
@@ -75,18 +75,8 @@ class GuidanceView:
 
 
 def guidance_of(found: "Advised", rig: "Rig", spheres: "Sequence[PlacedSphere]") -> GuidanceView | None:
-    """The engine's answer as the window shows it; None where nothing helps.
-
-    Parameters
-    ----------
-    found
-        The engine's answer.
-    rig
-        The cameras as they are known so far.
-    spheres
-        The ball at every placement so far, in the order in which they were taken; the last is where it is now.
-    """
-    from spherecal.report.rig_view import TOP, choose_axes  # imports scipy
+    """The engine's answer as the window shows it; None where nothing helps."""
+    from spherecal_documents.report.rig_view import TOP, choose_axes  # imports scipy
 
     best = found.best
     if best is None or not spheres:
@@ -129,7 +119,7 @@ def guidance_of(found: "Advised", rig: "Rig", spheres: "Sequence[PlacedSphere]")
 
 def _views_above(rig: "Rig", axes: FloatArray) -> FloatArray:
     """The cameras' directions of view from above, unit vectors (c, 2); (0, 0) for one that looks straight down."""
-    from spherecal.report.rig_view import TOP  # imports scipy
+    from spherecal_documents.report.rig_view import TOP  # imports scipy
 
     views = TOP.flat(np.array([camera.rotation[2] for camera in rig.cameras]) @ axes.T)
     long = np.linalg.norm(views, axis=1, keepdims=True)
@@ -180,30 +170,14 @@ def move_text(shown: GuidanceView) -> str:
 
 
 def is_enough(shown: GuidanceView, planned_taken: bool) -> bool:
-    """Whether all that was planned is taken and one more placement would not be worth it.
-
-    Parameters
-    ----------
-    shown
-        The advice.
-    planned_taken
-        Whether all that was planned is captured.
-    """
+    """Whether all that was planned is taken and one more placement would not be worth it."""
     if not planned_taken or shown.coarse or shown.now_mm is None or shown.next_mm is None:
         return False
     return shown.next_mm > (1 - WORTH) * shown.now_mm
 
 
 def advice_text(shown: GuidanceView, planned_taken: bool) -> str:
-    """Where to put the ball next; "Enough" where all that was planned is taken and no move is worth a tenth.
-
-    Parameters
-    ----------
-    shown
-        The advice.
-    planned_taken
-        Whether all that was planned is captured.
-    """
+    """Where to put the ball next; "Enough" where all that was planned is taken and no move is worth a tenth."""
     if is_enough(shown, planned_taken):
         return translate("Guidance", "Enough.")
     if not planned_taken and is_enough(shown, True):
@@ -234,15 +208,7 @@ def now_text(shown: GuidanceView) -> tuple[str, Level]:
 
 
 def next_text(shown: GuidanceView, planned_taken: bool = False) -> str:
-    """What the next placement would give, or one more than was planned.
-
-    Parameters
-    ----------
-    shown
-        The advice.
-    planned_taken
-        Whether all that was planned is captured, so that the next one is one more.
-    """
+    """What the next placement would give, or one more than was planned."""
     if shown.next_mm is None or not np.isfinite(shown.next_mm):
         return ""
     text = translate("Guidance", "With this placement: {mm:.3f} mm")

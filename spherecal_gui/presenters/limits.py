@@ -9,7 +9,10 @@ from pathlib import Path
 from PySide6.QtCore import QCoreApplication
 
 from spherecal.base.errors import InputError, SpherecalError
-from spherecal.profile.limits_file import (
+from spherecal.verify.limit import parse_limit
+from spherecal_gui import limits as in_use
+from spherecal_gui.texts import error_text
+from spherecal_rigs.limits_file import (
     DOTS,
     HOURS,
     KELVIN,
@@ -27,9 +30,6 @@ from spherecal.profile.limits_file import (
     with_pin,
     write_limits,
 )
-from spherecal.verify.limit import parse_limit
-from spherecal_gui import limits as in_use
-from spherecal_gui.texts import error_text
 
 translate = QCoreApplication.translate
 
@@ -123,12 +123,7 @@ def limit_problems(limits: Limits) -> dict[str, str]:
 def value_text(name: str, value: Value | None) -> str:
     """A limit's value with its unit, for people.
 
-    Parameters
-    ----------
-    name
-        The limit's field in `Limits`; it decides the unit.
-    value
-        The value; None or empty text: no limit.
+    `value` None or empty text: no limit.
     """
     if isinstance(value, bool):
         return translate("Limits", "yes") if value else translate("Limits", "no")
@@ -241,17 +236,7 @@ class LimitsDesk:
     # --- the lock ----------------------------------------------------------------------------------------------------
 
     def unlock(self, name: str, pin: str, again: str = "") -> str:
-        """Unlock for somebody: with the PIN, or by setting one where there is none; what is in the way, else empty.
-
-        Parameters
-        ----------
-        name
-            Who unlocks; noted with every change.
-        pin
-            The PIN, or the one to set.
-        again
-            The one to set once more; not looked at where a PIN is set.
-        """
+        """Unlock for somebody: with the PIN, or by setting one where there is none; what is in the way, else empty."""
         if self.wait_s > 0:
             return self.wait_text()
         name = name.strip()
@@ -314,7 +299,7 @@ class LimitsDesk:
         self.kept = kept
 
     def _into_profile(self, limits: Limits) -> None:
-        from spherecal.profile.store import set_limits  # imports scipy
+        from spherecal_rigs.store import set_limits  # imports scipy
 
         if self.differs_in_profile(limits):
             set_limits(self._profile, **asdict(limits.validity))
@@ -323,7 +308,7 @@ class LimitsDesk:
         """Whether the rig's profile has other ages or temperatures; InputError where it cannot be read."""
         if not (self._profile / "profile.json").is_file():
             return False
-        from spherecal.profile.store import open_profile  # imports scipy
+        from spherecal_rigs.store import open_profile  # imports scipy
 
         return open_profile(self._profile).limits != limits.validity
 

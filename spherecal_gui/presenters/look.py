@@ -10,7 +10,7 @@ from spherecal_gui.presenters.coverage import Level
 from spherecal_gui.texts import camera_details, camera_trouble
 
 if TYPE_CHECKING:  # imports scipy, OpenCV and the kernels
-    from spherecal.cameras.protocol import CameraStatus
+    from spherecal_cameras.protocol import CameraStatus
     from spherecal_gui.tasks.live import Sight
 
 translate = QCoreApplication.translate
@@ -59,14 +59,7 @@ NOTHING_EXPECTED = Expected()
 def figures_text(serial: str, status: "CameraStatus | None", exposure_us: float) -> str:
     """A camera's serial number, images a second, exposure, temperature, as far as they are known.
 
-    Parameters
-    ----------
-    serial
-        Serial number.
-    status
-        State and counters; None: not known.
-    exposure_us
-        Exposure in µs.
+    `status` None: not known.
     """
     parts = [serial]
     if status is not None and status.counters.rate_hz:
@@ -87,20 +80,7 @@ def tile_state(
 ) -> TileState:
     """What to say about a camera: its own trouble first, then light, then focus, then that all is well.
 
-    Parameters
-    ----------
-    name
-        What the camera is called.
-    status
-        Its state; None: not known.
-    sight
-        Its newest examined image; None: none was examined yet.
-    expected
-        What images of all cameras should show.
-    has_image
-        Whether an image has arrived.
-    bumped_px
-        By how much the camera was moved, px; None: it was not.
+    `status` None: not known; `sight` None: none was examined yet; `bumped_px` None: it was not.
     """
     if status is not None and not status.state.usable:
         return TileState(name, "bad", camera_trouble(status), details=camera_details(status))
@@ -184,15 +164,7 @@ def warm_up_text(cameras: dict[str, float]) -> str:
 
 
 def summary(states: list[TileState], have_images: bool = False) -> tuple[str, Level]:
-    """The whole wall in one sentence.
-
-    Parameters
-    ----------
-    states
-        The cameras' tiles.
-    have_images
-        Whether every camera has sent an image.
-    """
+    """The whole wall in one sentence."""
     bad = [state.name for state in states if state.level == "bad"]
     unsure = [state.name for state in states if state.level == "caution"]
     waiting = [state.name for state in states if state.level == "none"]

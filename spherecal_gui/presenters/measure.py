@@ -6,11 +6,11 @@ from typing import TYPE_CHECKING
 
 from PySide6.QtCore import QCoreApplication
 
-from spherecal.measuring.task import Ruler, parse_point
 from spherecal_gui.presenters.coverage import Level
+from spherecal_measuring.task import Ruler, parse_point
 
 if TYPE_CHECKING:  # imports scipy
-    from spherecal.measuring.results import MeasuredSet
+    from spherecal_measuring.results import MeasuredSet
 
 translate = QCoreApplication.translate
 
@@ -70,15 +70,7 @@ def ruler_hint(chosen: Sequence[str]) -> str:
 
 
 def trust_of(measured: "MeasuredSet", moved: Sequence[str]) -> Trust:
-    """Whether cameras have moved, views contradict, or all is well.
-
-    Parameters
-    ----------
-    measured
-        The newest set.
-    moved
-        Cameras that have moved since the calibration.
-    """
+    """Whether cameras have moved, views contradict, or all is well."""
     if moved:
         text = translate("Measure", "Moved since the calibration: {cameras}. Check the rig before you measure on.")
         return Trust(text.format(cameras=", ".join(moved)), "bad")
@@ -97,12 +89,7 @@ def trust_of(measured: "MeasuredSet", moved: Sequence[str]) -> Trust:
 def pace_text(measured: "MeasuredSet", rate_hz: float | None) -> str:
     """Points, rate and latency in one line.
 
-    Parameters
-    ----------
-    measured
-        The newest set.
-    rate_hz
-        Sets a second; None: not known.
+    `rate_hz` None: not known.
     """
     text = translate("Measure", "{points} points").format(points=len(measured.names))
     if rate_hz is not None:

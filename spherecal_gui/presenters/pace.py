@@ -25,15 +25,7 @@ def read_durations(text: str) -> tuple[float, ...]:
 
 
 def with_duration(durations: Sequence[float], seconds: float) -> tuple[float, ...]:
-    """The newest ones, with one more.
-
-    Parameters
-    ----------
-    durations
-        Earlier durations in s, the oldest first.
-    seconds
-        The one to add.
-    """
+    """The newest ones, with one more."""
     return (*durations, seconds)[-_KEPT:]
 
 
@@ -50,12 +42,7 @@ def expected_s(durations: Sequence[float]) -> float | None:
 def pace_text(elapsed_s: float, expected: float | None) -> str:
     """Elapsed and expected time; empty within the first second.
 
-    Parameters
-    ----------
-    elapsed_s
-        How long the work has run, s.
-    expected
-        How long such work usually takes, s; None: not known.
+    `expected` None: not known.
     """
     if elapsed_s < SHOWN_AFTER_S:
         return ""

@@ -63,21 +63,7 @@ class PlacementAdvice:
 
 
 def advice(scene: Scene, taken: bool, taking: bool, as_before: bool = False, away: bool = False) -> PlacementAdvice:
-    """What to do now; one sentence at a time, the most urgent.
-
-    Parameters
-    ----------
-    scene
-        What the cameras see now.
-    taken
-        Whether the placement is captured.
-    taking
-        Whether it is being captured.
-    as_before
-        The ball has not been moved yet.
-    away
-        It is not where it should go.
-    """
+    """What to do now; one sentence at a time, the most urgent."""
     if taking:
         return PlacementAdvice(translate("Placement", "Hold still: images are being captured"), "caution")
     if taken:
@@ -116,17 +102,7 @@ def _ready_text(poor: Sequence[str]) -> str:
 
 
 def is_stuck(scene: Scene, as_before: bool = False, away: bool = False) -> bool:
-    """Whether the ball lies still where it should, and a camera that works nevertheless sees too little of it.
-
-    Parameters
-    ----------
-    scene
-        What the cameras see now.
-    as_before
-        The ball has not been moved yet.
-    away
-        It is not where it should go.
-    """
+    """Whether the ball lies still where it should, and a camera that works nevertheless sees too little of it."""
     waiting = as_before or away or scene.lost or not any(scene.counts.values())
     return bool(scene.still and scene.short and not scene.made_up and not waiting)
 
@@ -164,15 +140,7 @@ class AutoTrigger:
         return 0.0 if self._since is None else min((now_s - self._since) / self._hold_s, 1.0)
 
     def feed(self, scene: Scene, now_s: float) -> bool:
-        """Whether to take now.
-
-        Parameters
-        ----------
-        scene
-            What the cameras see now.
-        now_s
-            The time, s, of a clock that only runs forwards.
-        """
+        """Whether to take now."""
         if scene.still is False or scene.still is None:
             self._armed, self._since = True, None
             return False
@@ -207,15 +175,7 @@ class NeedLine:
 
 
 def need_lists(found: Sequence[CameraNeed], more_to_come: bool = False) -> tuple[NeedLine | None, NeedLine | None]:
-    """The cameras that need more dots, and those that need them better spread; None where no camera does.
-
-    Parameters
-    ----------
-    found
-        What each camera needs.
-    more_to_come
-        Other placements will be taken, which may well fill what this one leaves empty.
-    """
+    """The cameras that need more dots, and those that need them better spread; None where no camera does."""
     elsewhere = translate("Placement", "Need them elsewhere in the image:")
     if more_to_come:
         elsewhere = translate("Placement", "At the next placements, fill other parts of the image:")
@@ -229,12 +189,7 @@ def need_lists(found: Sequence[CameraNeed], more_to_come: bool = False) -> tuple
 def need_text(need: str, cells: IntArray) -> str:
     """What a camera needs, for its tile: more dots at all, or dots in a part of its image where there are few.
 
-    Parameters
-    ----------
-    need
-        `more` or `spread`.
-    cells
-        How many dots each cell of the camera's image holds (10, 10), rows from the top.
+    `cells` (10, 10).
     """
     if need == "more":
         return translate("Placement", "needs more dots")
@@ -252,15 +207,7 @@ def need_text(need: str, cells: IntArray) -> str:
 
 
 def island_text(groups: Sequence[Sequence[int]], cameras: Sequence[str]) -> tuple[str, Level]:
-    """Whether all cameras hang together.
-
-    Parameters
-    ----------
-    groups
-        Indices of the cameras that hang together.
-    cameras
-        Names of the cameras.
-    """
+    """Whether all cameras hang together."""
     if len(groups) <= 1:
         return translate("Placement", "All cameras are linked."), "good"
     names = " | ".join(" ".join(cameras[i] for i in group) for group in groups)

@@ -15,9 +15,9 @@ from spherecal_gui.presenters.coverage import Level
 
 if TYPE_CHECKING:  # imports scipy
     from spherecal.data.rig import Affected
-    from spherecal.report.result_folder import Result
     from spherecal.verify.verification_file import BarReport
     from spherecal_gui.tasks.outcome import Compared
+    from spherecal_rigs.result_folder import Result
 
 translate = QCoreApplication.translate
 
@@ -157,12 +157,7 @@ def bar_verdict(bars: "BarReport") -> VerdictText:
 def camera_rows(result: "Result", compared: "Compared | None" = None) -> list[CameraRow]:
     """All cameras, those that could not be placed and the largest rms first; with the change since another result.
 
-    Parameters
-    ----------
-    result
-        The result.
-    compared
-        The comparison with the calibration in use; None: there is none.
+    `compared` None: there is none.
     """
     rows = []
     contradicting = ~result.residuals.used & ~_seen_by_one(result)
@@ -243,14 +238,7 @@ def compared_text(compared: "Compared | None") -> tuple[str, Level]:
 def residuals_of(result: "Result", camera: str, placement: str | None = None) -> CameraResiduals | None:
     """The residuals of a placed camera, of one placement or of all; None where it was not placed or saw nothing.
 
-    Parameters
-    ----------
-    result
-        The result.
-    camera
-        Id of the camera.
-    placement
-        The placement to show; None, or one at which the camera saw nothing: all.
+    `placement` None, or one at which the camera saw nothing: all.
     """
     placed = result.rig.camera(camera)
     rows = result.residuals.rows_of.get(camera)
@@ -271,15 +259,7 @@ def residuals_of(result: "Result", camera: str, placement: str | None = None) ->
 
 
 def residual_text(result: "Result", shown: CameraResiduals) -> str:
-    """How large a camera's residuals are: mean and largest, in px and, where there is a scale, in mm at the ball.
-
-    Parameters
-    ----------
-    result
-        The result.
-    shown
-        The residuals of a camera that was placed.
-    """
+    """How large a camera's residuals are: mean and largest, in px and, where there is a scale, in mm at the ball."""
     lengths = np.linalg.norm(shown.du_dv[shown.used], axis=1)
     if not len(lengths):
         return ""
@@ -305,15 +285,7 @@ _BENCH = ("no-scale", "target-distance", "ball-diameter")
 
 
 def advice(result: "Result", placements: tuple[str, ...]) -> list[FindingAdvice]:
-    """The findings, errors first, each with what can be done at once.
-
-    Parameters
-    ----------
-    result
-        The result.
-    placements
-        Ids of the placements that can be retaken.
-    """
+    """The findings, errors first, each with what can be done at once."""
     levels: dict[str, Level] = {"error": "bad", "warning": "caution", "info": "none"}
     cameras = set(result.camera_ids)
     found = []
@@ -369,15 +341,7 @@ def _repair(repair: AdvisedRepair) -> Action:
 
 
 def repair_text(option: str, value: str) -> str:
-    """What a repair does, on its button.
-
-    Parameters
-    ----------
-    option
-        `--leave-out`, `--split` or `--swap`.
-    value
-        What the option is given, such as `C05@P3`.
-    """
+    """What a repair does, on its button."""
     first, at, second = value.rpartition("@")
     if option == "--swap":
         text = translate("Results", "Exchange {cameras} at {place}") if at else translate("Results", "Exchange {place}")

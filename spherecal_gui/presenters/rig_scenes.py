@@ -9,13 +9,13 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from spherecal.base.arrays import FloatArray
-from spherecal_scene.model import DrawnBall, SceneData, scene_data, with_bars, with_images, with_moved
+from spherecal_documents.scene.model import DrawnBall, SceneData, scene_data, with_bars, with_images, with_moved
 
 if TYPE_CHECKING:  # imports scipy and OpenCV, for which the window does not wait
     from spherecal.data.rig import PlacedSphere, Rig
-    from spherecal.uses.check import Check
     from spherecal_gui.tasks.kept_check import CheckSummary
     from spherecal_gui.tasks.outcome import Outcome
+    from spherecal_rigs.check import Check
 
 
 def outcome_scene(outcome: "Outcome") -> SceneData | None:
@@ -54,16 +54,9 @@ def rig_scene(rig: "Rig") -> SceneData | None:
 def next_scene(rig: "Rig", spheres: "Sequence[PlacedSphere]", centre_mm: ArrayLike) -> SceneData | None:
     """The rig as it is known so far, the ball where it was and where it should go next.
 
-    Parameters
-    ----------
-    rig
-        The cameras as they are known so far.
-    spheres
-        The ball at every placement so far; the last one is where it is now.
-    centre_mm
-        Centre (3,) of the ball where it should go, mm in the rig's world.
+    `centre_mm`: centre (3,) of the ball where it should go, mm in the rig's world.
     """
-    from spherecal.report.rig_view import DrawnPlacement  # imports scipy
+    from spherecal_documents.report.rig_view import DrawnPlacement  # imports scipy
 
     data = rig_scene(rig)
     if data is None or not spheres:
@@ -81,15 +74,7 @@ def next_scene(rig: "Rig", spheres: "Sequence[PlacedSphere]", centre_mm: ArrayLi
 
 
 def check_scene(rig: "Rig", found: "Check | CheckSummary") -> SceneData | None:
-    """The calibration in use, and those cameras that a check found moved where they are now.
-
-    Parameters
-    ----------
-    rig
-        The calibration in use.
-    found
-        The check; of one that was read again, no camera is moved, as directions are not kept.
-    """
+    """The calibration in use, and those cameras that a check found moved where they are now."""
     from spherecal.geometry.rotation import exp_rotation  # imports scipy
 
     moved = {one.test.id: one.test for one in found.cameras if one.test.moved}

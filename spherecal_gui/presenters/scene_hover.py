@@ -5,8 +5,8 @@ from dataclasses import dataclass
 from PySide6.QtCore import QCoreApplication
 
 from spherecal.base.arrays import FloatArray
-from spherecal_scene.model import SceneData
-from spherecal_scene.shapes import map_step
+from spherecal_documents.scene.model import SceneData
+from spherecal_documents.scene.shapes import map_step
 
 translate = QCoreApplication.translate
 
@@ -29,15 +29,7 @@ class SceneItem:
 
 
 def items_of(data: SceneData, layers: frozenset[str]) -> list[SceneItem]:
-    """Everything that can be asked about.
-
-    Parameters
-    ----------
-    data
-        The scene.
-    layers
-        The layers that are shown, of `spherecal_scene.shapes.LAYERS`.
-    """
+    """Everything that can be asked about."""
     found = [
         SceneItem("camera", camera.id, camera.centre, 0.0, data, i, 0) for i, camera in enumerate(data.scene.cameras)
     ]

@@ -8,17 +8,17 @@ from typing import TYPE_CHECKING
 from PySide6.QtCore import QCoreApplication
 
 from spherecal.base.errors import SpherecalError
-from spherecal.profile.checks import last_check
 from spherecal_gui.last_verification import last_verification
 from spherecal_gui.presenters.coverage import Level
 from spherecal_gui.project import VERIFIED, Project, usable
 from spherecal_gui.project_folder import FILE, TRAINING_PROFILE, load_project, recent_projects
 from spherecal_gui.standing import worst
 from spherecal_gui.texts import error_line, verdict_word
+from spherecal_rigs.checks import last_check
 
 if TYPE_CHECKING:
-    from spherecal.profile.entry import Entry
-    from spherecal.profile.store import Profile
+    from spherecal_rigs.entry import Entry
+    from spherecal_rigs.store import Profile
 
 translate = QCoreApplication.translate
 
@@ -39,12 +39,7 @@ class ProjectLine:
 def picture_of(profile: Path, number: str | None) -> Path:
     """The picture of the rig as one of its calibrations has it, in the profile's folder.
 
-    Parameters
-    ----------
-    profile
-        The profile's folder.
-    number
-        The calibration; None: none is in use.
+    `number` None: none is in use.
     """
     own = profile / picture_name(number or "")
     return own if own.is_file() else profile / "picture.png"  # profiles saved before each had its own
@@ -55,7 +50,7 @@ def picture_name(number: str) -> str:
     return f"picture-{number}.png"
 
 
-# What can go wrong on the simulated demo rig, for training: the fault as spherecal.cameras.simulated.faults reads it.
+# What can go wrong on the simulated demo rig, for training: the fault as spherecal_cameras.simulated.faults reads it.
 SURPRISE = "surprise"
 FAULTS = ("", "bump:C03:0.3@3", "lose:C04@2-2", "blur:C05:3", "dim:C02:0.05", "delay:C06@2-3")
 
@@ -141,7 +136,7 @@ def validity_of(profile: Path) -> tuple[str, Level, str]:
     none = translate("Validity", "no calibration in use")
     if not (profile / "profile.json").is_file():
         return none, "none", ""
-    from spherecal.profile.store import open_profile  # imports scipy
+    from spherecal_rigs.store import open_profile  # imports scipy
 
     try:
         kept = open_profile(profile)
@@ -175,7 +170,7 @@ def _short_age(calibrated: datetime) -> str:
 
 def _judged(kept: "Profile", entry: "Entry") -> list[tuple[Level, str]]:
     """What there is to say of the calibration in use, what was measured of it before how old it is."""
-    from spherecal.profile.validity import validity  # imports scipy
+    from spherecal_rigs.validity import validity  # imports scipy
 
     verdict = _last_verdict(kept, entry)
     check = last_check(kept.folder, kept.active_id)
@@ -213,7 +208,7 @@ def _last_verdict(kept: "Profile", entry: "Entry") -> str | None:
 
 def number_in_use(profile: Path) -> str | None:
     """The number of the calibration in use; None where there is none."""
-    from spherecal.profile.store import is_profile, open_profile  # imports scipy
+    from spherecal_rigs.store import is_profile, open_profile  # imports scipy
 
     try:
         return open_profile(profile).active_id if is_profile(profile) else None
@@ -223,7 +218,7 @@ def number_in_use(profile: Path) -> str | None:
 
 def next_check_text(profile: Path) -> str:
     """When the calibration in use begins to age, by the profile's limits; empty where there is none."""
-    from spherecal.profile.store import is_profile, open_profile  # imports scipy
+    from spherecal_rigs.store import is_profile, open_profile  # imports scipy
 
     try:
         kept = open_profile(profile) if is_profile(profile) else None
@@ -237,7 +232,7 @@ def next_check_text(profile: Path) -> str:
 
 def verified_text(profile: Path) -> str:
     """When and how the calibration in use was verified last."""
-    from spherecal.profile.store import is_profile, open_profile  # imports scipy
+    from spherecal_rigs.store import is_profile, open_profile  # imports scipy
 
     if not is_profile(profile):
         return ""
@@ -272,7 +267,7 @@ def fault_text(fault: str) -> str:
 
 def profile_rows(folder: Path) -> list[ProfileRow]:
     """The calibrations of the rig's profile, newest first; empty where there is none that can be read."""
-    from spherecal.profile.store import is_profile, open_profile  # imports scipy
+    from spherecal_rigs.store import is_profile, open_profile  # imports scipy
 
     if not is_profile(folder):
         return []
@@ -315,7 +310,7 @@ def _verified(verdict: str | None) -> tuple[str, Level]:
 
 def age_text(profile: Path) -> str:
     """How old the calibration in use is; empty where there is none."""
-    from spherecal.profile.store import is_profile, open_profile  # imports scipy
+    from spherecal_rigs.store import is_profile, open_profile  # imports scipy
 
     if not is_profile(profile):
         return ""

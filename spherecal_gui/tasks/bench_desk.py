@@ -11,8 +11,6 @@ from PySide6.QtCore import QCoreApplication
 from spherecal.base.errors import InputError, SpherecalError
 from spherecal.base.messages.catalogue import phrase
 from spherecal.base.messages.values import Phrase
-from spherecal.cameras.plan import CapturePlan, read_plan
-from spherecal.files.ball_registry import RegisteredBall, balls_path, changing_balls, read_balls, write_balls
 from spherecal.files.bar_registry import (
     RegisteredBar,
     changing_registry,
@@ -20,9 +18,8 @@ from spherecal.files.bar_registry import (
     registry_path,
     write_registry,
 )
-from spherecal.files.bars_table import arrivals, read_bars_table, write_bars_table
-from spherecal.files.bench_file import Bench, write_bench
 from spherecal.files.target_set_file import read_target_set
+from spherecal_cameras.plan import CapturePlan, read_plan
 from spherecal_gui import languages
 from spherecal_gui.presenters.bench import (
     BallDraft,
@@ -37,6 +34,9 @@ from spherecal_gui.presenters.bench import (
     targets_words,
 )
 from spherecal_gui.project_folder import rig_bench
+from spherecal_rigs.ball_registry import RegisteredBall, balls_path, changing_balls, read_balls, write_balls
+from spherecal_rigs.bars_table import arrivals, read_bars_table, write_bars_table
+from spherecal_rigs.bench_file import Bench, write_bench
 
 translate = QCoreApplication.translate
 
@@ -69,7 +69,7 @@ class BenchDesk:
     """What is described, with its history; nothing is on disk before it is saved."""
 
     def __init__(self, projects: Path, plan: CapturePlan | None = None) -> None:
-        """`plan` is what is there now (spherecal.cameras.plan); without one the rig's bench, if there is one."""
+        """`plan` is what is there now (spherecal_cameras.plan); without one the rig's bench, if there is one."""
         self.projects = projects
         self.trouble = ""  # why the library could not be read
         self._known = self._read(read_registry, {})
@@ -91,16 +91,7 @@ class BenchDesk:
     # --- changes -----------------------------------------------------------------------------------------------------
 
     def change(self, what: str, draft: BenchDraft) -> None:
-        """Another draft.
-
-        Parameters
-        ----------
-        what
-            The field that is typed into. Changes of one field one after the other are one step back; empty: a step of
-            its own.
-        draft
-            What is described from now on.
-        """
+        """Another draft."""
         if draft == self.draft and draft.ball.own is self.draft.ball.own:
             return
         if not (what and self._past and self._past[-1][0] == what):

@@ -50,16 +50,8 @@ class BumpWatch:
     def feed(self, camera: str, target: IntArray, point: IntArray, uv: FloatArray, at_s: float) -> None:
         """One image's dots.
 
-        Parameters
-        ----------
-        camera
-            Which camera.
-        target, point
-            Of each dot (n,): the target's number, and the point on it.
-        uv
-            Where the dots are (n, 2), px.
-        at_s
-            When the image arrived, s, of a clock that only runs forwards.
+        `target`, `point`: of each dot (n,): the target's number, and the point on it; `uv`: where the dots are (n, 2),
+        px.
         """
         keys = np.asarray(target, dtype=np.int64) * 64 + np.asarray(point, dtype=np.int64)
         if self._settled_s is None:

@@ -7,7 +7,7 @@ from pathlib import Path
 from spherecal.base.errors import InputError, OutputError, reason
 from spherecal.base.filesystem import plain_files, read_below
 from spherecal.base.messages.values import Phrase
-from spherecal.support.bundle import BundleContents, redactor_for, write_zip
+from spherecal_documents.support.bundle import BundleContents, redactor_for, write_zip
 
 _SUFFIXES = {".json", ".csv", ".log", ".txt"}
 _MOST_BYTES = 50 << 20
@@ -19,14 +19,7 @@ def bundle_files(project: Path | None, log_text: str, about: str) -> tuple[dict[
 
     Images are left out; so are links, and any single file beyond 50 MB.
 
-    Parameters
-    ----------
-    project
-        The project's folder; None: none is open.
-    log_text
-        The log.
-    about
-        The versions.
+    `project` None: none is open.
     """
     found: dict[str, bytes] = {}
     for name in plain_files(project, _MOST_FILES) if project is not None else ():
@@ -50,21 +43,7 @@ def contents_text(contents: BundleContents) -> str:
 def make_bundle(output: Path, project: Path | None, log_text: str, about: str) -> int:
     """Write the zip of `bundle_files` with its table of contents; how many files.
 
-    Parameters
-    ----------
-    output
-        The zip.
-    project
-        The project's folder; None: none is open.
-    log_text
-        The log.
-    about
-        The versions.
-
-    Raises
-    ------
-    OutputError
-        Where it cannot be written.
+    `project` None: none is open.
     """
     found, contents = bundle_files(project, log_text, about)
     found["contents.txt"] = contents_text(contents).encode()

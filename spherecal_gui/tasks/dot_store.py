@@ -24,17 +24,7 @@ class DotStore:
         self._root = folder
 
     def save(self, set_id: str, taken: str, dots: Mapping[str, Dots]) -> None:
-        """Keep the dots of a set; where the disk refuses they are found again in the images.
-
-        Parameters
-        ----------
-        set_id
-            The set.
-        taken
-            The moment at which it was taken.
-        dots
-            Its dots by camera.
-        """
+        """Keep the dots of a set; where the disk refuses they are found again in the images."""
         arrays: dict[str, Any] = {"taken": np.array(taken)}  # Any: savez has a keyword that is no array
         for camera, one in dots.items():
             arrays |= {f"{camera}/{key}": getattr(one, key) for key in ("target", "point", "uv")}
@@ -47,15 +37,7 @@ class DotStore:
             return
 
     def load(self, set_id: str, taken: str) -> dict[str, Dots] | None:
-        """The dots of this taking of a set; None where there are none.
-
-        Parameters
-        ----------
-        set_id
-            The set.
-        taken
-            The moment at which it was taken.
-        """
+        """The dots of this taking of a set; None where there are none."""
         try:
             data = read_below(self._root, f"wizard/{set_id}.npz", _MOST_BYTES)
             with zipfile.ZipFile(io.BytesIO(data)) as packed:

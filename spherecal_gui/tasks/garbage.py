@@ -59,17 +59,7 @@ class Collector(QObject):
 
 
 def due(count: tuple[int, int, int], threshold: tuple[int, int, int], busy: bool) -> int | None:
-    """The oldest generation that is to be collected now; None where none is.
-
-    Parameters
-    ----------
-    count
-        Objects, or collections of the generation before, since the last collection of each generation (`gc.get_count`).
-    threshold
-        From which counts on a generation is due (`gc.get_threshold`).
-    busy
-        Whether work runs.
-    """
+    """The oldest generation that is to be collected now; None where none is."""
     limits = (*threshold[:2], _MANY if busy else threshold[2])
     if count[0] <= limits[0]:
         return None  # the older ones get their objects by collections of the younger

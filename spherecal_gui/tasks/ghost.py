@@ -16,8 +16,8 @@ from spherecal.geometry.triangulation import triangulate
 from spherecal_gui.presenters.coverage import Dots, SetDots
 
 if TYPE_CHECKING:  # the simulator, and what only reads results needs
-    from spherecal.cameras.simulated.stage import Stage
     from spherecal.data.rig import Calibration, Rig
+    from spherecal_cameras.simulated.stage import Stage
 
 _OUTLINE = 72  # points of an outline
 # Dots that must be known again for the ball's turn: three define it, and a few may be wrong.
@@ -108,10 +108,7 @@ class Drawn:
 def keys_of(target: IntArray, point: IntArray) -> IntArray:
     """One number for each dot of a target set.
 
-    Parameters
-    ----------
-    target, point
-        Of each dot (n,): the target's number, and the point on it.
+    `target`, `point`: of each dot (n,): the target's number, and the point on it.
     """
     return np.asarray(target, dtype=np.int64) * 64 + np.asarray(point, dtype=np.int64)
 
@@ -121,14 +118,7 @@ def body_of(calibration: "Calibration", last: str, up: FloatArray) -> LastBall |
 
     None where the ball was not fitted at that placement.
 
-    Parameters
-    ----------
-    calibration
-        What was calibrated so far.
-    last
-        Id of the placement.
-    up
-        Upright in the rig's world (3,).
+    `up`: upright in the rig's world (3,).
     """
     spheres = {sphere.placement: sphere for sphere in calibration.spheres}
     if last not in spheres:
@@ -151,17 +141,7 @@ def body_of(calibration: "Calibration", last: str, up: FloatArray) -> LastBall |
 
 
 def lying_ball(lenses: Lenses, body: LastBall, dots: Mapping[str, Dots]) -> Lying | None:
-    """Where the ball is, from the dots that the cameras see now; None where too few are seen by two of them.
-
-    Parameters
-    ----------
-    lenses
-        The cameras.
-    body
-        The ball as it stood last.
-    dots
-        The dots that the cameras see now, by camera.
-    """
+    """Where the ball is, from the dots that the cameras see now; None where too few are seen by two of them."""
     keys, points = live_points(lenses, dots)
     if len(keys) < _LEAST_DOTS:
         return None
@@ -182,15 +162,7 @@ def lying_ball(lenses: Lenses, body: LastBall, dots: Mapping[str, Dots]) -> Lyin
 
 
 def live_points(lenses: Lenses, dots: Mapping[str, Dots]) -> tuple[IntArray, FloatArray]:
-    """The dots that two cameras or more see now: keys (n,) and places (n, 3) mm.
-
-    Parameters
-    ----------
-    lenses
-        The cameras.
-    dots
-        The dots that the cameras see now, by camera.
-    """
+    """The dots that two cameras or more see now: keys (n,) and places (n, 3) mm."""
     rows = [(lenses.names.index(name), one) for name, one in dots.items() if name in lenses.names and len(one)]
     if len(rows) < 2:
         return np.empty(0, np.int64), np.empty((0, 3))
@@ -222,15 +194,7 @@ def _middle(points: FloatArray, radius_mm: float) -> FloatArray | None:
 
 
 def to_go(ghost: Ghost, lying: Lying) -> ToGo:
-    """How far the ball still is from where it should go.
-
-    Parameters
-    ----------
-    ghost
-        Where the ball should go.
-    lying
-        Where it is now.
-    """
+    """How far the ball still is from where it should go."""
     away = float(np.linalg.norm(lying.centre - ghost.centre))
     turn = None
     if lying.turn is not None:
@@ -242,12 +206,7 @@ def to_go(ghost: Ghost, lying: Lying) -> ToGo:
 def drawn(ghost: Ghost, lying: Lying | None) -> dict[str, Drawn]:
     """The ghost and the ball in every camera's image.
 
-    Parameters
-    ----------
-    ghost
-        Where the ball should go.
-    lying
-        Where it is now; None: not known, and nothing is drawn of it.
+    `lying` None: not known, and nothing is drawn of it.
     """
     nothing = np.empty((0, 2))
     pole = ghost.body.up * ghost.body.radius_mm
@@ -267,14 +226,8 @@ def drawn(ghost: Ghost, lying: Lying | None) -> dict[str, Drawn]:
 def drawn_bar(lenses: Lenses, wanted: FloatArray, lying: FloatArray | None) -> dict[str, Drawn]:
     """A bar where it should lie and where it lies, in every camera's image.
 
-    Parameters
-    ----------
-    lenses
-        The cameras.
-    wanted
-        The bar's two ends where it should lie (2, 3), mm.
-    lying
-        Its two ends where it lies (2, 3), mm; None: not known.
+    `wanted`: the bar's two ends where it should lie (2, 3), mm; `lying`: its two ends where it lies (2, 3), mm; None:
+    not known.
     """
     nothing = np.empty((0, 2))
     found = {}
@@ -290,16 +243,7 @@ def outline(lenses: Lenses, camera: int, centre: FloatArray, radius_mm: float) -
 
     The rays that touch the ball touch it along a circle whose plane is at right angles to the way to its centre.
 
-    Parameters
-    ----------
-    lenses
-        The cameras.
-    camera
-        Index of the camera.
-    centre
-        The ball's centre (3,), mm.
-    radius_mm
-        The ball's radius.
+    `centre`: the ball's centre (3,), mm.
     """
     place = lenses.rotation[camera] @ centre + lenses.translation[camera]
     far = float(np.linalg.norm(place))
@@ -338,15 +282,7 @@ def _seen(lenses: Lenses, camera: int, places: FloatArray) -> FloatArray:
 
 
 def thinned(dots: SetDots, most: int) -> SetDots:
-    """The same with about this many dots in each camera at most, the same dots in all of them: a coarse answer soon.
-
-    Parameters
-    ----------
-    dots
-        The dots by camera.
-    most
-        About how many to keep of the camera with most.
-    """
+    """The same with about this many dots in each camera at most, the same dots in all of them: a coarse answer soon."""
     largest = max((len(one) for one in dots.values()), default=0)
     every = int(np.ceil(largest / most)) if largest > most else 1
     if every == 1:
@@ -361,12 +297,7 @@ def thinned(dots: SetDots, most: int) -> SetDots:
 def turn_of(axis: FloatArray | None, turn_deg: float) -> FloatArray:
     """The turn (3, 3) about an axis.
 
-    Parameters
-    ----------
-    axis
-        Unit axis (3,); None: no turn.
-    turn_deg
-        The angle.
+    `axis`: unit axis (3,); None: no turn.
     """
     return np.eye(3) if axis is None else exp_rotation(np.deg2rad(turn_deg) * np.asarray(axis))
 
@@ -376,14 +307,7 @@ def stage_ball(stage: "Stage", ghost: Ghost, lying: Lying | None) -> None:
 
     The cameras are known no better than they are: the way is the one that they show, from what they see now.
 
-    Parameters
-    ----------
-    stage
-        The simulated rig.
-    ghost
-        Where the ball should go.
-    lying
-        Where it is seen now; None: it is not seen, and nothing is moved.
+    `lying` None: it is not seen, and nothing is moved.
     """
     if lying is None:
         return

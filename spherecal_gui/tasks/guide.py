@@ -26,7 +26,7 @@ from spherecal_gui.project_folder import Document
 if TYPE_CHECKING:
     from spherecal.data.rig import Calibration
     from spherecal.data.session import Session
-    from spherecal.guidance.next_placement import Guidance as Advised
+    from spherecal_rigs.next_placement import Guidance as Advised
 
 # Imported inside functions: the calibration with scipy and the kernels, for which the window does not wait.
 
@@ -39,26 +39,12 @@ def plan_coarse(
 ) -> GuidanceView | None:
     """A first answer, from a few dots and by geometry alone; None where they give nothing to plan with.
 
-    Parameters
-    ----------
-    document
-        The session as session.json has it.
-    target_set
-        The targets on the ball; None where the session has none.
-    dots
-        The dots by placement and camera.
-    context
-        Progress and cancelling.
-
-    Raises
-    ------
-    Cancelled
-        When somebody has stopped it.
+    `target_set` None where the session has none.
     """
     from spherecal.calibrate import calibrate
-    from spherecal.guidance.next_placement import first_guess
-    from spherecal.methods.settings import CalibrationSettings
+    from spherecal.steps.settings import CalibrationSettings
     from spherecal_gui.tasks.ghost import thinned
+    from spherecal_rigs.next_placement import first_guess
 
     few = {name: thinned(one, _COARSE_DOTS) for name, one in dots.items()}
     share = _dots_in(few) / max(_dots_in(dots), 1)
@@ -79,24 +65,10 @@ def plan_next(
 ) -> GuidanceView | None:
     """Where to put the ball next; None where the placements so far give nothing to plan with.
 
-    Parameters
-    ----------
-    document
-        The session as session.json has it.
-    target_set
-        The targets on the ball; None where the session has none.
-    dots
-        The dots by placement and camera.
-    context
-        Progress and cancelling.
-
-    Raises
-    ------
-    Cancelled
-        When somebody has stopped it.
+    `target_set` None where the session has none.
     """
     from spherecal.calibrate import calibrate
-    from spherecal.guidance.next_placement import advise
+    from spherecal_rigs.next_placement import advise
 
     session = session_of_dots(document, target_set, dots)
     calibration = calibrate(session, None, context)
@@ -129,14 +101,7 @@ def _shown(
 def session_of_dots(document: Document, target_set: TargetSet | None, dots: Mapping[str, SetDots]) -> "Session":
     """A session with these dots as its observations; the reader of sessions checks all the rest.
 
-    Parameters
-    ----------
-    document
-        The session as session.json has it.
-    target_set
-        The targets on the ball; None where the session has none.
-    dots
-        The dots by placement and camera; other placements are left out.
+    `target_set` None where the session has none.
     """
     placements = [one["id"] for one in document["placements"] if one["id"] in dots]
     cameras = [camera["id"] for camera in document["cameras"]]
@@ -154,16 +119,7 @@ def observations_of(
 ) -> Observations:
     """The dots of these placements and cameras, or the corners of markers, as one table.
 
-    Parameters
-    ----------
-    placements
-        Ids of the placements; each is a key of `dots`.
-    cameras
-        Names of the cameras.
-    dots
-        The dots by placement and camera.
-    target_set
-        The targets; None counts as targets of dots.
+    `target_set` None counts as targets of dots.
     """
     shots = [(p, c, dots[name].get(camera)) for p, name in enumerate(placements) for c, camera in enumerate(cameras)]
     found = [(p, c, one) for p, c, one in shots if one is not None and len(one)]

@@ -12,28 +12,18 @@ from spherecal_gui.presenters.coverage import Dots
 from spherecal_gui.tasks.guide import observations_of
 
 if TYPE_CHECKING:
-    from spherecal.cameras.simulated.stage import Stage
     from spherecal.data.rig import Rig
     from spherecal.data.session import Bar
     from spherecal.verify.pose_plan import PlannedPose, PosePlan
+    from spherecal_cameras.simulated.stage import Stage
 
 # Imported inside functions: scipy, for which the window does not wait.
 
 
 def plan_poses_of(result_folder: Path, rig: "Rig", bars: "Sequence[Bar]") -> "PosePlan | None":
-    """The plan for the check bars among `bars`; None without a scale, a volume or such a bar.
-
-    Parameters
-    ----------
-    result_folder
-        The result; its points.csv gives the volume.
-    rig
-        The rig of the result.
-    bars
-        The bars on the bench.
-    """
-    from spherecal.profile.save import points_box
+    """The plan for the check bars among `bars`; None without a scale, a volume or such a bar."""
     from spherecal.verify.pose_plan import BarMarks, plan_poses
+    from spherecal_rigs.save import points_box
 
     marks = [BarMarks.of(bar.id, bar.lengths) for bar in bars if bar.role == "check" and bar.lengths]
     box = points_box(result_folder / "points.csv")
@@ -44,38 +34,14 @@ def plan_poses_of(result_folder: Path, rig: "Rig", bars: "Sequence[Bar]") -> "Po
 
 
 def lying_ends(rig: "Rig", bar: "Bar", target_set: TargetSet | None, dots: Mapping[str, Dots]) -> FloatArray | None:
-    """Where the first and the last mark of a bar are, (2, 3) mm in the rig's world; None where not found.
-
-    Parameters
-    ----------
-    rig
-        The calibrated rig.
-    bar
-        The bar that is looked for.
-    target_set
-        The targets on the bench.
-    dots
-        The dots that the cameras see now, by camera.
-    """
+    """Where the first and the last mark of a bar are, (2, 3) mm in the rig's world; None where not found."""
     from spherecal.verify.live_pose import measured_ends
 
     return measured_ends(rig, bar, target_set, observations_of(["live"], list(dots), {"live": dots}, target_set))
 
 
 def lay_bar(stage: "Stage", rig: "Rig", pose: "PlannedPose", bar: "Bar") -> None:
-    """Lay a bar of a simulated rig as the plan asks, as somebody would do by hand.
-
-    Parameters
-    ----------
-    stage
-        The simulated rig.
-    rig
-        The calibrated rig, in whose world the plan is.
-    pose
-        The pose to lay.
-    bar
-        The bar, with its lengths.
-    """
+    """Lay a bar of a simulated rig as the plan asks, as somebody would do by hand."""
     from scipy.spatial.transform import Rotation
 
     from spherecal.verify.pose_plan import BarMarks

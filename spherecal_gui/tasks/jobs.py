@@ -22,18 +22,18 @@ from spherecal_gui.project import Artefacts, Project, Verdict
 from spherecal_gui.project_folder import Document, check_folders
 
 if TYPE_CHECKING:
-    from spherecal.cameras.averaging import Stillness
-    from spherecal.cameras.driver_help import DriverTrouble
-    from spherecal.cameras.gentl.trust import Ask
-    from spherecal.cameras.plan import CapturePlan
-    from spherecal.cameras.protocol import CameraSource, Discovery, FrameSet
     from spherecal.data.session import Bar, Session
     from spherecal.geometry.user_frame import UserFrame
-    from spherecal.methods.board_detector import BoardDetector
     from spherecal.targets.detection import Detector
-    from spherecal.uses.check import Check
     from spherecal.verify.verification_file import BarReport
+    from spherecal_boards.board_detector import BoardDetector
+    from spherecal_cameras.averaging import Stillness
+    from spherecal_cameras.driver_help import DriverTrouble
+    from spherecal_cameras.genicam.trust import Ask
+    from spherecal_cameras.plan import CapturePlan
+    from spherecal_cameras.protocol import CameraSource, Discovery, FrameSet
     from spherecal_gui.tasks.live import Connection
+    from spherecal_rigs.check import Check
 
 # Imported inside functions: cameras, detection and calibration take a second, with scipy, OpenCV and the kernels. The
 # window is shown before.
@@ -47,28 +47,12 @@ _LIVE_AVERAGE = 4  # images of a set from real cameras: half the noise, and a te
 def connect(project: Project, context: Context, ask: "Ask | None" = None) -> "Connection":
     """Open the project's source and all its cameras.
 
-    Parameters
-    ----------
-    project
-        Names the source, and the file of the bench where the source does not describe it.
-    context
-        Progress and cancelling.
-    ask
-        Asked, in this thread, about drivers that were never allowed; None: nobody can be asked.
-
-    Raises
-    ------
-    CameraError
-        Where cameras cannot be opened; `NoCameras` where none is found.
-    InputError
-        Where the bench's description, the recording or the cameras' profile cannot be read.
-    Cancelled
-        When somebody has stopped it.
+    `ask` None: nobody can be asked.
     """
-    from spherecal.cameras.driver_help import NoCameras
-    from spherecal.cameras.profile import default_profile_path, read_profile
-    from spherecal.cameras.sources import open_source
-    from spherecal.uses.capture import session_cameras
+    from spherecal_cameras.driver_help import NoCameras
+    from spherecal_cameras.new_recording import session_cameras
+    from spherecal_cameras.profile import default_profile_path, read_profile
+    from spherecal_cameras.sources import open_source
     from spherecal_gui.tasks.live import Connection
 
     context.report("opening the source", 0.0, project.source)
@@ -98,7 +82,7 @@ def connect(project: Project, context: Context, ask: "Ask | None" = None) -> "Co
 
 def _troubles(discovery: "Discovery") -> "tuple[DriverTrouble, ...]":
     """Why drivers have no cameras; those that answer on the network from another subnet are looked for."""
-    from spherecal.cameras.driver_help import answering_cameras, driver_troubles, local_addresses
+    from spherecal_cameras.driver_help import answering_cameras, driver_troubles, local_addresses
 
     local = local_addresses()
     return driver_troubles(discovery, answering_cameras(local), local)
@@ -112,10 +96,10 @@ def _as_people_count(name: str) -> list[tuple[int, str]]:
 
 def _plan(source: "CameraSource", project: Project) -> "CapturePlan":
     """Targets, ball, scale and bars: of the bench file that was named, else of the recording or the simulated rig."""
-    from spherecal.cameras.plan import CapturePlan, check_marks, plan_of, read_plan
-    from spherecal.cameras.protocol import session_behind
-    from spherecal.files.bench_file import whole_bar
-    from spherecal.methods.board_pattern import recorded_board
+    from spherecal_boards.board_pattern import recorded_board
+    from spherecal_cameras.plan import CapturePlan, check_marks, plan_of, read_plan
+    from spherecal_cameras.protocol import session_behind
+    from spherecal_rigs.bench_file import whole_bar
 
     if project.bench:
         plan = read_plan(Path(project.bench))
@@ -138,9 +122,9 @@ def board_of(plan: "CapturePlan") -> Document | None:
 
 def detector_of(plan: "CapturePlan") -> "Detector | BoardDetector | None":
     """What finds in images what calibrates: coded targets, or the points of a board; None where neither is known."""
-    from spherecal.methods.board_detector import BoardDetector
-    from spherecal.methods.board_pattern import board_pattern
     from spherecal.targets.detection import Detector
+    from spherecal_boards.board_detector import BoardDetector
+    from spherecal_boards.board_pattern import board_pattern
 
     if plan.target_set is not None:
         return Detector(plan.target_set)
@@ -208,28 +192,9 @@ class Taken:
 
 
 def take_set(connection: "Connection", set_id: str, context: Context, live: bool) -> Taken:
-    """Take one set and find its dots.
-
-    Parameters
-    ----------
-    connection
-        The open cameras.
-    set_id
-        The set, for progress and messages.
-    context
-        Progress and cancelling.
-    live
-        Whether the cameras are real: then several images are averaged, which also shows whether the scene moved.
-
-    Raises
-    ------
-    CameraError
-        Where no camera delivers an image.
-    Cancelled
-        When somebody has stopped it.
-    """
-    from spherecal.cameras.averaging import take_averaged
-    from spherecal.cameras.protocol import CameraError, CaptureRequest
+    """Take one set and find its dots."""
+    from spherecal_cameras.averaging import take_averaged
+    from spherecal_cameras.protocol import CameraError, CaptureRequest
 
     context.report("taking images", 0.0, set_id)
     detector = detector_of(connection.plan)
@@ -258,22 +223,7 @@ def _find(detector: "Detector | BoardDetector | None", image: np.ndarray) -> Dot
 
 
 def dots_of_images(images: Mapping[str, Path], plan: "CapturePlan", context: Context) -> dict[str, Dots]:
-    """The dots in recorded images by camera, where the store has none.
-
-    Parameters
-    ----------
-    images
-        The image files by camera.
-    plan
-        What the bench holds.
-    context
-        Progress and cancelling.
-
-    Raises
-    ------
-    InputError
-        Where an image cannot be read.
-    """
+    """The dots in recorded images by camera, where the store has none."""
     from spherecal.targets.images import read_image
 
     detector = detector_of(plan)
@@ -288,16 +238,9 @@ def kept_reference(profile: Path, result: Path) -> str | None:
     """The camera whose frame was the world so far: of the calibration in use, else of the project's last result.
 
     None where there is neither, or one cannot be read: then it is chosen as for the first one.
-
-    Parameters
-    ----------
-    profile
-        The rig's profile; it may not be there.
-    result
-        The folder of the project's last result; it may be empty.
     """
     from spherecal.files.rig_file import read_rig
-    from spherecal.profile.store import is_profile, open_profile
+    from spherecal_rigs.store import is_profile, open_profile
 
     try:
         kept = open_profile(profile) if is_profile(profile) else None
@@ -313,33 +256,13 @@ def calibrate(
 ) -> Verdict:
     """The same calls as `spherecal calibrate FOLDER -o RESULT` with these repairs, hence the same bytes.
 
-    Parameters
-    ----------
-    folder
-        The session.
-    result
-        The folder of the result.
-    repairs
-        Options of the command line with their values, such as ("--leave-out", "C05@P3").
-    context
-        Progress and cancelling.
-    reference
-        The camera whose frame is the world; None: it is chosen.
-
-    Raises
-    ------
-    InputError
-        Where the session cannot be read or calibrated.
-    OutputError
-        Where it cannot be written, or the folder holds something else.
-    Cancelled
-        When somebody has stopped it.
+    `reference` None: it is chosen.
     """
     from spherecal.calibrate import calibrate as run
-    from spherecal.data.edits import Repairs
     from spherecal.files.read_session import read_session
     from spherecal.files.write_result import write_result
-    from spherecal.methods.settings import CalibrationSettings, Method
+    from spherecal.steps.repairs import Repairs
+    from spherecal.steps.settings import CalibrationSettings, Method
 
     check_folders(result.parent)
     check_folder(result, RESULT)
@@ -373,38 +296,16 @@ def verify(folder: Path, result: Path, limit: str, context: Context, seen: Obser
     """The same calls as `spherecal verify FOLDER --rig RESULT/rig.json -o RESULT [--limit LIMIT]`.
 
     `seen` is what was found before, and takes up what is found now; it holds while the session's files are the same.
-
-    Parameters
-    ----------
-    folder
-        The session of the check bars.
-    result
-        The folder of the calibration, which takes the verification too.
-    limit
-        The largest permissible error, as `0.03+L/20000`; empty: errors are judged by their uncertainty.
-    context
-        Progress and cancelling.
-    seen
-        What was found before, and takes up what is found now; it holds while the session's files are the same.
-
-    Raises
-    ------
-    InputError
-        Where session, rig or limit cannot be read.
-    OutputError
-        Where it cannot be written.
-    Cancelled
-        When somebody has stopped it.
     """
     from spherecal.detect.session_images import observed
     from spherecal.files.read_session import read_session
     from spherecal.files.rig_file import read_rig
-    from spherecal.profile.save import points_box
-    from spherecal.report.verification_file import read_bar_report
     from spherecal.verify.bars import VerifySettings
     from spherecal.verify.bars import verify as run
     from spherecal.verify.limit import parse_limit
     from spherecal.verify.write_verification import write_verification
+    from spherecal_rigs.read_verification import read_bar_report
+    from spherecal_rigs.save import points_box
 
     check_folders(result.parent)
     context.report("reading the session", 0.0)
@@ -437,17 +338,7 @@ def _verified_word(bars: "BarReport") -> Verdict:
 
 
 def keep_if_in_use(profile: Path, result: Path, verdict: Verdict) -> None:
-    """Have the profile know of a verification, where it was of the calibration in use.
-
-    Parameters
-    ----------
-    profile
-        The rig's profile; it may not be there.
-    result
-        The folder of the calibration that was verified.
-    verdict
-        What came out.
-    """
+    """Have the profile know of a verification, where it was of the calibration in use."""
     from spherecal_gui.in_use import number_of
 
     number = number_of(profile, result)
@@ -456,33 +347,12 @@ def keep_if_in_use(profile: Path, result: Path, verdict: Verdict) -> None:
 
 
 def check(folder: Path, profile: Path, output: Path, context: Context) -> "Check":
-    """The same calls as `spherecal check FOLDER --profile PROFILE -o FILE`; the engine's answer.
-
-    Parameters
-    ----------
-    folder
-        The session of the check.
-    profile
-        The rig's profile, which keeps the answer too.
-    output
-        The file of the answer.
-    context
-        Progress and cancelling.
-
-    Raises
-    ------
-    InputError
-        Where session or profile cannot be read, or do not fit each other.
-    OutputError
-        Where it cannot be written.
-    Cancelled
-        When somebody has stopped it.
-    """
+    """The same calls as `spherecal check FOLDER --profile PROFILE -o FILE`; the engine's answer."""
     from spherecal.files.read_session import read_session
-    from spherecal.profile.source import points_file, read_source
-    from spherecal.uses.check import check as run
-    from spherecal.uses.check_ball import read_known_ball
-    from spherecal.uses.check_file import check_json, keep
+    from spherecal_rigs.check import check as run
+    from spherecal_rigs.check_ball import read_known_ball
+    from spherecal_rigs.check_file import check_json, keep
+    from spherecal_rigs.source import points_file, read_source
 
     context.report("reading the session", 0.0)
     found = run(read_session(folder), read_source(profile).rig, read_known_ball(points_file(profile)), None, context)
@@ -495,36 +365,13 @@ def check(folder: Path, profile: Path, output: Path, context: Context) -> "Check
 def repair(
     folder: Path, profile: Path, cameras: tuple[str, ...], result: Path, context: Context
 ) -> "tuple[Verdict, Check]":
-    """The same calls as `spherecal check FOLDER --profile PROFILE --repair RESULT`; verdict, and the check after it.
-
-    Parameters
-    ----------
-    folder
-        The session of the check.
-    profile
-        The rig's profile.
-    cameras
-        Ids of the cameras to place again.
-    result
-        The folder of the repaired calibration.
-    context
-        Progress and cancelling.
-
-    Raises
-    ------
-    InputError
-        Where session or profile cannot be read, or a camera cannot be placed.
-    OutputError
-        Where it cannot be written, or the folder holds something else.
-    Cancelled
-        When somebody has stopped it.
-    """
+    """The same calls as `spherecal check FOLDER --profile PROFILE --repair RESULT`; verdict, and the check after it."""
     from spherecal.files.read_session import read_session
     from spherecal.files.write_result import write_result
-    from spherecal.profile.source import points_file, read_source
-    from spherecal.uses.check import check as run
-    from spherecal.uses.check_ball import read_known_ball
-    from spherecal.uses.repose import repose
+    from spherecal_rigs.check import check as run
+    from spherecal_rigs.check_ball import read_known_ball
+    from spherecal_rigs.repose import repose
+    from spherecal_rigs.source import points_file, read_source
 
     check_folders(result.parent)
     check_folder(result, RESULT)
@@ -538,30 +385,9 @@ def repair(
 
 
 def report(project: Project, output: Path, language: str, notice: str, context: Context) -> Path:
-    """Write the report; pictures of the images are in it while the session is the result's own.
-
-    Parameters
-    ----------
-    project
-        The project, with its operator's note, which is under the verdict.
-    output
-        The report's file; its ending says which kind.
-    language
-        The report's language, such as `de`.
-    notice
-        Heads every page; empty: nothing does.
-    context
-        Progress.
-
-    Raises
-    ------
-    InputError
-        Where the result cannot be read.
-    OutputError
-        Where it cannot be written.
-    """
-    from spherecal.report.write_report import write_report
-    from spherecal_scene.picture import scene_picture
+    """Write the report; pictures of the images are in it while the session is the result's own."""
+    from spherecal_documents.report.write_report import write_report
+    from spherecal_documents.scene.picture import scene_picture
 
     context.report("drawing the report", 0.0)
     result = project.result_folder
@@ -574,34 +400,11 @@ def report(project: Project, output: Path, language: str, notice: str, context: 
 
 
 def save_profile(result: Path, session: Path, profile: Path, put_to_use: bool, note: str, context: Context) -> str:
-    """Add the result to a rig profile's history and, if asked, put it to use; the calibration's number.
-
-    Parameters
-    ----------
-    result
-        The folder of the result.
-    session
-        The session that it came from; it is kept too where it still is the result's own.
-    profile
-        The profile's folder; it is made where it is not there.
-    put_to_use
-        Whether the calibration is the one in use from now on.
-    note
-        By whom it was made, and why.
-    context
-        Progress.
-
-    Raises
-    ------
-    InputError
-        Where the calibration is not valid and is to be put to use, or files cannot be read.
-    OutputError
-        Where it cannot be written.
-    """
+    """Add the result to a rig profile's history and, if asked, put it to use; the calibration's number."""
     from spherecal.files.read_session import read_session
     from spherecal.files.rig_file import read_rig
-    from spherecal.profile.save import SaveOptions, save_result
-    from spherecal.profile.store import apply, create_profile, open_profile
+    from spherecal_rigs.save import SaveOptions, save_result
+    from spherecal_rigs.store import apply, create_profile, open_profile
 
     context.report("saving the profile", 0.0)
     rig = read_rig(result / "rig.json")
@@ -621,7 +424,7 @@ def save_profile(result: Path, session: Path, profile: Path, put_to_use: bool, n
 
 def _keep_frame(own: Path, kept: Path) -> None:
     """The project's frame is the rig's from now on, the default of the exports of later calibrations."""
-    from spherecal.files.frame_file import read_frame, write_frame
+    from spherecal_rigs.frame_file import read_frame, write_frame
 
     if own.is_file():
         write_frame(read_frame(own), kept)
@@ -630,28 +433,10 @@ def _keep_frame(own: Path, kept: Path) -> None:
 def export(result: Path, form: str, output: Path, context: Context, frame: "UserFrame | None" = None) -> Path:
     """Write the rig in another program's format, in a user's frame where one is given.
 
-    Parameters
-    ----------
-    result
-        The folder of the result.
-    form
-        The format's name.
-    output
-        The file or folder to write.
-    context
-        Progress.
-    frame
-        The user's frame; None: the reference camera's.
-
-    Raises
-    ------
-    InputError
-        Where the rig cannot be read, or the format cannot hold it.
-    OutputError
-        Where it cannot be written.
+    `frame` None: the reference camera's.
     """
-    from spherecal.export.write_export import export_rig
     from spherecal.files.rig_file import read_rig
+    from spherecal_documents.export.write_export import export_rig
 
     context.report("exporting", 0.0, form)
     export_rig(read_rig(result / "rig.json"), form, output, frame=frame)
@@ -663,16 +448,9 @@ def calibration_plan(plan: "CapturePlan", sets: Sequence[str], bars: Mapping[str
 
     A guided pose has the temperature that the bench's description gives for its bar.
 
-    Parameters
-    ----------
-    plan
-        What the bench holds.
-    sets
-        Ids of the sets.
-    bars
-        The bar of each guided pose, by the pose's id; None: there are none.
+    `bars` None: there are none.
     """
-    from spherecal.cameras.plan import PlannedSet
+    from spherecal_cameras.plan import PlannedSet
 
     known = {one.id: one for one in plan.sets}
     warm = {one.bar: one.temperature_c for one in reversed(plan.sets) if one.bar is not None}

@@ -10,7 +10,7 @@ from spherecal.base.arrays import FloatArray
 from spherecal.base.errors import SpherecalError
 from spherecal.data.findings import Finding, as_written
 from spherecal.files.json_file import JsonValue, read_json
-from spherecal.uses.check_file import FORMAT, VERSION
+from spherecal_rigs.check_file import FORMAT, VERSION
 
 FILE = "check.json"
 
@@ -43,7 +43,7 @@ class _Ball:
 
 @dataclass(frozen=True)
 class CheckSummary:
-    """What the page needs of a check (spherecal.uses.check.Check)."""
+    """What the page needs of a check (spherecal_rigs.check.Check)."""
 
     verdict: str
     tolerance_mm: float | None

@@ -8,14 +8,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from spherecal.cameras.averaging import STILL_PX, stillness
-from spherecal.cameras.capture import SessionCamera
-from spherecal.cameras.plan import CapturePlan
-from spherecal.cameras.protocol import CameraInfo, CameraSource, Discovery, Frame, SetupReport
-from spherecal.methods.board_detector import BoardDetector
 from spherecal.targets.detection import Detections, DetectionSettings, Detector
 from spherecal.targets.images import balance_mosaic
 from spherecal.targets.masks import Rectangle
+from spherecal_boards.board_detector import BoardDetector
+from spherecal_cameras.averaging import STILL_PX, stillness
+from spherecal_cameras.capture import SessionCamera
+from spherecal_cameras.plan import CapturePlan
+from spherecal_cameras.protocol import CameraInfo, CameraSource, Discovery, Frame, SetupReport
 from spherecal_gui.presenters.coverage import Dots
 from spherecal_gui.tasks.bump_watch import BumpWatch
 from spherecal_gui.tasks.jobs import detector_of
@@ -172,15 +172,6 @@ def wait_for_sight(view: LiveView, serial: str, seconds: float) -> Sight | None:
     """The camera's first examined image; for commands and tests, never for the window.
 
     None where there was none in this time.
-
-    Parameters
-    ----------
-    view
-        The live view, started.
-    serial
-        The camera's serial number.
-    seconds
-        How long to wait at most.
     """
     until = time.perf_counter() + seconds
     while time.perf_counter() < until and view.sight(serial) is None and view.problem is None:

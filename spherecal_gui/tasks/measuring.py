@@ -9,11 +9,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from spherecal.cameras.protocol import CameraSource
     from spherecal.data.rig import Rig
-    from spherecal.measuring.measurer import Measurer
-    from spherecal.measuring.results import MeasuredSet
-    from spherecal.measuring.task import Ruler, Task
+    from spherecal_cameras.protocol import CameraSource
+    from spherecal_measuring.measurer import Measurer
+    from spherecal_measuring.results import MeasuredSet
+    from spherecal_measuring.task import Ruler, Task
 
 # Imported inside functions: scipy, OpenCV and the kernels, for which the page does not wait.
 
@@ -31,8 +31,8 @@ class LiveMeasurement:
     def __init__(
         self, source: "CameraSource", names: dict[str, str], rig: "Rig", task: "Task", rate_hz: float = 10.0
     ) -> None:
-        from spherecal.measuring.live import LiveSets, LiveSettings
-        from spherecal.measuring.measurer import Measurer
+        from spherecal_measuring.live import LiveSets, LiveSettings
+        from spherecal_measuring.measurer import Measurer
 
         cameras = {serial: camera for serial, name in names.items() if (camera := rig.camera(name)) is not None}
         assert task.target_set is not None
@@ -74,7 +74,7 @@ class LiveMeasurement:
             recorder.end()
 
     def _run(self) -> None:
-        from spherecal.measuring.measurer import measure_sets
+        from spherecal_measuring.measurer import measure_sets
 
         try:
             for measured in measure_sets(self._live, self._measurer):
@@ -122,7 +122,7 @@ class SeriesRecorder:
         return self.taken
 
     def _run(self) -> None:
-        from spherecal.measuring.series_file import write_series
+        from spherecal_measuring.series_file import write_series
 
         try:
             write_series(self._all(), self._measurer, self._folder)

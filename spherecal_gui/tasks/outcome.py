@@ -19,10 +19,10 @@ if TYPE_CHECKING:
 
     from spherecal.data.rig import Rig
     from spherecal.data.session import Bar
-    from spherecal.export.frame import Place
-    from spherecal.profile.compare import Comparison
-    from spherecal.report.result_folder import Result
     from spherecal.verify.pose_plan import PosePlan
+    from spherecal_rigs.compare import Comparison
+    from spherecal_rigs.framed_rig import Place
+    from spherecal_rigs.result_folder import Result
 
 # Imported inside functions: scipy and the kernels, for which the window does not wait.
 
@@ -55,29 +55,8 @@ class Outcome:
 
 
 def read_outcome(folder: Path, session: Path, profile: Path, bars: "Sequence[Bar]", context: Context) -> Outcome:
-    """The result in a folder with all that can be said about it.
-
-    Parameters
-    ----------
-    folder
-        The result.
-    session
-        The session that it came from.
-    profile
-        The rig's profile; it may not be there.
-    bars
-        The bars on the bench.
-    context
-        Progress and cancelling.
-
-    Raises
-    ------
-    InputError
-        Where the result cannot be read.
-    Cancelled
-        When somebody has stopped it.
-    """
-    from spherecal.report.result_folder import read_result
+    """The result in a folder with all that can be said about it."""
+    from spherecal_rigs.result_folder import read_result
 
     context.report("reading the result", 0.0)
     result = read_result(folder)
@@ -95,7 +74,7 @@ def read_outcome(folder: Path, session: Path, profile: Path, bars: "Sequence[Bar
 def _last_images(folder: Path) -> "Mapping[str, NDArray[np.uint8]]":
     """The last image of each camera; none where the session cannot be read, as the result does not depend on it."""
     from spherecal.files.read_session import read_session
-    from spherecal_scene.picture import last_images
+    from spherecal_documents.scene.picture import last_images
 
     try:
         return last_images(read_session(folder))
@@ -105,8 +84,8 @@ def _last_images(folder: Path) -> "Mapping[str, NDArray[np.uint8]]":
 
 def _places(folder: Path, session: Path) -> "Mapping[str, Place]":
     """The places to define a frame by, with those that the project's own frame names."""
-    from spherecal.export.frame import result_places
-    from spherecal.files.frame_file import read_frame
+    from spherecal_rigs.frame_file import read_frame
+    from spherecal_rigs.framed_rig import result_places
 
     try:
         wanted = read_frame(session / "frame.json").definition.places if (session / "frame.json").is_file() else ()
@@ -117,9 +96,9 @@ def _places(folder: Path, session: Path) -> "Mapping[str, Place]":
 
 def _compared(rig: "Rig", profile: Path) -> Compared | None:
     """Against the calibration in use, or the one before where this very one is in use already."""
-    from spherecal.profile.compare import compare, seen_volume
-    from spherecal.profile.source import entry_volume
-    from spherecal.profile.store import is_profile, open_profile
+    from spherecal_rigs.compare import compare, seen_volume
+    from spherecal_rigs.source import entry_volume
+    from spherecal_rigs.store import is_profile, open_profile
 
     if not is_profile(profile):
         return None

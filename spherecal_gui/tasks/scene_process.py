@@ -11,10 +11,10 @@ from typing import Protocol
 from PySide6.QtCore import QObject, Signal
 from PySide6.QtGui import QImage
 
-from spherecal_scene.eye import Eye
-from spherecal_scene.model import SceneData
-from spherecal_scene.renderer import RenderedFrame, serve
-from spherecal_scene.shapes import SceneStyle
+from spherecal_documents.scene.eye import Eye
+from spherecal_documents.scene.model import SceneData
+from spherecal_documents.scene.renderer import RenderedFrame, serve
+from spherecal_documents.scene.shapes import SceneStyle
 
 log = logging.getLogger("spherecal.gui")
 

@@ -112,18 +112,7 @@ class Runner(QObject):
     ) -> bool:
         """Start work; False where something runs already.
 
-        Parameters
-        ----------
-        name
-            What the work is called.
-        work
-            Runs in a thread of its own.
-        on_done
-            Called with the result of the work, in the window's thread, as the other two are.
-        on_failed
-            Called with the error.
-        on_cancelled
-            Called when the work was stopped; None: nothing is.
+        `on_cancelled` None: nothing is.
         """
         if self.task is not None:
             return False

@@ -27,14 +27,7 @@ class WarmUp:
     def feed(self, serial: str, at_s: float, celsius: float | None) -> None:
         """A temperature that came with an image; None where the camera has none to tell.
 
-        Parameters
-        ----------
-        serial
-            The camera's serial number.
-        at_s
-            When the image arrived, s, of a clock that only runs forwards.
-        celsius
-            The temperature; None where the camera has none to tell.
+        `celsius` None where the camera has none to tell.
         """
         kept = self._readings.get(serial, ())
         if celsius is None or (kept and at_s - kept[-1].at_s < _EVERY_S):

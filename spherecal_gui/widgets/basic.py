@@ -60,17 +60,7 @@ class Words(QLabel):
 
 
 def label(text: str = "", name: str = "", wrap: bool = True) -> QLabel:
-    """A label in one of the style sheet's kinds.
-
-    Parameters
-    ----------
-    text
-        What it says.
-    name
-        The style sheet's kind, such as `big` or `soft`.
-    wrap
-        Whether it may take several lines.
-    """
+    """A label in one of the style sheet's kinds."""
     made = Words(text)
     made.setObjectName(name)
     made.setWordWrap(wrap)
@@ -79,15 +69,7 @@ def label(text: str = "", name: str = "", wrap: bool = True) -> QLabel:
 
 
 def set_level(widget: QWidget, level: str) -> None:
-    """Give a label the colour of a level.
-
-    Parameters
-    ----------
-    widget
-        The label.
-    level
-        `none`, `good`, `caution`, `bad` or `info`.
-    """
+    """Give a label the colour of a level."""
     if widget.property("level") != level:
         widget.setProperty("level", level)
         widget.style().unpolish(widget)
@@ -95,17 +77,7 @@ def set_level(widget: QWidget, level: str) -> None:
 
 
 def button(text: str, name: str, kind: str = "") -> QPushButton:
-    """A button.
-
-    Parameters
-    ----------
-    text
-        What it says.
-    name
-        How tests and accessibility tools find it.
-    kind
-        `primary` or `link`; empty: a plain one.
-    """
+    """A button."""
     made = QPushButton(text)
     made.setObjectName(kind or name)
     made.setProperty("key", name)
@@ -132,17 +104,7 @@ def option(text: str) -> QCheckBox:
 
 
 def enable(target: QWidget, on: bool, why: str = "") -> None:
-    """Enable a button or field, or say in its tooltip why not.
-
-    Parameters
-    ----------
-    target
-        The button or field.
-    on
-        Whether it can be used.
-    why
-        Why it cannot.
-    """
+    """Enable a button or field, or say in its tooltip why not."""
     target.setEnabled(on)
     target.setToolTip(plain("" if on else why))
     target.setAccessibleDescription("" if on else why)
@@ -216,13 +178,7 @@ class Downwards(QScrollArea):
         return QSize(max(wide, least.width()), least.height())
 
     def eventFilter(self, watched: QObject, event: QEvent) -> bool:
-        """The contents ask for another size.
-
-        Parameters
-        ----------
-        watched, event
-            The contents and what happens to them, as Qt passes them.
-        """
+        """The contents ask for another size."""
         if event.type() == QEvent.Type.LayoutRequest:
             self.updateGeometry()
         return super().eventFilter(watched, event)
@@ -257,17 +213,7 @@ class Chip(QWidget):
         self.setFocusPolicy(Qt.FocusPolicy.NoFocus)
 
     def show_state(self, text: str, level: Level, details: str = "") -> None:
-        """Show a word in the colour of a level.
-
-        Parameters
-        ----------
-        text
-            The word.
-        level
-            The level.
-        details
-            The tooltip; empty: none.
-        """
+        """Show a word in the colour of a level."""
         self._text, self._level = languages.by_locale(text), level
         self.setToolTip(plain(details))
         self.setAccessibleName(text)
@@ -372,17 +318,7 @@ class Banner(QFrame):
         return not self.isHidden() and self._kind == "bad"
 
     def tell(self, kind: str, text: str, hint: str = "") -> None:
-        """Show a message.
-
-        Parameters
-        ----------
-        kind
-            `good`, `bad` or `info`.
-        text
-            What happened.
-        hint
-            What to do; empty: nothing.
-        """
+        """Show a message."""
         self._kind = kind
         set_level(self, kind)
         tint = theme.now().text if kind == "info" else None
@@ -406,13 +342,7 @@ class Banner(QFrame):
         self.setGeometry((over.width() - width) // 2, max(low - height, 0), width, height)
 
     def eventFilter(self, watched: QObject, event: QEvent) -> bool:
-        """The window has another size.
-
-        Parameters
-        ----------
-        watched, event
-            The window and what happens to it, as Qt passes them.
-        """
+        """The window has another size."""
         if event.type() == QEvent.Type.Resize and not self.isHidden():
             self.place()
         return super().eventFilter(watched, event)
@@ -422,11 +352,5 @@ class WheelGuard(QObject):
     """Keeps the mouse wheel from changing combo boxes while a page is scrolled."""
 
     def eventFilter(self, watched: QObject, event: QEvent) -> bool:
-        """Swallow wheel events of widgets without focus.
-
-        Parameters
-        ----------
-        watched, event
-            An object and what happens to it, as Qt passes them.
-        """
+        """Swallow wheel events of widgets without focus."""
         return event.type() == QEvent.Type.Wheel and isinstance(watched, QWidget) and not watched.hasFocus()

@@ -73,13 +73,7 @@ class Chart(pg.PlotWidget):
         return self.getPlotItem()
 
     def span(self, x: tuple[float, float], y: tuple[float, float]) -> None:
-        """Show exactly this range.
-
-        Parameters
-        ----------
-        x, y
-            The least and the largest value of each axis.
-        """
+        """Show exactly this range."""
         self.plot_item.setRange(xRange=x, yRange=y, padding=0)
 
     def dress(self) -> None:
@@ -95,13 +89,7 @@ class Chart(pg.PlotWidget):
             axis.enableAutoSIPrefix(False)
 
     def names(self, bottom: str = "", left: str = "") -> None:
-        """Name the axes.
-
-        Parameters
-        ----------
-        bottom, left
-            What each axis is called; empty: nothing.
-        """
+        """Name the axes."""
         for side, text in (("bottom", bottom), ("left", left)):
             self.getAxis(side).setLabel(text, color=theme.now().soft, **{"font-size": f"{theme.pt(10):.0f}pt"})
 
@@ -114,16 +102,7 @@ class CoverageChart(Chart):
     ) -> None:
         """Show the grids.
 
-        Parameters
-        ----------
-        cameras
-            Names of the cameras.
-        before
-            Dots in the cells (10, 10) of each camera, of the placements taken.
-        live
-            The same, of what is seen now.
-        levels
-            The level of each camera, which gives the colour of its frame.
+        `before`: dots in the cells (10, 10) of each camera, of the placements taken.
         """
         grids = tuple(grid.tobytes() for grid in (*before, *live))
         if self._is_drawn(tuple(cameras), grids, tuple(levels)):
@@ -188,12 +167,7 @@ class PairMatrix(Chart):
     def show_common(self, cameras: Sequence[str], common: IntArray) -> None:
         """Show the matrix.
 
-        Parameters
-        ----------
-        cameras
-            Names of the c cameras.
-        common
-            The common dots of each two (c, c).
+        `common`: the common dots of each two (c, c).
         """
         if self._is_drawn(tuple(cameras), common.tobytes()):
             return
@@ -390,12 +364,7 @@ class HistogramChart(Chart):
     def show_values(self, values: FloatArray, limit: float) -> None:
         """Show residuals.
 
-        Parameters
-        ----------
-        values
-            Residuals (n,), px; those beyond the limit are counted at it.
-        limit
-            Largest size that is shown, px.
+        `values`: residuals (n,), px; `limit`: largest size that is shown, px.
         """
         c = theme.now()
         self.clear()

@@ -27,15 +27,7 @@ class FindingsList(QScrollArea):
         self._worn: tuple[theme.Colours, float] | None = None
 
     def show_advice(self, advice: list[FindingAdvice], repairs: tuple[tuple[str, str], ...] = ()) -> None:
-        """Show these findings, and the repairs that were asked for.
-
-        Parameters
-        ----------
-        advice
-            The findings.
-        repairs
-            Options of the command line with their values.
-        """
+        """Show these findings, and the repairs that were asked for."""
         look = theme.now(), theme.pt(1.0)  # marks are pictures in the colours and the size of the look
         if (advice, repairs, look) == (self.shown, self.repairs, self._worn) and self._column.count():
             return

@@ -18,16 +18,7 @@ LEVEL_ICONS = {"good": "check", "caution": "alert-triangle", "bad": "x", "info":
 def pixmap(name: str, px: float, colour: str, ratio: float = 2.0) -> QPixmap:
     """An icon in this colour.
 
-    Parameters
-    ----------
-    name
-        The icon.
-    px
-        Width and height.
-    colour
-        The colour, as `#rrggbb`.
-    ratio
-        Pixels of the screen per px on which it is sharp.
+    `ratio`: pixels of the screen per px on which it is sharp.
     """
     made = _drawn(name, max(round(px * ratio), 1), colour)
     made = QPixmap(made)
@@ -44,12 +35,7 @@ def _drawn(name: str, size: int, colour: str) -> QPixmap:
 def svg_pixmap(text: str, size: QSize) -> QPixmap:
     """A drawing given as SVG text, in this size; empty where Qt cannot read SVG.
 
-    Parameters
-    ----------
-    text
-        The drawing.
-    size
-        Width and height, px of the device.
+    `size`: width and height, px of the device.
     """
     data = QByteArray(text.encode())
     buffer = QBuffer(data)
@@ -59,17 +45,7 @@ def svg_pixmap(text: str, size: QSize) -> QPixmap:
 
 
 def give_icon(target: QAbstractButton, name: str, role: str = "text") -> None:
-    """Give a button an icon in the colour of a role; `dress_icons` keeps it in the palette's.
-
-    Parameters
-    ----------
-    target
-        The button.
-    name
-        The icon.
-    role
-        The colour's name in the palette.
-    """
+    """Give a button an icon in the colour of a role; `dress_icons` keeps it in the palette's."""
     target.setProperty("icon-name", name)
     target.setProperty("icon-role", role)
     _dress(target)
@@ -111,13 +87,6 @@ def menu_icon(name: str) -> QIcon:
 def level_pixmap(level: str, px: float, colour: str | None = None) -> QPixmap:
     """The mark of a level.
 
-    Parameters
-    ----------
-    level
-        `good`, `caution`, `bad`, `info` or `none`.
-    px
-        Width and height.
-    colour
-        The colour, as `#rrggbb`; None: the level's.
+    `colour` None: the level's.
     """
     return pixmap(LEVEL_ICONS.get(level, "info-circle"), px, colour or theme.now().of(level))

@@ -16,25 +16,7 @@ def place_tags(
     first: Collection[str] = (),
     taken: Sequence[QRectF] = (),
 ) -> dict[str, QRectF]:
-    """The boxes of the names that have room, by name; one that would cover another name or a mark is left out.
-
-    Parameters
-    ----------
-    names
-        The names.
-    places
-        The middles of their marks.
-    sizes
-        The sizes of the written names.
-    room
-        Where names may be.
-    mark_px
-        Width and height of a mark.
-    first
-        Those that choose first, and are drawn in any case.
-    taken
-        What names must not cover.
-    """
+    """The boxes of the names that have room, by name; one that would cover another name or a mark is left out."""
     marks = [_around(place, mark_px) for place in places]
     used, found = list(taken), {}
     order = sorted(range(len(names)), key=lambda i: names[i] not in first)

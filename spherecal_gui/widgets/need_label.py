@@ -30,12 +30,7 @@ class NeedLabel(QLabel):
     def show_need(self, need: NeedLine | None, level: str | None = None) -> None:
         """Show it in the colour of its level, or nothing.
 
-        Parameters
-        ----------
-        need
-            What cameras need; None: nothing, and the label is hidden.
-        level
-            The level; None: the label's own.
+        `need` None: nothing, and the label is hidden; `level` None: the label's own.
         """
         shown = level or self._level
         set_level(self, shown)

@@ -11,11 +11,20 @@ from PySide6.QtGui import QBrush, QColor, QImage, QPainter, QPen, QPolygonF, QRa
 from PySide6.QtWidgets import QWidget
 
 from spherecal.base.arrays import BoolArray, FloatArray, IntArray
+from spherecal_documents.scene.eye import Eye
+from spherecal_documents.scene.model import SceneData
+from spherecal_documents.scene.shapes import (
+    ByteArray,
+    Lines,
+    blended,
+    body_of,
+    map_step,
+    scene_lines,
+    shrunk,
+    solid_balls,
+)
 from spherecal_gui import theme
 from spherecal_gui.widgets.scene import SceneView
-from spherecal_scene.eye import Eye
-from spherecal_scene.model import SceneData
-from spherecal_scene.shapes import ByteArray, Lines, blended, body_of, map_step, scene_lines, shrunk, solid_balls
 
 _SHADES = 16  # colours of points are drawn in groups, which is what takes time
 _FACES = ((0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3))  # of a box
@@ -37,17 +46,7 @@ class PaintedScene(SceneView):
         super().scene_changed()
 
     def paint_rig(self, painter: QPainter, data: SceneData, eye: Eye) -> None:
-        """Back to front as far as that matters: floor, balls with their dots, cameras, lines.
-
-        Parameters
-        ----------
-        painter
-            Of the widget, or of a picture.
-        data
-            The scene.
-        eye
-            From where it is looked at.
-        """
+        """Back to front as far as that matters: floor, balls with their dots, cameras, lines."""
         self._lines = self._lines or scene_lines(data, self.style_of_now())
         floor, *lines = self._lines
         _draw_lines(painter, eye, floor.ends, floor.colours, floor.width)

@@ -43,15 +43,7 @@ class RailItem(QAbstractButton):
         return level_of(self._state.status) if self._state is not None else "none"
 
     def show_state(self, state: StepState, current: bool) -> None:
-        """Show a step's state.
-
-        Parameters
-        ----------
-        state
-            The step and its state.
-        current
-            Whether the user is there.
-        """
+        """Show a step's state."""
         self._state, self._current = state, current
         self.setObjectName(f"rail-{state.step.id}")
         title, word, why = step_title(state.step), status_word(state.status), reason_text(state.reason)
@@ -174,12 +166,7 @@ class Rail(QFrame):
     def show_state(self, state: WorkflowState, standing: Standing | None = None) -> None:
         """Show all steps; the current one no better than the state of its page.
 
-        Parameters
-        ----------
-        state
-            All steps.
-        standing
-            State of the current step's page; None: no page is shown.
+        `standing` None: no page is shown.
         """
         self._ids = [one.step.id for one in state.steps]
         while len(self._items) < len(state.steps):

@@ -8,12 +8,12 @@ from PySide6.QtCore import QRectF, Qt, QTimer
 from PySide6.QtGui import QHideEvent, QImage, QPainter, QShowEvent
 from PySide6.QtWidgets import QWidget
 
+from spherecal_documents.scene.eye import Eye
+from spherecal_documents.scene.model import SceneData
+from spherecal_documents.scene.renderer import can_render
 from spherecal_gui.tasks import scene_process
 from spherecal_gui.tasks.scene_process import RequestedPicture, SceneProcess
 from spherecal_gui.widgets.painted_scene import PaintedScene
-from spherecal_scene.eye import Eye
-from spherecal_scene.model import SceneData
-from spherecal_scene.renderer import can_render
 
 _LEAVE_MS = 30_000
 _REST_MS = 180  # so long after the last turn the picture is rendered with smooth edges
@@ -140,10 +140,7 @@ class RenderedScene(PaintedScene):
     def thumbnail(self, width: int, height: int) -> QImage:
         """The middle of the picture of pyvista, where there is one.
 
-        Parameters
-        ----------
-        width, height
-            Size of the picture, px.
+        `width`, `height`: size of the picture, px.
         """
         if self._image is None or self._broken:
             return super().thumbnail(width, height)
@@ -152,17 +149,7 @@ class RenderedScene(PaintedScene):
         return small.copy((small.width() - width) // 2, (small.height() - height) // 2, width, height)
 
     def paint_rig(self, painter: QPainter, data: SceneData, eye: Eye) -> None:
-        """The picture that is there, names and cube where it has them; else the painted rig.
-
-        Parameters
-        ----------
-        painter
-            Of this widget.
-        data
-            The scene.
-        eye
-            From where it is looked at.
-        """
+        """The picture that is there, names and cube where it has them; else the painted rig."""
         if self._image is None or self._broken:
             super().paint_rig(painter, data, eye)
             return

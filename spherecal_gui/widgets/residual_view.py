@@ -33,12 +33,7 @@ class ResidualView(QWidget):
     def show_camera(self, residuals: CameraResiduals | None, image: QImage | None = None) -> None:
         """Show a camera's residuals over its image of one placement, or over nothing.
 
-        Parameters
-        ----------
-        residuals
-            The residuals; None: no camera.
-        image
-            The image of their placement; None: there is none, or they are of all placements.
+        `residuals` None: no camera; `image` None: there is none, or they are of all placements.
         """
         self._shown, self._image = residuals, image
         self.setAccessibleName(

@@ -19,12 +19,12 @@ from PySide6.QtGui import (
 from PySide6.QtWidgets import QWidget
 
 from spherecal.base.arrays import FloatArray
+from spherecal_documents.scene.eye import Eye, View, fitting_view
+from spherecal_documents.scene.model import SceneData
+from spherecal_documents.scene.shapes import SHOWN_AT_FIRST, SceneStyle
 from spherecal_gui import theme
 from spherecal_gui.presenters.scene_hover import SceneItem, items_of
 from spherecal_gui.widgets.scene_overlay import Overlay
-from spherecal_scene.eye import Eye, View, fitting_view
-from spherecal_scene.model import SceneData
-from spherecal_scene.shapes import SHOWN_AT_FIRST, SceneStyle
 
 _NEAR_PX, _HOVER_PX = 28.0, 14.0
 DEG_PER_PX = 0.4
@@ -85,15 +85,7 @@ class SceneView(QWidget):
         self.scene_changed()
 
     def show_layers(self, with_map: bool, with_links: bool) -> None:
-        """The map of uncertainty in place of the points; the paths by which the cameras were joined.
-
-        Parameters
-        ----------
-        with_map
-            The map of uncertainty in place of the points.
-        with_links
-            The paths by which the cameras were joined.
-        """
+        """The map of uncertainty in place of the points; the paths by which the cameras were joined."""
         shown = self.layers - {"map", "links"}
         self.set_layers(shown | ({"map"} if with_map else set()) | ({"links"} if with_links else set()))
 
@@ -159,24 +151,13 @@ class SceneView(QWidget):
         self.view_changed()
 
     def turn(self, right_px: float, down_px: float) -> None:
-        """Turn the view as the mouse was dragged.
-
-        Parameters
-        ----------
-        right_px, down_px
-            How far the mouse was dragged.
-        """
+        """Turn the view as the mouse was dragged."""
         self._set(self._view.turned(-DEG_PER_PX * right_px, DEG_PER_PX * down_px), settled=self._dragged is None)
 
     def come_closer(self, factor: float, at: QPointF | None = None) -> None:
         """Come closer or step back; the place under the mouse keeps its place.
 
-        Parameters
-        ----------
-        factor
-            By how much things are larger; below 1 one steps back.
-        at
-            The place of the widget that keeps its place; None: the middle.
+        `at` None: the middle.
         """
         off = QPointF(0, 0) if at is None else at - QPointF(self.width() / 2, self.height() / 2)
         self._set(self._view.closer(factor, off.x(), off.y()), settled=False)
@@ -333,25 +314,12 @@ class SceneView(QWidget):
             painter.drawRect(self.rect().adjusted(0, 0, -1, -1))
 
     def paint_rig(self, painter: QPainter, data: SceneData, eye: Eye) -> None:
-        """The rig itself.
-
-        Parameters
-        ----------
-        painter
-            Of the widget, or of a picture.
-        data
-            The scene.
-        eye
-            From where it is looked at.
-        """
+        """The rig itself."""
 
     def thumbnail(self, width: int, height: int) -> QImage:
         """The rig without names and legend, for a picture too small to read them.
 
-        Parameters
-        ----------
-        width, height
-            Size of the picture, px.
+        `width`, `height`: size of the picture, px.
         """
         image = QImage(width, height, QImage.Format.Format_RGB32)
         image.fill(QColor(theme.now().scene))

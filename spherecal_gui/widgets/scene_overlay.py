@@ -6,11 +6,11 @@ from PySide6.QtGui import QColor, QLinearGradient, QPainter, QPen, QPolygonF, QT
 from PySide6.QtWidgets import QWidget
 
 from spherecal.base.arrays import FloatArray
+from spherecal_documents.scene.eye import Eye
+from spherecal_documents.scene.model import AXIS_TINTS, SceneData, ramp
 from spherecal_gui import languages, theme
 from spherecal_gui.presenters.scene_hover import SceneItem
 from spherecal_gui.widgets.name_tags import place_tags
-from spherecal_scene.eye import Eye
-from spherecal_scene.model import AXIS_TINTS, SceneData, ramp
 
 _CUBE_PX = 30.0  # half of its side
 _CORNER = 2.05  # of its middle from the corner of the view, in half sides
@@ -54,20 +54,7 @@ class Overlay:
     ) -> None:
         """Everything, over the picture of the rig.
 
-        Parameters
-        ----------
-        painter
-            Of the view.
-        data
-            The scene.
-        eye
-            From where it is looked at.
-        layers
-            The layers that are shown, of `spherecal_scene.shapes.LAYERS`.
-        marked
-            Id of the worst camera; None: none does.
-        hovered
-            What is under the mouse; None: nothing.
+        `marked` None: none does; `hovered` None: nothing.
         """
         self._names(painter, data, eye, marked)
         self._scale(painter, data, eye)
@@ -213,15 +200,7 @@ class Overlay:
         return found
 
     def side_at(self, place: QPointF, eye: Eye) -> str | None:
-        """The side of the cube under the mouse; None: the mouse is beside it.
-
-        Parameters
-        ----------
-        place
-            The mouse, in the view's coordinates.
-        eye
-            From where the scene is looked at.
-        """
+        """The side of the cube under the mouse; None: the mouse is beside it."""
         faces = [face for face in self._faces(eye) if face[2] > 0.02]
         inside = [face for face in faces if face[1].containsPoint(place, Qt.FillRule.OddEvenFill)]
         return max(inside, key=lambda face: face[2])[0] if inside else None

@@ -8,14 +8,14 @@ from PySide6.QtWidgets import QFileDialog, QHBoxLayout, QMenu, QSplitter, QVBoxL
 
 from spherecal.base.errors import SpherecalError
 from spherecal.base.filesystem import write_whole
+from spherecal_documents.scene.model import SceneData
+from spherecal_documents.scene.shapes import SHOWN_AT_FIRST
 from spherecal_gui import theme
 from spherecal_gui.presenters.gltf import scene_glb
 from spherecal_gui.texts import error_text
 from spherecal_gui.widgets.basic import button
 from spherecal_gui.widgets.icons import give_icon, menu_icon
 from spherecal_gui.widgets.scene import make_scene_view
-from spherecal_scene.model import SceneData
-from spherecal_scene.shapes import SHOWN_AT_FIRST
 
 _MODEL = ".glb"
 _SHARE = 2 / 3  # of what a larger screen adds: the scene grows, lines of text need little more room

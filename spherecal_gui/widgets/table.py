@@ -64,12 +64,7 @@ class Table(QTableWidget):
     def fill(self, rows: Sequence[Sequence[tuple[str, Cell, str]]], sort_by: int | None = None) -> None:
         """Fill the table; the first cell names the row.
 
-        Parameters
-        ----------
-        rows
-            Cells of each row: text, value to sort by, level.
-        sort_by
-            The column of which the largest comes first; None: by the first column, the smallest first.
+        `sort_by` None: by the first column, the smallest first.
         """
         self.setSortingEnabled(False)
         self.setRowCount(len(rows))

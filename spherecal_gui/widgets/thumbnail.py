@@ -25,14 +25,7 @@ class Thumbnail(QWidget):
     def show_image(self, image: np.ndarray, bits: int, taken_s: float) -> None:
         """Show an image, unless it is shown already.
 
-        Parameters
-        ----------
-        image
-            Grey values (height, width).
-        bits
-            Bits of a grey value.
-        taken_s
-            When it was taken, by which it is known again.
+        `image`: grey values (height, width).
         """
         if taken_s == self._shown_s:
             return

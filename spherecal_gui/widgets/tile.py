@@ -26,14 +26,7 @@ _WIDTH_PX = 640  # of a shown image at most: a stride of whole pixels costs a te
 def shown_image(image: np.ndarray, bits: int, width: int) -> QImage:
     """A grey image as Qt draws it, thinned out to about this width; the memory is its own.
 
-    Parameters
-    ----------
-    image
-        Grey values (height, width).
-    bits
-        Bits of a grey value; the eight highest are shown.
-    width
-        About how many columns to keep.
+    `image`: grey values (height, width).
     """
     step = max(1, image.shape[1] // max(width, 1))
     small = image[::step, ::step]
@@ -98,14 +91,7 @@ class CameraTile(QWidget):
     def show_image(self, image: np.ndarray, bits: int, taken_s: float) -> None:
         """Show a newer image.
 
-        Parameters
-        ----------
-        image
-            Grey values (height, width).
-        bits
-            Bits of a grey value.
-        taken_s
-            When it was taken, by which it is known again.
+        `image`: grey values (height, width).
         """
         if taken_s == self._shown:
             return
@@ -118,12 +104,7 @@ class CameraTile(QWidget):
     def show_state(self, state: TileState, dots: np.ndarray) -> None:
         """Show the state and the dots.
 
-        Parameters
-        ----------
-        state
-            The tile's words and level.
-        dots
-            Where the dots are (n, 2), px of the image.
+        `dots`: where the dots are (n, 2), px of the image.
         """
         if state != self._state or len(dots) != len(self._dots):
             self.setAccessibleName(f"{state.name}: {state.word}")
@@ -141,12 +122,7 @@ class CameraTile(QWidget):
     def show_ghost(self, drawn: "Drawn | None", near: bool) -> None:
         """Show where the ball should go and where it is.
 
-        Parameters
-        ----------
-        drawn
-            Both as this camera sees them; None: neither.
-        near
-            Whether it is where it should go.
+        `drawn` None: neither.
         """
         if drawn is not self._ghost or near != self._near:
             self._ghost, self._near = drawn, near
@@ -155,14 +131,7 @@ class CameraTile(QWidget):
     def show_coverage(self, before: np.ndarray | None, now: np.ndarray | None, need: str = "") -> None:
         """Lay the cells that are covered over the image.
 
-        Parameters
-        ----------
-        before
-            Dots in the cells (10, 10), of the placements taken; None: not shown.
-        now
-            The same, of this placement.
-        need
-            What the camera needs, in words; empty: nothing.
+        `before`: dots in the cells (10, 10), of the placements taken; None: not shown.
         """
         same = need == self._need and all(
             one is other or (one is not None and other is not None and np.array_equal(one, other))
@@ -398,13 +367,7 @@ class CameraTile(QWidget):
             self.renamed.emit(self.serial, name)
 
     def eventFilter(self, watched: QObject, event: QEvent) -> bool:
-        """Escape leaves the name as it was; no key that is typed there means anything to the page.
-
-        Parameters
-        ----------
-        watched, event
-            The field of the name and what happens to it, as Qt passes them.
-        """
+        """Escape leaves the name as it was; no key that is typed there means anything to the page."""
         pressed = isinstance(event, QKeyEvent) and event.type() == QEvent.Type.KeyPress and watched is self._editor
         ends = (Qt.Key.Key_Escape, Qt.Key.Key_Return, Qt.Key.Key_Enter)
         if pressed and isinstance(event, QKeyEvent) and event.key() in ends:

@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING
 from PySide6.QtCore import Qt
 from PySide6.QtWidgets import QHBoxLayout, QSplitter, QTabWidget, QWidget
 
+from spherecal_documents.scene.model import SceneData
 from spherecal_gui import theme
 from spherecal_gui.presenters.bars import (
     budget_cells,
@@ -20,7 +21,6 @@ from spherecal_gui.widgets.basic import Card, label
 from spherecal_gui.widgets.charts import ErrorChart
 from spherecal_gui.widgets.scene_panel import ScenePanel
 from spherecal_gui.widgets.table import Table
-from spherecal_scene.model import SceneData
 
 if TYPE_CHECKING:  # imports scipy
     from spherecal.verify.verification_file import BarReport
@@ -92,15 +92,7 @@ class VerificationView(QSplitter):
         self.panel.show_scene(data)
 
     def show_bars(self, bars: "BarReport", stale: bool) -> None:
-        """Show a verification.
-
-        Parameters
-        ----------
-        bars
-            The verification.
-        stale
-            Whether it is out of date.
-        """
+        """Show a verification."""
         verdict = bar_verdict(bars)
         word = "  ".join([verdict.word, self.tr("(out of date)")]) if stale else verdict.word
         self.words: tuple[str, Level] = (word, "caution" if stale else verdict.level)

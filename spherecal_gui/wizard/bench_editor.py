@@ -27,17 +27,7 @@ def _holds(controller: Controller) -> str:
 
 
 def show_bench(controller: Controller, projects: Path, window: QWidget) -> "BenchDialog":
-    """The editor with what is on the bench now, as far as it is known.
-
-    Parameters
-    ----------
-    controller
-        Takes over the bench that is saved.
-    projects
-        The folder of the projects, where the bench is kept while none is open.
-    window
-        Over which the editor is shown.
-    """
+    """The editor with what is on the bench now, as far as it is known."""
     from spherecal_gui.pages.bench_dialog import BenchDialog  # needs scipy, as the next
     from spherecal_gui.tasks.bench_desk import BenchDesk
 

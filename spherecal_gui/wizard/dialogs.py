@@ -11,7 +11,7 @@ from PySide6.QtWidgets import QDialog, QMessageBox, QTextBrowser, QVBoxLayout, Q
 
 import spherecal
 from spherecal.base.resources import resource_path
-from spherecal.support.licences import LGPL_NOTE, parts
+from spherecal_documents.support.licences import LGPL_NOTE, parts
 from spherecal_gui import languages
 from spherecal_gui.tasks.driver_question import DriverQuestion
 from spherecal_gui.widgets.basic import plain
@@ -20,15 +20,7 @@ translate = QCoreApplication.translate
 
 
 def help_dialog(kind: str, parent: QWidget) -> QDialog:
-    """Help for a kind of step, offline, in the language in use.
-
-    Parameters
-    ----------
-    kind
-        Of the step, or `start` for the start page.
-    parent
-        Over which it is shown.
-    """
+    """Help for a kind of step, offline, in the language in use."""
     missing = translate("Help", "There is no help for this step.")
     path = resource_path("help", languages.now(), f"{kind}.html")
     if not path.is_file():
@@ -40,14 +32,7 @@ def help_dialog(kind: str, parent: QWidget) -> QDialog:
 def text_dialog(title: str, html: str, parent: QWidget, folder: Path | None = None) -> QDialog:
     """A dialog with a text to read, which is shown.
 
-    Parameters
-    ----------
-    title, html
-        Its title and its text.
-    parent
-        Over which it is shown.
-    folder
-        Where the pictures are that the text names; None for a text without pictures.
+    `folder` None for a text without pictures.
     """
     dialog = QDialog(parent)
     dialog.setWindowTitle(title)
@@ -64,15 +49,7 @@ def text_dialog(title: str, html: str, parent: QWidget, folder: Path | None = No
 
 
 def driver_dialog(question: DriverQuestion, parent: QWidget) -> QDialog:
-    """The dialog that asks whether a driver may be loaded, which is shown; closing it is a no.
-
-    Parameters
-    ----------
-    question
-        Gets the answer.
-    parent
-        Over which it is shown.
-    """
+    """The dialog that asks whether a driver may be loaded, which is shown; closing it is a no."""
     box = QMessageBox(parent)
     box.setAttribute(Qt.WidgetAttribute.WA_DeleteOnClose)
     box.setIcon(QMessageBox.Icon.Question)
@@ -95,17 +72,7 @@ def driver_dialog(question: DriverQuestion, parent: QWidget) -> QDialog:
 
 
 def bundle_dialog(files: int, contents: str, parent: QWidget) -> QDialog:
-    """The dialog that says what a support bundle would hold, before it is written; accepted where somebody wants it.
-
-    Parameters
-    ----------
-    files
-        How many there are.
-    contents
-        What they are, a line each; the first one is shown without unfolding.
-    parent
-        Over which it is shown.
-    """
+    """The dialog that says what a support bundle would hold, before it is written; accepted where somebody wants it."""
     box = QMessageBox(parent)
     box.setAttribute(Qt.WidgetAttribute.WA_DeleteOnClose)
     box.setIcon(QMessageBox.Icon.Question)

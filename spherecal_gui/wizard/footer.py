@@ -53,16 +53,7 @@ class Footer(QFrame):
     def show_action(self, action: PageAction | None, state: WorkflowState, running: bool, standing: Standing) -> None:
         """Show what can be done, what comes next, and why not.
 
-        Parameters
-        ----------
-        action
-            What the page's large button does; None where it has none.
-        state
-            The workflow's: what comes next, and whether it is open.
-        running
-            Whether work runs.
-        standing
-            The page's: which button is the one to press.
+        `action` None where it has none.
         """
         had_focus = QApplication.focusWidget() in (self.action, self.next, self.back, self.window(), None)
         self.action.setVisible(action is not None and not (action.done and not action.enabled))

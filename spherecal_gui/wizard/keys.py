@@ -66,15 +66,7 @@ class Keys(QObject):
             handle.installEventFilter(self)
 
     def eventFilter(self, watched: QObject, event: QEvent) -> bool:
-        """Whether the key goes no further.
-
-        Parameters
-        ----------
-        watched
-            The platform's window.
-        event
-            What Qt would hand to the widget with the focus.
-        """
+        """Whether the key goes no further."""
         if event.type() != QEvent.Type.KeyPress or not isinstance(event, QKeyEvent):
             return False
         focus = self._window.focusWidget() or self._window  # to which Qt would hand it

@@ -16,15 +16,7 @@ translate = QCoreApplication.translate
 
 
 def take_over_limits(controller: Controller, banner: Banner) -> None:
-    """Use the limits that are kept; where their file is damaged it is said.
-
-    Parameters
-    ----------
-    controller
-        Whose log notes it.
-    banner
-        Where it is said.
-    """
+    """Use the limits that are kept; where their file is damaged it is said."""
     damaged = load_limits()
     if damaged:
         controller.note(damaged)
@@ -32,19 +24,7 @@ def take_over_limits(controller: Controller, banner: Banner) -> None:
 
 
 def show_limits(controller: Controller, projects: Path, window: QWidget, redraw: Callable[[], None]) -> LimitsDialog:
-    """The dialog with the limits, which is shown.
-
-    Parameters
-    ----------
-    controller
-        Whose log notes what was changed, and whose project names the profile.
-    projects
-        The folder of the projects, which holds the profile that is shown while none is open.
-    window
-        Over which it is shown.
-    redraw
-        Is called when limits were changed.
-    """
+    """The dialog with the limits, which is shown."""
 
     def changed(lines: list[str]) -> None:
         for line in lines:

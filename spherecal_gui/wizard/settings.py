@@ -17,47 +17,19 @@ class WindowSettings:
             self._kept = QSettings(QSettings.Format.IniFormat, QSettings.Scope.UserScope, "spherecal", "wizard")
 
     def flag(self, name: str, default: bool = False) -> bool:
-        """A yes or no.
-
-        Parameters
-        ----------
-        name
-            Of the entry.
-        default
-            What holds where there is none.
-        """
+        """A yes or no."""
         return str(self._kept.value(name, default)).lower() == "true"
 
     def set_flag(self, name: str, value: bool) -> None:
-        """Remember a yes or no.
-
-        Parameters
-        ----------
-        name, value
-            Of the entry.
-        """
+        """Remember a yes or no."""
         self._kept.setValue(name, value)
 
     def text(self, name: str, default: str = "") -> str:
-        """A text.
-
-        Parameters
-        ----------
-        name
-            Of the entry.
-        default
-            What holds where there is none.
-        """
+        """A text."""
         return str(self._kept.value(name, default))
 
     def set_text(self, name: str, value: str) -> None:
-        """Remember a text.
-
-        Parameters
-        ----------
-        name, value
-            Of the entry.
-        """
+        """Remember a text."""
         self._kept.setValue(name, value)
 
     def has(self, name: str) -> bool:

@@ -130,15 +130,7 @@ class WizardWindow(WindowFrame):
         self._try(lambda: self.controller.new_project(source, self.projects, bench))
 
     def new_board_project(self, board: dict[str, object], source: str = "genicam") -> None:
-        """A new calibration with a board in place of the ball.
-
-        Parameters
-        ----------
-        board
-            As session.json has it.
-        source
-            Where the images come from, as for `new_project`.
-        """
+        """A new calibration with a board in place of the ball."""
         self._try(lambda: self.controller.new_project(source, self.projects, str(write_bench(self.projects, board))))
 
     def new_check(self, like: str) -> None:

@@ -54,12 +54,8 @@ class Free:
 class Rigid:
     """The ball keeps its shape: X = R_t S + T_t.
 
-    Attributes
-    ----------
-    placement
-        Pose of the ball at each observation, (n,).
-    free_placement
-        Which of the poses are estimated, (t,); the others are the world itself.
+    `placement`: pose of the ball at each observation, (n,); `free_placement`: which of the poses are estimated, (t,);
+    the others are the world itself.
     """
 
     placement: IntArray
@@ -88,15 +84,9 @@ class Rigid:
 class Deformable:
     """The ball keeps its shape but for some shape noise of its dots: X = R_t S + T_t + e (see `deformable`).
 
-    Attributes
-    ----------
-    placement, free_placement
-        As of Rigid.
-    place
-        The feature (dot at a placement) that each observation shows, (n,).
-    shape_sd
-        Standard deviation of e per coordinate of each feature (f,), in the network's unit and for a standard deviation
-        of unit weight of 1. 0 is a rigid place.
+    `placement, free_placement`: as of Rigid; `place`: the feature (dot at a placement) that each observation shows,
+    (n,); `shape_sd`: standard deviation of e per coordinate of each feature (f,), in the network's unit and for a
+    standard deviation of unit weight of 1. 0 is a rigid place.
     """
 
     placement: IntArray
@@ -117,13 +107,8 @@ class Deformable:
 class ShapePrior:
     """The ball's shape, known from an earlier calibration.
 
-    Attributes
-    ----------
-    places
-        Where the dots are in the ball's frame, (p,3).
-    information
-        Inverses of their covariances (p,3,3), for a standard deviation of unit weight of 1; zeros where nothing is
-        known of a point.
+    `places`: where the dots are in the ball's frame, (p,3); `information`: inverses of their covariances (p,3,3), for a
+    standard deviation of unit weight of 1; zeros where nothing is known of a point.
     """
 
     places: FloatArray
@@ -144,12 +129,8 @@ class ShapePrior:
 class Stored:
     """The ball keeps a shape that is stored (a ball profile): its dots are observations of the shape.
 
-    Attributes
-    ----------
-    placement, free_placement
-        As of Rigid; all placements but the first, the world itself, are free.
-    shape
-        The stored shape.
+    `placement, free_placement`: as of Rigid; all placements but the first, the world itself, are free; `shape`: the
+    stored shape.
     """
 
     placement: IntArray

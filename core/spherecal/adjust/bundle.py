@@ -71,12 +71,7 @@ class Adjustment:
 def usable_features(network: Network, state: State, candidates: BoolArray) -> tuple[FloatArray, BoolArray]:
     """Triangulated points (m,3) and which of them may enter an adjustment: in front, well conditioned, no gross error.
 
-    Parameters
-    ----------
-    network, state
-        The network, and its values.
-    candidates
-        Observations to locate points from, (n,).
+    `candidates`: observations to locate points from, (n,).
     """
     triangulated = network.triangulated(state, candidates)
     good = triangulated.in_front & (triangulated.max_angle_rad >= MIN_ANGLE_RAD)
@@ -110,16 +105,7 @@ def robust_adjustment(
 
     Points that are NaN take no part; they are 0 in the result.
 
-    Parameters
-    ----------
-    network, state
-        The network, and its values.
-    candidates, placed
-        Observations to use (n,), and cameras that have a pose (c,).
-    step
-        What is estimated, and how long.
-    context
-        For progress, and to stop.
+    `candidates`, `placed`: observations to use (n,), and cameras that have a pose (c,).
     """
     good = np.isfinite(state.points[:, 0])
     used = candidates & good[network.feature]
@@ -161,16 +147,7 @@ def robust_start(
 ) -> tuple[State, BoolArray]:
     """A network near its minimum from a rough start, by robust adjustments, and the observations (n,) that fit it.
 
-    Parameters
-    ----------
-    network, state
-        The network, and its values.
-    points
-        Start values (m,3), NaN where unknown; None to triangulate.
-    candidates, placed
-        Observations to start with (n,), and cameras that have a pose (c,).
-    context
-        For progress, and to stop.
+    `points`: start values (m,3), NaN where unknown; None to triangulate.
     """
     state = triangulated(network, state, candidates) if points is None else replace(state, points=points)
     for names in ((), START_INTRINSICS, None):
@@ -182,12 +159,7 @@ def robust_start(
 def triangulated(network: Network, state: State, candidates: BoolArray) -> State:
     """The state with the points that may enter an adjustment (`usable_features`), NaN for the others.
 
-    Parameters
-    ----------
-    network, state
-        The network, and its values.
-    candidates
-        Observations to locate points from, (n,).
+    `candidates`: observations to locate points from, (n,).
     """
     points, good = usable_features(network, state, candidates)
     return replace(state, points=np.where(good[:, None], points, np.nan))
@@ -204,15 +176,6 @@ def adjust(
     """The least-squares network from a start (see `robust_start`), every observation with its own weight.
 
     All observations of placed cameras are judged again by the gate.
-
-    Parameters
-    ----------
-    network, state
-        The network, and its values.
-    points, candidates, placed
-        As of `robust_start`.
-    context
-        For progress, and to stop.
     """
     state, used = robust_start(network, state, points, candidates, placed, context)
     return refine(network, state, used, placed, context)
@@ -221,19 +184,7 @@ def adjust(
 def refine(network: Network, state: State, used: BoolArray, placed: BoolArray, context: Context) -> Adjustment:
     """Gate and plain least squares in turns until the gate changes nothing, from a good start.
 
-    Parameters
-    ----------
-    network, state
-        The network, and its values; points NaN where unknown.
-    used, placed
-        Observations to begin with (n,), and cameras that have a pose (c,).
-    context
-        For progress, and to stop.
-
-    Returns
-    -------
-    Adjustment
-        Its `used` are the observations that the last round kept.
+    `used`, `placed`: observations to begin with (n,), and cameras that have a pose (c,).
     """
     rounds = 0
     while True:
@@ -312,14 +263,7 @@ def gate_px(network: Network, size: FloatArray, placed: BoolArray, used: BoolArr
 
     The gate is wider for a camera that is noisier than the rest, so that a blurred camera is not thrown away.
 
-    Parameters
-    ----------
-    network
-        The network.
-    size
-        How far each observation is from its prediction (n,) px, see `residual_size`.
-    placed, used
-        Cameras that have a pose (c,), and observations by which the noise is judged (n,).
+    `placed`, `used` (c,).
     """
     noise = np.full(len(network.group), np.nan)
     overall = _noise(size[used])
@@ -353,13 +297,7 @@ def _noise(size: FloatArray) -> float:
 
 
 def residual_size(network: Network, state: State) -> FloatArray:
-    """Lengths of the residuals (n,) px, infinite where there is no prediction in front of the camera.
-
-    Parameters
-    ----------
-    network, state
-        The network, and its values.
-    """
+    """Lengths of the residuals (n,) px, infinite where there is no prediction in front of the camera."""
     out = np.empty(len(network.uv))
     for rows in blocks(len(out)):
         out[rows] = _residual_size(network.only(rows), state)

@@ -92,17 +92,8 @@ class Covariance:
     def by_scores(self, functional: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Linear functions of all cameras' parameters as functions of the scores of columns and points.
 
-        Parameters
-        ----------
-        functional
-            The functions, (m, c*w).
-
-        Returns
-        -------
-        by_column
-            Factors (e,m) of the columns' scores, each of which must hold what the points add to it as they follow.
-        points, factors
-            (3p,g) and (g,m), whose product multiplies the points' scores.
+        Returns by_column Factors (e,m) of the columns' scores, each of which must hold what the points add to it as
+        they follow. points, factors (3p,g) and (g,m), whose product multiplies the points' scores.
         """
         parts = self._parts
         taken = (
@@ -115,18 +106,7 @@ class Covariance:
 def covariance(problem: Problem, state: State, places: Places | None = None) -> Covariance | None:
     """Cofactors of cameras and features at the minimum; None where the network is singular or observes nothing.
 
-    Parameters
-    ----------
-    problem, state
-        The adjustment and its minimum.
-    places
-        The features' places on a ball that keeps its shape, of which one placement at least is the world (locked);
-        None in the free form.
-
-    Raises
-    ------
-    ValueError
-        Where places are missing, or given in the free form.
+    `places` None in the free form.
     """
     if isinstance(problem.ball, Free) != (places is None):
         raise ValueError("the rigid form, and only it, needs the features' places")
@@ -144,13 +124,7 @@ def covariance(problem: Problem, state: State, places: Places | None = None) -> 
 
 
 def camera_cofactors(problem: Problem, state: State, places: Places | None) -> FloatArray | None:
-    """Cofactors of all cameras' parameters alone (c*w, c*w), for planning; None where the network is singular.
-
-    Parameters
-    ----------
-    problem, state, places
-        As of `covariance`.
-    """
+    """Cofactors of all cameras' parameters alone (c*w, c*w), for planning; None where the network is singular."""
     with one_blas_thread():
         found = _factors(problem, state, places)
         return None if found is None else Covariance(np.zeros(0), np.zeros(0), None, found[1], found[0]).all_cameras()

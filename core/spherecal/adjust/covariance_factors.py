@@ -23,18 +23,9 @@ from spherecal.base.arrays import FloatArray, IntArray
 class Inverted:
     """An adjusted network before the S-transformation.
 
-    Attributes
-    ----------
-    problem, linear
-        The problem and its linearisation at the solution.
-    inverse
-        A generalised inverse of the reduced matrix by the expanded columns, (e,e).
-    point_inverse
-        V^-1 of the points, (p,3,3).
-    motions
-        What the datum takes back.
-    condition
-        Condition number of the reduced matrix.
+    `problem, linear`: the problem and its linearisation at the solution; `inverse`: a generalised inverse of the
+    reduced matrix by the expanded columns, (e,e); `point_inverse`: V^-1 of the points, (p,3,3); `motions`: what the
+    datum takes back; `condition`: condition number of the reduced matrix.
     """
 
     problem: Problem
@@ -49,24 +40,13 @@ class Inverted:
 class CovarianceFactors(ABC):
     """Pieces of the S-transformation; e expanded columns, g datum parameters, p noise sources, f features.
 
-    Attributes
-    ----------
-    problem, linear, inverse
-        See Inverted.
-    places
-        Of which point each feature is on a ball that keeps its shape; None in the free form.
-    rotation, lever_arm
-        How placements carry the features' points, (f,3,3) and (f,3), see `carried_dots`.
-    point_inverse
-        Cofactors of the sources of noise beside the columns, (p,3,3): the points' V^-1, and on a deformable ball Q.
-    gauge_columns, gauge_places
-        The datum's motions of the columns (e,g) and of the features' places (f,3,g).
-    datum_points, datum_columns
-        The same as conditions on the sources of noise (p,3,g) and on the columns (e,g).
-    moments
-        (sum G'G)^-1, (g,g).
-    spread
-        Distance from the centroid at which turns and stretch move a point by 1.
+    `problem, linear, inverse`: see Inverted; `places`: of which point each feature is on a ball that keeps its shape;
+    None in the free form; `rotation, lever_arm`: how placements carry the features' points, (f,3,3) and (f,3), see
+    `carried_dots`; `point_inverse`: cofactors of the sources of noise beside the columns, (p,3,3): the points' V^-1,
+    and on a deformable ball Q; `gauge_columns, gauge_places`: the datum's motions of the columns (e,g) and of the
+    features' places (f,3,g); `datum_points, datum_columns`: the same as conditions on the sources of noise (p,3,g) and
+    on the columns (e,g); `moments`: (sum G'G)^-1, (g,g); `spread`: distance from the centroid at which turns and
+    stretch move a point by 1.
     """
 
     problem: Problem
@@ -136,14 +116,8 @@ class CovarianceFactors(ABC):
     def take_back(self, cofactors: FloatArray, gauge_cross: FloatArray, gauge_weights: FloatArray) -> None:
         """Transform cofactors (f,3,3) of places to the datum, in place.
 
-        Parameters
-        ----------
-        cofactors
-            Before the S-transformation, (f,3,3); overwritten.
-        gauge_cross
-            Cofactors of the same places with the datum's conditions, (f,3,g).
-        gauge_weights
-            G M of the places, (f,3,g).
+        `gauge_cross`: cofactors of the same places with the datum's conditions, (f,3,g); `gauge_weights`: G M of the
+        places, (f,3,g).
         """
         if self.moments.size:
             cross = gauge_cross @ gauge_weights.transpose(0, 2, 1)
@@ -160,17 +134,7 @@ def moments_of(places: FloatArray) -> FloatArray:
 def generalised_inverse(matrix: FloatArray, gauge: FloatArray) -> tuple[FloatArray, float]:
     """A generalised inverse (d,d) of a matrix whose null space is known, and its condition number.
 
-    Parameters
-    ----------
-    matrix
-        The matrix, (d,d), symmetric.
-    gauge
-        Vectors that span its null space, (d,g).
-
-    Raises
-    ------
-    LinAlgError
-        Where the null space is larger.
+    `gauge`: vectors that span its null space, (d,g).
     """
     scale = 1.0 / np.sqrt(matrix.diagonal())
     scaled = matrix * scale[:, None]

@@ -27,12 +27,7 @@ class Places:
 def carried_dots(state: State, places: Places | None) -> tuple[FloatArray, FloatArray]:
     """Rotation (f,3,3) of each feature's point, and the rotated point (f,3); empty in the free form.
 
-    Parameters
-    ----------
-    state
-        The values of the unknowns.
-    places
-        Which point at which placement each feature is; None in the free form.
+    `places` None in the free form.
     """
     if places is None:
         return np.zeros((0, 3, 3)), np.zeros((0, 3))
@@ -60,12 +55,7 @@ def datum_motions(problem: Problem, state: State, places: Places | None = None) 
     One locked camera leaves the stretch about its centre, two or more leave nothing. A known length makes the stretch
     seen.
 
-    Parameters
-    ----------
-    problem, state
-        The adjustment, and its minimum.
-    places
-        The features on a ball that keeps its shape; None in the free form.
+    `places` None in the free form.
     """
     locked = np.flatnonzero((np.bincount(problem.camera, minlength=problem.n_cameras) > 0) & ~problem.free_pose)
     seen = np.diff(problem.point_start) > 0
@@ -93,12 +83,7 @@ def datum_motions(problem: Problem, state: State, places: Places | None = None) 
 def moved_points(at: FloatArray, centroid: FloatArray, spread: float) -> FloatArray:
     """How points (m,3) move, (m,3,7).
 
-    Parameters
-    ----------
-    at
-        Points (m,3).
-    centroid, spread
-        Centre (3,) of turns and stretch, and the distance from it at which they move a point by 1.
+    `centroid`, `spread` (3,).
     """
     out = np.zeros((len(at), 3, 7))
     out[:, :, :3] = np.eye(3)
@@ -112,12 +97,7 @@ def moved_cameras(problem: Problem, state: State, centroid: FloatArray, spread: 
 
     Those without a pose do not: one NaN would spread to every function of all cameras.
 
-    Parameters
-    ----------
-    problem, state
-        The adjustment, and the values of its unknowns.
-    centroid, spread
-        Centre (3,) of turns and stretch, and the distance from it at which they move a point by 1.
+    `centroid`, `spread` (3,).
     """
     cameras = np.zeros((problem.n_cameras, POSE + len(problem.intrinsic_columns), 7))
     rotation = state.rotation

@@ -61,13 +61,7 @@ class ShapeNoise:
 
 
 def shape_noise_of(problem: Problem, linear: Linear) -> ShapeNoise:
-    """The shape noise of a deformable ball's places at a linearisation; no groups for any other ball.
-
-    Parameters
-    ----------
-    problem, linear
-        The adjustment and its linearisation.
-    """
+    """The shape noise of a deformable ball's places at a linearisation; no groups for any other ball."""
     if not isinstance(problem.ball, Deformable):
         none, matrices = np.zeros(0, dtype=np.int64), np.zeros((0, 3, 3))
         return ShapeNoise(problem, linear, none, none, none, none, none, matrices, matrices, matrices)
@@ -101,12 +95,7 @@ def _summed(values: FloatArray, start: IntArray) -> FloatArray:
 def shape_noise_matrices(normal: FloatArray, shape_sd: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Q = tau^2 (I + tau^2 V)^-1 and I - Q V = (I + tau^2 V)^-1, (g,3,3) each.
 
-    Parameters
-    ----------
-    normal
-        V of each place, (g,3,3).
-    shape_sd
-        tau of each place, (g,).
+    `shape_sd`: tau of each place, (g,).
     """
     variance = (shape_sd**2)[:, None, None]
     p = np.linalg.inv(np.eye(3) + variance * normal)
@@ -115,13 +104,7 @@ def shape_noise_matrices(normal: FloatArray, shape_sd: FloatArray) -> tuple[Floa
 
 
 def left_over(problem: Problem, state: State) -> tuple[FloatArray, FloatArray]:
-    """Residuals (n,2) that the shape noise leaves; how much of each observation's rows its own point absorbs (n,).
-
-    Parameters
-    ----------
-    problem, state
-        The adjustment of a deformable ball, and the values of its unknowns.
-    """
+    """Residuals (n,2) that the shape noise leaves; how much of each observation's rows its own point absorbs (n,)."""
     linear = engine.linearise(problem, state, None)
     shape = shape_noise_of(problem, linear)
     off = np.einsum("gij,gj->gi", shape.q, shape.pulled(linear.residual))

@@ -81,15 +81,7 @@ class DeformableFactors(CovarianceFactors):
 
 
 def deformable_factors(inverted: Inverted, state: State, places: Places) -> DeformableFactors:
-    """The factors of a network with a deformable ball, whose features are at `places`.
-
-    Parameters
-    ----------
-    inverted, state
-        The adjusted network before the S-transformation, and its minimum.
-    places
-        Which dot at which placement each feature is.
-    """
+    """The factors of a network with a deformable ball, whose features are at `places`."""
     problem, motions, dot_inverse = inverted.problem, inverted.motions, inverted.point_inverse
     linear = inverted.linear.at(slice(None))
     shape = shape_noise_of(problem, linear)

@@ -98,27 +98,10 @@ def eliminate_places(
 ):
     """Add the dots of a deformable ball, in the given order, to the reduced system; as `eliminate_points`.
 
-    Parameters
-    ----------
-    points, begins, ends
-        The dots (m,), and the first row of each and its end, (m,).
-    camera, placement, n_cameras
-        Camera and placement of each row (k,), and the number of cameras.
-    kept_block
-        Block of each dot that stays in the reduced system, -1 for the others, (p,).
-    of_row, shape_sd
-        The place that each row shows (k,), and tau of each place.
-    residual, by_camera, by_point, by_placement
-        Weighted residuals (k,2) and derivatives (k,2,w), (k,2,3), (k,2,6) of the rows.
-    offset, width, lens
-        First column and number of columns of each block (b,), and the block of each camera's shared lens, -1 for none
-        (c,).
-    damping
-        Marquardt's factor for the diagonals of the dots.
-    matrix, gradient, diagonal, square
-        The reduced system, added to: see `eliminate_points`.
-    inverse, point_gradient
-        What is known of the dots on entry, inverses of their damped V and gradients on return, (p,3,3) and (p,3).
+    `points`, `begins`, `ends`: the dots (m,), and the first row of each and its end, (m,); `camera`, `placement`,
+    `n_cameras`: camera and placement of each row (k,), and the number of cameras; `kept_block` (p,); `of_row`,
+    `shape_sd`: the place that each row shows (k,), and tau of each place; `residual`, `by_camera`, `by_point`,
+    `by_placement` (k,2); `offset`, `width`, `lens` (b,); `inverse`, `point_gradient` (p,3,3).
     """
     n_all = len(offset)
     place, place_in_own = np.full(n_all, -1), np.full(n_all, -1)
@@ -313,26 +296,12 @@ def substitute_places(
 
     As `substitute_points`, with what the shape noise of the places takes off the squares.
 
-    Parameters
-    ----------
-    points, begins, ends
-        The dots (m,), and the first row of each and its end, (m,).
-    camera, placement, n_cameras
-        Camera and placement of each row (k,), and the number of cameras.
-    is_kept
-        Which dots are in the reduced system, (p,).
-    of_row, shape_sd
-        The place that each row shows (k,), and tau of each place.
-    residual, by_camera, by_point, by_placement
-        Weighted residuals (k,2) and derivatives (k,2,w), (k,2,3), (k,2,6) of the rows.
-    offset
-        First column of each block, (b,).
-    inverse, point_gradient
-        What the elimination left of the dots, (p,3,3) and (p,3).
-    step, point_step
-        Step of the reduced system (e,); output: that of the dots (p,3), which holds the steps of kept dots on entry.
-    squares
-        Sum of squares so far.
+    `points`, `begins`, `ends`: the dots (m,), and the first row of each and its end, (m,); `camera`, `placement`,
+    `n_cameras`: camera and placement of each row (k,), and the number of cameras; `is_kept`: which dots are in the
+    reduced system, (p,); `of_row`, `shape_sd`: the place that each row shows (k,), and tau of each place; `residual`,
+    `by_camera`, `by_point`, `by_placement` (k,2); `offset`: first column of each block, (b,); `inverse`,
+    `point_gradient`: what the elimination left of the dots, (p,3,3) and (p,3); `step`, `point_step`: step of the
+    reduced system (e,).
     """
     change = np.empty((_most_rows(begins, ends), 2))
     q, p, g = np.empty((3, 3)), np.empty((3, 3)), np.empty(3)

@@ -30,16 +30,7 @@ def is_dense(problem: Problem) -> bool:
 def eliminate(problem: Problem, linear: Linear, damping: float, points: IntArray, reduced: Reduced) -> None:
     """Add the observations of some points, which are eliminated, to the reduced system's upper triangle.
 
-    Parameters
-    ----------
-    problem, linear
-        The adjustment and its linearisation.
-    damping
-        Marquardt's factor for the points' diagonals.
-    points
-        The points, (m,).
-    reduced
-        The reduced system so far, added to.
+    `points`: the points, (m,).
     """
     layout = problem.layout
     for first in range(0, len(points), _CHUNK):

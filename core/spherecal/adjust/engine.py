@@ -23,13 +23,7 @@ from spherecal.geometry.fisheye import AXIS_R2
 
 
 def residuals(problem: Problem, state: State) -> FloatArray:
-    """Weighted residuals, predicted minus observed over sigma, (n,2).
-
-    Parameters
-    ----------
-    problem, state
-        The adjustment, and the values of its unknowns.
-    """
+    """Weighted residuals, predicted minus observed over sigma, (n,2)."""
     out = np.empty_like(problem.uv)
     _residuals(
         problem.camera,
@@ -51,12 +45,7 @@ def residuals(problem: Problem, state: State) -> FloatArray:
 def linearise(problem: Problem, state: State, robust_weight: FloatArray | None) -> Linearisation:
     """Residuals and derivatives at a state.
 
-    Parameters
-    ----------
-    problem, state
-        The adjustment, and where to linearise.
-    robust_weight
-        Multiplies the rows of each observation, (n,); None for 1.
+    `robust_weight`: multiplies the rows of each observation, (n,); None for 1.
     """
     n, width = len(problem.uv), POSE + len(problem.intrinsic_columns)
     weight = problem.weight if robust_weight is None else problem.weight * robust_weight[:, None]
@@ -88,13 +77,7 @@ def linearise(problem: Problem, state: State, robust_weight: FloatArray | None) 
 
 
 def linear_model(problem: Problem, state: State, robust_weight: FloatArray | None) -> Linear:
-    """What `reduce` and `back_substitute` work with: the linearisation, of large problems computed block by block.
-
-    Parameters
-    ----------
-    problem, state, robust_weight
-        As of `linearise`.
-    """
+    """What `reduce` and `back_substitute` work with: the linearisation, of large problems computed block by block."""
     return linear.linear_model(problem, state, robust_weight, linearise)
 
 
@@ -103,14 +86,7 @@ def reduce(problem: Problem, linear: Linear, damping: float, known: PointEquatio
 
     The columns of intrinsics that cameras share are those of the first of these cameras.
 
-    Parameters
-    ----------
-    problem, linear
-        The adjustment and its linearisation.
-    damping
-        Marquardt's factor for the points' diagonals.
-    known
-        Equations of the points themselves, beside their observations; None without any.
+    `known` None without any.
     """
     layout = problem.layout
     matrix = np.zeros((layout.expanded, layout.expanded))
@@ -166,15 +142,7 @@ def _lenses(layout: Layout, n_cameras: int) -> tuple[IntArray, IntArray, IntArra
 
 
 def back_substitute(problem: Problem, linear: Linear, reduced: Reduced, step: FloatArray) -> tuple[FloatArray, float]:
-    """The step of the eliminated points (p,3) for an expanded step (e,), and the linear model's cost after it.
-
-    Parameters
-    ----------
-    problem, linear, reduced
-        The adjustment, its linearisation and what `reduce` made of it.
-    step
-        Step of the reduced system in the expanded layout, (e,).
-    """
+    """The step of the eliminated points (p,3) for an expanded step (e,), and the linear model's cost after it."""
     layout = problem.layout
     point_step = np.zeros((problem.n_points, 3))
     kept = problem.kept_points

@@ -46,16 +46,7 @@ def with_intrinsic_priors(network: Network, known: FloatArray, has_prior: BoolAr
 
     Priors are to weigh against image points as both really scatter.
 
-    Parameters
-    ----------
-    network
-        The network.
-    known
-        Intrinsics before the adjustment, (c,16).
-    has_prior
-        Cameras whose intrinsics the data cannot carry, (c,).
-    noise
-        Standard deviation of unit weight.
+    `has_prior`: cameras whose intrinsics the data cannot carry, (c,).
     """
     rational = network.free[:, _DENOMINATOR].any(axis=1)
     if not (has_prior | rational).any():
@@ -70,12 +61,7 @@ def with_intrinsic_priors(network: Network, known: FloatArray, has_prior: BoolAr
 def poorly_observed(network: Network, candidates: BoolArray) -> BoolArray:
     """Cameras (c,) whose intrinsics group has too few image points to estimate them.
 
-    Parameters
-    ----------
-    network
-        The network.
-    candidates
-        Observations that may be used, (n,).
+    `candidates`: observations that may be used, (n,).
     """
     matched = candidates & (network.views(candidates) >= 2)[network.feature]
     by_group = np.bincount(network.group[network.camera[matched]], minlength=network.group.max() + 1)
@@ -83,15 +69,7 @@ def poorly_observed(network: Network, candidates: BoolArray) -> BoolArray:
 
 
 def poorly_determined(problem: Problem, state: State, covariance: Covariance, variance: float) -> BoolArray:
-    """Cameras (c,) whose estimated focal length is less certain than a data sheet's.
-
-    Parameters
-    ----------
-    problem, state
-        The adjustment, and its minimum.
-    covariance, variance
-        Its cofactors and variance of unit weight.
-    """
+    """Cameras (c,) whose estimated focal length is less certain than a data sheet's."""
     out = np.zeros(problem.n_cameras, dtype=bool)
     columns = problem.intrinsic_columns
     if not len(columns) or columns[0] != 0:

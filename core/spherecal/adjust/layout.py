@@ -69,12 +69,7 @@ class Layout:
     def fold_matrix(self, expanded: FloatArray, is_gathered: bool = False) -> FloatArray:
         """The reduced matrix (d, d), valid in its upper triangle.
 
-        Parameters
-        ----------
-        expanded
-            The expanded matrix (e, e), of which the upper block triangle is valid.
-        is_gathered
-            Whether only the first camera of each `lens_owner` has anything in the lens' columns.
+        `expanded`: the expanded matrix (e, e), of which the upper block triangle is valid.
         """
         if self._first is not None and (self._is_plain or (is_gathered and self._share_all)):
             return expanded if self.size == self.expanded else expanded[np.ix_(self._first, self._first)]

@@ -88,15 +88,6 @@ def minimise(problem: Problem, state: State, settings: Settings, on_step: OnStep
     """The state of least cost (2) near `state`; the shape noise of a deformable ball's dots is in its `shape_residual`.
 
     BLAS runs on one thread: beside compiled kernels more threads made small factorisations 3-10 times slower.
-
-    Parameters
-    ----------
-    problem, state
-        What is adjusted, and where to begin.
-    settings
-        See Settings. A robust loss is not for deformable balls.
-    on_step
-        Called with the iteration and the cost after each step; it may raise to stop the work.
     """
     model = _Bundle(problem, settings.cauchy)
     with one_blas_thread():
@@ -112,12 +103,7 @@ def minimise(problem: Problem, state: State, settings: Settings, on_step: OnStep
 def total_cost(problem: Problem, state: State, cauchy: float | None) -> float:
     """Half the (robust) sum of squared weighted residuals of all rows; infinite where it is not defined.
 
-    Parameters
-    ----------
-    problem, state
-        The adjustment, and the values of its unknowns.
-    cauchy
-        Scale of Cauchy's loss in units of sigma; None is plain least squares.
+    `cauchy` None is plain least squares.
     """
     model = _Bundle(problem, cauchy)
     return model.cost(state, model.linearise(state))
@@ -149,15 +135,7 @@ def _shape_decrease(problem: Problem, state: State, new: State) -> float:
 
 
 def normal_equations(problem: Problem, state: State, linear: Linear, damping: float) -> NormalEquations:
-    """The reduced normal equations, points (and shape noise) eliminated, with priors, lengths and a stored shape.
-
-    Parameters
-    ----------
-    problem, state, linear
-        The problem and its linearisation at a state.
-    damping
-        Marquardt's factor for the points' diagonals; the reduced system is not damped.
-    """
+    """The reduced normal equations, points (and shape noise) eliminated, with priors, lengths and a stored shape."""
     return assembled(problem, state, engine.reduce(problem, linear, damping, _known(problem, state)))
 
 
@@ -170,15 +148,7 @@ def _known(problem: Problem, state: State) -> PointEquations | None:
 
 
 def assembled(problem: Problem, state: State, reduced: Reduced) -> NormalEquations:
-    """What is left of the observations once their points are eliminated, with the rows of priors and lengths.
-
-    Parameters
-    ----------
-    problem, state
-        The adjustment, and where it was linearised.
-    reduced
-        What the engine made of the observations.
-    """
+    """What is left of the observations once their points are eliminated, with the rows of priors and lengths."""
     layout = problem.layout
     matrix = layout.fold_matrix(reduced.matrix, reduced.is_gathered)
     gradient = layout.fold_vector(reduced.gradient)
@@ -192,13 +162,7 @@ def assembled(problem: Problem, state: State, reduced: Reduced) -> NormalEquatio
 
 
 def extra_rows(problem: Problem, state: State) -> tuple[FloatArray, FloatArray]:
-    """Derivatives (m, d) by the reduced unknowns, and residuals (m,), of prior and length rows.
-
-    Parameters
-    ----------
-    problem, state
-        The adjustment, and the values of its unknowns.
-    """
+    """Derivatives (m, d) by the reduced unknowns, and residuals (m,), of prior and length rows."""
     layout = problem.layout
     prior, prior_weight = prior_residuals(problem, state)
     length, by_difference = length_residuals(problem, state)
@@ -216,14 +180,6 @@ def extra_rows(problem: Problem, state: State) -> tuple[FloatArray, FloatArray]:
 
 
 def predicted_decrease(problem: Problem, state: State, step: FloatArray) -> float:
-    """By how much a step (d,) of the reduced unknowns lowers the cost of prior and length rows, as linearised.
-
-    Parameters
-    ----------
-    problem, state
-        The adjustment, and where it was linearised.
-    step
-        Step of the reduced unknowns, (d,).
-    """
+    """By how much a step (d,) of the reduced unknowns lowers the cost of prior and length rows, as linearised."""
     rows, residual = extra_rows(problem, state)
     return 0.5 * float((residual**2).sum() - ((residual + rows @ step) ** 2).sum())

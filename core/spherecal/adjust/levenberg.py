@@ -27,17 +27,10 @@ L = TypeVar("L")
 class Settings:
     """How to minimise.
 
-    Attributes
-    ----------
-    cauchy
-        Scale of Cauchy's loss in units of sigma; None is plain least squares.
-    max_iterations
-        Steps at most, refused ones included.
-    tolerance
-        Converged when a step lowers the cost by less than this share of it. 1e-10 leaves the parameters within 1e-4 of
-        their standard uncertainty on rigs A and B (benchmarks/bench_adjustment.py).
-    first_damping
-        Damping of the first step, relative to the diagonal.
+    `cauchy`: scale of Cauchy's loss in units of sigma; None is plain least squares; `max_iterations`: steps at most,
+    refused ones included; `tolerance`: converged when a step lowers the cost by less than this share of it. 1e-10
+    leaves the parameters within 1e-4 of their standard uncertainty on rigs A and B (benchmarks/bench_adjustment.py);
+    `first_damping`: damping of the first step, relative to the diagonal.
     """
 
     cauchy: float | None = None
@@ -72,27 +65,11 @@ class Damping:
     by_gain: bool = True
 
     def after_success(self, damping: float, gain: float) -> float:
-        """The damping after a step that lowered the cost.
-
-        Parameters
-        ----------
-        damping
-            The damping of that step.
-        gain
-            Decrease of the cost over the predicted decrease.
-        """
+        """The damping after a step that lowered the cost."""
         return damping * max(1 / 10, 1 - (2 * gain - 1) ** 3) if self.by_gain else max(damping / 10, self.least)
 
     def after_failure(self, damping: float, failures: int) -> float:
-        """The damping after a step that did not lower the cost.
-
-        Parameters
-        ----------
-        damping
-            The damping of that step.
-        failures
-            Number of such steps in a row.
-        """
+        """The damping after a step that did not lower the cost."""
         return damping * (2.0**failures if self.by_gain else 10.0)
 
 
@@ -114,63 +91,22 @@ class LeastSquares(Protocol[L]):
         ...
 
     def cost(self, state: State, linear: L) -> float:
-        """Half the sum of squares at a state; infinite where it is not defined.
-
-        Parameters
-        ----------
-        state
-            The values of the unknowns.
-        linear
-            The linearisation whose weights count.
-        """
+        """Half the sum of squares at a state; infinite where it is not defined."""
         ...
 
     def accepted(self, state: State, cost: float) -> tuple[L | None, float]:
-        """The linearisation, where it is needed in any case, and the cost at a state that a step led to.
-
-        Parameters
-        ----------
-        state
-            The values of the unknowns.
-        cost
-            The cost with the weights before the step.
-        """
+        """The linearisation, where it is needed in any case, and the cost at a state that a step led to."""
         ...
 
     def step(self, state: State, linear: L, damping: float) -> tuple[State, float] | None:
-        """The state after one damped step and the decrease of cost that is predicted; None where it is singular.
-
-        Parameters
-        ----------
-        state, linear
-            Where to begin, and the linearisation there.
-        damping
-            Marquardt's factor.
-        """
+        """The state after one damped step and the decrease of cost that is predicted; None where it is singular."""
         ...
 
 
 def levenberg_marquardt(
     model: LeastSquares[L], state: State, settings: Settings, on_step: OnStep | None = None
 ) -> Minimum:
-    """The state of least cost near `state`.
-
-    Parameters
-    ----------
-    model
-        The problem.
-    state
-        Where to begin.
-    settings
-        Iterations, tolerance and first damping; the loss is the model's.
-    on_step
-        Called with the iteration and the cost after each step; it may raise to stop the work.
-
-    Returns
-    -------
-    Minimum
-        With `converged` False where iterations or damping ran out, and for a problem without observations.
-    """
+    """The state of least cost near `state`."""
     if not model.count:
         return Minimum(state, 0.0, 0, False, (0.0,))
     linear: L | None = model.linearise(state)
@@ -207,14 +143,7 @@ def solve_damped(matrix: FloatArray, gradient: FloatArray, diagonal: FloatArray,
 
     Large matrices are worked on in place: at 1500 unknowns each pass over one costs as much as a tenth of its factor.
 
-    Parameters
-    ----------
-    matrix, gradient
-        The equations, (d,d) valid in its upper triangle and (d,).
-    diagonal
-        What damping multiplies, (d,).
-    damping
-        Marquardt's factor.
+    `matrix`, `gradient`: the equations, (d,d) valid in its upper triangle and (d,).
     """
     own = np.einsum("ii->i", matrix)
     own += damping * np.maximum(diagonal, 1e-30)

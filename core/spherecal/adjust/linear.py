@@ -108,10 +108,7 @@ Linear: TypeAlias = Linearisation | LinearByBlocks
 def linear_model(problem: Problem, state: State, robust_weight: FloatArray | None, linearise: Linearise) -> Linear:
     """The linearisation: in memory where that is small or places have shape noise, else computed by blocks.
 
-    Parameters
-    ----------
-    problem, state, robust_weight, linearise
-        The adjustment, where to linearise, factors of the rows (n,) or None, and what linearises.
+    `problem`, `state`, `robust_weight`, `linearise` (n,); None, and what linearises.
     """
     if len(problem.uv) <= MOST_IN_MEMORY or isinstance(problem.ball, Deformable):
         return linearise(problem, state, robust_weight)
@@ -136,14 +133,7 @@ def point_blocks(
 ) -> Iterator[PointBlock]:
     """The points in their order, in parts of some `ROWS_AT_ONCE` observations; all at once where they are in memory.
 
-    Parameters
-    ----------
-    problem, linear
-        The adjustment and its linearisation.
-    points
-        Points in the order wanted, (m,).
-    may_begin
-        Where a new part may begin (m,); None for anywhere.
+    `points`: points in the order wanted, (m,); `may_begin`: where a new part may begin (m,); None for anywhere.
     """
     placement, place = problem.ball.placement, problem.ball.place
     start = problem.point_start

@@ -20,23 +20,12 @@ _OF_OBSERVATIONS = ("feature", "camera", "uv", "sigma")
 class Network:
     """The network an adjustment works on.
 
-    Attributes
-    ----------
-    feature, camera, uv, sigma
-        Observation i sees feature `feature[i]` in camera `camera[i]` at `uv[i]` px (n,2), with standard deviations
-        `sigma[i]` (n,2) px.
-    n_features
-        Features, observed or not. On a ball that keeps its shape they are its dots, each seen at several placements.
-    free, group
-        The intrinsics to estimate (c,16), and which cameras share them (c,).
-    noise
-        Multiplies the standard deviations of each camera's observations, (c,).
-    locked
-        Cameras whose pose is known and stays, (c,).
-    ball
-        How the ball joins the observations.
-    priors, lengths
-        What is known of the intrinsics, and distances between features; NO_PRIORS and NO_LENGTHS without any.
+    `feature, camera, uv, sigma`: observation i sees feature `feature[i]` in camera `camera[i]` at `uv[i]` px (n,2),
+    with standard deviations `sigma[i]` (n,2) px; `n_features`: features, observed or not. On a ball that keeps its
+    shape they are its dots, each seen at several placements; `free, group`: the intrinsics to estimate (c,16), and
+    which cameras share them (c,); `noise`: multiplies the standard deviations of each camera's observations, (c,);
+    `locked`: cameras whose pose is known and stays, (c,); `ball`: how the ball joins the observations; `priors,
+    lengths`: what is known of the intrinsics, and distances between features; NO_PRIORS and NO_LENGTHS without any.
     """
 
     feature: IntArray
@@ -66,16 +55,7 @@ class Network:
 
         Of the placed cameras only those that still see something have unknowns.
 
-        Parameters
-        ----------
-        used
-            Observations (n,).
-        free
-            Intrinsics to estimate (c,16).
-        placed
-            Cameras that have a pose (c,).
-        weighted
-            Whether observations have their own weights, and lengths, shape noise and a stored shape take part.
+        `used`: observations (n,); `free`: intrinsics to estimate (c,16); `placed`: cameras that have a pose (c,).
         """
         rows = np.flatnonzero(used)
         placed = placed & (np.bincount(self.camera[rows], minlength=len(placed)) > 0)
@@ -106,12 +86,7 @@ class Network:
     def triangulated(self, state: State, rows: BoolArray) -> Triangulation:
         """All features triangulated from some observations with the cameras (and placements) of `state`.
 
-        Parameters
-        ----------
-        state
-            Poses and intrinsics.
-        rows
-            Observations to take, (n,).
+        `rows`: observations to take, (n,).
         """
         take = np.flatnonzero(rows)
         weight = 1.0 / self._sigma(take) ** 2
@@ -121,29 +96,14 @@ class Network:
     def angles(self, state: State, rows: BoolArray) -> FloatArray:
         """The largest angle (m,) rad between two rays of each feature, as `triangulated` takes them.
 
-        Parameters
-        ----------
-        state
-            Poses and intrinsics.
-        rows
-            Observations to take, (n,).
+        `rows`: observations to take, (n,).
         """
         take = np.flatnonzero(rows)
         view, cameras = self._views_of_the_ball(state, take)
         return ray_angles(self.feature[take], view, self.uv[take], self.n_features, cameras)
 
     def agreeing(self, state: State, rows: IntArray, gate_px: FloatArray) -> BoolArray:
-        """Which of some observations (k,) belong to the largest set of views that agree on a point within `gate_px`.
-
-        Parameters
-        ----------
-        state
-            Poses and intrinsics.
-        rows
-            Observations, (k,) indices.
-        gate_px
-            How far each may be from the point, (k,).
-        """
+        """Which of some observations (k,) belong to the largest set of views that agree on a point within `gate_px`."""
         view, cameras = self._views_of_the_ball(state, rows)
         return agreeing_views(self.feature[rows], view, self.uv[rows], gate_px, cameras)
 
@@ -203,14 +163,8 @@ def free_network(
 
     The parameters are the Network's.
 
-    Parameters
-    ----------
-    feature, camera, uv
-        Of each observation (n,), (n,), (n,2) px.
-    n_features
-        Features, observed or not.
-    free, group
-        Intrinsics to estimate (c,16), and which cameras share them (c,).
+    `feature`, `camera`, `uv`: of each observation (n,), (n,), (n,2) px; `free`, `group`: intrinsics to estimate (c,16),
+    and which cameras share them (c,).
     """
     noise, locked = np.ones(len(group)), np.zeros(len(group), dtype=bool)
     sigma = np.broadcast_to(1.0, uv.shape)  # one number: 16 MB less of a million observations

@@ -29,10 +29,7 @@ _MOST_KEPT = 200_000
 class PointFactors(CovarianceFactors):
     """Factors whose sources of noise are the points.
 
-    Attributes
-    ----------
-    shifts
-        -V^-1 W' of all points by all columns (3p,e), kept where there are very many observations of few points.
+    `shifts`: -V^-1 W' of all points by all columns (3p,e), kept where there are very many observations of few points.
     """
 
     shifts: sparse.csr_array | None
@@ -142,12 +139,7 @@ class PointFactors(CovarianceFactors):
 def point_factors(inverted: Inverted, state: State, places: Places | None) -> PointFactors:
     """The factors of a network of free points, or of dots whose features are at `places`.
 
-    Parameters
-    ----------
-    inverted, state
-        The adjusted network before the S-transformation, and its minimum.
-    places
-        Which dot at which placement each feature is; None in the free form.
+    `places` None in the free form.
     """
     problem, motions = inverted.problem, inverted.motions
     g, expanded = motions.columns.shape[1], problem.layout.expanded

@@ -23,20 +23,10 @@ from spherecal.geometry.rotation import exp_rotation
 class Problem:
     """A bundle adjustment without its values; observations are sorted by point, then place (if any), then camera.
 
-    Attributes
-    ----------
-    camera, point, uv, weight
-        Of each observation: camera and point (n,), image point (n,2) px, 1/sigma (n,2), the square root of its weight.
-    n_points
-        Points, observed or not.
-    free_pose, free_intrinsics
-        What is estimated of each camera, (c,) and (c,16).
-    group
-        Which cameras share intrinsics, (c,).
-    ball
-        How the ball joins the observations.
-    lengths, priors
-        Rows of other kinds; NO_LENGTHS and NO_PRIORS without any.
+    `camera, point, uv, weight`: of each observation: camera and point (n,), image point (n,2) px, 1/sigma (n,2), the
+    square root of its weight; `n_points`: points, observed or not; `free_pose, free_intrinsics`: what is estimated of
+    each camera, (c,) and (c,16); `group`: which cameras share intrinsics, (c,); `ball`: how the ball joins the
+    observations; `lengths, priors`: rows of other kinds; NO_LENGTHS and NO_PRIORS without any.
     """
 
     camera: IntArray
@@ -139,16 +129,7 @@ def sorted_problem(
 ) -> tuple[Problem, IntArray]:
     """A Problem from observations in any order, and the order it put them in, (n,) indices.
 
-    Parameters
-    ----------
-    camera, point, uv
-        As of the Problem.
-    sigma
-        Standard deviations (n,2) px of the image points; None where all weigh the same.
-    n_points
-        Points, observed or not.
-    blocks
-        The other fields of the Problem.
+    `sigma`: standard deviations (n,2) px of the image points; None where all weigh the same.
     """
     ball = blocks.pop("ball", FREE)
     assert isinstance(ball, BallModel)
@@ -215,15 +196,7 @@ def _layout(problem: Problem) -> Layout:
 
 
 def moved(problem: Problem, state: State, reduced_step: FloatArray, point_step: FloatArray) -> State:
-    """The state after a step: reduced unknowns (d,), eliminated points (p,3).
-
-    Parameters
-    ----------
-    problem, state
-        The adjustment, and where the step begins.
-    reduced_step, point_step
-        Steps of the reduced unknowns (d,) and of the eliminated points (p,3).
-    """
+    """The state after a step: reduced unknowns (d,), eliminated points (p,3)."""
     layout, c = problem.layout, problem.n_cameras
     step = layout.expand_vector(reduced_step)
     cameras = step[: c * (POSE + len(problem.intrinsic_columns))].reshape(c, -1)
@@ -253,13 +226,7 @@ def _moved_poses(rotation: FloatArray, translation: FloatArray, step: FloatArray
 
 
 def prior_residuals(problem: Problem, state: State) -> tuple[FloatArray, FloatArray]:
-    """Weighted residuals (m,) of the prior rows and their weights 1/sigma (m,).
-
-    Parameters
-    ----------
-    problem, state
-        The adjustment, and the values of its unknowns.
-    """
+    """Weighted residuals (m,) of the prior rows and their weights 1/sigma (m,)."""
     layout = problem.layout
     if not len(layout.prior_columns):
         return np.zeros(0), np.zeros(0)
@@ -269,13 +236,7 @@ def prior_residuals(problem: Problem, state: State) -> tuple[FloatArray, FloatAr
 
 
 def length_residuals(problem: Problem, state: State) -> tuple[FloatArray, FloatArray]:
-    """Residuals (m,) of the length rows, made independent, and the plain lengths' derivatives by their ends, (m,3).
-
-    Parameters
-    ----------
-    problem, state
-        The adjustment, and the values of its unknowns.
-    """
+    """Residuals (m,) of the length rows, made independent, and the plain lengths' derivatives by their ends, (m,3)."""
     rows = problem.lengths
     if not problem.has_lengths:
         return np.zeros(0), np.zeros((0, 3))

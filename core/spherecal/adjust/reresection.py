@@ -55,16 +55,8 @@ def with_right_poses(
 
     A camera whose second-best pose fits nearly as well keeps none: `ambiguous`.
 
-    Parameters
-    ----------
-    network, state
-        The network, and its values near a minimum.
-    used, candidates
-        Observations that fit, and all that may be used (n,).
-    placed
-        Cameras that have a pose, (c,).
-    context
-        For progress, and to stop.
+    `used`, `candidates`: observations that fit, and all that may be used (n,); `placed`: cameras that have a pose,
+    (c,).
     """
     for number in range(ROUNDS):
         context.report("resection", number / ROUNDS)
@@ -92,14 +84,7 @@ def doubtful_cameras(
 ) -> BoolArray:
     """Cameras (c,) that may be in a wrong minimum: conspicuous residuals, few points, many left out.
 
-    Parameters
-    ----------
-    network, state
-        The network, and its values.
-    used, candidates
-        Observations that fit, and all that may (n,).
-    placed
-        Cameras that have a pose, (c,).
+    `used`, `candidates`: observations that fit, and all that may (n,).
     """
     size = residual_size(network, state)
     n = len(placed)

@@ -23,15 +23,7 @@ class LengthRows:
 
     @staticmethod
     def between(first: IntArray, second: IntArray, length: FloatArray, sigma: FloatArray) -> "LengthRows":
-        """Independent distances between pairs of points, (m,) indices, with standard uncertainties (m,).
-
-        Parameters
-        ----------
-        first, second
-            Ends, (m,) indices of points.
-        length, sigma
-            Distances and their standard uncertainties, (m,).
-        """
+        """Independent distances between pairs of points, (m,) indices, with standard uncertainties (m,)."""
         ends = np.column_stack([first, second])
         return LengthRows(ends, np.broadcast_to([-1.0, 1.0], ends.shape), length, np.diag(np.square(sigma)))
 
@@ -58,13 +50,7 @@ class Priors:
     sigma: FloatArray
 
     def is_known(self, camera: int, intrinsic: int) -> bool:
-        """Whether anything is known about an intrinsic of a camera.
-
-        Parameters
-        ----------
-        camera, intrinsic
-            Indices of the camera and of the intrinsic (0 to 15).
-        """
+        """Whether anything is known about an intrinsic of a camera."""
         return len(self.sigma) > 0 and bool(np.isfinite(self.sigma[camera, intrinsic]))
 
 

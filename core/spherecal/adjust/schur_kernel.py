@@ -17,15 +17,7 @@ _KINDS = 3  # of blocks that an observation may meet, see `_block`
 
 @njit(**INNER)
 def inverse_damped(v, damping, out):
-    """Inverse (3,3) of a symmetric matrix whose diagonal is multiplied by 1 + damping.
-
-    Parameters
-    ----------
-    v, damping
-        The matrix (3,3), and the damping.
-    out
-        Output, (3,3).
-    """
+    """Inverse (3,3) of a symmetric matrix whose diagonal is multiplied by 1 + damping."""
     f = 1.0 + damping
     a, b, c, d, e, g = v[0, 0] * f, v[0, 1], v[0, 2], v[1, 1] * f, v[1, 2], v[2, 2] * f
     m00, m01, m02 = d * g - e * e, c * e - b * g, b * e - c * d
@@ -49,14 +41,7 @@ def _add_square(square, rows):
 def weigh(weighted, coupling, at, inverse, size):
     """weighted = V^-1 W' (3, size).
 
-    Parameters
-    ----------
-    weighted, coupling
-        Output, and W'; flat, both from place `at` on.
-    at, size
-        Where they begin, and their number of columns.
-    inverse
-        V^-1, (3,3).
+    `inverse`: V^-1, (3,3).
     """
     one, two = at + size, at + 2 * size
     for j in range(3):
@@ -96,16 +81,8 @@ def _flush(matrix, weighted, coupling, n_rows, size, blocks, n_blocks, offset, w
 def subtract_point(matrix, weighted, coupling, size, blocks, n_blocks, offset, width):
     """Subtract W V^-1 W' of a single point, for which a matrix product costs more than it saves.
 
-    Parameters
-    ----------
-    matrix
-        The reduced matrix, of which the upper block triangle is filled.
-    weighted, coupling, size
-        V^-1 W' and W' (3, size), flat, and their number of columns.
-    blocks, n_blocks
-        The blocks that meet the point, of which the first `n_blocks` count.
-    offset, width
-        First column and number of columns of each block, (b,).
+    `weighted`, `coupling`, `size`: V^-1 W' and W' (3, size), flat, and their number of columns; `offset`, `width`:
+    first column and number of columns of each block, (b,).
     """
     left = 0
     for s in range(n_blocks):
@@ -141,18 +118,7 @@ def _block(kind, k, camera, placement, n_cameras, lens):
 def meet(begin, end, camera, placement, n_cameras, lens, width, place, blocks):
     """The number of blocks that are coupled to a point, and of their columns together.
 
-    Parameters
-    ----------
-    begin, end
-        The rows of the point.
-    camera, placement, n_cameras
-        Camera and placement of each row (k,), the latter (0,) in the free form, and the number of cameras.
-    lens, width
-        Block of each camera's shared lens, -1 for none (c,), and the number of columns of each block (b,).
-    place
-        -1 for all blocks on entry; output: the first column of each block that meets the point, (b,).
-    blocks
-        Output: these blocks.
+    `camera`, `placement`, `n_cameras` (k,); `lens`, `width` (c,).
     """
     size, n_blocks = 0, 0
     for k in range(begin, end):
@@ -232,25 +198,9 @@ def add_observations(
 ):
     """Add rows begin to end of a point: the blocks' own equations, and what its coupling W', V and g get.
 
-    Parameters
-    ----------
-    begin, end
-        The rows of the point.
-    camera, placement, n_cameras
-        Camera and placement of each row (k,), the latter (0,) in the free form, and the number of cameras.
-    residual, by_camera, by_point, by_placement
-        Weighted residuals (k,2) and derivatives (k,2,w), (k,2,3), (k,2,6) of the rows.
-    offset, width, lens
-        First column and number of columns of each block (b,), and the block of each camera's shared lens, -1 for none
-        (c,).
-    place
-        First column in the coupling of each block that meets the point, (b,).
-    coupling, at, size
-        W' (3, size), flat, from place `at` on; added to.
-    v, g
-        The point's own normal equations, (3,3) and (3,); added to.
-    matrix, gradient, square
-        The reduced system, see `eliminate_points`; added to.
+    `camera`, `placement`, `n_cameras` (k,); `residual`, `by_camera`, `by_point`, `by_placement` (k,2); `offset`,
+    `width`, `lens` (b,); `place`: first column in the coupling of each block that meets the point, (b,); `coupling`,
+    `at`, `size`: W' (3, size), flat, from place `at` on; `v`, `g`: the point's own normal equations, (3,3) and (3,).
     """
     for k in range(begin, end):
         c, jp, r0, r1 = camera[k], by_point[k], residual[k, 0], residual[k, 1]
@@ -298,30 +248,9 @@ def eliminate_points(
 ):
     """Adds points, in the given order, to the reduced system; runs that meet the same blocks are eliminated together.
 
-    Parameters
-    ----------
-    order, begins, ends
-        The points (m,), and the first row of each and its end, (m,).
-    camera, placement, n_cameras
-        Camera and placement of each row (k,), the latter (0,) in the free form, and the number of cameras.
-    kept_block
-        Block of each point that stays in the reduced system, -1 for the others, (p,).
-    residual, by_camera, by_point, by_placement
-        Weighted residuals (k,2) and derivatives (k,2,w), (k,2,3), (k,2,6) of the rows.
-    offset, width, lens
-        First column and number of columns of each block (b,), and the block of each camera's shared lens, -1 for none
-        (c,).
-    damping
-        Marquardt's factor for the points' diagonals.
-    matrix, gradient, diagonal
-        The reduced system in the expanded layout, (e,e) in its upper block triangle, (e,), and its diagonal before the
-        elimination (e,); added to. The diagonal gets only that of kept points here.
-    square
-        The blocks' own normal equations, a camera's with its lens, shared or not, (b,w,w); added to. `add_squares`
-        brings them into the matrix.
-    inverse, point_gradient
-        What is known of the points without their observations on entry. On return the inverses of their damped V (0 of
-        kept points) and their gradients, (p,3,3) and (p,3).
+    `order`, `begins`, `ends`: the points (m,), and the first row of each and its end, (m,); `camera`, `placement`,
+    `n_cameras` (k,); `kept_block` (p,); `residual`, `by_camera`, `by_point`, `by_placement` (k,2); `offset`, `width`,
+    `lens` (b,); `matrix`, `gradient`, `diagonal` (e,e); `square` (b,w,w).
     """
     n_all = len(offset)
     place = np.full(n_all, -1)  # a block's first column among those that meet the present point
@@ -385,18 +314,8 @@ def eliminate_points(
 def subtract_gradient(gradient, weighted, at, size, g, blocks, n_blocks, offset, width):
     """gradient -= W V^-1 g of one point.
 
-    Parameters
-    ----------
-    gradient
-        The reduced gradient, (e,).
-    weighted, at, size
-        V^-1 W' (3, size), flat, from place `at` on.
-    g
-        The point's gradient, (3,).
-    blocks, n_blocks
-        The blocks that meet the point, of which the first `n_blocks` count.
-    offset, width
-        First column and number of columns of each block, (b,).
+    `gradient`: the reduced gradient, (e,); `weighted`, `at`, `size`: V^-1 W' (3, size), flat, from place `at` on; `g`:
+    the point's gradient, (3,); `offset`, `width`: first column and number of columns of each block, (b,).
     """
     first, g0, g1, g2 = at, g[0], g[1], g[2]
     for s in range(n_blocks):
@@ -411,15 +330,8 @@ def subtract_gradient(gradient, weighted, at, size, g, blocks, n_blocks, offset,
 def add_squares(matrix, diagonal, square, offset, width, lens):
     """Add the blocks' own normal equations to the matrix; their diagonal is what damping multiplies.
 
-    Parameters
-    ----------
-    matrix, diagonal
-        The reduced system and its diagonal, added to, (e,e) and (e,).
-    square
-        The blocks' own normal equations from the elimination, (b,w,w).
-    offset, width, lens
-        First column and number of columns of each block (b,), and the block of each camera's shared lens, -1 for none
-        (c,).
+    `matrix`, `diagonal`: the reduced system and its diagonal, added to, (e,e) and (e,); `square`: the blocks' own
+    normal equations from the elimination, (b,w,w); `offset`, `width`, `lens` (b,).
     """
     for b in range(len(offset)):
         for i in range(width[b]):
@@ -445,16 +357,8 @@ def add_squares(matrix, diagonal, square, offset, width, lens):
 def most_columns(camera, placement, n_cameras, begins, ends, lens, width, place):
     """The largest number of columns that are coupled to one point.
 
-    Parameters
-    ----------
-    camera, placement, n_cameras
-        Camera and placement of each row (k,), the latter (0,) in the free form, and the number of cameras.
-    begins, ends
-        First row of each point and its end, (m,).
-    lens, width
-        Block of each camera's shared lens, -1 for none (c,), and the number of columns of each block (b,).
-    place
-        Working space (b,), -1 on entry and on return.
+    `camera`, `placement`, `n_cameras` (k,); `begins`, `ends`: first row of each point and its end, (m,); `lens`,
+    `width` (c,); `place`: working space (b,), -1 on entry and on return.
     """
     most = 0
     for p in range(len(begins)):
@@ -474,20 +378,8 @@ def most_columns(camera, placement, n_cameras, begins, ends, lens, width, place)
 def keep_point(matrix, gradient, diagonal, offset, width, kept, v, g, blocks, n_blocks, coupling, size):
     """Keep a point of a length row: its own block and its coupling go into the reduced system.
 
-    Parameters
-    ----------
-    matrix, gradient, diagonal
-        The reduced system, added to.
-    offset, width
-        First column and number of columns of each block, (b,).
-    kept
-        The point's block.
-    v, g
-        Its own normal equations, (3,3) and (3,).
-    blocks, n_blocks
-        The blocks that meet it, of which the first `n_blocks` count.
-    coupling, size
-        W' (3, size), flat, and its number of columns.
+    `offset`, `width`: first column and number of columns of each block, (b,); `v`, `g`: its own normal equations, (3,3)
+    and (3,); `coupling`, `size`: W' (3, size), flat, and its number of columns.
     """
     column = offset[kept]
     for j in range(3):

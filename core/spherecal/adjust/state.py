@@ -12,20 +12,11 @@ from spherecal.geometry.posed import PosedCameras
 class State:
     """The values of all unknowns.
 
-    Attributes
-    ----------
-    rotation, translation
-        Poses of the cameras, (c,3,3) and (c,3).
-    intrinsics
-        (c,16), see docs/conventions.md.
-    points
-        (p,3): of the world in the free form, else of the ball's frame.
-    placement_rotation, placement_translation
-        Poses (t,3,3) and (t,3) that bring the ball's points to the world; t = 0 in the free form.
-    shape_residual
-        How far each feature (dot at a placement) of a deformable ball is off the shape in the world, (f,3); else (0,3).
-    anchored
-        Points whose frame a stored shape of the ball holds, (p,); else (0,).
+    `rotation, translation`: poses of the cameras, (c,3,3) and (c,3); `intrinsics`: (c,16), see docs/conventions.md;
+    `points`: (p,3): of the world in the free form, else of the ball's frame; `placement_rotation,
+    placement_translation`: poses (t,3,3) and (t,3) that bring the ball's points to the world; t = 0 in the free form;
+    `shape_residual`: how far each feature (dot at a placement) of a deformable ball is off the shape in the world,
+    (f,3); else (0,3); `anchored`: points whose frame a stored shape of the ball holds, (p,); else (0,).
     """
 
     rotation: FloatArray

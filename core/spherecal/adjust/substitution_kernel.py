@@ -29,25 +29,10 @@ def substitute_points(
 ):
     """Fill the points' step for a step of the reduced system; returns `squares` and those that both leave.
 
-    Parameters
-    ----------
-    points, begins, ends
-        The points (m,), and the first row of each and its end, (m,).
-    camera, placement, n_cameras
-        Camera and placement of each row (k,), the latter (0,) in the free form, and the number of cameras.
-    is_kept
-        Which points are in the reduced system, (p,).
-    residual, by_camera, by_point, by_placement
-        Weighted residuals (k,2) and derivatives (k,2,w), (k,2,3), (k,2,6) of the rows.
-    offset
-        First column of each block, (b,).
-    inverse, point_gradient
-        What the elimination left of the points, (p,3,3) and (p,3).
-    step, point_step
-        Step of the reduced system (e,); output: that of the points (p,3), which holds the steps of kept points on
-        entry.
-    squares
-        Sum of squares so far.
+    `points`, `begins`, `ends`: the points (m,), and the first row of each and its end, (m,); `camera`, `placement`,
+    `n_cameras` (k,); `is_kept`: which points are in the reduced system, (p,); `residual`, `by_camera`, `by_point`,
+    `by_placement` (k,2); `offset`: first column of each block, (b,); `inverse`, `point_gradient`: what the elimination
+    left of the points, (p,3,3) and (p,3); `step`, `point_step`: step of the reduced system (e,).
     """
     widest = by_camera.shape[2]
     longest = 0

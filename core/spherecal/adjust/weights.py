@@ -42,11 +42,6 @@ def camera_noise(problem: Problem, state: State) -> FloatArray:
 
     Its square is that between neighbouring dots plus what residuals of the whole network share: lenses that do not
     follow the model, in the median over the cameras.
-
-    Parameters
-    ----------
-    problem, state
-        The adjustment, and its minimum.
     """
     residual, by_points = (left_over if isinstance(problem.ball, Deformable) else left_over_by_points)(problem, state)
     rest, scale = 2.0 - by_points, 1.0 / problem.weight.mean(axis=1)
@@ -75,13 +70,7 @@ def camera_noise(problem: Problem, state: State) -> FloatArray:
 
 
 def left_over_by_points(problem: Problem, state: State) -> tuple[FloatArray, FloatArray]:
-    """Residuals (n,2), and of each observation's two rows how much its point is fitted to them (n,).
-
-    Parameters
-    ----------
-    problem, state
-        The adjustment, and its minimum.
-    """
+    """Residuals (n,2), and of each observation's two rows how much its point is fitted to them (n,)."""
     residual, by_points = np.empty_like(problem.uv), np.empty(len(problem.uv))
     for first, last in blocks_of_groups(problem.point_start):
         own = slice(int(problem.point_start[first]), int(problem.point_start[last]))
@@ -110,12 +99,7 @@ def rough_noise(network: Network, state: State, used: BoolArray) -> FloatArray:
 
     Without it a blurred camera pulls the points it shares, and good observations of its partners fail the gate.
 
-    Parameters
-    ----------
-    network, state
-        The network, and its values.
-    used
-        Observations to judge by, (n,).
+    `used`: observations to judge by, (n,).
     """
     size = residual_size(network, state)
     typical = float(np.median(size[used])) if used.any() else 0.0
@@ -130,14 +114,7 @@ def rough_noise(network: Network, state: State, used: BoolArray) -> FloatArray:
 def weighted(network: Network, adjusted: Adjustment, placed: BoolArray, context: Context) -> tuple[Network, Adjustment]:
     """The adjustment again with every camera weighted by its own noise, and the network with these weights.
 
-    Parameters
-    ----------
-    network, adjusted
-        The network, and its adjustment so far.
-    placed
-        Cameras that have a pose, (c,).
-    context
-        For progress, and to stop.
+    `placed`: cameras that have a pose, (c,).
     """
     for _ in range(ROUNDS):
         factor = camera_noise(adjusted.problem, adjusted.state)

@@ -41,14 +41,7 @@ class Agreement:
 def agreement(rigid: Adjustment, feature: IntArray, free_variance: float) -> Agreement:
     """How far cameras agree on motions of dots; (0, inf) where no dot is seen at two placements.
 
-    Parameters
-    ----------
-    rigid
-        The adjustment of the rigid ball.
-    feature
-        Feature (placement, target, point) of each observation, those that are not used included, (n,).
-    free_variance
-        Variance of unit weight with free points.
+    `feature` (placement, target, point).
     """
     problem = rigid.problem
     feature = feature[rigid.rows]

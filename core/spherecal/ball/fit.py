@@ -59,16 +59,8 @@ def solve_free(
 ) -> BallFit:
     """The free form from the start of the network.
 
-    Parameters
-    ----------
-    network, start
-        The network, and poses to begin with.
-    points
-        Start values (m,3), NaN where unknown; None to triangulate.
-    candidates
-        Observations to start with, (n,).
-    run
-        What the stages share.
+    `points`: start values (m,3), NaN where unknown; None to triangulate; `candidates`: observations to start with,
+    (n,).
     """
 
     def solution(described: Network) -> BallFit:
@@ -87,12 +79,7 @@ def solve_from(
 ) -> BallFit:
     """The solution from a rough start.
 
-    Parameters
-    ----------
-    network, start, points, candidates, run
-        As of `solve_free`.
-    rigid
-        What the features are on a ball that keeps its shape; None in the free form.
+    `rigid` None in the free form.
     """
     placed = start.placed
     state, used = robust_start(network, start.state, points, candidates, placed, run.context)
@@ -107,19 +94,7 @@ def solve_from(
 
 
 def with_lengths(fit: BallFit, rows: LengthRows, factor: float, run: Run) -> BallFit:
-    """The solution including known lengths between features.
-
-    Parameters
-    ----------
-    fit
-        The solution without the lengths.
-    rows
-        Lengths between features.
-    factor
-        Brings the solution to their unit.
-    run
-        What the stages share.
-    """
+    """The solution including known lengths between features."""
     free = None if fit.free is None else with_lengths(fit.free, rows, factor, run)
     if fit.rigid is not None:
         rows = replace(rows, points=fit.rigid.places.point[rows.points])
@@ -137,16 +112,7 @@ def finished_solution(
 ) -> BallFit:
     """The solution with its weights and its covariance.
 
-    Parameters
-    ----------
-    network, adjusted
-        The network, and its adjustment.
-    placed
-        Cameras that have a pose, (c,).
-    run
-        What the stages share.
-    rigid
-        What the features are on a ball that keeps its shape; None in the free form.
+    `placed`: cameras that have a pose, (c,); `rigid` None in the free form.
     """
     if not run.plain:
         network, adjusted = weighted(network, adjusted, placed, run.context)
@@ -168,16 +134,7 @@ def solve_with_priors(
 ) -> BallFit:
     """The solution; cameras whose intrinsics the data do not determine get a prior.
 
-    Parameters
-    ----------
-    network
-        The network without priors.
-    candidates, placed
-        Observations that may be used (n,), and cameras that have a pose (c,).
-    solution
-        Solves a network with its priors.
-    run
-        What the stages share.
+    `candidates`, `placed`: observations that may be used (n,), and cameras that have a pose (c,).
     """
     known = run.known
     has_prior = poorly_observed(network, candidates) & placed

@@ -64,12 +64,7 @@ class ImagePoses:
     def change_px(self, rows: IntArray, change: FloatArray) -> float:
         """By how much (rms per axis, px) changes of pose shift the points of some images.
 
-        Parameters
-        ----------
-        rows
-            The images, (k,) indices.
-        change
-            Turn (rad, applied to the whole pose) and shift, (6,) the same for all or (k,6).
+        `rows`: the images, (k,) indices; `change` (6,).
         """
         steps = np.broadcast_to(change, (len(rows), POSE))
         squares = float(np.einsum("ni,nij,nj->", steps, self.by_pose_px2[rows], steps))
@@ -79,14 +74,7 @@ class ImagePoses:
 def images_of(network: Network, features: Features, rows: IntArray, n_ball: int) -> Network:
     """The network of images, camera by camera, of the ball that does not move: image = camera * n_ball + placement.
 
-    Parameters
-    ----------
-    network, features
-        The network in the free form, and what its features are.
-    rows
-        Observations to take, (k,) indices.
-    n_ball
-        Placements of the ball.
+    `rows`: observations to take, (k,) indices.
     """
     image = network.camera[rows] * n_ball + features.placement[network.feature[rows]]
     dots = np.stack([features.target, features.point], axis=1)[network.feature[rows]]
@@ -107,16 +95,7 @@ def solve_images(
 ) -> ImagePoses | None:
     """The images' own poses from a rig's; None where there are too many, or too few for a statement.
 
-    Parameters
-    ----------
-    ball, state
-        The network in the free form, and its state.
-    placed
-        Cameras that have a pose, (c,).
-    alignment
-        How the placements hang together; only the largest part that it links takes part.
-    context
-        For progress, and to stop.
+    `placed`: cameras that have a pose, (c,).
     """
     network, features, n_ball = ball.network, ball.features, ball.n_ball
     roots = alignment.root[:n_ball]
@@ -208,15 +187,6 @@ def hang_together(
     """Add cameras and placements that images (camera, placement) lead to: the best one of which one end is known first.
 
     A pose of an image is its camera's after its placement's.
-
-    Parameters
-    ----------
-    images
-        Pose of every image (camera, placement).
-    points
-        Points in each of them.
-    cameras, placements
-        Poses that are known; the others are added.
     """
     while True:
         open_ended = [(c, t) for c, t in images if (c in cameras) != (t in placements)]

@@ -32,19 +32,7 @@ MOST_IMAGES = 600
 def link_camera_groups(
     ball: BallNetwork, groups: list[InitialPoses], alignment: Alignment, context: Context
 ) -> tuple[InitialPoses, Alignment]:
-    """Start values of all cameras that the ball's shape links, and how the placements are connected.
-
-    Parameters
-    ----------
-    ball
-        The network in the free form.
-    groups
-        Cameras of each group in a frame and size of its own; the first keeps its frame.
-    alignment
-        Gives the numbers of dots shared.
-    context
-        For progress, and to stop.
-    """
+    """Start values of all cameras that the ball's shape links, and how the placements are connected."""
     network, placement = ball.network, ball.features.placement[ball.network.feature]
     on_ball = ball.candidates & (placement < ball.n_ball)
     count = np.bincount(network.camera[on_ball], minlength=len(network.group))

@@ -105,14 +105,7 @@ def align(features: Features, points: FloatArray, n_placements: int, n_ball: int
 
     A tree of the pairs with most shared dots, outward from the placement that shares most.
 
-    Parameters
-    ----------
-    features
-        What the features are.
-    points
-        Where they are (f,3), NaN where unknown.
-    n_placements, n_ball
-        Placements, and how many of them are the ball's, which come first; the rest are bars'.
+    `points`: where they are (f,3), NaN where unknown.
     """
     place = _by_dot(features, points, n_ball)
     known = np.isfinite(place[:, :, 0])
@@ -157,14 +150,7 @@ def _tree(shared: IntArray, place: FloatArray, known: BoolArray, target: IntArra
 def fit_motion(source: FloatArray, goal: FloatArray, tags: IntArray, with_scale: bool) -> Similarity | None:
     """The motion of dots from one placement to another, None where too few agree.
 
-    Parameters
-    ----------
-    source, goal
-        Dots before and after, (n,3).
-    tags
-        Their targets, (n,).
-    with_scale
-        Whether the size may differ.
+    `source`, `goal`: dots before and after, (n,3); `tags`: their targets, (n,).
     """
     if len(source) < LEAST_SHARED:
         return None
@@ -201,13 +187,6 @@ def share_shape(network: Network, features: Features, state: State, alignment: A
     """The rigid network of a free one, and its start: the free state's cameras, the placements as aligned.
 
     The start's points are unknown (NaN): they are to be located from all their placements.
-
-    Parameters
-    ----------
-    network, features, state
-        The network in the free form, what its features are, and its state.
-    alignment
-        How the placements hang together.
     """
     block = np.zeros(len(alignment.root), dtype=np.int64)
     block[alignment.moved] = 1 + np.arange(alignment.moved.sum())  # block 0 is the world

@@ -113,18 +113,7 @@ def choose_ball_model(
 ) -> tuple[BallFit, ModelChoice]:
     """The rigid form if the data support it (or it is requested), else the soft or the free one, with the reason.
 
-    Parameters
-    ----------
-    free
-        The solution in the free form.
-    ball
-        The network in the free form.
-    other_groups
-        Solves the groups of cameras that have no common view with those placed (c,).
-    requested
-        What the user asks for.
-    run
-        What the stages share.
+    `other_groups` (c,).
     """
     run.context.report("rigid ball", 0.0)
     alignment = ball.aligned(free.adjusted.state.points)

@@ -27,14 +27,7 @@ OTHER_BALL = 0.03
 def shape_cofactors(covariance: Covariance, points: FloatArray, dots: IntArray) -> FloatArray:
     """Cofactors (d,3,3) of dots among themselves, in the unit of the network squared.
 
-    Parameters
-    ----------
-    covariance
-        Of a network with a rigid ball.
-    points
-        Its points, (p,3).
-    dots
-        Which of them, (d,) indices.
+    `points`: its points, (p,3); `dots`: which of them, (d,) indices.
     """
     parts = covariance._parts
     assert isinstance(parts, PointFactors)
@@ -87,17 +80,7 @@ class Anchored:
 
 
 def anchored(ball: BallNetwork, state: State, dots: KnownDots, variance: float) -> Anchored | None:
-    """A free network with the stored shape in place of its ball; None where no placement shows that shape.
-
-    Parameters
-    ----------
-    ball, state
-        The network in the free form, in its own unit, and its state.
-    dots
-        The stored shape.
-    variance
-        Variance of unit weight of the free form.
-    """
+    """A free network with the stored shape in place of its ball; None where no placement shows that shape."""
     network, features, n_placements = ball.network, ball.features, ball.n_placements
     known = _place_known(features, dots)
     motions: dict[int, Similarity] = {}

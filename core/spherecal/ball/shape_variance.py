@@ -42,16 +42,7 @@ def estimate_shape_variance(
 
     0 where the rigid form's variance is no larger than the free form's.
 
-    Parameters
-    ----------
-    rigid, first
-        The network of the rigid ball, and its adjustment.
-    used, placed
-        Observations (n,) and cameras (c,) of the free form.
-    variance
-        Variance of unit weight of the free form.
-    context
-        For progress, and to stop.
+    `used`, `placed`: observations (n,) and cameras (c,) of the free form.
     """
     state, used, problem, rows = _start(rigid, first, used, placed)
     settings = Settings(**TRIAL_SETTINGS)  # type: ignore[arg-type]
@@ -73,15 +64,7 @@ def estimate_shape_variance(
 def adjusted_with(
     rigid: RigidNetwork, first: Adjustment, used: BoolArray, placed: BoolArray, shape_sd: float
 ) -> Adjustment:
-    """The network adjusted with a known shape noise.
-
-    Parameters
-    ----------
-    rigid, first, used, placed
-        As of `estimate_shape_variance`.
-    shape_sd
-        In the network's unit, for a standard deviation of unit weight of 1.
-    """
+    """The network adjusted with a known shape noise."""
     state, used, problem, rows = _start(rigid, first, used, placed)
     problem = _with_shape_variance(problem, shape_sd)
     done = minimise(problem, state, Settings())

@@ -49,17 +49,7 @@ class StoredShapeFit:
 
 
 def solve_on_ball(free: BallFit, ball: BallNetwork, dots: KnownDots, run: Run) -> StoredShapeFit:
-    """The solution in the profile's millimetres, or why there is none.
-
-    Parameters
-    ----------
-    free, ball
-        The solution in the free form, and its network.
-    dots
-        The stored shape.
-    run
-        What the stages share.
-    """
+    """The solution in the profile's millimetres, or why there is none."""
     run.context.report("known ball", 0.0)
     described = replace(ball.network, noise=free.network.noise, priors=free.network.priors)
     variance = max(free.adjusted.variance, LEAST_NOISE**2)

@@ -23,20 +23,7 @@ _SMALL = 6  # numbers of an array that are printed
 
 
 def float_array(values: ArrayLike, what: Words) -> FloatArray:
-    """The values as an array of numbers.
-
-    Parameters
-    ----------
-    values
-        Numbers, or nested sequences of them.
-    what
-        What the message calls them.
-
-    Raises
-    ------
-    InputError
-        Where they are no numbers.
-    """
+    """The values as an array of numbers."""
     try:
         return np.asarray(values, dtype=float)
     except (TypeError, ValueError):
@@ -54,12 +41,7 @@ def blocks_of_groups(start: IntArray, at_once: int | None = None) -> Iterator[tu
 
     A group is never split, so that sums over its rows are the same bits whatever the size of the blocks.
 
-    Parameters
-    ----------
-    start
-        The row at which each of the g groups begins, and the number of rows, (g + 1,).
-    at_once
-        Another number of rows, where each takes more memory; None for `ROWS_AT_ONCE`.
+    `at_once` None for `ROWS_AT_ONCE`.
     """
     first = np.flatnonzero(np.diff(start[:-1] // (at_once or ROWS_AT_ONCE), prepend=-1)).tolist()
     yield from pairwise([*first, len(start) - 1])
@@ -83,13 +65,7 @@ class ByValue:
 
 
 def same_value(a: object, b: object) -> bool:
-    """Whether two values, records, lists or mappings are equal, arrays by their shapes and numbers.
-
-    Parameters
-    ----------
-    a, b
-        The values; NaN in arrays is equal to NaN.
-    """
+    """Whether two values, records, lists or mappings are equal, arrays by their shapes and numbers."""
     if a is b:
         return True
     if isinstance(a, np.ndarray) or isinstance(b, np.ndarray):

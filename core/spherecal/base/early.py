@@ -8,7 +8,7 @@ import os
 import sys
 
 _PROGRAMS = ("spherecal", "spherecal.exe", "spherecal-script.py")
-_MODULES = ("spherecal.cli.main", "spherecal", "spherecal.__main__")
+_MODULES = ("spherecal_app.cli.main", "spherecal", "spherecal.__main__")
 
 
 def is_own_program() -> bool:

@@ -86,20 +86,7 @@ class MissingPackage(SpherecalError, ImportError):
 
 @contextmanager
 def needing(package: str, what: Words) -> Iterator[None]:
-    """A block that imports an optional package.
-
-    Parameters
-    ----------
-    package
-        The name by which it is imported.
-    what
-        What needs it, for the message.
-
-    Raises
-    ------
-    MissingPackage
-        Where the package is not installed.
-    """
+    """A block that imports an optional package."""
     try:
         yield
     except ModuleNotFoundError as error:

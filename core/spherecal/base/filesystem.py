@@ -52,15 +52,7 @@ def id_problem(text: str) -> Phrase | None:
 
 
 def as_id(text: str, otherwise: str) -> str:
-    """The text made an id: what cannot be part of one is replaced by `_`.
-
-    Parameters
-    ----------
-    text
-        Any text.
-    otherwise
-        What is returned where no id is left of it.
-    """
+    """The text made an id: what cannot be part of one is replaced by `_`."""
     kept = "".join(c if c.isalnum() or c in "-_." else "_" for c in text).strip("._")[:LONGEST_ID]
     return kept if kept and id_problem(kept) is None else otherwise
 
@@ -187,13 +179,7 @@ def _not_plain(path: Path | str) -> InputError:
 
 
 def is_plain_file_below(root: Path, relative: str) -> bool:
-    """Whether a regular file is there and the way to it has no link.
-
-    Parameters
-    ----------
-    root, relative
-        The folder, and the file's path below it with "/" between its parts.
-    """
+    """Whether a regular file is there and the way to it has no link."""
     try:
         with _place(root, relative) as place:
             state = place.state()
@@ -211,19 +197,7 @@ Fits = Callable[[BinaryIO, Path, int], None]
 def read_file(path: Path, most: int, fits: Fits | None = None) -> bytes:
     """The contents of a regular file of at most `most` bytes.
 
-    Parameters
-    ----------
-    path
-        The file.
-    most
-        How many bytes it may have.
-    fits
-        May look into the open file (file, path, size in bytes) and raise InputError before it is read; None to read it.
-
-    Raises
-    ------
-    InputError
-        For anything else, before memory is taken.
+    `fits` None to read it.
     """
     with _plain_reading(path):
         return _read(os.open(path, os.O_RDONLY | _NO_WAIT | getattr(os, "O_BINARY", 0)), path, most, fits)
@@ -232,17 +206,7 @@ def read_file(path: Path, most: int, fits: Fits | None = None) -> bytes:
 def read_below(root: Path, relative: str, most: int) -> bytes:
     """As `read_file`, of a file below a folder; no link on the way is followed.
 
-    Parameters
-    ----------
-    root, relative
-        The folder, and the file's path below it with "/" between its parts.
-    most
-        How many bytes it may have.
-
-    Raises
-    ------
-    InputError
-        For anything else, and for a link on the way.
+    `most`: how many bytes it may have.
     """
     with _plain_reading(root / relative), _place(root, relative) as place:
         try:
@@ -281,22 +245,7 @@ def _too_large(path: Path, most: int) -> InputError:
 
 
 def file_sha256(path: Path, most: int) -> str:
-    """The SHA-256 of a regular file of at most `most` bytes, in hexadecimal digits.
-
-    Parameters
-    ----------
-    path
-        The file.
-    most
-        How many bytes it may have.
-
-    Raises
-    ------
-    InputError
-        For anything else, before it is read.
-    FileNotFoundError
-        Where nothing is there.
-    """
+    """The SHA-256 of a regular file of at most `most` bytes, in hexadecimal digits."""
     if not os.path.exists(path):
         raise FileNotFoundError(errno.ENOENT, os.strerror(errno.ENOENT), str(path))
     with _plain_reading(path):
@@ -323,24 +272,7 @@ def _plain_reading(path: Path) -> Iterator[None]:
 
 
 def write_new(root: Path, relative: str, data: bytes, durable: bool = False) -> None:
-    """Write a file that is not there yet, making its folders below `root`.
-
-    Parameters
-    ----------
-    root, relative
-        The folder, and the file's path below it with "/" between its parts.
-    data
-        Its contents.
-    durable
-        Wait until the disk has it.
-
-    Raises
-    ------
-    OSError
-        Where the file is there already or cannot be written.
-    InputError
-        For a path that leads elsewhere, and for a link on the way.
-    """
+    """Write a file that is not there yet, making its folders below `root`."""
     with _place(root, relative, make=True) as place, os.fdopen(_create(place), "wb") as file:
         file.write(data)
         if durable:
@@ -350,76 +282,24 @@ def write_new(root: Path, relative: str, data: bytes, durable: bool = False) -> 
 
 @contextmanager
 def new_file(root: Path, relative: str) -> Iterator[BinaryIO]:
-    """As `write_new`, open for writing, for what is too large to be held in memory.
-
-    Parameters
-    ----------
-    root, relative
-        The folder, and the file's path below it with "/" between its parts.
-
-    Raises
-    ------
-    OSError, InputError
-        As `write_new`.
-    """
+    """As `write_new`, open for writing, for what is too large to be held in memory."""
     with _place(root, relative, make=True) as place, os.fdopen(_create(place), "wb") as file:
         yield file
 
 
 def create(path: Path, data: bytes) -> None:
-    """Write a new file into a folder that this process is filling.
-
-    Parameters
-    ----------
-    path
-        The file; its folder must be there.
-    data
-        Its contents.
-
-    Raises
-    ------
-    OSError
-        Where the file is there already or cannot be written.
-    """
+    """Write a new file into a folder that this process is filling."""
     write_new(path.parent, path.name, data)
 
 
 def make_folder_below(root: Path, relative: str) -> Path:
-    """Make a folder and those above it, up to `root`; its path.
-
-    Parameters
-    ----------
-    root, relative
-        The folder that is there, and the new one's path below it with "/" between its parts.
-
-    Raises
-    ------
-    InputError
-        Where a link or a file is in the way.
-    OutputError
-        Where the folder cannot be made.
-    """
+    """Make a folder and those above it, up to `root`; its path."""
     with _plain_writing(root / relative), _place(root, f"{relative}/x", make=True):
         return root / relative
 
 
 def write_below(root: Path, relative: str, data: bytes) -> None:
-    """Replace a file below a folder whole, keeping its mode; missing folders are made.
-
-    Parameters
-    ----------
-    root, relative
-        The folder, and the file's path below it with "/" between its parts.
-    data
-        Its contents.
-
-    Raises
-    ------
-    OutputError
-        Where it cannot be written, or a folder has its name.
-    InputError
-        Where a link or a special file has its name, or a link is on the way.
-    """
+    """Replace a file below a folder whole, keeping its mode; missing folders are made."""
     with _plain_writing(root / relative), _place(root, relative, make=True) as place:
         _replace(place, data)
 
@@ -429,20 +309,6 @@ def write_whole(path: Path, data: bytes | BinaryIO) -> None:
 
     A link is not written through. Terminals and other devices for characters, and pipes that somebody reads, are
     written to directly.
-
-    Parameters
-    ----------
-    path
-        The file; its folder must be there.
-    data
-        Its contents, or an open file that holds them.
-
-    Raises
-    ------
-    OutputError
-        Where it cannot be written, or a folder has its name.
-    InputError
-        Where a link or a special file has its name.
     """
     with _plain_writing(path):
         named = Path(os.path.abspath(path))
@@ -541,41 +407,13 @@ def _plain_writing(path: Path) -> Iterator[None]:
 
 
 def remove_below(root: Path, relative: str) -> None:
-    """Remove a file, if it is there; of a link the link itself.
-
-    Parameters
-    ----------
-    root, relative
-        The folder, and the file's path below it with "/" between its parts.
-
-    Raises
-    ------
-    OutputError
-        Where it cannot be removed.
-    InputError
-        Where a link is on the way.
-    """
+    """Remove a file, if it is there; of a link the link itself."""
     with _plain_writing(root / relative), suppress(FileNotFoundError), _place(root, relative) as place:
         os.unlink(place.path, dir_fd=place.folder)
 
 
 def move_below(root: Path, relative: str, to: str) -> None:
-    """Rename a file or folder below `root`; missing folders of the new name are made.
-
-    Parameters
-    ----------
-    root, relative
-        The folder, and the path below it with "/" between its parts.
-    to
-        The new path below it, which must be free.
-
-    Raises
-    ------
-    OutputError
-        Where nothing is there, the new name is taken, or the disk refuses.
-    InputError
-        For a link or a special file, and for a link on the way.
-    """
+    """Rename a file or folder below `root`; missing folders of the new name are made."""
     with _plain_writing(root / relative), _place(root, relative) as source, _place(root, to, make=True) as goal:
         state = source.state()
         if state is None:
@@ -594,18 +432,6 @@ def plain_files(folder: Path, most: int) -> list[str]:
     """The regular files below a folder, with "/" between parts; links are not followed.
 
     Folders that cannot be listed are left out.
-
-    Parameters
-    ----------
-    folder
-        The folder.
-    most
-        How many are returned at most.
-
-    Raises
-    ------
-    InputError
-        Where folders are nested too deeply.
     """
     found: list[str] = []
     for relative, state in _entries(folder, "", on_error=lambda _error: None):
@@ -620,22 +446,6 @@ def strangers(folder: Path, known: Known, most: int = 3) -> list[str]:
     """Files below a folder that `known` does not name, with "/" between parts; links and pipes too.
 
     A folder counts by what is in it.
-
-    Parameters
-    ----------
-    folder
-        The folder.
-    known
-        Whether a path within the folder is known; an empty folder has a "/" at its end.
-    most
-        How many are returned at most.
-
-    Raises
-    ------
-    InputError
-        Where folders are nested too deeply.
-    OSError
-        Where a folder cannot be listed.
     """
     found: list[str] = []
     for relative, state in _entries(folder, ""):
@@ -675,20 +485,6 @@ def remove_folder_below(root: Path, relative: str, known: Known) -> bool:
     """Remove what `known` names from a folder below `root`, and the folder where nothing else is left; whether it went.
 
     Nothing else is touched, and no link is followed.
-
-    Parameters
-    ----------
-    root, relative
-        The folder around it, and its path below that with "/" between its parts.
-    known
-        Whether a file, by its path within the folder, is to be removed.
-
-    Raises
-    ------
-    OutputError
-        Where something cannot be removed.
-    InputError
-        Where a link is on the way, and where folders are nested too deeply.
     """
     with _plain_writing(root / relative):
         try:

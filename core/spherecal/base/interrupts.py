@@ -57,12 +57,6 @@ def uninterrupted(commit: bool = False) -> Iterator[None]:
     """Hold both signals back until this short piece of work is done.
 
     They then act as if they had come at its end.
-
-    Parameters
-    ----------
-    commit
-        Whether the work puts the output into its place. Signals then came too late and cancel nothing more: whoever
-        reads the exit code would think that nothing was written.
     """
     if threading.current_thread() is not threading.main_thread():
         yield  # Python hands signals to the main thread only

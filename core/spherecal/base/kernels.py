@@ -94,12 +94,7 @@ def _ahead() -> Ahead | None:
 def key_of(one: Any, layout: str | None = None) -> Any:
     """The type of an argument as kernels.json names it.
 
-    Parameters
-    ----------
-    one
-        The argument; a tuple gives a tuple of types.
-    layout
-        What arrays of any memory layout are named by, such as "A"; None for each array's own, C, F or A.
+    `layout` None for each array's own, C, F or A.
     """
     if isinstance(one, np.ndarray):
         flags = one.flags
@@ -117,17 +112,7 @@ def key_of(one: Any, layout: str | None = None) -> Any:
 
 
 class Kernel:
-    """A function with its forms compiled ahead, by the types of its arguments.
-
-    Parameters
-    ----------
-    function
-        The Python function.
-    forms
-        Its compiled forms by `key_of` of all arguments.
-    options
-        Those of numba's `njit`, for types that nobody compiled for.
-    """
+    """A function with its forms compiled ahead, by the types of its arguments."""
 
     def __init__(self, function: Callable[..., Any], forms: Forms, options: dict[str, Any]) -> None:
         update_wrapper(self, function)

@@ -23,19 +23,7 @@ def names(group: str) -> tuple[str, ...]:
 def load(group: str, name: str, kind: type | tuple[type, ...] | None = None) -> Any:
     """What an installed package gives under this name, None where there is none.
 
-    Parameters
-    ----------
-    group
-        The group of entry points: EXPORTERS, IMPORTERS or CAMERA_SOURCES.
-    name
-        The entry point's name.
-    kind
-        The type that it must have; None for any.
-
-    Raises
-    ------
-    InputError
-        Where it cannot be loaded, is of another kind, or two packages give it.
+    `kind` None for any.
     """
     found = list(entry_points(group=group, name=name))
     if not found:

@@ -34,11 +34,6 @@ class SharedLimit:
 
     If two threads each set and restored it, the first to end would give the threads back to the other. The other's sums
     would then come out in another order: other bits for the same input.
-
-    Parameters
-    ----------
-    limited
-        Makes the block in which the limit holds.
     """
 
     def __init__(self, limited: Callable[[], AbstractContextManager[None]]) -> None:

@@ -14,14 +14,7 @@ RepairKind = Literal["leave-out", "split", "swap"]
 def counted(number: int, noun: str, plural: str | None = None) -> str:
     """A number and its noun: `1 camera`, `2 cameras`.
 
-    Parameters
-    ----------
-    number
-        How many.
-    noun
-        The noun for one.
-    plural
-        The noun for any other number; None: with an s.
+    `plural` None: with an s.
     """
     return f"{number} {noun}" if number == 1 else f"{number} {plural or noun + 's'}"
 
@@ -107,15 +100,5 @@ class Finding:
 
 
 def as_written(severity: Severity, code: str, message: str, hint: str, where: tuple[str, ...] = ()) -> Finding:
-    """A finding of a file, whose values are not known: its message and hint stay as they are.
-
-    Parameters
-    ----------
-    severity, code
-        As in the file.
-    message, hint
-        In the file's words.
-    where
-        Ids concerned.
-    """
+    """A finding of a file, whose values are not known: its message and hint stay as they are."""
     return Finding(code, severity, {}, where, written=(message, hint))

@@ -13,37 +13,14 @@ from spherecal.geometry.lens_fit import fit_lens, image_field
 
 
 def with_lens_model(session: Session, model: LensModel) -> Session:
-    """The session with all cameras of one lens model, their priors fitted to it over the image where they had another.
-
-    Parameters
-    ----------
-    session
-        The session.
-    model
-        The lens model.
-
-    Raises
-    ------
-    InputError
-        Where a prior cannot be inverted over its image.
-    """
+    """The session with all cameras of one lens model, their priors fitted to it over the image where they had another."""
     return replace(session, cameras=tuple(_with_model(camera, model) for camera in session.cameras))
 
 
 def like(camera: CameraSpec, intrinsics: FloatArray) -> CameraSpec:
     """The camera with the lens model of a calibrated lens, where one of the two is fisheye and the other is not.
 
-    Parameters
-    ----------
-    camera
-        The camera as the session describes it.
-    intrinsics
-        The calibrated lens, (16,).
-
-    Raises
-    ------
-    InputError
-        Where its prior cannot be inverted over its image.
+    `intrinsics`: the calibrated lens, (16,).
     """
     if bool(is_fisheye(intrinsics)) == bool(is_fisheye(camera.prior)):
         return camera
@@ -57,21 +34,7 @@ def _with_model(camera: CameraSpec, model: LensModel) -> CameraSpec:
 def prior_in_model(camera: str, prior: FloatArray, image_size: tuple[int, int], model: LensModel) -> FloatArray:
     """A prior (16,) as the nearest lens of a model.
 
-    Parameters
-    ----------
-    camera
-        The camera's id, for the message.
-    prior
-        The prior, (16,).
-    image_size
-        Width and height in px.
-    model
-        The lens model.
-
-    Raises
-    ------
-    InputError
-        Names the camera where the prior cannot be inverted over the image.
+    `image_size`: width and height in px.
     """
     found = fit_lens(prior, image_field(image_size), model)
     if found is None:
@@ -80,14 +43,6 @@ def prior_in_model(camera: str, prior: FloatArray, image_size: tuple[int, int], 
 
 
 def estimated_intrinsics(session: Session, free: bool) -> BoolArray:
-    """Which intrinsics (c, 16) of each camera are estimated, by its lens model (docs/conventions.md, decision 0001).
-
-    Parameters
-    ----------
-    session
-        The session with its cameras.
-    free
-        Whether intrinsics are estimated at all.
-    """
+    """Which intrinsics (c, 16) of each camera are estimated, by its lens model (docs/conventions.md, decision 0001)."""
     masks = [estimated_mask(camera.lens_model) for camera in session.cameras]
     return np.array(masks).reshape(-1, 16) & free

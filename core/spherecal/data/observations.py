@@ -69,12 +69,7 @@ def find_features(observations: Observations) -> Features:
 def seen_matrix(features: Features, observations: Observations, keep: BoolArray) -> BoolArray:
     """Which camera sees which feature, (cameras, features).
 
-    Parameters
-    ----------
-    features, observations
-        The features, and the n observations that they were found in.
-    keep
-        Which observations count, (n,).
+    `keep`: which observations count, (n,).
     """
     seen = np.zeros((len(observations.cameras), len(features)), dtype=bool)
     seen[observations.camera[keep], features.of_observation[keep]] = True

@@ -14,7 +14,7 @@ from spherecal.base.messages.values import Phrase
 from spherecal.data.findings import Finding, counted
 from spherecal.data.observations import Features, Observations
 from spherecal.data.rig_camera import CameraSigma, ImageSize, OpenCVCamera, RigCamera, camera_of_opencv, table_row
-from spherecal.predict.volume_map import LengthMap
+from spherecal.geometry.volume_map import LengthMap
 
 if TYPE_CHECKING:
     import pandas  # pyright: ignore[reportMissingImports]
@@ -87,7 +87,7 @@ class Quality:
 class Repair:
     """A repair, as on the command line; `earlier_pose`: the camera before it was split.
 
-    `automatic`: not asked for, but certain (diagnose/automatic_edits.py).
+    `automatic`: not asked for, but certain (steps/automatic_repairs.py).
     """
 
     option: str

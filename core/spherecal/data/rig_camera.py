@@ -148,22 +148,7 @@ class RigCamera(ByValue):
 
 
 def last_axis(values: ArrayLike, width: int, what: Words) -> FloatArray:
-    """The values as an array (..., width) of numbers.
-
-    Parameters
-    ----------
-    values
-        Numbers, or nested sequences of them.
-    width
-        The length of the last axis.
-    what
-        What the message calls them.
-
-    Raises
-    ------
-    InputError
-        For another shape, and where they are no numbers.
-    """
+    """The values as an array (..., width) of numbers."""
     array = float_array(values, what)
     if array.ndim < 1 or array.shape[-1] != width:
         expected = f"({width},) | (..., {width})"
@@ -194,23 +179,7 @@ def camera_of_opencv(
 ) -> RigCamera:
     """A camera that OpenCV calibrated, without residuals and uncertainties.
 
-    Parameters
-    ----------
-    name
-        Its id.
-    given
-        `(K, dist, rvec, tvec)`, as `Rig.from_opencv` takes them.
-    image_size
-        (width, height) px, one for all or one for each by id.
-    fisheye
-        Whether all cameras, or which by id, are of cv2.fisheye.
-    mm
-        Millimetres to the unit of `tvec`.
-
-    Raises
-    ------
-    InputError
-        Names the camera, where one of these cannot be used.
+    `image_size` (width, height) px, one for all or one for each by id.
     """
     what = Phrase("camera-named", {"camera": name})
     if problem := id_problem(name):
@@ -232,33 +201,12 @@ def camera_of_opencv(
 
 
 def is_wide(name: str, fisheye: bool | Collection[str]) -> bool:
-    """Whether a camera is of cv2.fisheye.
-
-    Parameters
-    ----------
-    name
-        The camera's id.
-    fisheye
-        Said once for all, or the ids of those that are.
-    """
+    """Whether a camera is of cv2.fisheye."""
     return fisheye if isinstance(fisheye, bool) else name in fisheye
 
 
 def size_of(name: str, image_size: ImageSize) -> tuple[int, int]:
-    """The (width, height) of a camera's images in px.
-
-    Parameters
-    ----------
-    name
-        The camera's id.
-    image_size
-        One size for all, or one for each by id.
-
-    Raises
-    ------
-    InputError
-        Where there is none for this camera, or it is not of two whole numbers above 0.
-    """
+    """The (width, height) of a camera's images in px."""
     size: Any = image_size.get(name) if isinstance(image_size, Mapping) else image_size
     try:
         width, height = size

@@ -19,21 +19,7 @@ _EDGES = (0, 1, 2, 0, 3, 4, 0, 2, 3, 4, 1)  # one line through centre (0) and co
 def plot_cameras(cameras: Sequence[RigCamera], reference: str | None, ax: Any = None) -> "Axes3D":
     """The cameras as frusta with their ids, in mm in the world, equal scales; the axes.
 
-    Parameters
-    ----------
-    cameras
-        What to draw.
-    reference
-        Id of the camera that is highlighted; None for none.
-    ax
-        Axes of matplotlib with projection "3d"; None for a new figure.
-
-    Raises
-    ------
-    InputError
-        For other axes, and where there are no cameras.
-    MissingPackage
-        Without matplotlib.
+    `reference` None for none; `ax` None for a new figure.
     """
     if not cameras:
         raise InputError(Phrase("error-nothing-to-draw"))

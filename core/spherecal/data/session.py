@@ -26,7 +26,7 @@ class CameraSpec(ByValue):
 
     Made from the file's prior, else from pixel pitch and focal length with a centred principal point;
     `prior_given` says which; `assumed` names what the prior lacked. Nothing in `ignore` is a target.
-    `earlier_pose_of` names the camera whose pose before a move this one has (data/edits.py). `lens_model` is what a
+    `earlier_pose_of` names the camera whose pose before a move this one has (steps/repairs.py). `lens_model` is what a
     calibration estimates.
     """
 

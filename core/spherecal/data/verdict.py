@@ -189,15 +189,6 @@ def affected(
     """What care concerns: some of the rig's cameras, the scale, the weak part of the volume.
 
     A finding that names none of them concerns all cameras.
-
-    Parameters
-    ----------
-    findings
-        The result's findings.
-    cameras
-        Ids of the rig's cameras.
-    region
-        The weak part of the volume; None where there is no map: findings about the volume then concern cameras.
     """
     names: set[str] = set()
     scale = volume = False
@@ -225,17 +216,7 @@ def _concerned(finding: Finding, cameras: Sequence[str]) -> set[str]:
 
 
 def widening(findings: Sequence[Finding], cameras: Sequence[str], form: str) -> tuple[FloatArray, FloatArray]:
-    """By how much standard uncertainties of some cameras (c,) grow, by all findings: for lengths, of their poses.
-
-    Parameters
-    ----------
-    findings
-        The result's findings.
-    cameras
-        The cameras' ids.
-    form
-        The form of the ball, free, soft or rigid; any other counts as free.
-    """
+    """By how much standard uncertainties of some cameras (c,) grow, by all findings: for lengths, of their poses."""
     factor, poses = np.ones(len(cameras)), np.ones(len(cameras))
     for finding in findings:
         if finding.code == "poses-scatter":
@@ -257,15 +238,7 @@ def widening(findings: Sequence[Finding], cameras: Sequence[str], form: str) -> 
 
 
 def with_findings(calibration: Calibration, findings: tuple[Finding, ...]) -> Calibration:
-    """A calibration with more findings, its causes, before those of the same severity; judged again.
-
-    Parameters
-    ----------
-    calibration
-        The calibration.
-    findings
-        What is added.
-    """
+    """A calibration with more findings, its causes, before those of the same severity; judged again."""
     if not findings:
         return calibration
     rig = calibration.rig

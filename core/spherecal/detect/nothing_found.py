@@ -12,20 +12,7 @@ from spherecal.targets.why_nothing import why_nothing_in
 
 
 def nothing_found(session: Session, from_images: bool) -> tuple[Finding, ...]:
-    """Findings on a session without observations, and on cameras and placements whose images gave none.
-
-    Parameters
-    ----------
-    session
-        A session with its observations.
-    from_images
-        Whether the observations were found in the session's images, which are then looked at for the cause.
-
-    Raises
-    ------
-    InputError
-        Where such an image cannot be read.
-    """
+    """Findings on a session without observations, and on cameras and placements whose images gave none."""
     observations, targets = session.observations, session.target_set
     assert observations is not None
     if not from_images:

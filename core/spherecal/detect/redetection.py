@@ -30,22 +30,6 @@ def with_missed_targets(session: Session, first: Calibration, context: Context) 
     """The session with the observations of targets found at places that a first calibration predicts.
 
     A session of markers is returned as it is.
-
-    Parameters
-    ----------
-    session
-        A session with observations from its images.
-    first
-        Its calibration.
-    context
-        For progress, and to stop.
-
-    Raises
-    ------
-    InputError
-        Where an image cannot be read.
-    Cancelled
-        When the user stops the work.
     """
     observations, targets = session.observations, session.target_set
     if observations is None or targets is None or targets.dictionary is not None or not first.rig.cameras:

@@ -26,25 +26,7 @@ class _Shot:
 
 
 def observed(session: Session, context: Context, bar_poses_only: bool = False) -> Session:
-    """The session with observations: its own, or else those of the targets found in its images.
-
-    Parameters
-    ----------
-    session
-        The session.
-    context
-        For progress, and to stop.
-    bar_poses_only
-        Whether to look only at the images of bar poses.
-
-    Raises
-    ------
-    InputError
-        For a session with neither observations nor images, and for images without a target set.
-        Also for images that cannot be read or have another size than the session says.
-    Cancelled
-        When the user stops the work.
-    """
+    """The session with observations: its own, or else those of the targets found in its images."""
     if session.observations is not None:
         return session
     shots = _shots(session, bar_poses_only)

@@ -87,13 +87,6 @@ def find_anomalies(e: Evidence, contradicting: bool = False) -> Anomalies:
 
     Moves and misfits come from score tests (score.py). Where images differ or contradict each other, or the rigid form
     fits too badly, the images' own poses are asked too, and go before these (decision 0009).
-
-    Parameters
-    ----------
-    e
-        What the findings are drawn from.
-    contradicting
-        Whether other tests found images that contradict the rest.
     """
     adjusted, cofactors = e.adjusted, e.solved.cofactors
     if cofactors is None or adjusted.redundancy <= 0 or not adjusted.variance > 0:
@@ -152,19 +145,7 @@ def explained_by_moves(
     alone connects bend: on rig B 16 % of the moves by 0.5 to 50 mm were named wrongly. The images' own poses know of
     neither (decision 0009).
 
-    Parameters
-    ----------
-    network, features
-        The network in the free form, and what its features are. Its priors are not used.
-    fit
-        The solution: start values of the images' poses, the cameras that are placed and those with a prior.
-    n_ball
-        Placements of the ball; they are the first ones.
-    context
-        For progress, and to stop.
-    most_variance
-        Variance of unit weight that the images' own poses may have at most, for the ball to have kept its shape; None
-        for no limit.
+    `most_variance` None for no limit.
     """
     state = fit.by_features.state
     n_placements = max(n_ball, int(features.placement.max(initial=0)) + 1)  # the last ones may have no observations

@@ -55,15 +55,7 @@ class SizeChange:
         return float(np.abs(self.sizes).max())
 
     def finding(self, placements: tuple[str, ...], diameter_mm: float) -> Finding:
-        """The finding that says so; a warning where the change is more than `MOST_CHANGE`.
-
-        Parameters
-        ----------
-        placements
-            Ids of the placements; the sizes are those of the first ones.
-        diameter_mm
-            Diameter of the ball, 0 where it is not known.
-        """
+        """The finding that says so; a warning where the change is more than `MOST_CHANGE`."""
         small, large = int(self.sizes.argmin()), int(self.sizes.argmax())
         change = float(self.sizes[large] - self.sizes[small])
         where = (placements[small], placements[large])
@@ -123,17 +115,7 @@ def sizes_to_fit(
     Rao's score test (decision 0018). Sizes are taken where chance gives such a statistic in less than one of a million,
     and where they explain more than half of what the rigid form does not.
 
-    Parameters
-    ----------
-    rigid, adjusted
-        The rigid form and its adjustment.
-    placement
-        Placement of each observation, (n,).
-    count
-        Placements of the ball, the first ones.
-    free_variance
-        Variance of unit weight of the free form. None where sizes are fitted already: what these are off is then given
-        without a test.
+    `placement`: placement of each observation, (n,).
     """
     if not _can_be_tested(adjusted, count):
         return None
@@ -158,16 +140,7 @@ def size_change(e: Evidence) -> SizeChange | None:
 
 
 def possible_sizes(e: Evidence, growth: float) -> SizeChange | None:
-    """Sizes that the ball may have had where the rigid form has one, and what they do to the cameras; None for none.
-
-    Parameters
-    ----------
-    e
-        What the findings are drawn from.
-    growth
-        Factor, at least 1, by which standard uncertainties grow already because residuals are more than noise. Its
-        square divides the statistic (decision 0018).
-    """
+    """Sizes that the ball may have had where the rigid form has one, and what they do to the cameras; None for none."""
     if e.choice.sizes is not None or not len(e.adjusted.problem.intrinsic_columns):
         return None
     test = _tested_result(e, len(e.session.placements))

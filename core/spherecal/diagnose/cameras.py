@@ -38,15 +38,7 @@ TRIED_PX, TRIED_SHARE, TRIED_POINTS = 12.0, 0.7, 30
 
 
 def noisy_cameras(e: Evidence, moved: Collection[str]) -> list[Finding]:
-    """Findings on cameras whose points scatter more than twice as much as the median camera's.
-
-    Parameters
-    ----------
-    e
-        What the findings are drawn from.
-    moved
-        Ids of cameras that moved; they are left out.
-    """
+    """Findings on cameras whose points scatter more than twice as much as the median camera's."""
     noise = e.noise_px
     known = e.placed & np.isfinite(noise)
     if known.sum() < 3:
@@ -73,15 +65,6 @@ def misfitting_lenses(e: Evidence, anomalies: Anomalies, moved: Collection[str])
     """One finding on all cameras whose residuals have structure over their image, moved ones left out.
 
     None where the ball's shape explains that better. Another lens model is proposed where it fits better.
-
-    Parameters
-    ----------
-    e
-        What the findings are drawn from.
-    anomalies
-        The misfits, and what hides moves.
-    moved
-        Ids of cameras that moved.
     """
     misfits = [m for m in anomalies.misfits if e.camera_ids[m.camera] not in moved]
     if not misfits or anomalies.in_shape:
@@ -106,15 +89,7 @@ def misfitting_lenses(e: Evidence, anomalies: Anomalies, moved: Collection[str])
 
 
 def scattering_poses(e: Evidence, anomalies: Anomalies) -> list[Finding]:
-    """The finding on cameras whose images' poses differ by more than noise; its values widen their uncertainties.
-
-    Parameters
-    ----------
-    e
-        What the findings are drawn from.
-    anomalies
-        How much the images' poses scatter.
-    """
+    """The finding on cameras whose images' poses differ by more than noise; its values widen their uncertainties."""
     if anomalies.scatter is None:
         return []
     own = np.flatnonzero(e.placed & (anomalies.scatter > SCATTERING))
@@ -168,13 +143,6 @@ def wrong_focal_lengths(e: Evidence, fixed: FixedFocal) -> list[Finding]:
     """Priors that the data contradict: estimated focal lengths off by more than 5 %, fixed ones that do not fit.
 
     Cameras without a pose that another focal length, or a mirrored image, would place are among them.
-
-    Parameters
-    ----------
-    e
-        What the findings are drawn from.
-    fixed
-        The tests of the fixed focal lengths.
     """
     prior = np.array([camera.prior[:2].mean() for camera in e.session.cameras])
     ratio = e.solution.state.intrinsics[:, :2].mean(axis=1) / prior

@@ -36,16 +36,7 @@ STOPPED = Finding("stopped-early", "error")
 
 
 def run_checks(evidence: Evidence) -> tuple[Finding, ...]:
-    """All findings on a calibration with the severities of the table in data/verdict.py, errors first.
-
-    Raises
-    ------
-    Cancelled
-        Where the context says so.
-    PartialResultAccepted
-        Where the user wants what there is, and the caller has a partial result. Else the finding `stopped-early` says
-        it.
-    """
+    """All findings on a calibration with the severities of the table in data/verdict.py, errors first."""
     ambiguous = evidence.ambiguous
     # a camera's pose before it was knocked is not part of the rig
     settled = evidence.placed | ambiguous | evidence.is_earlier_pose
@@ -83,16 +74,7 @@ def _faults(e: Evidence) -> list[Finding]:
 def unlinked(observations: Observations, counts: IntArray, triples: list, placed: BoolArray) -> list[Finding]:
     """The finding on cameras that could not be linked to the rest, group by group, with the features that were missing.
 
-    Parameters
-    ----------
-    observations
-        For the cameras' ids.
-    counts
-        Common features of each pair of cameras, (c,c).
-    triples
-        The triples that were solved; they make the groups.
-    placed
-        Cameras that count as linked, (c,).
+    `counts`: common features of each pair of cameras, (c,c); `placed`: cameras that count as linked, (c,).
     """
     ids = np.array(observations.cameras)
     if placed.all():
@@ -221,12 +203,7 @@ def _two_view_share(e: Evidence) -> list[Finding]:
 def image_coverage(observations: Observations, used: BoolArray, session: Session) -> FloatArray:
     """Share of a 10 x 10 grid of each camera's image that contains used observations, (c,).
 
-    Parameters
-    ----------
-    observations, used
-        Image points, and which of them count, (n,).
-    session
-        For the sizes of the images.
+    `observations`, `used`: image points, and which of them count, (n,).
     """
     return _seen_cells(observations, used, session).mean(axis=(1, 2))
 

@@ -54,13 +54,7 @@ class Evidence:
         return np.array([camera.earlier_pose_of is not None for camera in self.session.cameras], dtype=bool)
 
     def is_same_camera(self, a: int, b: int) -> bool:
-        """Whether two cameras are the same device, before and after it moved.
-
-        Parameters
-        ----------
-        a, b
-            The cameras, indices.
-        """
+        """Whether two cameras are the same device, before and after it moved."""
         names = [self.session.cameras[c].earlier_pose_of or self.session.cameras[c].id for c in (a, b)]
         return names[0] == names[1]
 

@@ -82,18 +82,7 @@ def find_group_motion(
     Schwarz's criterion compares them. The motion counts where it leaves at most 3 times noise and explains 70 % of what
     noise does not (decision 0009).
 
-    Parameters
-    ----------
-    images
-        The images' own poses.
-    n_cameras
-        Cameras of the rig, those without an image included.
-    ball_centre
-        Middle of the ball in its own frame, (3,) in network units.
-    single
-        The rig's poses with credible moves of single cameras; None where there are none.
-    context
-        For progress, and to stop.
+    `ball_centre`: middle of the ball in its own frame, (3,) in network units; `single` None where there are none.
     """
     still = fit_layout(images, PoseComposition.of(images, n_cameras))
     if still is None or still.layout.freedom <= 0 or len(np.unique(images.camera)) < 3:

@@ -35,15 +35,7 @@ class GroupSearch:
 
     @staticmethod
     def of(images: ImagePoses, fitted: Fitted, n_cameras: int) -> "GroupSearch":
-        """The tests at a fit without motions.
-
-        Parameters
-        ----------
-        images, fitted
-            The images' own poses, and the rig's poses nearest to them.
-        n_cameras
-            Cameras of the rig, those without an image included.
-        """
+        """The tests at a fit without motions."""
         m, n_times = len(images.camera), int(images.placement.max()) + 1
         j = fitted.by_ball
         force = np.zeros((n_cameras, n_times, POSE))
@@ -56,20 +48,7 @@ class GroupSearch:
         return GroupSearch(force, stiffness)
 
     def groups(self, motions: PlacementSets, variance: float) -> list[BoolArray]:
-        """The groups (c,) of cameras whose motions explain most: of any size up to half, and of one camera.
-
-        Parameters
-        ----------
-        motions
-            For each motion the placements at which it holds.
-        variance
-            Variance of unit weight of the images' poses.
-
-        Returns
-        -------
-        list
-            At most two groups, (c,) bool each; none where fewer than three cameras see the motions.
-        """
+        """The groups (c,) of cameras whose motions explain most: of any size up to half, and of one camera."""
         n, p = len(self.force), len(motions)
         at = np.zeros((p, self.force.shape[1]))
         for k, placements in enumerate(motions):

@@ -17,8 +17,8 @@ from spherecal.base.arrays import FloatArray, IntArray
 from spherecal.data.findings import Finding
 from spherecal.diagnose.evidence import Evidence
 from spherecal.diagnose.score import ScoreTest, make_score_test
-from spherecal.predict.lengths import Cameras, length_gradients
-from spherecal.predict.volume_map import LENGTH_MM, measured_volume
+from spherecal.geometry.length_uncertainty import Cameras, length_gradients
+from spherecal.geometry.volume_map import LENGTH_MM, measured_volume
 
 # Adjustments of noise alone that the real one is compared with; so many standard deviations above their mean is beyond
 # chance.

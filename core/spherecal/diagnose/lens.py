@@ -33,14 +33,7 @@ class Misfit:
 def field_values(probe: ScoreTest, rows: IntArray, size: FloatArray) -> FloatArray:
     """Derivatives (k,2,2*TERMS) of some rows, all of one camera, by its fields: Legendre polynomials over the image.
 
-    Parameters
-    ----------
-    probe
-        The network, ready for tests.
-    rows
-        The rows, (k,) indices.
-    size
-        Width and height of the camera's image, (2,) px.
+    `rows`: the rows, (k,) indices; `size`: width and height of the camera's image, (2,) px.
     """
     at = (2 * probe.problem.uv[rows] + 1) / size - 1
     powers = np.add.outer(np.arange(DEGREE + 1), np.arange(DEGREE + 1)).ravel()
@@ -63,18 +56,8 @@ def misfits(
 
     Rao's score test of smooth fields (score.py), at a false alarm in 2 of 1000 faultless rigs.
 
-    Parameters
-    ----------
-    probe
-        The network, ready for tests.
-    sizes
-        Width and height of the cameras' images, (c,2) px.
-    noise_px
-        Noise of one coordinate in each camera, (c,) px.
-    moved
-        By camera, derivatives (k,2,m) of its rows by moves that are known already and corrected for.
-    context
-        To stop; None where that is not needed.
+    `sizes`: width and height of the cameras' images, (c,2) px; `noise_px`: noise of one coordinate in each camera, (c,)
+    px; `moved` (k,2,m); `context` None where that is not needed.
     """
     problem = probe.problem
     tested = np.flatnonzero(np.bincount(problem.camera, minlength=problem.n_cameras) >= LEAST_POINTS)

@@ -83,30 +83,14 @@ class LensTrial:
 
 
 def best_lens_model(fit: BallFit, run: Run) -> LensTrial | None:
-    """The best of the models that are better for the lenses that were estimated; None where none is.
-
-    Parameters
-    ----------
-    fit
-        The network with its solution.
-    run
-        For progress, to stop, and for the time of the trials.
-    """
+    """The best of the models that are better for the lenses that were estimated; None where none is."""
     best = _best([trial for trial in try_lenses(fit, run.context) if trial.model is not None])
     run.watch.lap("lens models")
     return best
 
 
 def best_lenses(fit: BallFit, context: Context) -> LensTrial | None:
-    """The best of the models, or separate lenses for cameras that share one; None where none is better.
-
-    Parameters
-    ----------
-    fit
-        The network with its solution.
-    context
-        For progress, and to stop.
-    """
+    """The best of the models, or separate lenses for cameras that share one; None where none is better."""
     return _best(try_lenses(fit, context))
 
 
@@ -119,13 +103,6 @@ def try_lenses(fit: BallFit, context: Context) -> list[LensTrial]:
 
     Then the model in use with a lens for each camera, where some share one. All by a short adjustment from the
     solution, with its observations and weights.
-
-    Parameters
-    ----------
-    fit
-        The network with its solution, in the free or the rigid form.
-    context
-        For progress, and to stop.
     """
     network, state = fit.network, fit.adjusted.state
     groups = _changeable(fit)

@@ -19,17 +19,7 @@ _TINY_RAD = 1.7e-4  # 0.01 degrees: smaller turns are said in microradians
 
 
 def motion_findings(e: Evidence, anomalies: Anomalies, wrong: Sequence[WrongImage]) -> list[Finding]:
-    """A finding for every camera that moved, the largest move first; images that belong elsewhere are not moves.
-
-    Parameters
-    ----------
-    e
-        What the findings are drawn from.
-    anomalies
-        The moves, or the motion of a group.
-    wrong
-        Images that contradict the rest.
-    """
+    """A finding for every camera that moved, the largest move first; images that belong elsewhere are not moves."""
     if anomalies.group_motion is not None:
         return [_group_motion(e, anomalies.group_motion)]
     if anomalies.explained:
@@ -104,15 +94,7 @@ def _left_out(e: Evidence, images: list[WrongImage], moves: Sequence[Move]) -> F
 
 
 def moved_cameras(e: Evidence, findings: Sequence[Finding]) -> set[str]:
-    """Ids of the cameras that some findings say have moved.
-
-    Parameters
-    ----------
-    e
-        For the ids of the cameras.
-    findings
-        The findings.
-    """
+    """Ids of the cameras that some findings say have moved."""
     codes = ("camera-moved", "cameras-moved", "ball-moved")
     where = {name for finding in findings if finding.code in codes for name in finding.where}
     return where & set(e.camera_ids)
@@ -191,30 +173,12 @@ def _from(seen: list[int], placements: set[int]) -> int | None:
 
 
 def mixed_up_images(e: Evidence, wrong: Sequence[WrongImage]) -> list[Finding]:
-    """Findings on exchanged cameras and images of another placement.
-
-    Parameters
-    ----------
-    e
-        What the findings are drawn from.
-    wrong
-        Images that contradict the rest.
-    """
+    """Findings on exchanged cameras and images of another placement."""
     return [*_swapped(e, wrong), *_wrong_placements(e, wrong)]
 
 
 def unexplained_images(e: Evidence, wrong: Sequence[WrongImage], explained: set[str]) -> list[Finding]:
-    """The finding on images that contradict the rest for unknown reasons.
-
-    Parameters
-    ----------
-    e
-        What the findings are drawn from.
-    wrong
-        Images that contradict the rest.
-    explained
-        Ids of cameras about which another finding says why; their images are left out.
-    """
+    """The finding on images that contradict the rest for unknown reasons."""
     unknown = [i for i in wrong if i.kind in ("moved", "unknown") and not explained & set(_names(e, i))]
     if not unknown:
         return []

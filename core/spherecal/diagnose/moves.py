@@ -79,15 +79,7 @@ class MoveTests:
         return {int(c): np.flatnonzero(self.camera == c) for c in np.unique(self.camera)}
 
     def corrected(self, probe: ScoreTest, given: Sequence[tuple[int, ...]]) -> dict[int, Block]:
-        """The blocks with changes of pose of some sets of images eliminated first.
-
-        Parameters
-        ----------
-        probe
-            The network that the tests were prepared from.
-        given
-            The sets, each of indices of images of one camera.
-        """
+        """The blocks with changes of pose of some sets of images eliminated first."""
         if not given:
             return self.blocks
         by_pose = probe.by_pose()
@@ -122,14 +114,7 @@ class MoveTests:
 def prepare(probe: ScoreTest, placement: IntArray, context: Context | None = None) -> MoveTests | None:
     """Tests of all images of a network; None where no camera has two images.
 
-    Parameters
-    ----------
-    probe
-        The network, ready for tests.
-    placement
-        Placement of each of its rows, (n,).
-    context
-        To stop; None where that is not needed.
+    `placement`: placement of each of its rows, (n,); `context` None where that is not needed.
     """
     problem = probe.problem
     of_row, camera, at, count = _images(problem.camera, placement)
@@ -183,11 +168,6 @@ def find_moves(probe: ScoreTest, tests: MoveTests) -> list[Move]:
 
     A move counts where it exceeds what noise does and what differs between the other images (`yardstick`). The search
     stops one beyond the number that is credible (see `credible`).
-
-    Parameters
-    ----------
-    probe, tests
-        The network, ready for tests, and the tests of its images.
     """
     most = most_moved(probe.problem.n_cameras) + 1
     moves: list[Move] = []
@@ -204,13 +184,7 @@ def find_moves(probe: ScoreTest, tests: MoveTests) -> list[Move]:
 
 
 def differ(probe: ScoreTest, tests: MoveTests) -> bool:
-    """Whether some images differ more than noise explains, whatever the cause.
-
-    Parameters
-    ----------
-    probe, tests
-        The network, ready for tests, and the tests of its images.
-    """
+    """Whether some images differ more than noise explains, whatever the cause."""
     return bool(_all_sets(tests, tests.blocks, probe.variance)[0].max() > tests.limit)
 
 
@@ -247,18 +221,7 @@ def _scatter(block: Block, variance: float) -> Scatter:
 
 
 def scatters(probe: ScoreTest, tests: MoveTests) -> FloatArray:
-    """By what factor (c,) the poses of images differ more than noise explains: of a camera, or of most cameras.
-
-    Parameters
-    ----------
-    probe, tests
-        The network, ready for tests, and the tests of its images.
-
-    Returns
-    -------
-    FloatArray
-        The larger of the two for each camera, at least 1: the root of a ratio of variances.
-    """
+    """By what factor (c,) the poses of images differ more than noise explains: of a camera, or of most cameras."""
     own = {c: _scatter(block, probe.variance) for c, block in tests.blocks.items()}
     out = np.full(probe.problem.n_cameras, usual_inflation(list(own.values())))
     for c, scatter in own.items():
@@ -267,19 +230,7 @@ def scatters(probe: ScoreTest, tests: MoveTests) -> FloatArray:
 
 
 def least_visible(probe: ScoreTest, tests: MoveTests) -> FloatArray:
-    """The shifts (c,2), in network units, below which a move of a camera would not be seen; NaN where none is tested.
-
-    Parameters
-    ----------
-    probe, tests
-        The network, ready for tests, and the tests of its images.
-
-    Returns
-    -------
-    FloatArray
-        First as the camera's images differ, then as they would with noise alone. Each is the rms over all directions,
-        and the median over the ways to part the camera's images in two.
-    """
+    """The shifts (c,2), in network units, below which a move of a camera would not be seen; NaN where none is tested."""
     out = np.full((probe.problem.n_cameras, 2), np.nan)
     scatters = {c: _scatter(block, probe.variance) for c, block in tests.blocks.items()}
     for c, (_, a, _) in tests.blocks.items():
@@ -314,12 +265,7 @@ def _move(
 def rows_of(probe: ScoreTest, placement: IntArray, move: Move) -> tuple[IntArray, BoolArray]:
     """A moved camera's rows in a probe (k,), and whether each is one of those that moved (k,) bool.
 
-    Parameters
-    ----------
-    probe, placement
-        A network, ready for tests, and the placement of each of its rows, (n,).
-    move
-        The move.
+    `probe`, `placement` (n,).
     """
     rows = np.flatnonzero(probe.problem.camera == move.camera)
     return rows, np.isin(placement[rows], move.placements)
@@ -328,12 +274,7 @@ def rows_of(probe: ScoreTest, placement: IntArray, move: Move) -> tuple[IntArray
 def pose_values(probe: ScoreTest, rows: IntArray, moved: BoolArray) -> FloatArray:
     """Derivatives (k,2,6) of a camera's rows by a change of pose of its moved images.
 
-    Parameters
-    ----------
-    probe
-        The network, ready for tests.
-    rows, moved
-        The camera's rows, (k,) indices, and which of them the change concerns, (k,); 0 for the others.
+    `rows`, `moved` (k,).
     """
     return probe.by_pose(rows) * moved[:, None, None]
 
@@ -344,12 +285,7 @@ def confirmed(probe: ScoreTest, placement: IntArray, moves: list[Move]) -> list[
     A move may hardly show there, as when two cameras that alone see their points share it. It is then believed as long
     as no other one is refuted: what looks like one move looks like several.
 
-    Parameters
-    ----------
-    probe, placement
-        The other form, ready for tests, and the placement of each of its rows, (n,).
-    moves
-        The moves that one form showed.
+    `probe`, `placement` (n,).
     """
     tried = [(move, *_seen_there(probe, placement, move)) for move in moves]
     refuted = any(expected >= CONFIRMED and found < CONFIRMED for _, expected, found in tried)
@@ -367,15 +303,7 @@ def _seen_there(probe: ScoreTest, placement: IntArray, move: Move) -> tuple[floa
 
 
 def credible(moves: list[Move], n_cameras: int) -> bool:
-    """Whether few enough cameras moved to conclude that they, and not the others, moved.
-
-    Parameters
-    ----------
-    moves
-        The moves found.
-    n_cameras
-        Cameras of the rig.
-    """
+    """Whether few enough cameras moved to conclude that they, and not the others, moved."""
     return len({move.camera for move in moves}) <= most_moved(n_cameras)
 
 

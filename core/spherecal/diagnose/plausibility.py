@@ -34,13 +34,7 @@ EXPOSED_S = 2.0
 
 
 def implausible(session: Session) -> tuple[Finding, ...]:
-    """Findings on a session with observations; each image named as wrong has a hint how to leave it out.
-
-    Raises
-    ------
-    InputError
-        Where an image or the session's capture.json cannot be read.
-    """
+    """Findings on a session with observations; each image named as wrong has a hint how to leave it out."""
     repeated = _repeated(session)
     return (
         *_target_distance(session),

@@ -61,17 +61,7 @@ class PoseComposition:
 
     @staticmethod
     def of(images: ImagePoses, n_cameras: int, splits: tuple[Split, ...] = ()) -> "PoseComposition":
-        """Every camera and placement with one pose, but for cameras with second ones, numbered after the others.
-
-        Parameters
-        ----------
-        images
-            The images' own poses.
-        n_cameras
-            Cameras of the rig, those without an image included.
-        splits
-            Cameras with a second pose, and the placements where they have it.
-        """
+        """Every camera and placement with one pose, but for cameras with second ones, numbered after the others."""
         camera = images.camera.copy()
         for k, (split, placements) in enumerate(splits):
             camera[(images.camera == split) & np.isin(images.placement, placements)] = n_cameras + k
@@ -126,17 +116,7 @@ class Explained:
 
 
 def explain(images: ImagePoses, n_cameras: int, context: Context) -> Explained | None:
-    """The cameras that moved, the most significant first, at most one more than is credible; None if unknown.
-
-    Parameters
-    ----------
-    images
-        The images' own poses.
-    n_cameras
-        Cameras of the rig, those without an image included.
-    context
-        For progress, and to stop.
-    """
+    """The cameras that moved, the most significant first, at most one more than is credible; None if unknown."""
     tried = [(c, tuple(int(images.placement[i]) for i in some)) for c in range(n_cameras) for some in _ways(images, c)]
     before = fit(images, n_cameras, ())
     if before is None or not tried:
@@ -155,13 +135,7 @@ def explain(images: ImagePoses, n_cameras: int, context: Context) -> Explained |
 
 
 def variance_factor(images: ImagePoses, fitted: Fitted) -> float:
-    """What a fit leaves of v'Pv over its degrees of freedom: 1 where that is noise alone, infinite without freedom.
-
-    Parameters
-    ----------
-    images, fitted
-        The images' own poses, and the rig's poses fitted to them.
-    """
+    """What a fit leaves of v'Pv over its degrees of freedom: 1 where that is noise alone, infinite without freedom."""
     freedom = fitted.layout.freedom
     return fitted.cost / images.variance / freedom if freedom > 0 else np.inf
 
@@ -263,34 +237,12 @@ def _move(images: ImagePoses, block: int, before: Fitted, after: Fitted, way: Sp
 
 
 def fit(images: ImagePoses, n_cameras: int, splits: tuple[Split, ...], steps: int = STEPS) -> Fitted | None:
-    """The rig nearest to the images' poses, some cameras with second poses; None where images are not connected.
-
-    Parameters
-    ----------
-    images
-        The images' own poses.
-    n_cameras
-        Cameras of the rig, those without an image included.
-    splits
-        Cameras with a second pose, and the placements where they have it.
-    steps
-        Steps of the minimiser at most, refused ones included.
-    """
+    """The rig nearest to the images' poses, some cameras with second poses; None where images are not connected."""
     return fit_layout(images, PoseComposition.of(images, n_cameras, splits), steps)
 
 
 def fit_layout(images: ImagePoses, layout: PoseComposition, steps: int = STEPS) -> Fitted | None:
-    """The poses of a layout nearest to the images' own; None where images are not connected.
-
-    Parameters
-    ----------
-    images
-        The images' own poses.
-    layout
-        Which poses make up that of each image.
-    steps
-        Steps of the minimiser at most, refused ones included.
-    """
+    """The poses of a layout nearest to the images' own; None where images are not connected."""
     start = _start(images, layout)
     if start is None:
         return None

@@ -30,15 +30,7 @@ class RejectedEdge:
 
 
 def edge_findings(e: Evidence, moved: Collection[str]) -> list[Finding]:
-    """The finding on cameras with a rejected edge.
-
-    Parameters
-    ----------
-    e
-        What the findings are drawn from.
-    moved
-        Ids of cameras that moved; they are left out.
-    """
+    """The finding on cameras with a rejected edge."""
     edges = [edge for edge in rejected_edges(e) if e.camera_ids[edge.camera] not in moved]
     if not edges:
         return []

@@ -131,12 +131,7 @@ class ScoreTest:
     def forces(self, rows: IntArray, residuals: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Scores of residuals: by the columns, the points following, (k,e); by points (k,3p). Needs `shift`.
 
-        Parameters
-        ----------
-        rows
-            The rows, (m,) indices.
-        residuals
-            k sets of weighted residuals of these rows, (2m,k).
+        `rows`: the rows, (m,) indices; `residuals`: k sets of weighted residuals of these rows, (2m,k).
         """
         assert self.shift is not None
         linear, count = self.linear.at(rows), 3 * self.problem.n_points
@@ -149,12 +144,7 @@ class ScoreTest:
     def after(self, rows: IntArray, values: FloatArray, change: Change) -> "ScoreTest":
         """The network with a change of some rows included in its model.
 
-        Parameters
-        ----------
-        rows, values
-            The rows, (k,) indices, and their weighted derivatives by the change, (k,2,m).
-        change
-            The change as it was tested.
+        `rows`, `values` (k,).
         """
         step = np.zeros_like(self.residual)
         step[(2 * rows[:, None] + np.arange(2)).ravel()] = values.reshape(-1, values.shape[2]) @ change.value
@@ -164,13 +154,8 @@ class ScoreTest:
     def block(self, rows: IntArray, values: FloatArray | Sparse) -> tuple[FloatArray, FloatArray, FloatArray]:
         """g (m,), A (m,m) and own products B'B (m,m) of a change: many columns, few observations.
 
-        Parameters
-        ----------
-        rows
-            The rows that the change concerns, (k,) indices. Their points must be eliminated ones, as all but those of
-            known lengths are.
-        values
-            Weighted derivatives B of these rows, (k,2,m), or (2k,m) sparse.
+        `rows`: the rows that the change concerns, (k,) indices; `values`: weighted derivatives B of these rows,
+        (k,2,m), or (2k,m) sparse.
         """
         flat = values if sparse.issparse(values) else values.reshape(-1, values.shape[2])
         both = (2 * rows[:, None] + np.arange(2)).ravel()
@@ -189,19 +174,7 @@ class ScoreTest:
 
 
 def make_score_test(problem: Problem, state: State, cofactors: Covariance, cost: float, redundancy: int) -> ScoreTest:
-    """A network at its minimum, prepared for tests.
-
-    Parameters
-    ----------
-    problem, state
-        The adjustment, and its minimum. Its ball must not be deformable.
-    cofactors
-        Covariance at the minimum.
-    cost
-        v'Pv / 2 at the minimum.
-    redundancy
-        Degrees of freedom of the network.
-    """
+    """A network at its minimum, prepared for tests."""
     linear, parts = engine.linear_model(problem, state, None), cofactors._parts
     assert isinstance(parts, PointFactors)
     shift = shift_matrix(parts) if 5 * linear.width * len(problem.uv) <= MOST_NONZERO else None
@@ -223,14 +196,7 @@ def _fast(matrix: Sparse) -> Sparse | FloatArray:
 def spread(blocks: FloatArray, column: IntArray, shape: tuple[int, int]) -> Sparse:
     """A sparse matrix with one block after the other in its rows.
 
-    Parameters
-    ----------
-    blocks
-        The blocks, (n,a,b).
-    column
-        Column where each begins, (n,).
-    shape
-        Rows, n a of them, and columns of the matrix.
+    `blocks`: the blocks, (n,a,b); `column`: column where each begins, (n,).
     """
     return _of_rows(blocks, column[:, None] + np.arange(blocks.shape[2]), shape)
 
@@ -251,12 +217,8 @@ def conditional(
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """g (r,), A (r,r) and own products (r,r) of the other r columns once the `given` ones are corrected for.
 
-    Parameters
-    ----------
-    g, a, own
-        Scores (m,), matrix A (m,m) and own products B'B (m,m) of all columns.
-    given
-        Columns that are corrected for, (k,) indices.
+    `g`, `a`, `own`: scores (m,), matrix A (m,m) and own products B'B (m,m) of all columns; `given`: columns that are
+    corrected for, (k,) indices.
     """
     rest = np.setdiff1d(np.arange(len(g)), given)
     scale = np.sqrt(np.maximum(own.diagonal(), 1e-300))
@@ -269,12 +231,7 @@ def conditional(
 def change_of(g: FloatArray, a: FloatArray, own: FloatArray, variance: float) -> Change:
     """The test of one change.
 
-    Parameters
-    ----------
-    g, a, own
-        Its score (m,), matrix A (m,m) and own products B'B (m,m).
-    variance
-        Variance of unit weight.
+    `g`, `a`, `own`: its score (m,), matrix A (m,m) and own products B'B (m,m).
     """
     statistic, dof, value = changes_of(g[None], a[None], own[None], variance)
     return Change(float(statistic[0]), int(dof[0]), value[0])
@@ -286,13 +243,6 @@ def changes_of(
     """Statistics (k,), degrees of freedom (k,) and changes (k,m) of many tests at once.
 
     Directions of which the estimated unknowns leave less than `LEAST_SHARE` do not count.
-
-    Parameters
-    ----------
-    g, a, own
-        Scores (k,m), matrices A (k,m,m) and own products B'B (k,m,m).
-    variance
-        Variance of unit weight.
     """
     scale = np.sqrt(np.maximum(np.einsum("kii->ki", own), 1e-300))
     own = own / scale[:, :, None] / scale[:, None, :] + 1e-12 * np.eye(own.shape[1])

@@ -37,13 +37,6 @@ def changed_shape(e: Evidence, in_shape: bool) -> list[Finding]:
     """The finding where the rigid form fits clearly worse than free points.
 
     Where the cameras do not agree that dots moved, the ball is not blamed (decision 0011).
-
-    Parameters
-    ----------
-    e
-        What the findings are drawn from.
-    in_shape
-        Whether other tests say too that the ball's shape changed; smaller changes are then reported.
     """
     choice = e.choice
     if choice.ratio is None or choice.limit is None or not np.isfinite(choice.ratio):
@@ -68,15 +61,7 @@ def changed_shape(e: Evidence, in_shape: bool) -> list[Finding]:
 
 
 def contradicting_placements(e: Evidence, wrong: Sequence[WrongImage]) -> list[Finding]:
-    """Findings on placements most of whose images contradict all others in the rigid form.
-
-    Parameters
-    ----------
-    e
-        What the findings are drawn from.
-    wrong
-        Images that contradict the rest.
-    """
+    """Findings on placements most of whose images contradict all others in the rigid form."""
     if e.solved.rigid is None:
         return []
     seen = (e.image_counts(e.candidates) >= LEAST_POINTS).sum(axis=1)

@@ -39,15 +39,7 @@ CHANGED_BY_LENSES = 2.0
 
 
 def unsound(e: Evidence, reported: Sequence[Finding]) -> list[Finding]:
-    """Findings on the calibration as a whole, beside those reported already.
-
-    Parameters
-    ----------
-    e
-        What the findings are drawn from.
-    reported
-        The other findings; what they explain is not said again.
-    """
+    """Findings on the calibration as a whole, beside those reported already."""
     blamed = {name for finding in reported for name in finding.where if finding.code in _BLAMES}
     found = [*_rejected(e, blamed), *ball_diameter(e), *_given_intrinsics(e, reported), *_fits_badly(e)]
     return [*found, *_contradicting(e, [*reported, *found])]

@@ -25,13 +25,6 @@ def wrong_targets(e: Evidence, moved: Collection[str]) -> list[Finding]:
     """Findings on targets many of whose images contradict the rest, the most certain first.
 
     That so many of them go wrong by chance is judged by the binomial distribution.
-
-    Parameters
-    ----------
-    e
-        What the findings are drawn from.
-    moved
-        Ids of cameras that moved; their images do not count.
     """
     target, images, wrong = _by_target(e, moved)
     if not len(target):

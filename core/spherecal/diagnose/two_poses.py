@@ -38,15 +38,7 @@ class TwoPoseFit:
 
 
 def resect_two_poses(e: Evidence, camera: int) -> TwoPoseFit | None:
-    """The best partition of a camera's images in two, None where one pose fits them as well.
-
-    Parameters
-    ----------
-    e
-        What the findings are drawn from.
-    camera
-        The camera, an index.
-    """
+    """The best partition of a camera's images in two, None where one pose fits them as well."""
     both = (e.solution.state.intrinsics[camera], e.session.cameras[camera].prior)
     found = [fit for intrinsics in both if (fit := _best_partition(e, camera, intrinsics)) is not None]
     return min(found, key=lambda fit: fit.fit_px[1], default=None)

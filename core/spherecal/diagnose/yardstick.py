@@ -28,13 +28,6 @@ def inflation(own: Scatter, others: Sequence[Scatter]) -> float:
     """The scatter of images' poses over that of noise, at least 1.
 
     A lens may be as bad as the worst of the others, but for as many as may have moved beside the tested one.
-
-    Parameters
-    ----------
-    own
-        Chi-square of the camera's images with the tested move corrected for, and its degrees of freedom.
-    others
-        The same of all images of each other camera.
     """
     known = [one for one in others if one[1] > 0]
     if not known:
@@ -70,13 +63,5 @@ def _sure_chi_square(dof: int) -> float:
 
 
 def raised(limit: float, scatter: float) -> float:
-    """The statistic that a move must exceed where poses scatter more than noise explains.
-
-    Parameters
-    ----------
-    limit
-        The statistic that a move must exceed with noise alone.
-    scatter
-        The scatter of the images' poses over that of noise; the limit grows with its square.
-    """
+    """The statistic that a move must exceed where poses scatter more than noise explains."""
     return limit * scatter**2

@@ -61,22 +61,7 @@ SESSION = Marker(
 
 
 def write_file_whole(path: Path, data: bytes) -> None:
-    """Write a file that the user named: at every moment there is the old one or the whole new one (files.write_whole).
-
-    Parameters
-    ----------
-    path
-        The file. Its mode is kept where it exists.
-    data
-        Its new contents.
-
-    Raises
-    ------
-    OutputError
-        Where the file cannot be written.
-    InputError
-        Where a link or a special file has this name.
-    """
+    """Write a file that the user named: at every moment there is the old one or the whole new one (files.write_whole)."""
     files.write_whole(path, data)
 
 
@@ -87,20 +72,6 @@ def write_folder_whole(folder: Path, build: Callable[[Path], None], marker: Mark
     whole. A crash leaves the old folder or the new one: they are exchanged in one step. Where the system cannot do so,
     the old one is moved aside; the next `check_folder` moves it back if the crash came before the new one was there.
     Two programs that write one folder do it one after the other.
-
-    Parameters
-    ----------
-    folder
-        The folder to write. Folders above it are made, and removed again if the writing fails.
-    build
-        Writes the files into the new folder, whose path it is given.
-    marker
-        The kind of folder.
-
-    Raises
-    ------
-    OutputError
-        Where the folder has other contents or the disk refuses; nothing has changed then.
     """
     resolved = check_folder(folder, marker)
     with _plain_errors(folder):
@@ -131,18 +102,6 @@ def check_folder(folder: Path, marker: Marker) -> Path:
     """The folder with links resolved, if it may be written (see write_folder_whole).
 
     To be asked before long work, so that it is not done in vain. Undoes what a crash left of an earlier writing.
-
-    Parameters
-    ----------
-    folder
-        The folder to write, which need not exist.
-    marker
-        The kind of folder: an older one of this kind may be replaced.
-
-    Raises
-    ------
-    OutputError
-        Where the folder has other contents, or its place cannot be written to.
     """
     resolved = _resolve(folder)
     with _plain_errors(folder):
@@ -186,20 +145,7 @@ def _resolve(path: Path) -> Path:
 
 
 def make_parent(path: Path, hint: Phrase) -> None:
-    """Make the folder for a file of the user's settings.
-
-    Parameters
-    ----------
-    path
-        The file.
-    hint
-        What the error advises.
-
-    Raises
-    ------
-    OutputError
-        Where the folder cannot be made.
-    """
+    """Make the folder for a file of the user's settings."""
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
     except OSError as error:
@@ -251,20 +197,7 @@ def _known(folder: Path, marker: Marker) -> files.Known:
 
 
 def read_unchanged(folder: Path, read: Callable[[Path], Read]) -> Read:
-    """What `read` makes of a folder's files, all of one writing: read again where the folder was replaced meanwhile.
-
-    Parameters
-    ----------
-    folder
-        The folder.
-    read
-        Reads what it needs from the folder, whose path it is given.
-
-    Raises
-    ------
-    InputError
-        Where the folder is replaced again and again; what `read` raises on a folder that stays.
-    """
+    """What `read` makes of a folder's files, all of one writing: read again where the folder was replaced meanwhile."""
     for _ in range(_READ_AGAIN):
         before = _identity(folder)
         try:

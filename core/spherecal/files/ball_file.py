@@ -152,35 +152,12 @@ def ball_bytes(profile: BallProfile) -> bytes:
 
 
 def read_ball(path: Path) -> BallProfile:
-    """The profile in a file, or in a result folder.
-
-    Raises
-    ------
-    InputError
-        Where there is no such file, or it is not a profile.
-    """
+    """The profile in a file, or in a result folder."""
     return BALL.read(path / BALL_FILE if path.is_dir() else path)
 
 
 def check_targets(profile: BallProfile, family: str | None, size_mm: float | None, where: Path) -> None:
-    """Compare a profile's targets with the session's; nothing is compared where a figure of either is not known (None).
-
-    Parameters
-    ----------
-    profile
-        The ball profile.
-    family
-        Family of the session's targets.
-    size_mm
-        Side of a sticker of the session, mm.
-    where
-        The profile's file, for the message.
-
-    Raises
-    ------
-    InputError
-        Where the targets are of another family or size.
-    """
+    """Compare a profile's targets with the session's; nothing is compared where a figure of either is not known (None)."""
     if None in (family, size_mm, profile.family, profile.target_size_mm):
         return
     if family != profile.family or not np.isclose(size_mm or 0.0, profile.target_size_mm or 0.0, rtol=1e-6):

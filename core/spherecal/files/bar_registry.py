@@ -90,13 +90,7 @@ def registry_path() -> Path:
 
 
 def read_registry(path: Path | None = None) -> dict[str, RegisteredBar]:
-    """The bars by serial, in the file's order; none where there is no file.
-
-    Raises
-    ------
-    InputError
-        Where the file is broken.
-    """
+    """The bars by serial, in the file's order; none where there is no file."""
     path = path or registry_path()
     if not path.exists():
         return {}
@@ -104,30 +98,14 @@ def read_registry(path: Path | None = None) -> dict[str, RegisteredBar]:
 
 
 def read_registered_bar(value: JsonValue) -> RegisteredBar:
-    """One bar of the registry.
-
-    Raises
-    ------
-    InputError
-        Where it is not as declared; names the place and what is wrong.
-    """
+    """One bar of the registry."""
     return _BAR.read(value)
 
 
 def find_bar(serial: str, path: Path | None = None) -> RegisteredBar:
     """The bar with this serial.
 
-    Parameters
-    ----------
-    serial
-        Its serial number.
-    path
-        The registry; None: that of `registry_path`.
-
-    Raises
-    ------
-    InputError
-        Where there is no such bar; lists those that are there.
+    `path` None: that of `registry_path`.
     """
     bars = read_registry(path)
     if serial not in bars:
@@ -139,13 +117,7 @@ def find_bar(serial: str, path: Path | None = None) -> RegisteredBar:
 
 
 def changing_registry(path: Path) -> AbstractContextManager[None]:
-    """Hold the registry from reading to writing, so that no other program's change is lost.
-
-    Raises
-    ------
-    OutputError
-        Where its folder cannot be made, or another program holds the registry too long.
-    """
+    """Hold the registry from reading to writing, so that no other program's change is lost."""
     make_parent(path, Phrase("error-set-bars"))
     return locked(path)
 
@@ -153,17 +125,7 @@ def changing_registry(path: Path) -> AbstractContextManager[None]:
 def write_registry(bars: Mapping[str, RegisteredBar], path: Path | None = None) -> None:
     """Write the file whole.
 
-    Parameters
-    ----------
-    bars
-        The bars by serial.
-    path
-        The file; None: that of `registry_path`.
-
-    Raises
-    ------
-    OutputError
-        Where the file cannot be written.
+    `path` None: that of `registry_path`.
     """
     path = path or registry_path()
     make_parent(path, Phrase("error-set-bars"))
@@ -181,20 +143,7 @@ def figures_entry(bar: RegisteredBar | Bar) -> dict[str, Any]:
 
 
 def read_lengths(lengths: JsonValue, marks: Mapping[str, Mark]) -> tuple[BarLength, ...]:
-    """A bar's certified lengths between its marks, at least one.
-
-    Parameters
-    ----------
-    lengths
-        The list as the file has it.
-    marks
-        The bar's marks by name.
-
-    Raises
-    ------
-    InputError
-        Where a length is not as declared, its mark is unknown, or its two marks are the same point.
-    """
+    """A bar's certified lengths between its marks, at least one."""
     found = LENGTHS.read(lengths)
     for one, value in zip(found, lengths.items(), strict=True):
         ends = value.fields(("from", "to"))
@@ -331,12 +280,7 @@ BARS = FileFormat(
 def expiry(certificate: Certificate | None, today: datetime.date) -> tuple[str, Phrase] | None:
     """`expired`, `expires-soon`, `not-yet` or `no-certificate` with its words; None where nothing is to be said.
 
-    Parameters
-    ----------
-    certificate
-        The bar's certificate; None where it has none.
-    today
-        The day to judge by. A certificate that ends within 30 days `expires-soon`.
+    `certificate` None where it has none.
     """
     if certificate is None:
         return "no-certificate", Phrase("has-no-certificate")

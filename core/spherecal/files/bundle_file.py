@@ -58,35 +58,12 @@ BUNDLE = FileFormat(
 
 
 def bundle_bytes(original_sha256: str, files: Mapping[str, str], details: Mapping[str, Any]) -> bytes:
-    """The contents of bundle.json: the original's fingerprint and the SHA-256 of each file of the session by name.
-
-    Parameters
-    ----------
-    original_sha256
-        `input_sha256` of the original session.
-    files
-        SHA-256 by relative path of the files as they are in the bundle.
-    details
-        Further fields, which are not read: `software`, `images`.
-    """
+    """The contents of bundle.json: the original's fingerprint and the SHA-256 of each file of the session by name."""
     return BUNDLE.bytes(_Original(original_sha256, dict(files)), **details)
 
 
 def original_sha256(folder: Path, files: Mapping[str, str]) -> str | None:
-    """The fingerprint of the recording that a bundle represents; None for any other session, or a bundle changed since.
-
-    Parameters
-    ----------
-    folder
-        The session's folder.
-    files
-        SHA-256 by relative path of the session's files, "missing" for images that are not there.
-
-    Raises
-    ------
-    InputError
-        Where bundle.json is not as declared.
-    """
+    """The fingerprint of the recording that a bundle represents; None for any other session, or a bundle changed since."""
     path = folder / BUNDLE_FILE
     if not path.is_file():
         return None

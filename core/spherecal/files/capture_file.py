@@ -53,13 +53,7 @@ class CapturedSet:
 
 
 def read_captured_sets(session: Path) -> tuple[CapturedSet, ...]:
-    """The sets of the capture.json beside a session; none where there is none.
-
-    Raises
-    ------
-    InputError
-        Where the file is broken.
-    """
+    """The sets of the capture.json beside a session; none where there is none."""
     path = session / CAPTURE_FILE
     if not path.is_file():
         return ()

@@ -55,15 +55,7 @@ class Kind(Generic[T]):
     entry: Callable[[Any], Any] = _same
 
     def checked(self, check: Callable[[T, JsonValue], object], **schema: Any) -> "Kind[T]":
-        """The same kind with a check after reading.
-
-        Parameters
-        ----------
-        check
-            Takes what was read and its place in the file, and raises InputError where it is wrong.
-        schema
-            Keywords of the schema that say the same.
-        """
+        """The same kind with a check after reading."""
 
         def read(value: JsonValue) -> T:
             found = self.read(value)
@@ -73,15 +65,7 @@ class Kind(Generic[T]):
         return Kind(self.schema | schema, read, self.entry)
 
     def mapped(self, make: Callable[[T], S], back: Callable[[Any], Any] = _same) -> "Kind[S]":
-        """A kind of what `make` makes of the value.
-
-        Parameters
-        ----------
-        make
-            Makes it of what was read.
-        back
-            Makes the value to write of it; by default it is written as it is.
-        """
+        """A kind of what `make` makes of the value."""
         return Kind(self.schema, lambda value: make(self.read(value)), lambda made: self.entry(back(made)))
 
     def described(self, about: str) -> "Kind[T]":
@@ -95,17 +79,7 @@ def _kind(about: str, schema: Schema, read: Callable[[JsonValue], T], entry: Cal
 
 
 def number(about: str, least: float = -_MOST, most: float = _MOST, unit: Words = "") -> Kind[float]:
-    """A number from `least` to `most`; what is not finite is written as null.
-
-    Parameters
-    ----------
-    about
-        Description in the schema.
-    least, most
-        The range, ends included.
-    unit
-        The unit, for messages.
-    """
+    """A number from `least` to `most`; what is not finite is written as null."""
     schema = {"type": "number", "minimum": least, "maximum": most}
     if (least, most) == (-_MOST, _MOST):
         return _kind(about, schema, JsonValue.number, _finite)
@@ -113,15 +87,7 @@ def number(about: str, least: float = -_MOST, most: float = _MOST, unit: Words =
 
 
 def positive(about: str, unit: str = "") -> Kind[float]:
-    """A number above 0.
-
-    Parameters
-    ----------
-    about
-        Description in the schema.
-    unit
-        The unit, for messages.
-    """
+    """A number above 0."""
     schema = {"type": "number", "exclusiveMinimum": 0, "maximum": _MOST}
     return _kind(about, schema, lambda value: value.positive(unit), _finite)
 
@@ -132,15 +98,7 @@ def celsius(about: str) -> Kind[float]:
 
 
 def integer(about: str, least: int = -_MOST_INTEGER, most: int = _MOST_INTEGER) -> Kind[int]:
-    """A whole number; 6.0 counts as 6.
-
-    Parameters
-    ----------
-    about
-        Description in the schema.
-    least, most
-        The range, ends included.
-    """
+    """A whole number; 6.0 counts as 6."""
     schema = {"type": "integer", "minimum": least, "maximum": most}
     return _kind(about, schema, lambda value: value.integer(least, most), int)
 
@@ -199,15 +157,7 @@ def free(about: str) -> Kind[dict[str, Any]]:
 
 
 def choice(about: str, options: Sequence[Text]) -> Kind[Text]:
-    """One of some texts.
-
-    Parameters
-    ----------
-    about
-        Description in the schema.
-    options
-        The texts.
-    """
+    """One of some texts."""
     return _kind(about, {"enum": list(options)}, lambda value: value.choice(*options))
 
 
@@ -223,22 +173,7 @@ def items(
 ) -> Kind[tuple[T, ...]]:
     """A list of values of one kind.
 
-    Parameters
-    ----------
-    about
-        Description in the schema.
-    each
-        The kind of its values.
-    least, most
-        How many values it has; `most` None: 2 million.
-    length
-        Exactly how many, in place of `least` and `most`; None: any number from `least` to `most`.
-    differ
-        An attribute that no two values share; empty where they may be the same.
-    what
-        What messages call that attribute; empty for its own name.
-    excess
-        What is said of more than `most` values, where it is not the usual.
+    `least`, `most` None: 2 million; `length` None: any number from `least` to `most`.
     """
     schema: Schema = {"type": "array", "items": each.schema}
     if length is not None:
@@ -259,28 +194,12 @@ def items(
 
 
 def numbers(about: str, length: int) -> Kind[tuple[float, ...]]:
-    """A list of exactly `length` numbers.
-
-    Parameters
-    ----------
-    about
-        Description in the schema.
-    length
-        How many numbers.
-    """
+    """A list of exactly `length` numbers."""
     return replace(items(about, number(""), length=length), read=lambda value: tuple(value.numbers(length)))
 
 
 def matrix(about: str, rows: int, columns: int) -> Kind[tuple[tuple[float, ...], ...]]:
-    """A matrix as a list of rows of numbers.
-
-    Parameters
-    ----------
-    about
-        Description in the schema.
-    rows, columns
-        Its shape.
-    """
+    """A matrix as a list of rows of numbers."""
     rows_of = items(about, numbers("", columns), length=rows)
     return replace(rows_of, read=lambda value: tuple(map(tuple, value.matrix(rows, columns))))
 
@@ -288,14 +207,7 @@ def matrix(about: str, rows: int, columns: int) -> Kind[tuple[tuple[float, ...],
 def entries(about: str, values: Kind[T], names: Kind[str] | None = None) -> Kind[dict[str, T]]:
     """An object whose keys are names.
 
-    Parameters
-    ----------
-    about
-        Description in the schema.
-    values
-        The kind of its values.
-    names
-        The kind of its keys in the schema; None: `name`. Reading takes any name.
+    `names` None: `name`.
     """
     schema = {"type": "object", "additionalProperties": values.schema, "propertyNames": (names or name("")).schema}
 
@@ -310,13 +222,6 @@ def one_of(about: str, *kinds: Kind[Any]) -> Kind[Any]:
 
     The first kind of the value's JSON type reads it, the last one where there is none. It is written as it is, or as
     `mapped` says.
-
-    Parameters
-    ----------
-    about
-        Description in the schema.
-    kinds
-        The kinds.
     """
 
     def read(value: JsonValue) -> Any:
@@ -358,19 +263,7 @@ A path such as `name.target` is written from there, and read as the argument `ta
 
 
 def field(key: str, kind: Kind[Any], of: Source = "", attribute: str = "") -> Field:
-    """A field that must be there.
-
-    Parameters
-    ----------
-    key
-        Its name in the file.
-    kind
-        What it holds.
-    of
-        The attribute that it is written from, or a function of the object; empty: the attribute named `key`.
-    attribute
-        The argument that reading fills, where that is not the name in `of`.
-    """
+    """A field that must be there."""
     if callable(of):
         return Field(key, kind, of, attribute)
     return Field(key, kind, attrgetter(of or key), attribute or of.rpartition(".")[2] or key)
@@ -380,31 +273,12 @@ def optional(key: str, kind: Kind[Any], of: Source = "", attribute: str = "", om
     """A field that may be absent or null.
 
     Where it is absent or null, the dataclass's default holds, or None where it has none.
-
-    Parameters
-    ----------
-    key, kind, of, attribute
-        As of `field`.
-    omit
-        The value that is not written; by default all are.
     """
     return replace(field(key, _nullable(kind), of, attribute), is_needed=False, omit=omit)
 
 
 def unread(key: str, about: str, of: Source = "", omit: object = _ALWAYS) -> Field:
-    """What is written for people and other programs, and not read back: any value.
-
-    Parameters
-    ----------
-    key
-        Its name in the file.
-    about
-        Description in the schema.
-    of
-        The attribute that it is written from, or a function of the object; empty: the attribute named `key`.
-    omit
-        The value that is not written; by default all are.
-    """
+    """What is written for people and other programs, and not read back: any value."""
     kind = Kind({"description": about, "$comment": UNREAD}, lambda value: value.value)
     return replace(field(key, kind, of), is_needed=False, is_read=False, omit=omit)
 
@@ -419,16 +293,7 @@ def software(
 def group(key: str, about: str, *inner: Field, is_needed: bool = True) -> Field:
     """An object whose fields belong to the dataclass around it.
 
-    Parameters
-    ----------
-    key
-        Its name in the file.
-    about
-        Description in the schema.
-    inner
-        Its fields.
-    is_needed
-        Whether it must be there. One that need not is written as null where its first field is None.
+    `is_needed` None.
     """
     kind = record(about, dict, *inner)
     if is_needed:
@@ -461,19 +326,7 @@ def record(
     *inner: Field,
     check: Callable[[T, Mapping[str, JsonValue]], object] | None = None,
 ) -> Kind[T]:
-    """An object, made by a dataclass or another function of its attributes; unknown fields are ignored.
-
-    Parameters
-    ----------
-    about
-        Description in the schema.
-    make
-        Takes the attributes by name and makes the object.
-    inner
-        Its fields, in the order in which they are written.
-    check
-        Takes what was made and the fields as the file has them, and raises InputError where they are wrong.
-    """
+    """An object, made by a dataclass or another function of its attributes; unknown fields are ignored."""
     needed = [one.key for one in inner if one.is_needed]
     others = [one.key for one in inner if not one.is_needed]
     absent = dict.fromkeys(_without_default(make) & {name for one in inner for name in one.attributes})
@@ -507,17 +360,7 @@ def record(
 
 
 def only(key: str, kind: Kind[T], *others: Field) -> Kind[T]:
-    """An object of which one field is everything: that field's value is read and written.
-
-    Parameters
-    ----------
-    key
-        The field's name.
-    kind
-        What it holds.
-    others
-        Further fields, which are written or checked only.
-    """
+    """An object of which one field is everything: that field's value is read and written."""
     return record("", lambda **given: given[key], Field(key, kind, _same, key), *others)
 
 
@@ -544,17 +387,7 @@ class FileFormat(Generic[T]):
     def read(self, path: Path, below: Path | None = None) -> T:
         """What a file holds, with files of earlier versions migrated.
 
-        Parameters
-        ----------
-        path
-            The file.
-        below
-            A folder that holds the file; no link from there on is followed. None: links are followed.
-
-        Raises
-        ------
-        InputError
-            Names the place that is not as declared, or the version that cannot be read.
+        `below` None: links are followed.
         """
         document = read_json(path, self.name, self.version, below)
         for step in range(version_of(document)[0], self.version):
@@ -565,25 +398,11 @@ class FileFormat(Generic[T]):
         return self.kind.read(document)
 
     def document(self, value: Any, **others: Any) -> dict[str, Any]:
-        """The contents of a file.
-
-        Parameters
-        ----------
-        value
-            What is written.
-        others
-            Take the place of fields that are not read, such as `software`.
-        """
+        """The contents of a file."""
         return {"format": self.name, "version": self.version, **self.kind.entry(value), **others}
 
     def bytes(self, value: Any, **others: Any) -> bytes:
-        """The contents of a file as it is written, JSON in UTF-8.
-
-        Parameters
-        ----------
-        value, others
-            As of `document`.
-        """
+        """The contents of a file as it is written, JSON in UTF-8."""
         document = self.document(value, **others)
         if not self.lines:
             return json_bytes(document)

@@ -71,11 +71,6 @@ def read_findings(folder: Path) -> tuple[Finding, ...]:
     """The findings in a folder's findings.json, of severity info; none where there is no such file.
 
     Those that this version has no words for are left out.
-
-    Raises
-    ------
-    InputError
-        Where the file is damaged.
     """
     path = folder / FINDINGS_FILE
     if not path.exists():
@@ -84,20 +79,7 @@ def read_findings(folder: Path) -> tuple[Finding, ...]:
 
 
 def with_values(findings: Sequence[Finding], folder: Path) -> tuple[Finding, ...]:
-    """Findings of a file of this folder, with the values that its findings.json has for them.
-
-    Parameters
-    ----------
-    findings
-        The findings as rig.json or verification.json has them.
-    folder
-        The folder of findings.json. A finding that it does not have stays as it is.
-
-    Raises
-    ------
-    InputError
-        Where findings.json is damaged.
-    """
+    """Findings of a file of this folder, with the values that its findings.json has for them."""
     known = {replace(finding, severity="info"): finding for finding in read_findings(folder)}
     found = [(finding, known.get(replace(finding, severity="info"))) for finding in findings]
     return tuple(one if same is None else replace(same, severity=one.severity) for one, same in found)

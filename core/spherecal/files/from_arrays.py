@@ -29,19 +29,7 @@ def camera_specs(
 ) -> tuple[CameraSpec, ...]:
     """The cameras of a session: descriptions as they are, K or (K, dist) with the size of the images.
 
-    Parameters
-    ----------
-    cameras
-        By id: a CameraSpec; K (3, 3); or (K, dist) in OpenCV's terms, as start values.
-    image_size
-        (width, height) in px for all, or by camera; None: only for cameras that are CameraSpec.
-    fisheye
-        Whether all cameras, or those named, have lenses of cv2.fisheye.
-
-    Raises
-    ------
-    InputError
-        Names the camera that is not as it has to be.
+    `image_size` (width, height) in px for all, or by camera; None: only for cameras that are CameraSpec.
     """
     if not cameras:
         raise InputError("A session needs at least one camera.")
@@ -75,20 +63,6 @@ def observations_of(given: Any, cameras: Sequence[CameraSpec], bar_poses: Sequen
     """Observations from a table of columns, from arrays by camera, or from those by placement (`Session.from_arrays`).
 
     The names of placements come first, then those of `bar_poses`. Image points that are not finite are left out.
-
-    Parameters
-    ----------
-    given
-        What `Session.from_arrays` is given as observations.
-    cameras
-        The session's cameras.
-    bar_poses
-        Ids of the bar poses.
-
-    Raises
-    ------
-    InputError
-        For what files would be refused for too.
     """
     columns = _columns(given, [camera.id for camera in cameras])
     uv = np.column_stack([_numbers(columns[name], name) for name in ("u", "v")]).reshape(-1, 2)
@@ -131,16 +105,7 @@ def observations_of(given: Any, cameras: Sequence[CameraSpec], bar_poses: Sequen
 def digest(cameras: Sequence[CameraSpec], observations: Observations, target_set: TargetSet | None, rest: str) -> str:
     """The SHA-256 of what a session from arrays was made of.
 
-    Parameters
-    ----------
-    cameras
-        The session's cameras.
-    observations
-        Its observations.
-    target_set
-        Its targets; None where they are not known.
-    rest
-        All else, as text.
+    `target_set` None where they are not known.
     """
     sha = hashlib.sha256(observations_bytes(observations))
     for camera in cameras:

@@ -64,15 +64,7 @@ def software_entry(details: Mapping[str, Any] | None) -> dict[str, Any]:
 
 
 def printable(text: str, most: int = 60) -> str:
-    """The text in quotation marks, shortened and escaped, fit for a one-line message.
-
-    Parameters
-    ----------
-    text
-        The text.
-    most
-        Characters shown; a longer text ends in an ellipsis.
-    """
+    """The text in quotation marks, shortened and escaped, fit for a one-line message."""
     shown = text if len(text) <= most else text[: most - 1] + "…"
     return '"' + "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in shown) + '"'
 
@@ -112,28 +104,12 @@ class JsonValue:
     later: bool = False
 
     def error(self, problem: Words, hint: Words = "") -> InputError:
-        """An InputError about this value, to be raised by the caller.
-
-        Parameters
-        ----------
-        problem
-            A verb phrase that follows the place.
-        hint
-            What to do; empty: the problem's own hint.
-        """
+        """An InputError about this value, to be raised by the caller."""
         values = {"file": self.file, "place": self.place or Phrase("the-file"), "problem": problem}
         return InputError(Phrase("error-in-file", values), hint or advice(problem))
 
     def at(self, key: str | int, value: object) -> "JsonValue":
-        """The value of a field or list item of this one.
-
-        Parameters
-        ----------
-        key
-            Name of the field, or number of the item.
-        value
-            The value there.
-        """
+        """The value of a field or list item of this one."""
         if isinstance(key, int):
             return JsonValue(value, self.file, f"{self.place}[{key}]", self.later)
         shown = key if key.isprintable() and len(key) <= _LONGEST_NAME else printable(key)
@@ -156,16 +132,6 @@ class JsonValue:
         """The fields of an object: all required ones and those optional ones that are there.
 
         Other fields are ignored, unless one looks like a misspelling of an optional field that is not there.
-
-        Parameters
-        ----------
-        required, optional
-            Names of the fields.
-
-        Raises
-        ------
-        InputError
-            Where it is no object, a required field is not there, or one looks misspelt.
         """
         given = {key: value for key, value in self.as_object().items() if value is not None}
         for key in required:
@@ -190,17 +156,7 @@ class JsonValue:
     def items(self, length: int | None = None, least: int = 0, most: int = _MOST_VALUES) -> list["JsonValue"]:
         """The values of a list.
 
-        Parameters
-        ----------
-        length
-            Exactly how many there are; None: as `least` and `most` say.
-        least, most
-            The range of how many.
-
-        Raises
-        ------
-        InputError
-            Where it is no list, or has another number of values.
+        `length` None: as `least` and `most` say.
         """
         if not isinstance(self.value, list):
             raise self._wrong(Phrase("json-list"))
@@ -213,20 +169,7 @@ class JsonValue:
         return [self.at(i, value) for i, value in enumerate(self.value)]
 
     def number(self, least: float = -_MOST, most: float = _MOST, unit: Words = "") -> float:
-        """A finite number.
-
-        Parameters
-        ----------
-        least, most
-            The range, ends included.
-        unit
-            The unit, for the message only.
-
-        Raises
-        ------
-        InputError
-            Where it is no number, or not in the range.
-        """
+        """A finite number."""
         if not isinstance(self.value, (int, float)) or isinstance(self.value, bool):
             raise self._wrong(Phrase("json-number"))
         if not least <= self.value <= most:
@@ -242,18 +185,7 @@ class JsonValue:
         return number
 
     def integer(self, least: int = -(2**53), most: int = 2**53) -> int:
-        """A whole number within `least` .. `most`; 6.0 counts as 6.
-
-        Parameters
-        ----------
-        least, most
-            The range, ends included.
-
-        Raises
-        ------
-        InputError
-            Where it is no whole number, or not in the range.
-        """
+        """A whole number within `least` .. `most`; 6.0 counts as 6."""
         number = self.number(least, most)
         if number != int(number):
             raise self.error(Phrase("problem-whole", {"found": number}))
@@ -271,18 +203,7 @@ class JsonValue:
         return [item.number() for item in self.items(length)]
 
     def matrix(self, rows: int, columns: int) -> list[list[float]]:
-        """A list of `rows` lists of `columns` finite numbers.
-
-        Parameters
-        ----------
-        rows, columns
-            Its shape.
-
-        Raises
-        ------
-        InputError
-            Where it has another shape, or holds something else.
-        """
+        """A list of `rows` lists of `columns` finite numbers."""
         return [row.numbers(columns) for row in self.items(rows)]
 
     def text(self) -> str:
@@ -362,22 +283,7 @@ class JsonValue:
 
 
 def unique(values: list[JsonValue], keys: list[str], what: str) -> None:
-    """Check that no two values have the same key.
-
-    Parameters
-    ----------
-    values
-        The values.
-    keys
-        Their keys, in the same order.
-    what
-        What the message calls a key.
-
-    Raises
-    ------
-    InputError
-        Names the value and the earlier one with its key.
-    """
+    """Check that no two values have the same key."""
     first: dict[str, JsonValue] = {}
     for value, key in zip(values, keys, strict=True):
         if key in first:
@@ -387,38 +293,12 @@ def unique(values: list[JsonValue], keys: list[str], what: str) -> None:
 
 
 def read_bytes(path: Path, most: int) -> bytes:
-    """The contents of a regular file.
-
-    Parameters
-    ----------
-    path
-        The file.
-    most
-        Bytes that it may have.
-
-    Raises
-    ------
-    InputError
-        Where it cannot be read, is no regular file, or is larger.
-    """
+    """The contents of a regular file."""
     return read_file(path, most)
 
 
 def check_lines(path: Path, data: bytes) -> None:
-    """Check that no line of a table is far longer than any of ours, before it costs memory.
-
-    Parameters
-    ----------
-    path
-        The file, for the message.
-    data
-        Its contents.
-
-    Raises
-    ------
-    InputError
-        Names the line.
-    """
+    """Check that no line of a table is far longer than any of ours, before it costs memory."""
     begin = 0
     while len(data) - begin > _LONGEST_LINE:
         end = data.rfind(b"\n", begin, begin + _LONGEST_LINE)
@@ -429,20 +309,7 @@ def check_lines(path: Path, data: bytes) -> None:
 
 
 def decode(path: Path, data: bytes) -> str:
-    """The text of UTF-8 data, a byte order mark dropped.
-
-    Parameters
-    ----------
-    path
-        The file, for the message.
-    data
-        Its contents.
-
-    Raises
-    ------
-    InputError
-        Where it is something else; names the line.
-    """
+    """The text of UTF-8 data, a byte order mark dropped."""
     try:
         return data.decode("utf-8-sig")
     except UnicodeDecodeError as error:
@@ -461,21 +328,7 @@ def parse_json(data: bytes) -> object:
 def read_json(path: Path, format_name: str, version: int, below: Path | None = None) -> JsonValue:
     """The object in a JSON file whose `format` and `version` are as given.
 
-    Parameters
-    ----------
-    path
-        The file.
-    format_name
-        What its field `format` must be.
-    version
-        The latest major version that is known. Earlier ones are read too; migrating them is the caller's.
-    below
-        A folder that holds the file; no link from there on is followed. None: links are followed.
-
-    Raises
-    ------
-    InputError
-        For anything else: no such file, no JSON, repeated fields, numbers not finite, another format, a later version.
+    `below` None: links are followed.
     """
     if below is None:
         data = read_bytes(path, _MOST_BYTES)
@@ -560,13 +413,7 @@ def _check_format(document: JsonValue, format_name: str, version: int) -> JsonVa
 
 
 def version_of(document: JsonValue) -> tuple[int, int]:
-    """The major and minor version of a file, written as 1 or "1.2"; what a minor version adds may be ignored.
-
-    Raises
-    ------
-    InputError
-        Where it has none, or something else in its place.
-    """
+    """The major and minor version of a file, written as 1 or "1.2"; what a minor version adds may be ignored."""
     value = document.fields(["version"])["version"]
     if isinstance(value.value, str):
         if (found := _VERSION.fullmatch(value.value)) is None:

@@ -52,20 +52,6 @@ def locked(path: Path, wait_s: float = WAIT_S) -> Iterator[None]:
 
     The system frees it when the process ends, however it ends, so that no stale lock remains. A thread that holds it
     may take it again. The lock is a small file beside `path`, gone when the lock is free.
-
-    Parameters
-    ----------
-    path
-        The file or folder, which need not exist.
-    wait_s
-        How long to wait for another holder, s.
-
-    Raises
-    ------
-    InUse
-        Where another program or thread still holds it then; names the holder.
-    OutputError
-        Where the lock's file cannot be made.
     """
     file = Path(os.path.realpath(path.parent)) / f".{short_name(path)}{LOCK}"
     deadline = time.monotonic() + wait_s

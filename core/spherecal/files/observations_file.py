@@ -37,22 +37,7 @@ def read_observations(
 
     Point names are sorted.
 
-    Parameters
-    ----------
-    path
-        The file.
-    placements
-        Ids of the placements, then of the bar poses.
-    cameras
-        Ids of the cameras.
-    image_sizes
-        (width, height) in px of each camera's images, in the order of `cameras`.
-
-    Raises
-    ------
-    InputError
-        Where the file is not as the interface says; names line and column. So for other columns, unknown ids, numbers
-        that are none, image points outside the camera's image, and a dot seen twice by a camera.
+    `image_sizes` (width, height) px.
     """
     table = _split(path, read_bytes(path, _MOST_BYTES))
     names = [decode(path, name) for name in sorted(set(table.columns[3].tolist()))]
@@ -77,20 +62,7 @@ def read_observations(
 
 
 def write_observations(path: Path, observations: Observations) -> None:
-    """Write observations.csv; numbers keep their full precision.
-
-    Parameters
-    ----------
-    path
-        The file.
-    observations
-        The observations, a row each.
-
-    Raises
-    ------
-    OutputError
-        Where the file cannot be written.
-    """
+    """Write observations.csv; numbers keep their full precision."""
     write_file_whole(path, observations_bytes(observations))
 
 

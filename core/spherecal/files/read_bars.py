@@ -20,13 +20,7 @@ _WHOLE = record(
 
 
 def read_bars(bars: JsonValue) -> tuple[tuple[Bar, ...], dict[str, bytes]]:
-    """The reference bars in order, and the registry's entries that were taken over, by serial.
-
-    Raises
-    ------
-    InputError
-        Where a bar is not as the interface says, or is named by a serial that the registry does not have.
-    """
+    """The reference bars in order, and the registry's entries that were taken over, by serial."""
     values = bars.items()
     registered: dict[str, bytes] = {}
     found = tuple(_read_bar(value, registered) for value in values)

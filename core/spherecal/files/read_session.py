@@ -35,11 +35,6 @@ def read_session(folder: Path) -> Session:
     """The session in a folder, checked as the interface says.
 
     With observations.csv the images only serve for display: one that is named and missing is then left out.
-
-    Raises
-    ------
-    InputError
-        Names file, place and what was expected.
     """
     if not folder.is_dir():
         raise InputError(Phrase("error-no-session-folder", {"folder": folder}))

@@ -67,7 +67,7 @@ from spherecal.geometry.camera import (
     is_fisheye,
 )
 from spherecal.geometry.opencv import FISHEYE_LENGTH, distortion_problem
-from spherecal.predict.volume_map import LengthMap
+from spherecal.geometry.volume_map import LengthMap
 
 COVARIANCE_FILE = "covariance.npy"
 
@@ -86,12 +86,7 @@ _ROTATION_TOLERANCE = 1e-5
 def rig_bytes(rig: Rig, software: Mapping[str, Any] | None = None) -> bytes:
     """The contents of rig.json; the same rig and software give the same bytes, and numbers are read back unchanged.
 
-    Parameters
-    ----------
-    rig
-        The rig.
-    software
-        Further entries of its field `software`, beside the program's name and version; None: no more.
+    `software` None: no more.
     """
     return RIG.bytes(rig, software=software_entry(software))
 
@@ -130,11 +125,6 @@ def read_rig(path: Path) -> Rig:
 
     The cameras' covariance is in a file beside it; a rig.json that was copied alone has none. What it does not state is
     taken as unknown, and the finding `rig-incomplete` says so.
-
-    Raises
-    ------
-    InputError
-        Where it is not as the interface says.
     """
     document = read_json(path, RIG.name, RIG.version)
     stated = RIG.kind.read(document)
@@ -239,13 +229,7 @@ def _read_lens(value: JsonValue) -> tuple[bool, list[float]]:
 
 
 def read_distortion(value: JsonValue) -> list[float]:
-    """4, 5, 8 or 12 numbers in OpenCV's order.
-
-    Raises
-    ------
-    InputError
-        For any other count, of 14 (a tilted sensor) with the reason.
-    """
+    """4, 5, 8 or 12 numbers in OpenCV's order."""
     numbers = [number.number() for number in value.items()]
     if problem := distortion_problem(len(numbers), fisheye=False):
         raise value.error(problem)
@@ -295,12 +279,7 @@ def _check_reference(stated: Mapping[str, Any], f: Mapping[str, JsonValue]) -> N
 def sigmas(about: str, length: int | None = None) -> Kind[FloatArray]:
     """Standard uncertainties; null where unknown, which is NaN in memory.
 
-    Parameters
-    ----------
-    about
-        Description in the schema.
-    length
-        How many; None: any number.
+    `length` None: any number.
     """
     schema = items(about, number("", 0), length=length).schema
     schema["items"] = schema["items"] | {"type": ["number", "null"]}

@@ -38,13 +38,7 @@ _MOST_STRETCH = 1.05  # of a print: more is refused when rulers are entered (tar
 
 
 def read_target_set(path: Path) -> TargetSet:
-    """The target set in a file.
-
-    Raises
-    ------
-    InputError
-        Where it is not as the interface says.
-    """
+    """The target set in a file."""
     return TARGETS.read(path)
 
 
@@ -103,20 +97,7 @@ def _check_some(dots: Mapping[str, FloatArray], value: JsonValue) -> None:
 
 
 def write_target_set(path: Path, target_set: TargetSet) -> None:
-    """Write targets.json.
-
-    Parameters
-    ----------
-    path
-        The file.
-    target_set
-        The targets.
-
-    Raises
-    ------
-    OutputError
-        Where the file cannot be written.
-    """
+    """Write targets.json."""
     write_file_whole(path, target_set_bytes(target_set))
 
 

@@ -21,20 +21,7 @@ from spherecal.files.rig_file import COVARIANCE_FILE, covariance_bytes, rig_byte
 def write_result(calibration: Calibration, folder: Path, software: Mapping[str, Any] | None = None) -> None:
     """Write a calibration's result folder whole (see atomic.write_folder_whole).
 
-    Parameters
-    ----------
-    calibration
-        The calibration.
-    folder
-        The result folder; an older result in it is replaced.
-    software
-        Further entries of rig.json's field `software`, beside this program's name, its version and the method; None: no
-        more. It is the only place for a timestamp: otherwise the same calibration gives the same bytes.
-
-    Raises
-    ------
-    OutputError
-        Where the folder has other contents or cannot be written.
+    `software` None: no more.
     """
     details = {"method": calibration.method, **(software or {})}
 
@@ -61,17 +48,7 @@ SPHERE_COLUMNS = "placement,x_mm,y_mm,z_mm,radius_mm,radial_sd_mm"
 
 
 def write_table(path: Path, columns: str, rows: Iterable[tuple[object, ...]]) -> None:
-    """Write a new CSV table. Names never hold commas or quotation marks (json_file.name_problem), so none are needed.
-
-    Parameters
-    ----------
-    path
-        The file, which is not there yet.
-    columns
-        The first line.
-    rows
-        The cells of each line.
-    """
+    """Write a new CSV table. Names never hold commas or quotation marks (json_file.name_problem), so none are needed."""
     lines = (",".join(map(str, row)) + "\n" for row in rows)
     with new_file(path.parent, path.name) as file:
         file.write(f"{columns}\n".encode())

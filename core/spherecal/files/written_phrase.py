@@ -33,16 +33,7 @@ def sentence_fields(
 ) -> tuple[Field, ...]:
     """The fields of a sentence: `key` with its words, empty for none, and `key`_phrase.
 
-    Parameters
-    ----------
-    key
-        Name of the field with the words.
-    about
-        Description in the schema.
-    of
-        Gives the phrase of an object; None for no sentence.
-    is_needed
-        Whether the words must be there.
+    `of` None for no sentence.
     """
 
     def words(one: object) -> str:
@@ -55,12 +46,7 @@ def sentence_fields(
 def sentence(words: str, written: Mapping[str, Any] | None) -> Sentence:
     """A sentence with the phrase beside it, where that makes the very words that the file has.
 
-    Parameters
-    ----------
-    words
-        The sentence as the file has it.
-    written
-        The phrase beside it as the file has it; None where there is none.
+    `written` None where there is none.
     """
     try:
         found = None if written is None else from_json(dict(written))
@@ -74,12 +60,7 @@ def sentence(words: str, written: Mapping[str, Any] | None) -> Sentence:
 def sentences(words: Sequence[str], written: Sequence[Mapping[str, Any]] | None) -> tuple[Sentence, ...]:
     """Sentences with the list of their phrases beside them.
 
-    Parameters
-    ----------
-    words
-        The sentences as the file has them.
-    written
-        Their phrases in the same order; None where there are none. A list of another length is ignored.
+    `written` None where there are none.
     """
     beside = written if written is not None and len(written) == len(words) else [None] * len(words)
     return tuple(sentence(*pair) for pair in zip(words, beside, strict=True))

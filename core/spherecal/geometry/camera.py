@@ -30,13 +30,7 @@ PRESETS: dict[str, tuple[str, ...]] = {
 
 
 def estimated_mask(preset: str) -> BoolArray:
-    """Which of the 16 intrinsics a preset estimates, shape (16,).
-
-    Raises
-    ------
-    KeyError
-        For an unknown preset.
-    """
+    """Which of the 16 intrinsics a preset estimates, shape (16,)."""
     if preset == "fisheye":
         return np.arange(N_INTRINSICS) < len(FISHEYE_NAMES)
     return np.isin(INTRINSIC_NAMES, PRESETS[preset])
@@ -62,12 +56,7 @@ def lens_model(intrinsics: FloatArray) -> LensModel:
 def fisheye_vector(matrix: FloatArray, distortion: FloatArray | list[float]) -> FloatArray:
     """The 16 intrinsics of a fisheye lens, shape (16,).
 
-    Parameters
-    ----------
-    matrix
-        Camera matrix (3, 3), in px.
-    distortion
-        0 to 4 coefficients k1 to k4; missing ones are 0.
+    `matrix`: camera matrix (3, 3), in px.
     """
     vector = intrinsics_vector(matrix, distortion)
     vector[15] = FISHEYE_MARK
@@ -77,12 +66,7 @@ def fisheye_vector(matrix: FloatArray, distortion: FloatArray | list[float]) -> 
 def intrinsics_vector(matrix: FloatArray, distortion: FloatArray | list[float]) -> FloatArray:
     """The 16 intrinsics of a lens of OpenCV's full model, shape (16,).
 
-    Parameters
-    ----------
-    matrix
-        Camera matrix (3, 3), in px.
-    distortion
-        0 to 12 numbers in OpenCV's order; missing ones are 0.
+    `matrix`: camera matrix (3, 3), in px.
     """
     k = np.asarray(matrix, dtype=float)
     vector = np.zeros(N_INTRINSICS)
@@ -105,12 +89,7 @@ _REACH, _WIDEST_REACH = 1.3, np.deg2rad(85.0)
 def image_reach(intrinsics: FloatArray, sizes: FloatArray) -> FloatArray:
     """The largest tan of the angle off the axis that images may hold, (n,).
 
-    Parameters
-    ----------
-    intrinsics
-        The lenses, (n, 16).
-    sizes
-        Width and height of their images, (n, 2) px.
+    `intrinsics`: the lenses, (n, 16); `sizes`: width and height of their images, (n, 2) px.
     """
     return reach_of(np.hypot(sizes[:, 0], sizes[:, 1]) / 2, intrinsics)
 
@@ -118,12 +97,7 @@ def image_reach(intrinsics: FloatArray, sizes: FloatArray) -> FloatArray:
 def reach_of(radius_px: FloatArray, intrinsics: FloatArray) -> FloatArray:
     """The largest tan of the angle off the axis of what may show within a distance of the principal point, (n,).
 
-    Parameters
-    ----------
-    radius_px
-        The distances, (n,) px.
-    intrinsics
-        The lenses, (n, 16).
+    `intrinsics`: the lenses, (n, 16).
     """
     reach = _REACH * radius_px / intrinsics[:, 0]
     return np.where(is_fisheye(intrinsics), np.tan(np.minimum(reach, _WIDEST_REACH)), reach)
@@ -134,12 +108,8 @@ def is_unfolded(x_camera: FloatArray, intrinsics: FloatArray) -> BoolArray:
 
     Elsewhere the lens model has folded: `project` may bring the point into the image, but no lens shows it there.
 
-    Parameters
-    ----------
-    x_camera
-        Points in the camera frame, in front of the camera, (n, 3).
-    intrinsics
-        The lens of each point, (n, 16).
+    `x_camera`: points in the camera frame, in front of the camera, (n, 3); `intrinsics`: the lens of each point, (n,
+    16).
     """
     r2, wide = (x_camera[:, 0] ** 2 + x_camera[:, 1] ** 2) / x_camera[:, 2] ** 2, is_fisheye(intrinsics)
     rises = np.empty(len(r2), dtype=bool)
@@ -151,12 +121,7 @@ def is_unfolded(x_camera: FloatArray, intrinsics: FloatArray) -> BoolArray:
 def distort(xy: FloatArray, intrinsics: FloatArray) -> FloatArray:
     """Normalised ideal image points (n, 2) to distorted ones (n, 2).
 
-    Parameters
-    ----------
-    xy
-        Ideal points x/z, y/z in the camera frame, (n, 2).
-    intrinsics
-        One lens (16,), or one of each point (n, 16).
+    `intrinsics`: one lens (16,), or one of each point (n, 16).
     """
     wide = is_fisheye(intrinsics)
     if wide.any():
@@ -180,12 +145,7 @@ def project(x_camera: FloatArray, intrinsics: FloatArray) -> FloatArray:
 
     Points behind the camera are projected all the same: who calls decides what a negative depth means.
 
-    Parameters
-    ----------
-    x_camera
-        Points in the camera frame, (n, 3).
-    intrinsics
-        One lens (16,), or one of each point (n, 16).
+    `intrinsics`: one lens (16,), or one of each point (n, 16).
     """
     xd = distort(x_camera[..., :2] / x_camera[..., 2:3], intrinsics)
     return xd * intrinsics[..., 0:2] + intrinsics[..., 2:4]
@@ -194,12 +154,7 @@ def project(x_camera: FloatArray, intrinsics: FloatArray) -> FloatArray:
 def distort_with_jacobian(xy: FloatArray, intrinsics: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Distorted normalised image points (n, 2) of ideal ones (n, 2), and the derivatives (n, 2, 2).
 
-    Parameters
-    ----------
-    xy
-        Ideal points x/z, y/z in the camera frame, (n, 2).
-    intrinsics
-        One lens (16,), or one of each point (n, 16).
+    `intrinsics`: one lens (16,), or one of each point (n, 16).
     """
     wide = is_fisheye(intrinsics)
     if not wide.any():
@@ -233,12 +188,7 @@ def _distort_opencv_with_jacobian(xy: FloatArray, intrinsics: FloatArray) -> tup
 def project_with_point_derivatives(x_camera: FloatArray, intrinsics: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Image points (n, 2) px and their derivatives (n, 2, 3) by the points in the camera frame.
 
-    Parameters
-    ----------
-    x_camera
-        Points in the camera frame, (n, 3).
-    intrinsics
-        One lens (16,), or one of each point (n, 16).
+    `x_camera`: points in the camera frame, (n, 3); `intrinsics`: one lens (16,), or one of each point (n, 16).
     """
     iz = 1.0 / x_camera[:, 2:3]
     xy = x_camera[:, :2] * iz
@@ -253,12 +203,7 @@ def project_with_point_derivatives(x_camera: FloatArray, intrinsics: FloatArray)
 def project_with_derivatives(x_camera: FloatArray, intrinsics: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Image points (n, 2) px, their derivatives by the point (n, 2, 3) and by the 16 intrinsics (n, 2, 16).
 
-    Parameters
-    ----------
-    x_camera
-        Points in the camera frame, (n, 3).
-    intrinsics
-        One lens (16,), or one of each point (n, 16).
+    `x_camera`: points in the camera frame, (n, 3); `intrinsics`: one lens (16,), or one of each point (n, 16).
     """
     uv, d_point = project_with_point_derivatives(x_camera, intrinsics)
     n = len(x_camera)
@@ -307,12 +252,7 @@ def undistort(uv: FloatArray, intrinsics: FloatArray) -> tuple[FloatArray, BoolA
     Newton's method with halved steps, from the pinhole's answer; of a fisheye lens up to 89 degrees off the axis
     (see fisheye.py).
 
-    Parameters
-    ----------
-    uv
-        Image points, (n, 2) px.
-    intrinsics
-        One lens (16,), or one of each point (n, 16).
+    `intrinsics`: one lens (16,), or one of each point (n, 16).
     """
     c = np.broadcast_to(intrinsics, (len(uv), N_INTRINSICS))
     goal = (uv - c[:, 2:4]) / c[:, :2]
@@ -330,14 +270,7 @@ def undistort_views(uv: FloatArray, camera: IntArray, intrinsics: FloatArray) ->
 
     As `undistort`, some points at a time.
 
-    Parameters
-    ----------
-    uv
-        Image points, (n, 2) px.
-    camera
-        Which camera sees each of them, (n,).
-    intrinsics
-        The cameras' lenses, (c, 16).
+    `uv`: image points, (n, 2) px; `intrinsics`: the cameras' lenses, (c, 16).
     """
     ideal, good = np.empty((len(uv), 2)), np.empty(len(uv), dtype=bool)
     for rows in blocks(len(uv)):

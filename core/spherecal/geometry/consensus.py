@@ -29,16 +29,7 @@ def agreeing_views(
     Among equal sets the one with the smaller errors wins. Of a feature with more than `MOST_PAIRS` pairs of views some
     pairs are tried, evenly chosen.
 
-    Parameters
-    ----------
-    feature, camera
-        Which feature each row observes and in which camera, (n,) and (n,).
-    uv
-        The image points, (n, 2) px.
-    gate_px
-        How far each row may be off the point that its set agrees on, (n,).
-    cameras
-        Lenses and poses of all cameras.
+    `uv`: the image points, (n, 2) px.
     """
     out = np.zeros(len(feature), dtype=bool)
     xy, usable = undistort_views(uv, camera, cameras.intrinsics)

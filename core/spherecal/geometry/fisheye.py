@@ -21,15 +21,7 @@ _TOLERANCE = 1e-14
 
 
 def radial_with_slope(r2: FloatArray, k: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """theta_d / r, its derivative by r^2, and theta^3 / r, all shaped as r2.
-
-    Parameters
-    ----------
-    r2
-        Squared distances from the axis of ideal points at z = 1.
-    k
-        k1 to k4, (4, ...); broadcasts against `r2`.
-    """
+    """theta_d / r, its derivative by r^2, and theta^3 / r, all shaped as r2."""
     k1, k2, k3, k4 = k
     near = r2 < AXIS_R2
     safe = np.where(near, 1.0, r2)
@@ -43,15 +35,7 @@ def radial_with_slope(r2: FloatArray, k: FloatArray) -> tuple[FloatArray, FloatA
 
 
 def distort(xy: FloatArray, k: FloatArray) -> FloatArray:
-    """Normalised ideal image points (..., 2) to distorted ones.
-
-    Parameters
-    ----------
-    xy
-        Ideal points x/z, y/z in the camera frame, (..., 2).
-    k
-        k1 to k4, (4, ...); broadcasts against the points.
-    """
+    """Normalised ideal image points (..., 2) to distorted ones."""
     r2 = (xy * xy).sum(axis=-1)
     return xy * radial_with_slope(r2, k)[0][..., None]
 
@@ -59,12 +43,7 @@ def distort(xy: FloatArray, k: FloatArray) -> FloatArray:
 def distort_with_jacobian(xy: FloatArray, k: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Distorted points (n, 2) and their derivatives (n, 2, 2) by the ideal ones (n, 2).
 
-    Parameters
-    ----------
-    xy
-        Ideal points x/z, y/z in the camera frame, (n, 2).
-    k
-        k1 to k4, of each point (4, n) or of all (4, 1).
+    `k`: k1 to k4, of each point (4, n) or of all (4, 1).
     """
     radial, slope, _ = radial_with_slope((xy * xy).sum(axis=-1), k)
     jacobian = 2 * slope[:, None, None] * xy[:, :, None] * xy[:, None, :]
@@ -88,17 +67,7 @@ def undistort(distorted: FloatArray, k: FloatArray) -> tuple[FloatArray, BoolArr
     The first root within 89 degrees off the axis, as long as theta_d rises up to it. It is bracketed by steps from the
     axis; Newton's steps are then kept within the bracket.
 
-    Parameters
-    ----------
-    distorted
-        Distorted points, (n, 2).
-    k
-        k1 to k4 of each point, (n, 4).
-
-    Returns
-    -------
-    points, found
-        Ideal points (n, 2) and whether there is one, (n,) bool.
+    `k`: k1 to k4 of each point, (n, 4).
     """
     goal = np.sqrt((distorted * distorted).sum(axis=1))
     low, high, good = _bracket(goal, k)
@@ -122,12 +91,7 @@ def undistort(distorted: FloatArray, k: FloatArray) -> tuple[FloatArray, BoolArr
 def rises(r2: FloatArray, k: FloatArray) -> BoolArray:
     """Whether theta_d rises all the way from the axis to each point at r^2, (n,).
 
-    Parameters
-    ----------
-    r2
-        Squared distances from the axis of ideal points at z = 1, (n,).
-    k
-        k1 to k4 of each point, (n, 4).
+    `k`: k1 to k4 of each point, (n, 4).
     """
     theta = np.arctan(np.sqrt(r2)) * (np.arange(1, _BRACKETS + 1)[:, None] / _BRACKETS)
     return np.asarray((_angle(theta, k)[1] > 0).all(axis=0))

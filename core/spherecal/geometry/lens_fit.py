@@ -30,15 +30,7 @@ class FittedLens:
 
 
 def image_field(image_size: tuple[int, int], grid: tuple[int, int] = FIELD_GRID) -> FloatArray:
-    """Image points (n, 2) px in columns x rows from edge to edge of the image, row by row.
-
-    Parameters
-    ----------
-    image_size
-        Width and height in px.
-    grid
-        Number of columns and rows.
-    """
+    """Image points (n, 2) px in columns x rows from edge to edge of the image, row by row."""
     width, height = image_size
     u, v = np.meshgrid(np.linspace(-0.5, width - 0.5, grid[0]), np.linspace(-0.5, height - 0.5, grid[1]))
     return np.stack([u.ravel(), v.ravel()], axis=1)
@@ -49,14 +41,7 @@ def fit_lens(intrinsics: FloatArray, uv: FloatArray, model: LensModel) -> Fitted
 
     A lens that follows the model already is returned as it is, with an rms of 0.
 
-    Parameters
-    ----------
-    intrinsics
-        The lens to describe, (16,).
-    uv
-        Its image points where the two are compared, (n, 2) px; those beyond 80 degrees off the axis are left out.
-    model
-        The model wanted.
+    `intrinsics`: the lens to describe, (16,); `uv`: its image points where the two are compared, (n, 2) px.
     """
     if (model == "fisheye") == bool(is_fisheye(intrinsics)):
         return FittedLens(intrinsics, 0.0)

@@ -25,15 +25,7 @@ _AT_ONCE = 1 << 20  # pixels that are undistorted together: 100 MB
 
 
 def distortion_problem(count: int, fisheye: bool) -> Phrase | None:
-    """What is wrong with a list of so many distortion coefficients; None where nothing is.
-
-    Parameters
-    ----------
-    count
-        Number of coefficients.
-    fisheye
-        Whether they are of OpenCV's fisheye model, which has 4.
-    """
+    """What is wrong with a list of so many distortion coefficients; None where nothing is."""
     if count == TILTED_LENGTH:
         return Phrase("problem-tilted")
     if fisheye and count != FISHEYE_LENGTH:
@@ -46,21 +38,7 @@ def distortion_problem(count: int, fisheye: bool) -> Phrase | None:
 def lens_vector(K: ArrayLike, dist: ArrayLike | None, fisheye: bool, what: Words) -> FloatArray:
     """The 16 intrinsics of OpenCV's camera matrix and distortion, shape (16,).
 
-    Parameters
-    ----------
-    K
-        Camera matrix, (3, 3), in px.
-    dist
-        4, 5, 8 or 12 numbers in any shape, of a fisheye lens 4; None is no distortion.
-    fisheye
-        Whether they are of OpenCV's fisheye model.
-    what
-        What messages call the camera.
-
-    Raises
-    ------
-    InputError
-        For anything else: other shapes, numbers that are not finite, skew or a focal length that is not positive.
+    `K`: camera matrix, (3, 3), in px; `dist` None is no distortion.
     """
     it = Phrase("camera-matrix-of", {"what": what})
     matrix = _finite(K, it)
@@ -79,17 +57,7 @@ def lens_vector(K: ArrayLike, dist: ArrayLike | None, fisheye: bool, what: Words
 def pose_rotation(rvec: ArrayLike, what: Words) -> FloatArray:
     """The rotation (3, 3) of a rotation vector or of a rotation matrix.
 
-    Parameters
-    ----------
-    rvec
-        3 numbers in any shape, in radians, or a matrix (3, 3).
-    what
-        What messages call the camera.
-
-    Raises
-    ------
-    InputError
-        For anything else, and for a matrix that is more than rounding off a rotation.
+    `rvec`: 3 numbers in any shape, in radians, or a matrix (3, 3).
     """
     it = Phrase("rotation-of", {"what": what})
     given = _finite(rvec, it)
@@ -102,20 +70,7 @@ def pose_rotation(rvec: ArrayLike, what: Words) -> FloatArray:
 
 
 def pose_translation(tvec: ArrayLike, what: Words) -> FloatArray:
-    """The translation (3,) of 3 numbers in any shape.
-
-    Parameters
-    ----------
-    tvec
-        The numbers.
-    what
-        What messages call the camera.
-
-    Raises
-    ------
-    InputError
-        For another count of numbers, or numbers that are not finite.
-    """
+    """The translation (3,) of 3 numbers in any shape."""
     it = Phrase("translation-of", {"what": what})
     return _three(_finite(tvec, it), it)
 
@@ -142,14 +97,8 @@ def undistort_image(image: NDArray[Any], intrinsics: FloatArray, matrix: FloatAr
 
     Bilinear, 0 where the recorded image has nothing.
 
-    Parameters
-    ----------
-    image
-        The image, (h, w) or (h, w, channels).
-    intrinsics
-        The lens that it was taken with, (16,).
-    matrix
-        Camera matrix (3, 3) of the result, in px.
+    `image`: the image, (h, w) or (h, w, channels); `intrinsics`: the lens that it was taken with, (16,); `matrix`:
+    camera matrix (3, 3) of the result, in px.
     """
     height, width = image.shape[:2]
     channels = image.reshape(height, width, -1)

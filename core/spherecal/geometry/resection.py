@@ -38,14 +38,7 @@ def resect(points: FloatArray, xy: FloatArray, gate: float) -> tuple[FloatArray,
 
     Robust (RANSAC) and deterministic.
 
-    Parameters
-    ----------
-    points
-        Known points, (n, 3).
-    xy
-        Their normalised ideal image points, (n, 2).
-    gate
-        How far an agreeing point may be off, in normalised units (px over the focal length).
+    `points`: known points, (n, 3); `xy`: their normalised ideal image points, (n, 2).
     """
     if len(points) < MIN_AGREEING:
         return None
@@ -80,14 +73,7 @@ def resected_poses(points: FloatArray, xy: FloatArray, scale: float) -> list[Res
     2003), scored by Cauchy's loss and refined. Few points, or points near a plane, have a second pose that fits nearly
     as well; who takes the first must look at the second. Deterministic.
 
-    Parameters
-    ----------
-    points
-        Known points, (n, 3).
-    xy
-        Their normalised ideal image points, (n, 2).
-    scale
-        Scale of Cauchy's loss in normalised units (px over the focal length).
+    `points`: known points, (n, 3); `xy`: their normalised ideal image points, (n, 2).
     """
     if len(points) < 4:
         return []
@@ -122,14 +108,8 @@ def resected_poses(points: FloatArray, xy: FloatArray, scale: float) -> list[Res
 def pose_cost(rotation: FloatArray, translation: FloatArray, points: FloatArray, xy: FloatArray, scale: float) -> float:
     """The cost of a pose as `ResectedPose` has it: half the sum of log(1 + (residual / scale)^2).
 
-    Parameters
-    ----------
-    rotation, translation
-        The pose x_camera = rotation (3, 3) @ x + translation (3,).
-    points, xy
-        Known points (n, 3) and their normalised ideal image points (n, 2).
-    scale
-        Scale of Cauchy's loss in normalised units.
+    `rotation`, `translation`: the pose x_camera = rotation (3, 3) @ x + translation (3,); `points`, `xy`: known points
+    (n, 3) and their normalised ideal image points (n, 2).
     """
     return float(_costs(rotation[None], translation[None], points, xy, scale)[0])
 

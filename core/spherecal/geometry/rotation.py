@@ -7,13 +7,7 @@ from spherecal.base.arrays import FloatArray
 
 
 def cross(a: FloatArray, b: FloatArray) -> FloatArray:
-    """Vector products (..., 3): numpy's, to the bit, without what `np.cross` takes to allow for other axes.
-
-    Parameters
-    ----------
-    a, b
-        Vectors (..., 3), broadcast together.
-    """
+    """Vector products (..., 3): numpy's, to the bit, without what `np.cross` takes to allow for other axes."""
     out = np.empty(np.broadcast_shapes(a.shape, b.shape))
     for i, (j, k) in enumerate(((1, 2), (2, 0), (0, 1))):
         np.multiply(a[..., j], b[..., k], out=out[..., i])

@@ -43,12 +43,7 @@ def pose_change(
 
     The turn is applied to the whole pose: new_rotation = turn @ rotation, new_translation = turn @ translation + shift.
 
-    Parameters
-    ----------
-    rotation, translation
-        The poses, (..., 3, 3) and (..., 3).
-    new_rotation, new_translation
-        The poses to arrive at, in the same shapes.
+    `rotation`, `translation`: the poses, (..., 3, 3) and (..., 3).
     """
     rotation_change = new_rotation @ np.swapaxes(rotation, -1, -2)
     translation_change = new_translation - np.einsum("...ij,...j->...i", rotation_change, translation)
@@ -61,12 +56,7 @@ def fit_similarity(source: FloatArray, target: FloatArray, with_scale: bool = Tr
     Source: S. Umeyama, Least-squares estimation of transformation parameters between two point patterns,
     IEEE TPAMI 13 (1991).
 
-    Parameters
-    ----------
-    source, target
-        Corresponding points, (n, 3) each, n >= 3.
-    with_scale
-        False: a rigid motion, of scale 1.
+    `source`, `target`: corresponding points, (n, 3) each, n >= 3.
     """
     source_mean, target_mean = source.mean(axis=0), target.mean(axis=0)
     a, b = source - source_mean, target - target_mean

@@ -58,18 +58,8 @@ def triangulate(
 
     Residuals are given for all rows. Points are worked on some at a time, since an observation takes 1 KB here.
 
-    Parameters
-    ----------
-    feature, camera
-        Which point each row observes and in which camera, (n,) and (n,).
-    uv
-        The image points, (n, 2) px; one that its lens model cannot undistort is left out.
-    weight
-        1/sigma^2 in px^-2, (n,) or (n, 2); 0 leaves a row out.
-    n_features
-        Number m of points.
-    cameras
-        Lenses and poses of all cameras.
+    `feature`, `camera`: which point each row observes and in which camera, (n,) and (n,); `uv`: the image points, (n,
+    2) px; `weight`: 1/sigma^2 in px^-2, (n,) or (n, 2).
     """
     weight = np.broadcast_to(weight if weight.ndim == 2 else weight[:, None], (len(uv), 2))
     m, n = n_features, len(uv)
@@ -137,16 +127,8 @@ def ray_angles(
 ) -> FloatArray:
     """The largest acute angle (m,) rad between two rays of each feature, as `triangulate` returns it.
 
-    Parameters
-    ----------
-    feature, camera
-        Which point each row observes and in which camera, (n,) and (n,).
-    uv
-        The image points, (n, 2) px.
-    n_features
-        Number m of points.
-    cameras
-        Lenses and poses of all cameras.
+    `feature`, `camera`: which point each row observes and in which camera, (n,) and (n,); `uv`: the image points, (n,
+    2) px.
     """
     angle = np.empty(n_features)
     for points, rows in _some_points(feature, n_features):

@@ -39,13 +39,7 @@ class FrameDefinition:
 
     @property
     def places(self) -> tuple[str, ...]:
-        """The three names, or none.
-
-        Raises
-        ------
-        InputError
-            For one or two names, and for one that comes twice.
-        """
+        """The three names, or none."""
         given = tuple(name for name in (self.origin, self.x, self.xy) if name is not None)
         if len(given) not in (0, 3):
             raise InputError(
@@ -99,13 +93,7 @@ class UserFrame(ByValue):
 
 
 def turn_matrix(turns: Sequence[str]) -> FloatArray:
-    """The matrix (3, 3) that maps coordinates before the turns to those after them; whole numbers.
-
-    Raises
-    ------
-    InputError
-        For a turn that is none of `TURNS`.
-    """
+    """The matrix (3, 3) that maps coordinates before the turns to those after them; whole numbers."""
     matrix = np.eye(3)
     for turn in turns:
         if turn not in TURNS:
@@ -124,21 +112,8 @@ def user_frame(
 ) -> UserFrame:
     """The frame that three places in the world define, or an offset and turns of the world itself.
 
-    Parameters
-    ----------
-    definition
-        Names of the places, offset and turns.
-    places_mm
-        Origin, a point on +X and one in the XY plane, as rows (3, 3) in the world; None: the world itself.
-    covariances_mm2
-        Covariances of the places, (3, 3, 3); None where they are not known.
-    unit
-        The unit of lengths in messages; "units" where the rig has no scale.
-
-    Raises
-    ------
-    InputError
-        Where the places are too near together or in a line (it says how near), or the offset is out of range.
+    `places_mm` (3, 3); None: the world itself; `covariances_mm2`: covariances of the places, (3, 3, 3); None where they
+    are not known.
     """
     offset, turn = np.array(definition.offset_mm, dtype=float), turn_matrix(definition.turns)
     if not (np.abs(offset) <= _MOST_MM).all():

@@ -8,17 +8,7 @@ from spherecal.initialise.triple import Triple
 
 
 def relative_pose(triple: Triple, camera: int, other: int, scale: float) -> tuple[FloatArray, FloatArray]:
-    """R, t with `x_camera = R x_other + t`, in the common scale.
-
-    Parameters
-    ----------
-    triple
-        The reconstruction.
-    camera, other
-        Two of its cameras.
-    scale
-        Factor to the common scale.
-    """
+    """R, t with `x_camera = R x_other + t`, in the common scale."""
     j, g = triple.cameras.index(camera), triple.cameras.index(other)
     rotation = triple.rotation[j] @ triple.rotation[g].T
     return rotation, (triple.translation[j] - rotation @ triple.translation[g]) * scale
@@ -27,15 +17,7 @@ def relative_pose(triple: Triple, camera: int, other: int, scale: float) -> tupl
 def chain_poses(
     paths: dict[int, Path], triples: list[Triple], scale: FloatArray, n_cameras: int
 ) -> tuple[FloatArray, FloatArray]:
-    """Rotations (c,3,3) and translations (c,3) of all cameras that have a path; NaN for the rest.
-
-    Parameters
-    ----------
-    paths, triples, scale
-        Paths to the cameras, the reconstructions, and their factors to the common scale.
-    n_cameras
-        Cameras, linked or not.
-    """
+    """Rotations (c,3,3) and translations (c,3) of all cameras that have a path; NaN for the rest."""
     rotation, translation = np.full((n_cameras, 3, 3), np.nan), np.full((n_cameras, 3), np.nan)
     for camera, path in paths.items():
         r, t = np.eye(3), np.zeros(3)
@@ -58,14 +40,7 @@ def chain_points(
 
     A point in several triples gets their mean.
 
-    Parameters
-    ----------
-    paths, triples, scale
-        As of `chain_poses`.
-    rotation, translation
-        Poses that came of it, (c,3,3) and (c,3).
-    n_features
-        Features, reconstructed or not.
+    `rotation`, `translation`: poses that came of it, (c,3,3) and (c,3).
     """
     total, count = np.zeros((n_features, 3)), np.zeros(n_features)
     for camera, path in paths.items():

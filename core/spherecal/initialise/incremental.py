@@ -47,16 +47,7 @@ def grow(
 ) -> InitialPoses:
     """Poses of all cameras that triples or points reach, in the reference camera's frame.
 
-    Parameters
-    ----------
-    local, network
-        The local reconstructions, and the network.
-    intrinsics
-        Before the adjustment, (c,16).
-    candidates
-        Observations to use, (n,).
-    context
-        For progress, and to stop.
+    `intrinsics`: before the adjustment, (c,16); `candidates`: observations to use, (n,).
     """
     rotation, translation = chain_poses(local.paths, local.triples, local.graph.scale, len(intrinsics))
     if local.pair is not None:
@@ -123,14 +114,7 @@ def _scale_to_adjusted(triple: Triple, parent: int, state: State) -> float | Non
 def adjust_placed(network: Network, state: State, placed: BoolArray, candidates: BoolArray, context: Context) -> State:
     """A short robust adjustment of the placed cameras over their best observations; points NaN where unknown.
 
-    Parameters
-    ----------
-    network, state
-        The network, and its values.
-    placed, candidates
-        Cameras that have a pose (c,), and observations to use (n,).
-    context
-        For progress, and to stop.
+    `placed`, `candidates`: cameras that have a pose (c,), and observations to use (n,).
     """
     some = _best_observations(network, candidates & placed[network.camera])
     step = RobustStep(START_INTRINSICS, RING_ITERATIONS, "growing the network")
@@ -161,16 +145,7 @@ def resect_rest(
 ) -> InitialPoses:
     """Poses of cameras that have none yet, those first that see most known points, an adjustment after each round.
 
-    Parameters
-    ----------
-    network, resected
-        The network, and the poses so far.
-    candidates
-        Observations to use, (n,).
-    context
-        For progress, and to stop.
-    follow
-        Adds the poses of cameras that depend on those placed.
+    `candidates`: observations to use, (n,).
     """
     state, placed = resected.state, resected.placed.copy()
     tried: set[int] = set()
@@ -200,12 +175,7 @@ def resect_rest(
 def resect_camera(network: Network, state: State, camera: int, rows: IntArray) -> tuple[FloatArray, FloatArray] | None:
     """Rotation and translation of a camera from its observations (rows) of known points; None where few agree.
 
-    Parameters
-    ----------
-    network, state
-        The network, and its values.
-    camera, rows
-        Which camera, and its observations of known points (k,).
+    `camera`, `rows`: which camera, and its observations of known points (k,).
     """
     xy, usable = undistort(network.uv[rows], state.intrinsics[camera])
     rows, xy = rows[usable], xy[usable]

@@ -63,18 +63,7 @@ def reconstruct_locally(
 
     The reference is the camera in most triples.
 
-    Parameters
-    ----------
-    observations, features
-        What was observed, and what features are.
-    intrinsics
-        Before the adjustment, (c,16).
-    paths
-        How edges are weighted and paths are searched, or the search alone.
-    seed
-        Seed of the robust estimates.
-    context
-        For progress, and to stop.
+    `intrinsics`: before the adjustment, (c,16).
     """
     n_cameras = len(observations.cameras)
     xy, usable = undistort_views(observations.uv, observations.camera, intrinsics)
@@ -142,15 +131,7 @@ def _is_flat(gate: TwoViewGate, table: IntArray, xy: FloatArray, intrinsics: Flo
 
 
 def lasting_reference(local: LocalNetwork, session: Session) -> LocalNetwork:
-    """The local network with a reference camera that stays in the rig: not an earlier pose of a split camera.
-
-    Parameters
-    ----------
-    local
-        The local network.
-    session
-        Its session, which says which cameras are earlier poses.
-    """
+    """The local network with a reference camera that stays in the rig: not an earlier pose of a split camera."""
     earlier = np.array([camera.earlier_pose_of is not None for camera in session.cameras])
     if not earlier.any():
         return local

@@ -36,19 +36,7 @@ class Path:
 def find_paths(
     graph: CameraGraph, triples: list[Triple], search: Search = "opt", base: float = BASE
 ) -> dict[int, Path]:
-    """The path of every camera that can be reached; the reference's own has no steps.
-
-    Parameters
-    ----------
-    graph, triples
-        The view graph and its reconstructions.
-    search
-        `opt`: A* on f = base^m g + h, [Tao21] (14). `dijkstra`: shortest paths, base 1. `first`: none-OPT, Algorithm 3,
-        the triples with most common features first. `first-listed`: the same in the literal order, triples by their
-        cameras' numbers.
-    base
-        b of (14), at least 1.
-    """
+    """The path of every camera that can be reached; the reference's own has no steps."""
     if search == "first":
         return _first_paths(graph, triples)
     if search == "first-listed":

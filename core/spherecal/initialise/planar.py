@@ -32,12 +32,7 @@ class _View:
 def homography(a: FloatArray, b: FloatArray, gate: float) -> tuple[FloatArray, BoolArray] | None:
     """H (3,3) with b ~ H a and which matches agree within the gate (n,); None where there is none.
 
-    Parameters
-    ----------
-    a, b
-        Matches in normalised units, (n,2) each.
-    gate
-        How far a match may be off, in normalised units.
+    `a`, `b`: matches in normalised units, (n,2) each.
     """
     if len(a) < MIN_POINTS:
         return None
@@ -55,12 +50,7 @@ def homography(a: FloatArray, b: FloatArray, gate: float) -> tuple[FloatArray, B
 def is_flat(xy_a: FloatArray, xy_b: FloatArray, focal_px: float) -> bool:
     """Whether two views' matches are on one plane, as far as these views can show.
 
-    Parameters
-    ----------
-    xy_a, xy_b
-        Matches in normalised units, (n,2) each.
-    focal_px
-        Focal length of the second view, for the gate in px.
+    `xy_a`, `xy_b`: matches in normalised units, (n,2) each.
     """
     found = homography(xy_a, xy_b, PLANE_PX / focal_px)
     return found is not None and found[1].mean() >= ON_PLANE
@@ -73,14 +63,8 @@ def reconstruct_planar_triple(
 
     The first camera is the origin; the plane's distance from it is the unit of length.
 
-    Parameters
-    ----------
-    cameras, features
-        The triple, and the features common to it (n,).
-    xy
-        Their normalised image points with known distortion removed, by camera, (3,n,2).
-    focal_px
-        Focal lengths (3,), which turn errors to pixels.
+    `cameras`, `features`: the triple, and the features common to it (n,); `xy` (3,n,2); `focal_px`: focal lengths (3,),
+    which turn errors to pixels.
     """
     good = np.ones(len(features), dtype=bool)
     h = []

@@ -12,12 +12,7 @@ from spherecal.geometry.sphere import fit_sphere
 def project_to_spheres(points: FloatArray, placement: IntArray) -> FloatArray:
     """Each placement's points (m,3) moved radially onto the sphere fitted to them; NaN points stay NaN.
 
-    Parameters
-    ----------
-    points
-        The points, (m,3), in any unit.
-    placement
-        Placement of each, (m,).
+    `placement`: placement of each, (m,).
     """
     moved = points.copy()
     for p in np.unique(placement):

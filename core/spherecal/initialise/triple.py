@@ -33,13 +33,7 @@ class Triple:
     error_px: FloatArray
 
     def baseline(self, i: int, j: int) -> float:
-        """Distance between the centres of two of its cameras.
-
-        Parameters
-        ----------
-        i, j
-            Their positions in the triple, 0 to 2.
-        """
+        """Distance between the centres of two of its cameras."""
         centre = -np.einsum("cji,cj->ci", self.rotation, self.translation)
         return float(np.linalg.norm(centre[i] - centre[j]))
 
@@ -52,14 +46,8 @@ def reconstruct_triple(
     Points far worse than the rest are left out in a second attempt: the two-view gate before this lets through what is
     along the epipolar lines by chance.
 
-    Parameters
-    ----------
-    cameras, features
-        The triple, and the features common to it (n,).
-    xy
-        Their normalised image points with known distortion removed, by camera, (3,n,2).
-    focal_px
-        Focal lengths (3,), which turn errors to pixels.
+    `cameras`, `features`: the triple, and the features common to it (n,); `xy` (3,n,2); `focal_px`: focal lengths (3,),
+    which turn errors to pixels.
     """
     attempt = _attempt(xy)
     if attempt is None:

@@ -41,18 +41,8 @@ def vote(
 ) -> TwoViewGate:
     """Observations that at least half of their pairs of cameras find consistent (MAGSAC on fundamental matrices).
 
-    Parameters
-    ----------
-    feature_table
-        Each camera's observation of each feature (c,m), -1 where it does not see it.
-    flat
-        Image points without their known distortion, (n,2) px.
-    counts
-        Common features, (c,c); pairs with fewer than `MIN_POINTS_A_PAIR` are not asked.
-    gate_px, seed
-        Distance from the epipolar line that is allowed, and the seed of MAGSAC.
-    context
-        For progress, and to stop.
+    `feature_table` (c,m); `flat`: image points without their known distortion, (n,2) px; `counts`: common features,
+    (c,c).
     """
     agreed, asked = np.zeros(len(flat)), np.zeros(len(flat))
     consistent = {}
@@ -81,12 +71,7 @@ def _consistent(a: FloatArray, b: FloatArray, gate_px: float, seed: int) -> Bool
 def robust_fundamental(a: FloatArray, b: FloatArray, gate_px: float, seed: int) -> FloatArray | None:
     """F with b' F a = 0 by MAGSAC, None where the points define none; deterministic for a seed.
 
-    Parameters
-    ----------
-    a, b
-        Matches (k,2) px each.
-    gate_px, seed
-        Distance from the epipolar line that is allowed, and the seed of MAGSAC.
+    `a`, `b`: matches (k,2) px each.
     """
     parameters = cv2.UsacParams()
     parameters.threshold = gate_px
@@ -106,12 +91,7 @@ def robust_fundamental(a: FloatArray, b: FloatArray, gate_px: float, seed: int) 
 def epipolar_distance(fundamental: FloatArray, a: FloatArray, b: FloatArray) -> FloatArray:
     """The larger of a match's two distances from its epipolar lines in pixels, (k,).
 
-    Parameters
-    ----------
-    fundamental
-        F with b' F a = 0.
-    a, b
-        Matches (k,2) px each.
+    `a`, `b`: matches (k,2) px each.
     """
     a1, b1 = np.column_stack([a, np.ones(len(a))]), np.column_stack([b, np.ones(len(b))])
     in_b, in_a = a1 @ fundamental.T, b1 @ fundamental
@@ -137,16 +117,7 @@ def relative_orientation(
 
     The essential matrix is the one nearest to MAGSAC's F.
 
-    Parameters
-    ----------
-    cameras
-        The two cameras.
-    a, b
-        Matches in normalised coordinates, (k,2) each.
-    focal_px
-        Focal length by which the gate of `GATE_PX` applies.
-    seed
-        Seed of MAGSAC.
+    `a`, `b`: matches in normalised coordinates, (k,2) each.
     """
     fundamental = robust_fundamental(focal_px * a, focal_px * b, GATE_PX, seed)
     if fundamental is None:

@@ -29,12 +29,7 @@ def strongest_pairs(counts: IntArray, partners: int) -> IntArray:
 
     The rest is 0. A pair stays when either camera counts the other among its best.
 
-    Parameters
-    ----------
-    counts
-        Common features, (c,c).
-    partners
-        How many pairs of each camera count as its best.
+    `counts`: common features, (c,c).
     """
     apart = counts * ~np.eye(len(counts), dtype=bool)
     best = np.argsort(-apart, axis=1, kind="stable")[:, :partners]
@@ -56,14 +51,7 @@ class Candidates:
 def candidate_triples(seen: BoolArray, counts: IntArray, min_common: int = MIN_COMMON) -> Candidates:
     """All triples whose every pair shares at least `min_common` features.
 
-    Parameters
-    ----------
-    seen
-        Which camera sees which feature, (c,m).
-    counts
-        Common features, (c,c).
-    min_common
-        Features that each pair must share.
+    `seen`: which camera sees which feature, (c,m); `counts`: common features, (c,c).
     """
     patterns, weight = np.unique(seen.T, axis=0, return_counts=True)
     edge = counts >= min_common
@@ -92,17 +80,6 @@ def solve_triples(
 
     The pruned ones are the re-try list. They are solved too as long as cameras stay apart that they could join, since
     the triples of an edge may all have failed.
-
-    Parameters
-    ----------
-    candidates, n_cameras
-        Triples to try, richest first, and how many cameras there are.
-    solve
-        Reconstructs one triple.
-    min_points
-        Points that a reconstruction must have.
-    context
-        For progress, and to stop.
     """
     fit: list[Triple] = []
     in_edge = np.zeros((n_cameras, n_cameras), dtype=int)
@@ -206,14 +183,7 @@ def error_threshold(triples: list[Triple]) -> float:
 def build_graph(triples: list[Triple], counts: IntArray, weights: EdgeWeights | None = None) -> CameraGraph:
     """The graph of lightest edges over all triples (13), and common scales.
 
-    Parameters
-    ----------
-    triples
-        The reconstructions.
-    counts
-        Common features, (c,c).
-    weights
-        xi1, xi2 and TH_er of (10) and (12); those of [Tao21], and a threshold by the triples' errors, unless given.
+    `counts`: common features, (c,c).
     """
     n = len(counts)
     edges: list[dict[int, Edge]] = [{} for _ in range(n)]
@@ -236,19 +206,7 @@ def build_graph(triples: list[Triple], counts: IntArray, weights: EdgeWeights | 
 def edge_weight(
     error_j: float, error_g: float, common: int, threshold_px: float, weights: EdgeWeights | None = None
 ) -> float:
-    """Weight of an edge (12): xi1 times the mean reprojection error in px (10), xi2 over the common features (11).
-
-    Parameters
-    ----------
-    error_j, error_g
-        The two cameras' mean reprojection errors in px.
-    common
-        N_jg, the features that they have in common.
-    threshold_px
-        TH_er of (10): beyond it the weight is infinite.
-    weights
-        xi1 and xi2 of (12); those of [Tao21] unless given.
-    """
+    """Weight of an edge (12): xi1 times the mean reprojection error in px (10), xi2 over the common features (11)."""
     if not (0 <= error_j <= threshold_px and 0 <= error_g <= threshold_px) or common <= 0:
         return float("inf")
     weights = weights or EdgeWeights()

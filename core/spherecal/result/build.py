@@ -38,27 +38,15 @@ from spherecal.diagnose.rejected_edges import rejected_edges
 from spherecal.diagnose.soundness import further_scale_uncertainty
 from spherecal.diagnose.unconfirmed_poses import unconfirmed_poses
 from spherecal.geometry.camera import N_INTRINSICS, project
+from spherecal.geometry.length_uncertainty import Cameras
 from spherecal.geometry.sphere import fit_sphere
+from spherecal.geometry.volume_map import LengthMap, length_map, measured_volume
 from spherecal.initialise.local import LocalNetwork
-from spherecal.predict.lengths import Cameras
-from spherecal.predict.volume_map import LengthMap, length_map, measured_volume
 from spherecal.scale.metric import MetricFit, Solution
 
 
 def build_result(recording: Recording, local: LocalNetwork, fit: MetricFit, method: str, run: Run) -> Calibration:
-    """The calibration of a recording from its metric solution.
-
-    Parameters
-    ----------
-    recording, local
-        The recording, and what the local stage made of it.
-    fit
-        The network in millimetres.
-    method
-        Name of the method, for the result.
-    run
-        What the stages share.
-    """
+    """The calibration of a recording from its metric solution."""
     session, observations, features = recording.session, recording.observations, recording.features
     solved, choice, solution = fit.solved, fit.choice, fit.solution
     reference = run.reference_in(solved.adjusted)
@@ -335,15 +323,7 @@ def _for_diagnosis(fit: BallFit) -> BallFit:
 def build_failed_result(
     recording: Recording, local: LocalNetwork, method: str, seconds: dict[str, float]
 ) -> Calibration:
-    """The result where not even three cameras could be reconstructed: no camera has a pose.
-
-    Parameters
-    ----------
-    recording, local
-        The recording, and what the local stage made of it.
-    method, seconds
-        Name of the method, and the time of each stage in s, for the result.
-    """
+    """The result where not even three cameras could be reconstructed: no camera has a pose."""
     session, observations, features = recording.session, recording.observations, recording.features
     nobody = np.zeros(len(session.cameras), dtype=bool)
     findings = (
@@ -474,15 +454,7 @@ def _said_of(lengths: LengthMap | None) -> tuple[Finding, ...]:
 
 
 def dot_noise_px(observations: Observations, adjusted: Adjustment) -> float:
-    """The standard deviation of a typical dot's image coordinate in px, as the adjustment found it.
-
-    Parameters
-    ----------
-    observations
-        The observations; without sigmas of their own each counts as 1 px.
-    adjusted
-        Their adjustment.
-    """
+    """The standard deviation of a typical dot's image coordinate in px, as the adjustment found it."""
     sigma = 1.0 if observations.sigma is None else float(np.median(observations.sigma[adjusted.used]))
     return max(float(np.sqrt(adjusted.variance)) * sigma, 1e-4)
 

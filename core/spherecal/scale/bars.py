@@ -68,14 +68,7 @@ def scale_from_bars(
     The relative uncertainty holds noise and calibration with all correlations, and the certificate, which more poses do
     not average. See docs/formulation.md, Scale.
 
-    Parameters
-    ----------
-    recording, bar_id
-        The recording, and which of its session's bars gives the scale.
-    points
-        Places of the features in network units, (f,3).
-    covariance, variance
-        Of the adjusted network, and its variance of unit weight.
+    `points`: places of the features in network units, (f,3).
     """
     samples = _samples(recording, bar_id, np.isfinite(covariance.points[:, 0, 0]))
     if not samples:
@@ -103,12 +96,7 @@ def length_rows(recording: Recording, bar_id: str, points_mm: FloatArray) -> Len
     A certificate errs alike in all poses; between poses only the resolution of the temperature is free. None where no
     length could be measured.
 
-    Parameters
-    ----------
-    recording, bar_id
-        The recording, and which of its session's bars gives the scale.
-    points_mm
-        Places of the features in mm (f,3), NaN where unknown.
+    `points_mm`: places of the features in mm (f,3), NaN where unknown.
     """
     bar = _bar(recording, bar_id)
     samples = _samples(recording, bar_id, np.isfinite(points_mm[:, 0]))

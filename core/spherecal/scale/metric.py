@@ -54,17 +54,7 @@ class MetricFit:
 
 
 def in_millimetres(recording: Recording, fit: BallFit, run: Run) -> tuple[BallFit, Solution]:
-    """The network in millimetres; a bar that gives the scale becomes part of the adjustment.
-
-    Parameters
-    ----------
-    recording
-        The recording, with its scale.
-    fit
-        The solution in its own unit.
-    run
-        What the stages share.
-    """
+    """The network in millimetres; a bar that gives the scale becomes part of the adjustment."""
     session, features = recording.session, recording.features
     solution, scale = metric_solution(recording, fit, literal=run.plain), session.scale
     if run.plain or solution.scale.source != "bar" or scale is None or scale.bar is None:
@@ -87,15 +77,6 @@ def by_stored_ball(recording: Recording, fit: BallFit, ball: RigScale) -> tuple[
 
     A bar is better than printed targets; of two alike the surer one is taken. Beside it how much longer lengths are by
     the session's own scale, relatively (None without one).
-
-    Parameters
-    ----------
-    recording
-        The recording, with its scale.
-    fit
-        The solution on a stored ball.
-    ball
-        The stored ball's scale.
     """
     own = metric_solution(recording, fit)
     differs = None if own.scale.source == "none" else own.factor - 1.0
@@ -118,17 +99,7 @@ def _surer(one: RigScale, other: RigScale) -> bool:
 
 
 def metric_solution(recording: Recording, fit: BallFit, literal: bool = False) -> Solution:
-    """The adjusted network in its scale; lengths stay arbitrary without covariance or a usable scale.
-
-    Parameters
-    ----------
-    recording
-        The recording, with its scale.
-    fit
-        The solution in its own unit.
-    literal
-        Whether to take the mean distance of [Tao21] (18)-(19) for the spacing of dots, without our departures.
-    """
+    """The adjusted network in its scale; lengths stay arbitrary without covariance or a usable scale."""
     session, adjusted, cofactors = recording.session, fit.by_features, fit.cofactors
     state = adjusted.state
     spheres = fit_spheres(state.points, recording.features.placement, recording.n_ball)
@@ -175,14 +146,7 @@ def _metric_cameras(
 def fit_spheres(points: FloatArray, placement: IntArray, n_placements: int) -> dict[int, Sphere]:
     """The sphere of every placement of the ball whose points define one.
 
-    Parameters
-    ----------
-    points
-        Places of the features (f,3), NaN where unknown.
-    placement
-        Placement of each, (f,).
-    n_placements
-        Placements of the ball.
+    `points`: places of the features (f,3), NaN where unknown; `placement`: placement of each, (f,).
     """
     spheres = {}
     for t in range(n_placements):

@@ -83,16 +83,7 @@ def scale_from_spacing(
     (R. DerSimonian, N. Laird, Meta-analysis in clinical trials, 1986): the same sticker at several placements averages
     its noise, not its print error. See docs/formulation.md, Scale.
 
-    Parameters
-    ----------
-    spacing
-        The known distance.
-    features
-        What the features are.
-    points, radius
-        Places of the features (f,3), and radii of the placements' spheres (t,), NaN where there is none; network units.
-    covariance, variance
-        Of the adjusted network, and its variance of unit weight (the square of sigma0).
+    `points`, `radius` (f,3).
     """
     stickers = _stickers(spacing, features, points, covariance)
     if not len(stickers.target):
@@ -131,16 +122,7 @@ def scale_from_mean_distance(
     No weights, no other dots, no arc: on a ball lengths come out too long by d^2 / (24 R^2) relatively, which counts as
     uncertainty. None where no target has both dots.
 
-    Parameters
-    ----------
-    spacing
-        The known distance; its patterns are not used.
-    features
-        What the features are.
-    points, radius
-        Places of the features (f,3), and radii of the placements' spheres (t,), NaN where there is none; network units.
-    covariance, variance
-        Of the adjusted network, and its variance of unit weight.
+    `points`, `radius` (f,3).
     """
     stickers = _stickers(replace(spacing, patterns=None), features, points, covariance)
     n = len(stickers.target)
@@ -227,12 +209,7 @@ def bend(flat_mm: FloatArray, radius_mm: FloatArray) -> FloatArray:
 
     Straight lines through a sticker's origin keep their length (exponential map); z points into the ball.
 
-    Parameters
-    ----------
-    flat_mm
-        Places of the dots on the flat stickers, (n,k,2).
-    radius_mm
-        Radii of the balls, (n,); a sticker is flat where none is known.
+    `flat_mm`: places of the dots on the flat stickers, (n,k,2); `radius_mm`: radii of the balls, (n,).
     """
     distance = np.linalg.norm(flat_mm, axis=2)
     radius = np.where(np.isfinite(radius_mm) & (radius_mm > 0), radius_mm, np.inf)[:, None]

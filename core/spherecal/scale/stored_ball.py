@@ -24,24 +24,7 @@ MOST_DEVIATIONS, PRINT_ERROR = 3.0, 0.005
 def on_known_ball(
     recording: Recording, free: BallFit, ball: BallNetwork, profile: BallProfile, run: Run
 ) -> MetricFit | Finding:
-    """The solution on the profile where the recorded ball is the profile's; else the finding that says why not.
-
-    Parameters
-    ----------
-    recording
-        The recording.
-    free, ball
-        The solution in the free form, and its network.
-    profile
-        The stored ball.
-    run
-        What the stages share.
-
-    Raises
-    ------
-    InputError
-        Where the targets do not go with the profile.
-    """
+    """The solution on the profile where the recorded ball is the profile's; else the finding that says why not."""
     session = recording.session
     targets = session.target_set
     family, size = (None, None) if targets is None else (targets.family, targets.size_mm)

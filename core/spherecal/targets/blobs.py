@@ -79,12 +79,7 @@ class Blobs:
 def find_blobs(image: GreyImage, dark: bool = False) -> Blobs:
     """All bright (or dark) blobs of about 3 to 45 px in an image, in pixels of that image.
 
-    Parameters
-    ----------
-    image
-        Grey image, (h, w).
-    dark
-        Look for dark blobs: bright ones in the negative, and `peak` is their grey value there.
+    `image`: grey image, (h, w).
     """
     if min(image.shape) < _SMALLEST_IMAGE_PX:
         return _described(np.zeros((0, 7)), looks_of(image, np.zeros((0, 7))))

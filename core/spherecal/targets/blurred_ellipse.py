@@ -51,15 +51,7 @@ def normal(z):
 
 @njit(nogil=True, cache=True, error_model="numpy")
 def cut_strips(long_px, short_px, blur_px, strips, k):
-    """Cut ellipse k into strips across its long axis; returns their number n, at most `MOST_STRIPS`.
-
-    Parameters
-    ----------
-    long_px, short_px, blur_px
-        Semi-axes of the ellipse and standard deviation of the blur, px.
-    strips, k
-        Output: rows 0 to n - 1 of `strips[k]` get place along the axis (px), half height (px), and width over blur.
-    """
+    """Cut ellipse k into strips across its long axis; returns their number n, at most `MOST_STRIPS`."""
     count = min(max(math.ceil(math.pi * long_px / (_STRIP * blur_px)), 6), MOST_STRIPS)
     for j in range(count):
         angle = math.pi * ((j + 0.5) / count - 0.5)
@@ -70,15 +62,7 @@ def cut_strips(long_px, short_px, blur_px, strips, k):
 
 @njit(nogil=True, cache=True, error_model="numpy")
 def needs_strips(long_px, short_px, blur_px):
-    """Whether an ellipse is too narrow, or its tips too pointed, for `light_at_edge`.
-
-    Parameters
-    ----------
-    long_px, short_px
-        Its semi-axes, px.
-    blur_px
-        Standard deviation of the blur, px.
-    """
+    """Whether an ellipse is too narrow, or its tips too pointed, for `light_at_edge`."""
     return short_px <= _WIDE * blur_px or short_px * short_px <= _BLUNT * blur_px * long_px
 
 
@@ -89,16 +73,7 @@ def light_at(strips, k, count, per_blur, growth, p, q):
     The derivatives by blur and growth follow from the diffusion equation dm/ds = s (m_pp + m_qq) and from m being
     unchanged when all lengths are scaled.
 
-    Parameters
-    ----------
-    strips, k, count
-        `strips[k]` are those of the ellipse by `cut_strips`, the first `count` rows.
-    per_blur
-        1 / blur, 1/px.
-    growth
-        Factor that the semi-axes were multiplied by.
-    p, q
-        The place in px from the centre, along the long and the short axis.
+    `per_blur`: 1 / blur, 1/px.
     """
     m, m_p, m_q, curved = 0.0, 0.0, 0.0, 0.0
     for j in range(count):
@@ -122,15 +97,7 @@ def light_at(strips, k, count, per_blur, growth, p, q):
 
 @njit(nogil=True, cache=True, error_model="numpy")
 def distance_inside(per_long, per_short, p, q):
-    """Distance in px of a place from the edge of an ellipse along the ray from its centre, negative outside.
-
-    Parameters
-    ----------
-    per_long, per_short
-        1 over the semi-axes, 1/px.
-    p, q
-        The place in px from the centre, along the long and the short axis.
-    """
+    """Distance in px of a place from the edge of an ellipse along the ray from its centre, negative outside."""
     along, across = p * per_long, q * per_short
     squared = along * along + across * across
     steepness = (along * per_long) ** 2 + (across * per_short) ** 2
@@ -141,16 +108,8 @@ def distance_inside(per_long, per_short, p, q):
 def light_at_edge(per_long, per_short, blur, per_blur, growth, p, q):
     """What `light_at` returns, for an ellipse wide against the blur.
 
-    Parameters
-    ----------
-    per_long, per_short
-        1 over the semi-axes, 1/px.
-    blur, per_blur
-        Standard deviation of the blur in px, and 1 over it.
-    growth
-        Factor that the semi-axes were multiplied by.
-    p, q
-        The place in px from the centre, along the long and the short axis.
+    `per_long`, `per_short`: 1 over the semi-axes, 1/px; `blur`, `per_blur`: standard deviation of the blur in px, and 1
+    over it.
     """
     along, across = p * per_long, q * per_short
     squared = along * along + across * across

@@ -11,17 +11,6 @@ def board_grid(kind: str, rows: int, columns: int, pitch_mm: float, marker_mm: f
     Dots and inner corners are `pitch_mm` apart. In a grid of `asymmetric-circles` every second row is shifted by
     `pitch_mm`, rows are that far apart and dots of a row twice as far, as OpenCV has it. An `aprilgrid` has four
     corners for each tag: 2 rows x 2 columns points, as Kalibr numbers them.
-
-    Parameters
-    ----------
-    kind
-        One of `BOARD_KINDS` (board_pattern.py).
-    rows, columns
-        Number of rows and columns of dots, inner corners or tags.
-    pitch_mm
-        Their distance; of tags, from one to the next.
-    marker_mm
-        Side of a tag of an `aprilgrid`, which needs it; not used for other kinds.
     """
     if kind == "aprilgrid":
         assert marker_mm is not None

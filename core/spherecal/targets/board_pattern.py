@@ -161,14 +161,7 @@ def marker_parts(
 ) -> list[tuple[float, float, float, float, float]]:
     """A black square with its white cells, those beside each other in one piece: x, y, width, height (mm), grey.
 
-    Parameters
-    ----------
-    bits
-        The cells (n, n) with the black border, 0 black, 1 white.
-    left, top
-        The square's top left corner, mm.
-    size
-        Its side, mm.
+    `bits`: the cells (n, n) with the black border, 0 black, 1 white.
     """
     cell = size / len(bits)
     parts = [(left, top, size, size, 0.0)]

@@ -19,12 +19,7 @@ def target_centre(layout_mm: FloatArray, points_mm: FloatArray) -> FloatArray | 
     never scaled or mirrored. z of its plane points away from the viewer, into the ball. It takes at least four dots,
     not all on one line unless that line passes through the origin.
 
-    Parameters
-    ----------
-    layout_mm
-        Places of k dots on the flat sticker, (k, 2).
-    points_mm
-        The same dots in space, (k, 3).
+    `layout_mm`: places of k dots on the flat sticker, (k, 2); `points_mm`: the same dots in space, (k, 3).
     """
     if len(points_mm) < LEAST_DOTS:
         return None

@@ -63,12 +63,7 @@ def clean_margins(triples: IntArray, places: FloatArray) -> FloatArray:
     of the affine map onto the template (rms) or of the remaining dots from the lattice (largest), whichever
     exceeds its tolerance more. Mirrored readings and views steeper than 80 degrees do not count.
 
-    Parameters
-    ----------
-    triples
-        The codes, (m, 3) indices into `places`.
-    places
-        Places of the lattice, (n, 2) mm.
+    `triples`: the codes, (m, 3) indices into `places`; `places`: places of the lattice, (n, 2) mm.
     """
     readings = np.array(list(itertools.permutations(range(8), 5)))
     right = (readings == np.arange(5)).all(axis=1)

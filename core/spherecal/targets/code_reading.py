@@ -49,15 +49,7 @@ RMS_MM, CODE_MM, SMALLEST, LARGEST, SHAPE = range(5)
 
 @njit(nogil=True, cache=True, error_model="numpy")
 def tolerance(view, millimetres):
-    """A tolerance in mm with the noise of blob centres, as seen along the tilt, added.
-
-    Parameters
-    ----------
-    view
-        The view of the sticker, (VIEW_SIZE,), see sticker_view.py.
-    millimetres
-        The tolerance without that noise.
-    """
+    """A tolerance in mm with the noise of blob centres, as seen along the tilt, added."""
     return millimetres + _CENTRE_NOISE_PX / (view[sv.SCALE] * view[sv.COSINE])
 
 
@@ -65,18 +57,8 @@ def tolerance(view, millimetres):
 def fits_view(uv, moments, area, blobs, places, with_sag, camera, exactness, view):
     """Whether blobs are where a view of a sticker puts its dots, and look like its dots there.
 
-    Parameters
-    ----------
-    uv, moments, area
-        All blobs of the image: centres (b, 2) px, central moments xx xy yy (b, 3) px^2, areas (b,) px^2.
-    blobs, places
-        Indices (n,) of the blobs to test, and the places (n, 2) in mm of the dots they are taken for.
-    with_sag, camera
-        Whether to fit the sag too; focal length and centre u, v in px: see `fit_view`.
-    exactness
-        Limits (5,) in the order of RMS_MM, CODE_MM, SMALLEST, LARGEST, SHAPE.
-    view
-        Output: the fitted view, (VIEW_SIZE,).
+    `uv`, `moments`, `area` (b, 2) px; `blobs`, `places` (n,) mm; `exactness`: limits (5,) in the order of RMS_MM,
+    CODE_MM, SMALLEST, LARGEST, SHAPE.
     """
     n = len(blobs)
     points = np.empty((n, 2))
@@ -105,20 +87,8 @@ def may_be_template(uv, area, near, pivot, au, av, along, across, exactness, mos
 
     It may be where the pivot is as large as a dot there, and few other blobs are in the middle of the sticker.
 
-    Parameters
-    ----------
-    uv, area
-        All blobs of the image: centres (b, 2) px and areas (b,) px^2.
-    near, pivot
-        Indices of the blobs around, and of the blob whose size counts.
-    au, av
-        Where A is, px.
-    along, across
-        The steps from A to E and from B to C, (2,) px each.
-    exactness
-        Limits (5,), see `fits_view`.
-    most, half
-        At most so many blobs of `near` may be in the square of half width `half` mm about the middle of A-E.
+    `uv`, `area`: all blobs of the image: centres (b, 2) px and areas (b,) px^2; `au`, `av`: where A is, px; `along`,
+    `across`: the steps from A to E and from B to C, (2,) px each; `exactness`: limits (5,), see `fits_view`.
     """
     cross = along[0] * across[1] - along[1] * across[0]
     ratio = area[pivot] * _A_E_BY_B_C_MM2 / (np.pi * _RADIUS_MM**2 * max(cross, 1e-9))
@@ -141,12 +111,7 @@ def may_be_template(uv, area, near, pivot, au, av, along, across, exactness, mos
 def is_on_sheet(view, u, v):
     """Whether a place in the image is one on the sticker, so that a blob there is a dot of it.
 
-    Parameters
-    ----------
-    view
-        The view of the sticker, (VIEW_SIZE,).
-    u, v
-        The place, px.
+    `u`, `v`: the place, px.
     """
     x, y = place_of(view, u, v)
     return max(abs(x), abs(y)) <= _SHEET_MM
@@ -158,18 +123,8 @@ def read_code(uv, near, five, view, places, reach_mm, code, blobs):
 
     They are none if one of them is at no place of a code dot, two are at the same place, or there are more than three.
 
-    Parameters
-    ----------
-    uv, near
-        Centres of all blobs (b, 2) px, and indices of those around.
-    five
-        Indices (5,) of the template dots A to E, `MISSING` for none.
-    view
-        The view of the sticker, (VIEW_SIZE,).
-    places, reach_mm
-        Places (k, 2) mm of code dots, and how far a blob may be from its place.
-    code, blobs
-        Output: indices of the places (3,) and of the blobs (3,), as many as are returned.
+    `uv`, `near`: centres of all blobs (b, 2) px, and indices of those around; `five`: indices (5,) of the template dots
+    A to E, `MISSING` for none; `places`, `reach_mm` (k, 2) mm; `code`, `blobs` (3,).
     """
     hits = 0
     reach = tolerance(view, reach_mm)
@@ -198,22 +153,8 @@ def read_code(uv, near, five, view, places, reach_mm, code, blobs):
 def fits_layout(uv, moments, area, five, code_blobs, hits, target, lookup, exactness, row, view):
     """Whether all dots fit the target's own layout; writes the group's row, each code dot as the one nearest to it.
 
-    Parameters
-    ----------
-    uv, moments, area
-        All blobs of the image, see `fits_view`.
-    five
-        Indices (5,) of the template dots A to E, `MISSING` for none.
-    code_blobs, hits
-        Indices of the code dots, of which the first `hits` count.
-    target, lookup
-        Index of the target in the code table, and the table's arrays.
-    exactness
-        Limits (5,), see `fits_view`.
-    row
-        Output: the target and its eight blobs in the order of DOTS, `MISSING` for none, (9,).
-    view
-        Output: the fitted view, (VIEW_SIZE,).
+    `five`: indices (5,) of the template dots A to E, `MISSING` for none; `exactness`: limits (5,), see `fits_view`;
+    `row` (9,).
     """
     row[0] = target
     row[6], row[7], row[8] = MISSING, MISSING, MISSING

@@ -35,13 +35,7 @@ class CodeTable:
 
 
 def code_table(target_set: TargetSet) -> CodeTable:
-    """The tables of a target set of family dots8.
-
-    Raises
-    ------
-    InputError
-        Where the set is empty, not of family dots8, or two of its targets cannot be distinguished.
-    """
+    """The tables of a target set of family dots8."""
     unit = target_set.size_mm / SIZE_MM
     ids = np.array(sorted(target_set.layouts))
     if not len(ids):

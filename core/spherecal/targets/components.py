@@ -61,20 +61,7 @@ def label_components(image, threshold, active, least, most, most_runs):
 
     Most of a textured image is in components that are too small or too large. Of these little or nothing is kept.
 
-    Parameters
-    ----------
-    image
-        Grey image, (h, w).
-    threshold
-        Threshold at the centres of the tiles, linear between them.
-    active
-        Which tiles to look at.
-    least
-        Of components with fewer pixels nothing is kept; their runs belong to component -1.
-    most
-        Of components with more pixels only the area is kept.
-    most_runs
-        Bound of m.
+    `image`: grey image, (h, w).
     """
     height, width = image.shape
     tile_rows, columns = threshold.shape

@@ -26,25 +26,7 @@ def detect_images(
 
     The result does not depend on the number of threads.
 
-    Parameters
-    ----------
-    paths
-        The image files.
-    target_set
-        The targets to look for.
-    context
-        For progress, and to stop.
-    workers
-        Threads that share the work; decoding and kernels leave the interpreter alone.
-    settings
-        What is known of each image's camera, in the order of `paths`; None is nothing.
-
-    Raises
-    ------
-    InputError
-        Where an image cannot be read or has not the size that its settings give; it names the first such image.
-    Cancelled
-        When the user stops the work.
+    `settings` None is nothing.
     """
     context = context or Context()
     context.report(STAGE, 0.0, Phrase("images", {"images": len(paths)}))

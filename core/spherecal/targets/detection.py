@@ -80,13 +80,7 @@ class Detections(ByValue):
 
 
 class Detector:
-    """Finds the targets of one set in images; keeps the set's tables, which take longer to make than to use.
-
-    Raises
-    ------
-    InputError
-        For a set that is neither of markers nor of family dots8, or whose targets cannot be distinguished.
-    """
+    """Finds the targets of one set in images; keeps the set's tables, which take longer to make than to use."""
 
     def __init__(self, target_set: TargetSet) -> None:
         self._markers = target_set if target_set.dictionary is not None else None
@@ -98,12 +92,7 @@ class Detector:
     def detect(self, image: GreyImage, settings: DetectionSettings | None = None) -> Detections:
         """The targets in a grey image.
 
-        Parameters
-        ----------
-        image
-            Grey image (h, w), uint8 or uint16.
-        settings
-            What is known of the camera; None is nothing.
+        `image`: grey image (h, w), uint8 or uint16; `settings` None is nothing.
         """
         # a part of an image or one that is read-only has a type of its own: each kernel would be compiled once more
         image = np.require(image, requirements=["C", "W"])
@@ -145,19 +134,7 @@ class Detector:
 def detect(image: GreyImage, target_set: TargetSet, settings: DetectionSettings | None = None) -> Detections:
     """The targets of a set in one grey image; for many images keep a `Detector`.
 
-    Parameters
-    ----------
-    image
-        Grey image (h, w), uint8 or uint16.
-    target_set
-        The targets to look for.
-    settings
-        What is known of the camera; None is nothing.
-
-    Raises
-    ------
-    InputError
-        For a set that is neither of markers nor of family dots8, or whose targets cannot be distinguished.
+    `image`: grey image (h, w), uint8 or uint16; `settings` None is nothing.
     """
     return Detector(target_set).detect(image, settings)
 

@@ -23,19 +23,8 @@ def solve_step(equations, present, prior, pull, dots, shared):
 
     NaN if the equations are singular.
 
-    Parameters
-    ----------
-    equations
-        Normal equations (8, 6, ROW) of the dots: rows by the four own unknowns, blur and growth, the right side in
-        column RIGHT. Gets the Cholesky factors of the own blocks.
-    present
-        Which dots take part, (8,).
-    prior, pull
-        Of blur and growth: standard deviations, and (start - value) / sd^2, (2,) each.
-    dots
-        Centre, amplitude and background of the dots, (8, 4), updated.
-    shared
-        Blur and growth first, updated and kept within their limits.
+    `present`: which dots take part, (8,); `prior`, `pull` (2,); `dots`: centre, amplitude and background of the dots,
+    (8, 4), updated.
     """
     # rows L^-1 times: the coupling with blur, with growth, the right side
     reduced = np.zeros((8, 3, _OWN))
@@ -110,14 +99,7 @@ def _move(equations, k, reduced, blur, growth, dots):
 def set_covariance(equations, k, factor, covariance):
     """Covariance uu uv vv of the centre of dot k, times `factor`, px^2: the leading block of (L L')^-1.
 
-    Parameters
-    ----------
-    equations, k
-        The Cholesky factors L that `solve_step` left, and the dot.
-    factor
-        Factor of the covariance.
-    covariance
-        Output: row k of (8, 3).
+    `covariance`: output: row k of (8, 3).
     """
     columns = np.zeros((2, _OWN))
     for c in range(2):
@@ -133,13 +115,7 @@ def set_covariance(equations, k, factor, covariance):
 
 @njit(nogil=True, cache=True, error_model="numpy")
 def light_variances(equations, k):
-    """Variances of dot k's amplitude and background from its factor L: elements (2, 2) and (3, 3) of (L L')^-1.
-
-    Parameters
-    ----------
-    equations, k
-        The Cholesky factors L that `solve_step` left, and the dot.
-    """
+    """Variances of dot k's amplitude and background from its factor L: elements (2, 2) and (3, 3) of (L L')^-1."""
     of_background = 1 / equations[k, 3, 3] ** 2
     coupled = equations[k, 3, 2] / equations[k, 2, 2]
     return 1 / equations[k, 2, 2] ** 2 + coupled * coupled * of_background, of_background

@@ -60,31 +60,10 @@ def fit_sticker(  # noqa: C901, PLR0912 - one kernel: its arrays live through al
 ):
     """Fit the dots of one sticker; False if a dot is lost (too few pixels, or it wandered off).
 
-    Parameters
-    ----------
-    image
-        Grey image, (h, w).
-    layout, radius
-        Places (8, 2) and radius of the dots, in the unit of the view.
-    view
-        View of the sticker, (VIEW_SIZE,), see sticker_view.py.
-    present
-        Which dots to fit, (8,).
-    top, clip
-        Largest grey value of the image; that at which pixels are saturated, or infinite.
-    noise
-        (3,): variance = noise[0] + noise[1] * light, at least noise[2], grey^2.
-    prior
-        Standard deviations of blur (px) and growth about their start, (2,).
-    steps
-        Most Gauss-Newton steps.
-    dots, shared
-        The start, overwritten: centre (px), amplitude and background (grey) of the dots (8, 4); blur (px), growth,
-        slopes (grey/px) and misfit of the sticker (5,).
-    covariance
-        Output: uu uv vv of the centres, (8, 3) px^2, of noise and misfit.
-    bins
-        Sums by light, added to: light, squared residual and number of flat pixels, (BINS, 3).
+    `image`: grey image, (h, w); `layout`, `radius`: places (8, 2) and radius of the dots, in the unit of the view;
+    `present`: which dots to fit, (8,); `noise` (3,); `prior`: standard deviations of blur (px) and growth about their
+    start, (2,); `dots`, `shared` (8, 4); `covariance`: output: uu uv vv of the centres, (8, 3) px^2, of noise and
+    misfit.
     """
     shapes = np.empty((8, _SHAPE_SIZE))
     for k in range(8):

@@ -41,18 +41,8 @@ def proven(
 ) -> BoolArray:
     """Which readings are targets, (n,).
 
-    Parameters
-    ----------
-    dots
-        The refined dots of n readings.
-    layouts
-        Places of their dots, (n, 8, 2) mm for a 28 mm sticker.
-    views
-        Views of the stickers, (n, VIEW_SIZE), see sticker_view.py.
-    complete
-        Whether all eight dots were read, (n,).
-    camera
-        Focal length and centre u, v in px, (3,).
+    `layouts`: places of their dots, (n, 8, 2) mm for a 28 mm sticker; `camera`: focal length and centre u, v in px,
+    (3,).
     """
     holds = np.zeros(len(layouts), dtype=bool)
     for i, (uv, layout) in enumerate(zip(dots.uv, layouts, strict=True)):

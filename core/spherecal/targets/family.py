@@ -47,22 +47,7 @@ def code_book() -> FloatArray:
 def make_target_set(
     count: int = 200, size_mm: float = SIZE_MM, polarity: Polarity = "light-on-dark", start_id: int = 1
 ) -> TargetSet:
-    """The targets with ids start_id .. start_id + count - 1 of family dots8.
-
-    Parameters
-    ----------
-    count, start_id
-        How many targets, and the id of the first.
-    size_mm
-        Width of a sticker; dot diameter and places scale with it.
-    polarity
-        Light dots on dark stickers, or dark on light.
-
-    Raises
-    ------
-    InputError
-        For ids that the family does not have, or a size that is not positive.
-    """
+    """The targets with ids start_id .. start_id + count - 1 of family dots8."""
     last_id = start_id + count - 1
     if count < 1 or start_id < 1 or last_id > CODE_COUNT:
         raise InputError(

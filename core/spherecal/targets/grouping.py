@@ -73,14 +73,7 @@ def find_groups(blobs: Blobs, table: CodeTable, camera: FloatArray) -> DecodedTa
     Each blob serves one target and each target is found once at most. Where two groups claim the same blob the one that
     fits better is kept; where two groups read the same id neither is.
 
-    Parameters
-    ----------
-    blobs
-        The blobs of the image.
-    table
-        The targets to look for.
-    camera
-        Rough focal length and centre u, v in px, (3,).
+    `camera`: rough focal length and centre u, v in px, (3,).
     """
     lookup = CodeLookup(table.template, table.places, table.by_triple, table.by_pair, table.layouts, camera)
     start, order = sort_into_cells(blobs.uv)

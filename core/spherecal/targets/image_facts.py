@@ -42,13 +42,7 @@ class ImageFacts:
 
 
 def image_facts(path: Path) -> ImageFacts:
-    """The facts of a PNG, TIFF, JPEG, BMP or PNM file; its pixels are not decoded.
-
-    Raises
-    ------
-    InputError
-        Where it is no such file.
-    """
+    """The facts of a PNG, TIFF, JPEG, BMP or PNM file; its pixels are not decoded."""
     data = read_file(path, _MOST_BYTES)
     try:
         with warnings.catch_warnings():

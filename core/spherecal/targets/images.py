@@ -33,12 +33,6 @@ def read_image(path: Path) -> GreyImage:
     """The grey image (h, w), uint8 or uint16, in a PNG, TIFF, JPEG, BMP or PNM (PGM, PPM) file.
 
     Colour becomes luminance; raw Bayer pixels are brought to one brightness; orientation tags are ignored.
-
-    Raises
-    ------
-    InputError
-        Where the file cannot be read, is larger than 160 megapixels (found out before decoding) or smaller than 72 px,
-        or has neither 8 nor 16 bits. It names the file.
     """
     data = read_file(Path(path), _MOST_BYTES, fits=_looked_at)
     try:
@@ -84,11 +78,6 @@ def as_grey(image: NDArray[Any]) -> GreyImage:
     """An image in memory, (h, w) or (h, w, 1, 3 or 4) of 8 or 16 bits, as one channel, as `read_image` makes it.
 
     Colours are averaged, since nothing says in which order they are; the targets are black and white.
-
-    Raises
-    ------
-    InputError
-        For any other array, and an image smaller than 72 px.
     """
     grey = image[:, :, :3].mean(axis=2) if image.ndim == 3 and image.shape[2] in (1, 3, 4) else image
     if image.dtype not in (np.uint8, np.uint16) or grey.ndim != 2:

@@ -44,12 +44,7 @@ class Looks(NamedTuple):
 def looks_of(image: NDArray[Any], rows: FloatArray) -> Looks:
     """The looks of blobs in their image.
 
-    Parameters
-    ----------
-    image
-        Grey image, (h, w).
-    rows
-        The blobs: u v xx xy yy area peak, (n, 7).
+    `image`: grey image, (h, w); `rows`: the blobs: u v xx xy yy area peak, (n, 7).
     """
     uv, moments = np.ascontiguousarray(rows[:, 0:2]), np.ascontiguousarray(rows[:, 2:5])
     area, peak = np.ascontiguousarray(rows[:, 5]), np.ascontiguousarray(rows[:, 6])
@@ -69,12 +64,7 @@ def joined(parts: Sequence[Looks]) -> Looks:
 def are_alike(looks, i, d, likeness):
     """Whether blobs i and d may be dots of one sticker.
 
-    Parameters
-    ----------
-    looks, i, d
-        The looks of all blobs, and the two.
-    likeness
-        Limits (4,) in the order of AREA, CONTRAST, SHAPE, GROUND.
+    `likeness`: limits (4,) in the order of AREA, CONTRAST, SHAPE, GROUND.
     """
     ratio = looks.area[i] / looks.area[d]
     if not 1 / likeness[AREA] < ratio < likeness[AREA]:

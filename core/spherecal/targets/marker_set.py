@@ -28,13 +28,7 @@ def dictionary_names() -> tuple[str, ...]:
 
 
 def marker_dictionary(name: str) -> "cv2.aruco.Dictionary":
-    """OpenCV's dictionary of this name.
-
-    Raises
-    ------
-    InputError
-        Where there is none.
-    """
+    """OpenCV's dictionary of this name."""
     import cv2
 
     if name not in dictionary_names():
@@ -52,21 +46,7 @@ def make_marker_set(
 ) -> TargetSet:
     """Markers of a dictionary as targets; points 0 to 3 are the corners of the black square.
 
-    Parameters
-    ----------
-    dictionary
-        Name of OpenCV's dictionary.
-    size_mm
-        Side of the black square.
-    ids
-        The markers; None takes all.
-    polarity
-        Dark markers on light, or light on dark.
-
-    Raises
-    ------
-    InputError
-        For a dictionary that OpenCV does not have, ids that it does not have, or a size that is not positive.
+    `ids` None takes all.
     """
     count = marker_count(dictionary)
     chosen = range(count) if ids is None else ids
@@ -82,17 +62,7 @@ def make_marker_set(
 
 
 def marker_bits(dictionary: str, marker: int, border: int = BORDER_BITS) -> FloatArray:
-    """The cells (n, n) of a marker with its border, 0 black, 1 white.
-
-    Parameters
-    ----------
-    dictionary
-        Name of OpenCV's dictionary.
-    marker
-        Id of the marker.
-    border
-        Width of its black border in cells.
-    """
+    """The cells (n, n) of a marker with its border, 0 black, 1 white."""
     found = marker_dictionary(dictionary)
     side = found.markerSize + 2 * border
     return (np.asarray(found.generateImageMarker(marker, side, borderBits=border)) > 127).astype(float)

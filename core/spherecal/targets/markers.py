@@ -49,12 +49,7 @@ class Markers(NamedTuple):
 def find_markers(image: NDArray[np.uint8] | NDArray[np.uint16], targets: TargetSet) -> Markers:
     """The markers of a set in a grey image, by id; one that is there twice is left out, as its id is in doubt.
 
-    Parameters
-    ----------
-    image
-        Grey image, (h, w).
-    targets
-        The markers to look for; their set has a dictionary.
+    `image`: grey image, (h, w).
     """
     assert targets.dictionary is not None
     ids, corners = _decoded(_eight_bits(image), targets)
@@ -229,12 +224,7 @@ def _meeting(before: _Edge, after: _Edge) -> tuple[FloatArray, FloatArray]:
 def tilts_deg(uv: FloatArray, matrix: FloatArray) -> FloatArray:
     """Angles (n,) in degrees between the lines of sight and the normals of square markers; NaN where not known.
 
-    Parameters
-    ----------
-    uv
-        The corners, (n, 4, 2) px.
-    matrix
-        Camera matrix (3, 3) in px; distortion is neglected.
+    `uv`: the corners, (n, 4, 2) px; `matrix`: camera matrix (3, 3) in px.
     """
     square = np.array([[-1.0, 1, 0], [1, 1, 0], [1, -1, 0], [-1, -1, 0]])
     tilts = np.full(len(uv), np.nan)

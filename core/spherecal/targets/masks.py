@@ -13,12 +13,7 @@ Rectangle = tuple[float, float, float, float]
 def masked(uv: FloatArray, rectangles: Sequence[Rectangle]) -> BoolArray:
     """Which of some places (...,) are in one of the rectangles, borders included; NaN is in none.
 
-    Parameters
-    ----------
-    uv
-        The places, (..., 2) px.
-    rectangles
-        Left, top, width and height of each, px.
+    `uv`: the places, (..., 2) px; `rectangles`: left, top, width and height of each, px.
     """
     inside = np.zeros(uv.shape[:-1], dtype=bool)
     for left, top, width, height in rectangles:

@@ -27,12 +27,8 @@ def dot_scales(moments: FloatArray) -> FloatArray:
 def metric_of(moments, pivot, metric):
     """Write to `metric` what makes squared mm on the sticker of squared px, if blob `pivot` is a dot.
 
-    Parameters
-    ----------
-    moments, pivot
-        Central moments xx xy yy of all blobs, (n, 3) px^2, and the blob.
-    metric
-        Output: factors (3,) of du^2, 2 du dv, dv^2, mm^2/px^2.
+    `moments`, `pivot`: central moments xx xy yy of all blobs, (n, 3) px^2, and the blob; `metric`: output: factors (3,)
+    of du^2, 2 du dv, dv^2, mm^2/px^2.
     """
     xx, xy, yy = moments[pivot, 0], moments[pivot, 1], moments[pivot, 2]
     part = (_RADIUS_MM / 2) ** 2 / max(xx * yy - xy * xy, 1e-9)
@@ -43,14 +39,7 @@ def metric_of(moments, pivot, metric):
 def may_be_apart(metric, du, dv, millimetres):
     """Whether two places of the image may be `millimetres` apart on the sticker.
 
-    Parameters
-    ----------
-    metric
-        From `metric_of`.
-    du, dv
-        Their difference in px.
-    millimetres
-        The distance on the sticker.
+    `du`, `dv`: their difference in px.
     """
     squared = metric[0] * du * du + 2 * metric[1] * du * dv + metric[2] * dv * dv
     return (NEAREST * millimetres) ** 2 < squared < (FARTHEST * millimetres) ** 2
@@ -60,14 +49,7 @@ def may_be_apart(metric, du, dv, millimetres):
 def may_be_within(metric, du, dv, millimetres):
     """Whether two places of the image may be less than `millimetres` apart on the sticker.
 
-    Parameters
-    ----------
-    metric
-        From `metric_of`.
-    du, dv
-        Their difference in px.
-    millimetres
-        The distance on the sticker.
+    `du`, `dv`: their difference in px.
     """
     squared = metric[0] * du * du + 2 * metric[1] * du * dv + metric[2] * dv * dv
     return squared < (FARTHEST * millimetres) ** 2
@@ -88,20 +70,7 @@ def sort_into_cells(uv: FloatArray) -> tuple[IntArray, IntArray]:
 def neighbours(uv, looks, start, order, d, reach, likeness, near):
     """Number of blobs like blob d within reach of it, at most as many as `near` takes.
 
-    Parameters
-    ----------
-    uv, looks
-        Centres (n, 2) px and looks of all blobs.
-    start, order
-        The blobs by cells, from `sort_into_cells`.
-    d
-        The blob.
-    reach
-        Largest distance, px.
-    likeness
-        How alike they have to be, see `are_alike`.
-    near
-        Output: their indices; its length is the most that are counted.
+    `uv`, `looks`: centres (n, 2) px and looks of all blobs; `reach`: largest distance, px.
     """
     count = 0
     rows, columns = start.shape[0], start.shape[1] - 1

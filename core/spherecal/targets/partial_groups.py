@@ -71,23 +71,8 @@ def find_partial_groups(
 ) -> tuple[IntArray, FloatArray]:
     """Targets with one dot missing among the blobs that complete targets leave.
 
-    Parameters
-    ----------
-    blobs
-        The blobs of the image.
-    scales
-        Scale of each blob (n,) in px/mm, if it is a dot.
-    start, order
-        The blobs by cells, from `sort_into_cells`.
-    rows
-        Rows (m, 9) of the complete targets.
-    lookup
-        Arrays of the code table, and the camera.
-
-    Returns
-    -------
-    rows, views
-        Target and eight blobs (k, 9), `MISSING` for none, and views of the stickers (k, VIEW_SIZE).
+    `scales`: scale of each blob (n,) in px/mm, if it is a dot; `rows`: rows (m, 9) of the complete targets; returns
+    rows, views Target and eight blobs (k, 9), `MISSING` for none, and views of the stickers (k, VIEW_SIZE).
     """
     free = np.ones(len(blobs), dtype=bool)
     free[rows[:, 1:].ravel()] = False

@@ -17,13 +17,7 @@ _HEADER = re.compile(rb"P([2356])" + 3 * (_GAP + rb"(\d+)") + rb"\s")
 
 
 def read_pnm(data: bytes) -> NDArray[Any] | None:
-    """Grey values (h, w), uint8 or uint16, of a PGM or PPM file, colour as luminance; None for any other file.
-
-    Raises
-    ------
-    ValueError
-        Where samples are missing or exceed the largest value.
-    """
+    """Grey values (h, w), uint8 or uint16, of a PGM or PPM file, colour as luminance; None for any other file."""
     header = _HEADER.match(data)
     if header is None:
         return None

@@ -45,16 +45,7 @@ class Found:
 def detect_predicted(image: GreyImage, expected: ExpectedTargets, table: CodeTable, camera: Sequence[float]) -> Found:
     """The expected targets that the image really shows, with all dots that were expected of each.
 
-    Parameters
-    ----------
-    image
-        Grey image, (h, w).
-    expected
-        Targets to look for, and targets found before.
-    table
-        The target set.
-    camera
-        Focal length and centre u, v in px.
+    `image`: grey image, (h, w); `camera`: focal length and centre u, v in px.
     """
     image = np.require(image, requirements=["C", "W"])  # as in detection.py: one type of image
     ids = np.concatenate([expected.known, expected.targets])

@@ -54,18 +54,8 @@ def refine(
 
     Dots may be brighter or darker than their background.
 
-    Parameters
-    ----------
-    image
-        Grey image, (h, w).
-    uv
-        Where to start, (n, 8, 2) px, NaN where a dot is to be left out.
-    layouts, radius
-        Places (n, 8, 2) and radius of the dots, in the unit of the views.
-    views
-        Views of the stickers, (n, VIEW_SIZE), see sticker_view.py.
-    focal_error
-        Relative standard uncertainty of the focal length that the views were made with.
+    `image`: grey image, (h, w); `uv`: where to start, (n, 8, 2) px, NaN where a dot is to be left out; `layouts`,
+    `radius`: places (n, 8, 2) and radius of the dots, in the unit of the views.
     """
     n = len(uv)
     present = np.isfinite(uv[..., 0])

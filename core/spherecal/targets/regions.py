@@ -17,14 +17,7 @@ _REGION_MM = 24.0  # beyond a dot, for the others of its sticker and one that is
 def sticker_regions(rows: FloatArray, looks: Looks, shape: tuple[int, ...], least: int) -> BoolArray:
     """Tiles near blobs that have enough others like them near, bool in the given shape.
 
-    Parameters
-    ----------
-    rows, looks
-        The blobs, u v xx xy yy area peak (n, 7), and their looks.
-    shape
-        Rows and columns of tiles.
-    least
-        Number of blobs like it that a blob must have within a sticker's reach.
+    `rows`, `looks`: the blobs, u v xx xy yy area peak (n, 7), and their looks.
     """
     region = np.zeros(shape, dtype=bool)
     if not len(rows):

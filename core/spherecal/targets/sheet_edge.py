@@ -25,19 +25,7 @@ _INSIDE, _PER_U, _PER_V, _LIGHT = range(4)
 def near_sides(image, place, per_px, u, v, reach_px, blur, sides):
     """Number of sides of the sheet whose light may reach the pixels near a dot.
 
-    Parameters
-    ----------
-    image
-        Grey image, (h, w).
-    place, per_px
-        Place of the dot on the sheet, (2,) mm, and dx/du dx/dv dy/du dy/dv there, (4,) mm/px.
-    u, v
-        The dot in the image, px.
-    reach_px, blur
-        How far the pixels are from the dot at most, and the standard deviation of the blur, px.
-    sides
-        Output, (4, 4). For each side: how far inside it the dot is (blurs), the change of that per px in u and in v.
-        Last the light beyond, NaN where the image shows none.
+    `image`: grey image, (h, w); `place`, `per_px` (2,) mm; `u`, `v`: the dot in the image, px; `sides`: output, (4, 4).
     """
     det = per_px[0] * per_px[3] - per_px[1] * per_px[2]
     values = np.empty(len(_ALONG_MM))
@@ -69,14 +57,7 @@ def near_sides(image, place, per_px, u, v, reach_px, blur, sides):
 def leak(sides, count, background, du, dv):
     """Light in excess of the background at a pixel, and its least distance from an edge in blurs, at most 3.
 
-    Parameters
-    ----------
-    sides, count
-        The sides from `near_sides`, and their number.
-    background
-        Grey around the dot.
-    du, dv
-        The pixel, in px from the dot.
+    `du`, `dv`: the pixel, in px from the dot.
     """
     light, least = 0.0, _NEAR
     for side in range(count):

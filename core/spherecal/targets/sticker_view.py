@@ -29,16 +29,8 @@ _STEPS = 2  # the sag changes the affine map and so the tilt; a third step chang
 def fit_view(places, image_points, camera, with_sag, view):
     """Fit a view to the dots of a sticker; False where they are degenerate.
 
-    Parameters
-    ----------
-    places, image_points
-        The dots on the sticker, (n, 2) mm, and in the image, (n, 2) px.
-    camera
-        Focal length and centre u, v in px, (3,).
-    with_sag
-        False: the view is affine, and its tilt has no sign, as fewer than five dots do not determine the sag.
-    view
-        Output: the view, (VIEW_SIZE,).
+    `places`, `image_points`: the dots on the sticker, (n, 2) mm, and in the image, (n, 2) px; `camera`: focal length
+    and centre u, v in px, (3,).
     """
     count = len(places)
     inverse = np.empty((3, 3))
@@ -67,15 +59,7 @@ def fit_view(places, image_points, camera, with_sag, view):
 
 @njit(nogil=True, cache=True, error_model="numpy")
 def project_place(view, x, y):
-    """Image point (u, v) px of a place on the sticker.
-
-    Parameters
-    ----------
-    view
-        The view of the sticker, (VIEW_SIZE,).
-    x, y
-        The place, mm.
-    """
+    """Image point (u, v) px of a place on the sticker."""
     sag = view[CURVATURE] * (x * x + y * y)
     deeper = (view[TILT_X] - view[LEAN_X]) * x + (view[TILT_Y] - view[LEAN_Y]) * y + (view[COSINE] - view[LEAN_N]) * sag
     nearer = 1 / (1 + view[NEARNESS] * deeper)
@@ -86,15 +70,7 @@ def project_place(view, x, y):
 
 @njit(nogil=True, cache=True, error_model="numpy")
 def place_of(view, u, v):
-    """Place (x, y) mm on the sticker of an image point; the inverse of `project_place` to 1e-3 mm.
-
-    Parameters
-    ----------
-    view
-        The view of the sticker, (VIEW_SIZE,).
-    u, v
-        The image point, px.
-    """
+    """Place (x, y) mm on the sticker of an image point; the inverse of `project_place` to 1e-3 mm."""
     det = view[XX] * view[YY] - view[XY] * view[YX]
     x, y = 0.0, 0.0
     for _ in range(4):
@@ -106,15 +82,7 @@ def place_of(view, u, v):
 
 @njit(nogil=True, cache=True, error_model="numpy")
 def local_affine(view, x, y):
-    """Derivatives (du/dx, du/dy, dv/dx, dv/dy) in px/mm of the image point at a place on the sticker.
-
-    Parameters
-    ----------
-    view
-        The view of the sticker, (VIEW_SIZE,).
-    x, y
-        The place, mm.
-    """
+    """Derivatives (du/dx, du/dy, dv/dx, dv/dy) in px/mm of the image point at a place on the sticker."""
     step = 0.5  # mm; the map is quadratic to 1e-4, so that central differences are exact
     right_u, right_v = project_place(view, x + step, y)
     left_u, left_v = project_place(view, x - step, y)
@@ -129,13 +97,6 @@ def eccentricity(view, x, y, radius):
 
     Seen in perspective the nearer half of a circle is larger. To first order the ellipse's centre is the image of the
     place r^2 p / w before the circle's centre, w = 1 + p . x being the denominator of the perspective there.
-
-    Parameters
-    ----------
-    view
-        The view of the sticker, (VIEW_SIZE,).
-    x, y, radius
-        The circle's centre and radius, mm.
     """
     bend = 2 * view[CURVATURE] * (view[COSINE] - view[LEAN_N])
     px = view[NEARNESS] * (view[TILT_X] - view[LEAN_X] + bend * x)

@@ -40,31 +40,13 @@ class Cause:
 def why_nothing(image: GreyImage, targets: TargetSet) -> Cause:
     """The likely reason why an image shows no targets of a set.
 
-    Parameters
-    ----------
-    image
-        Grey image, (h, w).
-    targets
-        The set that was looked for.
+    `image`: grey image, (h, w).
     """
     return _without_light(image) or _with_a_change(image, targets) or _without_sharpness(image) or _NOT_THERE
 
 
 def why_nothing_in(paths: Sequence[Path], targets: TargetSet) -> Cause:
-    """The most frequent reason in a few of the image files, spread over all of them.
-
-    Parameters
-    ----------
-    paths
-        The image files, at least one.
-    targets
-        The set that was looked for.
-
-    Raises
-    ------
-    InputError
-        Where an image cannot be read.
-    """
+    """The most frequent reason in a few of the image files, spread over all of them."""
     step = max(len(paths) // _MOST_IMAGES, 1)
     causes = [why_nothing(read_image(path), targets) for path in list(paths)[::step][:_MOST_IMAGES]]
     telling = [cause for cause in causes if cause is not _NOT_THERE] or causes

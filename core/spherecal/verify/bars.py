@@ -74,23 +74,7 @@ def verify(
 
     What could not be measured, and why, is among the findings. docs/verification.md says what is judged and how.
 
-    Parameters
-    ----------
-    session
-        Bars, their poses and the observations of their marks.
-    rig
-        The calibrated rig.
-    context
-        For progress, and to stop.
-    settings
-        What else is known; None: no limit, certificates of today, the volume of the rig's map.
-
-    Raises
-    ------
-    InputError
-        Where the session has no observations, or they do not belong to the rig's cameras.
-    Cancelled
-        Where the context says so.
+    `settings` None: no limit, certificates of today, the volume of the rig's map.
     """
     context, settings = context or Context(), settings or VerifySettings()
     context.report(STAGE, 0.0, Phrase("triangulating"))
@@ -241,17 +225,7 @@ def _sigmas(observations: Observations, rig: Rig) -> tuple[FloatArray, float]:
 def views_of(observations: Observations, features: Features, camera: IntArray, rig: Rig) -> tuple[Views, float]:
     """The observations as views of the rig's cameras, and the noise to expect in units of their sigma.
 
-    Parameters
-    ----------
-    observations
-        Image points of the rig's cameras.
-    features
-        The features of these observations, which become the points.
-    camera
-        Index in the rig of each observation's camera, (n,).
-    rig
-        The calibration; where the observations have no sigmas, these are 1 px and its sigma0 is the noise (1 without
-        one).
+    `camera`: index in the rig of each observation's camera, (n,).
     """
     sigma, expected_noise = _sigmas(observations, rig)
     views = Views(

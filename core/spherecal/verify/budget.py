@@ -88,15 +88,7 @@ def length_budgets(
     The scatter between poses is pooled over all lengths in units of what the image noise explains (GUM 4.2.4): one
     length's few poses would estimate it badly. It holds the image noise; without repeated poses that is used.
 
-    Parameters
-    ----------
-    measured
-        All measured lengths.
-    bars
-        The bars by id.
-    errors
-        How the points err; what the cameras' uncertainty adds to the scatter is taken off, since the budget has it
-        already. None: nothing is taken off.
+    `errors` None: nothing is taken off.
     """
     groups: dict[tuple[str, str, str], list[MeasuredLength]] = {}
     for m in measured:
@@ -110,20 +102,7 @@ def pooled_scatter(
 ) -> tuple[float | None, int]:
     """Scatter about each length's mean over the image noise's standard uncertainty, and its degrees of freedom.
 
-    Parameters
-    ----------
-    groups
-        Measured lengths, those of one certified length together; groups of one, or without noise, do not count.
-    errors_of
-        How the points err; what the cameras' uncertainty is expected to add from pose to pose is taken off, at most
-        three quarters of the squares. None: nothing is taken off.
-
-    Returns
-    -------
-    ratio
-        The scatter in units of the image noise; None where nothing was repeated.
-    freedom
-        Its degrees of freedom.
+    `errors_of` None: nothing is taken off.
     """
     squares, by_cameras, freedom = 0.0, 0.0, 0
     for group in groups:
@@ -179,15 +158,7 @@ def _budget(group: Sequence[MeasuredLength], bar: Bar, ratio: float | None, free
 
 
 def combine(key: tuple[str, str, str], contributions: Sequence[Contribution]) -> Budget:
-    """The budget of independent contributions: Welch-Satterthwaite's degrees of freedom, Student's k for 95.45 %.
-
-    Parameters
-    ----------
-    key
-        The certified length: bar, from mark, to mark.
-    contributions
-        Its contributions with their standard uncertainties in mm.
-    """
+    """The budget of independent contributions: Welch-Satterthwaite's degrees of freedom, Student's k for 95.45 %."""
     combined = math.sqrt(math.fsum(c.standard_mm**2 for c in contributions))
     spread = math.fsum(c.standard_mm**4 / c.freedom for c in contributions)
     # k for a million degrees of freedom and for infinitely many agree to 2 in a million

@@ -72,17 +72,6 @@ def examine_cameras(views: Views, rig: Rig, expected_noise: float, false_alarm: 
 
     Points of fewer than three cameras say nothing and are left out; so are single views that contradict the others. The
     procedure is that of docs/verification.md, Quick check.
-
-    Parameters
-    ----------
-    views
-        Views of points; their cameras are the rig's, in its order.
-    rig
-        The calibration, whose covariance counts where it has one.
-    expected_noise
-        Least noise of an image coordinate, in units of sigma; what the residuals show counts where that is more.
-    false_alarm
-        The probability that any camera of an unchanged rig is named.
     """
     views = _seen_by_three(views)
     keep = np.ones(len(views.uv), dtype=bool)
@@ -298,14 +287,7 @@ class _System:
 def camera_normal(views: Views, keep: BoolArray, rig: Rig) -> FloatArray:
     """The normal matrix (c*w, c*w) of all cameras' parameters (rig.CameraCovariance's order), the points eliminated.
 
-    Parameters
-    ----------
-    views
-        Views of points; their cameras are the rig's, in its order, and weights are 1/sigma^2.
-    keep
-        Which views count, (n,).
-    rig
-        The calibration; its covariance says which intrinsics are parameters, without one none are.
+    `keep`: which views count, (n,).
     """
     return _System.at(views, keep, rig, np.zeros((len(rig.cameras), 6))).whole
 
@@ -315,13 +297,6 @@ def noise_alone(checked: CheckedPoints, rig: Rig) -> float:
 
     That counts by itself in every budget: left in, it made the noise of bars' marks on rigs A 4 % too large. Without
     the cameras' covariance, or with too few residuals to estimate it, the noise as it is.
-
-    Parameters
-    ----------
-    checked
-        Triangulated points with the views they rest on, and their noise.
-    rig
-        The calibration that they were triangulated with.
     """
     points = len(np.unique(checked.views.feature[checked.kept]))
     redundancy = 2 * int(checked.kept.sum()) - 3 * points

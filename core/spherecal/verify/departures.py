@@ -24,16 +24,7 @@ def departures(
 ) -> tuple[Phrase, ...]:
     """The departures from VDI/VDE 2634 part 1, with the figures; never empty.
 
-    Parameters
-    ----------
-    measured
-        All measured lengths.
-    bars
-        The bars by id, for their certificates' uncertainties.
-    box
-        The measuring volume; None where it is not known, and nothing is said of lines, corners and longest bar.
-    limit
-        The user's limit of the length errors; None where none was stated, which is a departure itself.
+    `limit` None where none was stated, which is a departure itself.
     """
     found: list[Phrase] = []
     if box is not None and measured:
@@ -62,15 +53,7 @@ def _of_artefact(measured: Sequence[MeasuredLength], box: MeasuringVolume) -> li
 
 
 def lengths_on_lines(measured: Sequence[MeasuredLength], box: MeasuringVolume) -> np.ndarray:
-    """How many measured lengths run along each of the seven lines (7,): within 27 degrees of its direction.
-
-    Parameters
-    ----------
-    measured
-        Measured lengths; those without places of their ends count for none.
-    box
-        The measuring volume, whose edge directions and space diagonals are the lines.
-    """
+    """How many measured lengths run along each of the seven lines (7,): within 27 degrees of its direction."""
     directions, count = box.directions(), np.zeros(LINES, dtype=int)
     for m in measured:
         if m.ends_mm is None:

@@ -40,13 +40,7 @@ class LengthLimit:
 
 
 def parse_limit(text: str) -> LengthLimit:
-    """The limit in a text such as `0.03+L/20000` (millimetres) or `30um + L/20000`.
-
-    Raises
-    ------
-    InputError
-        For any other text, and for numbers out of range.
-    """
+    """The limit in a text such as `0.03+L/20000` (millimetres) or `30um + L/20000`."""
     found = _LIMIT.fullmatch(text.replace(" ", ""))
     if found is not None:
         constant = float(found[1]) * (1.0 if found[2] in (None, "mm") else 1e-3)
@@ -92,19 +86,7 @@ class Acceptance:
 def judge_against(
     limit: LengthLimit, measured: "Sequence[MeasuredLength]", budgets: "Sequence[Budget]", comparable: bool
 ) -> Acceptance:
-    """Whether all measured errors keep the limit, with the uncertainty on either side: ISO 14253-1 (see RULE).
-
-    Parameters
-    ----------
-    limit
-        The largest permissible error E = A + L/K.
-    measured
-        Measured lengths with their errors.
-    budgets
-        The budget of each certified length, whose expanded uncertainty U is that of a single error.
-    comparable
-        Whether the rig has a scale; without one nothing is decided.
-    """
+    """Whether all measured errors keep the limit, with the uncertainty on either side: ISO 14253-1 (see RULE)."""
     rows = []
     for budget in budgets if comparable else ():
         own = [m for m in measured if m.key == budget.key]
@@ -129,15 +111,6 @@ def with_doubts(
     """The decision if the evidence is in doubt: no pass, and no fail only by lengths that contradict their bar.
 
     A camera that moved is an error of the rig: a fail remains.
-
-    Parameters
-    ----------
-    acceptance
-        The decision by the lengths.
-    doubts
-        Codes of the findings that cast doubt.
-    doubtful
-        Lengths (bar, from mark, to mark) whose certificate or marks are wrong.
     """
     if acceptance.verdict == "pass" and doubts:
         return replace(acceptance, verdict="cannot tell", doubts=doubts)

@@ -20,16 +20,7 @@ def measured_ends(
 
     None where two cameras of the rig do not see both marks.
 
-    Parameters
-    ----------
-    rig, bar
-        The calibrated rig, and the bar in front of it.
-    target_set
-        The layouts of the targets, for marks that are targets' centres; None where the session has none.
-    observations
-        Image points; they may hold other targets and cameras.
-    placement
-        Index of the placement in the observations.
+    `target_set` None where the session has none.
     """
     index = {camera.id: i for i, camera in enumerate(rig.cameras)}
     in_rig = np.array([index.get(name, -1) for name in observations.cameras], dtype=np.int64)

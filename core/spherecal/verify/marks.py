@@ -45,13 +45,6 @@ class MarkFinder:
 
         A point observed under the mark's name gives the place itself. Else, for the centre of a target, its layout is
         laid over its dots.
-
-        Parameters
-        ----------
-        pose
-            Index of the pose among the observations' placements.
-        mark
-            The mark of the bar.
         """
         names = self.observations.points
         of_target = np.flatnonzero((self.features.placement == pose) & (self.features.target == mark.target))
@@ -99,12 +92,7 @@ def _why_missing(mark: Mark, seen: int) -> Phrase:
 def centre_by_point(flat: FloatArray, points: FloatArray) -> FloatArray:
     """Derivatives (k, 3, 3) of a target's centre by its k dots, by central differences.
 
-    Parameters
-    ----------
-    flat
-        The dots' places on the flat sticker, (k, 2) mm.
-    points
-        The same dots in space, (k, 3) mm.
+    `flat`: the dots' places on the flat sticker, (k, 2) mm; `points`: the same dots in space, (k, 3) mm.
     """
     derivative = np.zeros((len(points), 3, 3))
     for i in range(len(points)):

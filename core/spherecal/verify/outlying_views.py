@@ -79,13 +79,6 @@ def triangulate_checked(views: Views, expected_noise: float) -> CheckedPoints:
 
     With three or more views, the view is left out without which the others agree. Where two views contradict, or three
     in more than one way, none can be identified as wrong and the point is given up.
-
-    Parameters
-    ----------
-    views
-        All views of the points.
-    expected_noise
-        Noise in units of sigma, which serves where the residuals are too few to estimate it.
     """
     kept = np.ones(len(views.uv), dtype=bool)
     contradicting = np.zeros(views.n_features, dtype=bool)
@@ -132,15 +125,7 @@ def _redundancy(views: Views, points: Triangulation, kept: BoolArray) -> int:
 
 
 def robust_noise(views: Views, points: Triangulation, expected: float) -> float:
-    """The noise in units of sigma from the median residual, on which gross errors have little effect.
-
-    Parameters
-    ----------
-    views, points
-        All views, and the points triangulated from them.
-    expected
-        What is returned where fewer than 30 observations are redundant.
-    """
+    """The noise in units of sigma from the median residual, on which gross errors have little effect."""
     found = np.isfinite(points.residual[:, 0])
     redundancy = _redundancy(views, points, found)
     if redundancy < LEAST_REDUNDANCY:
@@ -152,14 +137,7 @@ def robust_noise(views: Views, points: Triangulation, expected: float) -> float:
 def weighted_noise(views: Views, points: Triangulation, kept: BoolArray, expected: float) -> float:
     """The noise in units of sigma of the views kept: sqrt(v'Pv / redundancy).
 
-    Parameters
-    ----------
-    views, points
-        All views, and the points triangulated from them.
-    kept
-        Which views count, (n,).
-    expected
-        What is returned where fewer than 30 observations are redundant.
+    `kept`: which views count, (n,).
     """
     redundancy = _redundancy(views, points, kept)
     if redundancy < LEAST_REDUNDANCY:

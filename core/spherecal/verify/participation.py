@@ -37,13 +37,6 @@ def participation(checked: CheckedPoints, rig: Rig) -> tuple[CameraViews, ...]:
     """What each camera of the rig saw of the marks and how much of it was used, in the rig's order.
 
     A view of a mark that a single camera has is not one that verifies anything, and does not count.
-
-    Parameters
-    ----------
-    checked
-        Triangulated marks, with the views they rest on.
-    rig
-        The rig whose cameras the views name by index.
     """
     views = checked.views
     usable = (np.bincount(views.feature, minlength=views.n_features) >= 2)[views.feature]

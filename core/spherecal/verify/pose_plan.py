@@ -51,13 +51,6 @@ class BarMarks:
         """The marks as the certified lengths place them, each length running towards its second mark.
 
         Marks that no chain of lengths joins to the longest one are left out.
-
-        Parameters
-        ----------
-        bar
-            The bar's id or serial.
-        lengths
-            Its certified lengths, one at least.
         """
         longest = max(lengths, key=lambda x: x.length_mm)
         place = {longest.from_mark: 0.0, longest.to_mark: longest.length_mm}
@@ -167,12 +160,7 @@ class PosePlan:
 def volume_box(rig: Rig, corners_mm: tuple[FloatArray, FloatArray]) -> MeasuringVolume:
     """The box to verify: that of the rig's map of lengths, with its axes, else the box between two corners.
 
-    Parameters
-    ----------
-    rig
-        The calibrated rig.
-    corners_mm
-        Lowest and highest corner (3,) in the rig's world, for a rig without a usable map.
+    `corners_mm` (3,).
     """
     found = rig.length_map
     if found is not None and len(found.places_mm) > 1 and len(found.directions) >= 3:
@@ -191,14 +179,7 @@ def plan_poses(rig: Rig, bars: Sequence[BarMarks], corners_mm: tuple[FloatArray,
     The bars take turns. A place counts when two cameras see every mark, and as good when three do. Then come poses for
     cameras that these would not verify. The lines are those of VDI/VDE 2634 part 1 (reduced), docs/verification.md.
 
-    Parameters
-    ----------
-    rig
-        The calibrated rig.
-    bars
-        The bars' marks, one bar at least.
-    corners_mm
-        Lowest and highest corner (3,) in the rig's world, as `volume_box` takes them.
+    `corners_mm` (3,).
     """
     box = volume_box(rig, corners_mm)
     poses: list[PlannedPose] = []
@@ -268,15 +249,7 @@ def _places(box: MeasuringVolume) -> FloatArray:
 
 
 def facing_cameras(rig: Rig, pose: PlannedPose) -> tuple[str, ...]:
-    """The cameras that see all of a planned bar and look at the side that its marks are on.
-
-    Parameters
-    ----------
-    rig
-        The rig of the plan.
-    pose
-        The planned pose; a camera counts up to 60 degrees off the direction that its marks face.
-    """
+    """The cameras that see all of a planned bar and look at the side that its marks are on."""
     middle = (pose.start_mm + pose.end_mm) / 2
     out = []
     for name in pose.cameras:
@@ -360,12 +333,7 @@ def _seen(
 def cameras_that_see(rig: Rig, points: FloatArray) -> np.ndarray:
     """Which camera's image contains which of the points, 2 % off its edges: (cameras, n) of bool. Nothing hides them.
 
-    Parameters
-    ----------
-    rig
-        The calibrated rig.
-    points
-        Points (n, 3) in mm in the rig's world.
+    `points`: points (n, 3) in mm in the rig's world.
     """
     seen = np.zeros((len(rig.cameras), len(points)), dtype=bool)
     for i, camera in enumerate(rig.cameras):
@@ -399,16 +367,7 @@ def judge_pose(
 ) -> PoseAnswer:
     """Whether the measured ends of the bar are where the plan wants them, either way round.
 
-    Parameters
-    ----------
-    pose
-        The planned pose.
-    ends_mm
-        Places of the first and the last mark, (2, 3) mm in the rig's world; None where they are not seen.
-    tolerance_mm
-        How far the bar's middle may be off.
-    tolerance_deg
-        How far its direction may be turned.
+    `ends_mm`: places of the first and the last mark, (2, 3) mm in the rig's world; None where they are not seen.
     """
     if ends_mm is None or not np.isfinite(ends_mm).all():
         return PoseAnswer(False, np.inf, np.inf)

@@ -11,24 +11,7 @@ from spherecal.data.session import Session
 
 
 def cameras_in_rig(session: Session, observations: Observations, rig: Rig, advice: Words) -> IntArray:
-    """Index in the rig of each camera (c,) that the observations name, -1 where the rig has none of that id.
-
-    Parameters
-    ----------
-    session
-        Its cameras with their image sizes, and its folder for messages.
-    observations
-        Image points, whose cameras are looked up by id.
-    rig
-        The calibrated rig.
-    advice
-        What to do about images of another size: the hint of that error.
-
-    Raises
-    ------
-    InputError
-        Where a camera's images have another size than in the rig, and where no camera is the rig's.
-    """
+    """Index in the rig of each camera (c,) that the observations name, -1 where the rig has none of that id."""
     for spec in session.cameras:
         placed = rig.camera(spec.id)
         if placed is not None and placed.image_size != spec.image_size:

@@ -56,13 +56,6 @@ def point_errors(checked: CheckedPoints, rig: Rig) -> PointErrors:
     count. Taken as independent, all its standard uncertainties overstate a length's by 2 to 8. Turns, principal point
     and distortion were estimated together and make up for each other in the images. The focal lengths' alone gave 1.03
     to 1.9 times the full covariance's for bars of 100 to 500 mm on rigs A and B: safe, and near.
-
-    Parameters
-    ----------
-    checked
-        The points, the views they rest on, and the image points' noise.
-    rig
-        The calibration that they were triangulated with; its cameras are those of the views, in the same order.
     """
     views, points, covariance = checked.views, checked.points, rig.covariance
     rotation, k = views.rotation[views.camera], views.intrinsics[views.camera]
@@ -99,18 +92,7 @@ def length_budget(
 
     Where the cameras' covariance holds the scale's share, that is taken out of `calibration_mm`.
 
-    Parameters
-    ----------
-    ends
-        The two marks' places.
-    errors
-        How the points that the marks rest on err.
-    scale_relative
-        Relative standard uncertainty of the rig's scale.
-    certified, bar
-        The certified length and its bar.
-    temperature_c
-        The bar's temperature in deg C; None where it was not measured.
+    `temperature_c` None where it was not measured.
     """
     between = ends[1].place_mm - ends[0].place_mm
     length = float(np.linalg.norm(between))
@@ -133,29 +115,14 @@ def length_budget(
 def calibration_variance(features: np.ndarray, by_point: FloatArray, errors: PointErrors) -> float:
     """The cameras' share in the variance of a function of points; a camera's error acts on all of them together.
 
-    Parameters
-    ----------
-    features
-        The k points that the function depends on, as indices.
-    by_point
-        Its derivatives by them, (k, 3), in its own unit per mm.
-    errors
-        How the points err.
+    `by_point`: its derivatives by them, (k, 3), in its own unit per mm.
     """
     gradient = camera_gradient(features, by_point, errors)
     return float(gradient @ errors.cameras @ gradient)
 
 
 def length_gradient(ends: tuple[MarkPlace, MarkPlace], errors: PointErrors) -> FloatArray:
-    """How the length between two marks follows the parameters, as `camera_gradient` has it, (c*w + q,).
-
-    Parameters
-    ----------
-    ends
-        The two marks' places.
-    errors
-        How the points that the marks rest on err.
-    """
+    """How the length between two marks follows the parameters, as `camera_gradient` has it, (c*w + q,)."""
     between = ends[1].place_mm - ends[0].place_mm
     direction = between / float(np.linalg.norm(between))
     features = np.concatenate([ends[0].features, ends[1].features])
@@ -166,14 +133,7 @@ def length_gradient(ends: tuple[MarkPlace, MarkPlace], errors: PointErrors) -> F
 def camera_gradient(features: np.ndarray, by_point: FloatArray, errors: PointErrors) -> FloatArray:
     """How a function of points follows the cameras' parameters and, where there are any, the q shared ones: (c*w + q,).
 
-    Parameters
-    ----------
-    features
-        The k points that the function depends on, as indices.
-    by_point
-        Its derivatives by them, (k, 3).
-    errors
-        How the points err.
+    `by_point`: its derivatives by them, (k, 3).
     """
     views = errors.checked.views
     by_feature = np.zeros((views.n_features, 3))
@@ -190,12 +150,7 @@ def camera_gradient(features: np.ndarray, by_point: FloatArray, errors: PointErr
 def reference_length(certified: BarLength, bar: Bar, temperature_c: float | None) -> float:
     """The certified length in mm at the bar's temperature.
 
-    Parameters
-    ----------
-    certified, bar
-        The certified length and its bar, for the expansion and the reference temperature.
-    temperature_c
-        The bar's temperature in deg C; None where it was not measured: the length as certified.
+    `temperature_c` None where it was not measured: the length as certified.
     """
     warmer_k = 0.0 if temperature_c is None else temperature_c - bar.reference_temperature_c
     return certified.length_mm * (1 + bar.expansion_per_kelvin * warmer_k)
@@ -211,15 +166,6 @@ def expansion_kelvin(bar: Bar, warmer_k: float, sd_k: float) -> float:
     """The effect of an unknown expansion coefficient in kelvin, for a bar that is warmer by an amount known to `sd_k`.
 
     Where it is not stated at all the product of both errors counts too (GUM 5.1.2, note).
-
-    Parameters
-    ----------
-    bar
-        The bar; it may name its expansion as assumed.
-    warmer_k
-        By how much it is warmer than its reference temperature, K.
-    sd_k
-        Standard uncertainty of its temperature, K.
     """
     if "expansion_per_kelvin" in bar.assumed:
         return _UNKNOWN_EXPANSION_RELATIVE_SD * math.hypot(warmer_k, sd_k)
@@ -238,12 +184,7 @@ def length_statistics(measured: Sequence[MeasuredLength], errors_of: PointErrors
     alike in every pose and does not average. The coverage factor is Student's for the effective degrees of freedom
     (Welch-Satterthwaite).
 
-    Parameters
-    ----------
-    measured
-        This length in each of its poses.
-    errors_of
-        How the points err, with the cameras' covariance; None: the cameras' share is taken as alike in every pose.
+    `errors_of` None: the cameras' share is taken as alike in every pose.
     """
     first, n = measured[0], len(measured)
     errors = np.array([m.error_mm for m in measured])
@@ -308,13 +249,6 @@ def decide(measured: Sequence[MeasuredLength], comparable: bool) -> Decision:
     Lengths whose own uncertainty is not stated decide nothing. Of many errors some exceed k = 2 by chance. The factor
     is therefore the one that all n together keep with `JOINT_CONFIDENCE` (Bonferroni's bound, which holds for
     correlated errors too).
-
-    Parameters
-    ----------
-    measured
-        All measured lengths.
-    comparable
-        Whether the rig has a scale.
     """
     measured = [m for m in measured if m.certified]
     if not measured or not comparable:

@@ -39,15 +39,7 @@ _CONTRADICTION = 4.0
 
 
 def contradicted(decision: Decision, findings: Sequence[Finding]) -> Decision:
-    """The decision, which is also inconsistent if a camera is not where the calibration has it.
-
-    Parameters
-    ----------
-    decision
-        The decision by the lengths.
-    findings
-        Of the verification; `camera-moved` and `camera-contradicts` name such cameras.
-    """
+    """The decision, which is also inconsistent if a camera is not where the calibration has it."""
     cameras = tuple(dict.fromkeys(name for f in findings if f.code in _OF_THE_RIG for name in f.where))
     if not cameras:
         return decision
@@ -58,13 +50,6 @@ def certificate_doubts(bars: Sequence[Bar], today: date) -> list[Finding]:
     """Findings on certificates that have expired, soon will, or are not valid yet, and on registered bars without one.
 
     A bar with neither a serial nor a certificate is passed over.
-
-    Parameters
-    ----------
-    bars
-        The check bars.
-    today
-        The day of the verification.
     """
     found = []
     for bar in bars:
@@ -86,15 +71,7 @@ _CERTIFICATES: dict[str, tuple[str, Severity]] = {
 
 
 def temperature_doubts(poses: Sequence[BarPose], bars: Mapping[str, Bar]) -> list[Finding]:
-    """Findings on readings that differ by more than bars in one shop do, 3 K: of one bar, and between bars.
-
-    Parameters
-    ----------
-    poses
-        Poses with their temperatures; those without, and of other bars, do not count.
-    bars
-        The check bars by id.
-    """
+    """Findings on readings that differ by more than bars in one shop do, 3 K: of one bar, and between bars."""
     by_bar: dict[str, list[BarPose]] = {}
     for pose in poses:
         if pose.bar in bars and pose.temperature_c is not None:
@@ -141,15 +118,7 @@ class _Mean:
 
 
 def bar_doubts(measured: Sequence[MeasuredLength], bars: Mapping[str, Bar]) -> list[Finding]:
-    """Findings on single lengths that contradict the others of their bar, and on bars that contradict one another.
-
-    Parameters
-    ----------
-    measured
-        Measured lengths whose references have a stated uncertainty.
-    bars
-        The check bars by id, for their expansion.
-    """
+    """Findings on single lengths that contradict the others of their bar, and on bars that contradict one another."""
     means = _means(measured)
     found, doubtful = [], _doubtful(means)
     for mean in doubtful:

@@ -28,21 +28,7 @@ def write_verification(
     A folder that already holds the result of this very rig (the same rig.json) keeps its other files: the verification
     joins the calibration. Any other older result is replaced.
 
-    Parameters
-    ----------
-    verification
-        What the check bars said about the rig.
-    folder
-        The result folder; missing, empty, or an older result.
-    rig_path
-        The rig.json that was verified; findings beside it are taken over.
-    software
-        What else the entry `software` is to say; None for name and version alone.
-
-    Raises
-    ------
-    OutputError
-        Where the folder cannot be written, or holds anything else, and where the rig's files cannot be copied.
+    `software` None for name and version alone.
     """
     older = check_folder(folder, RESULT)
     rig = _read(rig_path)

@@ -62,19 +62,7 @@ def table(language: str) -> dict[str, Any]:
 
 
 def template(code: str, kind: str, part: Part, language: str) -> str | None:
-    """The words of a code; those of a kind go before those of all its kinds. None where there are none.
-
-    Parameters
-    ----------
-    code
-        What the finding is called.
-    kind
-        Which of the code's messages it is; empty for the only one.
-    part
-        Title, message or hint.
-    language
-        A language of LANGUAGES; what it lacks is in English.
-    """
+    """The words of a code; those of a kind go before those of all its kinds. None where there are none."""
     for one in dict.fromkeys((language, "en")):
         words = table(one).get(code, {})
         found = words.get(kind, {}).get(part, words.get(part)) if kind else words.get(part)
@@ -84,15 +72,7 @@ def template(code: str, kind: str, part: Part, language: str) -> str | None:
 
 
 def phrase(one: Phrase, language: str = "en") -> str:
-    """A phrase in words.
-
-    Parameters
-    ----------
-    one
-        The phrase with its values.
-    language
-        A language of LANGUAGES; what it lacks is in English.
-    """
+    """A phrase in words."""
     words = table(language)["phrases"].get(one.key) or table("en")["phrases"][one.key]
     return fill(words, one.values, language)
 
@@ -106,21 +86,7 @@ def hint_of(one: Phrase) -> Phrase | None:
 def fill(words: str, values: Mapping[str, Value], language: str = "en", *, with_options: bool | None = None) -> str:
     """A template with its values, in words.
 
-    Parameters
-    ----------
-    words
-        The template.
-    values
-        The values by name.
-    language
-        Decides plural forms, and how lists are joined.
-    with_options
-        Whether to show what is in brackets; None where brackets are brackets.
-
-    Raises
-    ------
-    KeyError, ValueError
-        For values that are not those of the template.
+    `with_options` None where brackets are brackets.
     """
     out = ""
     for piece in parsed(words, with_options):
@@ -137,12 +103,7 @@ def fill(words: str, values: Mapping[str, Value], language: str = "en", *, with_
 def parsed(words: str, with_options: bool | None = None) -> tuple[str | TemplateField, ...]:
     """The literal text and the fields of a template, in their order.
 
-    Parameters
-    ----------
-    words
-        The template.
-    with_options
-        Whether to keep what is in brackets; None where brackets are brackets.
+    `with_options` None where brackets are brackets.
     """
     if with_options is not None:
         words = re.sub(r"[\[\]]", "", words) if with_options else _OPTIONS.sub("", words)

@@ -51,13 +51,7 @@ def as_json(value: Value) -> Any:
 
 
 def from_json(document: Any) -> Value:
-    """The value that `as_json` wrote.
-
-    Raises
-    ------
-    ValueError
-        For anything else.
-    """
+    """The value that `as_json` wrote."""
     if isinstance(document, list):
         return tuple(from_json(item) for item in document)
     if not isinstance(document, dict):

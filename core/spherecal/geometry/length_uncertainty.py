@@ -1,0 +1,116 @@
+"""How well a calibrated rig will measure a length: its cameras' covariance and the noise of the length's own images."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from spherecal.base import arrays
+from spherecal.base.arrays import BoolArray, FloatArray, IntArray
+from spherecal.geometry.camera import is_unfolded, project_with_derivatives
+from spherecal.geometry.rotation import cross_matrix
+
+
+@dataclass(frozen=True)
+class Cameras:
+    """The cameras that see a length: intrinsics (c,16), poses (c,3,3), (c,3), image sizes (c,2) px.
+
+    `covariance` (c*w, c*w) of turn, shift and the `columns` of the intrinsics (rig.CameraCovariance).
+    """
+
+    intrinsics: FloatArray
+    rotation: FloatArray
+    translation: FloatArray
+    size: FloatArray
+    covariance: FloatArray
+    columns: IntArray
+
+    @property
+    def centres(self) -> FloatArray:
+        """Projection centres (c,3)."""
+        return -np.einsum("cji,cj->ci", self.rotation, self.translation)
+
+
+@dataclass(frozen=True)
+class PredictedLengths:
+    """Variances (m,) mm^2 of lengths by the cameras and by the noise of their own ends.
+
+    NaN where fewer than two cameras see an end. `views` (m,): the fewer of both ends' views.
+    """
+
+    calibration: FloatArray
+    own: FloatArray
+    views: IntArray
+
+    def standard_mm(self) -> FloatArray:
+        """Standard uncertainties (m,) in mm."""
+        return np.sqrt(self.calibration + self.own)
+
+
+def predict_lengths(cameras: Cameras, ends: FloatArray, sigma_px: float) -> PredictedLengths:
+    """The uncertainty of lengths between pairs of single dots; first order (GUM 5.1).
+
+    A dot is seen by all cameras whose image holds it: nothing hides it. See docs/formulation.md, Prediction.
+
+    `ends`: ends of the lengths in the cameras' frame and unit, (m,2,3).
+    """
+    at_once = max(arrays.ROWS_AT_ONCE // (2 * max(len(cameras.rotation), 1)), 1)
+    parts = [_gradients(cameras, ends[k : k + at_once], sigma_px) for k in range(0, max(len(ends), 1), at_once)]
+    gradient, own, views, known = (np.concatenate(part) for part in zip(*parts, strict=True))
+    calibration = np.einsum("mi,mi->m", gradient @ cameras.covariance, gradient)
+    return PredictedLengths(np.where(known, np.maximum(calibration, 0.0), np.nan), np.where(known, own, np.nan), views)
+
+
+def length_gradients(cameras: Cameras, ends: FloatArray) -> FloatArray:
+    """Derivatives (k,c*w) of lengths by the cameras, of the k lengths of which two cameras see both ends.
+
+    `ends`: ends of the lengths in the cameras' frame and unit, (m,2,3).
+    """
+    gradient, _, _, known = _gradients(cameras, ends, 1.0)
+    return gradient[known]
+
+
+def _gradients(
+    cameras: Cameras, ends: FloatArray, sigma_px: float
+) -> tuple[FloatArray, FloatArray, IntArray, BoolArray]:
+    """Lengths' derivatives (m,c*w) by the cameras, own variances (m,), views (m,), and which of them are known (m,)."""
+    m, c = len(ends), len(cameras.rotation)
+    points = ends.reshape(-1, 3)
+    x = np.einsum("cij,pj->pci", cameras.rotation, points) + cameras.translation
+    k = np.broadcast_to(cameras.intrinsics, (len(points), c, 16)).reshape(-1, 16)
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+        uv, by_x, by_intrinsics = project_with_derivatives(x.reshape(-1, 3), k)
+    seen = _inside(x, uv.reshape(-1, c, 2), cameras)
+    by_x = np.where(seen.reshape(-1, 1, 1), by_x / sigma_px, 0.0)
+    by_intrinsics = np.where(seen.reshape(-1, 1, 1), by_intrinsics[:, :, cameras.columns] / sigma_px, 0.0)
+    x_safe = np.where(seen[:, :, None], x, 0.0).reshape(-1, 3)
+    by_camera = np.concatenate([-by_x @ cross_matrix(x_safe), by_x, by_intrinsics], axis=2)
+    by_point = (by_x.reshape(-1, c, 2, 3) @ cameras.rotation).reshape(-1, 2 * c, 3)
+    inverse, enough = _inverse(np.einsum("pki,pkj->pij", by_point, by_point), seen.sum(axis=1))
+
+    along = ends[:, 1] - ends[:, 0]
+    along /= np.linalg.norm(along, axis=1, keepdims=True)
+    pull = np.einsum("pij,pj->pi", inverse, np.repeat(along, 2, axis=0))
+    own = np.einsum("pi,pi->p", pull, np.repeat(along, 2, axis=0)).reshape(m, 2).sum(axis=1)
+    by_row = np.einsum("pki,pi->pk", by_point, pull).reshape(-1, c, 2)
+    gradient = np.einsum("pck,pckw->pcw", by_row, by_camera.reshape(-1, c, 2, by_camera.shape[2]))
+    gradient = gradient.reshape(m, 2, c * by_camera.shape[2])
+    gradient = gradient[:, 0] - gradient[:, 1]  # dX = -N^-1 J' J_c dc, and the length is X2 - X1 along itself
+    both = enough.reshape(m, 2)
+    return gradient, own, seen.sum(axis=1).reshape(m, 2).min(axis=1), both[:, 0] & both[:, 1]
+
+
+def _inside(x: FloatArray, uv: FloatArray, cameras: Cameras) -> BoolArray:
+    """Which camera's image holds which point, (p,c)."""
+    inside = (x[:, :, 2] > 0) & ((uv >= 0) & (uv <= cameras.size - 1)).all(axis=2)
+    point, camera = np.nonzero(inside)
+    inside[point, camera] = is_unfolded(x[point, camera], cameras.intrinsics[camera])
+    return inside
+
+
+def _inverse(normal: FloatArray, views: IntArray) -> tuple[FloatArray, BoolArray]:
+    """Inverses of normal matrices (p,3,3), and which of them (p,) are of points that two cameras see well enough."""
+    with np.errstate(invalid="ignore"):
+        good = (views >= 2) & (np.linalg.cond(normal) < 1e10)
+    inverse = np.zeros_like(normal)
+    inverse[good] = np.linalg.inv(normal[good])
+    return inverse, good

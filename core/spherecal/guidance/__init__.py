@@ -1,1 +1,0 @@
-"""Where to put the ball next: what stopping now would give, and what every further placement would."""

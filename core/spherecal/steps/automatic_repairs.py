@@ -1,0 +1,296 @@
+"""Repairs that nobody needs to ask for: wrong images left out, moved cameras split, where the findings are certain.
+
+A calibration that is not valid is repeated with the repairs that its findings advise. They stay only where the result
+is valid after them, or at least has fewer reasons not to be; rig.json lists them.
+"""
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from spherecal.base.arrays import IntArray
+from spherecal.base.errors import InputError
+from spherecal.data.findings import Finding, RepairKind
+from spherecal.data.rig import Calibration
+from spherecal.data.session import Session
+from spherecal.data.verdict import effect
+from spherecal.diagnose.images import LEAST_POINTS
+from spherecal.diagnose.yardstick import most_moved
+from spherecal.geometry.rotation import log_rotation
+from spherecal.steps.repairs import Repairs, placements_seen_by, recorded, repaired
+
+Run = Callable[[Session], Calibration]
+_Option = tuple[RepairKind, str]
+
+ROUNDS = 3
+# A camera that was knocked is this near its former pose; what is farther is another image (stale ones were
+# 373 to 1128 mm and 51 degrees off; knocks tried are up to 50 mm and 3 degrees).
+FAR_MM, FAR_RAD = 250.0, 0.3
+# A camera that was knocked and nothing else fits as before: 1.0 to 1.3 times the median; one whose region of interest
+# was shifted by 64 px ended at 10 times.
+WORSE = 3.0
+# The images of a repaired camera then agree as those of others do. One that was late by 0.3 mm at each placement passed
+# for moved; without that image its others scattered 5.3 times as much as noise, and it was 3.8 times its U off.
+MOST_SCATTER = 3.0
+# Findings whose repairs are certain; those without a scale cannot distinguish a knock from another image.
+_CERTAIN = ("image-repeated", "placements-repeated", "wrong-placement", "cameras-swapped", "camera-moved",
+            "cameras-moved", "placements-contradict", "image-contradicts", "capture-times")  # fmt: skip
+# Of these, findings on images that may show the camera's new pose.
+_OF_THE_CAMERA = ("camera-moved", "image-contradicts", "capture-times")
+
+
+def edited_where_certain(session: Session, run: Run) -> Calibration:
+    """The calibration of a session, repaired as far as repairs are certain; unchanged if nothing helps."""
+    best = now = run(session)
+    done = Repairs()
+    for _ in range(ROUNDS):
+        if now.rig.quality.valid or _stopped(now):
+            break
+        step = _next_step(session, done, now, run)
+        if step is None:
+            break
+        now, done = step
+        if now.rig.quality.valid or _faults(now) < _faults(best):
+            best = now
+    return best
+
+
+def _stopped(calibration: Calibration) -> bool:
+    return any(f.code == "stopped-early" for f in calibration.rig.quality.findings)
+
+
+def _next_step(session: Session, done: Repairs, now: Calibration, run: Run) -> tuple[Calibration, Repairs] | None:
+    """The first repair that leaves no fault, else the one that leaves fewest; None if none helps.
+
+    A fault that the mended one concealed may take its place: as many, but others.
+    """
+    best: tuple[Calibration, Repairs] | None = None
+    for way in ways(session, now, done):
+        if not _names_are_certain(session, way):
+            continue
+        try:
+            mended = repaired(session, way)
+            tried = run(mended)
+        except InputError:  # too little is left, or there is nothing to split
+            continue
+        if not (keeps_a_tested_pose(mended, way) and _credible(tried, way)) or _stopped(tried):
+            continue
+        are_others = not _named(tried) & _named(now)
+        tried = recorded(tried, session, mended, way, automatic=True)
+        if tried.rig.quality.valid:
+            return tried, way
+        if _faults(tried) < _faults(now if best is None else best[0]) or (
+            best is None and are_others and _faults(tried) <= _faults(now)
+        ):
+            best = tried, way
+    return best
+
+
+def _named(calibration: Calibration) -> set[tuple[str, tuple[str, ...]]]:
+    """What makes a calibration not valid, and where."""
+    return {(f.code, f.where) for f in calibration.rig.quality.findings if effect(f) == "not-valid"}
+
+
+def _faults(calibration: Calibration) -> tuple[int, int]:
+    """Reasons not to be valid; fewer cameras count as one each."""
+    findings = calibration.rig.quality.findings
+    return sum(effect(f) == "not-valid" for f in findings), -len(calibration.rig.cameras)
+
+
+def ways(session: Session, now: Calibration, done: Repairs) -> Iterator[Repairs]:
+    """Repairs of all certain faults together, in the order to try them; none if too much is wrong."""
+    findings = now.rig.quality.findings
+    # of two equal images `wrong-placement` knows the old one
+    reported = {frozenset(f.where) for f in findings if f.code == "wrong-placement"}
+    findings = tuple(f for f in findings if f.code != "image-repeated" or frozenset(f.where) not in reported)
+    steps = [step for f in findings if (step := _step(f, session)) is not None]
+    steps = [step for step in steps if _with(done, list(step.first)) != done]
+    single = {name for step in steps if step.code != "cameras-moved" for name in step.cameras}
+    if not steps or len(single) > most_wrong(session):
+        return
+    # something is grossly wrong that nothing is known to mend: other repairs would hide it
+    unmended = any(_is_gross(f, session) for f in findings)
+    if not unmended:
+        yield _with(done, [option for step in steps for option in step.first])
+    for other in () if unmended else steps:  # one at a time: what is wrong is rarely two things
+        if other.second:
+            rest = [option for step in steps if step is not other for option in step.first]
+            yield _with(done, [*rest, *other.second])
+    sure = [step for step in steps if step.code in ("image-repeated", "placements-repeated", "wrong-placement")]
+    if sure and (unmended or len(sure) < len(steps)):
+        yield _with(done, [option for step in sure for option in step.first])
+
+
+def _is_gross(finding: Finding, session: Session) -> bool:
+    """Whether one placement, not the last, contradicts the others grossly, for a reason that is not known."""
+    return (
+        finding.code == "placements-contradict"
+        and not finding.repairs
+        and finding.where[-1:] not in ((), (_last(session),))
+    )
+
+
+def most_wrong(session: Session) -> int:
+    """How many cameras may be wrong at most for the others to prove it."""
+    return most_moved(len(session.cameras))
+
+
+@dataclass(frozen=True)
+class _Step:
+    """What one finding advises: options with values, another way if the first does not help, cameras concerned."""
+
+    code: str
+    first: tuple[_Option, ...]
+    second: tuple[_Option, ...]
+    cameras: tuple[str, ...]
+
+
+def _step(finding: Finding, session: Session) -> _Step | None:
+    """The repair that a finding is certain about."""
+    if finding.code not in _CERTAIN:
+        return None
+    names = [camera.id for camera in session.cameras]
+    cameras = tuple(name for name in finding.where if name in names)
+    options: list[_Option] = [(repair.kind, repair.target) for repair in finding.repairs]
+    if not options or (finding.code == "camera-moved" and len(cameras) != 1):  # two may have moved: which is not known
+        return None
+    if finding.code == "cameras-swapped" and "@" not in options[0][1]:  # in the whole session: a matter of names
+        return None
+    of_the_end = not finding.where or finding.where[-1] == _last(session)
+    if of_the_end and finding.code in ("cameras-moved", "placements-contradict"):
+        return None  # which of the two states the rig has kept is not known
+    ways = [options, _second_way(finding, session, cameras, options)]
+    if finding.code in _OF_THE_CAMERA:  # without its last image nothing would show where the camera is now
+        ways = [
+            way for way in ways if not any(how == "leave-out" and is_last_pose(session, value) for how, value in way)
+        ]
+    first, second, *_ = (*ways, [], [])
+    return _Step(finding.code, tuple(first), tuple(second), cameras) if first else None
+
+
+def _second_way(finding: Finding, session: Session, cameras: tuple[str, ...], options: list[_Option]) -> list[_Option]:
+    """What to try where the options that a finding advises do not help."""
+    if finding.code == "image-repeated" and len(finding.where) == 3 and len(cameras) == 1:
+        return [("leave-out", f"{cameras[0]}@{finding.where[1]}")]
+    if options[0][0] == "split" and finding.code != "cameras-moved":
+        return [("leave-out", f"{cameras[0]}@{finding.where[-1]}")]
+    if finding.code == "camera-moved" and options[0][1].endswith(f"@{_last(session)}"):
+        return [("split", options[0][1])]
+    return []
+
+
+def is_last_pose(session: Session, image: str) -> bool:
+    """Whether no image of the ball after `C05@P3` has enough points to show where its camera is.
+
+    A region of interest was shifted at the last two images of a camera before one of 7 dots. Both were left out, and
+    lengths were 8.8 times their U off.
+    """
+    camera, _, place = image.partition("@")
+    names = [one.id for one in session.placements]
+    if session.observations is None or place not in names or camera not in session.observations.cameras:
+        return False
+    showing = _images_showing(session, camera)
+    return not len(showing) or int(showing[-1]) <= names.index(place)
+
+
+def _images_showing(session: Session, camera: str) -> IntArray:
+    """Placements at which a camera's image of the ball has enough points to show its pose."""
+    o, places = session.observations, len(session.placements)
+    if o is None or camera not in o.cameras:
+        return np.zeros(0, dtype=np.int64)
+    own = o.placement[(o.camera == o.cameras.index(camera)) & (o.placement < places)]
+    return np.flatnonzero(np.bincount(own, minlength=places) >= LEAST_POINTS)
+
+
+def _last(session: Session) -> str:
+    return session.placements[-1].id if session.placements else ""
+
+
+def _with(done: Repairs, options: list[_Option]) -> Repairs:
+    """Repairs and more of them, each once."""
+    of = {"leave-out": list(done.leave_out), "split": list(done.split), "swap": list(done.swap)}
+    for option, value in options:
+        if value not in of[option]:
+            of[option].append(value)
+    return Repairs(tuple(of["leave-out"]), tuple(of["split"]), tuple(of["swap"]))
+
+
+def _names_are_certain(session: Session, way: Repairs) -> bool:
+    """Whether exchanged cameras have their own names before and after, and at most placements.
+
+    Exchanged from the third of four placements on, the first two were exchanged "back": 290 mm off, and valid; from the
+    second on, the first was: 536 mm off. None may have been exchanged unseen, either.
+    """
+    for pair in {value.partition("@")[0] for value in way.swap}:
+        swapped = {value.partition("@")[2] for value in way.swap if value.partition("@")[0] == pair}
+        seen = placements_seen_by(session, pair.split(","))
+        if 2 * len(swapped) >= len(seen) or swapped & {seen[0], seen[-1]}:
+            return False
+    return not any(may_be_swapped(session, way, value.partition("@")[0]) for value in way.leave_out)
+
+
+def may_be_swapped(session: Session, way: Repairs, camera: str) -> bool:
+    """Whether a camera's first images are left out, and another camera saw the ball only after them.
+
+    A camera was exchanged from P3 on with one that had not seen the ball before. Its first two images were left out:
+    926 mm off if the names of these are the right ones.
+    """
+    seen = placements_seen_by(session, [camera])
+    out = {place for name, _, place in (value.partition("@") for value in way.leave_out) if name == camera}
+    if not out or out != set(seen[: len(out)]):
+        return False
+    ids = [placement.id for placement in session.placements]
+    later = set(ids[ids.index(seen[len(out) - 1]) + 1 :])
+    others = (placements_seen_by(session, [one.id]) for one in session.cameras if one.id != camera)
+    return any(own and set(own) <= later for own in others)
+
+
+def keeps_a_tested_pose(mended: Session, way: Repairs) -> bool:
+    """Whether cameras that need two repairs or more keep one pose over two images: else something else is wrong.
+
+    A region of interest that was shifted by 8 px before P2 of four was repaired by three poses of one image each and
+    one image left out. Nothing tests those, and a length was 4 times its U off.
+    """
+    of = [value.partition("@")[0] for value in (*way.split, *way.leave_out)]
+    return all(
+        max(_images_of_one_pose(mended, name), default=0) >= 2 for name in {name for name in of if of.count(name) > 1}
+    )
+
+
+def _images_of_one_pose(session: Session, camera: str) -> list[int]:
+    """For each pose of a camera how many images of the ball show it."""
+    poses = [one.id for one in session.cameras if camera in (one.id, one.earlier_pose_of)]
+    return [len(_images_showing(session, name)) for name in poses]
+
+
+def _credible(tried: Calibration, way: Repairs) -> bool:
+    """Whether split cameras are near their earlier poses and fit as well as others: otherwise they were not bumped."""
+    fits = {camera.id: camera.rms_px or 0.0 for camera in tried.rig.cameras}
+    for earlier in tried.rig.earlier_poses:
+        now = tried.rig.camera(_home(earlier.id, way))
+        if now is None:
+            return False
+        rotation = float(np.linalg.norm(log_rotation(now.rotation @ earlier.rotation.T)))
+        translation = float(np.linalg.norm(now.centre_mm - earlier.centre_mm))
+        if rotation > FAR_RAD or (translation > FAR_MM and tried.rig.scale.source != "none"):
+            return False
+        if fits[now.id] > WORSE * np.median(list(fits.values())):
+            return False
+    return not _still_scatters(tried, {value.partition("@")[0] for value in (*way.split, *way.leave_out)})
+
+
+def _still_scatters(tried: Calibration, cameras: set[str]) -> bool:
+    """Whether the images of some cameras contradict each other, while those of most others do not."""
+    finding = next((f for f in tried.rig.quality.findings if f.code == "poses-scatter"), None)
+    if finding is None or not finding.values:
+        return False
+    scatter = dict(zip(finding.where, finding.values["times"], strict=True))
+    usual = float(np.median([scatter.get(camera.id, 1.0) for camera in tried.rig.cameras]))
+    return any(scatter.get(name, 1.0) > MOST_SCATTER * usual for name in cameras)
+
+
+def _home(name: str, way: Repairs) -> str:
+    """The camera to which an earlier pose belongs."""
+    cut = (value.partition("@") for value in way.split)
+    return next(camera for camera, _, place in cut if name == f"{camera} before {place}")

@@ -1,0 +1,90 @@
+"""The settings of a calibration."""
+
+from dataclasses import dataclass, field
+from typing import Literal
+
+from spherecal.base.errors import InputError
+from spherecal.base.messages.values import Phrase
+from spherecal.data.findings import Finding
+from spherecal.data.session import Session
+from spherecal.files.assumed import assumed_of_session
+from spherecal.files.ball_file import BallProfile
+from spherecal.geometry.camera import LensModel
+from spherecal.initialise.path import BASE, PathSettings, Search
+from spherecal.initialise.view_graph import EdgeWeights
+from spherecal.steps.repairs import Repairs
+
+Method = Literal["auto", "tao2021", "free", "soft", "rigid", "board", "bar"]
+
+
+@dataclass(frozen=True)
+class CalibrationSettings:
+    """How to calibrate; `auto` is `rigid` if the data support it, else `soft` or `free`.
+
+    `shape_sd_mm`: of the soft form, how far the ball's dots may be off its shape (standard deviation per coordinate);
+    None to estimate it. `ball`: a stored shape of the recorded ball, for `auto` and `rigid`.
+
+    `tao2021` starts from chained points and spherical projection and estimates the paper's distortion terms. `search`
+    `first` is none-OPT, `first-listed` the same in the literal order of Algorithm 3. `spherical_projection` False is
+    none-SPO. `weights` and `base` are xi1, xi2, TH_er and b of (10)-(14). `joint` False leaves a board or a bar as it
+    was chained, without the joint adjustment.
+
+    `intrinsics` `fixed` keeps the priors, `own_intrinsics` disregards intrinsics groups. `lens`: the lens model of all
+    cameras; None for the session's own, `auto` for the one that fits best where the session's misfits.
+    `repair_by_itself`: leave out wrong images and split moved cameras where that is certain
+    (steps/automatic_repairs.py). `reference`: the camera whose frame is the world, where it can be placed; None for
+    the one that belongs to most triples.
+    """
+
+    method: Method = "auto"
+    search: Search = "opt"
+    spherical_projection: bool = True
+    intrinsics: Literal["free", "fixed"] = "free"
+    own_intrinsics: bool = False
+    lens: LensModel | Literal["auto"] | None = None
+    seed: int = 0
+    repairs: Repairs = field(default_factory=Repairs)
+    shape_sd_mm: float | None = None
+    ball: BallProfile | None = None
+    repair_by_itself: bool = True
+    reference: str | None = None
+    weights: EdgeWeights = field(default_factory=EdgeWeights)
+    base: float = BASE
+    joint: bool = True
+
+    @property
+    def paths(self) -> PathSettings:
+        """How paths through the camera graph are found."""
+        return PathSettings(self.search, self.weights, self.base)
+
+
+def without_effect(settings: CalibrationSettings) -> tuple[Finding, ...]:
+    """A finding for each setting that has no effect in the chosen method."""
+    chained = settings.method in ("board", "bar")
+    kinds = []
+    if not settings.spherical_projection and settings.method != "tao2021":
+        kinds.append("spherical-projection")
+    if not settings.joint and not chained:
+        kinds.append("joint")
+    if chained and settings.paths != PathSettings():
+        kinds.append("paths")
+    return tuple(Finding("setting-without-effect", "info", {"method": settings.method}, kind=kind) for kind in kinds)
+
+
+def as_stated(session: Session, settings: CalibrationSettings) -> tuple[Finding, ...]:
+    """Findings on the user's input: assumed figures, settings without effect."""
+    return (*assumed_of_session(session), *without_effect(settings))
+
+
+def check_settings(session: Session, settings: CalibrationSettings) -> None:
+    """Checks that the settings can be used with the session and with each other."""
+    other = next((camera for camera in session.cameras if camera.lens_model != "brown"), None)
+    if settings.method == "tao2021" and other is not None:
+        raise InputError(Phrase("error-lens-of-method", {"camera": other.id, "model": other.lens_model}))
+    w = settings.weights
+    if not (1 <= settings.base <= 10 and 0 <= w.error < 1e9 and 0 <= w.count < 1e9 and w.error + w.count > 0):
+        raise InputError(Phrase("error-path-weights"))
+    if w.threshold_px is not None and not 0 < w.threshold_px < 1e9:
+        raise InputError(Phrase("error-path-weights"))
+    if settings.ball is not None and settings.method not in ("auto", "rigid"):
+        raise InputError(Phrase("error-profile-method", {"method": settings.method}))

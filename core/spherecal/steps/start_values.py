@@ -1,0 +1,93 @@
+"""The sphere's start values: its network, the local reconstruction, and points as in the paper."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from spherecal.adjust.network import Network, free_network
+from spherecal.ball.run import Run
+from spherecal.base.arrays import BoolArray, FloatArray
+from spherecal.base.context import Context, Stopwatch
+from spherecal.base.memory import release_freed
+from spherecal.base.messages.values import Phrase
+from spherecal.data.lens_model import estimated_intrinsics
+from spherecal.data.observations import Features
+from spherecal.data.recording import Recording
+from spherecal.geometry.camera import estimated_mask
+from spherecal.initialise.chain import chain_points
+from spherecal.initialise.incremental import InitialPoses, grow
+from spherecal.initialise.local import LocalNetwork, lasting_reference, reconstruct_locally
+from spherecal.initialise.spherical_projection import project_to_spheres
+from spherecal.steps.settings import CalibrationSettings
+
+
+def describe_network(recording: Recording, settings: CalibrationSettings) -> Network:
+    """Who observes what, and which intrinsics are to be estimated."""
+    cameras, observations, features = recording.session.cameras, recording.observations, recording.features
+    free = settings.intrinsics == "free"
+    estimated = estimated_intrinsics(recording.session, free)
+    if settings.method == "tao2021":
+        estimated = np.tile(estimated_mask("tao2021") & free, (len(estimated), 1))
+    names = [(c.earlier_pose_of or c.id) if settings.own_intrinsics else c.intrinsics_group for c in cameras]
+    group = np.unique(names, return_inverse=True)[1].reshape(-1)
+    return free_network(
+        features.of_observation, observations.camera, observations.uv, len(features), estimated, group
+    ).with_sigma(observations.sigma)
+
+
+def local_network(recording: Recording, settings: CalibrationSettings, context: Context) -> LocalNetwork:
+    """Two-view geometry, triples, view graph and paths of a recording, from its cameras' priors; [Tao21] (3)-(14)."""
+    observations, features = recording.observations, recording.features
+    local = reconstruct_locally(observations, features, recording.priors, settings.paths, settings.seed, context)
+    release_freed()
+    return lasting_reference(local, recording.session)
+
+
+@dataclass(frozen=True)
+class StartValues:
+    """What the adjustment starts from: the network, its local reconstructions, poses, and points (m,3).
+
+    `points` None: to be triangulated.
+    """
+
+    network: Network
+    local: LocalNetwork
+    poses: InitialPoses
+    points: FloatArray | None
+
+    @property
+    def candidates(self) -> BoolArray:
+        """The observations to start with (n,): those that the two-view gates keep, of cameras with a pose."""
+        return self.local.keep & self.poses.placed[self.network.camera]
+
+
+def start_values(
+    recording: Recording, local: LocalNetwork, settings: CalibrationSettings, context: Context
+) -> StartValues:
+    """Poses chained along the paths and by resection; points as in the paper if that is requested."""
+    context.report("start values", 0.0, Phrase("compiling"))
+    network = describe_network(recording, settings)
+    poses = grow(local, network, recording.priors, local.keep, context)
+    points = None
+    if settings.method == "tao2021":
+        points = points_as_in_the_paper(poses, local, recording.features, settings.spherical_projection)
+    release_freed()
+    return StartValues(network, local, poses, points)
+
+
+def points_as_in_the_paper(start: InitialPoses, local: LocalNetwork, features: Features, spherical: bool) -> FloatArray:
+    """Points (p,3) chained through the triples and, unless none-SPO, moved onto their placements' spheres, [Tao21]."""
+    points = chain_points(
+        local.paths, local.triples, local.graph.scale, start.state.rotation, start.state.translation, len(features)
+    )
+    return project_to_spheres(points, features.placement) if spherical else points
+
+
+def run_of(
+    recording: Recording, start: StartValues, settings: CalibrationSettings, context: Context, watch: Stopwatch
+) -> Run:
+    """Data that the stages from the adjustment on share; the requested reference camera is the first, if it has a pose."""
+    cameras, placed = recording.session.cameras, start.poses.placed
+    requested = [c for c, camera in enumerate(cameras) if camera.id == settings.reference and placed[c]]
+    first, *others = dict.fromkeys((*requested, *start.local.graph.references))
+    return Run(recording.priors, first, settings.method == "tao2021", tuple(others), context, watch)

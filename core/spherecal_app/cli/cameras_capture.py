@@ -1,0 +1,131 @@
+"""`spherecal cameras capture`: a session, set by set."""
+
+import argparse
+import os
+import subprocess
+from dataclasses import replace
+
+from rich.markup import escape
+
+from spherecal.base.errors import InputError
+from spherecal.base.messages.values import Phrase
+from spherecal.data.findings import counted
+from spherecal.targets.detection import Detector
+from spherecal_app.cli.answer import answer
+from spherecal_app.cli.cameras_source import ask, discovered, open_named, profile_of
+from spherecal_app.cli.console import out, say
+from spherecal_app.cli.exit_codes import DONE, NOT_VALID
+from spherecal_app.cli.progress import shown_progress
+from spherecal_cameras.averaging import AveragedSet, take_averaged
+from spherecal_cameras.capture import SessionFolder
+from spherecal_cameras.in_process import Staged
+from spherecal_cameras.new_recording import session_cameras
+from spherecal_cameras.plan import CapturePlan, plan_of, read_plan, simple_plan
+from spherecal_cameras.protocol import CameraError, CameraSource, CaptureRequest, FrameSet, session_behind
+
+
+def capture(options: argparse.Namespace) -> int:
+    """`spherecal cameras capture`."""
+    profile = profile_of(options)
+    if options.average < 1 or options.retries < 0:
+        raise InputError(Phrase("error-average-retries"))
+    with open_named(options, profile) as source, shown_progress() as context:
+        plan = _plan(options, source)
+        discovery = discovered(source, context)
+        if not discovery.cameras:
+            raise CameraError(Phrase("error-no-camera-found"))
+        context.report("opening the cameras", 0.0)
+        reports = source.open(discovery.serials, profile.settings())
+        cameras = session_cameras(source, plan, discovery, reports, profile)
+        session = SessionFolder(options.output, plan, cameras, source)
+        session.start(options.take_up)
+        names = {camera.serial: camera.id for camera in cameras}
+        detector = Detector(plan.target_set) if plan.target_set is not None and options.average > 1 else None
+        request = CaptureRequest(tuple(names), options.timeout, options.retries)
+        poor, record = 0, []
+        for planned in session.to_take:
+            if isinstance(source, Staged):
+                source.show(planned.id)
+            _before(planned.id, planned.bar, options, isinstance(source, Staged))
+            averaged = take_averaged(source, options.average, detector, request, context)
+            session.add(planned, averaged.taken, averaged.stillness)
+            poor += _show_set(planned.id, averaged, names)
+            record.append(_record_of(planned.id, averaged, names))
+    total = len(plan.sets)
+    answer(options, {"session": options.output, "cameras": list(names.values()), "sets": record})
+    out.print(f"{counted(total, 'set')} of {counted(len(cameras), 'camera')} in {escape(str(options.output))}.")
+    if poor:
+        out.print(f"{poor} of them {'is' if poor == 1 else 'are'} incomplete or not still; see above.")
+    return NOT_VALID if poor else DONE
+
+
+def _record_of(set_id: str, averaged: AveragedSet, names: dict[str, str]) -> dict[str, object]:
+    taken = averaged.taken
+    return {
+        "id": set_id,
+        "images": len(taken.frames),
+        "missing": [names[one.camera] for one in taken.missing],
+        "moved": [names[serial] for serial in averaged.moved],
+        "attempts": taken.attempts,
+        "spread_s": taken.spread_s,
+    }
+
+
+def _plan(options: argparse.Namespace, source: CameraSource) -> CapturePlan:
+    recorded = session_behind(source)
+    if options.plan is not None:
+        return read_plan(options.plan)
+    if recorded is not None and options.placements is None:
+        return plan_of(recorded)
+    if recorded is not None:
+        whole = plan_of(recorded)
+        chosen = [s for s in whole.sets if s.bar is None][: options.placements]
+        return replace(whole, sets=(*chosen, *(s for s in whole.sets if s.bar is not None)))
+    if options.targets is None:
+        raise InputError(Phrase("error-capture-targets"))
+    return simple_plan(options.placements or 4, options.targets, options.diameter_mm)
+
+
+def _before(set_id: str, bar: str | None, options: argparse.Namespace, staged: bool) -> None:
+    """Give people or a machine the time to bring ball or bar to its place."""
+    if options.before_each:
+        done = subprocess.run(options.before_each, shell=True, env=os.environ | {"SPHERECAL_SET": set_id}, check=False)
+        if done.returncode:
+            raise InputError(
+                Phrase(
+                    "error-before-each", {"command": repr(options.before_each), "set": set_id, "code": done.returncode}
+                )
+            )
+    if not (options.no_wait or staged or options.before_each):
+        what = "the ball" if bar is None else f"bar {bar}"
+        if not ask(f"{set_id}: put {what} into place, let it come to rest, then press Enter: "):
+            raise InputError(Phrase("error-nobody-to-ask"))
+
+
+def _spread(taken: FrameSet) -> str:
+    """How far apart the exposures were, and by whose clock."""
+    if taken.spread_s is None:
+        return ""
+    if taken.common_clock:
+        return f", exposed within {taken.spread_s * 1e3:.3f} ms by the cameras' common clock"
+    return f", exposed within {taken.spread_s * 1e3:.1f} ms"
+
+
+def _show_set(set_id: str, averaged: AveragedSet, names: dict[str, str]) -> bool:
+    """Say how a set went; True if it is incomplete or was not still."""
+    taken = averaged.taken
+    spread = _spread(taken)
+    out.print(
+        f"{escape(set_id)}: {len(taken.frames)} of {counted(len(names), 'camera')} in {taken.seconds:.2f} s{spread}."
+    )
+    noises = [one.noise_px for one in averaged.stillness.values() if one.noise_px is not None]
+    if noises:
+        out.print(f"  noise floor of a dot: {min(noises):.4f} to {max(noises):.4f} px.")
+    if taken.late:
+        say(f"  tried {counted(taken.attempts, 'time')} for {', '.join(names[s] for s in taken.late)}.")
+    for one in taken.missing:
+        say(f"  missing: {names[one.camera]}. {one.cause} {one.remedy}")
+    for serial in averaged.moved:
+        moved = averaged.stillness[serial].motion_px
+        say(f"  camera {names[serial]} saw motion of {moved:.3f} px: let the scene come to rest.")
+    return bool(taken.missing or averaged.moved)

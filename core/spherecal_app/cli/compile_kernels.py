@@ -1,0 +1,171 @@
+"""`spherecal compile-kernels`: numba's cache filled now, instead of during the first calibration."""
+
+import argparse
+import ctypes
+import importlib
+import json
+import logging
+import multiprocessing
+import os
+import signal
+import sys
+import tempfile
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from multiprocessing.connection import Connection, wait
+from multiprocessing.process import BaseProcess
+from pathlib import Path
+from typing import cast
+
+from spherecal.base.context import Context
+from spherecal.base.errors import Cancelled, SpherecalError
+from spherecal.base.kernels import is_marked, mark_compiled, state, wanted
+from spherecal.base.messages.values import Phrase
+from spherecal_app.cli.console import out
+from spherecal_app.cli.progress import shown_progress
+
+log = logging.getLogger("spherecal")
+_TRIAL = "spherecal_app.cli.kernel_trial"
+
+
+def compile_kernels(options: argparse.Namespace) -> int:
+    """`spherecal compile-kernels`."""
+    if state() != "to compile":
+        print(json.dumps({"done": 1, "all": 1})) if options.json else out.print("The kernels are compiled.")
+        return 0
+    if options.idle:
+        run_when_idle()
+    with shown_progress() as context:
+
+        def tell(done: int, count: int) -> None:
+            context.check()
+            context.report("compiling kernels", done / count)
+            if options.json:
+                print(json.dumps({"done": done, "all": count}), flush=True)
+
+        compile_all(tell)
+    if not options.json:
+        out.print("The kernels are compiled.")
+    return 0
+
+
+def run_when_idle() -> None:
+    """From now on this process and its children get the processor only when nobody else wants it."""
+    if sys.platform == "win32":
+        kernel32 = ctypes.windll.kernel32  # pyright: ignore[reportAttributeAccessIssue]
+        kernel32.SetPriorityClass(kernel32.GetCurrentProcess(), 0x40)  # IDLE_PRIORITY_CLASS
+        return
+    os.nice(19)
+    if hasattr(os, "SCHED_IDLE"):
+        with suppress(OSError):  # a container may forbid it
+            os.sched_setscheduler(0, os.SCHED_IDLE, os.sched_param(0))
+
+
+def compile_all(tell: Callable[[int, int], None], trial: str = _TRIAL) -> None:
+    """Run the trial of the kernels, its parts side by side: they are in numba's cache afterwards, and a stamp says so.
+
+    `tell`: called as `tell(done, all)` after every step.
+    """
+    made_from = wanted()
+    with _side_by_side(trial, "PARTS") as finish:
+        finish(tell)
+    mark_compiled(made_from)
+
+
+@contextmanager
+def demo_kernels(context: Context) -> Iterator[None]:
+    """Compile what the demo needs beside what the body does, where that has not been done yet."""
+    made_from = f"demo{wanted()}"
+    if state() != "to compile" or is_marked(made_from):
+        yield
+        return
+
+    def tell(done: int, count: int) -> None:
+        context.check()
+        context.report("compiling kernels", done / count)
+
+    with _side_by_side(_TRIAL, "DEMO") as finish:
+        yield
+        try:
+            finish(tell)
+        except Cancelled:
+            raise
+        except SpherecalError as error:  # whoever needs one compiles it
+            log.warning("%s", error)
+        else:
+            mark_compiled(made_from)
+
+
+@contextmanager
+def _side_by_side(trial: str, table: str) -> Iterator[Callable[[Callable[[int, int], None]], None]]:
+    """Run the parts of a table of the trial, each in a process that ends with the body at the latest.
+
+    Yields the function that waits for them; it calls `tell(done, all)` after every step, and raises SpherecalError
+    where a part fails.
+    """
+    parts = getattr(importlib.import_module(trial), table)
+    count = sum(len(steps) for steps in parts.values())
+    context = multiprocessing.get_context("spawn")
+    running: dict[Connection, tuple[str, BaseProcess]] = {}
+
+    def finish(tell: Callable[[int, int], None]) -> None:
+        done = 0
+        tell(done, count)
+        while running:
+            for ended in wait(list(running), timeout=0.2):
+                ours = cast(Connection, ended)
+                name, process = running[ours]
+                try:
+                    said = ours.recv()
+                except EOFError:  # it has ended
+                    process.join()
+                    del running[ours]
+                    if code := process.exitcode:
+                        raise SpherecalError(Phrase("error-kernels", {"part": name, "code": code})) from None
+                    continue
+                if isinstance(said, str):
+                    raise SpherecalError(Phrase("error-kernels-why", {"part": name, "why": said}))
+                done += 1
+                tell(done, count)
+
+    with tempfile.TemporaryDirectory() as folder:
+        try:
+            for name in parts:
+                ours, theirs = context.Pipe(duplex=False)
+                arguments = (trial, table, name, Path(folder), theirs)
+                process = context.Process(target=_run_part, args=arguments, daemon=True)
+                with _ctrl_c_blocked():
+                    process.start()
+                theirs.close()
+                running[cast(Connection, ours)] = name, process  # PipeConnection on Windows
+            yield finish
+        finally:
+            for _, process in running.values():
+                process.terminate()
+                process.join()
+
+
+@contextmanager
+def _ctrl_c_blocked() -> Iterator[None]:
+    """Ctrl-C comes afterwards; a process started meanwhile never gets it: its parent ends it."""
+    if not hasattr(signal, "pthread_sigmask"):  # Windows
+        yield
+        return
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGINT])
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+def _run_part(trial: str, table: str, name: str, folder: Path, pipe: Connection) -> None:
+    """One part, in a process and a folder of its own: sends None after every step, or what went wrong."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C reaches the parent too, which ends us
+    own = folder / name
+    try:
+        own.mkdir()
+        for step in getattr(importlib.import_module(trial), table)[name]:
+            step(own)
+            pipe.send(None)
+    except Exception as error:
+        pipe.send(f"{type(error).__name__}: {error}")

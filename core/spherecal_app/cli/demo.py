@@ -1,0 +1,93 @@
+"""`spherecal demo`: rendered images calibrated and verified through the same commands a user has."""
+
+import argparse
+import csv
+from importlib.util import find_spec
+from pathlib import Path
+
+import numpy as np
+from rich.markup import escape
+
+from spherecal.base.errors import InputError
+from spherecal.base.messages.values import Phrase
+from spherecal.data.findings import counted
+from spherecal.data.verdict import WORDS
+from spherecal.files.rig_file import read_rig
+from spherecal_app.cli.answer import answer
+from spherecal_app.cli.compile_kernels import demo_kernels
+from spherecal_app.cli.console import out, say
+from spherecal_app.cli.exit_codes import DONE
+from spherecal_app.cli.main import main
+from spherecal_app.cli.parsing import is_standard_output
+from spherecal_app.cli.progress import shown_progress
+from spherecal_rigs.read_verification import read_bar_report
+from spherecal_sim.render_session import demo_session
+
+
+def demo(options: argparse.Namespace) -> int:
+    """`spherecal demo`: five lines on what was found; with --verbose everything that the commands say.
+
+    Without matplotlib there is no report, and a sixth line says so.
+    """
+    folder: Path = options.output
+    if is_standard_output(folder):
+        raise InputError(Phrase("error-folder-to-output"))
+    result = folder / "result"
+    out.print("A simulated rig: six cameras, a ball at four places, two bars. The first run renders the images.")
+    with shown_progress() as context, demo_kernels(context):
+        session = demo_session(context)
+    quiet = out.quiet
+    steps = [
+        ["calibrate", session, "-o", result],
+        ["verify", session, "--rig", result / "rig.json", "-o", result],
+    ]
+    report = folder / "report.pdf" if find_spec("matplotlib") else None
+    if report is not None:
+        steps.append(["report", result, "-o", report, "--session", session])
+    for arguments in steps:
+        line = [str(a) for a in arguments]
+        if options.verbose:
+            out.print(f"\n[bold]$ spherecal {escape(' '.join(line))}[/]")
+        out.quiet = quiet or not options.verbose
+        try:
+            code = main(line)
+        finally:
+            out.quiet = quiet
+        if code != DONE:
+            return code
+    record, lines = _found(result, folder, report)
+    answer(options, record)
+    for line in lines:
+        say(line)
+    return DONE
+
+
+def _found(result: Path, folder: Path, report: Path | None) -> tuple[dict[str, object], list[str]]:
+    """What the demo found: for programs, and in five lines; in one more why there is no report."""
+    rig, bars = read_rig(result / "rig.json"), read_bar_report(result)
+    quality = rig.quality
+    sigmas = [np.linalg.norm(camera.sigma.centre_mm) for camera in rig.cameras if camera.sigma is not None]
+    with (result / "spheres.csv").open(encoding="utf-8") as file:
+        spheres = list(csv.DictReader(file))
+    radius, out_of_round = (np.mean([float(one[key]) for one in spheres]) for key in ("radius_mm", "radial_sd_mm"))
+    record = {
+        "verdict": quality.verdict,
+        "cameras": len(rig.cameras),
+        "rms_px": quality.rms_px,
+        "largest_centre_sd_mm": max(sigmas, default=None),
+        "ball": {"radius_mm": radius, "radial_sd_mm": out_of_round},
+        "bars": bars and {"verdict": bars.verdict, "n": bars.n, "max_abs_error_mm": bars.max_abs_error_mm},
+        "folder": folder,
+        "report": report,
+    }
+    lines = [f"{WORDS[quality.verdict]}: {counted(len(rig.cameras), 'camera')} placed, rms {quality.rms_px:.4f} px."]
+    if sigmas:
+        lines.append(f"Cameras: standard deviation of their centres at most {max(sigmas):.3f} mm.")
+    lines.append(f"Ball: radius {radius:.3f} mm, out of round by {out_of_round:.3f} mm.")
+    if bars is not None and bars.max_abs_error_mm is not None:
+        largest = f"largest error {bars.max_abs_error_mm:.4f} mm"
+        lines.append(f"{bars.verdict.upper()}: {counted(bars.n, 'length')} of a bar, {largest}.")
+    if report is None:
+        lines.append("The report was left out, since it needs matplotlib: pip install matplotlib")
+    made = "Result" if report is None else "Report and result"
+    return record, [*lines, f"{made} in {folder}. Details: spherecal demo --verbose."]

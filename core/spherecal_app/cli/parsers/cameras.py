@@ -1,0 +1,107 @@
+"""The options of `cameras`."""
+
+import argparse
+from pathlib import Path
+
+from spherecal_app.cli.parsers.shared import between, choice, flag, number, output, path, repeated, word
+from spherecal_app.cli.parsing import Add, commands_below
+
+_ABOVE_ZERO = between(float, 1e-12, 1e12, "a number above 0 is needed")
+
+
+def add_cameras(add: Add) -> None:
+    """`spherecal cameras` and what is below it."""
+    cameras = add("cameras", "Live cameras: find them, set them up, test them, capture sessions.")
+    below = commands_below(cameras, "list|show|set|doctor|capture|...")
+
+    def action(name: str, text: str) -> argparse.ArgumentParser:
+        one = below(name, text)
+        word(one, "--source", "SOURCE", "genicam (default), replay:SESSION or simulated[:PRESET]", default="genicam")
+        repeated(one, "--producer", "FILE", "a .cti file or folder to use as well")
+        repeated(one, "--fault", "FAULT", "fault of a simulated camera, such as `lose:C03@2-3`")
+        path(one, "--profile", "FILE", "camera settings instead of the user's own")
+        return one
+
+    action("list", "List cameras and drivers.")
+    show = action("show", "Show a camera's settings, state and features.")
+    show.add_argument("camera", metavar="SERIAL|NAME", help="its serial number or its name")
+    _add_set(action("set", "Save settings of a camera, and apply them if it is connected."))
+    doctor = action("doctor", "Test lines, rates and triggers, and say what to do.")
+    number(doctor, "--seconds", None, "how long to watch (default 5)", _ABOVE_ZERO, default=5.0)
+    number(doctor, "--rate", "HZ", "images a second (default 5)", _ABOVE_ZERO, default=5.0)
+    flag(doctor, "--order", "find out which camera is which, by covering lenses")
+    flag(doctor, "--stagger", "save the delays with which GigE cameras share a line, and apply them")
+    _add_capture(action("capture", "Capture a session, set by set."))
+    trust = below("trust", "Allow driver files (.cti) to be loaded, revoke this, or list the allowed files.")
+    trust.add_argument("files", nargs="*", metavar="FILE", help="driver files; without any, list the allowed ones")
+    flag(trust, "--forget", "no longer allow these files")
+    _add_producers(below)
+    add_simulate_gige(below)
+
+
+def _add_set(to: argparse.ArgumentParser) -> None:
+    to.add_argument("camera", metavar="SERIAL|NAME|all", help="its serial number or its name, or all cameras")
+    word(to, "--name", None, "the camera's name")
+    number(to, "--exposure-us", "US", "exposure time", _ABOVE_ZERO)
+    number(to, "--gain-db", "DB", "gain")
+    word(to, "--pixel-format", "FORMAT", "Mono8, Mono12, Mono12p, BayerRG8, ...")
+    to.add_argument("--region", type=int, nargs=4, metavar=("X", "Y", "W", "H"), help="part of the sensor")
+    flag(to, "--full", "the whole sensor")
+    choice(to, "--trigger", ("software", "hardware", "free", "scheduled"), "what starts an image")
+    word(to, "--trigger-source", "INPUT", "input of the hardware trigger, such as Line1")
+    number(to, "--frame-rate-hz", "HZ", "frame rate of a camera that runs freely", _ABOVE_ZERO)
+    number(to, "--packet-size", "BYTES", "packet size of a GigE camera's stream", int)
+    number(to, "--packet-delay", "TICKS", "pause between packets, in the camera's ticks", int)
+    number(to, "--frame-delay", "TICKS", "pause before an image is sent, in its ticks", int)
+    number(to, "--focal-length-mm", "MM", "focal length of the lens, from its label", _ABOVE_ZERO)
+    number(to, "--pixel-pitch-um", "UM", "pixel pitch of the sensor, from its data sheet", _ABOVE_ZERO)
+    flag(to, "--offline", "only save the settings, do not look for the camera")
+
+
+def _add_capture(to: argparse.ArgumentParser) -> None:
+    output(to, "SESSION", "the session folder to write")
+    path(to, "--plan", "FILE", "what to capture, in the form of session.json")
+    number(to, "--placements", "N", "without a plan: this many placements (default 4)", int)
+    path(to, "--targets", "targets.json", "without a plan: the target set")
+    number(to, "--diameter-mm", "MM", "without a plan: the ball's diameter", _ABOVE_ZERO)
+    number(to, "--average", "N", "images to average for each image of a set (default 1)", int, default=1)
+    number(to, "--timeout", "S", "time to wait for a set, in seconds (default 1)", _ABOVE_ZERO, default=1.0)
+    number(to, "--retries", "N", "repetitions when a camera is missing (default 2)", int, default=2)
+    flag(to, "--no-wait", "do not ask before each set")
+    word(to, "--before-each", "COMMAND", "run this before each set, its id in SPHERECAL_SET (for a turntable, ...)")
+    to.add_argument("--continue", dest="take_up", action="store_true", help="continue an unfinished capture")
+
+
+def _add_producers(add: Add) -> None:
+    """`spherecal cameras build-producer` and `simulate-producer`."""
+    build = add(
+        "build-producer",
+        "Build a GenTL producer (.cti) for simulated cameras, or with --aravis for GigE Vision and USB3 Vision cameras "
+        "of any maker; needs a C++ compiler.",
+    )
+    flag(build, "--aravis", "for real cameras, by libaravis (Linux; libaravis-dev)")
+    output(build, "FOLDER", "also put a copy into this folder", required=False)
+
+    simulate = add(
+        "simulate-producer",
+        "Let any GenICam program see the cameras of a session through the simulated producer, until Ctrl-C. Commands "
+        "read from standard input: the name of a placement or bar pose, unplug SERIAL, plug SERIAL, pulse, quit.",
+    )
+    simulate.add_argument("session", nargs="?", type=Path, metavar="SESSION", help="default: the demo's session")
+    word(simulate, "--show", "SCENE", "placement or bar pose to begin with (default: the first)")
+    flag(simulate, "--running", "change the scene of cameras that are already running, and return")
+
+
+def add_simulate_gige(add: Add) -> None:
+    """`spherecal cameras simulate-gige`."""
+    simulate = add(
+        "simulate-gige",
+        "Simulate the GigE Vision cameras of a rig on this machine (Linux, root or user namespaces), until Ctrl-C. "
+        "Commands read from standard input: the name of a placement or bar pose, a fault, quit.",
+    )
+    text = "a preset of `spherecal simulate` or a folder; default: demo"
+    simulate.add_argument("rig", nargs="?", metavar="PRESET|SESSION", help=text)
+    number(simulate, "--cameras", "N", "only the first N (default: all, at most 12)", int)
+    word(simulate, "--show", "SCENE", "placement or bar pose to begin with (default: the first)")
+    number(simulate, "--mtu", "BYTES", "largest packet (default 1500)", int, default=1500)
+    word(simulate, "--run", "COMMAND", "run this on the rig's computer, and end with its exit code")

@@ -1,0 +1,208 @@
+"""Frames of videos for a calibration: those in which nothing moves and the image is sharp, of common moments.
+
+Frames i of all videos show one moment, or the times of all frames are known. Bringing videos together by sound is left
+to other programs.
+"""
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, cast
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from spherecal.base.arrays import FloatArray, IntArray
+from spherecal.base.context import Context
+from spherecal.base.errors import InputError
+from spherecal.base.messages.values import Phrase
+from spherecal.targets.images import LARGEST_MEGAPIXELS
+
+STAGE = "looking at videos"
+_WIDTH_PX = 480  # at which frames are judged: a blur of 2 px of a full HD frame still shows
+_SMALL_PX = (40, 30)
+_MOST_FRAMES = 50_000  # half an hour
+# A frame within this factor of the stillest one of its stretch is as still: the noise of the measure itself is 10 %
+# between frames of a camera that sees a wall.
+_AS_STILL = 1.25
+# Two frames that differ by less than this many times what two successive still ones do show the same.
+_SAME = 2.0
+_SAME_GREY = 0.2
+# What the container formats begin with; anything else, such as a play list that leads elsewhere, is not opened.
+_MAGIC = ((4, b"ftyp"), (4, b"moov"), (4, b"mdat"), (4, b"wide"), (0, b"RIFF"), (0, b"\x1aE\xdf\xa3"))
+
+
+# Successive frames of a camera are at most 1.2 times its usual interval apart where none was dropped; the nearest frame
+# is then within 0.6 of it.
+_NEAR = 0.6
+
+
+@dataclass(frozen=True)
+class ChosenFrames:
+    """Frames of common moments: each camera's ascending frame numbers, a moment each, and its image size (px).
+
+    `apart_s`: how far apart the frames of a moment are at most, where their times are known.
+    """
+
+    numbers: Mapping[str, list[int]]
+    sizes: Mapping[str, tuple[int, int]]
+    apart_s: float | None
+
+
+@dataclass(frozen=True)
+class _Watched:
+    """A video frame by frame: motion to the frame before (n,), sharpness (n,), small images (n,h,w), size in px."""
+
+    motion: FloatArray
+    sharpness: FloatArray
+    small: NDArray[np.uint8]
+    size: tuple[int, int]
+
+
+def choose_frames(
+    videos: Mapping[str, Path], most: int, context: Context, times: Mapping[str, FloatArray] | None = None
+) -> ChosenFrames:
+    """The frames of common moments that serve in all videos.
+
+    The recording is cut into as many stretches as moments are wanted. Of each the sharpest of its stillest frames is
+    taken, unless it shows the same as the one before.
+
+    `times` None: frames i of all videos show one moment.
+    """
+    watched = {}
+    for number, (camera, path) in enumerate(videos.items()):
+        context.report(STAGE, 0.7 * number / len(videos), path.name)
+        watched[camera] = _watch(path, context)
+    counts = {camera: len(one.motion) for camera, one in watched.items()}
+    if times is None and len(set(counts.values())) > 1:
+        shown = ", ".join(f"{videos[camera].name} {count}" for camera, count in counts.items())
+        raise InputError(Phrase("error-frame-counts", {"counts": shown}))
+    for camera, own in ({} if times is None else times).items():
+        if len(own) != counts[camera]:
+            values = {"video": videos[camera].name, "frames": counts[camera], "times": len(own)}
+            raise InputError(Phrase("error-frame-times-count", values))
+    if times is None:
+        moments = np.tile(np.arange(min(counts.values()))[:, None], len(watched))
+    else:
+        moments = common_moments([times[camera] for camera in watched])
+    if not len(moments):
+        raise InputError(Phrase("error-no-common-moment", {"videos": [path.name for path in videos.values()]}))
+    chosen = moments[_chosen(list(watched.values()), moments, most)]
+    apart = None
+    if times is not None:
+        taken = np.array([times[camera][own] for camera, own in zip(watched, chosen.T, strict=True)])
+        apart = float(np.ptp(taken, axis=0).max())
+    numbers = {camera: own.tolist() for camera, own in zip(watched, chosen.T, strict=True)}
+    return ChosenFrames(numbers, {camera: one.size for camera, one in watched.items()}, apart)
+
+
+def common_moments(times: Sequence[NDArray[np.floating[Any]]]) -> IntArray:
+    """Frames of one moment (moments, cameras): of the slowest camera, each with the nearest frame of every other.
+
+    Moments at which a camera has no frame near are left out, and no frame belongs to two moments.
+    """
+    usual = [float(np.median(np.diff(own))) for own in times]
+    clock = times[int(np.argmax(usual))]
+    moments, near = [], np.full(len(clock), True)
+    for own, interval in zip(times, usual, strict=True):
+        after = np.clip(np.searchsorted(own, clock), 1, len(own) - 1)
+        nearest = np.where(clock - own[after - 1] <= own[after] - clock, after - 1, after)
+        near &= np.abs(own[nearest] - clock) <= _NEAR * interval
+        moments.append(nearest)
+    found = np.array(moments).T[near]
+    return found[np.append(True, (np.diff(found, axis=0) > 0).all(axis=1))[: len(found)]]
+
+
+def keep_frames(path: Path, frames: Sequence[int], keep: Callable[[int, bytes], None], context: Context) -> None:
+    """Pass some frames of a video on as grey PNG files, in ascending order.
+
+    `keep`: called with the number and the PNG's bytes of each frame.
+    """
+    wanted = set(frames)
+    for number, grey in enumerate(_frames(path)):
+        if number in wanted:
+            context.report(STAGE, 0.85, Phrase("frame-of", {"file": path.name, "frame": number}))
+            done, data = cv2.imencode(".png", grey)
+            if not done:
+                raise InputError(Phrase("error-frame-not-kept", {"file": path, "frame": number}))
+            keep(number, data.tobytes())
+        if number >= max(wanted):
+            break
+
+
+@contextmanager
+def _opened(path: Path) -> Iterator[cv2.VideoCapture]:
+    head = b""
+    if path.is_file():  # opening a pipe would wait
+        with path.open("rb") as file:
+            head = file.read(16)
+    if not any(head[at : at + len(magic)] == magic for at, magic in _MAGIC):
+        raise InputError(Phrase("error-not-video", {"file": path}))
+    video = cv2.VideoCapture(str(path), cv2.CAP_FFMPEG)
+    try:
+        width, height = (video.get(one) for one in (cv2.CAP_PROP_FRAME_WIDTH, cv2.CAP_PROP_FRAME_HEIGHT))
+        if not video.isOpened() or width * height > LARGEST_MEGAPIXELS * 1e6:
+            raise InputError(Phrase("error-unreadable-video", {"file": path}))
+        yield video
+    finally:
+        video.release()
+
+
+def _frames(path: Path) -> Iterator[NDArray[np.uint8]]:
+    """The frames as grey images."""
+    with _opened(path) as video:
+        video.set(cv2.CAP_PROP_ORIENTATION_AUTO, 0)  # as the sensor has them, like images
+        for _ in range(_MOST_FRAMES):
+            there, frame = video.read()
+            if not there:
+                return
+            grey = frame if frame.ndim == 2 else cv2.cvtColor(frame, cv2.COLOR_BGR2GRAY)
+            yield cast(NDArray[np.uint8], grey)
+    raise InputError(Phrase("error-long-video", {"file": path, "most": _MOST_FRAMES}))
+
+
+def _watch(path: Path, context: Context) -> _Watched:
+    motion, sharpness, small = [0.0], [], []
+    before, size = None, (0, 0)
+    for grey in _frames(path):
+        if len(sharpness) % 50 == 0:
+            context.check()
+        size = grey.shape[1], grey.shape[0]
+        scale = min(1.0, _WIDTH_PX / size[0])
+        judged = cv2.resize(grey, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
+        sharpness.append(float(cv2.Laplacian(judged, cv2.CV_32F, ksize=3).var()))
+        if before is not None:
+            motion.append(float(cv2.absdiff(judged, before).mean()))
+        before = judged
+        small.append(cv2.resize(judged, _SMALL_PX, interpolation=cv2.INTER_AREA))
+    if len(sharpness) < 2:
+        raise InputError(Phrase("error-short-video", {"file": path, "frames": len(sharpness)}))
+    motion[0] = motion[1]
+    return _Watched(np.array(motion), np.array(sharpness), np.array(small, dtype=np.uint8), size)
+
+
+def _chosen(watched: Sequence[_Watched], moments: IntArray, most: int) -> list[int]:
+    """Which rows of `moments` (n, cameras) to take."""
+    count = len(moments)
+    moved, sharp = np.zeros(count), np.full(count, np.inf)
+    for one, own in zip(watched, moments.T, strict=True):
+        both = np.maximum(one.motion, np.append(one.motion[1:], one.motion[-1]))  # before and after the frame
+        moved = np.maximum(moved, both[own] / max(float(np.median(both)), 1e-6))
+        sharp = np.minimum(sharp, one.sharpness[own] / max(float(np.percentile(one.sharpness, 90)), 1e-6))
+    chosen: list[int] = []
+    for stretch in np.array_split(np.arange(count), min(most, count)):
+        still = stretch[moved[stretch] <= _AS_STILL * moved[stretch].min()]
+        best = int(still[np.argmax(sharp[still])])
+        before = moments[chosen[-1]] if chosen else ()
+        if not chosen or not all(map(_same, watched, moments[best], before)):
+            chosen.append(best)
+    return chosen
+
+
+def _same(one: _Watched, a: int, b: int) -> bool:
+    """Whether two frames show the same: they differ like successive still ones, as seen in the small images."""
+    steps = np.abs(one.small[1:].astype(np.int16) - one.small[:-1]).mean(axis=(1, 2))
+    difference = np.abs(one.small[a].astype(np.int16) - one.small[b]).mean()
+    return bool(difference <= _SAME * np.percentile(steps, 5) + _SAME_GREY)

@@ -1,0 +1,138 @@
+"""The 1-D method: a bar with two or more marks waved through the volume in many frames.
+
+Pairs of cameras are solved from the marks they share and chained by shortest paths. Then everything is adjusted
+together with the bar's lengths as rows; the cameras' intrinsics are known or free. After Deng et al. and Sun et al.,
+with whose methods [Tao21] compares.
+"""
+
+import numpy as np
+
+from spherecal.adjust.network import free_network
+from spherecal.adjust.state import State
+from spherecal.base.arrays import IntArray
+from spherecal.base.context import Context, Stopwatch
+from spherecal.data.findings import Finding
+from spherecal.data.lens_model import estimated_intrinsics
+from spherecal.data.observations import Features, find_features
+from spherecal.data.rig import Calibration, RigScale
+from spherecal.data.session import Session
+from spherecal.detect.session_images import observed
+from spherecal.steps.settings import CalibrationSettings
+from spherecal_boards.bar_adjustment import BarAdjusted, BarNetwork, adjust_bar, chain_pairs, residuals_px
+from spherecal_boards.bar_marks import BarRecording, bar_recording, known_lengths, scale_bar, standard_uncertainty
+from spherecal_boards.bar_start import LEAST_COMMON, BarStart, start_from_pairs
+from spherecal_boards.findings import common_findings, scale_finding, unlinked
+from spherecal_boards.result import Fit, assemble_fit, assemble_nothing
+
+METHOD = "bar"
+# With fewer frames in which both ends were measured the scale and the focal lengths hang on single images.
+FEW_FRAMES = 50
+
+
+def calibrate_bar(
+    session: Session, settings: CalibrationSettings | None = None, context: Context | None = None
+) -> Calibration:
+    """The rig calibrated by the poses of the bar that gives the session's scale; placements of a ball are not used.
+
+    Cameras that share too few marks with the rest are left out and the result is not valid.
+
+    `settings` None for the defaults; `context` None for neither.
+    """
+    settings, context, watch = settings or CalibrationSettings(), context or Context(), Stopwatch()
+    bar = scale_bar(session)
+    if session.observations is None:
+        session = observed(session, context, bar_poses_only=True)
+        watch.lap("detection")
+    recording = bar_recording(session, bar)
+    o = recording.observations
+    known = np.array([camera.prior for camera in session.cameras])
+    free = estimated_intrinsics(session, settings.intrinsics == "free")
+    names = [c.id if settings.own_intrinsics else c.intrinsics_group for c in session.cameras]
+    group = np.unique(names, return_inverse=True)[1].reshape(-1)
+    network = free_network(recording.point, o.camera, o.uv, recording.n_points, free, group).with_sigma(o.sigma)
+    every = known_lengths(session, recording, np.bincount(recording.point, minlength=recording.n_points) >= 2)
+    start = start_from_pairs(recording, every, known, settings.seed, context)
+    watch.lap("pairs of cameras")
+    features = find_features(o)
+    linking = unlinked(o.cameras, start.linked, start.placed, "bar", LEAST_COMMON)
+    if not start.placed.any():
+        lost = Finding("nothing-reconstructed", "error", {"least": LEAST_COMMON}, kind="bar")
+        return assemble_nothing(session, o, features, [lost, *linking], METHOD, watch.seconds)
+    work = BarNetwork(session, recording, network, known, start.reference, start.placed)
+    rotation = np.where(start.placed[:, None, None], start.rotation, np.eye(3))
+    translation = np.where(start.placed[:, None], start.translation, 0.0)
+    state = State(rotation, translation, known.copy(), np.full((recording.n_points, 3), np.nan))
+    adjusted = adjust_bar(work, state, context) if settings.joint else chain_pairs(work, state, start.parents, context)
+    watch.lap("joint adjustment")
+    return _result(work, start, adjusted, features, linking, watch.seconds)
+
+
+def _result(
+    work: BarNetwork,
+    start: BarStart,
+    adjusted: BarAdjusted,
+    features: Features,
+    findings: list[Finding],
+    seconds: dict[str, float],
+) -> Calibration:
+    recording, network, session = work.recording, work.network, work.session
+    o = recording.observations
+    at = _points_of(features, recording)
+    cofactor = np.full((recording.n_points, 3, 3), np.nan)
+    if adjusted.covariance is not None:
+        cofactor[adjusted.points] = adjusted.covariance.points
+    residual = residuals_px(network, adjusted.state)
+    residual[~start.placed[o.camera]] = np.nan
+    placed = start.placed & (np.bincount(o.camera[adjusted.used], minlength=len(start.placed)) > 0)
+    fit = Fit(
+        o,
+        features,
+        start.reference,
+        placed,
+        adjusted.state,
+        adjusted.model.problem,
+        adjusted.covariance,
+        adjusted.state.points[at],
+        cofactor[at],
+        residual,
+        adjusted.used,
+        adjusted.variance,
+        adjusted.minimum.converged,
+        adjusted.has_prior,
+        adjusted.joint,
+    )
+    scale = RigScale("none", None)
+    if adjusted.covariance is not None and np.isfinite(adjusted.variance):
+        noise = np.sqrt(adjusted.variance) * adjusted.covariance.relative_scale
+        scale = RigScale("bar", float(np.hypot(noise, _certificate(adjusted, recording))))
+    findings = [*findings, *common_findings(session, fit, "bar"), *_about_frames(adjusted, recording)]
+    if scale.relative_uncertainty is not None:
+        findings.append(scale_finding("waved-bar", scale.relative_uncertainty))
+    return assemble_fit(session, fit, scale, findings, METHOD, seconds)
+
+
+def _points_of(features: Features, recording: BarRecording) -> IntArray:
+    """The problem's point of every feature, (m,)."""
+    point = np.empty(len(features), dtype=np.int64)
+    point[features.of_observation] = recording.point
+    return point
+
+
+def _certificate(adjusted: BarAdjusted, recording: BarRecording) -> float:
+    """The certificates' share of the scale's relative uncertainty, which no number of frames averages."""
+    lengths = adjusted.model.lengths
+    share = np.bincount(
+        lengths.certificate, (lengths.length / lengths.sigma) ** 2, minlength=len(recording.bar.lengths)
+    )
+    relative = np.array([standard_uncertainty(c) / c.length_mm for c in recording.bar.lengths])
+    return float(np.sqrt(((share / share.sum()) ** 2 * relative**2).sum()))
+
+
+def _about_frames(adjusted: BarAdjusted, recording: BarRecording) -> list[Finding]:
+    frames = len(np.unique(adjusted.model.lengths.frame))
+    where = (recording.bar.id,)
+    if not frames:
+        return [Finding("no-scale", "error", where=where, kind="no-frame")]
+    if frames >= FEW_FRAMES:
+        return []
+    return [Finding("few-frames", "warning", {"frames": frames, "usual": 20 * FEW_FRAMES}, where)]

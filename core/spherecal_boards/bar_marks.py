@@ -1,0 +1,174 @@
+"""The marks of a waved bar: which observations show them, and the known lengths between them frame by frame."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from spherecal.base.arrays import BoolArray, FloatArray, IntArray
+from spherecal.base.errors import InputError
+from spherecal.base.messages.values import Phrase
+from spherecal.data.observations import Observations
+from spherecal.data.session import Bar, BarLength, Mark, Session
+from spherecal.verify.uncertainty import reference_length
+from spherecal_boards.bar_model import Lengths
+
+# A certificate of micrometres ties marks as if they were one body; no real bar is stiffer while it is waved.
+_LEAST_TIE_MM = 1e-3
+_LEAST_DOTS = 4
+
+
+@dataclass(frozen=True)
+class BarRecording:
+    """What the cameras saw of the bar: observation i is of point `point[i]` = frame * slots + slot.
+
+    `slot_target` and `slot_point` (s,) (index of the point's name) say what a slot is, `pose` (f,) which placement
+    index of the observations a frame is.
+    """
+
+    bar: Bar
+    observations: Observations
+    point: IntArray
+    slot_target: IntArray
+    slot_point: IntArray
+    pose: IntArray
+    temperature_c: tuple[float | None, ...]
+
+    @property
+    def slots(self) -> int:
+        """Points of a frame."""
+        return len(self.slot_target)
+
+    @property
+    def n_frames(self) -> int:
+        """How many frames."""
+        return len(self.pose)
+
+    @property
+    def n_points(self) -> int:
+        """Points of all frames, seen or not."""
+        return self.slots * self.n_frames
+
+
+def scale_bar(session: Session) -> Bar:
+    """The bar that the session's scale names."""
+    scale = session.scale
+    if scale is None or scale.kind != "bar":
+        raise InputError(Phrase("error-bar-needed", {"folder": session.where}))
+    bar = next(bar for bar in session.bars if bar.id == scale.bar)
+    if not any(pose.bar == bar.id for pose in session.bar_poses):
+        raise InputError(Phrase("error-no-bar-poses", {"folder": session.where, "bar": bar.id}))
+    return bar
+
+
+def bar_recording(session: Session, bar: Bar) -> BarRecording:
+    """The observations of a bar's marks in all of its poses.
+
+    Marks are observed by their own names, or as dots of targets whose origins they are.
+    """
+    o = session.observations
+    assert o is not None
+    first = len(session.placements)
+    poses = [(first + i, pose) for i, pose in enumerate(session.bar_poses) if pose.bar == bar.id]
+    frame_of = np.full(len(o.placements), -1)
+    frame_of[[index for index, _ in poses]] = np.arange(len(poses))
+    requested = [mark.target for mark in bar.marks.values()]
+    keep = (frame_of[o.placement] >= 0) & np.isin(o.target, requested)
+    # a mark observed under its own name needs no dots
+    named = {(mark.target, mark.point) for mark in bar.marks.values()}
+    own = o.select(keep)
+    kinds = np.unique(np.stack([own.target, own.point]), axis=1) if len(own) else np.zeros((2, 0), dtype=np.int64)
+    slots = [
+        (int(t), int(p))
+        for t, p in kinds.T
+        if (int(t), o.points[p]) in named or (_layout(session, int(t)) is not None and _by_dots(bar, int(t)))
+    ]
+    if not slots:
+        raise InputError(Phrase("error-no-marks", {"folder": session.where, "bar": bar.id}))
+    lookup = {slot: i for i, slot in enumerate(slots)}
+    slot = np.array([lookup.get(key, -1) for key in zip(own.target.tolist(), own.point.tolist(), strict=True)])
+    own, slot = own.select(slot >= 0), slot[slot >= 0]
+    return BarRecording(
+        bar,
+        own,
+        frame_of[own.placement] * len(slots) + slot,
+        np.array([t for t, _ in slots]),
+        np.array([p for _, p in slots]),
+        np.array([index for index, _ in poses]),
+        tuple(pose.temperature_c for _, pose in poses),
+    )
+
+
+def known_lengths(session: Session, recording: BarRecording, seen: BoolArray) -> Lengths:
+    """The certified lengths of every frame both of whose ends are given by points that are `seen`.
+
+    `seen`: points that are known, (points,) in the order of frames and slots.
+    """
+    seen = seen.reshape(recording.n_frames, recording.slots)
+    parts: list[Lengths] = []
+    for number, certified in enumerate(recording.bar.lengths):
+        ends = [
+            _end(session, recording, recording.bar.marks[name], seen)
+            for name in (certified.from_mark, certified.to_mark)
+        ]
+        both = np.flatnonzero(np.isfinite(ends[0][:, 0]) & np.isfinite(ends[1][:, 0]))
+        length = np.array([reference_length(certified, recording.bar, t) for t in recording.temperature_c])
+        standard = max(standard_uncertainty(certified), _LEAST_TIE_MM)
+        parts.append(
+            Lengths(
+                both, (ends[1] - ends[0])[both], length[both], np.full(len(both), standard), np.full(len(both), number)
+            )
+        )
+    return Lengths(
+        *(
+            np.concatenate([getattr(part, name) for part in parts])
+            for name in ("frame", "coefficient", "length", "sigma", "certificate")
+        )
+    )
+
+
+def standard_uncertainty(certified: BarLength) -> float:
+    """A certificate's standard uncertainty in mm."""
+    return certified.expanded_uncertainty_mm / certified.coverage_factor
+
+
+def _by_dots(bar: Bar, target: int) -> bool:
+    """Whether a target's origin is a mark, to be found from its dots."""
+    return any(mark.target == target and mark.point == "centre" for mark in bar.marks.values())
+
+
+def _layout(session: Session, target: int) -> dict[str, FloatArray] | None:
+    return session.target_set.layouts.get(target) if session.target_set is not None else None
+
+
+def _end(session: Session, recording: BarRecording, mark: Mark, seen: BoolArray) -> FloatArray:
+    """Coefficients (f,s) that give a mark in every frame; NaN where it cannot be found."""
+    names = recording.observations.points
+    of_target = recording.slot_target == mark.target
+    direct = [i for i in np.flatnonzero(of_target) if names[recording.slot_point[i]] == mark.point]
+    out = np.full(seen.shape, np.nan)
+    if direct:
+        out[seen[:, direct[0]]] = np.eye(seen.shape[1])[direct[0]]
+    layout = _layout(session, mark.target)
+    if mark.point != "centre" or layout is None:
+        return out
+    dots = np.array([i for i in np.flatnonzero(of_target) if names[recording.slot_point[i]] in layout], dtype=np.int64)
+    flat = np.array([layout[names[recording.slot_point[i]]] for i in dots]).reshape(-1, 2)
+    todo = np.flatnonzero(np.isnan(out[:, 0]))
+    patterns, which = np.unique(seen[todo][:, dots], axis=0, return_inverse=True)
+    for number, pattern in enumerate(patterns):
+        coefficient = _origin_of(flat[pattern])
+        if coefficient is not None:
+            row = np.zeros(seen.shape[1])
+            row[dots[pattern]] = coefficient
+            out[todo[which.reshape(-1) == number]] = row
+    return out
+
+
+def _origin_of(flat: FloatArray) -> FloatArray | None:
+    """Coefficients (k,), of least norm, by which dots at flat (k,2) give their layout's origin; None without any."""
+    if len(flat) < _LEAST_DOTS:
+        return None
+    rows = np.vstack([np.ones(len(flat)), flat.T])
+    if np.linalg.matrix_rank(flat - flat.mean(axis=0), tol=1.0) < 2:  # in line, to a millimetre
+        return None
+    return np.asarray(np.linalg.pinv(rows)[:, 0], dtype=np.float64)

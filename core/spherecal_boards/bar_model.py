@@ -1,0 +1,99 @@
+"""A waved bar as frames: the marks (or the dots of its marks) of one instant, tied by the bar's certified lengths."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from spherecal.adjust import engine
+from spherecal.adjust.problem import Problem
+from spherecal.adjust.state import State
+from spherecal.base.arrays import BoolArray, FloatArray, IntArray
+from spherecal_boards.frames import Ties
+from spherecal_boards.frames_covariance import PointRows
+
+
+@dataclass(frozen=True)
+class Lengths:
+    """Known distances inside frames: frame (m,), coefficients (m,s) of its slots, length (m,) and sigma (m,) in mm.
+
+    The coefficients of a row are those of its second end less those of its first. An end is a slot, or the origin of a
+    target that its dots give as a weighted sum. `certificate` (m,) is which certified length a row is.
+    """
+
+    frame: IntArray
+    coefficient: FloatArray
+    length: FloatArray
+    sigma: FloatArray
+    certificate: IntArray
+
+    def select(self, keep: BoolArray) -> "Lengths":
+        """Some of the rows, (m,) bool."""
+        return Lengths(
+            self.frame[keep], self.coefficient[keep], self.length[keep], self.sigma[keep], self.certificate[keep]
+        )
+
+
+@dataclass(frozen=True)
+class BarModel:
+    """The frames of a bar (see frames.FrameModel): point `frame * slots + slot`, three unknowns a slot."""
+
+    problem: Problem
+    slots: int
+    lengths: Lengths
+
+    @property
+    def part(self) -> IntArray:
+        """The point of every observation."""
+        return self.problem.point
+
+    @property
+    def n_frames(self) -> int:
+        """How many frames."""
+        return self.problem.n_points // self.slots
+
+    @property
+    def parts(self) -> int:
+        """The slots of a frame."""
+        return self.slots
+
+    def residuals(self, state: State) -> FloatArray:
+        """Weighted residuals (n,2)."""
+        return engine.residuals(self.problem, state)
+
+    def linearise(self, state: State, robust: FloatArray | None) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Weighted residuals (n,2), derivatives by camera (n,2,w) and by the point (n,2,3).
+
+        `robust`: multiplies the rows of each observation, (n,); None for 1.
+        """
+        linear = engine.linearise(self.problem, state, robust)
+        return linear.residual, linear.by_camera, linear.by_point
+
+    def ties(self, state: State) -> Ties:
+        """The lengths' rows, over their standard uncertainties."""
+        difference = self.differences(state)
+        size = np.linalg.norm(difference, axis=1)
+        along = difference / (size * self.lengths.sigma)[:, None]
+        rows = (self.lengths.coefficient[:, :, None] * along[:, None]).reshape(len(size), -1)
+        return Ties(self.lengths.frame, rows, (size - self.lengths.length) / self.lengths.sigma)
+
+    def differences(self, state: State) -> FloatArray:
+        """From each length's first end to its second, (m,3)."""
+        points = state.points.reshape(-1, self.slots, 3)[self.lengths.frame]
+        return np.einsum("ms,msi->mi", self.lengths.coefficient, points)
+
+    def moved_frames(self, state: State, step: FloatArray) -> State:
+        """The state with its points moved by their steps.
+
+        `state`, `step`: the state, and the shifts of each frame's slots, (f,3s).
+        """
+        return replace(state, points=state.points + step.reshape(-1, 3))
+
+    def point_rows(self, state: State, points: IntArray) -> PointRows:
+        """Points of the problem in the world, and how they follow their frames; all define the datum.
+
+        `points`: the points, (p,) indices.
+        """
+        by_frame = np.zeros((len(points), self.slots, 3, 3))
+        by_frame[np.arange(len(points)), points % self.slots] = np.eye(3)
+        by_frame = by_frame.transpose(0, 2, 1, 3).reshape(len(points), 3, -1)
+        return PointRows(points // self.slots, state.points[points], by_frame, np.ones(len(points), dtype=bool))

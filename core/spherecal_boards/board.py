@@ -1,0 +1,277 @@
+"""The classical method: a plane board (or any rigid figure of known points) shown to the cameras in many placements.
+
+Each camera is calibrated alone and chained in overlapping groups of four; then everything is adjusted together.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+
+from spherecal.adjust.state import State
+from spherecal.base.arrays import BoolArray, IntArray
+from spherecal.base.context import Context, Stopwatch
+from spherecal.base.errors import InputError
+from spherecal.base.messages.values import Phrase
+from spherecal.data.findings import Finding
+from spherecal.data.lens_model import estimated_intrinsics
+from spherecal.data.observations import Features, Observations
+from spherecal.data.rig import Calibration, RigScale
+from spherecal.data.session import Session
+from spherecal.steps.settings import CalibrationSettings
+from spherecal_boards.board_adjustment import (
+    BoardNetwork,
+    ViewPoses,
+    adjust_boards,
+    board_points,
+    leave_chained,
+    residuals_px,
+)
+from spherecal_boards.board_chain import BoardStart, Links, chain, find_links, whole
+from spherecal_boards.board_images import BoardImages, find_boards
+from spherecal_boards.board_model import BoardViews, board_views
+from spherecal_boards.board_pattern import board_uncertainty, read_board_pattern, shape_estimated
+from spherecal_boards.board_shape import BoardSolution, estimated_solution, nominal_solution, shape_finding
+from spherecal_boards.board_start import LEAST_POINTS, poses, start_intrinsics, usable_views
+from spherecal_boards.eccentricity import eccentricity
+from spherecal_boards.findings import common_findings, scale_finding, unlinked
+from spherecal_boards.result import Fit, assemble_fit, assemble_nothing, groups_of
+
+METHOD = "board"
+
+
+def calibrate_board(
+    session: Session, settings: CalibrationSettings | None = None, context: Context | None = None
+) -> Calibration:
+    """The rig calibrated by the session's board, from observations or images of its placements.
+
+    Points are the board's at every placement. Cameras that share no placement with the rest are left out and the result
+    is not valid.
+
+    `settings` None for the defaults; `context` None for neither.
+    """
+    settings, context, watch = settings or CalibrationSettings(), context or Context(), Stopwatch()
+    board = session.board
+    if board is None:
+        raise InputError(Phrase("error-board-needed", {"folder": session.where}))
+    images = None
+    if session.observations is None:
+        images = find_boards(session, read_board_pattern(session), context)
+        session = replace(session, observations=images.observations)
+        watch.lap("detection")
+    observations, point, foreign = _on_board(session)
+    points_mm = np.array([p.xyz_mm for p in board])
+    views = board_views(observations, points_mm, point)
+    free = estimated_intrinsics(session, settings.intrinsics == "free")
+    start = _start(session, views, free, context)
+    if images is not None and np.isfinite(images.diameter):
+        radius = (read_board_pattern(session).dot_diameter_mm or images.diameter * _pitch(session)) / 2
+        views = replace(views, uv=views.uv - eccentricity(views, start.poses, start.intrinsics, radius))
+        observations = replace(observations, uv=views.uv)
+        start = _start(session, views, free, context)
+    watch.lap("each camera alone")
+
+    names = [c.id if settings.own_intrinsics else c.intrinsics_group for c in session.cameras]
+    group = np.unique(names, return_inverse=True)[1].reshape(-1)
+    findings = _about_observations(session, images, foreign)
+    if not start.poses:
+        features = _features(observations, session, point, np.zeros(0, dtype=np.int64))[0]
+        return _nothing(session, observations, features, findings, watch.seconds)
+    network, state, groups = _chained(session, views, start, free, group, context)
+    placed = np.isfinite(state.translation[:, 0])
+    solution, about_shape = _adjusted(session, network, state, start.candidates, context, settings.joint)
+    watch.lap("joint adjustment")
+    findings += _linking(session, start.poses, placed, views)
+    findings += [*about_shape, *_groups_finding(session, groups)]
+    session = replace(session, observations=observations)
+    return _result(session, solution, network, placed, findings, watch.seconds)
+
+
+def _pitch(session: Session) -> float:
+    return read_board_pattern(session).pitch_mm
+
+
+def _on_board(session: Session) -> tuple[Observations, IntArray, int]:
+    """The placements' observations of board points, the board point of each (n,), and the number of other ones."""
+    o, board = session.observations, session.board
+    assert o is not None and board is not None
+    names = tuple(sorted(set(o.points) | {p.point for p in board}))
+    index = {(p.target, names.index(p.point)): i for i, p in enumerate(board)}
+    to_new = np.array([names.index(name) for name in o.points], dtype=np.int64)
+    o = replace(o, points=names, point=to_new[o.point] if len(o) else o.point)
+    on_placement = o.placement < len(session.placements)
+    keys = zip(o.target.tolist(), o.point.tolist(), strict=True)
+    point = np.fromiter((index.get(key, -1) for key in keys), np.int64, len(o))
+    keep = on_placement & (point >= 0)
+    if not keep.any():
+        raise InputError(Phrase("error-no-board-points", {"folder": session.where}))
+    return o.select(keep), point[keep], int((on_placement & (point < 0)).sum())
+
+
+def _start(session: Session, views: BoardViews, free: BoolArray, context: Context) -> BoardStart:
+    every = np.ones(len(views), dtype=bool)
+    usable = usable_views(views, every)
+    intrinsics = start_intrinsics(views, usable, session.cameras, free, context)
+    found = {view: poses(views, views.of(*view), intrinsics[view[0]]) for view in usable}
+    found = {view: some for view, some in found.items() if some}
+    candidates = np.zeros(len(views), dtype=bool)
+    for view in found:
+        candidates[views.of(*view)] = True
+    return BoardStart(intrinsics, candidates, found)
+
+
+def _assumed(session: Session) -> BoolArray:
+    """Cameras (c,) whose focal length is only assumed."""
+    return np.array(["focal_length" in camera.assumed for camera in session.cameras])
+
+
+def _chained(
+    session: Session, views: BoardViews, start: BoardStart, free: BoolArray, group: IntArray, context: Context
+) -> tuple[BoardNetwork, State, list[list[int]]]:
+    """The network, its state with NaN for cameras and placements that are not linked, and the groups behind it."""
+    links = find_links(views, start.poses, start.intrinsics, context)
+    known = np.array([camera.prior for camera in session.cameras])
+    known = np.where(_assumed(session)[:, None], start.intrinsics, known)  # nobody knows better than the first images
+    network = BoardNetwork(views, free, group, known, _reference(links, start.poses, views))
+    state, groups = chain(network, start, links, context)
+    placed = np.isfinite(state.translation[:, 0])
+    count = np.bincount(views.camera[start.candidates], minlength=len(placed))
+    for g in np.unique(group):  # who shares intrinsics starts from one set of them
+        members = np.flatnonzero((group == g) & placed)
+        if len(members) > 1:
+            state.intrinsics[members] = state.intrinsics[members[np.argmax(count[members])]]
+    return network, state, groups
+
+
+def _adjusted(
+    session: Session, network: BoardNetwork, state: State, candidates: BoolArray, context: Context, joint: bool
+) -> tuple[BoardSolution, list[Finding]]:
+    """The joint adjustment with the board's points fixed or estimated, and the findings on its shape."""
+    views = network.views
+    linked = np.isfinite(state.translation[views.camera, 0])
+    linked &= np.isfinite(state.placement_translation[views.placement, 0])
+    if not joint:
+        return nominal_solution(leave_chained(network, whole(state), candidates & linked, context)), []
+    adjusted = adjust_boards(network, whole(state), candidates & linked, linked, context)
+    if not shape_estimated(session):
+        return nominal_solution(adjusted), shape_finding(adjusted)
+    solution = estimated_solution(network, adjusted, linked, context)
+    return solution, [Finding("board-shape-estimated", "info", {"off_mm": solution.print_mm})]
+
+
+def _reference(links: Links, found: ViewPoses, views: BoardViews) -> int:
+    """The camera of the largest linked group that shares most placements with its neighbours."""
+    linked = np.zeros((views.n_cameras, views.n_cameras), dtype=np.int64)
+    seen = np.zeros(views.n_cameras, dtype=np.int64)
+    for camera, _ in found:
+        seen[camera] += 1
+    for a, b in links:
+        linked[a, b] = sum((a, t) in found and (b, t) in found for t in range(views.n_placements))
+    largest = max(groups_of(linked, np.zeros(views.n_cameras, dtype=bool)), key=lambda g: (len(g), seen[g].sum()))
+    return int(max(largest, key=lambda c: (linked[c].sum(), seen[c], -c)))
+
+
+def _features(
+    observations: Observations, session: Session, point: IntArray, placements: IntArray
+) -> tuple[Features, IntArray, IntArray]:
+    """Features: all board points at `placements`, and all others observed; their placement and board point."""
+    board = session.board
+    assert board is not None
+    count = len(board)
+    key = np.union1d(observations.placement * count + point, (placements[:, None] * count + np.arange(count)).ravel())
+    placement, of_board = (part.astype(np.int64) for part in np.divmod(key, count))
+    target = np.array([p.target for p in board])[of_board]
+    name = np.array([observations.points.index(p.point) for p in board])[of_board]
+    order = np.lexsort((name, target, placement))
+    rank = np.empty(len(order), dtype=np.int64)
+    rank[order] = np.arange(len(order))
+    of_observation = rank[np.searchsorted(key, observations.placement * count + point)]
+    features = Features(placement[order], target[order], name[order], of_observation)
+    return features, placement[order], of_board[order]
+
+
+def _result(
+    session: Session,
+    solution: BoardSolution,
+    network: BoardNetwork,
+    placed: BoolArray,
+    findings: list[Finding],
+    seconds: dict[str, float],
+) -> Calibration:
+    observations, state, views, used = session.observations, solution.state, network.views, solution.used
+    assert observations is not None
+    residual = residuals_px(views, state)
+    placed = placed & (np.bincount(views.camera[used], minlength=len(placed)) > 0)
+    frame, point, _ = board_points(views, used)
+    shown = np.unique(frame)
+    residual[~(placed[views.camera] & np.isin(views.placement, shown))] = np.nan
+    features, placement, of_board = _features(observations, session, views.point, shown)
+    position = np.full((views.n_placements, len(views.points_mm)), -1)
+    position[frame, point] = np.arange(len(frame))
+    at = position[placement, of_board]
+    points = np.einsum("pij,pj->pi", state.placement_rotation[placement], state.points[of_board])
+    points = np.where((at >= 0)[:, None], points + state.placement_translation[placement], np.nan)
+    cofactor = np.full((len(features), 3, 3), np.nan)
+    if solution.covariance is not None:
+        cofactor = np.where((at >= 0)[:, None, None], solution.covariance.points[at], np.nan)
+    fit = Fit(
+        observations,
+        features,
+        network.reference,
+        placed,
+        state,
+        solution.problem,
+        solution.covariance,
+        points,
+        cofactor,
+        residual,
+        used,
+        solution.variance,
+        solution.converged,
+        solution.has_prior,
+        solution.joint,
+    )
+    scale = RigScale("board", None)
+    if solution.covariance is not None and np.isfinite(solution.variance):
+        own = board_uncertainty(session)
+        noise = float(
+            np.hypot(np.sqrt(solution.variance) * solution.covariance.relative_scale, solution.print_relative)
+        )
+        relative = float(np.hypot(noise, own or 0.0))
+        scale = RigScale("board", relative)
+        findings = [*findings, scale_finding("board" if own is None else "certified-board", relative)]
+    findings = [*findings, *common_findings(session, fit, "board")]
+    return assemble_fit(session, fit, scale, findings, METHOD, seconds)
+
+
+def _nothing(
+    session: Session, observations: Observations, features: Features, findings: list[Finding], seconds: dict[str, float]
+) -> Calibration:
+    lost = Finding("nothing-reconstructed", "error", {"least": LEAST_POINTS}, kind="board")
+    return assemble_nothing(session, observations, features, [lost, *findings], METHOD, seconds)
+
+
+def _about_observations(session: Session, images: BoardImages | None, foreign: int) -> list[Finding]:
+    found = []
+    if images is not None and images.missed:
+        shown = [Phrase("camera-at", {"camera": camera, "place": place}) for place, camera in images.missed[:8]]
+        values = {"missed": len(images.missed), "images": images.images, "shown": shown}
+        where = tuple(sorted({camera for _, camera in images.missed}))
+        kind = "more" if len(images.missed) > 8 else "all"
+        found.append(Finding("board-not-found", "info", values, where, kind=kind))
+    if foreign:
+        found.append(Finding("not-on-board", "warning", {"observations": foreign}))
+    return found
+
+
+def _linking(session: Session, found: ViewPoses, placed: BoolArray, views: BoardViews) -> list[Finding]:
+    seen = np.zeros((views.n_cameras, views.n_placements), dtype=np.int64)
+    for camera, placement in found:
+        seen[camera, placement] = 1
+    return unlinked(tuple(camera.id for camera in session.cameras), seen @ seen.T, placed, "board", LEAST_POINTS)
+
+
+def _groups_finding(session: Session, groups: list[list[int]]) -> list[Finding]:
+    if len(groups) < 2:
+        return []
+    named = [[session.cameras[c].id for c in group] for group in groups]
+    return [Finding("groups-of-cameras", "info", {"groups": named})]

@@ -1,0 +1,200 @@
+"""Cameras chained over a board: pairs, overlapping groups of four adjusted alone, groups joined in common cameras.
+
+[Tao21] calibrates four neighbouring cameras at a time by the 2-D method and chains them over cameras in common.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from spherecal.adjust.state import State
+from spherecal.base.arrays import BoolArray, FloatArray, IntArray
+from spherecal.base.context import Context
+from spherecal.geometry.camera import project
+from spherecal.geometry.posed import PosedCameras
+from spherecal.geometry.rotation import nearest_rotation
+from spherecal_boards.board_adjustment import BoardNetwork, ViewPoses, place_boards, robust_start
+from spherecal_boards.board_model import BoardViews
+from spherecal_boards.board_start import BoardPose
+
+GROUP_SIZE = 4
+# Placements that a pair's relative pose is taken from, and is tried on: more gain nothing and cost time squared.
+_DRAWN, _TRIED = 6, 12
+
+
+@dataclass(frozen=True)
+class Link:
+    """The pose of camera b in the frame of camera a: `x_b = rotation @ x_a + translation`; its weight as an edge."""
+
+    rotation: FloatArray
+    translation: FloatArray
+    weight: float
+
+
+Links = dict[tuple[int, int], Link]
+
+
+@dataclass(frozen=True)
+class BoardStart:
+    """What each camera alone gives: intrinsics (c,16), the usable observations (n,), poses of every view."""
+
+    intrinsics: FloatArray
+    candidates: BoolArray
+    poses: ViewPoses
+
+
+def common_placements(found: ViewPoses, n_cameras: int, n_placements: int) -> IntArray:
+    """In how many placements each two cameras see the board together, (c,c)."""
+    seen = np.zeros((n_cameras, n_placements), dtype=np.int64)
+    for camera, placement in found:
+        seen[camera, placement] = 1
+    return seen @ seen.T
+
+
+def find_links(views: BoardViews, found: ViewPoses, intrinsics: FloatArray, context: Context) -> Links:
+    """The relative poses of all pairs of cameras that see the board together, both ways.
+
+    `intrinsics`: of each camera, (c,16).
+    """
+    common = common_placements(found, views.n_cameras, views.n_placements)
+    pairs = np.argwhere(np.triu(common, 1) > 0)
+    links: Links = {}
+    for number, (a, b) in enumerate(pairs.tolist()):
+        context.report("pairs of cameras", number / len(pairs))
+        link = _link(views, found, intrinsics, a, b)
+        if link is not None:
+            links[a, b] = link
+            back = link.rotation.T
+            links[b, a] = Link(back, -back @ link.translation, link.weight)
+    return links
+
+
+def _link(views: BoardViews, found: ViewPoses, intrinsics: FloatArray, a: int, b: int) -> Link | None:
+    """The relative pose that explains most placements; it decides which of a plane's two poses in a view is right."""
+    placements = [t for t in range(views.n_placements) if found.get((a, t)) and found.get((b, t))]
+    if not placements:
+        return None
+    best: Link | None = None
+    tried = [placements[i] for i in _spread(len(placements), _TRIED)]
+    for t in (placements[i] for i in _spread(len(placements), _DRAWN)):
+        for first in found[a, t]:
+            for second in found[b, t]:
+                rotation = second.rotation @ first.rotation.T
+                translation = second.translation - rotation @ first.translation
+                camera = PosedCameras(intrinsics[b], rotation, translation)
+                errors = [_error_in(views, views.of(b, s), found[a, s], camera) for s in tried]
+                weight = float(np.median(errors)) * (1 + 1 / len(placements))
+                if np.isfinite(weight) and (best is None or weight < best.weight):
+                    best = Link(rotation, translation, weight)
+    return best
+
+
+def _spread(n: int, most: int) -> list[int]:
+    return sorted(set(np.linspace(0, n - 1, min(n, most)).round().astype(int).tolist()))
+
+
+def _error_in(views: BoardViews, rows: IntArray, poses: Sequence[BoardPose], camera: PosedCameras) -> float:
+    """Median distance in px of a camera's view (rows) from the board by another camera, for the better of its poses.
+
+    `camera`: the one camera, in the frame of the other.
+    """
+    points, best = views.points_mm[views.point[rows]], np.inf
+    for pose in poses:
+        x = (points @ pose.rotation.T + pose.translation) @ camera.rotation.T + camera.translation
+        if (x[:, 2] > 0).all():
+            off = np.linalg.norm(project(x, camera.intrinsics) - views.uv[rows], axis=1)
+            best = min(best, float(np.median(off)))
+    return best
+
+
+def chain(network: BoardNetwork, start: BoardStart, links: Links, context: Context) -> tuple[State, list[list[int]]]:
+    """Cameras and placements in the reference camera's frame, and the groups by which they were chained.
+
+    Groups of up to four cameras, as in [Tao21].
+    """
+    views = network.views
+    n = views.n_cameras
+    state = State(np.full((n, 3, 3), np.nan), np.full((n, 3), np.nan), start.intrinsics.copy(), views.points_mm)
+    state.rotation[network.reference], state.translation[network.reference] = np.eye(3), 0.0
+    placed = np.arange(n) == network.reference
+    groups: list[list[int]] = []
+    while (group := _next_group(links, placed)) is not None:
+        context.report("groups of cameras", float(placed.mean()), " ".join(map(str, group)))
+        local = _adjust_group(network, replace(start, intrinsics=state.intrinsics), links, group, context)
+        groups.append(group)
+        _join(state, local, group, placed)
+    return place_boards(views, start.poses, state, placed), groups
+
+
+def _next_group(links: Links, placed: BoolArray) -> list[int] | None:
+    """Up to four cameras, the placed ones first, connected by the lightest links, that include new cameras."""
+    fresh = {pair: link for pair, link in links.items() if placed[pair[0]] and not placed[pair[1]]}
+    if not fresh:
+        return None
+    group = list(min(fresh, key=lambda pair: (fresh[pair].weight, pair)))
+    anchored = int(placed.sum() > 1)  # a second camera in common holds the joint better
+    while len(group) < GROUP_SIZE:
+        nearest: dict[int, float] = {}
+        for (a, b), link in links.items():
+            if a in group and b not in group:
+                nearest[b] = min(nearest.get(b, np.inf), link.weight)
+        new = {c: w for c, w in nearest.items() if not placed[c]}
+        old = {c: w for c, w in nearest.items() if placed[c]}
+        pool = old if (anchored and old) or not new else new
+        anchored = 0
+        if not pool:
+            break
+        group.append(min(pool, key=lambda c: (pool[c], c)))
+    return sorted(group, key=lambda c: (not placed[c], c))
+
+
+def _adjust_group(network: BoardNetwork, start: BoardStart, links: Links, group: list[int], context: Context) -> State:
+    """The cameras of a group in the frame of its first, after a robust adjustment of their own."""
+    n = network.views.n_cameras
+    state = State(np.tile(np.eye(3), (n, 1, 1)), np.zeros((n, 3)), start.intrinsics.copy(), network.views.points_mm)
+    reached = [group[0]]
+    while len(reached) < len(group):
+        open_links = {p: k for p, k in links.items() if p[0] in reached and p[1] in group and p[1] not in reached}
+        a, b = min(open_links, key=lambda pair: (open_links[pair].weight, pair))
+        link = open_links[a, b]
+        state.rotation[b] = link.rotation @ state.rotation[a]
+        state.translation[b] = link.rotation @ state.translation[a] + link.translation
+        reached.append(b)
+    members = np.isin(np.arange(n), group)
+    state = place_boards(network.views, start.poses, state, members)
+    state = whole(state)
+    own = start.candidates & members[network.views.camera]
+    # shared intrinsics may be another group's as well: each group here estimates its own
+    alone = replace(network, reference=group[0], group=np.arange(n))
+    return robust_start(alone, state, own, context)
+
+
+def whole(state: State) -> State:
+    """The state with any pose for placements and cameras that have none, for kernels that run over all."""
+    known = np.isfinite(state.placement_translation[:, 0])
+    placed = np.isfinite(state.translation[:, 0])
+    return replace(
+        state,
+        rotation=np.where(placed[:, None, None], state.rotation, np.eye(3)),
+        translation=np.where(placed[:, None], state.translation, 0.0),
+        placement_rotation=np.where(known[:, None, None], state.placement_rotation, np.eye(3)),
+        placement_translation=np.where(known[:, None], state.placement_translation, 0.0),
+    )
+
+
+def _join(state: State, local: State, group: list[int], placed: BoolArray) -> None:
+    """Join a group's new cameras to the whole by the mean of its placed ones."""
+    common = [c for c in group if placed[c]]
+    # group frame to world: x_world = R x_group + t for each common camera
+    rotations = [state.rotation[c].T @ local.rotation[c] for c in common]
+    rotation = nearest_rotation(np.sum(rotations, axis=0))
+    centres = np.array([-local.rotation[c].T @ local.translation[c] for c in common])
+    goals = np.array([-state.rotation[c].T @ state.translation[c] for c in common])
+    translation = (goals - centres @ rotation.T).mean(axis=0)
+    for c in group:
+        if not placed[c]:
+            state.rotation[c] = local.rotation[c] @ rotation.T
+            state.translation[c] = local.translation[c] - state.rotation[c] @ translation
+            state.intrinsics[c] = local.intrinsics[c]
+            placed[c] = True

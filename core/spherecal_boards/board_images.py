@@ -1,0 +1,252 @@
+"""Boards found in the images of a session: circles, chessboard corners, ChArUco corners or corners of tags."""
+
+import os
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from spherecal.base.arrays import FloatArray, IntArray
+from spherecal.base.context import Context
+from spherecal.base.errors import InputError
+from spherecal.base.messages.values import Phrase
+from spherecal.data.observations import Observations
+from spherecal.data.session import Session
+from spherecal.targets.blobs import GreyImage
+from spherecal.targets.board_pattern import BoardPattern, tag_dictionary
+from spherecal.targets.images import read_image
+from spherecal_boards.aprilgrid import find_aprilgrid
+from spherecal_boards.circles import find_circles
+from spherecal_boards.lattice import label_board, label_shifted
+
+STAGE = "finding boards"
+_TRIED = 8  # images that are looked at once more where none shows the board
+_CORNER_WINDOW = 0.3  # half a window's side in squares: wider ones meet the next corner in perspective
+
+
+@dataclass(frozen=True)
+class FoundBoard:
+    """The points of a board in one image: row-major index (k,), uv (k,2) px.
+
+    `diameter` is that of the dots over their pitch, NaN for corners.
+    """
+
+    index: IntArray
+    uv: FloatArray
+    diameter: float = float("nan")
+
+
+@dataclass(frozen=True)
+class BoardImages:
+    """All boards found: observations (target = row-major index, point `centre`), images without one, dot diameter.
+
+    `missed` lists (placement, camera) ids; `diameter` is that of the dots over their pitch, NaN for corners.
+    """
+
+    observations: Observations
+    missed: tuple[tuple[str, str], ...]
+    images: int
+    diameter: float
+
+
+def find_boards(session: Session, pattern: BoardPattern, context: Context) -> BoardImages:
+    """The board in all images of the placements."""
+    index = {camera.id: c for c, camera in enumerate(session.cameras)}
+    jobs = [
+        (p, index[camera], path)
+        for p, placement in enumerate(session.placements)
+        for camera, path in sorted(placement.images.items(), key=lambda item: index[item[0]])
+    ]
+    if not jobs:
+        raise InputError(Phrase("error-no-board-images", {"folder": session.where}))
+    finder = _finder(pattern)
+    found: list[FoundBoard | None] = []
+    with ThreadPoolExecutor(os.cpu_count() or 1, thread_name_prefix="board") as pool:
+        try:
+            results = pool.map(lambda job: finder(_read(job[2], session.cameras[job[1]].image_size)), jobs)
+            for number, result in enumerate(results):
+                where = Phrase("image-of", {"number": number + 1, "images": len(jobs)})
+                context.report(STAGE, number / len(jobs), where)
+                found.append(result)
+        finally:
+            pool.shutdown(wait=True, cancel_futures=True)
+    if not any(found):
+        raise _nothing(session, pattern, [job[2] for job in jobs])
+    return _collect(session, jobs, found)
+
+
+def _nothing(session: Session, pattern: BoardPattern, paths: list[Path]) -> InputError:
+    """The error that no image shows the board; for an AprilGrid it says if the rows count the other way."""
+    hint = Phrase("board-fields", {"fields": ["kind", "rows", "columns", "polarity", "rings"]})
+    if pattern.kind == "aprilgrid":
+        hint = Phrase("board-fields", {"fields": ["rows", "columns", "pitch_mm", "marker_mm", "dictionary"]})
+        other = replace(pattern, rows_upward=not pattern.rows_upward)
+        if any(find_board(read_image(path), other) is not None for path in paths[:_TRIED]):
+            hint = Phrase("board-upward", {"value": str(other.rows_upward).lower()})
+    return InputError(Phrase("error-board-not-found", {"folder": session.where, "images": len(paths)}), hint)
+
+
+def find_board(image: GreyImage, pattern: BoardPattern) -> FoundBoard | None:
+    """The board in one grey image; None where it is not seen, or is ambiguous.
+
+    `image`: grey image of 8 or 16 bits, (h,w).
+    """
+    return _finder(pattern)(image)
+
+
+def _read(path: Path, size: tuple[int, int]) -> GreyImage:
+    image = read_image(path)
+    if image.shape[::-1] != tuple(size):
+        raise InputError(
+            Phrase(
+                "error-image-size",
+                {
+                    "file": path,
+                    "width": image.shape[1],
+                    "height": image.shape[0],
+                    "camera_width": size[0],
+                    "camera_height": size[1],
+                },
+            )
+        )
+    return image
+
+
+def _collect(session: Session, jobs: list[tuple[int, int, Path]], found: list[FoundBoard | None]) -> BoardImages:
+    hits = [(job, board) for job, board in zip(jobs, found, strict=True) if board is not None]
+    missed = tuple(
+        (session.placements[p].id, session.cameras[c].id)
+        for (p, c, _), board in zip(jobs, found, strict=True)
+        if board is None
+    )
+    counts = [len(board.index) for _, board in hits]
+    diameters = [board.diameter for _, board in hits if np.isfinite(board.diameter)]
+    observations = Observations(
+        tuple(placement.id for placement in session.placements),
+        tuple(camera.id for camera in session.cameras),
+        ("centre",),
+        np.repeat([p for (p, _, _), _ in hits], counts),
+        np.repeat([c for (_, c, _), _ in hits], counts),
+        np.concatenate([board.index for _, board in hits]),
+        np.zeros(sum(counts), dtype=np.int64),
+        # no sigmas: what dots are off by is print, alike for all, and ten times what their rims show
+        np.concatenate([board.uv for _, board in hits]),
+    )
+    return BoardImages(observations, missed, len(jobs), float(np.median(diameters)) if diameters else float("nan"))
+
+
+Finder = Callable[[GreyImage], FoundBoard | None]
+
+
+def _finder(pattern: BoardPattern) -> Finder:
+    if pattern.kind in ("circles", "asymmetric-circles"):
+        return lambda image: _find_circles(image, pattern)
+    if pattern.kind == "aprilgrid":
+        return lambda image: _find_tags(_eight_bits(image), pattern)
+    if pattern.kind == "chessboard":
+        return lambda image: _find_chessboard(_eight_bits(image), pattern)
+    return lambda image: _find_charuco(_eight_bits(image), pattern)
+
+
+def _eight_bits(image: GreyImage) -> NDArray[np.uint8]:
+    """The image stretched to 8 bits, for OpenCV's finders."""
+    if image.dtype == np.uint8:
+        return image.astype(np.uint8, copy=False)
+    low, high = np.percentile(image, (0.1, 99.9))
+    return np.clip((image - low) * (255 / max(high - low, 1)), 0, 255).astype(np.uint8)
+
+
+def _find_circles(image: GreyImage, pattern: BoardPattern) -> FoundBoard | None:
+    circles = find_circles(image, pattern.light)
+    if pattern.kind == "asymmetric-circles":
+        labelled = label_shifted(circles, pattern.rows, pattern.columns, pattern.rows_upward)
+    else:
+        labelled = label_board(circles, pattern.rows, pattern.columns, pattern.rings, pattern.rows_upward)
+    if labelled is None:
+        return None
+    index = labelled.place @ (pattern.columns, 1)
+    order = np.argsort(index)
+    index, rows = index[order], labelled.circle[order]
+    if pattern.kind == "asymmetric-circles":  # a square lattice along its diagonals
+        row, column = labelled.place[order].T
+        across = 2 * column + row % 2
+        diagonal = np.column_stack([row + across, row - across]) // 2
+        return FoundBoard(index, circles.uv[rows], 2**0.5 * _diameter(diagonal, circles, rows))
+    return FoundBoard(index, circles.uv[rows], _diameter(labelled.place[order], circles, rows))
+
+
+def _find_tags(image: NDArray[np.uint8], pattern: BoardPattern) -> FoundBoard | None:
+    found = find_aprilgrid(image, pattern)
+    return None if found is None else FoundBoard(*found)
+
+
+def _diameter(place: IntArray, circles, rows: IntArray) -> float:
+    """Diameter of the dots over their pitch: areas of the dots against those of the lattice's cells."""
+    at = {tuple(p): uv for p, uv in zip(place.tolist(), circles.uv[rows], strict=True)}
+    ratios = []
+    for (row, column), axes in zip(place.tolist(), circles.semi_axes[rows], strict=True):
+        ends = [at.get(p) for p in ((row, column - 1), (row, column + 1), (row - 1, column), (row + 1, column))]
+        if all(end is not None for end in ends):
+            left, right, up, down = (np.asarray(end) for end in ends)
+            across, along = (right - left) / 2, (down - up) / 2
+            cell = abs(across[0] * along[1] - across[1] * along[0])
+            ratios.append(2 * np.sqrt(axes.prod() / cell))
+    return float(np.median(ratios)) if ratios else float("nan")
+
+
+def _find_chessboard(image: NDArray[np.uint8], pattern: BoardPattern) -> FoundBoard | None:
+    size = (pattern.columns, pattern.rows)
+    flags = cv2.CALIB_CB_EXHAUSTIVE | cv2.CALIB_CB_ACCURACY | cv2.CALIB_CB_NORMALIZE_IMAGE
+    found, corners = cv2.findChessboardCornersSB(image, size, flags=flags)
+    if not found or corners is None:
+        return None
+    coarse = np.asarray(corners, dtype=np.float32).reshape(pattern.rows, pattern.columns, 2)
+    steps = (np.linalg.norm(np.diff(coarse, axis=axis), axis=2).min() for axis in (0, 1))
+    half = int(np.clip(min(steps) * _CORNER_WINDOW, 2, 15))
+    # the finder alone is off by 0.2 to 0.5 px on noise-free boards, the gradients' saddle by 0.05
+    criteria = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_COUNT, 50, 1e-3)
+    fine = cv2.cornerSubPix(image, coarse.reshape(-1, 1, 2), (half, half), (-1, -1), criteria)
+    grid = np.asarray(fine, dtype=float).reshape(pattern.rows, pattern.columns, 2)
+    grid = _upright(image, grid, pattern)
+    return FoundBoard(np.arange(pattern.rows * pattern.columns), grid.reshape(-1, 2))
+
+
+def _upright(image: NDArray[np.uint8], grid: FloatArray, pattern: BoardPattern) -> FloatArray:
+    """The corners in the board's order: first by orientation, then by the colour of the first square.
+
+    Where both ends look alike (rows + columns even) the columns run to the image's right.
+    """
+    across, along = grid[:, -1].mean(axis=0) - grid[:, 0].mean(axis=0), grid[-1].mean(axis=0) - grid[0].mean(axis=0)
+    if (across[0] * along[1] - across[1] * along[0] < 0) != pattern.rows_upward:
+        grid = grid[:, ::-1]
+        across = -across
+    turned = grid[::-1, ::-1]
+    if (pattern.rows + pattern.columns) % 2 == 0:
+        return grid if across[0] >= 0 else turned
+    return grid if _square(image, grid) < _square(image, turned) else turned
+
+
+def _square(image: NDArray[np.uint8], grid: FloatArray) -> float:
+    """The brightness of the square between the first four corners."""
+    middle = grid[:2, :2].reshape(-1, 2).mean(axis=0)
+    inner = np.concatenate([middle + 0.5 * (corner - middle) for corner in grid[:2, :2].reshape(-1, 1, 2)])
+    columns, rows = np.rint(np.vstack([inner, middle])).astype(int).T
+    return float(image[rows, columns].mean())
+
+
+def _find_charuco(image: NDArray[np.uint8], pattern: BoardPattern) -> FoundBoard | None:
+    assert pattern.marker_mm is not None
+    dictionary = tag_dictionary(pattern.dictionary)
+    size = (pattern.columns + 1, pattern.rows + 1)
+    board = cv2.aruco.CharucoBoard(size, pattern.pitch_mm, pattern.marker_mm, dictionary)
+    board.setLegacyPattern(pattern.legacy)
+    corners, ids, _, _ = cv2.aruco.CharucoDetector(board).detectBoard(image)
+    if ids is None or len(ids) < 4:
+        return None
+    index = np.asarray(ids, dtype=np.int64).ravel()
+    order = np.argsort(index)
+    return FoundBoard(index[order], np.asarray(corners, dtype=float).reshape(-1, 2)[order])

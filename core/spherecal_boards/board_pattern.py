@@ -1,0 +1,152 @@
+"""What is printed on a board, as the `board` section of session.json or `--board` describes it (docs/board.md)."""
+
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import cv2
+
+from spherecal.base.errors import InputError
+from spherecal.base.messages.values import Phrase
+from spherecal.data.session import Session
+from spherecal.files.json_file import JsonValue, parse_json, printable, read_bytes, read_json
+from spherecal.files.read_session import FORMAT, SESSION_FILE, VERSION
+from spherecal.files.session_file import BOARD
+from spherecal.targets.board_pattern import APRILTAGS, BoardKind, BoardPattern, tag_dictionary
+
+_FIELDS = tuple(BOARD.schema["properties"])
+_TEXTS = ("kind", "polarity", "dictionary", "shape")
+_MOST_BYTES = 1 << 20
+_LONGEST = 1000  # characters of --board
+
+
+def read_board_pattern(session: Session) -> BoardPattern:
+    """The pattern of a session's board."""
+    board = _board(session)
+    if board is None:
+        raise InputError(Phrase("error-no-board", {"folder": session.where}))
+    return board_pattern(board)
+
+
+def board_pattern(board: JsonValue) -> BoardPattern:
+    """The pattern that the fields of a board describe."""
+    f, given = BOARD.read(board), board.fields(("kind",), _FIELDS)
+    kind: BoardKind = f["kind"]
+    if "points" in given:
+        raise given["points"].error(Phrase("problem-board-points"))
+    also = {"charuco": ("marker_mm", "dictionary"), "aprilgrid": ("marker_mm",)}.get(kind, ())
+    board.fields(("rows", "columns", "pitch_mm", *also))
+    rows, columns, pitch = f["rows"], f["columns"], f["pitch_mm"]
+    if f.get("dot_diameter_mm", 0.0) >= pitch * (2**0.5 if kind == "asymmetric-circles" else 1):
+        raise given["dot_diameter_mm"].error(Phrase("problem-board-dot"))
+    if f.get("marker_mm", 0.0) >= pitch:
+        raise given["marker_mm"].error(Phrase("problem-board-marker"))
+    if kind == "asymmetric-circles" and rows % 2 == 0:
+        raise given["rows"].error(Phrase("problem-board-odd"))
+    for ring in given["rings"].items() if "rings" in given else ():
+        row, column = ring.items(2)
+        row.integer(0, rows - 1)
+        column.integer(0, columns - 1)
+    dictionary = _dictionary(given["dictionary"]) if "dictionary" in f else APRILTAGS if kind == "aprilgrid" else ""
+    tags = kind in ("charuco", "aprilgrid")
+    if tags:
+        needed = (rows + 1) * (columns + 1) // 2 if kind == "charuco" else rows * columns
+        _check_count(given["rows"], dictionary, needed)
+    return BoardPattern(
+        kind,
+        rows,
+        columns,
+        pitch,
+        light=f.get("polarity") == "light-on-dark",
+        rings=f.get("rings", ()),
+        rows_upward=f.get("rows_upward", kind == "aprilgrid"),
+        dot_diameter_mm=f.get("dot_diameter_mm"),
+        marker_mm=f.get("marker_mm"),
+        dictionary=dictionary,
+        legacy=f.get("legacy", False),
+        border_bits=f.get("border_bits"),
+    )
+
+
+def board_entry(given: Mapping[str, Any] | str | Path) -> dict[str, Any]:
+    """The fields of a board as session.json has them: of a mapping, a JSON file, or "chessboard,rows=6,columns=9,...".
+
+    In the text `rings` are written 2:2+2:7+5:2.
+    """
+    if isinstance(given, Mapping):
+        where, entry, place = Path("board"), dict(given), "board"
+    elif str(given).lower().endswith(".json"):
+        where, place = Path(given), ""
+        loaded = parse_json(read_bytes(where, _MOST_BYTES))
+        entry = loaded.get("board", loaded) if isinstance(loaded, dict) else {}
+    else:
+        where, entry, place = Path("--board"), _written(str(given)), "board"
+    board_pattern(JsonValue(entry, where, place))
+    if isinstance(entry, dict):
+        return json.loads(json.dumps(entry))  # plain values, whatever the mapping held
+    raise InputError(Phrase("error-holds-no-board", {"file": where}))
+
+
+def _written(text: str) -> dict[str, Any]:
+    kind, *fields = text[:_LONGEST].split(",")
+    entry: dict[str, Any] = {"kind": kind.strip()}
+    for field in fields:
+        name, equal, value = (part.strip() for part in field.partition("="))
+        if not equal or name not in _FIELDS:
+            raise InputError(
+                Phrase(
+                    "error-board-option",
+                    {"field": printable(field), "example": "chessboard,rows=6,columns=9,pitch_mm=20"},
+                )
+            )
+        entry[name] = value if name in _TEXTS else _value(name, value)
+    return entry
+
+
+def _value(name: str, text: str) -> Any:
+    if name == "rings":
+        text = "[" + ",".join(f"[{one.replace(':', ',')}]" for one in text.split("+")) + "]"
+    try:
+        return json.loads(text)
+    except ValueError:
+        raise InputError(Phrase("error-board-number", {"name": name, "text": printable(text)})) from None
+
+
+def board_uncertainty(session: Session) -> float | None:
+    """The board's own relative standard uncertainty (of its pitch), where session.json states one."""
+    board = _board(session)
+    return None if board is None else BOARD.read(board).get("relative_uncertainty")
+
+
+def shape_estimated(session: Session) -> bool:
+    """Whether the board's points are to be estimated."""
+    board = _board(session)
+    return board is not None and BOARD.read(board).get("shape") == "estimated"
+
+
+def _board(session: Session) -> JsonValue | None:
+    path = session.folder / SESSION_FILE
+    if not path.is_file():
+        return None
+    return read_json(path, FORMAT, VERSION).fields((), ("board",)).get("board")
+
+
+def recorded_board(session: Session) -> dict[str, Any] | None:
+    """The `board` in a recorded session's session.json; None if it has none that can be found in images."""
+    board = _board(session)
+    entry = board.value if board is not None else None
+    return entry if isinstance(entry, dict) and "kind" in entry else None
+
+
+def _dictionary(value: JsonValue) -> str:
+    name = value.text()
+    if not (name.startswith("DICT_") and hasattr(cv2.aruco, name)):
+        raise value.error(Phrase("problem-board-dictionary", {"name": name}))
+    return name
+
+
+def _check_count(rows: JsonValue, dictionary: str, needed: int) -> None:
+    there = len(tag_dictionary(dictionary).bytesList)
+    if needed > there:
+        raise rows.error(Phrase("problem-board-tags", {"needed": needed, "dictionary": dictionary, "there": there}))

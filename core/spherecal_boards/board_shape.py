@@ -1,0 +1,198 @@
+"""Boards that differ from their nominal shape: residuals that repeat for the same points, and estimated points."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from spherecal.adjust import engine
+from spherecal.adjust.ball_model import Rigid
+from spherecal.adjust.bundle import GATE_ROUNDS, datum_defect
+from spherecal.adjust.covariance import Covariance, covariance
+from spherecal.adjust.datum import Places
+from spherecal.adjust.least_squares import minimise as minimise_points
+from spherecal.adjust.levenberg import Settings
+from spherecal.adjust.problem import Problem, sorted_problem
+from spherecal.adjust.state import State
+from spherecal.base.arrays import BoolArray, FloatArray
+from spherecal.base.context import Context
+from spherecal.data.findings import Finding
+from spherecal.geometry.transform import fit_similarity
+from spherecal_boards.board_adjustment import BoardAdjusted, BoardNetwork, board_points, gate, progress
+from spherecal_boards.frames import cameras_only
+from spherecal_boards.frames_covariance import FrameCovariance
+from spherecal_boards.intrinsic_priors import priors_of
+
+# Shifts of points that noise alone makes up explain their own number's worth of residuals: 1.0 +- 0.1 for 80 points.
+# The laser print of the shared recording has 11 in each camera alone.
+_REPEATS = 2.0
+
+
+@dataclass(frozen=True)
+class BoardSolution:
+    """The result of a board's adjustment with fixed or estimated points; covariance.points are board_points'."""
+
+    state: State
+    problem: Problem
+    used: BoolArray
+    variance: float
+    converged: bool
+    has_prior: BoolArray
+    covariance: FrameCovariance | None
+    print_mm: float | None = None
+    print_relative: float = 0.0
+    joint: bool = True
+
+
+def nominal_solution(adjusted: BoardAdjusted) -> BoardSolution:
+    """The solution with the board's points fixed."""
+    return BoardSolution(
+        adjusted.state,
+        adjusted.model.problem,
+        adjusted.used,
+        adjusted.variance,
+        adjusted.minimum.converged,
+        adjusted.has_prior,
+        adjusted.covariance,
+        joint=adjusted.joint,
+    )
+
+
+def shape_finding(adjusted: BoardAdjusted) -> list[Finding]:
+    """A warning where residuals repeat from view to view for the same points of the board.
+
+    Each point's shift that would take up most of its residuals is found, cameras and placements as they are. What these
+    shifts explain is compared with what noise makes of it.
+    """
+    rigid = adjusted.model.rigid
+    linear = engine.linearise(rigid, adjusted.state, None)
+    count = np.bincount(rigid.point, minlength=rigid.n_points)
+    normal, gradient = np.zeros((rigid.n_points, 3, 3)), np.zeros((rigid.n_points, 3))
+    np.add.at(normal, rigid.point, linear.by_point.transpose(0, 2, 1) @ linear.by_point)
+    np.add.at(gradient, rigid.point, np.einsum("nij,ni->nj", linear.by_point, linear.residual))
+    often = count >= 3
+    if often.sum() < 4 or adjusted.redundancy <= 3 * often.sum():
+        return []
+    values, vectors = np.linalg.eigh(normal[often])
+    along = np.einsum("pij,pi->pj", vectors, gradient[often])
+    fixed = values > 1e-4 * values[:, -1:]  # depth that hardly shows is left alone
+    explained = np.where(fixed, along**2 / np.where(fixed, values, 1.0), 0.0)
+    shift = np.where(fixed, along / np.where(fixed, values, 1.0), 0.0)
+    noise = (2 * adjusted.minimum.cost - explained.sum()) / (adjusted.redundancy - fixed.sum())
+    ratio = explained.sum() / fixed.sum() / noise
+    if ratio < _REPEATS:
+        return []
+    off = float(np.sqrt((shift[:, 1:] ** 2).sum(axis=1).mean()))  # across the line of sight
+    return [Finding("board-shape", "warning", {"off_mm": off})]
+
+
+def estimated_solution(
+    network: BoardNetwork, adjusted: BoardAdjusted, candidates: BoolArray, context: Context
+) -> BoardSolution:
+    """The solution with the board's points estimated too; their mean size is the nominal one's.
+
+    It starts from the adjustment with fixed points, whose gate their errors widen.
+
+    `candidates`: observations that may take part, (n,).
+    """
+    views, nominal = network.views, network.views.points_mm
+    noise = adjusted.sigma0
+    state, used, rounds = adjusted.state, adjusted.used, 0
+    while True:
+        rounds += 1
+        priors = priors_of(network.group, network.known, adjusted.has_prior, noise)
+        problem, seen = _problem(network, used, priors)
+        state = _world_is_first_board(state, problem)
+        settings = Settings(max_iterations=200)
+        minimum = minimise_points(problem, state, settings, progress(context, "points of the board", 40))
+        redundancy = problem.rows - problem.unknowns + datum_defect(problem)
+        variance = 2 * minimum.cost / redundancy if redundancy > 0 else float("nan")
+        state = _metric(minimum.state, nominal, seen, network.reference)
+        gated = gate(network, state, candidates & seen[views.point])
+        if (gated == used).all() or rounds == GATE_ROUNDS:
+            break
+        used = gated
+        noise = float(np.sqrt(variance)) if np.isfinite(variance) else noise
+    context.report("uncertainty", 0.0)
+    off = (state.points - nominal)[seen]
+    # scale by a similarity over all points: one coordinate of each is off by as much
+    per_coordinate = float(np.sqrt((off**2).sum() / max(3 * len(off) - 7, 1)))
+    spread = float(np.sqrt(((nominal[seen] - nominal[seen].mean(axis=0)) ** 2).sum()))
+    placement, point, _ = board_points(views, used)
+    cofactors = covariance(problem, _world_is_first_board(state, problem), Places(point, placement))
+    return BoardSolution(
+        replace(state, points=np.where(seen[:, None], state.points, nominal)),
+        cameras_only(problem),
+        used,
+        variance,
+        minimum.converged,
+        adjusted.has_prior,
+        _as_frames(cofactors, problem, state, placement, point),
+        per_coordinate,
+        per_coordinate / spread,
+    )
+
+
+def _problem(network: BoardNetwork, used: BoolArray, priors) -> tuple[Problem, BoolArray]:
+    """All cameras free, the first placement as the world, points seen twice estimated; and which these are."""
+    views = network.views
+    twice = np.bincount(views.point[used], minlength=len(views.points_mm)) >= 2
+    rows = np.flatnonzero(used & twice[views.point])
+    seen = np.bincount(views.camera[rows], minlength=views.n_cameras) > 0
+    shown = np.bincount(views.placement[rows], minlength=views.n_placements) > 0
+    free_placement = shown.copy()
+    free_placement[np.argmax(shown)] = False
+    problem, _ = sorted_problem(
+        views.camera[rows],
+        views.point[rows],
+        views.uv[rows],
+        None if views.sigma is None else views.sigma[rows],
+        len(views.points_mm),
+        free_pose=seen,
+        free_intrinsics=network.free & seen[:, None],
+        group=network.group,
+        priors=priors,
+        ball=Rigid(views.placement[rows], free_placement),
+    )
+    return problem, twice
+
+
+def _world_is_first_board(state: State, problem: Problem) -> State:
+    """The same network with the world frame that of the board at its reference placement."""
+    shown = np.bincount(problem.placement, minlength=problem.n_placements) > 0
+    first = int(np.argmax(shown))
+    r, t = state.placement_rotation[first], state.placement_translation[first]
+    rotation = state.placement_rotation @ r.T
+    return replace(
+        state,
+        points=state.points @ r.T + t,
+        placement_rotation=rotation,
+        placement_translation=state.placement_translation - rotation @ t,
+    )
+
+
+def _metric(state: State, nominal: FloatArray, seen: BoolArray, reference: int) -> State:
+    """The network in the reference camera's frame, its board laid over the nominal one by a similarity."""
+    state = state.seen_from(reference)
+    fit = fit_similarity(state.points[seen], nominal[seen])
+    state = state.scaled(fit.scale)
+    rotation = state.placement_rotation @ fit.rotation.T
+    return replace(
+        state,
+        points=state.points @ fit.rotation.T + fit.translation,
+        placement_rotation=rotation,
+        placement_translation=state.placement_translation - rotation @ fit.translation,
+    )
+
+
+def _as_frames(
+    cofactors: Covariance | None, problem: Problem, state: State, placement: np.ndarray, point: np.ndarray
+) -> FrameCovariance | None:
+    """The cofactors as those of frames; the scale's part comes from the print alone."""
+    if cofactors is None:
+        return None
+    places = np.einsum("pij,pj->pi", state.placement_rotation[placement], state.points[point])
+    centroid = (places + state.placement_translation[placement]).mean(axis=0)
+    width = cofactors.cameras.shape[1]
+    stretch = np.zeros((problem.n_cameras, width))
+    stretch[:, 3:6] = np.einsum("cij,j->ci", state.rotation, centroid) + state.translation
+    return FrameCovariance(cofactors.cameras, cofactors.points, 0.0, cofactors.all_cameras(), stretch.ravel())

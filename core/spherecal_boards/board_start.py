@@ -1,0 +1,190 @@
+"""Each camera alone before the board: intrinsics and the board's possible poses in its frame, by OpenCV."""
+
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from spherecal.base.arrays import BoolArray, FloatArray, IntArray
+from spherecal.base.context import Context
+from spherecal.base.threads import SharedLimit
+from spherecal.data.session import CameraSpec
+from spherecal.geometry.camera import N_INTRINSICS, camera_matrix, project, undistort
+from spherecal.geometry.rotation import exp_rotation
+from spherecal_boards.board_model import BoardViews
+
+# Six unknowns of a pose and a few to check it; fewer dots of a board cut off by the border only mislead.
+LEAST_POINTS = 6
+_LEAST_VIEWS = 3
+# Views for a camera's start: Zhang's method gains nothing beyond, and its time grows with the square.
+_ENOUGH_VIEWS = 30
+# Off the plane by less than this of its size a board is plane.
+_PLANE = 1e-6
+# A focal length of this many times the nominal one is no start from which to go on.
+_WILD_FOCAL = 3.0
+# Where nobody knew the nominal one it says little: 1.2 times the image's width is assumed, and lenses have
+# 0.5 to 10 times it (those of the shared recording 5).
+_WILD_ASSUMED = 12.0
+# Two poses of a plane board explain a view alike while the worse fits no worse than this: over 14 boards nearly
+# parallel to the image the wrong one was 1.0 to 1.4 times as bad.
+_AMBIGUOUS = 5.0
+
+
+@contextmanager
+def _opencv_limited() -> Iterator[None]:
+    before = cv2.getNumThreads()
+    cv2.setNumThreads(1)
+    try:
+        yield
+    finally:
+        cv2.setNumThreads(before)
+
+
+# `calibrateCamera` adds up its normal equations in the order in which its threads end: other last digits in each run.
+ONE_OPENCV_THREAD = SharedLimit(_opencv_limited)
+
+
+@dataclass(frozen=True)
+class BoardPose:
+    """A board's pose in a camera's frame: `x_camera = rotation @ x_board + translation`, and its rms in px."""
+
+    rotation: FloatArray
+    translation: FloatArray
+    rms_px: float
+
+
+def usable_views(views: BoardViews, used: BoolArray) -> list[tuple[int, int]]:
+    """The (camera, placement) with at least `LEAST_POINTS` points, not on a line.
+
+    `views`, `used`: what the cameras see, and which observations count, (n,).
+    """
+    good = []
+    for camera, placement in views.views:
+        rows = views.of(camera, placement)
+        rows = rows[used[rows]]
+        if len(rows) < LEAST_POINTS:
+            continue
+        points = views.points_mm[views.point[rows]]
+        spread = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)
+        if spread[1] > 0.05 * spread[0]:
+            good.append((camera, placement))
+    return good
+
+
+def start_intrinsics(
+    views: BoardViews,
+    usable: list[tuple[int, int]],
+    cameras: Sequence[CameraSpec],
+    free: BoolArray,
+    context: Context,
+) -> FloatArray:
+    """Intrinsics (c,16) of each camera alone: estimated where views and `free` allow, else its prior.
+
+    OpenCV's calibration, from Zhang's start (Z. Zhang, A flexible new technique for camera calibration, 2000) and from
+    the prior; the better one is taken.
+    """
+    out = np.array([camera.prior for camera in cameras])
+    plane = _plane_frame(views.points_mm)
+    for camera, spec in enumerate(cameras):
+        context.report("each camera alone", camera / views.n_cameras)
+        own = [views.of(c, t) for c, t in usable if c == camera]
+        # OpenCV's start knows five terms of distortion; a prior with more is a calibrated one
+        if len(own) < _LEAST_VIEWS or not free[camera].any() or spec.prior[9:].any():
+            continue
+        own = [own[i] for i in np.unique(np.linspace(0, len(own) - 1, _ENOUGH_VIEWS).round().astype(int))]
+        wild = _WILD_ASSUMED if "focal_length" in spec.assumed else _WILD_FOCAL
+        found = _calibrate(views, own, spec.prior, spec.image_size, plane, wild)
+        if found is not None:
+            out[camera] = found
+    return out
+
+
+def _calibrate(
+    views: BoardViews,
+    own: list[IntArray],
+    prior: FloatArray,
+    size: tuple[int, int],
+    plane: tuple[FloatArray, FloatArray] | None,
+    wild: float,
+) -> FloatArray | None:
+    """Intrinsics (16,) of a camera from some of its views: the better of Zhang's start and the prior as a start."""
+    points = views.points_mm if plane is None else (views.points_mm - plane[1]) @ plane[0].T
+    if plane is not None:
+        points = points * (1, 1, 0)
+    objects = [points[views.point[rows]].astype(np.float32) for rows in own]
+    images = [views.uv[rows].astype(np.float32) for rows in own]
+    best: tuple[float, FloatArray] | None = None
+    # k3 stays out of a start: it takes over where views do not reach the corners
+    for flags in (cv2.CALIB_USE_INTRINSIC_GUESS, 0) if plane is not None else (cv2.CALIB_USE_INTRINSIC_GUESS,):
+        matrix, distortion = camera_matrix(prior), prior[4:9].copy()
+        try:
+            with ONE_OPENCV_THREAD.block():
+                rms, matrix, distortion, _, _ = cv2.calibrateCamera(
+                    objects, images, size, matrix, distortion, flags=flags | cv2.CALIB_FIX_K3
+                )
+        except cv2.error:
+            continue
+        found = np.zeros(N_INTRINSICS)
+        found[:4] = matrix[0, 0], matrix[1, 1], matrix[0, 2], matrix[1, 2]
+        found[4:9] = np.asarray(distortion).ravel()[:5]
+        ratio = found[:2] / prior[:2]
+        if not np.isfinite(found).all() or (ratio > wild).any() or (ratio < 1 / wild).any():
+            continue
+        if best is None or rms < 0.99 * best[0]:
+            best = float(rms), found
+    return best[1] if best else None
+
+
+def poses(views: BoardViews, rows: IntArray, intrinsics: FloatArray) -> list[BoardPose]:
+    """The board's pose in a camera's frame, best first; two where a plane board's view allows two.
+
+    `views`, `rows`: what the cameras see, and the rows of one view, (k,); `intrinsics`: of the camera, (16,).
+    """
+    xy, good = undistort(views.uv[rows], intrinsics)
+    rows, xy = rows[good], xy[good]
+    if len(rows) < LEAST_POINTS:
+        return []
+    points = views.points_mm[views.point[rows]]
+    frame = _plane_frame(points)
+    if frame is None:
+        candidates = _solve(points, xy, cv2.SOLVEPNP_SQPNP)
+    else:
+        axes, origin = frame
+        flat = _solve(((points - origin) @ axes.T) * (1, 1, 0), xy, cv2.SOLVEPNP_IPPE)
+        candidates = [(r @ axes, t - r @ axes @ origin) for r, t in flat]
+    found = []
+    for rotation, translation in candidates:
+        x = points @ rotation.T + translation
+        if (x[:, 2] <= 0).any():
+            continue
+        residual = project(x, intrinsics) - views.uv[rows]
+        found.append(BoardPose(rotation, translation, float(np.sqrt((residual**2).sum(axis=1).mean()))))
+    found.sort(key=lambda pose: pose.rms_px)
+    return [pose for pose in found if pose.rms_px <= _AMBIGUOUS * found[0].rms_px]
+
+
+def _solve(points: FloatArray, xy: FloatArray, method: int) -> list[tuple[FloatArray, FloatArray]]:
+    """Poses from points (n,3) and normalised image points (n,2), each refined to the least squares near it."""
+    try:
+        count, rotations, shifts, _ = cv2.solvePnPGeneric(points, xy, np.eye(3), None, flags=method)
+    except cv2.error:
+        return []
+    out = []
+    for i in range(count):
+        rotation, translation = cv2.solvePnPRefineLM(points, xy, np.eye(3), None, rotations[i], shifts[i])
+        if np.isfinite(rotation).all() and np.isfinite(translation).all():
+            out.append(
+                (exp_rotation(np.asarray(rotation, dtype=float).ravel()), np.asarray(translation, dtype=float).ravel())
+            )
+    return out
+
+
+def _plane_frame(points: FloatArray) -> tuple[FloatArray, FloatArray] | None:
+    """Axes (3,3) (rows, the third the normal) and origin (3,) of the plane of points (n,3), None without one."""
+    origin = points.mean(axis=0)
+    _, spread, axes = np.linalg.svd(points - origin)
+    if spread[2] > _PLANE * spread[0]:
+        return None
+    return np.stack([axes[0], axes[1], np.cross(axes[0], axes[1])]), origin

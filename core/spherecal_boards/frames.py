@@ -1,0 +1,299 @@
+"""Least squares over cameras and frames: each frame has unknowns of its own, which no other frame shares.
+
+A board's placement has six (its pose), a frame of a waved bar three a mark. The frames' unknowns are eliminated, block
+by block. Known lengths inside a frame tie its points without leaving its block, so that thousands of frames cost what
+thousands of points do. Cameras, their columns and their derivatives are those of `adjust/` (decision 0017).
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from typing import Protocol, TypeAlias
+
+import numpy as np
+from scipy.linalg import LinAlgError
+
+from spherecal.adjust.ball_model import Free
+from spherecal.adjust.least_squares import assembled, predicted_decrease
+from spherecal.adjust.levenberg import Damping, Minimum, OnStep, Settings, levenberg_marquardt, solve_damped
+from spherecal.adjust.linear import Reduced
+from spherecal.adjust.problem import Problem, moved, prior_residuals
+from spherecal.adjust.state import State
+from spherecal.base.arrays import FloatArray, IntArray
+from spherecal.base.threads import one_blas_thread
+
+# Weighted residuals (n,2), derivatives by camera (n,2,w) and by the part (n,2,k).
+Linearised: TypeAlias = tuple[FloatArray, FloatArray, FloatArray]
+
+# Numbers of a dense block of couplings: 32 MB.
+_BLOCK = 4_000_000
+
+
+@dataclass(frozen=True)
+class Ties:
+    """Rows inside frames, weighted: frame (m,), derivatives by its q = s k unknowns (m,q), residual (m,)."""
+
+    frame: IntArray
+    rows: FloatArray
+    residual: FloatArray
+
+
+class FrameModel(Protocol):
+    """The structure of frames: `parts` of a few unknowns each; every observation depends on one part.
+
+    `problem` has the cameras' layout and no placements. A board's frame is one part of six, a bar's has three a point.
+    """
+
+    @property
+    def problem(self) -> Problem:
+        """Observations, cameras, priors."""
+        ...
+
+    @property
+    def part(self) -> IntArray:
+        """The part of every observation, (n,): frame * parts + part of the frame."""
+        ...
+
+    @property
+    def parts(self) -> int:
+        """Parts of a frame, s."""
+        ...
+
+    @property
+    def n_frames(self) -> int:
+        """How many frames."""
+        ...
+
+    def residuals(self, state: State) -> FloatArray:
+        """Weighted residuals (n,2)."""
+        ...
+
+    def linearise(self, state: State, robust: FloatArray | None) -> Linearised:
+        """Weighted residuals (n,2), derivatives by camera (n,2,w) and by the part (n,2,k).
+
+        `robust`: multiplies the rows of each observation, (n,); None for 1.
+        """
+        ...
+
+    def ties(self, state: State) -> Ties:
+        """Rows inside frames."""
+        ...
+
+    def moved_frames(self, state: State, step: FloatArray) -> State:
+        """The state after a step of the frames.
+
+        `state`, `step`: the state, and the changes of each frame's unknowns, (f,q).
+        """
+        ...
+
+
+@dataclass(frozen=True)
+class ReducedFrames:
+    """Cameras' normal equations (d,d), (d,) and undamped diagonal (d,) after eliminating the frames, and the frames'.
+
+    `gradient_own` (f,q) is the frames' gradient, `inverse` (f,q,q) that of their damped normal equations. `coupling`
+    (m,k,w) belongs to every part `pair_part` (m,) and camera `pair_camera` (m,) that meet; `parts` of a frame.
+    """
+
+    matrix: FloatArray
+    gradient: FloatArray
+    diagonal: FloatArray
+    inverse: FloatArray
+    gradient_own: FloatArray
+    coupling: FloatArray
+    pair_part: IntArray
+    pair_camera: IntArray
+    parts: int
+
+
+def sum_by(index: IntArray, values: FloatArray, n: int) -> FloatArray:
+    """Sums of values over equal indices, (n, ...).
+
+    `index`, `values`: index of each value, (m,), and the values, (m, ...).
+    """
+    flat = values.reshape(len(values), int(np.prod(values.shape[1:])))
+    columns = [np.bincount(index, flat[:, k], n) for k in range(flat.shape[1])]
+    return np.stack(columns, axis=1, dtype=np.float64).reshape(n, *values.shape[1:])
+
+
+def reduce(model: FrameModel, state: State, linear: Linearised, damping: float) -> ReducedFrames:
+    """The cameras' normal equations with the frames eliminated and the priors' rows added; valid above the diagonal."""
+    residual, by_camera, by_part = linear
+    problem, layout = model.problem, model.problem.layout
+    width = by_camera.shape[2]
+    matrix, gradient = np.zeros((layout.expanded, layout.expanded)), np.zeros(layout.expanded)
+    for c in range(problem.n_cameras):
+        rows = np.flatnonzero(problem.camera == c)
+        own = slice(c * width, (c + 1) * width)
+        jacobian = by_camera[rows].reshape(-1, width)
+        matrix[own, own] = jacobian.T @ jacobian
+        gradient[own] = jacobian.T @ residual[rows].ravel()
+    diagonal = matrix.diagonal().copy()
+
+    transposed = by_part.transpose(0, 2, 1)
+    own_matrix, own_gradient = _own_equations(model, state, transposed, residual)
+    inverse = _inverses(own_matrix, damping)
+    key, position = np.unique(model.part * problem.n_cameras + problem.camera, return_inverse=True)
+    coupling = sum_by(position.reshape(-1), transposed @ by_camera, len(key))
+    pair_part, pair_camera = (pair.astype(np.int64) for pair in np.divmod(key, problem.n_cameras))
+    reduced = ReducedFrames(
+        matrix, gradient, diagonal, inverse, own_gradient, coupling, pair_part, pair_camera, model.parts
+    )
+    for first, dense in dense_couplings(reduced, problem.n_cameras):
+        block = slice(first, first + len(dense))
+        weighted = inverse[block] @ dense
+        matrix -= dense.reshape(-1, layout.expanded).T @ weighted.reshape(-1, layout.expanded)
+        gradient -= np.einsum("fqe,fq->e", weighted, own_gradient[block])
+    cameras = Reduced(matrix, gradient, diagonal, np.zeros((0, 3, 3)), np.zeros((0, 3)))
+    normal = assembled(problem, state, cameras)
+    return replace(reduced, matrix=normal.matrix, gradient=normal.gradient, diagonal=normal.diagonal)
+
+
+def _own_equations(
+    model: FrameModel, state: State, transposed: FloatArray, residual: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """The frames' own normal equations (f,q,q) and gradient (f,q), from by_part' (n,k,2) and the ties."""
+    n_parts, k = model.n_frames * model.parts, transposed.shape[1]
+    blocks = sum_by(model.part, transposed @ transposed.transpose(0, 2, 1), n_parts)
+    gradient = sum_by(model.part, (transposed @ residual[:, :, None])[:, :, 0], n_parts)
+    matrix = np.zeros((model.n_frames, model.parts, k, model.parts, k))
+    each = np.arange(model.parts)
+    matrix[:, each, :, each] = blocks.reshape(model.n_frames, model.parts, k, k).transpose(1, 0, 2, 3)
+    q = model.parts * k
+    matrix, gradient = matrix.reshape(-1, q, q), gradient.reshape(-1, q)
+    ties = model.ties(state)
+    if len(ties.frame):
+        matrix += sum_by(ties.frame, ties.rows[:, :, None] * ties.rows[:, None], model.n_frames)
+        gradient += sum_by(ties.frame, ties.rows * ties.residual[:, None], model.n_frames)
+    return matrix, gradient
+
+
+def dense_couplings(reduced: ReducedFrames, n_cameras: int) -> Iterator[tuple[int, FloatArray]]:
+    """Blocks of frames: the first one's index and their couplings to all cameras' columns, (b,q,e)."""
+    _, k, width = reduced.coupling.shape
+    n_frames, parts = len(reduced.inverse), reduced.parts
+    step = max(1, _BLOCK // max(parts * k * n_cameras * width, 1))
+    for first in range(0, n_frames, step):
+        last = min(first + step, n_frames)
+        begin, end = np.searchsorted(reduced.pair_part, [first * parts, last * parts])
+        dense = np.zeros(((last - first) * parts, k, n_cameras, width))
+        dense[reduced.pair_part[begin:end] - first * parts, :, reduced.pair_camera[begin:end]] = reduced.coupling[
+            begin:end
+        ]
+        yield first, dense.reshape(last - first, parts * k, n_cameras * width)
+
+
+def _inverses(matrix: FloatArray, damping: float) -> FloatArray:
+    """Inverses (f,q,q) of damped normal matrices; unknowns that nothing observes stay where they are."""
+    damped = matrix.copy()
+    diagonal = np.einsum("fii->fi", damped)
+    unseen = diagonal <= 0
+    diagonal *= 1.0 + damping
+    diagonal[unseen] = 1.0
+    scale = 1.0 / np.sqrt(diagonal)
+    try:
+        inverse = np.linalg.inv(damped * scale[:, :, None] * scale[:, None])
+    except np.linalg.LinAlgError as error:
+        raise LinAlgError from error
+    inverse *= scale[:, :, None] * scale[:, None]
+    inverse[unseen] = 0.0
+    inverse.transpose(0, 2, 1)[unseen] = 0.0
+    return inverse
+
+
+def minimise(model: FrameModel, state: State, settings: Settings, on_step: OnStep | None = None) -> Minimum:
+    """The state of least cost near `state`."""
+    with one_blas_thread():
+        return levenberg_marquardt(_Frames(model, settings.cauchy), state, settings, on_step)
+
+
+@dataclass(frozen=True)
+class _Frames:
+    """Frames with their loss (see levenberg.LeastSquares)."""
+
+    model: FrameModel
+    cauchy: float | None
+
+    @property
+    def damping(self) -> Damping:
+        return Damping()
+
+    @property
+    def count(self) -> int:
+        return len(self.model.part)
+
+    def linearise(self, state: State) -> Linearised:
+        return self.model.linearise(state, _robust_weight(self.model, state, self.cauchy))
+
+    def cost(self, state: State, linear: Linearised) -> float:
+        return total_cost(self.model, state, self.cauchy)
+
+    def accepted(self, state: State, cost: float) -> tuple[Linearised | None, float]:
+        return None, cost
+
+    def step(self, state: State, linear: Linearised, damping: float) -> tuple[State, float] | None:
+        return _step(self.model, state, linear, damping)
+
+
+def total_cost(model: FrameModel, state: State, cauchy: float | None) -> float:
+    """Half the (robust) sum of squares of all rows; infinite where it is not defined.
+
+    `cauchy` None is plain least squares.
+    """
+    squared = (model.residuals(state) ** 2).sum(axis=1)
+    if cauchy is not None:
+        squared = cauchy**2 * np.log1p(squared / cauchy**2)
+    rest = (prior_residuals(model.problem, state)[0] ** 2).sum() + (model.ties(state).residual ** 2).sum()
+    total = 0.5 * float(squared.sum() + rest)
+    return total if np.isfinite(total) else np.inf
+
+
+def _robust_weight(model: FrameModel, state: State, cauchy: float | None) -> FloatArray | None:
+    if cauchy is None:
+        return None
+    return 1.0 / np.sqrt(1.0 + (model.residuals(state) ** 2).sum(axis=1) / cauchy**2)
+
+
+def _step(model: FrameModel, state: State, linear: Linearised, damping: float) -> tuple[State, float] | None:
+    """The state after one damped step and the decrease of cost that the linear model predicts; None if singular."""
+    problem = model.problem
+    try:
+        normal = reduce(model, state, linear, damping)
+    except LinAlgError:
+        return None
+    step = solve_damped(normal.matrix, normal.gradient, normal.diagonal, damping)
+    if step is None:
+        return None
+    expanded = problem.layout.expand_vector(step).reshape(problem.n_cameras, -1)
+    pulled = np.einsum("mkw,mw->mk", normal.coupling, expanded[normal.pair_camera])
+    pulled = sum_by(normal.pair_part, pulled, model.n_frames * model.parts).reshape(normal.gradient_own.shape)
+    frame_step = -np.einsum("fqr,fr->fq", normal.inverse, normal.gradient_own + pulled)
+    new = model.moved_frames(moved(problem, state, step, np.zeros_like(state.points)), frame_step)
+    if (new.intrinsics[:, :2] <= 0).any():  # no lens: as good as singular
+        return None
+    residual, by_camera, by_part = linear
+    after = residual + np.einsum("nij,nj->ni", by_camera, expanded[problem.camera])
+    part_step = frame_step.reshape(model.n_frames * model.parts, -1)
+    after += np.einsum("nij,nj->ni", by_part, part_step[model.part])
+    ties = model.ties(state)
+    tied = ties.residual + np.einsum("mq,mq->m", ties.rows, frame_step[ties.frame])
+    predicted = (residual**2).sum() - (after**2).sum() + (ties.residual**2).sum() - (tied**2).sum()
+    return new, 0.5 * float(predicted) + predicted_decrease(problem, state, step)
+
+
+def cameras_only(problem: Problem) -> Problem:
+    """The same problem without placements: the layout of its cameras alone."""
+    return replace(problem, ball=Free())
+
+
+def redundancy(model: FrameModel, state: State) -> int:
+    """Equations less unknowns; the reference camera's pose is locked, so that nothing is open."""
+    problem = model.problem
+    rows = 2 * len(problem.uv) + len(model.ties(state).frame) + len(problem.layout.prior_columns)
+    return rows - problem.layout.size - seen_unknowns(model, state)
+
+
+def seen_unknowns(model: FrameModel, state: State) -> int:
+    """How many unknowns of frames some observation depends on."""
+    _, _, by_part = model.linearise(state, None)
+    touched = sum_by(model.part, (by_part**2).sum(axis=1), model.n_frames * model.parts)
+    return int((touched > 0).sum())

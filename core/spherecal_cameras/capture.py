@@ -1,0 +1,248 @@
+"""Capturing a session: a folder that grows set by set and is a whole session after each."""
+
+import io
+import json
+import time
+from collections.abc import Mapping
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+from PIL import Image
+
+from spherecal.base.errors import InputError, OutputError, reason
+from spherecal.base.filesystem import (
+    as_id,
+    id_problem,
+    make_folder_below,
+    move_below,
+    path_problem,
+    remove_folder_below,
+    remove_own_folder,
+    scratch_name,
+    shown_name,
+    write_below,
+    write_new,
+)
+from spherecal.base.interrupts import uninterrupted
+from spherecal.base.messages.values import Phrase
+from spherecal.files.capture_file import CAMERAS as CAPTURED_CAMERAS
+from spherecal.files.capture_file import CAPTURE_FILE, FORMAT, VERSION
+from spherecal.files.json_file import JsonValue, read_json
+from spherecal.files.read_session import FORMAT as SESSION_FORMAT
+from spherecal.files.read_session import VERSION as SESSION_VERSION
+from spherecal.files.target_set_file import target_set_bytes
+from spherecal_cameras.averaging import Stillness
+from spherecal_cameras.plan import CapturePlan, PlannedSet
+from spherecal_cameras.protocol import CameraSource, Frame, FrameSet
+
+
+@dataclass(frozen=True)
+class SessionCamera:
+    """A camera of the session: its serial, and its entry in session.json."""
+
+    serial: str
+    entry: dict[str, Any]
+
+    @property
+    def id(self) -> str:
+        """Its id in the session."""
+        return self.entry["id"]
+
+
+class SessionFolder:
+    """A session folder being captured.
+
+    `start` makes a new one or continues an earlier capture; after every `add` the folder can be calibrated.
+    """
+
+    def __init__(
+        self, folder: Path, plan: CapturePlan, cameras: tuple[SessionCamera, ...], source: CameraSource
+    ) -> None:
+        _check_ids(folder, plan, cameras)
+        self.folder, self.plan, self.cameras = folder, plan, cameras
+        self._by_serial = {camera.serial: camera for camera in cameras}
+        self._source = {"kind": source.kind, "label": source.label, "simulated": source.label.startswith("SIMULATED")}
+        self._images: dict[str, dict[str, str]] = {}
+        self._sets: list[dict[str, Any]] = []
+
+    def start(self, take_up: bool) -> None:
+        """Make the folder, or with `take_up` go on with the sets that an earlier capture by the same cameras lacks."""
+        try:
+            held = sorted(entry.name for entry in self.folder.iterdir()) if self.folder.is_dir() else []
+            if held and take_up and CAPTURE_FILE in held:
+                self._take_up()
+            elif held:
+                raise OutputError(Phrase("error-not-empty", {"folder": self.folder}))
+            self.folder.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            what = Phrase("error-cannot-write", {"file": str(self.folder), "why": reason(error)})
+            raise OutputError(what, Phrase("error-name-folder")) from error
+        if self.plan.target_set is not None:
+            write_below(self.folder, "targets.json", target_set_bytes(self.plan.target_set))
+        self._write_metadata()
+
+    def _take_up(self) -> None:
+        f = read_json(self.folder / CAPTURE_FILE, FORMAT, VERSION, below=self.folder).fields(("sets", "cameras"))
+        before = {camera["serial"] for camera in CAPTURED_CAMERAS.read(f["cameras"])}
+        if before != set(self._by_serial):
+            raise InputError(
+                Phrase("error-other-cameras", {"folder": str(self.folder), "names": sorted(before)}),
+                Phrase("error-same-cameras"),
+            )
+        for value in f["sets"].items():
+            known = value.fields(("id", "images"))
+            name = known["id"].id()
+            self._images[name] = {camera: _image(image) for camera, image in known["images"].entries().items()}
+            if isinstance(value.value, dict):
+                self._sets.append(value.value)
+
+    @property
+    def to_take(self) -> tuple[PlannedSet, ...]:
+        """The planned sets that are not there yet, in the plan's order."""
+        return tuple(planned for planned in self.plan.sets if planned.id not in self._images)
+
+    def add(self, planned: PlannedSet, taken: FrameSet, stillness: Mapping[str, Stillness] | None = None) -> None:
+        """Write a set: its images first, each whole, then the metadata that name them.
+
+        `stillness` None where it was not tested.
+        """
+        folder = f"{'placements' if planned.bar is None else 'bars'}/{planned.id}"
+        names = {serial: self._by_serial[serial].id for serial in taken.frames}
+        images = {name: f"{folder}/{name}.png" for name in names.values()}
+        about = {names[s]: _about(frame, (stillness or {}).get(s)) for s, frame in taken.frames.items()}
+
+        if images:
+            self._write_images(folder, {names[serial]: frame for serial, frame in taken.frames.items()})
+        self._images[planned.id] = images
+        self._sets.append(
+            {
+                "id": planned.id,
+                "taken": datetime.now(UTC).isoformat(timespec="milliseconds"),
+                "attempts": taken.attempts,
+                "seconds": round(taken.seconds, 4),
+                "spread_s": None if taken.spread_s is None else round(taken.spread_s, 6),
+                "late": [self._by_serial[serial].id for serial in taken.late],
+                "missing": {self._by_serial[one.camera].id: one.cause for one in taken.missing},
+                "images": images,
+                "cameras": about,
+            }
+        )
+        self._write_metadata()
+
+    def _write_images(self, folder: str, frames: Mapping[str, Frame]) -> None:
+        """Write the images of a set by camera into a new folder, then give it its name; OutputError if that fails."""
+        partial = f"{folder.rpartition('/')[0]}/{scratch_name()}"
+        try:
+            make_folder_below(self.folder, partial)
+            with ThreadPoolExecutor(2) as pool:  # encoding leaves the interpreter alone
+                for name, data in zip(frames, pool.map(png, frames.values()), strict=True):
+                    write_new(self.folder, f"{partial}/{name}.png", data, durable=True)
+            with uninterrupted():
+                # of a set whose metadata never came: its images go, anything else would stay and stop us
+                if not remove_folder_below(self.folder, folder, self._is_own_image):
+                    raise OutputError(Phrase("error-foreign-files", {"folder": self.folder / folder}))
+                move_below(self.folder, partial, folder)
+        except OSError as error:
+            what = Phrase("error-cannot-write", {"file": str(self.folder / folder), "why": reason(error)})
+            raise OutputError(what, Phrase("error-free-disk")) from error
+        finally:
+            remove_own_folder(self.folder / partial)
+
+    def _is_own_image(self, name: str) -> bool:
+        return name.endswith(".png") and name.removesuffix(".png") in {camera.id for camera in self.cameras}
+
+    def _write_metadata(self) -> None:
+        capture = {
+            "format": FORMAT,
+            "version": VERSION,
+            "source": self._source,
+            "cameras": [{"id": camera.id, "serial": camera.serial} for camera in self.cameras],
+            "sets": self._sets,
+        }
+        self._write_json(CAPTURE_FILE, capture)
+        self._write_json("session.json", self._session())
+
+    def _write_json(self, name: str, document: dict[str, Any]) -> None:
+        write_below(self.folder, name, (json.dumps(document, indent=1) + "\n").encode())
+
+    def _session(self) -> dict[str, Any]:
+        placements, poses = [], []
+        for planned in self.plan.sets:
+            images = self._images.get(planned.id)
+            if not images:
+                continue
+            if planned.bar is None:
+                placements.append({"id": planned.id, "images": images})
+            else:
+                pose = {"id": planned.id, "bar": planned.bar, "temperature_c": planned.temperature_c, "images": images}
+                poses.append({key: value for key, value in pose.items() if value is not None})
+        document: dict[str, Any] = {
+            "format": SESSION_FORMAT,
+            "version": SESSION_VERSION,
+            "cameras": [camera.entry for camera in self.cameras],
+            **self.plan.fields,
+            "placements": placements,
+            "bar_poses": poses,
+        }
+        if self.plan.target_set is not None:
+            document["target_set"] = "targets.json"
+        return document
+
+
+def session_ids(names: Mapping[str, str]) -> dict[str, str]:
+    """The ids that cameras get in a session, by serial, from the names they are to have.
+
+    A camera's own name may have any characters: those that an id may not have are replaced. Where two cameras would get
+    one id, their serial numbers are used.
+    """
+    ids = {serial: as_id(name, as_id(serial, "camera")) for serial, name in names.items()}
+    return {s: one if list(ids.values()).count(one) == 1 else as_id(s, one) for s, one in ids.items()}
+
+
+def _check_ids(folder: Path, plan: CapturePlan, cameras: tuple[SessionCamera, ...]) -> None:
+    ids = [camera.id for camera in cameras] + [planned.id for planned in plan.sets]
+    for one in ids:
+        if problem := id_problem(one):
+            raise InputError(Phrase("error-bad-id", {"folder": folder, "id": shown_name(one), "problem": problem}))
+    if len(set(ids[: len(cameras)])) < len(cameras):
+        raise InputError(Phrase("error-cameras-one-name", {"folder": folder}))
+
+
+def _image(image: JsonValue) -> str:
+    text = image.text()
+    if problem := path_problem(text):
+        raise image.error(Phrase("problem-path", {"problem": problem, "path": shown_name(text)}))
+    return text
+
+
+def png(frame: Frame) -> bytes:
+    """The image as the bytes of a PNG file of 8 or 16 bits."""
+    data = io.BytesIO()
+    Image.fromarray(frame.image).save(data, "PNG", compress_level=1)
+    return data.getvalue()
+
+
+def _about(frame: Frame, stillness: Stillness | None) -> dict[str, Any]:
+    known: dict[str, Any] = {
+        "frame_id": frame.frame_id,
+        "time_stamp_ns": frame.time_stamp_ns,
+        "exposed": _wall_clock(frame.taken_s),
+        "exposure_us": frame.exposure_us,
+        "gain_db": frame.gain_db,
+        "temperature_c": frame.temperature_c,
+        "pixel_format": frame.pixel_format,
+        "bits": frame.bits,
+        "averaged": frame.averaged,
+    }
+    if stillness is not None:
+        known["dots"], known["motion_px"], known["noise_px"] = stillness.dots, stillness.motion_px, stillness.noise_px
+    return {key: value for key, value in known.items() if value is not None}
+
+
+def _wall_clock(at_s: float) -> str:
+    """A time of perf_counter as the time of day in UTC."""
+    moment = time.time() - (time.perf_counter() - at_s)
+    return datetime.fromtimestamp(moment, UTC).isoformat(timespec="milliseconds")

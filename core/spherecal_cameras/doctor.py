@@ -1,0 +1,225 @@
+"""The link doctor: do all images arrive, do triggers work, which camera is which; and what to do where not."""
+
+import time
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from spherecal.base.context import Context
+from spherecal.data.findings import Finding
+from spherecal_cameras.protocol import (
+    CameraSource,
+    CameraState,
+    CameraStatus,
+    CaptureRequest,
+    Counters,
+    Frame,
+    features_of,
+)
+
+# Of the rate asked for; less means that images are lost or the camera cannot do it (19.85 of 20 Hz is usual).
+_RATE_KEPT = 0.9
+_LOOK_S = 0.05
+_COVERED = 0.5  # a lens under a hand lets through far less than half of the light
+_TRIGGER_SETS = 10
+_FIRST_IMAGE_S = 5.0
+_DARK, _BRIGHT = 0.2, 0.02  # dots need some contrast over noise; highlights on a ball take less than 1 % of an image
+
+
+@dataclass(frozen=True)
+class LinkReport:
+    """One camera after the test; `counters` are what was counted during the test only."""
+
+    serial: str
+    state: CameraState
+    counters: Counters
+    packet_size: str = ""
+    temperature_c: float | None = None
+    packets_missing: str = ""
+    packets_resent: str = ""
+
+
+@dataclass(frozen=True)
+class TriggerReport:
+    """Sets taken for the trigger test: how many were complete, median and longest time of a set, who was missing."""
+
+    sets: int
+    complete: int
+    median_s: float
+    longest_s: float
+    missing: dict[str, int] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Examination:
+    """What the doctor found; nothing is wrong where no finding is an error or a warning."""
+
+    links: tuple[LinkReport, ...]
+    trigger: TriggerReport
+    findings: tuple[Finding, ...]
+
+    @property
+    def well(self) -> bool:
+        """Whether no finding is an error or a warning."""
+        return all(finding.severity == "info" for finding in self.findings)
+
+
+def examine(
+    source: CameraSource, seconds: float = 5.0, rate_hz: float = 5.0, context: Context | None = None
+) -> Examination:
+    """What is found when the open cameras are watched for some seconds at a live rate and sets are taken; blocking.
+
+    `context` None does neither.
+    """
+    context = context or Context()
+    source.start_live(rate_hz)
+    try:
+        _warm_up(source, context)
+        before = source.statuses()
+        began = time.perf_counter()
+        while (passed := time.perf_counter() - began) < seconds:
+            context.report("watching the cameras", passed / seconds)
+            time.sleep(_LOOK_S)
+        after = source.statuses()
+        passed = time.perf_counter() - began
+        light = [f for serial in after if (f := _judge_light(source.latest(serial))) is not None]
+    finally:
+        source.stop_live()
+    links = tuple(_link(source, after[serial], before.get(serial), passed) for serial in after)
+    trigger = _trigger_test(source, context)
+    findings = tuple(f for link in links for f in _judge_link(link, after[link.serial]))
+    return Examination(links, trigger, (*findings, *_judge_trigger(trigger), *light))
+
+
+def _warm_up(source: CameraSource, context: Context) -> None:
+    """Wait for the first image of every camera: the start does not count."""
+    deadline = time.perf_counter() + _FIRST_IMAGE_S
+    while time.perf_counter() < deadline:
+        context.report("waiting for first images", 0.0)
+        usable = [serial for serial, status in source.statuses().items() if status.state.usable]
+        if all(source.latest(serial) is not None for serial in usable):
+            return
+        time.sleep(_LOOK_S)
+
+
+def _judge_light(frame: Frame | None) -> Finding | None:
+    """Whether an image is far too dark or too bright."""
+    if frame is None:
+        return None
+    sample, full = frame.image[::5, ::5], 2**frame.bits - 1
+    where = (frame.camera,)
+    if float(np.percentile(sample, 99.5)) < _DARK * full:
+        return Finding("dark", "info", {"limit": _DARK}, where)
+    bright = float((sample >= full).mean())
+    if bright > _BRIGHT:
+        return Finding("overexposed", "info", {"share": bright}, where)
+    return None
+
+
+def _link(source: CameraSource, status: CameraStatus, before: CameraStatus | None, seconds: float) -> LinkReport:
+    now, old = status.counters, before.counters if before else Counters()
+    same = now.delivered >= old.delivered  # else it was opened again meanwhile
+    counted = Counters(
+        now.delivered - old.delivered * same,
+        now.incomplete - old.incomplete * same,
+        now.underrun - old.underrun * same,
+        now.overwritten - old.overwritten * same,
+        now.reopened - old.reopened * same,
+        (now.delivered - old.delivered * same) / seconds,
+        now.wanted_hz,
+    )
+    found = {feature.feature: feature.got for feature in features_of(source, status.serial)}
+    return LinkReport(
+        status.serial,
+        status.state,
+        counted,
+        found.get("packet size", ""),
+        status.temperature_c,
+        found.get("packets missing", ""),
+        found.get("packets resent", ""),
+    )
+
+
+def _trigger_test(source: CameraSource, context: Context) -> TriggerReport:
+    seconds, complete = [], 0
+    missing: dict[str, int] = {}
+    for number in range(_TRIGGER_SETS):
+        context.report("testing the trigger", number / _TRIGGER_SETS)
+        taken = source.capture_set(CaptureRequest(retries=0), context)
+        seconds.append(taken.seconds)
+        complete += taken.complete
+        for one in taken.missing:
+            missing[one.camera] = missing.get(one.camera, 0) + 1
+        if number == 1 and not complete:  # every further one would wait in vain
+            break
+    source.stop_live()
+    return TriggerReport(len(seconds), complete, float(np.median(seconds)), max(seconds), missing)
+
+
+def _judge_link(link: LinkReport, status: CameraStatus) -> list[Finding]:
+    counted, where = link.counters, (link.serial,)
+    if not status.state.usable:
+        return [Finding(_UNUSABLE[status.state], "error", {"cause": status.cause, "remedy": status.remedy}, where)]
+    findings = []
+    if counted.incomplete:
+        values = {"incomplete": counted.incomplete, "images": counted.incomplete + counted.delivered}
+        findings.append(Finding("incomplete-images", "warning", values, where))
+    if counted.underrun:
+        findings.append(Finding("underrun", "warning", {"images": counted.underrun}, where))
+    wanted = counted.wanted_hz
+    if wanted and counted.rate_hz < _RATE_KEPT * wanted:
+        findings.append(Finding("slow", "warning", {"rate_hz": counted.rate_hz, "wanted_hz": wanted}, where))
+    if not counted.delivered:
+        findings.append(Finding("no-images", "error", where=where))
+    return findings
+
+
+_UNUSABLE = {
+    CameraState.FOUND: "camera-found",
+    CameraState.NO_TRIGGER: "camera-no-trigger",
+    CameraState.LOST: "camera-lost",
+    CameraState.BUSY: "camera-busy",
+    CameraState.ERROR: "camera-error",
+}
+
+
+def _judge_trigger(trigger: TriggerReport) -> tuple[Finding, ...]:
+    return tuple(
+        Finding(
+            "missing-in-sets",
+            "error" if count == trigger.sets else "warning",
+            {"missing": count, "sets": trigger.sets},
+            (serial,),
+        )
+        for serial, count in trigger.missing.items()
+    )
+
+
+def covered_camera(source: CameraSource, before: dict[str, float], context: Context | None = None) -> str | None:
+    """The serial of the one camera whose image is dark now and was not when `before` was taken; else None.
+
+    `context` None never stops.
+    """
+    now = brightness(source, context)
+    # parts of all cameras' usual change, so that a cloud before the sun covers nobody
+    ratios = {serial: now[serial] / before[serial] for serial in now if before.get(serial)}
+    if not ratios:
+        return None
+    usual = float(np.median(list(ratios.values()))) if len(ratios) > 2 else 1.0
+    dark = [serial for serial, ratio in ratios.items() if ratio < _COVERED * usual]
+    return dark[0] if len(dark) == 1 else None
+
+
+def brightness(source: CameraSource, context: Context | None = None) -> dict[str, float]:
+    """The mean grey value of each camera's image over its darkest pixels, by serial.
+
+    The darkest pixels are the first percentile. Cameras without an image are left out.
+
+    `context` None never stops.
+    """
+    taken = source.capture_set(CaptureRequest(retries=1), context)
+    means = {}
+    for serial, frame in taken.frames.items():
+        image = frame.image[::7, ::7]
+        means[serial] = float(image.mean() - np.percentile(image, 1))
+    return means

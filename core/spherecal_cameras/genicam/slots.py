@@ -1,0 +1,78 @@
+"""The cameras that the camera process is to keep open: what is known of each, and how their states are judged."""
+
+import time
+
+from spherecal_cameras.genicam import words
+from spherecal_cameras.genicam.device import Device
+from spherecal_cameras.genicam.features import error_id, plain
+from spherecal_cameras.genicam.messages import RequestedCamera, StateIs, UseRing
+from spherecal_cameras.genicam.rings import Ring
+from spherecal_cameras.protocol import CameraState
+
+_AGAIN_S = (0.3, 0.5, 1.0, 2.0)  # pauses before a lost camera is looked for again; the last one repeats
+_SILENT_S = 3.0  # without a hardware trigger
+_UNANSWERED = 3  # software triggers
+_UNANSWERED_S = 1.5
+_INCOMPLETE_S = 5.0  # how long incomplete images are remembered
+
+
+class Slot:
+    """A camera that is to be kept open: its device, if it is there, and what was last said about it."""
+
+    def __init__(self, number: int, wanted: RequestedCamera) -> None:
+        self.number = number
+        self.serial, self.producer, self.settings = wanted.serial, wanted.producer, wanted.settings
+        self.load, self.sha256 = wanted.load, wanted.sha256
+        self.device: Device | None = None
+        self.ring: UseRing | None = None
+        self.said: StateIs | None = None
+        self.opened_before = False
+        self.failure: tuple[CameraState, str, str] | None = None  # why it could not be opened the last time
+        self.tries = 0
+        self.next_try_s = 0.0
+        self.next_check_s = 0.0
+        self.next_temperature_s = 0.0
+        self.next_notice_s = 0.0
+        self.slowness_s = 0.0
+
+    def wait_longer(self) -> None:
+        """Set the time of the next attempt to open."""
+        self.next_try_s = time.perf_counter() + _AGAIN_S[min(self.tries, len(_AGAIN_S) - 1)]
+        self.tries += 1
+
+
+def assess(slot: Slot, device: Device, now: float) -> tuple[CameraState, str, str]:
+    """The state of an open camera, its cause and its remedy, in words."""
+    if not device.acquiring:
+        return CameraState.CONNECTED, "", ""
+    if device.unreadable:
+        return words.unreadable(device.unreadable)
+    if now - device.last_incomplete_s < _INCOMPLETE_S:
+        return words.incomplete()
+    silent = now - device.last_image_s
+    if slot.settings.trigger == "hardware" and silent > _SILENT_S:
+        return words.no_trigger(hardware=True)
+    if device.unanswered >= _UNANSWERED and silent > _UNANSWERED_S:
+        return words.no_trigger(hardware=False)
+    return CameraState.STREAMING, "", ""
+
+
+def attach(ring: UseRing) -> Ring:
+    """The ring that the program has made; images are numbered on after those in it."""
+    attached = Ring(ring.name, ring.slots, ring.slot_bytes, create=False)
+    attached.continue_after(attached.last())
+    return attached
+
+
+def why_not_opened(error: Exception, access: str) -> tuple[CameraState, str, str]:
+    """The state, cause and remedy of a camera that could not be opened, by the driver's error."""
+    text = plain(error)
+    if "genapi" in type(error).__module__:
+        return words.no_description(text)
+    if error_id(error) in (-1004, -1005):  # resource in use, access denied
+        return words.busy(text)
+    if access == "unreachable":
+        return words.unreachable(text)
+    if error_id(error) in (-1006, -1010, -1011, -1014):  # invalid handle, input/output, timeout, not available
+        return words.lost(text)
+    return words.failed(text)

@@ -1,0 +1,90 @@
+"""What is known of the cameras on the program's side: their states, counters and the events not yet taken."""
+
+import logging
+import threading
+import time
+from collections import deque
+from collections.abc import Iterable
+from dataclasses import replace
+
+from spherecal_cameras.genicam.messages import Alive
+from spherecal_cameras.protocol import CameraEvent, CameraState, CameraStatus, EventKind
+
+_EVENTS_KEPT = 1000
+
+log = logging.getLogger("spherecal_cameras")
+
+
+class StatusLog:
+    """States and events; thread-safe, and never waits."""
+
+    def __init__(self) -> None:
+        self._lock = threading.Lock()
+        self._statuses: dict[str, CameraStatus] = {}
+        self._events: deque[CameraEvent] = deque(maxlen=_EVENTS_KEPT)
+
+    def keep_only(self, serials: Iterable[str]) -> None:
+        """Keep these cameras only; what is known of them stays."""
+        now = time.perf_counter()
+        with self._lock:
+            fresh = {serial: CameraStatus(serial, CameraState.FOUND, since_s=now) for serial in serials}
+            self._statuses = {serial: self._statuses.get(serial, new) for serial, new in fresh.items()}
+
+    def statuses(self) -> dict[str, CameraStatus]:
+        """The state of every wanted camera, by serial."""
+        with self._lock:
+            return dict(self._statuses)
+
+    def take_events(self) -> list[CameraEvent]:
+        """The events since the last call, oldest first."""
+        with self._lock:
+            events = list(self._events)
+            self._events.clear()
+        return events
+
+    def set_state(self, serial: str, state: CameraState, cause: str = "", remedy: str = "") -> None:
+        """Note a camera's state, and make an event of it if it has changed."""
+        with self._lock:
+            status = self._statuses.get(serial)
+            if status is None or (status.state, status.cause) == (state, cause):
+                return
+            now = time.perf_counter()
+            status = replace(status, state=state, cause=cause, remedy=remedy, since_s=now)
+            self._statuses[serial] = status
+        self.event(EventKind.STATE, f"Camera {serial}: {state.value}. {cause}".strip(), remedy, serial, status)
+
+    def event(
+        self,
+        kind: EventKind,
+        message: str,
+        hint: str = "",
+        camera: str | None = None,
+        status: CameraStatus | None = None,
+    ) -> None:
+        """Note that something happened, and log it.
+
+        `camera` None for all cameras.
+        """
+        with self._lock:
+            self._events.append(CameraEvent(kind, message, hint, camera, time.perf_counter(), status))
+        well = kind == EventKind.SERVICE_BACK or (status is not None and status.state.usable)
+        log.log(logging.INFO if well else logging.WARNING, "%s", message)
+
+    def count(self, report: Alive) -> None:
+        """Take over what the camera process has counted; what is counted here stays."""
+        with self._lock:
+            for serial, counters in report.counters.items():
+                status = self._statuses.get(serial)
+                if status is not None:
+                    own = replace(counters, overwritten=status.counters.overwritten, reopened=status.counters.reopened)
+                    warm = report.temperatures.get(serial)
+                    self._statuses[serial] = replace(status, counters=own, temperature_c=warm)
+
+    def add(self, serial: str, overwritten: int = 0, reopened: int = 0) -> None:
+        """Count images that could not be fetched in time, or returns after a loss."""
+        with self._lock:
+            status = self._statuses.get(serial)
+            if status is not None:
+                old = status.counters
+                new = replace(old, overwritten=old.overwritten + overwritten, reopened=old.reopened + reopened)
+                self._statuses[serial] = replace(status, counters=new)

@@ -1,0 +1,280 @@
+"""Driver files are code: which ones were allowed, by the hash of their contents, and who is asked about new ones.
+
+Our own (the environment's packages, the simulated producer) need no permission. Any other file is asked about once,
+where somebody can be asked; its hash is kept in `drivers.json` in the user's configuration folder. In a script nobody
+can be asked: a new file that somebody chose is loaded, kept and reported. It is chosen by name, by GENICAM_GENTL64_PATH
+or by installing its maker's driver. A file is not loaded whose contents have changed since it was allowed, that others
+could exchange, or that cannot be read. What is loaded is a private copy of what was looked at (driver_copy.py).
+"""
+
+import json
+import logging
+import os
+import stat
+import sys
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from functools import partial
+from pathlib import Path
+from typing import Literal
+
+from spherecal.base.errors import InputError, OutputError
+from spherecal.base.messages.values import Phrase
+from spherecal.files.atomic import write_file_whole
+from spherecal.files.codec import FileFormat, field, items, only, record, text, unread
+from spherecal_cameras.genicam.driver_copy import NotTheSame, hash_of, private_copy
+
+State = Literal["own", "known", "new", "changed", "unsafe", "unreadable"]
+
+log = logging.getLogger("spherecal")
+
+
+@dataclass(frozen=True)
+class Driver:
+    """A driver file as it is now: its real path, the hash of its contents ("" where it cannot be read), its state."""
+
+    file: str
+    sha256: str
+    state: State
+
+
+Ask = Callable[[Driver], bool]
+
+
+@dataclass(frozen=True)
+class Refusal:
+    """Why a driver is not loaded, and what to do; `allowable`: somebody only has to allow it."""
+
+    message: str
+    hint: str
+    allowable: bool = False
+
+
+_DRIVER = record(
+    "",
+    partial(Driver, state="known"),
+    field("file", text("Its real path.")),
+    field("sha256", text("SHA-256 of its contents.")),
+)
+DRIVERS = FileFormat(
+    "spherecal/drivers",
+    "drivers.json",
+    "Camera drivers that were allowed, in the user's settings.",
+    only(
+        "drivers",
+        items("The driver files.", _DRIVER),
+        unread("written_at", "When the file was written.", lambda _: datetime.now(UTC).isoformat(timespec="seconds")),
+    ),
+    more="cameras.md",
+)
+
+
+class TrustStore:
+    """The files that were allowed: real path -> hash.
+
+    `path` None is `default_trust_path()`.
+    """
+
+    def __init__(self, path: Path | None = None) -> None:
+        self.path = path or default_trust_path()
+        self._allowed = _read(self.path)
+
+    def allowed(self) -> Mapping[str, str]:
+        """The hashes by real path."""
+        return dict(self._allowed)
+
+    def look(self, file: str) -> Driver:
+        """A driver file as it is now, with its state."""
+        real = os.path.realpath(file)
+        if is_own(real):
+            return Driver(real, "", "own")
+        try:
+            digest = hash_of(real)
+        except OSError:
+            return Driver(real, "", "unreadable")
+        if _is_built(real, digest):
+            return Driver(real, digest, "own")
+        if who_may_change(real):
+            return Driver(real, digest, "unsafe")
+        known = self._allowed.get(real)
+        return Driver(real, digest, "new" if known is None else "known" if known == digest else "changed")
+
+    def allow(self, driver: Driver) -> None:
+        """Remember this file with these contents; a list that cannot be written is logged and raises nothing."""
+        self._allowed[driver.file] = driver.sha256
+        self._write()
+
+    def forget(self, file: str) -> bool:
+        """Take a file off the list; whether it was there."""
+        if self._allowed.pop(os.path.realpath(file), None) is None:
+            return False
+        self._write()
+        return True
+
+    def _write(self) -> None:
+        document = DRIVERS.document([Driver(file, own, "known") for file, own in sorted(self._allowed.items())])
+        try:
+            self.path.parent.mkdir(parents=True, exist_ok=True)
+            write_file_whole(self.path, (json.dumps(document, indent=1) + "\n").encode())
+        except (OSError, OutputError) as error:  # a home folder that is read-only
+            log.warning("the list of allowed drivers cannot be kept: %s", error)
+
+
+def refusal(store: TrustStore, file: str, ask: Ask | None) -> Refusal | None:
+    """Why a driver may not be loaded; None where it may. Asks about a new or changed one, and remembers the answer yes.
+
+    `ask` None: a new one is allowed and remembered, a changed one refused.
+    """
+    return _refusal(store, store.look(file), ask)
+
+
+@dataclass(frozen=True)
+class Admitted:
+    """A driver that may be loaded: the file it is known by, what to load, and its hash ("" for our own files)."""
+
+    file: str
+    load: str
+    sha256: str
+
+
+def admit(store: TrustStore, file: str, ask: Ask | None) -> Admitted | Refusal:
+    """What to load for a driver file, a private copy of what was looked at and allowed; else why it is not loaded.
+
+    `ask` None: a new one is allowed and remembered, a changed one refused.
+    """
+    driver = store.look(file)
+    if (reason := _refusal(store, driver, ask)) is not None:
+        return reason
+    if not driver.sha256:
+        return Admitted(file, driver.file, "")
+    try:
+        return Admitted(file, private_copy(driver.file, driver.sha256), driver.sha256)
+    except NotTheSame:
+        return Refusal("This file changed while it was looked at, so it is not loaded.", "Look for cameras again.")
+    except (OSError, InputError) as error:
+        return Refusal(f"This file cannot be copied to be loaded ({error}).", "Free the disk, look for cameras again.")
+
+
+def admit_again(store: TrustStore, file: str) -> Admitted | Refusal:
+    """As `admit`, where nobody is asked: only what was allowed before, with the same contents, is loaded."""
+    if store.look(file).state in ("own", "known"):
+        return admit(store, file, lambda _: False)
+    return Refusal("This driver is not the one that was allowed, so it is not loaded.", "Look for cameras again.")
+
+
+def _refusal(store: TrustStore, driver: Driver, ask: Ask | None) -> Refusal | None:
+    if driver.state in ("own", "known"):
+        return None
+    if driver.state in _NEVER:
+        return _NEVER[driver.state](driver)
+    if ask is not None:
+        if ask(driver):
+            store.allow(driver)
+            return None
+        return Refusal("You did not allow this driver.", f"To allow it: spherecal cameras trust {driver.file}", True)
+    if driver.state == "changed":
+        return Refusal(
+            "This file is not the one that was allowed: its contents have changed, so it is not loaded.",
+            f"If the driver was updated: spherecal cameras trust {driver.file}",
+            allowable=True,
+        )
+    store.allow(driver)
+    log.warning("new driver loaded and remembered: %s (sha256 %s)", driver.file, driver.sha256)
+    return None
+
+
+def _unreadable(_: Driver) -> Refusal:
+    return Refusal("This file cannot be read, so it cannot be judged and is not loaded.", "Check its permissions.")
+
+
+def _unsafe(driver: Driver) -> Refusal:
+    return Refusal(
+        f"{who_may_change(driver.file)}, so it is not loaded.",
+        f"Have it protected (chmod go-w, chown root, of {driver.file} and the folders above it), or install the driver "
+        "again.",
+    )
+
+
+_NEVER: dict[State, Callable[[Driver], Refusal]] = {"unreadable": _unreadable, "unsafe": _unsafe}
+
+
+def is_own(real: str) -> bool:
+    """Whether a file belongs to this program: to its Python environment or bundle."""
+    folders = {os.path.realpath(sys.prefix), os.path.realpath(Path(__file__).parents[3])}
+    return any(real.startswith(folder + os.sep) for folder in folders)
+
+
+def _is_built(real: str, digest: str) -> bool:
+    """Whether it has the contents of a simulated producer that this program has built."""
+    from spherecal_gentl.producer.build import CTI_FILE, built_producers
+
+    if os.path.basename(real) != CTI_FILE:
+        return False
+    try:
+        return digest in {hash_of(str(file)) for file in built_producers()}
+    except OSError:
+        return False
+
+
+def who_may_change(real: str) -> str:
+    """Who except the user and the administrator may exchange a file, in words; empty where nobody can.
+
+    The file and every folder above it count: who may write a folder can rename what is in it. Access lists of Windows
+    are not looked at: there the result is always empty.
+    """
+    if os.name == "nt":
+        return ""
+    trusted = {0, os.getuid()}
+    for path in (real, *map(str, Path(real).parents)):
+        try:
+            state = os.lstat(path)
+        except OSError:
+            return f"{path} cannot be looked at"
+        if state.st_uid not in trusted:
+            return f"{path} belongs to another user ({_user_name(state.st_uid)})"
+        sticky = path != real and state.st_mode & stat.S_ISVTX  # there only its owner renames a file
+        if state.st_mode & stat.S_IWOTH and not sticky:
+            return f"Any user of this computer can change {path}"
+        if state.st_mode & stat.S_IWGRP and not sticky and not _is_own_group(state.st_gid):
+            return f"The group {state.st_gid} can change {path}"
+    return ""
+
+
+def _user_name(number: int) -> str:
+    import pwd
+
+    try:
+        return pwd.getpwuid(number).pw_name
+    except KeyError:
+        return str(number)
+
+
+def _is_own_group(number: int) -> bool:
+    """Whether a group has no members but the user and the administrator, as many systems make one for each user."""
+    import grp
+    import pwd
+
+    try:
+        users = [user for user in pwd.getpwall() if user.pw_gid == number]
+        members = {pwd.getpwnam(name).pw_uid for name in grp.getgrgid(number).gr_mem}
+    except KeyError:
+        return False
+    return {user.pw_uid for user in users} | members <= {0, os.getuid()}
+
+
+def default_trust_path() -> Path:
+    """Where the list is kept: SPHERECAL_DRIVERS, else the user's configuration folder."""
+    from platformdirs import user_config_path
+
+    named = os.environ.get("SPHERECAL_DRIVERS")
+    return Path(named) if named else user_config_path("spherecal", appauthor=False) / "drivers.json"
+
+
+def _read(path: Path) -> dict[str, str]:
+    if not path.exists():
+        return {}
+    try:
+        return {one.file: one.sha256 for one in DRIVERS.read(path)}
+    except InputError as error:
+        raise InputError(error.parts[0], Phrase("error-delete-trust", {"file": path})) from error

@@ -1,0 +1,270 @@
+"""The network of GigE cameras judged: addresses, filters, buffers, packet sizes and what one line can carry (Linux)."""
+
+import ctypes
+import ipaddress
+import socket
+import struct
+import sys
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from spherecal.data.findings import Finding
+from spherecal_cameras.protocol import FeatureReport
+from spherecal_gentl.gige.gvcp import NetworkCamera, search
+
+# Ethernet, IP, UDP and GVSP around the pixels of a packet, preamble and gap included; the packet size of a camera has
+# IP, UDP and GVSP in it.
+_IN_PACKET, _ON_WIRE = 36, 38
+_USABLE = 0.9  # of a line: registers, resent packets and clocks that differ need the rest
+_JUMBO, _PLAIN = 9000, 1500
+# A frame in the receive buffer while this computer does something else: 10 ms of a full line of 1 Gbit/s is 1.25 MB.
+_LEAST_BUFFER, _WANTED_BUFFER = 2_000_000, 33_554_432
+_TICK_HZ = 1_000_000_000
+_GET_ADDRESS, _GET_MASK, _GET_MTU, _ETHTOOL = 0x8915, 0x891B, 0x8921, 0x8946  # SIOCGIFADDR and so on
+_LINK_SETTINGS = struct.pack("I40x", 1)  # of ethtool: ETHTOOL_GSET
+_SETTINGS = Path("/proc/sys/net")
+
+
+@dataclass(frozen=True)
+class NetworkLine:
+    """A network interface of this computer; `mbit_s` is None where it does not say its speed.
+
+    `reverse_path_filter`: 0 off, 1 strict, 2 loose. `receive_buffer_bytes` is the most a program can have.
+    """
+
+    interface: str
+    address: str
+    mask: str
+    mtu: int
+    mbit_s: float | None
+    reverse_path_filter: int
+    receive_buffer_bytes: int
+
+
+@dataclass(frozen=True)
+class CameraLoad:
+    """What a camera is to send: bytes of an image, images a second, bytes of a packet, ticks a second of its clock."""
+
+    image_bytes: int
+    rate_hz: float
+    packet_size: int = _PLAIN
+    tick_hz: int = _TICK_HZ
+
+
+@dataclass(frozen=True)
+class Stagger:
+    """Delays in ticks of a camera's clock with which cameras share a line: after every packet, and before a frame."""
+
+    serial: str
+    packet_delay: int
+    frame_delay: int
+
+
+@dataclass(frozen=True)
+class LineExamination:
+    """One line with its cameras: bytes a second that they want and it carries, proposed delays, what is wrong.
+
+    `carried_bytes_s` is None where the line does not say its speed.
+    """
+
+    line: NetworkLine
+    cameras: tuple[NetworkCamera, ...]
+    wanted_bytes_s: float
+    carried_bytes_s: float | None
+    staggers: tuple[Stagger, ...]
+    findings: tuple[Finding, ...]
+
+
+def load_of(features: Sequence[FeatureReport], rate_hz: float) -> CameraLoad | None:
+    """What a camera is to send, from its features; None where they do not say its size."""
+    reported = {feature.feature: feature.got for feature in features}
+    try:
+        pixels = int(reported["width"]) * int(reported["height"])
+        packet, ticks = (int(float(reported.get(name) or 0)) for name in ("packet size", "time stamp rate"))
+    except (KeyError, ValueError):
+        return None
+    pixel_format = reported.get("pixel format", "")
+    deep = any(bits in pixel_format for bits in ("10", "12", "14", "16"))
+    packed = pixel_format.endswith(("p", "Packed"))
+    bytes_each = 1.0 if not deep else 1.5 if packed else 2.0
+    return CameraLoad(round(pixels * bytes_each), rate_hz, packet or _PLAIN, ticks or _TICK_HZ)
+
+
+def examine_lines(loads: Mapping[str, CameraLoad]) -> tuple[LineExamination, ...]:
+    """Every line on which a camera answers; `loads` by serial number. Empty where the system is not Linux."""
+    return tuple(assess(line, cameras, loads) for line in network_lines() if (cameras := _answering(line.interface)))
+
+
+def _answering(interface: str) -> tuple[NetworkCamera, ...]:
+    try:
+        return tuple(search(interface))
+    except OSError:  # down, or without an address
+        return ()
+
+
+def network_lines() -> tuple[NetworkLine, ...]:
+    """The network interfaces with an IPv4 address, without the loopback."""
+    if not sys.platform.startswith("linux"):
+        return ()
+    found = []
+    for _, name in socket.if_nameindex():
+        raw_address, raw_mask, mtu = (_asked(name, what) for what in (_GET_ADDRESS, _GET_MASK, _GET_MTU))
+        if raw_address is None or raw_mask is None or mtu is None:  # no IPv4 address
+            continue
+        address, mask = (socket.inet_ntoa(raw[20:24]) for raw in (raw_address, raw_mask))
+        if ipaddress.ip_address(address).is_loopback:
+            continue
+        filters = [_number(_SETTINGS / "ipv4/conf" / where / "rp_filter") or 0 for where in ("all", name)]
+        found.append(
+            NetworkLine(
+                name,
+                address,
+                mask,
+                struct.unpack_from("i", mtu, 16)[0],
+                _speed_mbit_s(name),
+                max(filters),
+                _number(_SETTINGS / "core/rmem_max") or 0,
+            )
+        )
+    return tuple(found)
+
+
+def _asked(name: str, request: int, data: bytes = b"") -> bytes | None:
+    """The system's answer about an interface; None where it has none."""
+    import fcntl
+
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as any_socket:
+        try:
+            return fcntl.ioctl(any_socket.fileno(), request, struct.pack("16s240s", name.encode()[:15], data))
+        except OSError:
+            return None
+
+
+def _speed_mbit_s(name: str) -> float | None:
+    settings = ctypes.create_string_buffer(_LINK_SETTINGS, len(_LINK_SETTINGS))
+    if _asked(name, _ETHTOOL, struct.pack("P", ctypes.addressof(settings))) is None:
+        return None
+    low, high = (struct.unpack_from("H", settings.raw, at)[0] for at in (12, 28))
+    speed = high << 16 | low
+    return None if speed in (0, 0xFFFF, 0xFFFFFFFF) else float(speed)  # without a cable it is unknown
+
+
+def _number(file: Path) -> int | None:
+    try:
+        return int(file.read_text(encoding="ascii"))
+    except (OSError, ValueError):
+        return None
+
+
+def assess(line: NetworkLine, cameras: Sequence[NetworkCamera], loads: Mapping[str, CameraLoad]) -> LineExamination:
+    """One line with the cameras that answered on it: its load, proposed delays and what is wrong."""
+    sending = {camera.serial: loads[camera.serial] for camera in cameras if camera.serial in loads}
+    wanted = sum(wire_bytes(load) * load.rate_hz for load in sending.values())
+    carried = None if line.mbit_s is None else line.mbit_s * 1e6 / 8
+    findings = (*_addresses(line, cameras), *_packets(line, sending), *_buffer(line, sending))
+    if carried is not None and wanted > _USABLE * carried:
+        values = {
+            "interface": line.interface,
+            "wanted_mbit": wanted * 8e-6,
+            "line_mbit": line.mbit_s,
+            "rate_hz": _USABLE * carried / sum(wire_bytes(load) for load in sending.values()),
+        }
+        findings = (*findings, Finding("line-too-thin", "warning", values, tuple(sending)))
+    delays = stagger(sending, line.mbit_s) if line.mbit_s is not None and len(sending) > 1 else ()
+    return LineExamination(line, tuple(cameras), wanted, carried, delays, findings)
+
+
+def wire_bytes(load: CameraLoad) -> int:
+    """Bytes on the wire for one image: pixels and everything around them; leader and trailer are two more packets."""
+    pixels = load.packet_size - _IN_PACKET
+    return load.image_bytes + (-(-load.image_bytes // pixels) + 2) * (_IN_PACKET + _ON_WIRE)
+
+
+def stagger(loads: Mapping[str, CameraLoad], mbit_s: float) -> tuple[Stagger, ...]:
+    """Delays (GevSCPD, GevSCFTD) with which these cameras, triggered together, share a line.
+
+    Each camera leaves room for one packet of every other after each of its own, and they begin one packet apart. So no
+    switch has to keep more than a packet of each; a tenth of the line stays free.
+    """
+    packet_s = max((load.packet_size + _ON_WIRE) * 8 / (mbit_s * 1e6 * _USABLE) for load in loads.values())
+    return tuple(
+        Stagger(serial, round((len(loads) - 1) * packet_s * load.tick_hz), round(place * packet_s * load.tick_hz))
+        for place, (serial, load) in enumerate(loads.items())
+    )
+
+
+def _addresses(line: NetworkLine, cameras: Sequence[NetworkCamera]) -> list[Finding]:
+    network = ipaddress.ip_interface(f"{line.address}/{line.mask}").network
+    found = []
+    held = Counter(camera.address for camera in cameras)
+    for address in [*[a for a, times in held.items() if times > 1], *({line.address} & set(held))]:
+        who = tuple(camera.serial for camera in cameras if camera.address == address)
+        found.append(Finding("same-address", "error", {"address": address}, who))
+    for camera in cameras:
+        if ipaddress.ip_address(camera.address) in network:
+            continue
+        beside = free_beside(camera)
+        values = {
+            "address": camera.address,
+            "interface": line.interface,
+            "network": str(network),
+            "command": f"sudo ip address add {beside} dev {line.interface}",
+        }
+        found.append(Finding("other-subnet", "error", values, (camera.serial,)))
+        if line.reverse_path_filter == 1:
+            command = f"sudo sysctl net.ipv4.conf.all.rp_filter=2 net.ipv4.conf.{line.interface}.rp_filter=2"
+            values = {"interface": line.interface, "command": command}
+            found.append(Finding("reverse-path-filter", "warning", values, (camera.serial,)))
+    return found
+
+
+# A camera's network that leaves room for this computer, and is one.
+_WIDEST, _NARROWEST = 8, 29
+
+
+def free_beside(camera: NetworkCamera) -> str:
+    """An address for this computer in the camera's network, with its prefix length, such as 192.168.7.254/24."""
+    try:
+        network = ipaddress.ip_interface(f"{camera.address}/{camera.mask}").network
+    except ValueError:  # the camera's own word, which may be anything
+        network = ipaddress.ip_interface(f"{camera.address}/24").network
+    if not _WIDEST <= network.prefixlen <= _NARROWEST:
+        network = ipaddress.ip_interface(f"{camera.address}/24").network
+    hosts = [host for host in (network[1], network[-2]) if str(host) != camera.address]
+    return f"{hosts[-1]}/{network.prefixlen}"
+
+
+def _packets(line: NetworkLine, loads: Mapping[str, CameraLoad]) -> list[Finding]:
+    too_large = tuple(serial for serial, load in loads.items() if load.packet_size > line.mtu)
+    found = []
+    if too_large:
+        values = {
+            "interface": line.interface,
+            "mtu": line.mtu,
+            "command": f"sudo ip link set {line.interface} mtu {max(load.packet_size for load in loads.values())}",
+        }
+        found.append(Finding("packets-too-large", "error", values, too_large))
+    total = sum(wire_bytes(load) * load.rate_hz for load in loads.values())
+    jumbo = sum(wire_bytes(replace(load, packet_size=_JUMBO)) * load.rate_hz for load in loads.values())
+    if line.mtu <= _PLAIN and line.mbit_s is not None and total > 0.5 * line.mbit_s * 1e6 / 8:
+        values = {
+            "interface": line.interface, "saved": 1 - jumbo / total, "mtu": line.mtu,
+            "command": f"sudo ip link set {line.interface} mtu {_JUMBO}",
+        }  # fmt: skip
+        found.append(Finding("small-packets", "info", values, tuple(loads)))
+    return found
+
+
+def _buffer(line: NetworkLine, loads: Mapping[str, CameraLoad]) -> list[Finding]:
+    largest = max([load.image_bytes for load in loads.values()], default=0)
+    needed = max(_LEAST_BUFFER, largest)
+    if not loads or line.receive_buffer_bytes >= needed:
+        return []
+    values = {
+        "kilobytes": line.receive_buffer_bytes // 1000,
+        "needed_kilobytes": needed // 1000,
+        "command": f"sudo sysctl net.core.rmem_max={max(_WANTED_BUFFER, needed)}",
+    }
+    return [Finding("receive-buffer", "warning", values, tuple(loads))]

@@ -1,0 +1,168 @@
+"""What to capture: placements and bar poses in order, with targets, scale and bars as session.json has them."""
+
+import json
+import tempfile
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from spherecal.base.errors import InputError, Words
+from spherecal.base.filesystem import create
+from spherecal.base.messages.values import Phrase
+from spherecal.data.session import Bar, CameraSpec, Session
+from spherecal.files.json_file import read_json
+from spherecal.files.observations_file import COLUMNS
+from spherecal.files.read_session import FORMAT, VERSION, read_session
+from spherecal.files.target_set_file import read_target_set, write_target_set
+from spherecal.targets.target_set import TargetSet
+from spherecal_cameras.protocol import CameraError
+from spherecal_sim.session_folder import session_json
+
+_TAKEN_OVER = ("scale", "sphere", "bars", "board")
+
+
+@dataclass(frozen=True)
+class PlannedSet:
+    """One set to take: a placement (`bar` None) or a pose of a bar."""
+
+    id: str
+    bar: str | None = None
+    temperature_c: float | None = None
+
+
+@dataclass(frozen=True)
+class CapturePlan:
+    """Sets in order, the target set, the fields of session.json that do not come from cameras, and cameras it knows.
+
+    `bars` are those of `fields` with their certified lengths, also where `fields` has the serial number alone.
+    """
+
+    sets: tuple[PlannedSet, ...]
+    target_set: TargetSet | None
+    fields: dict[str, Any]
+    cameras: tuple[dict[str, Any], ...] = ()
+    bars: tuple[Bar, ...] = ()
+
+    def camera(self, serial: str, name: str) -> dict[str, Any] | None:
+        """The plan's entry of a camera, by serial number, else by name; None where it has none."""
+        by_serial = (entry for entry in self.cameras if str(entry.get("serial")) == serial)
+        by_name = (entry for entry in self.cameras if entry.get("id") in (name, serial) and "serial" not in entry)
+        return next(by_serial, None) or next(by_name, None)
+
+
+def simple_plan(placements: int, targets: Path | None, diameter_mm: float | None) -> CapturePlan:
+    """Only placements P1, P2, ...; no scale, no bars.
+
+    `targets` None where the plan has none; `diameter_mm` None where it is not known.
+    """
+    if placements < 1:
+        raise InputError(Phrase("error-placements-needed", {"placements": placements}))
+    width = len(str(placements))
+    names = tuple(PlannedSet(f"P{i + 1:0{width}d}") for i in range(placements))
+    fields = {} if diameter_mm is None else {"sphere": {"nominal_diameter_mm": diameter_mm}}
+    return CapturePlan(names, None if targets is None else read_target_set(targets), fields)
+
+
+def plan_of(session: Session) -> CapturePlan:
+    """The plan by which a session was recorded, without its cameras."""
+    document = session_json(session, session.folder)
+    placements = tuple(PlannedSet(place.id) for place in session.placements)
+    poses = tuple(PlannedSet(pose.id, pose.bar, pose.temperature_c) for pose in session.bar_poses)
+    fields = {key: document[key] for key in _TAKEN_OVER if document.get(key)}
+    return CapturePlan(placements + poses, session.target_set, fields, bars=session.bars)
+
+
+def read_plan(path: Path) -> CapturePlan:
+    """The plan in a file with the form of session.json; its images do not matter, and it needs no cameras.
+
+    A recorded session, also its folder, serves as the plan of the next one; cameras in it give theirs their priors.
+    """
+    if path.is_dir():
+        path = path / "session.json"
+    f = read_json(path, FORMAT, VERSION).fields((), ("cameras", "placements", "bar_poses", "target_set", *_TAKEN_OVER))
+    target_set = None
+    if "target_set" in f:
+        target_set = read_target_set(path.parent / f["target_set"].text())
+    document = {key: f[key].value for key in (*_TAKEN_OVER, "cameras") if key in f}
+    for key in ("placements", "bar_poses"):
+        entries = f[key].items() if key in f else []
+        document[key] = [_without_images(entry.value) for entry in entries]
+    session = _checked(document, target_set, path)
+    placements = tuple(PlannedSet(place.id) for place in session.placements)
+    poses = tuple(PlannedSet(pose.id, pose.bar, pose.temperature_c) for pose in session.bar_poses)
+    if not placements + poses:
+        raise InputError(Phrase("error-nothing-to-capture", {"file": path}))
+    fields = {key: document[key] for key in _TAKEN_OVER if key in document}
+    cameras = document.get("cameras")
+    known = tuple(cameras) if isinstance(cameras, list) else ()
+    return CapturePlan(placements + poses, target_set, fields, known, session.bars)
+
+
+def check_marks(plan: CapturePlan, path: Path) -> None:
+    """Check that every bar's mark is a target of the plan's set: no live camera could find another one.
+
+    Images may be taken for another program's targets all the same; hence read_plan does not ask.
+    """
+    if plan.target_set is None:
+        return
+    for bar in plan.bars:
+        for name, mark in bar.marks.items():
+            if mark.target not in plan.target_set.layouts:
+                raise InputError(
+                    Phrase("error-mark-not-target", {"file": path, "mark": name, "bar": bar.id, "target": mark.target})
+                )
+
+
+def _without_images(entry: object) -> object:
+    return {k: v for k, v in entry.items() if k != "images"} if isinstance(entry, dict) else entry
+
+
+def _checked(document: dict[str, Any], target_set: TargetSet | None, path: Path) -> Session:
+    """Have the reader of sessions check the plan before hours are spent on it."""
+    any_camera = {"id": "C01", "image_size": [100, 100], "pixel_pitch_um": 1.0, "focal_length_mm": 1.0}
+    whole = {"format": FORMAT, "version": VERSION, "cameras": [any_camera], **document}
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        if target_set is not None:
+            write_target_set(folder / "targets.json", target_set)
+            whole["target_set"] = "targets.json"
+        create(folder / "session.json", json.dumps(whole).encode())
+        create(folder / "observations.csv", (",".join(COLUMNS) + "\n").encode())
+        try:
+            return read_session(folder)
+        except InputError as error:
+            raise InputError(*(_about(words, folder / "session.json", path) for words in error.parts)) from None
+
+
+def _about(words: Words, read: Path, given: Path) -> Words:
+    """What is said about a file that was read, said about the one that was given."""
+    if not isinstance(words, Phrase):
+        return words
+    return replace(words, values={name: given if one == str(read) else one for name, one in words.values.items()})
+
+
+def camera_spec_json(
+    name: str, serial: str, model: str, size: tuple[int, int], pitch_um: float | None, focal_mm: float | None
+) -> dict[str, Any]:
+    """A real camera as session.json has it.
+
+    `size`: width and height of its images, px; `pitch_um` None where it is not known; `focal_mm` None where it is not
+    known.
+    """
+    if pitch_um is None or focal_mm is None:
+        raise CameraError(Phrase("error-lens-unknown", {"camera": name}))
+    return {
+        "id": name,
+        "serial": serial,
+        "model": model,
+        "image_size": list(size),
+        "pixel_pitch_um": pitch_um,
+        "focal_length_mm": focal_mm,
+        "intrinsics_group": name,
+    }
+
+
+def recorded_camera_json(camera: CameraSpec, session: Session, serial: str) -> dict[str, Any]:
+    """A camera of a recorded or simulated session as session.json has it."""
+    entries = session_json(session, session.folder)["cameras"]
+    return {**next(entry for entry in entries if entry["id"] == camera.id), "serial": serial}

@@ -1,0 +1,149 @@
+"""The camera profile `cameras.json`: what the user says about cameras and drivers, kept by serial number."""
+
+import json
+from collections.abc import Sequence
+from dataclasses import astuple, dataclass, replace
+from dataclasses import field as default
+from pathlib import Path
+from typing import Any, get_args
+
+from spherecal.files.atomic import write_file_whole
+from spherecal.files.codec import (
+    FileFormat,
+    choice,
+    field,
+    integer,
+    items,
+    name,
+    number,
+    optional,
+    positive,
+    record,
+    serial,
+    text,
+)
+from spherecal.files.json_file import JsonValue, unique
+from spherecal_cameras.protocol import CameraSettings, Region, TriggerMode
+
+
+@dataclass(frozen=True)
+class CameraDescription:
+    """One camera: the name people know it by, its settings, and of its lens and sensor what a session needs.
+
+    None: the user has not said it.
+    """
+
+    serial: str
+    name: str | None = None
+    settings: CameraSettings = default(default_factory=CameraSettings)
+    focal_length_mm: float | None = None
+    pixel_pitch_um: float | None = None
+
+
+@dataclass(frozen=True)
+class CameraProfile:
+    """All that is kept: cameras by serial, and the user's own driver files or folders."""
+
+    cameras: dict[str, CameraDescription] = default(default_factory=dict)
+    producers: tuple[str, ...] = ()
+
+    def entry(self, serial: str) -> CameraDescription:
+        """What is known of a camera; defaults for one that was never set."""
+        return self.cameras.get(serial, CameraDescription(serial))
+
+    def settings(self) -> dict[str, CameraSettings]:
+        """The settings by serial."""
+        return {serial: entry.settings for serial, entry in self.cameras.items()}
+
+    def serial_of(self, name: str) -> str | None:
+        """The serial number of a camera by its name, None where no camera has it."""
+        return next((serial for serial, entry in self.cameras.items() if entry.name == name), None)
+
+    def with_entry(self, entry: CameraDescription) -> "CameraProfile":
+        """The profile with one camera's entry replaced or added."""
+        return replace(self, cameras={**self.cameras, entry.serial: entry})
+
+
+def default_profile_path() -> Path:
+    """Where the profile is kept unless the user names a file."""
+    from platformdirs import user_config_path
+
+    return user_config_path("spherecal", appauthor=False) / "cameras.json"
+
+
+def read_profile(path: Path) -> CameraProfile:
+    """The profile in a file, an empty one where there is no such file."""
+    if not path.exists():
+        return CameraProfile()
+    return CAMERAS.read(path)
+
+
+def _region(sides: Sequence[int]) -> Region:
+    return Region(*sides)
+
+
+_SETTINGS = record(
+    "Settings that are applied when it is opened.",
+    CameraSettings,
+    optional("exposure_us", positive("Exposure time."), omit=None),
+    optional("gain_db", number("Gain.", -20, 60, "dB"), omit=None),
+    optional("pixel_format", text("GenICam's name of the pixel format."), omit=None),
+    optional(
+        "region",
+        items("`[x, y, width, height]` in px.", integer("", 0, 65536), length=4).mapped(_region, astuple),
+        omit=None,
+    ),
+    optional("trigger", choice("Trigger.", get_args(TriggerMode)), omit=None),
+    optional("trigger_source", text("GenICam's name of the line."), omit=None),
+    optional("frame_rate_hz", positive("Frame rate."), omit=None),
+    optional("packet_size", integer("Bytes of a packet.", 0, 10**9), omit=None),
+    optional("packet_delay", integer("Between packets, in the camera's ticks.", 0, 10**9), omit=None),
+    optional("frame_delay", integer("Before a frame is sent, in the camera's ticks.", 0, 10**9), omit=None),
+)
+_CAMERA = record(
+    "",
+    CameraDescription,
+    field("serial", serial("Its serial number.")),
+    optional("name", name("The name that people know it by."), omit=None),
+    optional("focal_length_mm", positive("Focal length of its lens.", "mm"), omit=None),
+    optional("pixel_pitch_um", positive("Pixel pitch of its sensor.", "um"), omit=None),
+    optional("settings", _SETTINGS),
+)
+
+
+def _check_names(cameras: Sequence[CameraDescription], value: JsonValue) -> None:
+    named = [(one, camera.name) for one, camera in zip(value.items(), cameras, strict=True) if camera.name]
+    unique([one for one, _ in named], [called for _, called in named], "name")
+
+
+_CAMERAS = items("The cameras.", _CAMERA, differ="serial").checked(_check_names)
+CAMERAS = FileFormat(
+    "spherecal/cameras",
+    "cameras.json",
+    "Settings of cameras by serial number, in the user's settings.",
+    record(
+        "",
+        CameraProfile,
+        optional("producers", items("Driver files (.cti) and folders of the user's own.", text("")), omit=()),
+        optional(
+            "cameras",
+            _CAMERAS.mapped(
+                lambda cameras: {one.serial: one for one in cameras},
+                lambda by_serial: [camera for _, camera in sorted(by_serial.items())],
+            ),
+        ),
+    ),
+    ("Serial numbers and names differ.",),
+    more="cameras.md",
+)
+
+
+def write_profile(path: Path, profile: CameraProfile) -> None:
+    """Write the profile whole."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    write_file_whole(path, (json.dumps(CAMERAS.document(profile), indent=1) + "\n").encode())
+
+
+def settings_json(settings: CameraSettings) -> dict[str, Any]:
+    """All settings as in the profile's file; those that are None are left out."""
+    return _SETTINGS.entry(settings)

@@ -1,0 +1,91 @@
+"""A recorded session as a camera source: every camera shows its image of one placement or bar pose."""
+
+import time
+from pathlib import Path
+
+import numpy as np
+
+from spherecal.base.errors import InputError
+from spherecal.base.messages.values import Phrase
+from spherecal.files.read_session import read_session
+from spherecal.targets.images import read_image
+from spherecal_cameras.in_process import InProcessSource, NoImage
+from spherecal_cameras.protocol import CameraInfo, CameraSettings, Frame, GreyPixels, SourceKind
+
+_KEPT = 32  # decoded images
+
+
+class ReplaySource(InProcessSource):
+    """The cameras of a session folder with images; settings of exposure and gain have no effect on recorded images."""
+
+    kind: SourceKind = "replay"
+
+    def __init__(self, folder: Path) -> None:
+        super().__init__()
+        self.session = read_session(folder)
+        self.label = f"REPLAY of {folder}: recorded images, no live cameras"
+        self._images = {place.id: place.images for place in (*self.session.placements, *self.session.bar_poses)}
+        self._images = {pose: images for pose, images in self._images.items() if images}
+        if not self._images:
+            raise InputError(Phrase("error-nothing-to-replay", {"folder": folder}))
+        self._shown = next(iter(self._images))
+        self._ids = {camera.serial or camera.id: camera for camera in self.session.cameras}
+        self._cache: dict[Path, GreyPixels] = {}
+
+    @property
+    def poses(self) -> tuple[str, ...]:
+        """Ids of the placements and bar poses that have images."""
+        return tuple(self._images)
+
+    @property
+    def shown(self) -> str:
+        """The id of the placement or bar pose that is shown."""
+        return self._shown
+
+    def show(self, pose: str) -> None:
+        """Show the images of another placement or bar pose, by its id."""
+        if pose not in self._images:
+            raise InputError(Phrase("error-no-recorded-pose", {"pose": repr(pose), "names": list(self._images)}))
+        self._shown = pose
+
+    def camera_infos(self) -> tuple[CameraInfo, ...]:
+        """The session's cameras; one without a serial number goes by its id."""
+        return tuple(
+            CameraInfo(
+                serial,
+                camera.model or "",
+                "",
+                str(self.session.folder),
+                "replay",
+                camera.id,
+                camera.id,
+                image_size=camera.image_size,
+                access="free",
+            )
+            for serial, camera in self._ids.items()
+        )
+
+    def take_image(self, serial: str, settings: CameraSettings, number: int, attempt: int, timeout_s: float) -> Frame:
+        """The recorded image, cut to the settings' region."""
+        pose = self._shown
+        path = self._images[pose].get(self._ids[serial].id)
+        if path is None:
+            raise NoImage(f"The recording of {pose} has no image of it.", "Choose another placement.")
+        image = self._read(path)
+        if settings.region is not None:
+            r = settings.region
+            image = image[r.y : r.y + r.height, r.x : r.x + r.width]
+        bits = 8 if image.dtype == np.uint8 else 16
+        now = time.perf_counter()
+        return Frame(serial, image, bits, f"Mono{bits}", now, now, self.next_frame_id(serial), self.stamp_ns())
+
+    def _read(self, path: Path) -> GreyPixels:
+        image = self._cache.get(path)
+        if image is None:
+            image = read_image(path)
+            image.flags.writeable = False
+            with self._lock:
+                while len(self._cache) >= _KEPT:
+                    self._cache.pop(next(iter(self._cache)))
+                self._cache[path] = image
+        return image

@@ -1,0 +1,64 @@
+"""multical's calibration.json: poses world to camera; "b_to_a" there means x_b = R x_a + T."""
+
+import json
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+
+from spherecal.base.errors import InputError
+from spherecal.files.json_file import JsonValue, decode, read_bytes
+from spherecal.geometry.camera import camera_matrix, intrinsics_vector
+from spherecal_documents.export.cameras import FileCamera, FileRig, Pose, distortion, safe_names
+from spherecal_documents.export.format import Format
+
+_MODELS = {5: "standard", 8: "rational", 12: "thin_prism"}
+_MOST_BYTES = 8 << 20
+
+
+def _names(rig: FileRig) -> list[str]:
+    """Names without "_to_", by which multical separates a transform's two cameras."""
+    return [name.replace("_to_", "-to-") for name in safe_names([camera.id for camera in rig.cameras])]
+
+
+def _write(rig: FileRig) -> Mapping[str, str]:
+    names = dict(zip((camera.id for camera in rig.cameras), _names(rig), strict=True))
+    master = rig.reference
+    cameras, poses = {}, {}
+    for camera in rig.cameras:
+        coefficients = distortion(camera, tuple(_MODELS))
+        cameras[names[camera.id]] = {
+            "model": _MODELS[len(coefficients)],
+            "image_size": list(camera.size),
+            "K": camera_matrix(camera.intrinsics).tolist(),
+            "dist": [coefficients],
+        }
+        own = camera.id == master or master is None
+        pose_name = names[camera.id] if own else f"{names[camera.id]}_to_{names[master or '']}"
+        poses[pose_name] = {"R": camera.placed.rotation.tolist(), "T": camera.placed.translation.tolist()}
+    document = {"source": f"{rig.source}; lengths in {rig.unit}", "cameras": cameras, "camera_poses": poses}
+    return {"": json.dumps(document, indent=1, ensure_ascii=False) + "\n"}
+
+
+def _read(path: Path) -> list[FileCamera]:
+    try:
+        document = JsonValue(json.loads(decode(path, read_bytes(path, _MOST_BYTES))), path)
+    except (ValueError, RecursionError) as error:
+        raise InputError(f"{path}: is not valid JSON ({error}).") from None
+    f = document.fields(("cameras", "camera_poses"))
+    poses = {}
+    for name, value in f["camera_poses"].entries().items():
+        pose = value.fields(("R", "T"))
+        poses[name.split("_to_")[0]] = Pose(np.array(pose["R"].matrix(3, 3)), np.array(pose["T"].numbers(3)))
+    return [_camera(name, value, poses.get(name)) for name, value in f["cameras"].entries().items()]
+
+
+def _camera(name: str, value: JsonValue, pose: Pose | None) -> FileCamera:
+    f = value.fields(("image_size", "K", "dist"))
+    width, height = (side.integer(1) for side in f["image_size"].items(2))
+    (coefficients,) = f["dist"].items(1)
+    lens = intrinsics_vector(np.array(f["K"].matrix(3, 3)), [item.number() for item in coefficients.items()])
+    return FileCamera(name, (width, height), lens, pose)
+
+
+FORMAT = Format("multical", "multical JSON", 12, ("mm", "m"), _write, _read, ids=_names)

@@ -1,0 +1,271 @@
+"""`export_rig`: a calibrated rig written in a format of others, read back and compared."""
+
+import hashlib
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from spherecal import __version__
+from spherecal.base.arrays import FloatArray
+from spherecal.base.errors import InputError
+from spherecal.base.filesystem import write_new
+from spherecal.base.messages.values import Phrase
+from spherecal.base.plugins import EXPORTERS, names
+from spherecal.data.rig import Rig, RigCamera, Verdict
+from spherecal.data.verdict import WORDS, named
+from spherecal.files.atomic import Marker, write_file_whole, write_folder_whole
+from spherecal.files.json_file import json_bytes, software_entry
+from spherecal.geometry.camera import is_fisheye, project, undistort
+from spherecal.geometry.user_frame import UserFrame
+from spherecal_documents.export import (
+    anipose,
+    caliscope,
+    colmap,
+    csv_table,
+    kalibr,
+    mc_calib,
+    metashape,
+    mrcal,
+    multical,
+    opencv_yaml,
+    ros,
+)
+from spherecal_documents.export.cameras import MM_PER, FileCamera, FileRig, Pose, Unit
+from spherecal_documents.export.format import Format
+from spherecal_documents.export.other_formats import ImportFormat, exporter
+from spherecal_documents.export.refit import Box, Loss, dropped, refit
+from spherecal_documents.export.scene import SCENES, SceneFormat
+from spherecal_documents.export.scene import largest_difference_px as scene_difference_px
+from spherecal_rigs.frame_file import frame_entry
+from spherecal_rigs.framed_rig import in_frame
+
+_MODULES = (opencv_yaml, ros, kalibr, colmap, metashape, anipose, caliscope, mc_calib, multical, mrcal, csv_table)
+FORMATS: dict[str, Format] = {module.FORMAT.name: module.FORMAT for module in _MODULES}
+
+EXPORT = Marker("export.json", "spherecal/export", listed="files_sha256")
+
+# The paper's residuals have a standard deviation of 0.063 px: a refit that stays below 0.1 px all over the image
+# changes a projection hardly more than one dot's noise does.
+DEFAULT_MAX_LOSS_PX = 0.1
+
+_CHECK_POINTS = 1000
+_SEED = 1
+
+
+@dataclass(frozen=True)
+class Exported:
+    """What was written: the cameras' ids there, largest difference after reading back, refits' costs by camera.
+
+    Of a scene, whose cameras have no distortion, the difference is that of its frusta's corners.
+    """
+
+    format: Format | SceneFormat
+    unit: Unit
+    ids: Sequence[str]
+    largest_difference_px: float
+    losses: Mapping[str, Loss]
+
+
+def export_rig(
+    rig: Rig,
+    name: str,
+    output: Path,
+    unit: Unit | None = None,
+    max_loss_px: float = DEFAULT_MAX_LOSS_PX,
+    frame: UserFrame | None = None,
+    volume_mm: Box | None = None,
+) -> Exported:
+    """Write the rig whole to `output` and compare what is read back over 1,000 points in every image.
+
+    A lens with more coefficients than the format has is replaced by the nearest one that fits (see refit.py).
+
+    `unit` None: the format's usual one; `frame` None: the world of rig; `volume_mm` None: always over the whole image.
+    """
+    if not rig.cameras:
+        raise InputError(Phrase("error-nothing-to-export"))
+    if name in SCENES:
+        return _write_scene(SCENES[name], rig, output, unit, frame)
+    form = format_named(name)
+    chosen = chosen_unit(form, unit)
+    _refuse_fisheye(form, rig)
+    first = rig.reference_camera
+    lenses = _lenses(rig, form, max_loss_px, volume_mm)
+    if frame is not None:
+        rig = in_frame(rig, frame)
+    file_rig, losses = _file_rig(rig, chosen, lenses)
+    if frame is not None:
+        source = f"{file_rig.source}, user's frame: {frame.definition.words()}"
+        file_rig = replace(file_rig, source=source, first=first)
+    _refuse_losses(form, losses, rig, max_loss_px)
+    files = form.write(file_rig)
+    manifest = _manifest(form, files, file_rig, losses, rig.quality.verdict)
+    _write(form, files, output, manifest if frame is None else {**manifest, "frame": frame_entry(frame)})
+    ids = form.ids(file_rig)
+    return Exported(form, chosen, ids, largest_difference_px(rig, ids, form.read(output), chosen), losses)
+
+
+def format_named(name: str) -> Format:
+    """The format of this name, the program's or an installed package's."""
+    found = FORMATS.get(name) or exporter(name)
+    if found is None:
+        others = (one for one in names(EXPORTERS) if one not in FORMATS)
+        known = [*FORMATS, *SCENES, *others]
+        raise InputError(Phrase("error-no-export-format", {"name": name, "formats": known}))
+    return found
+
+
+def _refuse_fisheye(form: Format, rig: Rig) -> None:
+    wide = [camera.id for camera in rig.cameras if is_fisheye(camera.intrinsics)]
+    if wide and not form.fisheye:
+        others = [name for name, one in FORMATS.items() if one.fisheye]
+        raise InputError(Phrase("error-no-fisheye", {"format": form.title, "cameras": wide, "others": others}))
+
+
+def chosen_unit(form: Format | ImportFormat, unit: Unit | None) -> Unit:
+    """The unit of lengths: the one given, or the format's usual one.
+
+    `unit` None: none was.
+    """
+    if unit is None:
+        return form.units[0]
+    if unit not in form.units:
+        raise InputError(Phrase("error-fixed-unit", {"format": form.title, "unit": form.units[0]}))
+    return unit
+
+
+_Lenses = Mapping[str, tuple[FloatArray, FloatArray, Loss]]
+
+
+def _lenses(rig: Rig, form: Format, max_loss_px: float, volume: Box | None) -> _Lenses:
+    """The smaller lens, the camera's turn and the loss of each camera whose lens the format cannot hold."""
+    found = {}
+    for camera in rig.cameras:
+        lens = camera.intrinsics
+        if is_fisheye(lens) or not dropped(lens, form.coefficients):
+            continue
+        made = refit(lens, camera.image_size, form.coefficients)
+        if made[2].max_px > max_loss_px and volume is not None:
+            made = refit(lens, camera.image_size, form.coefficients, (camera, volume))
+        found[camera.id] = made
+    return found
+
+
+def _file_rig(rig: Rig, unit: Unit, lenses: _Lenses) -> tuple[FileRig, dict[str, Loss]]:
+    cameras = []
+    for camera in rig.cameras:
+        lens, rotation, _ = lenses.get(camera.id, (camera.intrinsics, np.eye(3), None))
+        pose = Pose(rotation @ camera.rotation, rotation @ camera.translation_mm / MM_PER[unit])
+        cameras.append(FileCamera(camera.id, camera.image_size, lens, pose, camera.serial))
+    source = f"SphereCal {__version__}, input sha256 {rig.input_sha256[:16]}, scale from {rig.scale.source}"
+    if rig.quality.verdict != "valid":
+        concerned = f" for {named(rig.quality.affected)}" if rig.quality.valid else ""
+        source = f"{source}, {WORDS[rig.quality.verdict]}{concerned}"
+    return FileRig(tuple(cameras), rig.reference_camera, unit, source), {c: one[2] for c, one in lenses.items()}
+
+
+def _write_scene(form: SceneFormat, rig: Rig, output: Path, unit: Unit | None, frame: UserFrame | None) -> Exported:
+    """Write the rig as a scene and read its frusta back."""
+    if unit not in (None, form.unit):
+        raise InputError(Phrase("error-fixed-unit", {"format": form.title, "unit": form.unit}))
+    first = rig.reference_camera
+    placed = rig if frame is None else in_frame(rig, frame)
+    file_rig, _ = _file_rig(placed, form.unit, {})
+    if frame is not None:
+        file_rig = replace(file_rig, first=first)
+    write_file_whole(output, form.write(file_rig).encode())
+    difference = scene_difference_px(form, output, file_rig)
+    return Exported(form, form.unit, [camera.id for camera in file_rig.cameras], difference, {})
+
+
+def _refuse_losses(form: Format, losses: Mapping[str, Loss], rig: Rig, max_loss_px: float) -> None:
+    if not losses or max(loss.max_px for loss in losses.values()) <= max_loss_px:
+        return
+    worst = max(losses, key=lambda name: losses[name].max_px)
+    camera = next(c for c in rig.cameras if c.id == worst)
+    names = list(dropped(camera.intrinsics, form.coefficients))
+    needed = np.ceil(losses[worst].max_px * 100) / 100
+    loss = losses[worst]
+    raise InputError(
+        Phrase(
+            "error-lens-lost",
+            {
+                "format": form.title,
+                "count": form.coefficients,
+                "names": names,
+                "camera": worst,
+                "max_px": loss.max_px,
+                "rms_px": loss.rms_px,
+                "limit_px": max_loss_px,
+                "needed_px": float(needed),
+                "over": Phrase("over-image" if loss.image_px is None else "over-volume"),
+            },
+        )
+    )
+
+
+def _write(form: Format, files: Mapping[str, str], output: Path, manifest: Mapping[str, object]) -> None:
+    if not form.folder:
+        write_file_whole(output, files[""].encode())
+        return
+
+    def build(folder: Path) -> None:
+        for name, text in files.items():
+            write_new(folder, name, text.encode())
+        write_new(folder, EXPORT.file, json_bytes(manifest))
+
+    write_folder_whole(output, build, EXPORT)
+
+
+def _manifest(
+    form: Format, files: Mapping[str, str], rig: FileRig, losses: Mapping[str, Loss], verdict: Verdict
+) -> dict[str, object]:
+    """export.json: by it the folder is known again as an export that may be replaced, and says what it holds."""
+    return {
+        "format": EXPORT.format,
+        "version": 1,
+        "export_format": form.name,
+        "length_unit": rig.unit,
+        "source": rig.source,
+        "verdict": verdict,
+        "cameras": dict(zip((camera.id for camera in rig.cameras), form.ids(rig), strict=True)),
+        "files_sha256": {name: hashlib.sha256(text.encode()).hexdigest() for name, text in files.items()},
+        "refit": {name: _refit_entry(loss) for name, loss in losses.items()},
+        "software": software_entry(None),
+    }
+
+
+def _refit_entry(loss: Loss) -> dict[str, float]:
+    entry = {"rms_px": loss.rms_px, "max_px": loss.max_px}
+    return entry if loss.image_px is None else entry | {"max_px_over_image": loss.image_px}
+
+
+def check_points(camera: RigCamera, rig: Rig) -> tuple[FloatArray, FloatArray]:
+    """Up to 1,000 points (n, 3) in mm in the world and their images (n, 2): all over the image, near and far.
+
+    Points where the lens cannot be inverted are left out. The same camera and rig give the same points.
+    """
+    random = np.random.default_rng(_SEED)
+    width, height = camera.image_size
+    uv = random.uniform((-0.5, -0.5), (width - 0.5, height - 0.5), (_CHECK_POINTS, 2))
+    xy, good = undistort(uv, camera.intrinsics)
+    centres = np.array([other.centre_mm for other in rig.cameras])
+    spread = float(np.linalg.norm(centres - centres.mean(axis=0), axis=1).max()) or 1000.0
+    depth = random.uniform(0.5, 2.0, good.sum()) * spread
+    points = np.column_stack([xy[good], np.ones(good.sum())]) * depth[:, None]
+    return (points - camera.translation_mm) @ camera.rotation, project(points, camera.intrinsics)
+
+
+def largest_difference_px(rig: Rig, ids: Sequence[str], cameras: Sequence[FileCamera], unit: Unit) -> float:
+    """Largest difference in px between the rig's projections and those of cameras that were read.
+
+    It is infinite where a camera that was read has no image of a point.
+    """
+    by_id = {camera.id: camera for camera in cameras}
+    largest = 0.0
+    for camera, name in zip(rig.cameras, ids, strict=True):
+        world, uv = check_points(camera, rig)
+        difference = np.linalg.norm(by_id[name].project(world / MM_PER[unit]) - uv, axis=1)
+        largest = max(largest, float(difference.max()) if np.isfinite(difference).all() else np.inf)
+    return largest

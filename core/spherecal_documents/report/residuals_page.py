@@ -1,0 +1,220 @@
+"""The residuals: their distribution, and as vectors over the image of each camera."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.patches import PathPatch
+from matplotlib.path import Path
+
+from spherecal.base.arrays import FloatArray
+from spherecal_documents.report.document import Document
+from spherecal_documents.report.language import label
+from spherecal_documents.report.sheet import PageBox, Sheet, shortened, text_width
+from spherecal_documents.report.style import (
+    ACCENT,
+    BAD,
+    INK,
+    RULE,
+    SIZES,
+    SMALL_PT,
+    SOFT,
+    TINY_PT,
+    count,
+    number,
+    significant,
+)
+from spherecal_rigs.result_folder import Result
+
+_MANY = 24  # cameras; more may get the smallest panels
+_ARROWS_PER_MM2 = 0.55  # beyond them nothing is seen any more
+_SHADES = 16
+_TYPICAL_ARROW = 0.035  # of the image's diagonal, for a residual as large as 95 % of all are
+
+
+@dataclass(frozen=True)
+class ArrowScale:
+    """How residuals are drawn: magnification, and the size in px at which the colour is darkest."""
+
+    factor: float
+    darkest_px: float
+
+
+def add_residual_pages(document: Document, result: Result) -> None:
+    """The histogram of all residuals, then a panel of residual vectors for each camera."""
+    document.begin_section(label("report-residuals"))
+    if not result.residuals.used.any():
+        document.paragraph(label("report-no-observation-was-used-so"))
+        return
+    draw_histogram(document.sheet, document.box(52.0), result)
+    document.y += 4.0
+    scale = arrow_scale(result)
+    document.caption(arrow_caption(scale, result))
+    draw_key(document.sheet, document.box(9.0), scale)
+    ids = [camera.id for camera in result.rig.cameras]
+    columns, height = _panels(document, result)
+    document.flow_panels(ids, columns, height, lambda sheet, box, name: draw_panel(sheet, box, name, result, scale))
+
+
+def _panels(document: Document, result: Result) -> tuple[int, float]:
+    """Columns and height of the panels: the largest on as few pages as possible."""
+    cameras = result.rig.cameras
+    aspect = max(camera.image_size[1] / camera.image_size[0] for camera in cameras)
+    choices = []
+    for columns in (2, 3, 4, 5) if len(cameras) > _MANY else (2, 3, 4):
+        height = min((document.width - (columns - 1) * 4.0) / columns * aspect, 70.0) + 5.0
+        rows = -(-len(cameras) // columns)
+        here = int((document.bottom - document.y) // (height + 4.0))
+        each = int(document.room // (height + 4.0))
+        choices.append((-(-max(rows - here, 0) // each), columns, height))
+    _, columns, height = min(choices)
+    return columns, height
+
+
+def arrow_scale(result: Result) -> ArrowScale:
+    """One magnification for all cameras: 1, 2 or 5 times a power of ten."""
+    residuals = result.residuals
+    sizes = np.linalg.norm(residuals.du_dv[residuals.used], axis=1)
+    large = max(float(np.quantile(sizes, 0.95)), 1e-9)
+    diagonal = float(np.median([np.hypot(*camera.image_size) for camera in result.rig.cameras]))
+    factor = _TYPICAL_ARROW * diagonal / large
+    power = 10.0 ** np.floor(np.log10(factor))
+    rounded = float(max(step * power for step in (1, 2, 5) if step * power <= factor))
+    return ArrowScale(rounded, max(float(np.quantile(sizes, 0.99)), 1e-9))
+
+
+def arrow_caption(scale: ArrowScale, result: Result) -> str:
+    """What the arrows show."""
+    left_out = int((~result.residuals.used & np.isfinite(result.residuals.du_dv[:, 0])).sum())
+    crosses = label("report-crosses", count=count(left_out)) if left_out else ""
+    return label("report-arrows", times=magnification(scale), crosses=crosses)
+
+
+def magnification(scale: ArrowScale) -> str:
+    """The factor as it is printed."""
+    return count(int(scale.factor)) if scale.factor >= 1 else significant(scale.factor, 1)
+
+
+def draw_key(sheet: Sheet, box: PageBox, scale: ArrowScale) -> None:
+    """A bar of the colours with its numbers."""
+    axes = sheet.axes(PageBox(box.x + 32.0, box.y + 0.5, 60.0, 2.6))
+    axes.imshow(
+        np.linspace(0, 1, 128)[None],
+        aspect="auto",
+        cmap=SIZES,
+        extent=(0, scale.darkest_px, 0, 1),
+        interpolation="none",
+    )
+    axes.set_yticks([])
+    for spine in axes.spines.values():
+        spine.set_visible(False)
+    axes.tick_params(axis="x", pad=1.0)
+    axes.locator_params(axis="x", nbins=6)
+    sheet.text(box.x, box.y + 2.8, label("report-size-of-the-residual-px"), TINY_PT)
+    note = label("report-99-of-all-are-smaller", px=significant(scale.darkest_px))
+    sheet.text(box.x + 96.0, box.y + 2.8, note, TINY_PT, colour=SOFT)
+
+
+def draw_panel(sheet: Sheet, box: PageBox, name: str, result: Result, scale: ArrowScale) -> None:
+    """One camera's residual vectors in its image frame.
+
+    Observations that were left out are crosses. Of very many residuals only some are drawn, evenly chosen.
+    """
+    camera = result.rig.camera(name)
+    assert camera is not None
+    width, height = camera.image_size
+    inner = box.inset(0, 5.0)
+    drawn_width = min(inner.width, inner.height * width / height)
+    inner = PageBox(inner.x, inner.y, drawn_width, drawn_width * height / width)
+    mark = " *" if name == result.rig.reference_camera else ""
+    title = shortened(name, 0.5 * inner.width, SMALL_PT, bold=True) + mark
+    sheet.text(box.x, box.y + 3.2, title, SMALL_PT, bold=True)
+    axes = sheet.axes(inner, xlim=(-0.5, width - 0.5), ylim=(height - 0.5, -0.5), xticks=[], yticks=[])
+    for spine in axes.spines.values():
+        spine.set(visible=True, color=RULE, linewidth=0.6)
+    residuals = result.residuals
+    facts = f"{number(camera.rms_px, 3)} px, n = {count(camera.observations)}"
+    own = residuals.rows_of.get(name, np.empty(0, dtype=np.int64))
+    own = own[np.isfinite(residuals.predicted[own, 0])]
+    rows = own[residuals.used[own]]
+    most = int(_ARROWS_PER_MM2 * inner.width * inner.height)
+    if len(rows) > most:
+        rows = rows[np.linspace(0, len(rows) - 1, most).astype(int)]
+    room = inner.width - text_width(title, SMALL_PT, bold=True) - 2.0
+    sheet.text(inner.x + inner.width, box.y + 3.2, shortened(facts, room, TINY_PT), TINY_PT, colour=SOFT, align="right")
+    _arrows(axes, residuals.predicted[rows], residuals.du_dv[rows], scale, width / inner.width)
+    left_out = own[~residuals.used[own] & np.isfinite(residuals.du_dv[own, 0])]
+    places = (residuals.predicted - residuals.du_dv)[left_out]
+    axes.plot(*places.T, linestyle="none", marker="x", markersize=2.8, markeredgewidth=0.6, color=INK)
+
+
+def _arrows(axes: Axes, start: FloatArray, du_dv: FloatArray, scale: ArrowScale, px_per_mm: float) -> None:
+    """Lines with heads of a fixed size on paper, so that short arrows show their direction too; large ones on top.
+
+    All arrows of one shade are one path, which keeps the file small.
+    """
+    size = np.linalg.norm(du_dv, axis=1, keepdims=True)
+    along = du_dv / np.maximum(size, 1e-12)
+    across = np.column_stack([-along[:, 1], along[:, 0]])
+    tip = start + scale.factor * du_dv
+    head = np.minimum(0.75 * px_per_mm, 0.6 * scale.factor * size)
+    foot = tip - head * along
+    corners = np.stack([tip, foot + 0.38 * head * across, foot - 0.38 * head * across, tip], axis=1)
+    shade = np.minimum(size[:, 0] / scale.darkest_px * _SHADES, _SHADES - 1).astype(int)
+    for i in np.unique(shade).tolist():
+        own, colour = shade == i, SIZES((i + 0.5) / _SHADES)
+        for places, codes, width in (
+            (np.stack([start, foot], axis=1), [Path.MOVETO, Path.LINETO], 0.4),
+            (corners, [Path.MOVETO, Path.LINETO, Path.LINETO, Path.CLOSEPOLY], 0.0),
+        ):
+            path = Path(places[own].reshape(-1, 2), np.tile(codes, int(own.sum())))
+            axes.add_artist(
+                PathPatch(
+                    path, fill=width == 0, facecolor=colour, edgecolor=colour if width else "none", linewidth=width
+                )
+            )
+
+
+def draw_histogram(sheet: Sheet, box: PageBox, result: Result) -> None:
+    """How du and dv are distributed, beside the normal distribution of the same spread."""
+    sheet.text(box.x, box.y + 3.4, label("report-distribution-of-du-and-dv"), SMALL_PT, bold=True)
+    values = result.residuals.du_dv[result.residuals.used]
+    sd = max(float(np.sqrt((values**2).mean())), 1e-12)
+    reach = 4.0 * sd
+    edges = np.linspace(-reach, reach, 65)
+    middles = (edges[1:] + edges[:-1]) / 2
+    axes = sheet.axes(box.inset(14.0, 6.0, 62.0, 9.0))
+    for column, colour, line in ((0, ACCENT, "-"), (1, BAD, "--")):
+        heights, _ = np.histogram(values[:, column], edges)
+        axes.stairs(heights, edges, color=colour, linestyle=line, linewidth=0.9)
+    curve = np.exp(-0.5 * (middles / sd) ** 2) / (sd * np.sqrt(2 * np.pi)) * len(values) * (edges[1] - edges[0])
+    axes.plot(middles, curve, color=SOFT, linewidth=0.8, linestyle=":")
+    axes.set_xlim(-reach, reach)
+    axes.set_ylim(0, None)
+    axes.set_xlabel(label("report-residual-predicted-minus-observed-px"), labelpad=2.0)
+    axes.set_ylabel(label("report-observations"), labelpad=2.0)
+    axes.locator_params(nbins=6)
+    _histogram_numbers(sheet, PageBox(box.x + box.width - 58.0, box.y + 6.0, 58.0, box.height), values, sd, reach)
+
+
+def _histogram_numbers(sheet: Sheet, box: PageBox, values: FloatArray, sd: float, reach: float) -> None:
+    entries = ((ACCENT, "-", "du", values[:, 0]), (BAD, "--", "dv", values[:, 1]))
+    axes = sheet.axes(PageBox(box.x, box.y, 8.0, 15.5), xlim=(0, 1), ylim=(15.5, 0))
+    axes.set_axis_off()
+    for i, (colour, line, name, column) in enumerate(entries):
+        axes.plot([0, 1], [2.2 + 5 * i] * 2, color=colour, linestyle=line, linewidth=1.1)
+        mean, sd_own = (number(float(f(column)), 4) for f in (np.mean, np.std))
+        numbers = label("report-mean-sd", name=name, mean=mean, sd=sd_own)
+        sheet.text(box.x + 10.0, box.y + 3.1 + 5 * i, numbers, TINY_PT)
+    axes.plot([0, 1], [12.2] * 2, color=SOFT, linestyle=":", linewidth=1.1)
+    sheet.text(box.x + 10.0, box.y + 13.1, label("report-normal-sd-px", sd=number(sd, 4)), TINY_PT)
+    sizes = np.linalg.norm(values, axis=1)
+    beyond = int((np.abs(values) > reach).any(axis=1).sum())
+    facts = [
+        label("report-observations-used", count=count(len(values))),
+        label("report-half-are-smaller-than-px", px=significant(float(np.median(sizes)))),
+        label("report-95-are-smaller-than-px", px=significant(float(np.quantile(sizes, 0.95)))),
+        label("report-largest-px", px=significant(float(sizes.max()), 3)),
+        label("report-beyond-px-not-drawn", beyond=count(beyond), reach=significant(reach)),
+    ]
+    sheet.lines(box.x, box.y + 20.5, facts, TINY_PT, SOFT)

@@ -1,0 +1,221 @@
+"""Printable sheets of targets: a vector PDF with cut marks, ids and check rulers, and its printed scale.
+
+All drawing is in millimetres with the origin at the page's top left corner, x right, y down.
+"""
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Literal
+
+from spherecal.base.arrays import FloatArray
+from spherecal.base.errors import InputError
+from spherecal.base.filesystem import write_whole
+from spherecal.base.messages.values import Phrase
+from spherecal.targets.board_pattern import marker_parts
+from spherecal.targets.family import DOTS
+from spherecal.targets.marker_set import marker_bits, sticker_mm
+from spherecal.targets.target_set import TargetSet
+from spherecal_documents.sheets.pdf_canvas import POINTS_PER_MM as MM
+from spherecal_documents.sheets.pdf_canvas import PdfCanvas
+
+Page = Literal["A4", "Letter"]
+PAGE_SIZES_MM: dict[str, tuple[float, float]] = {"A4": (210.0, 297.0), "Letter": (215.9, 279.4)}
+
+RULER_MM = 100.0
+_MARGIN_MM = 8.0  # office printers leave up to 6 mm of a sheet blank
+_RULER_BAND_MM = 12.0
+_GAP_MM = 2.5  # between stickers: room for the cut marks and the id, and for the knife
+_HAIRLINE_MM = 0.1
+HEAD_MM, LEFT_MM, FOOT_MM = _MARGIN_MM, _MARGIN_MM + _RULER_BAND_MM, _MARGIN_MM + _RULER_BAND_MM
+
+# A printer that is off by more than this was set to fit the page, or the ruler was misread.
+_LARGEST_SCALE_ERROR = 0.05
+
+
+@dataclass(frozen=True)
+class SheetDrawing:
+    """A canvas that draws in millimetres, y down from the top of the page."""
+
+    canvas: PdfCanvas
+    width_mm: float
+    height_mm: float
+
+    def line(self, x0: float, y0: float, x1: float, y1: float, width_mm: float = _HAIRLINE_MM) -> None:
+        """A black line.
+
+        `x0`, `y0`, `x1`, `y1`: its ends in mm.
+        """
+        ends = (x0 * MM, (self.height_mm - y0) * MM, x1 * MM, (self.height_mm - y1) * MM)
+        self.canvas.line(*ends, width_mm * MM)
+
+    def square(self, x: float, y: float, size_mm: float, grey: float) -> None:
+        """A filled square."""
+        self.rectangle(x, y, size_mm, size_mm, grey)
+
+    def rectangle(self, x: float, y: float, width_mm: float, height_mm: float, grey: float) -> None:
+        """A filled rectangle."""
+        bottom = (self.height_mm - y - height_mm) * MM
+        self.canvas.rectangle(x * MM, bottom, width_mm * MM, height_mm * MM, grey)
+
+    def disc(self, x: float, y: float, diameter_mm: float, grey: float) -> None:
+        """A filled circle."""
+        self.canvas.disc(x * MM, (self.height_mm - y) * MM, diameter_mm / 2 * MM, grey)
+
+    def text(
+        self,
+        x: float,
+        y: float,
+        text: str,
+        size_pt: float = 6.0,
+        bold: bool = False,
+        grey: float = 0.0,
+        turn_deg: float = 0.0,
+    ) -> None:
+        """A line of text.
+
+        `x`, `y`: where its base line starts, in mm.
+        """
+        self.canvas.text(x * MM, (self.height_mm - y) * MM, text, size_pt, bold, grey, turn_deg)
+
+
+def write_sheet(
+    path: Path, target_set: TargetSet, page: Page = "A4", start_id: int | None = None, count: int | None = None
+) -> None:
+    """Write targets as a PDF of stickers to print; its first page says how to print, measure and place them.
+
+    The file is written whole or not at all, and the same targets give the same bytes.
+
+    `start_id` None begins with the first of the set; `count` None writes all from there on.
+    """
+    from spherecal_documents.sheets.sheet_instructions import draw_instructions
+
+    if page not in PAGE_SIZES_MM:
+        raise InputError(Phrase("error-page", {"page": repr(page), "pages": list(PAGE_SIZES_MM)}))
+    ids = _chosen_ids(target_set, start_id, count)
+    width, height = PAGE_SIZES_MM[page]
+    title = f"Coded targets {target_set.family}, {target_set.size_mm:g} mm, ids {ids[0]} to {ids[-1]}"
+    canvas = PdfCanvas(title, width * MM, height * MM)
+    drawing = SheetDrawing(canvas, width, height)
+    draw_instructions(drawing, target_set, ids)
+    canvas.end_page()
+    side = sticker_mm(target_set)
+    places = sticker_places(page, side)
+    for start in range(0, len(ids), len(places)):
+        batch = ids[start : start + len(places)]
+        for target, (x, y) in zip(batch, places, strict=False):
+            draw_sticker(drawing, target_set, target, x, y)
+            _draw_cut_marks(drawing, x, y, side)
+            drawing.text(x + 2.0, y + side + 2.0, f"{target}", size_pt=5.0)
+        draw_rulers(drawing)
+        _draw_foot(drawing, target_set, batch)
+        canvas.end_page()
+    write_whole(Path(path), canvas.data())
+
+
+def sticker_places(page: Page, size_mm: float) -> list[tuple[float, float]]:
+    """Top left corners of the stickers on one page, in mm, row by row."""
+    width, height = PAGE_SIZES_MM[page]
+    left, top = _MARGIN_MM + _RULER_BAND_MM, _MARGIN_MM
+    pitch = size_mm + _GAP_MM
+    columns = int((width - _MARGIN_MM - left + _GAP_MM) // pitch)
+    rows = int((height - _MARGIN_MM - _RULER_BAND_MM - top + _GAP_MM) // pitch)
+    if columns < 1 or rows < 1:
+        raise InputError(Phrase("error-target-page", {"size": size_mm, "page": page}))
+    return [(left + column * pitch, top + row * pitch) for row in range(rows) for column in range(columns)]
+
+
+def draw_sticker(drawing: SheetDrawing, target_set: TargetSet, target: int, x: float, y: float) -> None:
+    """Draw one target.
+
+    `x`, `y`: top left corner of its sticker, mm.
+    """
+    if target_set.dictionary is not None:
+        _draw_marker(drawing, target_set, target, x, y)
+        return
+    dots = 1.0 if target_set.polarity == "light-on-dark" else 0.0
+    size = target_set.size_mm
+    drawing.square(x, y, size, 1.0 - dots)
+    for place in target_set.places(target, DOTS):
+        drawing.disc(x + size / 2 + place[0], y + size / 2 + place[1], target_set.dot_diameter_mm, dots)
+
+
+def _draw_marker(drawing: SheetDrawing, target_set: TargetSet, target: int, x: float, y: float) -> None:
+    """A marker with its blank edge."""
+    assert target_set.dictionary is not None
+    side, dark = sticker_mm(target_set), 0.0 if target_set.polarity == "dark-on-light" else 1.0
+    drawing.square(x, y, side, 1.0 - dark)
+    edge = (side - target_set.size_mm) / 2
+    parts = marker_parts(marker_bits(target_set.dictionary, target), x + edge, y + edge, target_set.size_mm)
+    for left, top, width, height, grey in parts:
+        drawing.rectangle(left, top, width, height, abs(dark - grey))
+
+
+def scaled(target_set: TargetSet, measured_horizontal_mm: float, measured_vertical_mm: float) -> TargetSet:
+    """The target set as it came out of the printer whose 100 mm rulers measure given lengths.
+
+    Dot places are stretched in x and y, diameter and size by the (geometric) mean of both.
+    """
+    across, down = measured_horizontal_mm / RULER_MM, measured_vertical_mm / RULER_MM
+    for name, factor in (("horizontal", across), ("vertical", down)):
+        if not abs(factor - 1) <= _LARGEST_SCALE_ERROR:
+            raise InputError(Phrase("error-ruler", {"name": name, "length": RULER_MM * factor}))
+    mean = (across * down) ** 0.5
+    layouts: dict[int, dict[str, FloatArray]] = {
+        target: {dot: place * (across, down) for dot, place in layout.items()}
+        for target, layout in target_set.layouts.items()
+    }
+    return replace(
+        target_set,
+        size_mm=target_set.size_mm * mean,
+        dot_diameter_mm=target_set.dot_diameter_mm * mean,
+        layouts=layouts,
+    )
+
+
+def _chosen_ids(target_set: TargetSet, start_id: int | None, count: int | None) -> list[int]:
+    known = sorted(target_set.layouts)
+    ids = [target for target in known if start_id is None or target >= start_id]
+    if count is not None:
+        if not 1 <= count <= len(ids) or (start_id is not None and start_id not in target_set.layouts):
+            raise InputError(
+                Phrase("error-targets-from", {"count": count, "first": start_id or known[0]}),
+                Phrase("set-ids", {"first": known[0], "last": known[-1]}) if known else Phrase("set-empty"),
+            )
+        ids = ids[:count]
+    if not ids:
+        raise InputError(Phrase("error-no-target-from", {"first": start_id}))
+    return ids
+
+
+def _draw_cut_marks(drawing: SheetDrawing, x: float, y: float, size_mm: float) -> None:
+    """Two short lines at each corner, along the sticker's edges and outside it."""
+    near, far = 0.25, 0.25 + 0.75
+    for corner_x, outward_x in ((x, -1), (x + size_mm, 1)):
+        for corner_y, outward_y in ((y, -1), (y + size_mm, 1)):
+            drawing.line(corner_x + outward_x * near, corner_y, corner_x + outward_x * far, corner_y)
+            drawing.line(corner_x, corner_y + outward_y * near, corner_x, corner_y + outward_y * far)
+
+
+def draw_rulers(drawing: SheetDrawing) -> None:
+    """Draw the horizontal check ruler at the foot of the page and the vertical one at its left, 100 mm each."""
+    left, foot = _MARGIN_MM + _RULER_BAND_MM, drawing.height_mm - _MARGIN_MM - 4.0
+    right, head = _MARGIN_MM + 4.0, drawing.height_mm - _MARGIN_MM - _RULER_BAND_MM - RULER_MM - 4.0
+    drawing.line(left, foot, left + RULER_MM, foot)
+    drawing.line(right, head, right, head + RULER_MM)
+    for step in range(0, 101, 10):
+        length = 4.0 if step in (0, 100) else 1.5
+        drawing.line(left + step, foot - length, left + step, foot)
+        drawing.line(right, head + step, right + length, head + step)
+    drawing.text(left + 12.0, foot - 2.2, "horizontal check ruler: 100 mm between the two long marks")
+    caption = "vertical check ruler: 100 mm between the two long marks"
+    drawing.text(right + 4.3, head + RULER_MM - 12.0, caption, turn_deg=90)
+
+
+def _draw_foot(drawing: SheetDrawing, target_set: TargetSet, ids: list[int]) -> None:
+    drawing.text(
+        _MARGIN_MM + _RULER_BAND_MM,
+        drawing.height_mm - _MARGIN_MM,
+        f"{target_set.dictionary or target_set.family}, {target_set.polarity}, {target_set.size_mm:g} mm, "
+        + ("" if target_set.dictionary else f"dots {target_set.dot_diameter_mm:g} mm, ")
+        + f"ids {ids[0]} to {ids[-1]}; print at 100 %",
+    )

@@ -1,0 +1,141 @@
+"""The shared memory region itself: made by one controller, found by name by simulated cameras and other controllers."""
+
+import mmap
+import os
+import sys
+from contextlib import suppress
+from multiprocessing import shared_memory
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from spherecal.base.errors import InputError, OutputError
+from spherecal_gentl.producer import layout
+
+REGION_VARIABLE = "SPHERECAL_GENTL_REGION"
+
+
+def default_name() -> str:
+    """The name under which simulated cameras look: SPHERECAL_GENTL_REGION, or else one for each user."""
+    asked = os.environ.get(REGION_VARIABLE, "")
+    if asked not in ("", "-"):
+        return asked
+    return "spherecal-gentl" if sys.platform == "win32" else f"spherecal-gentl-{os.getuid()}"
+
+
+class SharedRegion:
+    """A mapped region: `header` and `devices` are views of its memory, `slot` an image's place."""
+
+    def __init__(self, name: str, memory: shared_memory.SharedMemory | mmap.mmap) -> None:
+        self.name = name
+        self._memory = memory
+        self._bytes: NDArray[np.uint8] | None = np.frombuffer(_buffer(memory), np.uint8)
+        self._header = self._bytes[: layout.PAGE].view(layout.HEADER)
+        count = int(self._header["device_count"][0])
+        self._devices = self._bytes[layout.PAGE : layout.PAGE * (1 + count)].view(layout.DEVICE)
+
+    @property
+    def header(self) -> NDArray[Any]:
+        """The header as an array of one record."""
+        return self._header
+
+    @property
+    def devices(self) -> NDArray[Any]:
+        """The records of the simulated cameras, one for each."""
+        return self._devices
+
+    def slot(self, device: int, image: int) -> NDArray[np.uint8]:
+        """The bytes of one image of a camera (two slots take turns)."""
+        assert self._bytes is not None
+        size = int(self._header["slot_bytes"][0])
+        start = layout.IMAGES_AT + (2 * device + image % 2) * size
+        return self._bytes[start : start + size]
+
+    def close(self) -> None:
+        """Unmap; the maker also removes the name. No view of the memory may be in use any more."""
+        if isinstance(self._memory, shared_memory.SharedMemory):
+            with suppress(FileNotFoundError):
+                self._memory.unlink()  # first: it must not stay behind whatever closing finds
+        self._bytes, self._header, self._devices = None, np.empty(0, layout.HEADER), np.empty(0, layout.DEVICE)
+        self._memory.close()
+
+
+def create(name: str, device_count: int, slot_bytes: int) -> SharedRegion:
+    """A new region of zeroes with its header filled. One left over by a program that ended is replaced."""
+    total = layout.IMAGES_AT + 2 * device_count * slot_bytes
+    _clear_leftover(name)
+    try:
+        memory = shared_memory.SharedMemory(name, create=True, size=total)
+    except FileExistsError as error:
+        raise InputError(f"Simulated cameras named {name} are running already.", "End them first.") from error
+    except OSError as error:
+        raise OutputError(f"No shared memory for the simulated cameras ({error.strerror}).") from error
+    header = np.frombuffer(_buffer(memory), layout.HEADER, 1)
+    header["device_count"], header["owner_pid"] = device_count, os.getpid()
+    header["slot_bytes"], header["total_bytes"] = slot_bytes, total
+    header["layout_version"] = layout.LAYOUT_VERSION
+    header["magic"] = layout.MAGIC
+    return SharedRegion(name, memory)
+
+
+def attach(name: str) -> SharedRegion:
+    """The region that a running controller made."""
+    try:
+        memory = _open(name)
+    except (OSError, ValueError) as error:
+        raise InputError(f"There are no simulated cameras named {name}.", "Start them first.") from error
+    header = np.frombuffer(_buffer(memory), layout.HEADER, 1)
+    known = int(header["magic"][0]) == layout.MAGIC and int(header["layout_version"][0]) == layout.LAYOUT_VERSION
+    del header
+    if not known:
+        memory.close()
+        raise InputError(f"The simulated cameras named {name} belong to another version of this program.")
+    return SharedRegion(name, memory)
+
+
+def _open(name: str) -> shared_memory.SharedMemory | mmap.mmap:
+    if sys.platform == "win32":
+        return shared_memory.SharedMemory(name)
+    # SharedMemory would hand the name to the resource tracker, which takes it away when this process ends (before
+    # Python 3.13 there is no way to ask it not to), though it belongs to another one.
+    import _posixshmem  # pyright: ignore[reportMissingImports]
+
+    file = _posixshmem.shm_open(f"/{name}", os.O_RDWR, mode=0o600)
+    try:
+        if os.fstat(file).st_uid != os.getuid():  # pictures and settings of somebody else
+            raise PermissionError("it belongs to another user")
+        return mmap.mmap(file, 0)
+    finally:
+        os.close(file)
+
+
+def _buffer(memory: shared_memory.SharedMemory | mmap.mmap) -> memoryview | mmap.mmap:
+    if isinstance(memory, mmap.mmap):
+        return memory
+    assert memory.buf is not None
+    return memory.buf
+
+
+def _clear_leftover(name: str) -> None:
+    try:
+        left = attach(name)
+    except InputError:
+        return
+    owner = int(left.header["owner_pid"][0])
+    left.close()
+    if not _alive(owner):
+        with suppress(FileNotFoundError):
+            leftover = shared_memory.SharedMemory(name)
+            leftover.close()
+            leftover.unlink()
+
+
+def _alive(pid: int) -> bool:
+    try:
+        os.kill(pid, 0)
+    except ProcessLookupError:
+        return False
+    except OSError:
+        return True
+    return True

@@ -1,0 +1,184 @@
+"""Quick checks kept in a profile: checks/20261121T171530123456Z.json, one a check, never changed afterwards."""
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any, Literal, get_args
+
+from spherecal.base.errors import InputError
+from spherecal.base.filesystem import write_below
+from spherecal.base.messages.values import Phrase
+from spherecal.files.codec import (
+    Field,
+    FileFormat,
+    Kind,
+    celsius,
+    choice,
+    field,
+    items,
+    name,
+    number,
+    optional,
+    prose,
+    record,
+    software,
+    time,
+    unread,
+)
+
+FOLDER = "checks"
+_ID = re.compile(r"[0-9]{8}T[0-9]{12}Z")
+# Two a day for more than a year; older ones stay in the folder.
+_MOST_READ = 1000
+
+Verdict = Literal["ok", "watch", "recalibrate"]
+
+
+@dataclass(frozen=True)
+class KeptCheck:
+    """One check: when, of which calibration, its verdict, and what it measured; None where it was not measured.
+
+    `point_mm` gives by camera the largest error of a point that its move causes. `scale_ppm` is the ball's size against
+    the calibration, `bar_error_mm` the mean error of the bars' lengths.
+    """
+
+    at: datetime
+    calibration: str
+    verdict: Verdict
+    sentence: str
+    point_mm: Mapping[str, float]
+    rms_px: float | None
+    scale_ppm: float | None
+    bar_error_mm: float | None
+    temperature_c: float | None
+
+
+def _kept(
+    checked_at: datetime, calibration: str, check: Mapping[str, Any], temperature_c: float | None = None
+) -> KeptCheck:
+    cameras = check["cameras"]
+    return KeptCheck(
+        at=checked_at,
+        calibration=calibration,
+        verdict=check["verdict"],
+        sentence=check["sentence"],
+        point_mm={c["id"]: c["point_mm"] for c in cameras if "point_mm" in c},
+        rms_px=_rms(cameras),
+        scale_ppm=_mean([ball["scale_ppm"] for ball in check["balls"]]),
+        bar_error_mm=_mean([length["error_mm"] for length in check["lengths"]]),
+        temperature_c=temperature_c,
+    )
+
+
+def _part(*read: Field, others: Sequence[str]) -> Kind[tuple[dict[str, Any], ...]]:
+    """Cameras, balls or lengths of check.json, of which only some fields are read."""
+    return items("As in check.json.", record("", dict, *read, *(unread(key, "As in check.json.") for key in others)))
+
+
+_CAMERAS = _part(
+    field("id", name("Its id.")),
+    optional("point_mm", number("Largest shift of a point.", 0)),
+    optional("rms_px", number("Root mean square of its residuals.", 0)),
+    optional("points", number("Points that it saw.", 0)),
+    others=("verdict", "calibrated_rms_px", "moved", "move_px", "shift_mm", "turn_deg", "probability", "reason"),
+)
+_BALLS = _part(
+    field("scale_ppm", number("Size of the ball.")),
+    others=("placement", "dots", "scale_sd_ppm", "shape_rms_mm", "changed"),
+)
+_LENGTHS = _part(
+    field("error_mm", number("Error of the length.")),
+    others=("bar", "from", "to", "pose", "length_mm", "reference_mm", "u_mm"),
+)
+_CHECK = record(
+    "The result, as in check.json.",
+    dict,
+    field("verdict", choice("The verdict.", get_args(Verdict))),
+    field("sentence", prose("The verdict in words.")),
+    unread("tolerance_mm", "As in check.json."),
+    field("cameras", _CAMERAS),
+    field("balls", _BALLS),
+    field("lengths", _LENGTHS),
+)
+PROFILE_CHECK = FileFormat(
+    "spherecal/profile-check",
+    "checks/*.json",
+    "A quick check kept in a profile.",
+    record(
+        "",
+        _kept,
+        field("checked_at", time("When it was checked.")),
+        field("calibration", name("The calibration that was checked.")),
+        optional("temperature_c", celsius("The rig's temperature in degrees Celsius.")),
+        field("check", replace(_CHECK, entry=dict)),
+        software(),
+    ),
+    more="profiles.md",
+)
+
+
+@dataclass(frozen=True)
+class _Written:
+    """A check as it is kept."""
+
+    checked_at: datetime
+    calibration: str
+    temperature_c: float | None
+    check: Mapping[str, Any]
+
+
+def keep_check(
+    folder: Path, calibration: str, check: Mapping[str, Any], temperature_c: float | None, now: datetime | None = None
+) -> Path:
+    """Add a check to the profile in `folder`; the file that it is in.
+
+    `temperature_c` None: not known; `now` None: now.
+    """
+    at = (now or datetime.now(UTC)).astimezone(UTC)
+    file = f"{FOLDER}/{at:%Y%m%dT%H%M%S%f}Z.json"
+    parts = {key: check[key] for key in ("verdict", "sentence", "tolerance_mm", "cameras", "balls", "lengths")}
+    write_below(folder, file, PROFILE_CHECK.bytes(_Written(at, calibration, temperature_c, parts)))
+    return folder / file
+
+
+def read_checks(folder: Path, most: int = _MOST_READ) -> tuple[tuple[KeptCheck, ...], tuple[str, ...]]:
+    """The newest checks of a profile, oldest first, and what is wrong with those that cannot be read."""
+    try:
+        names = sorted(p.name for p in (folder / FOLDER).iterdir() if _ID.fullmatch(p.stem) and p.suffix == ".json")
+    except OSError:
+        return (), ()
+    found, problems = [], []
+    for file in names[-most:] if most else ():
+        try:
+            found.append(_read(folder / FOLDER / file))
+        except InputError as error:
+            problems.append(str(error))
+    return tuple(found), tuple(problems)
+
+
+def last_check(folder: Path, calibration: str | None) -> KeptCheck | None:
+    """The newest check, if it was of this calibration; None as well where it cannot be read.
+
+    `calibration` None where there is none.
+    """
+    found, _ = read_checks(folder, 1)
+    return found[0] if found and found[0].calibration == calibration else None
+
+
+def _read(path: Path) -> KeptCheck:
+    if path.is_symlink():
+        raise InputError(Phrase("error-not-profiles-file", {"file": path}))
+    return PROFILE_CHECK.read(path, below=path.parent)
+
+
+def _rms(cameras: Sequence[Mapping[str, Any]]) -> float | None:
+    """Of all cameras' residuals together."""
+    known = [(c["rms_px"], c["points"]) for c in cameras if "rms_px" in c and "points" in c]
+    total = sum(points for _, points in known)
+    return (sum(points * rms**2 for rms, points in known) / total) ** 0.5 if total else None
+
+
+def _mean(values: list[float]) -> float | None:
+    return sum(values) / len(values) if values else None

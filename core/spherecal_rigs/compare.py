@@ -1,0 +1,243 @@
+"""Two calibrations of one rig in millimetres in its volume: which cameras moved, and what that does to a length."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from spherecal.base.arrays import ByValue, FloatArray, IntArray
+from spherecal.base.errors import InputError
+from spherecal.base.messages.values import Phrase
+from spherecal.data.rig import Rig, RigCamera
+from spherecal.data.rig_camera import posed
+from spherecal.geometry.rotation import log_rotation
+from spherecal.geometry.transform import Similarity
+from spherecal.geometry.triangulation import triangulate
+from spherecal_rigs.alignment import MatchedCamera, align, common_cameras, shift_mm, sights
+
+_GRID = 5
+
+
+@dataclass(frozen=True)
+class ComparisonVolume:
+    """Where calibrations are compared: a box in the first calibration's world, mm."""
+
+    low_mm: FloatArray
+    high_mm: FloatArray
+
+    def grid(self) -> FloatArray:
+        """Points all over the box, (125, 3)."""
+        axes = [np.linspace(low, high, _GRID) for low, high in zip(self.low_mm, self.high_mm, strict=True)]
+        return np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
+
+    def surface(self) -> FloatArray:
+        """The grid's points on the box's faces, (98, 3)."""
+        points = self.grid()
+        return points[((points == self.low_mm) | (points == self.high_mm)).any(axis=1)]
+
+
+@dataclass(frozen=True)
+class CameraChange:
+    """What has changed of one camera, after alignment.
+
+    `centre_mm` (3,) is in the first world, `rotation_deg` (3,) about the camera's axes, `focal_px` in px. `replaced`:
+    whether its serial number is another.
+
+    `ray_rms_mm`, `ray_max_mm`, `ray_max_px`: how far the rays of the volume's points have moved, pose and lens
+    together. `point_mm`, `length_mm`: the largest error of a point on the volume's surface, and of a length between two
+    such points, if nothing else had changed. They are None where too few cameras see them.
+    """
+
+    id: str
+    replaced: bool
+    moved: bool
+    centre_mm: FloatArray
+    rotation_deg: FloatArray
+    focal_px: float
+    ray_rms_mm: float
+    ray_max_mm: float
+    ray_max_px: float
+    point_mm: float | None
+    length_mm: float | None
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Comparison(ByValue):
+    """Two calibrations brought together by `b_from_a` (a rigid motion where `metric`), worst camera first.
+
+    `scale_ppm`: how much longer the second measures, taken out unless `metric`. `point_mm`: how far a point on the
+    volume's surface is measured from where it was, at most.
+
+    `length_mm`: the largest change of a length between two such points, `of_length_mm` long. They are at least half the
+    longest side apart.
+    """
+
+    metric: bool
+    b_from_a: Similarity
+    scale_ppm: float
+    volume: ComparisonVolume
+    cameras: tuple[CameraChange, ...]
+    point_mm: float | None
+    length_mm: float | None
+    of_length_mm: float | None
+    only_in_a: tuple[str, ...]
+    only_in_b: tuple[str, ...]
+
+
+def compare(a: Rig, b: Rig, volume: ComparisonVolume) -> tuple[Comparison, Comparison]:
+    """The comparison after the best similarity, and the metric one (no change of scale).
+
+    Lengths are measured with `b` in images as `a` predicts them.
+    """
+    pairs = common_cameras(a, b)
+    points = volume.grid()
+    similarity = align(pairs, points, metric=False)
+    rigid = align(pairs, points, metric=True)
+    ppm = (similarity.scale - 1) * 1e6
+    free, metric = (_comparison(a, b, pairs, volume, s, m) for s, m in ((similarity, False), (rigid, True)))
+    return replace(free, scale_ppm=ppm), replace(metric, scale_ppm=ppm)
+
+
+def _comparison(
+    a: Rig, b: Rig, pairs: tuple[MatchedCamera, ...], volume: ComparisonVolume, b_from_a: Similarity, metric: bool
+) -> Comparison:
+    points, lengths = volume.grid(), _Lengths(volume)
+    before = [pair.a for pair in pairs]
+    after = [_brought_back(pair.b, b_from_a) for pair in pairs]
+    effects = [_effect(before, [*before[:i], after[i], *before[i + 1 :]], lengths) for i in range(len(pairs))]
+    changes = [_change(p, own, points, b_from_a, e) for p, own, e in zip(pairs, after, effects, strict=True)]
+    whole = _effect(before, after, lengths)
+    return Comparison(
+        metric=metric,
+        b_from_a=b_from_a,
+        scale_ppm=0.0,
+        volume=volume,
+        cameras=tuple(sorted(_judged(changes), key=lambda c: (-c.ray_rms_mm, c.id))),
+        point_mm=whole.point_mm,
+        length_mm=whole.length_mm,
+        of_length_mm=whole.of_length_mm,
+        only_in_a=tuple(c.id for c in a.cameras if b.camera(c.id) is None),
+        only_in_b=tuple(c.id for c in b.cameras if a.camera(c.id) is None),
+    )
+
+
+def _brought_back(camera: RigCamera, b_from_a: Similarity) -> RigCamera:
+    """The second calibration's camera in the first world: it projects what the similarity maps to what it saw."""
+    shift = (camera.rotation @ b_from_a.translation + camera.translation_mm) / b_from_a.scale
+    return replace(camera, rotation=camera.rotation @ b_from_a.rotation, translation_mm=shift)
+
+
+class _Lengths:
+    """The points on a volume's surface and those pairs of them whose distances are judged."""
+
+    def __init__(self, volume: ComparisonVolume) -> None:
+        self.points = volume.surface()
+        first, second = np.triu_indices(len(self.points), 1)
+        length = np.linalg.norm(self.points[first] - self.points[second], axis=1)
+        far = length >= 0.5 * float((volume.high_mm - volume.low_mm).max())
+        self.first, self.second, self.length = first[far], second[far], length[far]
+
+
+@dataclass(frozen=True)
+class _Effect:
+    """What other cameras do to measured points and lengths; None where nothing can be measured."""
+
+    point_mm: float | None = None
+    length_mm: float | None = None
+    of_length_mm: float | None = None
+
+
+def _effect(true: list[RigCamera], used: list[RigCamera], lengths: _Lengths) -> _Effect:
+    """The largest error of a point and of a length when images that `true` makes are measured with `used`."""
+    feature, camera, uv = _seen_by(true, lengths.points)
+    measured = triangulate(
+        feature,
+        camera,
+        uv,
+        np.ones(len(uv)),
+        len(lengths.points),
+        posed(used),
+    ).points
+    off = np.linalg.norm(measured - lengths.points, axis=1)
+    if not np.isfinite(off).any():
+        return _Effect()
+    change = np.linalg.norm(measured[lengths.first] - measured[lengths.second], axis=1) - lengths.length
+    if not np.isfinite(change).any():
+        return _Effect(float(np.nanmax(off)))
+    worst = int(np.nanargmax(np.abs(change)))
+    return _Effect(float(np.nanmax(off)), float(change[worst]), float(lengths.length[worst]))
+
+
+def _seen_by(cameras: list[RigCamera], points: FloatArray) -> tuple[IntArray, IntArray, FloatArray]:
+    features, owners, images = [], [], []
+    for i, camera in enumerate(cameras):
+        inside, uv = sights(MatchedCamera(camera.id, camera, camera), points)
+        rows = np.flatnonzero(inside)
+        features.append(rows)
+        owners.append(np.full(len(rows), i))
+        images.append(uv[rows])
+    return np.concatenate(features), np.concatenate(owners), np.concatenate(images)
+
+
+def _change(
+    pair: MatchedCamera,
+    after: RigCamera,
+    points: FloatArray,
+    b_from_a: Similarity,
+    effect: _Effect,
+) -> CameraChange:
+    inside, uv = sights(pair, points)
+    shift = shift_mm(pair, points[inside], uv[inside], b_from_a)
+    ray = np.linalg.norm(shift, axis=1)
+    depth = (points[inside] @ pair.a.rotation.T + pair.a.translation_mm)[:, 2]
+    in_px = np.linalg.norm(shift * pair.a.intrinsics[:2] / depth[:, None], axis=1)
+    centre = after.centre_mm - pair.a.centre_mm
+    turn = np.rad2deg(log_rotation(after.rotation @ pair.a.rotation.T))
+    return CameraChange(
+        id=pair.id,
+        replaced=None not in (pair.a.serial, pair.b.serial) and pair.a.serial != pair.b.serial,
+        moved=False,
+        centre_mm=centre,
+        rotation_deg=turn,
+        focal_px=float((pair.b.intrinsics[:2] - pair.a.intrinsics[:2]).mean()),
+        ray_rms_mm=float(np.sqrt((ray**2).mean())) if len(ray) else np.nan,
+        ray_max_mm=float(ray.max()) if len(ray) else np.nan,
+        ray_max_px=float(in_px.max()) if len(ray) else np.nan,
+        point_mm=effect.point_mm,
+        length_mm=None if effect.length_mm is None else abs(effect.length_mm),
+    )
+
+
+# Two calibrations of one unchanged rig A or B (0.04 px noise): no camera's rays differ by more than 2.3 times the
+# median of its rig; one camera turned by 0.01 deg gives 9 times or more, shifted by 0.1 mm 4.9 (studies/profiles.md).
+# Shift and turn over their standard uncertainties say far less: 3.2 without any change, 0.8 for 0.01 deg, since what
+# the pose loses the lens takes up.
+_TIMES_THE_MEDIAN = 4.0
+_SMALLEST_MM = 0.005  # a tenth of what a reference bar may deviate: nobody is sent to a camera for less
+
+
+def _judged(changes: list[CameraChange]) -> list[CameraChange]:
+    """Which cameras have moved: their rays differ far more than most of the rig's."""
+    ray = np.array([change.ray_rms_mm for change in changes])
+    usual = float(np.nanmedian(ray)) if np.isfinite(ray).any() else np.nan
+    limit = max(_TIMES_THE_MEDIAN * usual, _SMALLEST_MM)
+    return [replace(change, moved=bool(mm > limit)) for change, mm in zip(changes, ray, strict=True)]
+
+
+def seen_volume(rig: Rig) -> ComparisonVolume:
+    """Where most cameras look: a cube around the point nearest to all optical axes, half as wide as it is far away.
+
+    For rigs whose points are not known.
+    """
+    if len(rig.cameras) < 2:
+        raise InputError(Phrase("error-no-volume"))
+    axes = np.array([camera.rotation[2] for camera in rig.cameras])
+    centres = np.array([camera.centre_mm for camera in rig.cameras])
+    across = np.eye(3) - axes[:, :, None] * axes[:, None, :]
+    # a little pull towards a metre before the cameras keeps parallel axes from meeting at infinity
+    ahead = centres + axes * max(float(np.ptp(centres, axis=0).max()), 1.0)
+    pull = 1e-3 * np.eye(3)
+    middle = np.linalg.solve(
+        (across + pull).sum(axis=0), (across @ centres[:, :, None] + pull @ ahead[:, :, None]).sum(axis=0)
+    )[:, 0]
+    half = 0.25 * float(np.median(np.linalg.norm(centres - middle, axis=1)))
+    return ComparisonVolume(middle - half, middle + half)

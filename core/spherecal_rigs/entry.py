@@ -1,0 +1,213 @@
+"""One calibration in a profile: entry.json with what was known when it was saved, and hashes of the files beside it."""
+
+import hashlib
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from datetime import datetime
+from pathlib import Path
+
+from spherecal.base.errors import InputError
+from spherecal.base.filesystem import read_below
+from spherecal.base.messages.values import Phrase
+from spherecal.data.rig import Rig, Verdict
+from spherecal.files.codec import (
+    FileFormat,
+    boolean,
+    celsius,
+    digest,
+    entries,
+    field,
+    group,
+    identifier,
+    items,
+    matrix,
+    number,
+    one_of,
+    optional,
+    positive,
+    prose,
+    record,
+    serial,
+    text,
+    time,
+    unread,
+)
+from spherecal.files.json_file import JsonValue, software_entry
+from spherecal.files.rig_file import read_rig
+
+ENTRY_FILE = "entry.json"
+RIG_FILE = "rig.json"
+# What an entry may hold beside entry.json; no name out of a file is ever opened.
+FILES = (RIG_FILE, "targets.json", "verification.json", "bars.csv", "covariance.npy", "points.csv")
+# rig.json of 100 cameras has 0.2 MB, targets.json of 1000 targets 0.5 MB.
+_MOST_BYTES = 64 << 20
+_MOST_CAMERAS, _MOST_SETTINGS, _MOST_NUMBERS = 1000, 1000, 100
+
+Setting = str | float | bool | list[float]
+
+
+@dataclass(frozen=True)
+class CameraEntry:
+    """What is known of a camera: serial, model, optics, temperature and its settings (exposure, gain, ...) by name."""
+
+    id: str
+    serial: str | None = None
+    model: str | None = None
+    pixel_pitch_um: float | None = None
+    focal_length_mm: float | None = None
+    temperature_c: float | None = None
+    settings: Mapping[str, Setting] | None = None
+
+
+@dataclass(frozen=True)
+class Entry:
+    """A saved calibration; times are in UTC, `volume_mm` the low and high corner of its points in the rig's world.
+
+    `care`: what it is to be used with care for, in words; empty where nothing is. `verdict` is that of the bars.
+    """
+
+    saved_at: datetime
+    calibrated_at: datetime
+    valid: bool
+    rms_px: float | None
+    sigma0: float | None
+    input_sha256: str
+    files: Mapping[str, str]
+    cameras: tuple[CameraEntry, ...] = ()
+    note: str = ""
+    temperature_c: float | None = None
+    sphere_diameter_mm: float | None = None
+    scale_source: str = "none"
+    scale_artefact: str | None = None
+    scale_relative_uncertainty: float | None = None
+    volume_mm: tuple[tuple[float, ...], tuple[float, ...]] | None = None
+    verdict: str | None = None
+    bar_mean_error_mm: float | None = None
+    bar_max_error_mm: float | None = None
+    written_by: str = ""
+    care: str = ""
+
+    @property
+    def calibration_verdict(self) -> Verdict:
+        """One of the three words on the calibration."""
+        return "not-valid" if not self.valid else "use-with-care" if self.care else "valid"
+
+
+def _check_corners(volume: tuple[tuple[float, ...], ...], value: JsonValue) -> None:
+    if any(a > b for a, b in zip(*volume, strict=True)):
+        raise value.error(Phrase("problem-low-corner"))
+
+
+def _check_settings(settings: Mapping[str, Setting], value: JsonValue) -> None:
+    if len(settings) > _MOST_SETTINGS:
+        raise value.error(Phrase("problem-many-settings", {"most": _MOST_SETTINGS}))
+
+
+_SETTING = one_of(
+    "", boolean(""), text(""), items("", number("")).mapped(lambda found: list(found[:_MOST_NUMBERS])), number("")
+)
+SETTINGS = entries("Its settings by name.", _SETTING).checked(_check_settings, maxProperties=_MOST_SETTINGS)
+"""A camera's settings by name: numbers, texts, true or false, or a few numbers (a region)."""
+_CAMERA = record(
+    "",
+    CameraEntry,
+    field("id", identifier("Its id.")),
+    optional("serial", serial("Its serial number.")),
+    optional("model", text("The model name that its maker uses.")),
+    optional("pixel_pitch_um", positive("Pixel pitch of its sensor.", "um")),
+    optional("focal_length_mm", positive("Focal length of its lens.", "mm")),
+    optional("temperature_c", celsius("Its temperature in degrees Celsius.")),
+    optional("settings", SETTINGS),
+)
+_QUALITY = group(
+    "quality",
+    "As in rig.json.",
+    field("valid", boolean("As in rig.json.")),
+    unread("verdict", "As in rig.json.", "calibration_verdict"),
+    optional("care", prose("What requires care; empty where nothing does.")),
+    optional("rms_px", number("As in rig.json.", 0)),
+    optional("sigma0", number("As in rig.json.", 0)),
+)
+_SCALE = group(
+    "scale",
+    "Where the scale comes from.",
+    field("source", text("As in rig.json."), "scale_source"),
+    optional("artefact", text("The bar or board."), "scale_artefact"),
+    optional("relative_uncertainty", number("Relative standard uncertainty.", 0), "scale_relative_uncertainty"),
+)
+_VERIFICATION = group(
+    "verification",
+    "The result of the verification with bars.",
+    field("verdict", text("The verdict.")),
+    optional("mean_error_mm", number("Mean error."), "bar_mean_error_mm"),
+    optional("max_abs_error_mm", number("Largest error, without its sign.", 0), "bar_max_error_mm"),
+    is_needed=False,
+)
+_FILES = record(
+    "SHA-256 of the files beside it.",
+    dict,
+    field(RIG_FILE, text("The rig.")),
+    *(optional(file, text(f"{file}.")) for file in FILES if file != RIG_FILE),
+)
+_SOFTWARE = group(
+    "software",
+    "The program that wrote it.",
+    optional("version", text("Its version."), "written_by"),
+    unread("name", "Its name.", lambda _: "SphereCal"),
+    is_needed=False,
+)
+ENTRY = FileFormat(
+    "spherecal/profile-entry",
+    ENTRY_FILE,
+    "A calibration in a profile: what was known when it was saved, and the files beside it.",
+    record(
+        "",
+        Entry,
+        field("saved_at", time("When it was saved.")),
+        field("calibrated_at", time("When it was calibrated.")),
+        optional("note", text("A note.")),
+        _QUALITY,
+        _SCALE,
+        optional("sphere_diameter_mm", positive("Diameter of the ball.", "mm")),
+        optional("temperature_c", celsius("The rig's temperature in degrees Celsius.")),
+        optional("volume_mm", matrix("Low and high corner of the calibrated points.", 2, 3).checked(_check_corners)),
+        _VERIFICATION,
+        field(
+            "cameras",
+            items(
+                "The cameras.",
+                _CAMERA,
+                most=_MOST_CAMERAS,
+                excess=Phrase("problem-many-entries", {"most": _MOST_CAMERAS}),
+            ),
+        ),
+        field("input_sha256", digest("`input_sha256` of the rig.")),
+        field("files_sha256", replace(_FILES, entry=dict), "files"),
+        _SOFTWARE,
+    ),
+    ("`volume_mm` has the low corner first.",),
+    more="profiles.md",
+)
+
+
+def entry_bytes(entry: Entry) -> bytes:
+    """The contents of entry.json."""
+    return ENTRY.bytes(entry, software=software_entry(None))
+
+
+def read_entry(folder: Path) -> Entry:
+    """The entry in a folder of a profile's history."""
+    return ENTRY.read(folder / ENTRY_FILE, below=folder)
+
+
+def sha256(path: Path) -> str:
+    """The SHA-256 of a file."""
+    return hashlib.sha256(read_below(path.parent, path.name, _MOST_BYTES)).hexdigest()
+
+
+def checked_rig(folder: Path, entry: Entry) -> Rig:
+    """The rig of an entry."""
+    path = folder / RIG_FILE
+    if sha256(path) != entry.files[RIG_FILE]:
+        raise InputError(Phrase("error-changed-since", {"file": path}))
+    return read_rig(path)

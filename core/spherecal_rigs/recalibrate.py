@@ -1,0 +1,158 @@
+"""Recalibration of some cameras while the others are locked, for example if one was touched or has a new lens.
+
+The locked cameras give the frame and the scale; the ball needs only to be seen by the selected cameras and some others.
+"""
+
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+
+from spherecal.adjust.bundle import usable_features
+from spherecal.adjust.network import Network
+from spherecal.adjust.state import State
+from spherecal.ball.fit import BallFit, solve_free
+from spherecal.ball.run import Run
+from spherecal.ball.selection import ModelChoice
+from spherecal.base.arrays import BoolArray, IntArray
+from spherecal.base.context import Context, Stopwatch
+from spherecal.base.errors import InputError
+from spherecal.base.messages.values import Phrase
+from spherecal.base.threads import on_one_blas_thread
+from spherecal.data.lens_model import like
+from spherecal.data.recording import Recording
+from spherecal.data.rig import Calibration, Rig
+from spherecal.data.session import Session
+from spherecal.detect.session_images import observed
+from spherecal.initialise.incremental import InitialPoses, resect_camera
+from spherecal.initialise.local import LocalNetwork, reconstruct_locally
+from spherecal.result.build import build_failed_result, build_result
+from spherecal.scale.metric import MetricFit, Solution, fit_spheres
+from spherecal.steps.fit_ball import ball_network, select_ball_model
+from spherecal.steps.settings import CalibrationSettings
+from spherecal.steps.start_values import describe_network
+
+What = Literal["all", "pose", "intrinsics"]
+
+
+@dataclass(frozen=True)
+class Selection:
+    """Which cameras to calibrate (ids), and what to estimate for them; all others stay as in the rig."""
+
+    cameras: tuple[str, ...]
+    what: What = "all"
+
+
+@on_one_blas_thread
+def recalibrate(
+    session: Session,
+    rig: Rig,
+    selection: Selection,
+    settings: CalibrationSettings | None = None,
+    context: Context | None = None,
+) -> Calibration:
+    """The rig with the selected cameras recalibrated from a session; frame and scale are those of the locked ones.
+
+    A rig whose world is no camera's frame, as of another program, comes out in that of its first locked camera.
+    """
+    settings, context, watch = settings or CalibrationSettings(), context or Context(), Stopwatch()
+    rig = _with_reference(rig, selection)
+    _check(session, rig, selection)
+    session = _with_the_rigs_lens_models(observed(session, context), rig)
+    watch.lap("detection")
+    selected = np.array([camera.id in selection.cameras for camera in session.cameras])
+    before = _state(session, rig)
+    recording = Recording.of(session)
+    observations, features = recording.observations, recording.features
+    local = reconstruct_locally(observations, features, before.intrinsics, settings.paths, settings.seed, context)
+    if not local.triples:
+        return build_failed_result(recording, local, settings.method, watch.seconds)
+    reference = next(i for i, camera in enumerate(session.cameras) if camera.id == rig.reference_camera)
+    network = _locked(describe_network(recording, settings), selected, selection.what)
+    start = _start(network, before, selected, selection.what, local)
+    watch.lap("start values")
+
+    run = Run(before.intrinsics, reference, context=context, watch=watch)
+    fit = solve_free(network, start, None, local.keep & start.placed[network.camera], run)
+    choice = ModelChoice("free", Phrase("form-asked-alone"))
+    if settings.method in ("auto", "soft", "rigid"):
+        ball = ball_network(recording, network, local, fit)
+        fit, choice = select_ball_model(recording, fit, ball, settings, run)
+    watch.lap("bundle adjustment")
+    solution = _in_the_rigs_scale(session, rig, features.placement, fit)
+    return build_result(recording, local, MetricFit(fit, choice, solution), "selected", run)
+
+
+def _with_reference(rig: Rig, selection: Selection) -> Rig:
+    """The rig in the frame of its reference camera; without one, of the first camera that stays."""
+    first = next((camera for camera in rig.cameras if camera.id not in selection.cameras), None)
+    if rig.reference_camera is not None or first is None:
+        return rig
+    moved = []
+    for camera in rig.cameras:
+        rotation = camera.rotation @ first.rotation.T
+        moved.append(
+            replace(camera, rotation=rotation, translation_mm=camera.translation_mm - rotation @ first.translation_mm)
+        )
+    moved[rig.cameras.index(first)] = replace(first, rotation=np.eye(3), translation_mm=np.zeros(3))
+    return replace(rig, reference_camera=first.id, cameras=tuple(moved))
+
+
+def _check(session: Session, rig: Rig, selection: Selection) -> None:
+    known, recorded = {camera.id for camera in rig.cameras}, {camera.id for camera in session.cameras}
+    unknown = sorted(set(selection.cameras) - recorded)
+    if unknown or not selection.cameras:
+        values = {"folder": session.where, "names": unknown, "cameras": sorted(recorded)}
+        raise InputError(Phrase("error-no-such-cameras" if unknown else "error-none-selected", values))
+    if missing := sorted(recorded - known):
+        raise InputError(Phrase("error-rig-lacks-cameras", {"cameras": missing}))
+    if len(recorded - set(selection.cameras)) < 2 or rig.reference_camera not in recorded:
+        raise InputError(Phrase("error-few-remain"))
+    if rig.scale.source == "none":
+        raise InputError(Phrase("error-rig-no-scale"))
+
+
+def _with_the_rigs_lens_models(session: Session, rig: Rig) -> Session:
+    known = {camera.id: camera.intrinsics for camera in rig.cameras}
+    return replace(session, cameras=tuple(like(camera, known[camera.id]) for camera in session.cameras))
+
+
+def _state(session: Session, rig: Rig) -> State:
+    """The rig's cameras in the session's order."""
+    cameras = [rig.camera(spec.id) for spec in session.cameras]
+    found = [camera for camera in cameras if camera is not None]
+    return State(
+        np.array([c.rotation for c in found]),
+        np.array([c.translation_mm for c in found]),
+        np.array([c.intrinsics for c in found]),
+        np.zeros((0, 3)),
+    )
+
+
+def _locked(network: Network, selected: BoolArray, what: What) -> Network:
+    free = network.free & selected[:, None] & (what != "pose")
+    # a locked camera's intrinsics are its own, whatever group it was calibrated in
+    group = np.where(selected, network.group, network.group.max() + 1 + np.arange(len(selected)))
+    return replace(network, free=free, group=group, locked=~selected | (what == "intrinsics"))
+
+
+def _start(network: Network, before: State, selected: BoolArray, what: What, local: LocalNetwork) -> InitialPoses:
+    """The rig before; selected cameras are resected from the points of the locked ones, where possible."""
+    rows = local.keep & ~selected[network.camera]
+    points, good = usable_features(network, replace(before, points=np.zeros((network.n_features, 3))), rows)
+    state = replace(before, points=np.where(good[:, None], points, np.nan))
+    rotation, translation = state.rotation.copy(), state.translation.copy()
+    for camera in np.flatnonzero(selected) if what != "intrinsics" else []:
+        seen = np.isfinite(state.points[network.feature, 0]) & local.keep & (network.camera == camera)
+        pose = resect_camera(network, state, int(camera), np.flatnonzero(seen))
+        if pose is not None:
+            rotation[camera], translation[camera] = pose
+    return InitialPoses(replace(state, rotation=rotation, translation=translation), np.ones(len(selected), dtype=bool))
+
+
+def _in_the_rigs_scale(session: Session, rig: Rig, placement: IntArray, fit: BallFit) -> Solution:
+    """The network as it is: the locked cameras are in millimetres. Their own uncertainty is not part of the result."""
+    state, cofactors = fit.by_features.state, fit.cofactors
+    spheres = fit_spheres(state.points, placement, len(session.placements))
+    cameras = None if cofactors is None else fit.adjusted.variance * cofactors.all_cameras()
+    return Solution(state, cofactors, 1.0, rig.scale, 0.0, spheres, cameras)

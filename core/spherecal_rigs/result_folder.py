@@ -1,0 +1,177 @@
+"""A result folder, read and checked: the rig, its points and residuals, the verification."""
+
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+
+from spherecal.base.arrays import BoolArray, FloatArray, IntArray
+from spherecal.base.errors import InputError
+from spherecal.base.messages.values import Phrase
+from spherecal.data.rig import PlacedSphere, Rig
+from spherecal.files.atomic import read_unchanged
+from spherecal.files.json_file import read_json
+from spherecal.files.rig_file import RIG, read_rig
+from spherecal.files.write_result import POINT_COLUMNS, RESIDUAL_COLUMNS, SPHERE_COLUMNS
+from spherecal.geometry.camera import project
+from spherecal.verify.verification_file import BarReport
+from spherecal_rigs.read_verification import read_bar_report
+from spherecal_rigs.result_table import CsvTable, read_csv
+
+
+@dataclass(frozen=True)
+class Software:
+    """Who made the result: the program, its version, and what else rig.json notes (method, seed)."""
+
+    name: str
+    version: str
+    details: tuple[tuple[str, str], ...]
+
+
+@dataclass(frozen=True)
+class Points:
+    """The points found, by row: names, places (n, 3), sigmas (n, 3) with NaN where unknown, views (n,)."""
+
+    placement: list[str]
+    target: IntArray
+    point: list[str]
+    xyz_mm: FloatArray
+    sigma_mm: FloatArray
+    views: IntArray
+
+
+@dataclass(frozen=True)
+class Residuals:
+    """The observations: residuals (n, 2) px and predicted image points (n, 2) px, NaN where there is none."""
+
+    placement: list[str]
+    camera: list[str]
+    target: IntArray
+    point: list[str]
+    du_dv: FloatArray
+    used: BoolArray
+    predicted: FloatArray
+
+    @cached_property
+    def rows_of(self) -> dict[str, IntArray]:
+        """The rows of each camera, by its id."""
+        rows: dict[str, list[int]] = {}
+        for row, camera in enumerate(self.camera):
+            rows.setdefault(camera, []).append(row)
+        return {camera: np.array(own) for camera, own in rows.items()}
+
+
+@dataclass(frozen=True)
+class Result:
+    """All that a result folder says; `bars` is None where nothing was verified."""
+
+    folder: Path
+    rig: Rig
+    software: Software
+    points: Points
+    residuals: Residuals
+    spheres: tuple[PlacedSphere, ...]
+    bars: BarReport | None
+
+    @property
+    def has_scale(self) -> bool:
+        """Whether lengths are in millimetres."""
+        return self.rig.scale.source != "none"
+
+    @property
+    def unit(self) -> str:
+        """The unit of lengths."""
+        return "mm" if self.has_scale else "units"
+
+    @property
+    def camera_ids(self) -> list[str]:
+        """The cameras that are placed or have observations, sorted."""
+        return sorted({camera.id for camera in self.rig.cameras} | set(self.residuals.camera))
+
+
+def read_result(folder: Path) -> Result:
+    """Read a result folder."""
+    if not folder.is_dir():
+        raise InputError(Phrase("error-no-result-folder", {"folder": folder}))
+    return read_unchanged(folder, _read_result)
+
+
+def _read_result(folder: Path) -> Result:
+    rig = read_rig(folder / "rig.json")
+    points = _read_points(folder / "points.csv")
+    return Result(
+        folder=folder,
+        rig=rig,
+        software=_read_software(folder / "rig.json"),
+        points=points,
+        residuals=_read_residuals(folder / "residuals.csv", rig, points),
+        spheres=_read_spheres(folder / "spheres.csv"),
+        bars=read_bar_report(folder),
+    )
+
+
+def _read_software(path: Path) -> Software:
+    fields = read_json(path, RIG.name, RIG.version).fields((), ("software",))
+    if "software" not in fields:
+        return Software("unknown program", "", ())
+    entries = fields["software"].entries()
+    texts = {key: str(value.value) for key, value in entries.items() if isinstance(value.value, (str, int, float))}
+    name, version = texts.pop("name", "unknown program"), texts.pop("version", "")
+    return Software(name, version, tuple(sorted(texts.items())))
+
+
+def _columns(table: CsvTable, names: tuple[str, ...], may_be_empty: bool = False) -> FloatArray:
+    return np.column_stack([table.numbers(name, may_be_empty) for name in names])
+
+
+def _read_points(path: Path) -> Points:
+    table = read_csv(path, POINT_COLUMNS)
+    sigmas = [table.lengths(f"sigma_{axis}_mm", may_be_empty=True) for axis in "xyz"]
+    return Points(
+        table.names("placement"),
+        table.whole_numbers("target"),
+        table.names("point"),
+        _columns(table, ("x_mm", "y_mm", "z_mm")),
+        np.column_stack(sigmas),
+        table.whole_numbers("views"),
+    )
+
+
+def _read_residuals(path: Path, rig: Rig, points: Points) -> Residuals:
+    table = read_csv(path, RESIDUAL_COLUMNS)
+    du_dv = _columns(table, ("du", "dv"), may_be_empty=True)
+    used = table.flags("used")
+    if (lacking := used & np.isnan(du_dv).any(axis=1)).any():
+        raise table.error(int(np.argmax(lacking)), "used", Phrase("problem-used-no-residual"))
+    placement, camera, point = (table.names(name) for name in ("placement", "camera", "point"))
+    target = table.whole_numbers("target")
+    row_of = {
+        key: row for row, key in enumerate(zip(points.placement, points.target.tolist(), points.point, strict=True))
+    }
+    rows = np.array(
+        [row_of.get(key, -1) for key in zip(placement, target.tolist(), point, strict=True)], dtype=np.int64
+    )
+    predicted = _predict(rig, np.array(camera, dtype=object), rows, points.xyz_mm)
+    return Residuals(placement, camera, target, point, du_dv, used, predicted)
+
+
+def _predict(rig: Rig, camera: np.ndarray, rows: IntArray, xyz: FloatArray) -> FloatArray:
+    """The image points (n, 2) of the points in `rows` (-1: not found); NaN where there is none."""
+    predicted = np.full((len(rows), 2), np.nan)
+    for placed in rig.cameras:
+        own = np.flatnonzero((camera == placed.id) & (rows >= 0))
+        x_camera = xyz[rows[own]] @ placed.rotation.T + placed.translation_mm
+        in_front = x_camera[:, 2] > 0
+        predicted[own[in_front]] = project(x_camera[in_front], placed.intrinsics)
+    return predicted
+
+
+def _read_spheres(path: Path) -> tuple[PlacedSphere, ...]:
+    table = read_csv(path, SPHERE_COLUMNS)
+    centres = _columns(table, ("x_mm", "y_mm", "z_mm"))
+    radii, sds = table.lengths("radius_mm"), table.lengths("radial_sd_mm", may_be_empty=True)
+    return tuple(
+        PlacedSphere(name, centre, float(radius), float(sd))
+        for name, centre, radius, sd in zip(table.names("placement"), centres, radii, sds, strict=True)
+    )

@@ -1,0 +1,386 @@
+"""A profile's folder: profile.json, history/0001, history/0002, ..., checks and rig.json, a copy of the one in use.
+
+Nothing that was saved is ever changed in place. A calibration is added as a whole folder of its own; which one is in
+use is in profile.json alone, which is replaced by one renaming. A crash at any moment leaves the old or the new state.
+"""
+
+import hashlib
+import os
+import re
+import secrets
+from dataclasses import dataclass, replace
+from datetime import UTC, datetime
+from pathlib import Path
+
+from spherecal.base.errors import InputError, OutputError, reason
+from spherecal.base.filesystem import (
+    PARTIAL,
+    is_link,
+    is_plain_file_below,
+    make_folder_below,
+    move_below,
+    read_below,
+    remove_own_folder,
+    write_below,
+    write_new,
+)
+from spherecal.base.messages.values import Phrase
+from spherecal.data.rig import Rig
+from spherecal.files.codec import FileFormat, field, items, name, number, optional, record, software, text, time
+from spherecal.files.json_file import JsonValue, name_problem
+from spherecal.files.lock import LOCK, locked
+from spherecal_rigs.checks import FOLDER as CHECKS
+from spherecal_rigs.checks import last_check
+from spherecal_rigs.entry import (
+    ENTRY_FILE,
+    RIG_FILE,
+    Entry,
+    checked_rig,
+    entry_bytes,
+    read_entry,
+)
+from spherecal_rigs.validity import Validity, ValidityLimits, validity
+
+PROFILE_FILE = "profile.json"
+HISTORY = "history"
+
+_MOST_BYTES = 64 << 20
+_LEFT_OVER_SECONDS = 3600.0
+_ID = re.compile(r"[0-9]{4,9}")
+_MOST_EVENTS = 10_000
+
+
+@dataclass(frozen=True)
+class Applied:
+    """One event: from this time on, this calibration was in use."""
+
+    calibration: str
+    at: datetime
+    note: str = ""
+
+
+@dataclass(frozen=True)
+class Profile:
+    """A rig's calibrations by id, oldest first; the last event of `applied` names the one in use.
+
+    `problems` lists which folders of the history could not be read.
+    """
+
+    folder: Path
+    name: str
+    limits: ValidityLimits
+    applied: tuple[Applied, ...]
+    entries: dict[str, Entry]
+    problems: tuple[str, ...] = ()
+
+    @property
+    def active_id(self) -> str | None:
+        """The calibration in use; None before the first was applied."""
+        return self.applied[-1].calibration if self.applied else None
+
+    @property
+    def active(self) -> Entry | None:
+        """The entry in use; None where there is none or it cannot be read."""
+        return self.entries.get(self.active_id or "")
+
+    def validity(self, temperature_c: float | None = None, now: datetime | None = None) -> Validity:
+        """How far the calibration in use may be trusted now, at this temperature of the rig.
+
+        Parameters
+        ----------
+        temperature_c
+            The rig's temperature, degrees Celsius; None: not known.
+        now
+            The time to judge at; None: now.
+        """
+        if self.active_id is not None and self.active is None:
+            return Validity("none", (f"calibration {self.active_id}, which is in use, cannot be read",))
+        return validity(self.active, self.limits, now, temperature_c, last_check(self.folder, self.active_id))
+
+    @property
+    def last_good_id(self) -> str | None:
+        """The last valid calibration that was in use before the present one."""
+        earlier = [event.calibration for event in self.applied if event.calibration != self.active_id]
+        return next((one for one in reversed(earlier) if one in self.entries and self.entries[one].valid), None)
+
+    def rig(self, calibration: str | None = None) -> Rig:
+        """The rig of a calibration; without an id of the one in use.
+
+        Raises
+        ------
+        InputError
+            Where there is none, or its file was changed.
+        """
+        chosen = calibration or self.active_id
+        if chosen is None:
+            raise InputError(Phrase("error-none-in-use", {"folder": self.folder}))
+        return checked_rig(self.path_of(chosen), self.entry(chosen))
+
+    def entry(self, calibration: str) -> Entry:
+        """The entry of this id.
+
+        Raises
+        ------
+        InputError
+            Where there is none; lists those there are.
+        """
+        if calibration not in self.entries:
+            raise InputError(
+                Phrase(
+                    "error-no-calibration",
+                    {"folder": self.folder, "calibration": calibration, "names": list(self.entries)},
+                )
+            )
+        return self.entries[calibration]
+
+    def path_of(self, calibration: str) -> Path:
+        """The folder of a calibration."""
+        return self.folder / HISTORY / calibration
+
+
+def _profile(name: str, applied: tuple[Applied, ...], limits: ValidityLimits | None = None) -> Profile:
+    return Profile(Path(), name, limits or ValidityLimits(), applied, {})
+
+
+def _check_number(calibration: str, value: JsonValue) -> None:
+    if not _ID.fullmatch(calibration):
+        raise value.error(Phrase("problem-calibration-number"))
+
+
+_STATED = record(
+    "When a calibration is ageing or stale.",
+    dict,
+    optional("ageing_hours", number("Age from which it is ageing, not above `stale_hours`.", 0)),
+    optional("stale_hours", number("Age from which it is stale.", 0)),
+    optional("ageing_kelvin", number("Change of temperature from which it is ageing, not above `stale_kelvin`.", 0)),
+    optional("stale_kelvin", number("Change from which it is stale.", 0)),
+)
+
+
+def _read_limits(value: JsonValue) -> ValidityLimits:
+    stated = _STATED.read(value)
+    try:
+        return ValidityLimits(**stated)
+    except InputError as error:  # which knows nothing of files
+        what = Phrase("error-in-validity", {"file": value.file, "why": error.parts[0]})
+        raise InputError(what, error.parts[1]) from error
+
+
+_APPLIED = record(
+    "",
+    Applied,
+    field("calibration", text("Its number.").checked(_check_number, pattern="^[0-9]{4,9}$")),
+    field("at", time("When it was put to use.")),
+    optional("note", text("The reason.")),
+)
+_EVENTS = items(
+    "The calibrations that were put to use, oldest first.",
+    _APPLIED,
+    most=_MOST_EVENTS,
+    excess=Phrase("problem-many-events", {"most": _MOST_EVENTS}),
+)
+PROFILE = FileFormat(
+    "spherecal/profile",
+    PROFILE_FILE,
+    "A rig's profile: its name, limits, and which calibration was in use from when on.",
+    record(
+        "",
+        _profile,
+        field("name", name("Name of the rig.")),
+        optional("validity", replace(_STATED, read=_read_limits), "limits"),
+        field(
+            "applied",
+            _EVENTS,
+        ),
+        software(),
+    ),
+    more="profiles.md",
+)
+
+
+def is_profile(folder: Path) -> bool:
+    """Whether a folder is (or at least says that it is) a profile."""
+    return is_plain_file_below(folder, PROFILE_FILE)
+
+
+def open_profile(folder: Path) -> Profile:
+    """The profile in a folder, checked."""
+    if not is_profile(folder):
+        raise InputError(Phrase("error-no-profile", {"folder": folder}))
+    kept = PROFILE.read(folder / PROFILE_FILE, below=folder)
+    entries, problems = _read_history(folder)
+    return replace(kept, folder=folder, entries=entries, problems=problems)
+
+
+def _read_history(folder: Path) -> tuple[dict[str, Entry], tuple[str, ...]]:
+    """The entries by id, and what is wrong with those that cannot be read; folders half written are none of them."""
+    entries: dict[str, Entry] = {}
+    problems: list[str] = []
+    try:
+        if is_link((folder / HISTORY).lstat()):
+            raise InputError(Phrase("error-link-in-profile", {"folder": folder / HISTORY}))
+        found = sorted((path for path in (folder / HISTORY).iterdir() if _ID.fullmatch(path.name)), key=_number)
+    except FileNotFoundError:
+        return {}, ()
+    except OSError as error:
+        raise InputError(Phrase("error-cannot-read", {"file": folder / HISTORY, "why": reason(error)})) from error
+    for path in found:
+        try:
+            if path.is_symlink() or not path.is_dir():
+                raise InputError(Phrase("error-not-profiles-folder", {"folder": path}))
+            entries[path.name] = read_entry(path)
+        except InputError as error:
+            problems.append(str(error))
+    return entries, tuple(problems)
+
+
+def _number(path: Path) -> tuple[int, str]:
+    return int(path.name), path.name
+
+
+def create_profile(folder: Path, name: str | None = None, limits: ValidityLimits | None = None) -> Profile:
+    """Make an empty profile in a new or empty folder, or open the one that is there.
+
+    `name` None: the folder's; `limits` None: those delivered.
+    """
+    if is_profile(folder):
+        return open_profile(folder)
+    called = name or Path(os.path.abspath(folder)).name
+    if problem := name_problem(called):
+        raise InputError(Phrase("error-profile-name", {"problem": problem}))
+    try:
+        if folder.exists() and (
+            not folder.is_dir()
+            or any(path.name not in (HISTORY, CHECKS) and not path.name.endswith(LOCK) for path in folder.iterdir())
+        ):
+            raise OutputError(Phrase("error-holds-no-profile", {"folder": folder}))
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise _refused(folder, error) from error
+    with locked(folder / PROFILE_FILE):
+        if not is_profile(folder):  # another program may have made it meanwhile
+            make_folder_below(folder, HISTORY)
+            write_profile(Profile(folder, called, limits or ValidityLimits(), (), {}))
+    return open_profile(folder)
+
+
+def set_limits(folder: Path, **given: float) -> Profile:
+    """Change limits of the validity of a profile's calibrations; the others stay."""
+    with locked(folder / PROFILE_FILE):
+        profile = open_profile(folder)
+        write_profile(replace(profile, limits=replace(profile.limits, **given)))
+        return open_profile(folder)
+
+
+def write_profile(profile: Profile) -> None:
+    """Replace profile.json whole: the one step by which a profile changes from one state to the next."""
+    write_below(profile.folder, PROFILE_FILE, PROFILE.bytes(profile))
+
+
+def add_entry(profile: Profile, entry: Entry, files: dict[str, bytes]) -> str:
+    """Add a calibration to the history, whole or not at all; its id. The one in use stays in use."""
+    root = profile.folder
+    new = f"{HISTORY}/.{secrets.token_hex(6)}{PARTIAL}"
+    hashes = {name: hashlib.sha256(data).hexdigest() for name, data in files.items()}
+    written = {**files, ENTRY_FILE: entry_bytes(replace(entry, files=hashes))}
+    try:
+        with locked(root / PROFILE_FILE):
+            _sweep(root / HISTORY)
+            make_folder_below(root, new)
+            for name, data in written.items():
+                write_new(root, f"{new}/{name}", data, durable=True)
+            taken = [int(path.name) for path in (root / HISTORY).iterdir() if _ID.fullmatch(path.name)]
+            number = f"{max(taken, default=0) + 1:04d}"
+            move_below(root, new, f"{HISTORY}/{number}")
+            _sync(root / HISTORY)
+            return number
+    except OSError as error:
+        raise _refused(root, error) from error
+    finally:
+        remove_own_folder(root / new)
+
+
+def _sync(folder: Path) -> None:
+    """Have the disk keep a folder's list of files; Windows has no such call and needs none."""
+    if os.name != "nt":
+        handle = os.open(folder, os.O_RDONLY)
+        try:
+            os.fsync(handle)
+        finally:
+            os.close(handle)
+
+
+def _sweep(history: Path) -> None:
+    """Remove what crashed processes have left half written; what was touched in the last hour may be someone's work."""
+    for path in history.glob(f".*{PARTIAL}"):
+        try:
+            state = path.lstat()
+            if not is_link(state) and datetime.now(UTC).timestamp() - state.st_mtime > _LEFT_OVER_SECONDS:
+                remove_own_folder(path)
+        except OSError:
+            continue
+
+
+def apply(profile: Profile, calibration: str, note: str = "", despite_findings: bool = False) -> Profile:
+    """Put a calibration to use: from one moment to the next, and rig.json becomes a copy of its rig."""
+    with locked(profile.folder / PROFILE_FILE):  # what others have put to use meanwhile is not lost
+        return _apply(open_profile(profile.folder), calibration, note, despite_findings)
+
+
+def _apply(profile: Profile, calibration: str, note: str, despite_findings: bool) -> Profile:
+    entry = profile.entry(calibration)
+    profile.rig(calibration)
+    if os.path.lexists(profile.folder / RIG_FILE) and not is_plain_file_below(profile.folder, RIG_FILE):
+        raise InputError(Phrase("error-copy-of-rig", {"file": profile.folder / RIG_FILE}))
+    if not entry.valid and not despite_findings:
+        raise InputError(Phrase("error-not-put-to-use", {"calibration": calibration}))
+    if entry.care and not note.strip():
+        raise InputError(Phrase("error-with-care", {"calibration": calibration, "care": entry.care}))
+    event = Applied(calibration, datetime.now(UTC).replace(microsecond=0), note)
+    write_profile(replace(profile, applied=(*profile.applied, event)[-_MOST_EVENTS:]))
+    changed = open_profile(profile.folder)
+    heal(changed)
+    return changed
+
+
+def restore(profile: Profile, calibration: str | None = None, note: str = "") -> Profile:
+    """Put an earlier calibration back to use: the last good one, or the one named.
+
+    `calibration` None: the last valid one that was in use before.
+    """
+    chosen = calibration or profile.last_good_id
+    if chosen is None:
+        raise InputError(Phrase("error-nothing-to-restore", {"folder": profile.folder}))
+    return apply(profile, chosen, note or "restored", despite_findings=calibration is not None)
+
+
+def copy_is_right(profile: Profile) -> bool:
+    """Whether rig.json is the copy of the rig in use that it should be.
+
+    A crash or somebody else may have left another.
+    """
+    active = profile.active
+    if active is None:
+        return True
+    try:
+        return _sha256(read_below(profile.folder, RIG_FILE, _MOST_BYTES)) == active.files[RIG_FILE]
+    except InputError:
+        return False
+
+
+def heal(profile: Profile) -> None:
+    """Make rig.json the copy of the rig in use."""
+    if profile.active_id is None or profile.active is None or copy_is_right(profile):
+        return
+    data = read_below(profile.folder, f"{HISTORY}/{profile.active_id}/{RIG_FILE}", _MOST_BYTES)
+    if _sha256(data) != profile.active.files[RIG_FILE]:
+        raise InputError(Phrase("error-changed-since", {"file": profile.path_of(profile.active_id) / RIG_FILE}))
+    write_below(profile.folder, RIG_FILE, data)
+
+
+def _sha256(data: bytes) -> str:
+    return hashlib.sha256(data).hexdigest()
+
+
+def _refused(folder: Path, error: OSError) -> OutputError:
+    return OutputError(Phrase("error-profile-not-written", {"folder": folder, "why": reason(error)}))

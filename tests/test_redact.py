@@ -35,8 +35,9 @@ LINES = {
         "ssh://{account}:{token}@{host}:22/x", "https://{account}@{host}/git",
     ],
     "host": [
-        "COMPUTERNAME={host}", "hostname: {host}", "Rechner: {host}", "主机名\uff1a{host}", 
-        "\\\\{host}\\share\\7\\x.csv", "mounted smb://{host}/daten", "Nov 26 13:00:01 {host} spherecal[812]: ready", "USERDOMAIN={host}",
+        "COMPUTERNAME={host}", "hostname: {host}", "Rechner: {host}", "主机名\uff1a{host}",
+        "\\\\{host}\\share\\7\\x.csv", "mounted smb://{host}/daten",
+        "Nov 26 13:00:01 {host} spherecal[812]: ready", "USERDOMAIN={host}",
     ],
     "serial": [
         "S/N {serial}", "S/N: {serial} opened", "SN={serial}", "serial number {serial} lost", "Seriennummer: {serial}",

@@ -24,12 +24,13 @@ KINDS = {
 }  # fmt: skip
 _KNOWN: dict[str, Any] = tomllib.loads(resource_path("redaction.toml").read_text(encoding="utf-8"))
 _NOBODY, _COMMON, _ID_COLUMNS = (set(_KNOWN[key].split()) | {""} for key in ("nobody", "common", "id_columns"))
-WORDS = set(_KNOWN["words"].split())
+WORDS = set(_KNOWN["words"])
 _KIND_OF_FIELD = {field: kind for kind, fields in _KNOWN["fields"].items() for field in fields.split()}
 _STAND_IN = re.compile(rf"(?:{'|'.join(KINDS)})-\d+")
 _BLANK = re.compile(r"(?:[\s_.·]|%20)+")
 _ADDRESS = re.compile(r"[0-9a-f]{2}([:-]?)[0-9a-f]{2}(\1[0-9a-f]{2}){4}|([0-9a-f]{4}\.?){3}", re.IGNORECASE)
 _SHORTEST = 4  # shorter names would be found inside words and numbers; but three letters, and two of Chinese
+_FORMAT = re.compile("spherecal/[a-z-]+")
 _DEEPEST = 100  # our own documents are a tenth of that
 
 
@@ -163,7 +164,7 @@ class Redactor:
         return known
 
     def _value(self, text: str) -> str:
-        return text if text in WORDS else self.text(text)
+        return text if text in WORDS or _FORMAT.fullmatch(text) else self.text(text)
 
     def _walked(self, value: Any, change: Callable[[str], str], field: str = "") -> Any:
         """A document of JSON with every text changed, and those of fields that hold a name replaced."""

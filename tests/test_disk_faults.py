@@ -3,9 +3,8 @@
 import errno
 import os
 import shutil
-import signal
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -19,45 +18,11 @@ from spherecal.files.atomic import RESULT, write_folder_whole
 from spherecal.files.rig_file import rig_bytes
 from spherecal.profile.save import save_result
 from spherecal.profile.store import apply, copy_is_right, create_profile, open_profile, set_limits
+from tests.disk_faults import at_call, die, refuse
 from tests.export_rigs import make_rig
 
-CALLS = ("open", "mkdir", "fsync", "replace", "rename", "rmdir", "unlink", "fchmod")
 MOST_CALLS = 200
 pytestmark = pytest.mark.skipif(os.name == "nt", reason="a process that is forked, and descriptors of folders")
-
-
-@contextmanager
-def at_call(number: int, happens: Callable[[], None], after: bool = False) -> Iterator[list[str]]:
-    """Something happens before (or after) the call of this number among those that change a disk."""
-    made: list[str] = []
-    real = {name: getattr(os, name) for name in CALLS}
-
-    def watched(name: str) -> Callable[..., object]:
-        def call(*args: object, **kwargs: object) -> object:
-            if name == "open" and not (int(args[1]) & os.O_CREAT):  # type: ignore[call-overload]
-                return real[name](*args, **kwargs)
-            made.append(name)
-            if not after and len(made) == number:
-                happens()
-            given = real[name](*args, **kwargs)
-            if after and len(made) == number:
-                happens()
-            return given
-
-        return call
-
-    with pytest.MonkeyPatch.context() as patch:
-        for name in CALLS:
-            patch.setattr(os, name, watched(name))
-        yield made
-
-
-def refuse() -> None:
-    raise OSError(errno.EIO, os.strerror(errno.EIO))
-
-
-def die() -> None:
-    os.kill(os.getpid(), signal.SIGKILL)
 
 
 def killed(action: Callable[[], object], number: int, after: bool) -> bool:

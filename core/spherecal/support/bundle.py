@@ -350,6 +350,8 @@ def _check_members(path: Path, members: list[zipfile.ZipInfo]) -> None:
     for member in members:
         parts = PurePosixPath(member.filename).parts
         escapes = not parts or ".." in parts or member.filename.startswith("/") or "\\" in member.filename
+        if member.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):  # others need far more memory
+            raise InputError(Phrase("error-not-unpacked", {"file": path, "why": f"compression {member.compress_type}"}))
         if escapes or ":" in parts[0] or "\0" in member.filename or stat.S_ISLNK(member.external_attr >> 16):
             raise InputError(Phrase("error-bundle-escapes", {"file": path}))
     if sum(member.file_size for member in members) > _MOST_UNPACKED:

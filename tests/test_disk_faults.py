@@ -3,6 +3,8 @@
 import errno
 import os
 import shutil
+import tempfile
+import time
 from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
@@ -10,7 +12,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from benchmarks.studies.full_disk import small_disk
+from benchmarks.studies.full_disk import as_anybody, small_disk
 from spherecal.base.errors import OutputError
 from spherecal.base.filesystem import create, write_below, write_together
 from spherecal.cli.main import main
@@ -176,3 +178,35 @@ def test_a_full_disk_leaves_the_calibration_in_use(used: SimpleNamespace, tmp_pa
             assert not code or "Calibration in use now: 0001." in said
             codes.add(code)
         assert codes == {0, 2}
+
+
+def test_another_user_is_told_that_he_may_not(used: SimpleNamespace, tmp_path: Path) -> None:
+    """What may be read is read; what may not be is not taken for something else."""
+    if os.geteuid() != 0:
+        pytest.skip("only the administrator can act as another user")
+    shared = Path(tempfile.mkdtemp(dir="/tmp"))  # the tests' own folders are closed to others
+    shared.chmod(0o755)
+    try:
+        folder = shared / "profile"
+        shutil.copytree(used.fresh(), folder)
+        assert as_anybody(lambda: open_profile(folder).rig()) == ""
+        said = as_anybody(lambda: apply(open_profile(folder), "0002"))
+        assert "permission denied" in said and "in use now: 0001" in said
+        folder.chmod(0o700)
+        assert "ermission denied" in as_anybody(lambda: open_profile(folder))
+        assert "ermission denied" in as_anybody(lambda: create_profile(folder))
+    finally:
+        shutil.rmtree(shared)
+
+
+def test_a_clock_put_back_leaves_nothing_behind(used: SimpleNamespace, tmp_path: Path) -> None:
+    folder = used.fresh()
+    left = folder / "history" / ".0123456789ab.spherecal-partial"
+    left.mkdir()
+    ahead = time.time() + 400 * 86400
+    os.utime(left, (ahead, ahead))
+    profile = folder / "profile.json"
+    profile.write_text(profile.read_text().replace('"at": "20', '"at": "21'))  # the event before lies ahead
+    save_result(open_profile(folder), tmp_path / "r1")
+    assert apply(open_profile(folder), "0002").active_id == "0002"
+    assert not left.exists()

@@ -187,7 +187,7 @@ def _not_plain(path: Path | str) -> InputError:
 
 
 def is_plain_file_below(root: Path, relative: str) -> bool:
-    """Whether a regular file is there and the way to it has no link.
+    """Whether a regular file is there, the way to it without links; True where this user may not look: reading says so.
 
     Parameters
     ----------
@@ -198,6 +198,8 @@ def is_plain_file_below(root: Path, relative: str) -> bool:
         with _place(root, relative) as place:
             state = place.state()
             return state is not None and stat.S_ISREG(state.st_mode) and not is_link(state)
+    except PermissionError:
+        return True
     except (OSError, InputError):
         return False
 

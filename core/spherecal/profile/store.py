@@ -368,11 +368,14 @@ def add_entry(profile: Profile, entry: Entry, files: dict[str, bytes]) -> str:
 
 
 def _sweep(history: Path) -> None:
-    """Remove what crashed processes have left half written; what was touched in the last hour may be someone's work."""
+    """Remove what crashed processes have left half written; what was touched within an hour may be someone's work.
+
+    Also what lies more than an hour ahead: the clock was put back.
+    """
     for path in history.glob(f".*{PARTIAL}"):
         try:
             state = path.lstat()
-            if not is_link(state) and datetime.now(UTC).timestamp() - state.st_mtime > _LEFT_OVER_SECONDS:
+            if not is_link(state) and abs(datetime.now(UTC).timestamp() - state.st_mtime) > _LEFT_OVER_SECONDS:
                 remove_own_folder(path)
         except OSError:
             continue

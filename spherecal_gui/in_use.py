@@ -4,7 +4,7 @@ import hashlib
 from pathlib import Path
 
 from spherecal.base.errors import InputError
-from spherecal.base.filesystem import read_below, write_below
+from spherecal.base.filesystem import read_below, write_together
 from spherecal.base.messages.values import Phrase
 from spherecal.files.write_result import RESIDUAL_COLUMNS, SPHERE_COLUMNS
 from spherecal_gui.project import Verdict
@@ -26,11 +26,11 @@ def result_of(profile: Path, result: Path) -> tuple[str, Verdict]:
         raise InputError(Phrase("error-wizard-none-in-use", {"folder": profile}))
     kept.rig(number)  # refuses a file that was changed
     result.mkdir(parents=True, exist_ok=True)
-    for name in FILES:
-        if name in entry.files and name not in _OF_OTHERS:
-            write_below(result, name, read_below(kept.path_of(number), name, _MOST_BYTES))
-    for name, columns in (("residuals.csv", RESIDUAL_COLUMNS), ("spheres.csv", SPHERE_COLUMNS)):
-        write_below(result, name, f"{columns}\n".encode())
+    tables = (("residuals.csv", RESIDUAL_COLUMNS), ("spheres.csv", SPHERE_COLUMNS))
+    written = {name: f"{columns}\n".encode() for name, columns in tables}
+    names = [name for name in (*FILES[1:], RIG_FILE) if name in entry.files and name not in _OF_OTHERS]
+    written |= {name: read_below(kept.path_of(number), name, _MOST_BYTES) for name in names}
+    write_together(result, written)  # rig.json last: by it the folder is a result
     return number, "not valid" if not entry.valid else "use with care" if entry.care else "valid"
 
 

@@ -11,6 +11,7 @@ from PySide6.QtCore import QCoreApplication
 
 from spherecal_gui.controllers.controller import Controller
 from spherecal_gui.recorded import RecordedSession
+from tests.disk_faults import at_call
 from tests.gui_still import images_at_rest
 from tests.gui_walking import PATIENCE_S, WORK, begun, pump, settle, take
 
@@ -72,3 +73,16 @@ def killed_while_taking(home: str, where: str) -> None:
             patch.setattr(RecordedSession, "_write_metadata", die)
         take(made, "P2")
         die()
+
+
+def killed_while_saving(folder: str, number: str) -> None:
+    """Killed at this call among those that change the disk, while the calibration is saved in its profile and used."""
+    made = Controller()
+    made.cameras.live_hz = 1.0
+    made.open_project(Path(folder))
+    settle(made)
+    assert made.profile_folder is not None
+    with at_call(int(number), die):
+        made.saving.save_profile(made.profile_folder, True, "by the tests")
+        settle(made)
+    made.close_project()

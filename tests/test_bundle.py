@@ -213,6 +213,18 @@ def test_links_bombs_and_broken_archives_are_refused(tmp_path: Path, monkeypatch
         pass
 
 
+@pytest.mark.parametrize("compression", [zipfile.ZIP_LZMA, zipfile.ZIP_BZIP2])
+def test_archives_packed_otherwise_are_refused(tmp_path: Path, compression: int) -> None:
+    """Damaged ones of LZMA raised an error of their own, which nobody caught."""
+    with zipfile.ZipFile(tmp_path / "b.zip", "w", compression) as bundle:
+        bundle.writestr("session/session.json", bytes(range(256)) * 100)
+    packed = bytearray((tmp_path / "b.zip").read_bytes())
+    packed[70:90] = b"\xff" * 20
+    (tmp_path / "b.zip").write_bytes(packed)
+    with pytest.raises(InputError, match="is not a bundle"), session_of(tmp_path / "b.zip"):
+        pass
+
+
 def test_what_is_no_result_is_refused(recording: Path, tmp_path: Path) -> None:
     with pytest.raises(InputError, match="is not a result folder"):
         write_bundle(recording, tmp_path / "b.zip", BundleOptions(result=tmp_path))

@@ -26,8 +26,9 @@ from spherecal_gui.pages.placement import PlacementPage
 from spherecal_gui.project_folder import load_project, save_project
 from spherecal_gui.wizard.window import WizardWindow
 from spherecal_gui.workflow import Status
+from spherecal_rigs.store import copy_is_right, open_profile
 from tests.built_producer import built_producer
-from tests.gui_killed import exit_code_of, killed_in_step
+from tests.gui_killed import exit_code_of, killed_in_step, killed_while_saving
 from tests.gui_still import calibrated_once
 from tests.gui_walking import WORK, pump, settle, status, take
 
@@ -327,3 +328,18 @@ def test_killed_in_a_step_it_opens_there_with_the_counters_intact(qapp, home, wa
         QCoreApplication.processEvents()
     finally:
         again.close_project()
+
+
+@pytest.mark.skipif(os.name == "nt", reason="kills by signal")
+@pytest.mark.parametrize("number", range(3, int(os.environ.get("SPHERECAL_KILLS", "60")), 20))
+def test_killed_while_saving_one_calibration_is_in_use(qapp, home, walked, number):
+    """Here at three of the calls that change the disk; docs/security.md says how many were tried."""
+    folder = copied(walked, home, "save")
+    profile = folder.parent / "training-profile"
+    before = open_profile(profile)
+    assert exit_code_of(killed_while_saving, str(folder), str(number)) in (-signal.SIGKILL, 0)
+    after = open_profile(profile)
+    assert not after.problems and copy_is_right(after)
+    assert after.active_id in (before.active_id, list(after.entries)[-1])
+    assert len(after.entries) - len(before.entries) in (0, 1)
+    assert set(load_project(folder).taken) == set(load_project(walked).taken)

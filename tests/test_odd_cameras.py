@@ -1,11 +1,13 @@
 """Cameras unlike our own: other names, units, entries and habits, through the real GenTL, genicam and Harvesters."""
 
+import io
 import os
+import random
 import re
 import time
 import zipfile
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -24,6 +26,7 @@ from spherecal_cameras.genicam.slots import Slot, assess
 from spherecal_cameras.genicam.source import GenicamSource
 from spherecal_cameras.matching import RoundKeeper
 from spherecal_cameras.protocol import (
+    CameraError,
     CameraInfo,
     CameraSettings,
     CameraState,
@@ -488,6 +491,76 @@ def test_a_broken_description_is_named_and_no_other_program_is_blamed(
             assert status.state is CameraState.ERROR, (number, status)
             assert "description of its features" in status.cause
             time.sleep(1.5)  # it is tried again after 0.3 s and 0.5 s
+
+
+def zipped(data: bytes, name: str = "a.xml") -> bytes:
+    packed = io.BytesIO()
+    with zipfile.ZipFile(packed, "w", zipfile.ZIP_DEFLATED) as archive:
+        archive.writestr(name, data)
+    return packed.getvalue()
+
+
+# What a damaged or hostile camera may send: the file's ending and its contents.
+HOSTILE: dict[str, tuple[str, Callable[[], bytes]]] = {
+    "bomb": ("zip", lambda: zipped(XML.encode().replace(b"</Reg", b"<!--" + b" " * (200 << 20) + b"--></Reg"))),
+    "cut archive": ("zip", lambda: zipped(XML.encode())[:300]),
+    "archive that leads out": ("zip", lambda: zipped(XML.encode(), "../../../../tmp/spherecal-escaped.xml")),
+    "noise": ("xml", lambda: random.Random(1).randbytes(20_000)),
+    "noise as archive": ("zip", lambda: random.Random(2).randbytes(20_000)),
+    "nested 100,000 deep": (
+        "xml", XML.replace("</Reg", f"{'<Group>' * 100_000}{'</Group>' * 100_000}</Reg").encode,
+    ),
+    "entities": ("xml", lambda: _laughs(XML).encode()),
+    "refers to itself": (
+        "xml", lambda: XML.replace(
+            "<Port Name",
+            '<Float Name="E1"><pValue>E2</pValue></Float><Float Name="E2"><pValue>E1</pValue></Float><Port Name',
+            1,
+        ).encode().replace(b"<pFeature>ExposureTime<", b"<pFeature>E1<"),
+    ),
+    "formula of 1 MB": (
+        "xml", lambda: XML.replace(
+            "<Port Name",
+            f'<SwissKnife Name="S"><Formula>{"(" * 500_000}1{")" * 500_000}</Formula></SwissKnife><Port Name',
+            1,
+        ).encode(),
+    ),
+    "flipped bytes": ("xml", lambda: _flipped(XML.encode(), 40)),
+}  # fmt: skip
+
+
+def _laughs(xml: str) -> str:
+    entities = "".join(f'<!ENTITY a{i} "{f"&a{i - 1};" * 10}">' for i in range(1, 10))
+    body = xml[xml.index("<RegisterDescription") :].replace("</Reg", "<Group Comment='&a9;'/></Reg")
+    return f'<?xml version="1.0"?><!DOCTYPE x [<!ENTITY a0 "lol">{entities}]>{body}'
+
+
+def _flipped(data: bytes, times: int) -> bytes:
+    chance, changed = random.Random(3), bytearray(data)
+    for _ in range(times):
+        changed[chance.randrange(len(changed))] = chance.randrange(1, 256)
+    return bytes(changed)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", HOSTILE)
+def test_a_hostile_description_ends_neither_the_program_nor_other_cameras(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, name: str
+) -> None:
+    """Read by genicam in the camera process, which may die of it: that is said, and no camera is believed to work."""
+    cti = built_producer()
+    ending, contents = HOSTILE[name]
+    (tmp_path / f"odd.{ending}").write_bytes(contents())
+    monkeypatch.setenv("SPHERECAL_GENTL_ODD", f"description={tmp_path / f'odd.{ending}'}")
+    monkeypatch.setenv("GENICAM_GENTL64_PATH", str(cti.parent))
+    with ProducerControl([SimulatedCamera("A1", *SIZE)]) as rig, GenicamSource(log_file=tmp_path / "log") as source:
+        monkeypatch.setenv("SPHERECAL_GENTL_REGION", rig.name)
+        assert source.discover().serials == ("A1",)
+        with suppress(CameraError):  # the bomb, on a slow machine: the camera process does not answer in time
+            source.open(["A1"], {})
+            status = source.statuses()["A1"]
+            assert status.state is not CameraState.ERROR or status.cause
+    assert not Path("/tmp/spherecal-escaped.xml").exists()
 
 
 # ---- names ----

@@ -23,7 +23,7 @@ from spherecal.files.rig_file import rig_bytes
 from spherecal_rigs import entry as entry_module
 from spherecal_rigs import store
 from spherecal_rigs.save import SaveOptions, save_result
-from spherecal_rigs.store import Profile, apply, create_profile, heal, open_profile, restore
+from spherecal_rigs.store import Profile, apply, copy_is_right, create_profile, open_profile, restore
 from spherecal_rigs.validity import ValidityLimits
 from tests.export_rigs import make_rig
 
@@ -110,11 +110,23 @@ def test_a_changed_file_is_never_used(profile: Profile) -> None:
 
 def test_the_copy_is_put_right(profile: Profile, tmp_path: Path) -> None:
     (profile.folder / "rig.json").write_bytes(b"{}")
-    heal(profile)
+    assert open_profile(profile.folder).active_id == "0002" and not copy_is_right(profile)
+    apply(profile, "0002")
     assert rig_of(profile.folder) == rig_of(tmp_path / "r2")
     (profile.folder / "rig.json").unlink()
-    heal(profile)
+    assert open_profile(profile.folder).active_id == "0002" and not copy_is_right(profile)
+    apply(profile, "0002")
     assert rig_of(profile.folder) == rig_of(tmp_path / "r2")
+
+
+def test_in_use_is_what_rig_json_has(profile: Profile, tmp_path: Path) -> None:
+    """As after a kill between the two renamings: the event in profile.json alone changes nothing."""
+    before = (profile.folder / "rig.json").read_bytes()
+    apply(profile, "0003")
+    (profile.folder / "rig.json").write_bytes(before)
+    opened = open_profile(profile.folder)
+    assert opened.active_id == "0002" and copy_is_right(opened)
+    assert rig_bytes(opened.rig()) != rig_bytes(profile.rig("0003"))
 
 
 def test_an_entry_says_what_was_known(tmp_path: Path) -> None:

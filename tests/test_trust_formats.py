@@ -89,21 +89,21 @@ def test_cameras_called_by_their_serial_numbers_stay_the_same_in_a_bundle(record
 
 
 def test_numbers_in_tables_are_never_taken_for_serial_numbers() -> None:
-    redactor = Redactor({"1234"}, {"1234"})
+    redactor = Redactor({"x.json": b'{"id": "1234", "serial": "1234"}'})
     table = b"placement,camera,target,point,u,v\nP1,1234,1,A,1234,1234.5\n"
     assert redactor.file("x.csv", table) == b"placement,camera,target,point,u,v\nP1,serial-1,1,A,1234,1234.5\n"
 
 
 def test_tables_are_redacted_in_every_form_that_is_read() -> None:
     """With quotation marks, a byte order mark and carriage returns, as spreadsheets write them."""
-    redactor = Redactor({"1234"}, {"1234"})
+    redactor = Redactor({"x.json": b'{"id": "1234", "serial": "1234"}'})
     table = '\ufeff"placement","point","camera"\r\n"P1","A","1234"\r\nP1,A,1234\r\n'.encode()
     assert redactor.file("x.csv", table) == b'"placement","point","camera"\r\n"P1","A","serial-1"\r\nP1,A,serial-1\r\n'
 
 
 def test_a_nest_is_redacted_as_text() -> None:
     nest = b'{"a":' * 900 + b'"Otto: operator=otto9"' + b"}" * 900
-    assert b"otto9" not in Redactor().file("x.json", nest)
+    assert b"otto9" not in Redactor({"x.json": nest}).file("x.json", nest)
 
 
 def test_a_second_name_of_the_users_file_is_no_lock(tmp_path: Path) -> None:

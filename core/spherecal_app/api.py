@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from spherecal.base.context import Context, Progress
 from spherecal.base.errors import Cancelled, InputError, MissingPackage, OutputError, SpherecalError, needing
+from spherecal.base.filesystem import write_together
 from spherecal.base.messages.values import Phrase
 from spherecal.calibrate import calibrate
 from spherecal.cross_validate import LeftOut, cross_validate
@@ -607,12 +608,14 @@ def save_rig(rig: Rig, path: AnyPath, details: Mapping[str, object] | None = Non
     """
     path = Path(path)
     path = path / "rig.json" if path.is_dir() else path
-    if rig.covariance is not None:
-        beside, content = path.parent / COVARIANCE_FILE, covariance_bytes(rig.covariance)
-        if beside.exists() and beside.read_bytes() != content and not _has_covariance(path):
-            raise OutputError(Phrase("error-other-rig", {"file": beside}))
-        write_file_whole(beside, content)
-    write_file_whole(path, rig_bytes(rig, details))
+    content = rig_bytes(rig, details)
+    if rig.covariance is None:
+        write_file_whole(path, content)
+        return
+    beside, covariance = path.parent / COVARIANCE_FILE, covariance_bytes(rig.covariance)
+    if beside.exists() and beside.read_bytes() != covariance and not _has_covariance(path):
+        raise OutputError(Phrase("error-other-rig", {"file": beside}))
+    write_together(path.parent, {beside.name: covariance, path.name: content})
 
 
 def _has_covariance(path: Path) -> bool:

@@ -25,6 +25,7 @@ from spherecal.base.filesystem import (
     shown_name,
     write_below,
     write_new,
+    write_together,
 )
 from spherecal.base.interrupts import uninterrupted
 from spherecal.base.messages.values import Phrase
@@ -162,11 +163,9 @@ class SessionFolder:
             "cameras": [{"id": camera.id, "serial": camera.serial} for camera in self.cameras],
             "sets": self._sets,
         }
-        self._write_json(CAPTURE_FILE, capture)
-        self._write_json("session.json", self._session())
-
-    def _write_json(self, name: str, document: dict[str, Any]) -> None:
-        write_below(self.folder, name, (json.dumps(document, indent=1) + "\n").encode())
+        documents = {"session.json": self._session(), CAPTURE_FILE: capture}  # the last one decides, see _take_up
+        written = {name: (json.dumps(one, indent=1) + "\n").encode() for name, one in documents.items()}
+        write_together(self.folder, written)
 
     def _session(self) -> dict[str, Any]:
         placements, poses = [], []

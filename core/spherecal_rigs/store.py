@@ -1,13 +1,16 @@
 """A profile's folder: profile.json, history/0001, history/0002, ..., checks and rig.json, a copy of the one in use.
 
-Nothing that was saved is ever changed in place. A calibration is added as a whole folder of its own; which one is in
-use is in profile.json alone, which is replaced by one renaming. A crash at any moment leaves the old or the new state.
+Nothing that was saved is ever changed in place. A calibration is added as a whole folder of its own. The last event in
+profile.json says which one is in use; the event counts once rig.json, which is renamed last, is no longer the rig of
+the event before. A crash at any moment leaves the old or the new state, and rig.json agrees with it.
 """
 
 import hashlib
 import os
 import re
 import secrets
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from pathlib import Path
@@ -15,14 +18,17 @@ from pathlib import Path
 from spherecal.base.errors import InputError, OutputError, reason
 from spherecal.base.filesystem import (
     PARTIAL,
+    confirming,
     is_link,
     is_plain_file_below,
     make_folder_below,
     move_below,
     read_below,
     remove_own_folder,
+    sync,
     write_below,
     write_new,
+    write_together,
 )
 from spherecal.base.messages.values import Phrase
 from spherecal.data.observations import name_problem
@@ -210,7 +216,24 @@ def open_profile(folder: Path) -> Profile:
         raise InputError(Phrase("error-no-profile", {"folder": folder}))
     kept = PROFILE.read(folder / PROFILE_FILE, below=folder)
     entries, problems = _read_history(folder)
-    return replace(kept, folder=folder, entries=entries, problems=problems)
+    applied = _put_to_use(folder, kept.applied, entries)
+    return replace(kept, folder=folder, applied=applied, entries=entries, problems=problems)
+
+
+def _put_to_use(folder: Path, applied: tuple[Applied, ...], entries: dict[str, Entry]) -> tuple[Applied, ...]:
+    """Without the last event where its rig never came into rig.json, which is still that of the event before."""
+    if len(applied) < 2:
+        return applied
+    before, last = (entries[e.calibration].files[RIG_FILE] if e.calibration in entries else "" for e in applied[-2:])
+    return applied[:-1] if before != last and _copy(folder) == before else applied
+
+
+def _copy(folder: Path) -> str | None:
+    """The hash of a profile's rig.json; None where it cannot be read."""
+    try:
+        return _sha256(read_below(folder, RIG_FILE, _MOST_BYTES))
+    except InputError:
+        return None
 
 
 def _read_history(folder: Path) -> tuple[dict[str, Entry], tuple[str, ...]]:
@@ -293,7 +316,8 @@ def add_entry(profile: Profile, entry: Entry, files: dict[str, bytes]) -> str:
             taken = [int(path.name) for path in (root / HISTORY).iterdir() if _ID.fullmatch(path.name)]
             number = f"{max(taken, default=0) + 1:04d}"
             move_below(root, new, f"{HISTORY}/{number}")
-            _sync(root / HISTORY)
+            with confirming(root / HISTORY / number):
+                sync(root / HISTORY)
             return number
     except OSError as error:
         raise _refused(root, error) from error
@@ -301,22 +325,15 @@ def add_entry(profile: Profile, entry: Entry, files: dict[str, bytes]) -> str:
         remove_own_folder(root / new)
 
 
-def _sync(folder: Path) -> None:
-    """Have the disk keep a folder's list of files; Windows has no such call and needs none."""
-    if os.name != "nt":
-        handle = os.open(folder, os.O_RDONLY)
-        try:
-            os.fsync(handle)
-        finally:
-            os.close(handle)
-
-
 def _sweep(history: Path) -> None:
-    """Remove what crashed processes have left half written; what was touched in the last hour may be someone's work."""
+    """Remove what crashed processes have left half written; what was touched within an hour may be someone's work.
+
+    Also what lies more than an hour ahead: the clock was put back.
+    """
     for path in history.glob(f".*{PARTIAL}"):
         try:
             state = path.lstat()
-            if not is_link(state) and datetime.now(UTC).timestamp() - state.st_mtime > _LEFT_OVER_SECONDS:
+            if not is_link(state) and abs(datetime.now(UTC).timestamp() - state.st_mtime) > _LEFT_OVER_SECONDS:
                 remove_own_folder(path)
         except OSError:
             continue
@@ -324,13 +341,17 @@ def _sweep(history: Path) -> None:
 
 def apply(profile: Profile, calibration: str, note: str = "", despite_findings: bool = False) -> Profile:
     """Put a calibration to use: from one moment to the next, and rig.json becomes a copy of its rig."""
-    with locked(profile.folder / PROFILE_FILE):  # what others have put to use meanwhile is not lost
+    with saying_what_is_in_use(profile.folder), locked(profile.folder / PROFILE_FILE):
+        # opened again: what others have put to use meanwhile is not lost
         return _apply(open_profile(profile.folder), calibration, note, despite_findings)
 
 
 def _apply(profile: Profile, calibration: str, note: str, despite_findings: bool) -> Profile:
     entry = profile.entry(calibration)
     profile.rig(calibration)
+    rig = read_below(profile.folder, f"{HISTORY}/{calibration}/{RIG_FILE}", _MOST_BYTES)
+    if _sha256(rig) != entry.files[RIG_FILE]:
+        raise InputError(Phrase("error-changed-since", {"file": profile.path_of(calibration) / RIG_FILE}))
     if os.path.lexists(profile.folder / RIG_FILE) and not is_plain_file_below(profile.folder, RIG_FILE):
         raise InputError(Phrase("error-copy-of-rig", {"file": profile.folder / RIG_FILE}))
     if not entry.valid and not despite_findings:
@@ -338,10 +359,20 @@ def _apply(profile: Profile, calibration: str, note: str, despite_findings: bool
     if entry.care and not note.strip():
         raise InputError(Phrase("error-with-care", {"calibration": calibration, "care": entry.care}))
     event = Applied(calibration, datetime.now(UTC).replace(microsecond=0), note)
-    write_profile(replace(profile, applied=(*profile.applied, event)[-_MOST_EVENTS:]))
-    changed = open_profile(profile.folder)
-    heal(changed)
-    return changed
+    changed = replace(profile, applied=(*profile.applied, event)[-_MOST_EVENTS:])
+    write_together(profile.folder, {PROFILE_FILE: PROFILE.bytes(changed), RIG_FILE: rig})
+    return open_profile(profile.folder)
+
+
+@contextmanager
+def saying_what_is_in_use(folder: Path) -> Iterator[None]:
+    """A block that writes into a profile's folder; its OutputErrors say which calibration is in use then."""
+    try:
+        yield
+    except OutputError as error:
+        why, hint = error.parts
+        used = open_profile(folder).active_id or Phrase("no-calibration")
+        raise OutputError(Phrase("error-in-use-now", {"why": why, "calibration": used}), hint) from error
 
 
 def restore(profile: Profile, calibration: str | None = None, note: str = "") -> Profile:
@@ -356,27 +387,8 @@ def restore(profile: Profile, calibration: str | None = None, note: str = "") ->
 
 
 def copy_is_right(profile: Profile) -> bool:
-    """Whether rig.json is the copy of the rig in use that it should be.
-
-    A crash or somebody else may have left another.
-    """
-    active = profile.active
-    if active is None:
-        return True
-    try:
-        return _sha256(read_below(profile.folder, RIG_FILE, _MOST_BYTES)) == active.files[RIG_FILE]
-    except InputError:
-        return False
-
-
-def heal(profile: Profile) -> None:
-    """Make rig.json the copy of the rig in use."""
-    if profile.active_id is None or profile.active is None or copy_is_right(profile):
-        return
-    data = read_below(profile.folder, f"{HISTORY}/{profile.active_id}/{RIG_FILE}", _MOST_BYTES)
-    if _sha256(data) != profile.active.files[RIG_FILE]:
-        raise InputError(Phrase("error-changed-since", {"file": profile.path_of(profile.active_id) / RIG_FILE}))
-    write_below(profile.folder, RIG_FILE, data)
+    """Whether rig.json is the copy of the rig in use that it should be: somebody else may have left another."""
+    return profile.active is None or _copy(profile.folder) == profile.active.files[RIG_FILE]
 
 
 def _sha256(data: bytes) -> str:

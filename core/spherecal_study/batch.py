@@ -13,12 +13,12 @@ from typing import Any
 
 from spherecal.base.context import Context
 from spherecal.base.errors import InputError, OutputError, SpherecalError
-from spherecal.base.filesystem import read_below, remove_below, shown_name
+from spherecal.base.filesystem import read_below, remove_below, shown_name, write_together
 from spherecal.calibrate import calibrate
 from spherecal.data.rig import Calibration
 from spherecal.data.session import Session
 from spherecal.detect.session_images import observed
-from spherecal.files.atomic import RESULT, SESSION, write_file_whole
+from spherecal.files.atomic import RESULT, SESSION
 from spherecal.files.json_file import json_bytes
 from spherecal.files.read_session import read_session
 from spherecal.files.rig_file import read_rig
@@ -109,10 +109,10 @@ def run_batch(folder: Path, output: Path, settings: Mapping[str, Any], workers: 
             _forget(output, trial)
     rows = [{"session": name, **result} for name, result in zip(names, results, strict=True)]
     context.report("drawing the page", 0.0)
-    write_file_whole(output / "batch.csv", _csv(rows))
-    write_file_whole(output / "batch.json", json_bytes({"sessions": rows, "settings": dict(settings)}))
     with report_style():
-        write_file_whole(output / "batch.pdf", batch_page(rows, settings).pdf())
+        page = batch_page(rows, settings).pdf()
+    tables = {"batch.csv": _csv(rows), "batch.json": json_bytes({"sessions": rows, "settings": dict(settings)})}
+    write_together(output, {**tables, "batch.pdf": page})
     return Batch(rows, output / "batch.pdf")
 
 

@@ -2,11 +2,13 @@
 
 import shlex
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 
 from PySide6.QtCore import QCoreApplication
 
 from spherecal.base.context import Context
+from spherecal.base.errors import OutputError
 from spherecal.base.filesystem import write_below
 from spherecal_gui import languages
 from spherecal_gui import project as changes
@@ -67,7 +69,8 @@ class SavingController(ControllerPart):
         def work(context: Context) -> str:
             number = jobs.save_profile(project.result_folder, project.folder, profile, put_to_use, note, context)
             if picture:
-                write_below(profile, picture_name(number), picture)
+                with suppress(OutputError):  # it only adorns the start page; the calibration is saved
+                    write_below(profile, picture_name(number), picture)
             return number
 
         return self._save(work, message)

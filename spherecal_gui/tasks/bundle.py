@@ -7,7 +7,8 @@ from pathlib import Path
 from spherecal.base.errors import InputError, OutputError, reason
 from spherecal.base.filesystem import plain_files, read_below
 from spherecal.base.messages.values import Phrase
-from spherecal_documents.support.bundle import BundleContents, redactor_for, write_zip
+from spherecal_documents.support.bundle import BundleContents, write_zip
+from spherecal_documents.support.redact import Redactor
 
 _SUFFIXES = {".json", ".csv", ".log", ".txt"}
 _MOST_BYTES = 50 << 20
@@ -28,16 +29,18 @@ def bundle_files(project: Path | None, log_text: str, about: str) -> tuple[dict[
                 found[f"project/{name}"] = read_below(project, name, _MOST_BYTES)
             except InputError:  # too large, or gone
                 continue
-    redactor = redactor_for(found)
     found |= {"about.txt": about.encode(), "log.txt": log_text.encode(errors="replace")}
-    found = {name: redactor.file(name, data) for name, data in found.items()}
-    return found, BundleContents({name: len(one) for name, one in sorted(found.items())}, tuple(redactor.summary()))
+    redactor = Redactor(found)
+    found = {redactor.path(name): redactor.file(name, data) for name, data in found.items()}
+    sizes = {name: len(one) for name, one in sorted(found.items())}
+    return found, BundleContents(sizes, redactor.summary(), redactor.replaced())
 
 
-def contents_text(contents: BundleContents) -> str:
-    """What is in a bundle and what was replaced, a line each."""
+def contents_text(contents: BundleContents, names: bool = False) -> str:
+    """What is in a bundle and what was replaced, a line each; `names`: which names, for who sends it alone."""
     lines = [f"{name}  {size} bytes" for name, size in contents.files.items()]
-    return "\n".join([f"Replaced: {'; '.join(contents.redacted)}.", "", *lines]) + "\n"
+    replaced = [f"Replaced: {'; '.join(contents.redacted)}.", *(contents.names if names else ())]
+    return "\n".join([*replaced, "", *lines]) + "\n"
 
 
 def make_bundle(output: Path, project: Path | None, log_text: str, about: str) -> int:

@@ -404,7 +404,7 @@ def save_profile(result: Path, session: Path, profile: Path, put_to_use: bool, n
     from spherecal.files.read_session import read_session
     from spherecal.files.rig_file import read_rig
     from spherecal_rigs.save import SaveOptions, save_result
-    from spherecal_rigs.store import apply, create_profile, open_profile
+    from spherecal_rigs.store import apply, create_profile, open_profile, saying_what_is_in_use
 
     context.report("saving the profile", 0.0)
     rig = read_rig(result / "rig.json")
@@ -418,7 +418,8 @@ def save_profile(result: Path, session: Path, profile: Path, put_to_use: bool, n
     number = save_result(kept, result, SaveOptions(session=session if own else None, note=note))
     if put_to_use:
         apply(open_profile(profile), number, note)
-        _keep_frame(session / "frame.json", profile / "frame.json")
+        with saying_what_is_in_use(profile):
+            _keep_frame(session / "frame.json", profile / "frame.json")
     return number
 
 

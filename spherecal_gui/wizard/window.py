@@ -412,7 +412,7 @@ class WizardWindow(WindowFrame):
         except SpherecalError as error:
             self._say("bad", *error_text(error))
             return None
-        box = bundle_dialog(len(contents.files), contents_text(contents), self)
+        box = bundle_dialog(len(contents.files), contents_text(contents, names=True), self)
         box.accepted.connect(self.save_bundle)
         return box
 

@@ -12,8 +12,8 @@ import os
 import secrets
 import shutil
 import stat
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 from typing import BinaryIO
@@ -179,11 +179,13 @@ def _not_plain(path: Path | str) -> InputError:
 
 
 def is_plain_file_below(root: Path, relative: str) -> bool:
-    """Whether a regular file is there and the way to it has no link."""
+    """Whether a regular file is there, the way to it without links; True where this user may not look: reading says so."""
     try:
         with _place(root, relative) as place:
             state = place.state()
             return state is not None and stat.S_ISREG(state.st_mode) and not is_link(state)
+    except PermissionError:
+        return True
     except (OSError, InputError):
         return False
 
@@ -300,8 +302,21 @@ def make_folder_below(root: Path, relative: str) -> Path:
 
 def write_below(root: Path, relative: str, data: bytes) -> None:
     """Replace a file below a folder whole, keeping its mode; missing folders are made."""
-    with _plain_writing(root / relative), _place(root, relative, make=True) as place:
-        _replace(place, data)
+    write_together(root, {relative: data})
+
+
+def write_together(root: Path, contents: Mapping[str, bytes]) -> None:
+    """Replace files below a folder, each whole, in the order given: the last one decides.
+
+    All are on the disk before the first one is renamed: a disk that refuses leaves every old one. Where the program is
+    killed between two renamings, the last file is the old one.
+    """
+    with ExitStack() as held:
+        places = []
+        for relative, data in contents.items():
+            with _plain_writing(root / relative):
+                places.append((held.enter_context(_place(root, relative, make=True)), data))
+        _replace(places)
 
 
 def write_whole(path: Path, data: bytes | BinaryIO) -> None:
@@ -326,7 +341,7 @@ def write_whole(path: Path, data: bytes | BinaryIO) -> None:
         parent = Path(os.path.realpath(named.parent))
         held = os.open(parent, os.O_RDONLY | getattr(os, "O_DIRECTORY", 0)) if _HAS_DIR_FD else None
         try:
-            _replace(_Place(path.parent, named.name, held, parent, named.name), data)
+            _replace([(_Place(path.parent, named.name, held, parent, named.name), data)])
         finally:
             if held is not None:
                 os.close(held)
@@ -363,33 +378,76 @@ def _create(place: _Place) -> int:
     return place.open(os.O_WRONLY | os.O_CREAT | os.O_EXCL)
 
 
-def _replace(place: _Place, data: bytes | BinaryIO) -> None:
+def _replace(contents: Sequence[tuple[_Place, bytes | BinaryIO]]) -> None:
+    staged: list[tuple[_Place, _Place]] = []
+    with uninterrupted(commit=True):  # files are small work; nothing half written may stay behind
+        try:
+            for place, data in contents:
+                partial = _Place(place.root, place.relative, place.folder, place.parent, scratch_name())
+                staged.append((partial, place))
+                with _plain_writing(Path(place.shown())):
+                    _stage(partial, place, data)
+            for number, (partial, place) in enumerate(staged, 1):
+                with _plain_writing(Path(place.shown())):
+                    os.replace(partial.path, place.path, src_dir_fd=place.folder, dst_dir_fd=place.folder)
+                    if number < len(staged):
+                        _sync_held(place)  # it must not reach the disk after the one that decides
+        except BaseException:
+            for partial, _ in staged:
+                with suppress(OSError):
+                    os.unlink(partial.path, dir_fd=partial.folder)
+            raise
+    with confirming(Path(contents[-1][0].shown())):
+        _sync_held(contents[-1][0])
+
+
+def _stage(partial: _Place, place: _Place, data: bytes | BinaryIO) -> None:
+    """Have the disk keep the new contents under a name of their own, with the mode of the file that is there."""
     before = place.state()
     if before is not None and (is_link(before) or not stat.S_ISREG(before.st_mode)):
         if stat.S_ISDIR(before.st_mode):
             raise IsADirectoryError(errno.EISDIR, "is a directory")
         raise _not_plain(place.shown())
-    partial = _Place(place.root, place.relative, place.folder, place.parent, scratch_name())
-    with uninterrupted(commit=True):  # a file is small work; nothing half written may stay behind
-        _fill_and_rename(partial, place, data, before)
-    if place.folder is not None:
-        os.fsync(place.folder)
+    with os.fdopen(_create(partial), "wb") as file:
+        _fill(file, data)
+        file.flush()
+        if before is not None and os.name != "nt":
+            os.fchmod(file.fileno(), stat.S_IMODE(before.st_mode))
+        os.fsync(file.fileno())
 
 
-def _fill_and_rename(partial: _Place, place: _Place, data: bytes | BinaryIO, before: os.stat_result | None) -> None:
-    descriptor = _create(partial)
+def sync(path: Path) -> None:
+    """Have the disk keep a file, or a folder's list of names, which Windows and some file systems cannot do."""
+    folder = path.is_dir()
+    if folder and os.name == "nt":
+        return
+    handle = os.open(path, os.O_RDWR if os.name == "nt" else os.O_RDONLY)
     try:
-        with os.fdopen(descriptor, "wb") as file:
-            _fill(file, data)
-            file.flush()
-            if before is not None and os.name != "nt":
-                os.fchmod(file.fileno(), stat.S_IMODE(before.st_mode))
-            os.fsync(file.fileno())
-        os.replace(partial.path, place.path, src_dir_fd=place.folder, dst_dir_fd=place.folder)
-    except BaseException:
-        with suppress(FileNotFoundError):
-            os.unlink(partial.path, dir_fd=partial.folder)
-        raise
+        _fsync_folder(handle) if folder else os.fsync(handle)
+    finally:
+        os.close(handle)
+
+
+def _sync_held(place: _Place) -> None:
+    if place.folder is not None:
+        _fsync_folder(place.folder)
+
+
+def _fsync_folder(descriptor: int) -> None:
+    try:
+        os.fsync(descriptor)
+    except OSError as error:
+        if error.errno != errno.EINVAL:  # what file systems say that have no such call for folders
+            raise
+
+
+@contextmanager
+def confirming(path: Path) -> Iterator[None]:
+    """A block after the last renaming: what the disk refuses now is said, with the word that `path` is the new one."""
+    try:
+        yield
+    except OSError as error:
+        raise OutputError(Phrase("error-not-confirmed", {"file": str(path), "why": reason(error)})) from error
 
 
 @contextmanager

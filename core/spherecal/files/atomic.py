@@ -252,7 +252,8 @@ def _put_in_place(partial: Path, folder: Path, marker: Marker) -> None:
     if folder.exists():
         known = _known(folder, marker)
         if _exchange(partial, folder):  # the old one has the partial one's name now
-            _sync(parent)
+            with files.confirming(folder):
+                files.sync(parent)
             gone = False
             with suppress(OutputError):  # the new one is in its place: that the old one does not go is no failure
                 gone = files.remove_folder_below(parent, partial.name, known)
@@ -265,9 +266,11 @@ def _put_in_place(partial: Path, folder: Path, marker: Marker) -> None:
     except BaseException:
         _recover(folder, marker)
         raise
-    _sync(parent)
+    with files.confirming(folder):
+        files.sync(parent)
     if aside.is_dir():
-        files.remove_folder_below(parent, aside.name, _known(aside, marker))
+        with suppress(OutputError):  # as above
+            files.remove_folder_below(parent, aside.name, _known(aside, marker))
 
 
 def _leave(old: Path) -> None:
@@ -302,19 +305,8 @@ def _keep_modes(old: Path, new: Path) -> None:
 def _sync_tree(folder: Path) -> None:
     for parent, _, names in os.walk(folder):
         for name in names:
-            _sync(Path(parent, name))
-        _sync(Path(parent))
-
-
-def _sync(path: Path) -> None:
-    """Have the disk keep what was written; folders cannot be synchronised on Windows."""
-    if os.name == "nt" and path.is_dir():
-        return
-    handle = os.open(path, os.O_RDWR if os.name == "nt" else os.O_RDONLY)
-    try:
-        os.fsync(handle)
-    finally:
-        os.close(handle)
+            files.sync(Path(parent, name))
+        files.sync(Path(parent))
 
 
 @contextmanager

@@ -100,10 +100,13 @@ def _try(file: Path, path: Path) -> int | None:
     try:
         try:
             descriptor = os.open(file, os.O_RDWR | flags, 0o644)
-        except PermissionError:
+        except PermissionError as refused:
             if os.name == "nt":  # its holder is just removing it
                 return None
-            descriptor = os.open(file, os.O_RDONLY | getattr(os, "O_NOFOLLOW", 0))  # another user's: for its lock only
+            try:  # another user's: for its lock only
+                descriptor = os.open(file, os.O_RDONLY | getattr(os, "O_NOFOLLOW", 0))
+            except FileNotFoundError:
+                raise refused from None
     except OSError as error:
         what = Phrase("error-cannot-write", {"file": str(path), "why": reason(error)})
         raise OutputError(what, Phrase("error-name-place")) from error

@@ -24,11 +24,14 @@ def support_bundle(options: argparse.Namespace) -> int:
     )
 
     def announce(contents: BundleContents) -> None:
-        answer(options, {"output": options.output, "files": contents.files, "replaced": contents.redacted})
+        answer(
+            options,
+            {"output": options.output, "files": contents.files, "replaced": contents.redacted, "names": contents.names},
+        )
         say(f"{counted(len(contents.files), 'file goes', 'files go')} into {options.output}:")
         for name, size in contents.files.items():
             say(f"  {name}  {size} bytes")
-        say(f"Replaced in them: {'; '.join(contents.redacted)}.")
+        say(f"Replaced in them: {'; '.join(contents.redacted)}.", *(f"  {name}" for name in contents.names))
 
     with shown_progress() as context, output_file(options.output) as place:
         write_bundle(options.session, place, wanted, context, announce)

@@ -27,12 +27,12 @@ from spherecal.detect.session_images import observed
 from spherecal.files.bar_registry import figures_entry
 from spherecal.files.bundle_file import BUNDLE_FILE, bundle_bytes
 from spherecal.files.capture_file import CAPTURE_FILE
-from spherecal.files.json_file import json_bytes, parse_json, read_bytes, read_json
+from spherecal.files.json_file import json_bytes, read_bytes, read_json
 from spherecal.files.observations_file import observations_bytes
 from spherecal.files.read_session import FORMAT as SESSION_FORMAT
 from spherecal.files.read_session import OBSERVATIONS_FILE, SESSION_FILE, VERSION, read_session
 from spherecal.steps.settings import CalibrationSettings
-from spherecal_documents.support.redact import Redactor, ids_in, serials_in
+from spherecal_documents.support.redact import Redactor
 
 SESSION_FOLDER = "session"
 _RESULT_FILES = (
@@ -65,10 +65,14 @@ class BundleOptions:
 
 @dataclass(frozen=True)
 class BundleContents:
-    """What a bundle holds: its files with their sizes in bytes, and what was taken out of them, in words."""
+    """What a bundle holds: its files with their sizes in bytes, and what was taken out of them, in words.
+
+    `names` has a line for each name that was replaced; it is shown, and never written into the bundle.
+    """
 
     files: Mapping[str, int]
     redacted: tuple[str, ...]
+    names: tuple[str, ...] = ()
 
 
 def write_bundle(
@@ -89,12 +93,13 @@ def write_bundle(
     session = read_session(folder)
     data = _session_files(folder, session, options, context) | _rest(options)
     redacted: tuple[str, ...] = ("nothing: names were asked for",)
+    names: tuple[str, ...] = ()
     images = {name: (name, size) for name, size in (_images(folder, context) if options.images else {}).items()}
     if not options.names:
-        redactor = redactor_for(data)
-        data = {name: redactor.file(name, one) for name, one in data.items()}
+        redactor = Redactor(data)
+        data = {redactor.path(name): redactor.file(name, one) for name, one in data.items()}
         images = {redactor.text(name): one for name, one in images.items()}  # as session.json has them then
-        redacted = tuple(redactor.summary())
+        redacted, names = redactor.summary(), redactor.replaced()
     own = {name.partition("/")[2]: one for name, one in data.items() if name.startswith(f"{SESSION_FOLDER}/")}
     hashes = {name: hashlib.sha256(one).hexdigest() for name, one in own.items()}
     for name, (file, _) in images.items():
@@ -103,7 +108,7 @@ def write_bundle(
     data[f"{SESSION_FOLDER}/{BUNDLE_FILE}"] = bundle_bytes(session.input_sha256, hashes, details)
     sizes = {name: len(one) for name, one in data.items()}
     sizes |= {f"{SESSION_FOLDER}/{name}": size for name, (_, size) in images.items()}
-    contents = BundleContents(dict(sorted(sizes.items())), redacted)
+    contents = BundleContents(dict(sorted(sizes.items())), redacted, names)
     data["README.txt"] = _readme(contents).encode()
     if announce is not None:
         announce(contents)
@@ -129,12 +134,6 @@ def write_zip(output: Path, files: Mapping[str, Callable[[], bytes]], context: C
                 bundle.writestr(zipfile.ZipInfo(name, _ZIP_TIME), read(), zipfile.ZIP_DEFLATED)
         archive.seek(0)
         write_whole(output, archive)
-
-
-def redactor_for(data: Mapping[str, bytes]) -> Redactor:
-    """The redactor of a bundle's files: it knows the serial numbers and ids that they name."""
-    documents = [parse_json(one) for name, one in data.items() if name.endswith(".json")]
-    return Redactor(set().union(*map(serials_in, documents)), set().union(*map(ids_in, documents)))
 
 
 def _session_files(folder: Path, session: Session, options: BundleOptions, context: Context) -> dict[str, bytes]:
@@ -287,6 +286,8 @@ def _check_members(path: Path, members: list[zipfile.ZipInfo]) -> None:
     for member in members:
         parts = PurePosixPath(member.filename).parts
         escapes = not parts or ".." in parts or member.filename.startswith("/") or "\\" in member.filename
+        if member.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):  # others need far more memory
+            raise InputError(Phrase("error-not-unpacked", {"file": path, "why": f"compression {member.compress_type}"}))
         if escapes or ":" in parts[0] or "\0" in member.filename or stat.S_ISLNK(member.external_attr >> 16):
             raise InputError(Phrase("error-bundle-escapes", {"file": path}))
     if sum(member.file_size for member in members) > _MOST_UNPACKED:

@@ -1,185 +1,278 @@
-"""Names taken out of what is sent away: users, hosts, operators, serial numbers; one name always by one stand-in."""
+"""Names taken out of what is sent away: people, computers, serial numbers, addresses of devices, passwords.
+
+Two passes: the names are collected from all files, by where they stand; then each is replaced in all of them, wherever
+it stands, by one stand-in such as `person-1`.
+"""
 
 import getpass
 import json
 import re
 import socket
+import tomllib
 from collections import Counter
-from collections.abc import Iterable
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import suppress
+from functools import partial
 from pathlib import Path
 from typing import Any
 
-# What a field of our files holds, by its name; nothing else in them names a person or a device.
-_KIND_OF_FIELD = {
-    "serial": "serial", "serials": "serial", "serial_number": "serial", "operator": "person", "user": "person",
-    "user_name": "person", "by": "person", "author": "person", "host": "host", "hostname": "host", "computer": "host",
+from spherecal.base.resources import resource_path
+
+KINDS = {
+    "person": "names of people", "host": "names of computers", "serial": "serial numbers",
+    "address": "addresses of devices", "token": "passwords",
 }  # fmt: skip
-# Accounts that name nobody.
-_NOBODY = {"", "root", "user", "users", "admin", "administrator", "public", "shared", "default", "home", "guest"}
-# Of tables: placement,camera,target,point,...
-_ID_COLUMNS = {"camera", "placement", "bar", "pose", "from", "to"}
-_HOMES = re.compile(r"((?:/home|/Users|/var/home|[A-Za-z]:[\\/]+Users)[\\/]+)([^\\/\s\"'<>|:*?]+)")
-_SHARES = re.compile(r"((?:^|[\s\"'=(\[])(?:\\\\(?:\\\\)?|//))([\w.-]+)(?=[\\/])")
-_SAID = re.compile(
-    r"\b(user(?:name)?|operator|login|host(?:name)?|computer|machine|serial(?: number)?)"
-    r"(\s*[:=]\s*\"?|\s+is\s+\"?|\s+(?=[\w.@-]*\d))([\w.@-]+)",
-    re.IGNORECASE,
+_KNOWN: dict[str, Any] = tomllib.loads(resource_path("redaction.toml").read_text(encoding="utf-8"))
+_NOBODY, _COMMON, _ID_COLUMNS = (set(_KNOWN[key].split()) | {""} for key in ("nobody", "common", "id_columns"))
+WORDS = set(_KNOWN["words"])
+_KIND_OF_FIELD = {field: kind for kind, fields in _KNOWN["fields"].items() for field in fields.split()}
+_STAND_IN = re.compile(rf"(?:{'|'.join(KINDS)})-\d+")
+_BLANK = re.compile(r"(?:[\s_.·]|%20)+")
+_ADDRESS = re.compile(r"[0-9a-f]{2}([:-]?)[0-9a-f]{2}(\1[0-9a-f]{2}){4}|([0-9a-f]{4}\.?){3}", re.IGNORECASE)
+_SHORTEST = 4  # shorter names would be found inside words and numbers; but three letters, and two of Chinese
+_FORMAT = re.compile("spherecal/[a-z-]+")
+_DEEPEST = 100  # our own documents are a tenth of that
+
+
+def _said(kind: str) -> str:
+    """The pattern of the words before a name of this kind."""
+    return rf"(?i:(?<![^\W_])(?:{'|'.join(_KNOWN['said'][kind])}))"
+
+
+_WORD = r"[^\s\\/\"'<>|:*?,;()\[\]{}=\uff1a\uff0c\uff1b]+"
+_CAPITAL = rf"(?: (?=[A-ZÀ-ÖØ-Þ]){_WORD})"
+# With blanks where the text ends or is divided after it, else as long as words begin with a capital.
+_FOLDER = rf"{_WORD}(?: {_WORD}){{1,3}}(?=[\\/\"'])|{_WORD}{_CAPITAL}{{0,2}}"
+_PERSON = rf"{_WORD}(?: {_WORD}){{0,2}}(?=[ \t]*(?:$|[,;|)\]}}\"'\r<\uff0c\uff1b]))|{_WORD}{_CAPITAL}{{0,3}}"
+_COLON = r"[\"']?[ \t]*[:=\uff1a][ \t]*[\"']?"
+_IS = rf"(?:{_COLON}|[ \t]+(?:is[ \t]+)?(?=[\w.-]*\d))"
+# What stands where: a kind for each group of the pattern, None for what is no name.
+_RULES = tuple(
+    (re.compile(pattern, re.MULTILINE), kinds)
+    for pattern, *kinds in (
+        (rf"((?<![\w-])(?:{'|'.join(_KNOWN['said']['tokens'])}))", "token"),
+        (r"((?i:\b(?:bearer|basic)[ \t]+))([\w.~+/=-]{8,})", None, "token"),
+        (rf"({_said('token')}{_COLON}(?i:(?:basic|bearer)[ \t]+)?)([^\s\"'&,;]+)", None, "token"),
+        (
+            r"(\b[A-Za-z][A-Za-z0-9+.-]*://)(?:([^\s/@:]+)(?:(:)([^\s/@]+))?(@))?([\w.-]+)",
+            *(None, "person", None, "token", None, "host"),
+        ),
+        (rf"([\\/]+(?i:{'|'.join(_KNOWN['said']['folders'])})[\\/]+)({_FOLDER})", None, "person"),
+        (r"((?<![\w/~])~)([A-Za-z][\w.-]*)(?=/)", None, "person"),
+        (r"((?:^|(?<=[\s\"'=(\[,;]))(?:\\\\(?:\\\\)?|//))([\w.-]+)(?=[\\/])", None, "host"),
+        (r"(?<![\w.+-])([\w.+-]+)(@)([\w-]+(?:\.[\w-]+)*)", "person", None, "host"),
+        (
+            rf"({_said('serial')}[\"']?[ \t]*[:=#\uff1a]?[ \t]*(?:is[ \t]+)?[\"']?)((?=[\w-]*\d)\w[\w-]*)",
+            None,
+            "serial",
+        ),
+        (rf"({_said('host')}{_IS}(?:\\\\)?)([\w.-]+)", None, "host"),
+        (rf"({_said('person')}{_IS})({_PERSON})", None, "person"),
+        (r"^([A-Z][a-z]{2} [ \d]\d \d\d:\d\d:\d\d )([\w.-]+)(?= )", None, "host"),  # as the system's log has it
+        (r"(?i:\b([\w.-]+\.(?:local|lan|corp|internal|intranet|intra|home\.arpa|localdomain))\b)", "host"),
+        (r"((?<![0-9A-Fa-f:-])[0-9A-Fa-f]{2}(?:[:-][0-9A-Fa-f]{2}){5}(?![0-9A-Fa-f:-]))", "address"),
+        (rf"((?i:\bmac(?:[ -]?add?resse?)?){_COLON})((?:[0-9A-Fa-f]{{4}}\.?){{3}})\b", None, "address"),
+    )
 )
-_ADDRESS = re.compile(r"\b([\w.+-]+)@([\w-]+(?:\.[\w-]+)*)\b")
-_LOCAL = re.compile(r"\b[\w-]+(?:\.[\w-]+)*\.(?:local|lan|corp|internal|intranet|intra|home\.arpa|localdomain)\b", re.I)
-_SHORTEST = 4  # shorter names would be found inside words and numbers
 
 
 class Redactor:
-    """Puts stand-ins such as `serial-1` in the place of names, one for each, throughout a bundle.
+    """Knows the names in the files of a bundle, and of this computer and its user; puts stand-ins in their place.
 
-    `serials` are known to be serial numbers, and are replaced in free text too. `ids` are those of cameras, placements
-    and so on: where one holds a name it is replaced as a field's key and in tables as it is in texts.
+    Numbers in documents and tables are names only in fields and columns of serial numbers and ids.
     """
 
-    def __init__(self, serials: Iterable[str] = (), ids: Iterable[str] = ()) -> None:
-        self._ids = set(ids)
-        self._known: dict[str, dict[str, str]] = {}
-        self.counts: Counter[str] = Counter()
-        self._serials = sorted(one for one in serials if one)
-        for one in self._serials:
-            self._stand_in("serial", one)
+    def __init__(self, files: Mapping[str, bytes]) -> None:
+        self._as: dict[str, str] = {}  # stand-ins by `_key` of a name
+        self._shown: dict[str, str] = {}
+        self._counts: Counter[str] = Counter()
+        self._ids: set[str] = set()
         self._home = str(Path.home())
-        self._host = socket.gethostname()
-        try:
-            self._user = getpass.getuser()
-        except (OSError, KeyError):
-            self._user = ""
+        self._know("host", socket.gethostname())
+        with suppress(OSError, KeyError):
+            self._know("person", getpass.getuser())
+        for name, data in files.items():
+            self._collect(name, data)
+        found = map(self._anywhere, sorted(self._as, key=len, reverse=True))
+        self._pattern = re.compile("|".join(found) or "(?!)", re.IGNORECASE)
+        self._counts.clear()
 
-    def _stand_in(self, kind: str, name: str) -> str:
-        names = self._known.setdefault(kind, {})
-        if name in names.values():
-            return name  # it is one already
-        return names.setdefault(name, f"{kind}-{len(names) + 1}")
-
-    def _counted(self, kind: str, name: str) -> str:
-        if kind == "person" and name.lower() in _NOBODY:
+    def _know(self, kind: str, name: str) -> str:
+        """The name as it is to be written; of a name of several words the words stand for the same person."""
+        bare = name.strip(" .'")
+        key = _key(bare)
+        if bare.lower() in _NOBODY or _STAND_IN.fullmatch(bare) or (kind in ("person", "host") and bare.isdigit()):
             return name
-        self.counts[kind] += 1
-        return self._stand_in(kind, name)
+        if key not in self._as:
+            self._as[key] = f"{kind}-{1 + sum(one.startswith(kind) for one in self._shown)}"
+            self._shown[self._as[key]] = bare
+            for word in key.split() if kind == "person" else ():
+                if word.isalpha() and len(word) > 2 and word not in _COMMON | _NOBODY:
+                    self._as.setdefault(word, self._as[key])
+        self._counts[self._as[key]] += 1
+        return name.replace(bare, self._as[key])
+
+    def _collect(self, name: str, data: bytes) -> None:
+        self._ruled(name)
+        if name.endswith(".csv"):
+            return
+        text = data.decode("utf-8-sig", errors="replace")
+        document = _parsed(text) if name.endswith(".json") else None
+        if document is None:
+            self._ruled(text)
+            return
+        self._ids |= set(_values_of("id", document))
+        if isinstance(document, dict) and document.get("format") == "spherecal/wizard":
+            for key in ("cameras", "looked"):
+                for one in document[key] if isinstance(document.get(key), list) else ():
+                    self._know("serial", str(one))
+        self._walked(document, self._ruled)
+
+    def _ruled(self, text: str) -> str:
+        """A text without the names that are known by where they stand."""
+
+        def put(m: re.Match[str], kinds: Sequence[str | None]) -> str:
+            groups = zip(m.groups(""), kinds, strict=False)
+            return "".join(self._know(kind, one) if kind and one else one for one, kind in groups)
+
+        if len(self._home) > 1:
+            text = re.sub(re.escape(self._home) + r"(?![\w.-])", "~", text)
+        for pattern, kinds in _RULES:
+            text = pattern.sub(partial(put, kinds=kinds), text)
+        return text
+
+    def _anywhere(self, key: str) -> str:
+        """The pattern of a name wherever it stands, in whichever way it is written; it matches nothing if too short."""
+        if self._as[key].startswith("address"):
+            return r"(?<![0-9a-f])" + r"[:.-]?".join(re.findall("..", key)) + r"(?![0-9a-f])"
+        spelt = _BLANK.pattern.join(map(re.escape, key.split(" ")))
+        if min(key) > "\u2e80":  # Chinese has no blanks between words
+            return spelt if len(key) > 1 else "(?!)"
+        if len(key) < _SHORTEST - key.isalpha() or key in _COMMON:
+            return "(?!)"
+        # a short number is no part of a date, nor of a number with decimals
+        before, after = (r"(?<!\d[.:,-])", r"|[.:,-]\d") if re.fullmatch(r"[\d -]{,5}", key) else ("", "")
+        return rf"(?<![^\W_]){before}{spelt}(?![^\W_]{after})"
 
     def text(self, text: str) -> str:
         """A text without names; a stand-in takes the place of each."""
-        if len(self._home) > 1:
-            self.counts["person"] += text.count(self._home)
-            text = text.replace(self._home, "~")
-        text = _HOMES.sub(lambda m: m[1] + self._counted("person", m[2]), text)
-        text = _SHARES.sub(lambda m: m[1] + self._counted("host", m[2]), text)
-        text = _ADDRESS.sub(lambda m: f"{self._counted('person', m[1])}@{self._counted('host', m[2])}", text)
-        text = _LOCAL.sub(lambda m: self._counted("host", m[0]), text)
-        text = _SAID.sub(lambda m: m[1] + m[2] + self._counted(_kind_said(m[1]), m[3]), text)
-        known = [("host", self._host), ("person", self._user), *(("serial", one) for one in self._serials)]
-        for kind, name in sorted(known, key=lambda one: -len(one[1])):
-            if len(name) >= _SHORTEST and name.lower() not in _NOBODY and name in text:
-                whole = re.compile(rf"(?<![\w-]){re.escape(name)}(?![\w-])")
-                text = whole.sub(lambda m, kind=kind: self._counted(kind, m[0]), text)
-        return text
+        return self._pattern.sub(self._met, self._ruled(text))
 
-    def document(self, value: Any, field: str = "") -> Any:
-        """A JSON document without names: fields that hold one by their name, all texts as `text` does."""
+    def _met(self, m: re.Match[str]) -> str:
+        known = self._as[_key(m[0])]
+        self._counts[known] += 1
+        return known
+
+    def _value(self, text: str) -> str:
+        return text if text in WORDS or _FORMAT.fullmatch(text) else self.text(text)
+
+    def _walked(self, value: Any, change: Callable[[str], str], field: str = "") -> Any:
+        """A document of JSON with every text changed, and those of fields that hold a name replaced."""
         if isinstance(value, dict):
-            return {self._key(str(key)): self.document(one, str(key)) for key, one in value.items()}
+            keys = {key: key if key.isidentifier() and key not in self._ids else change(key) for key in value}
+            return {keys[key]: self._walked(one, change, key) for key, one in value.items()}
         if isinstance(value, list):
-            return [self.document(one, field) for one in value]
+            return [self._walked(one, change, field) for one in value]
         kind = _KIND_OF_FIELD.get(field)
-        if kind == "serial" and _is_number(value):
-            return self._counted(kind, str(value))
-        if isinstance(value, str) and value:
-            return self._counted(kind, value) if kind else self.text(value)
-        return value
+        if kind and ((isinstance(value, str) and value) or (kind == "serial" and _is_number(value))):
+            return self._know(kind, str(value))
+        return change(value) if isinstance(value, str) else value
 
-    def _key(self, key: str) -> str:
-        return self.text(key) if key in self._ids else key
-
-    def _table(self, data: bytes) -> bytes:
-        """A table as `observations_file` reads it, with its ids as `text` has them; one that is no text as it was."""
-        try:
-            lines = data.decode("utf-8-sig").split("\n")
-        except UnicodeDecodeError:
-            return data
-        ids = {one: self.text(one) for one in self._ids}
-        changed = {one: new for one, new in ids.items() if one != new}
-        columns = [i for i, name in enumerate(lines[0].split(",")) if _bare(name) in _ID_COLUMNS]
-        if not changed or not columns:
-            return data
-        last = columns[-1] + 1
-        for number, line in enumerate(lines[1:], 1):
-            fields = line.split(",", last)
-            for i in columns:
-                if i < len(fields) and (own := _bare(fields[i])) in changed:
-                    fields[i] = fields[i].replace(own, changed[own])
-            lines[number] = ",".join(fields)
-        return "\n".join(lines).encode()
+    def _table(self, text: str) -> str:
+        """A table as `observations_file` reads it, its quotation marks kept: ids, and what is no number."""
+        lines = text.split("\n")
+        ids = [_bare(name) in _ID_COLUMNS for name in lines[0].split(",")]
+        first = lines[1].split(",") if len(lines) > 1 else []
+        texts = [i for i, one in enumerate(first) if (i < len(ids) and ids[i]) or not _is_figure(_bare(one))]
+        last = texts[-1] + 1 if texts else 0
+        known: dict[tuple[str, bool], str] = {}
+        for number, line in enumerate(lines[1:] if last else (), 1):
+            cells = line.split(",", -1 if '"' in line else last)
+            for i, cell in enumerate(cells):
+                key = cell, i < len(ids) and ids[i]
+                if key not in known:
+                    bare = _bare(cell)
+                    named = bare and (key[1] or not _is_figure(bare)) and i < max(last, '"' in line and len(cells))
+                    known[key] = cell.replace(bare, self._value(bare)) if named else cell
+                cells[i] = known[key]
+            lines[number] = ",".join(cells)
+        return "\n".join(lines)
 
     def file(self, name: str, data: bytes) -> bytes:
-        """The contents of a file without names: of tables the ids; binary files are as they were."""
-        suffix = Path(name).suffix.lower()
-        if suffix == ".csv":
-            return self._table(data)
-        if suffix == ".json":
-            try:
-                document = json.loads(data.decode("utf-8-sig"))
-                redacted = self.document(document)
-            except (ValueError, RecursionError):
-                return self.text(data.decode(errors="replace")).encode()
-            if redacted == document:
-                return data
-            return (json.dumps(redacted, indent=1, ensure_ascii=False) + "\n").encode(errors="backslashreplace")
-        if suffix in (".log", ".txt", ".xml", ".html"):
-            return self.text(data.decode(errors="replace")).encode()
-        return data
+        """The contents of a file without names; binary files are as they were."""
+        kind = Path(name).suffix.lower()
+        if kind not in (".csv", ".json", ".log", ".txt", ".xml", ".html"):
+            return data
+        try:
+            text = data.decode("utf-8-sig")
+        except UnicodeDecodeError:
+            text = data.decode(errors="replace")
+        document = _parsed(text) if kind == ".json" else None
+        if document is not None:
+            changed = self._walked(document, self._value)
+            same = changed == document
+            return data if same else (json.dumps(changed, indent=1, ensure_ascii=False) + "\n").encode(errors="replace")
+        changed = self._table(text) if kind == ".csv" else self.text(text)
+        return data if changed == text else changed.encode()
 
-    def summary(self) -> list[str]:
-        """How many of what were replaced, in words."""
-        words = {"person": "names of people", "host": "names of computers", "serial": "serial numbers"}
-        said = [f"{self.counts[kind]} {what} (as {kind}-1, ...)" for kind, what in words.items() if self.counts[kind]]
-        return said or ["nothing: no name was found"]
+    def path(self, path: str) -> str:
+        """The path of a file without names."""
+        return "/".join(map(self._value, path.split("/")))
+
+    def summary(self) -> tuple[str, ...]:
+        """How many of what were replaced, in words; it names none."""
+        counts = Counter({kind: sum(n for to, n in self._counts.items() if to.startswith(kind)) for kind in KINDS})
+        said = tuple(f"{counts[kind]} {what} (as {kind}-1, ...)" for kind, what in KINDS.items() if counts[kind])
+        return said or ("nothing: no name was found",)
+
+    def replaced(self) -> tuple[str, ...]:
+        """A line for each name that was replaced, to be shown to who sends it and to nobody else."""
+        return tuple(
+            f"{to}: {self._shown[to] if not to.startswith('token') else self._shown[to][:2] + '…'} ({self._counts[to]})"
+            for to in sorted(self._counts, key=lambda one: (one[0], len(one), one))
+        )
 
 
-def _kind_said(word: str) -> str:
-    word = word.lower()
-    return "serial" if word.startswith("serial") else "host" if word[0] in "hcm" else "person"
+def _key(name: str) -> str:
+    """A name as it is compared: in small letters, with one kind of blank; addresses of devices without their marks."""
+    if _ADDRESS.fullmatch(name):
+        return re.sub("[:.-]", "", name).lower()
+    return _BLANK.sub(" ", name.lower())
 
 
-def _bare(field: str) -> str:
-    """A field of a table without the quotation marks and the carriage return that may be around it."""
-    return field.removesuffix("\r").strip('"')
+def _bare(cell: str) -> str:
+    """A cell of a table without the quotation marks and the carriage return that may be around it."""
+    return cell.removesuffix("\r").strip('"')
+
+
+def _is_figure(text: str) -> bool:
+    try:
+        float(text)
+    except ValueError:
+        return False
+    return True
 
 
 def _is_number(value: object) -> bool:
     return isinstance(value, int) and not isinstance(value, bool)
 
 
-def serials_in(document: Any) -> set[str]:
-    """All serial numbers that a JSON document names in fields of that name, or in wizard.json's lists of cameras."""
-    found = _values_of("serial", document)
-    if isinstance(document, dict) and document.get("format") == "spherecal/wizard":
-        for key in ("cameras", "looked"):
-            listed = document.get(key)
-            found |= {one for one in listed if isinstance(one, str) and one} if isinstance(listed, list) else set()
-    return found
+def _parsed(text: str) -> Any:
+    """A document of JSON; None where it is none, or nested too deeply to be walked."""
+    try:
+        document = json.loads(text)
+        list(_values_of("", document))
+    except (ValueError, RecursionError):
+        return None
+    return document
 
 
-def ids_in(document: Any) -> set[str]:
-    """All ids that a JSON document gives."""
-    return _values_of("id", document)
-
-
-def _values_of(field: str, document: Any) -> set[str]:
-    found: set[str] = set()
-    level = [document]
-    while level:  # no recursion: what comes from outside may be nested deeply
-        value = level.pop()
-        if isinstance(value, dict):
-            own = value.get(field)
-            own = str(own) if _is_number(own) else own
-            found |= {own} if isinstance(own, str) and own else set()
-            level.extend(value.values())
-        elif isinstance(value, list):
-            level.extend(value)
-    return found
+def _values_of(field: str, value: Any, depth: int = 0) -> Iterator[str]:
+    """All texts that a document has in fields of this name; RecursionError where it is nested too deeply."""
+    if depth > _DEEPEST:
+        raise RecursionError
+    if isinstance(value, dict):
+        own = value.get(field)
+        yield from (own,) if isinstance(own, str) else ()
+    for one in value.values() if isinstance(value, dict) else value if isinstance(value, list) else ():
+        yield from _values_of(field, one, depth + 1)

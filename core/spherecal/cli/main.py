@@ -15,6 +15,7 @@ from spherecal.base import interrupts
 from spherecal.base.errors import Cancelled, OutputError, SpherecalError, needing, reason
 from spherecal.base.messages.catalogue import language
 from spherecal.base.messages.values import Phrase
+from spherecal.base.working_folder import distrust, own_program
 from spherecal.cli.commands import command_of
 from spherecal.cli.exit_codes import BAD_INPUT, CANCELLED, DONE
 from spherecal.cli.options import make_parser
@@ -52,6 +53,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def entry() -> int:
     """Run the command that the process was started with: as `main`, with Ctrl-C and a closed output taken care of."""
     interrupts.begin()
+    distrust()
     for name in ("stdout", "stderr"):
         if getattr(sys, name) is None:  # the shell closed it: >&-
             setattr(sys, name, open(os.devnull, "w", encoding="utf-8"))  # noqa: SIM115
@@ -111,7 +113,7 @@ def _run(arguments: Sequence[str] | None, log: ExitStack) -> int:
     if options.log is not None:
         log.enter_context(_logged_to(options.log))
     if options.command is None:
-        return subprocess.call([sys.executable, "-m", "spherecal_gui"])
+        return subprocess.call(own_program("spherecal_gui"))
     if options.command == "help":
         return _help(parser, options.words)
     beside = any(is_standard_output(value) for value in vars(options).values())

@@ -28,7 +28,12 @@ def answer(options: argparse.Namespace, document: object) -> None:
         What it tells: anything that `plain` knows.
     """
     if options.json:
-        print(json.dumps(plain(document), indent=1), file=out.file, flush=True)
+        try:
+            print(json.dumps(plain(document), indent=1), file=out.file, flush=True)
+        except BrokenPipeError:
+            raise
+        except OSError as error:
+            out.lose(error)
 
 
 def plain(value: object) -> object:

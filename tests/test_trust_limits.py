@@ -26,10 +26,10 @@ from spherecal.cameras.gentl.rings import Ring
 from spherecal.cameras.plan import CapturePlan, PlannedSet
 from spherecal.cameras.protocol import CameraSource, CameraState, Counters, SetupReport
 from spherecal.cli.main import main
-from spherecal.export.csv_table import cell, from_cell
 from spherecal.export.write_export import export_rig
 from spherecal.export.yaml_file import read_yaml
 from spherecal.files.atomic import RESULT, read_unchanged, write_folder_whole
+from spherecal.files.cells import cell, from_cell
 from spherecal.files.json_file import read_json
 from spherecal.files.lock import locked
 from spherecal.files.read_session import read_session

@@ -17,6 +17,7 @@ from pathlib import Path
 
 from benchmarks.studies.hostile_commands import COMMANDS, Command
 from benchmarks.studies.hostile_inputs import Ground
+from spherecal.cameras.producer.build import build_producer
 
 OURS = ("spherecal", "spherecal_gui", "spherecal_scene", "spherecal_sim", "spherecal_study")
 # By the dependency that reads it there, or has been said to; the rest was seen by strace.
@@ -149,6 +150,10 @@ _MORE = {
     "study": Command((), "study loss --runs 2 --workers 2 -o {out}"),
     "cameras list, simulated": Command((), "cameras list --source simulated:demo"),
     "cameras capture": Command(("session",), "cameras capture -o {out} --source replay:{given}/session --no-wait"),
+    "bars import": Command(("bars.json",), "bars import {given}/bars.json --registry {given}/bars.json"),
+    "cameras show": Command((), "cameras show SIM01"),
+    "cameras set": Command((), "cameras set SIM01"),
+    "cameras trust": Command((), "cameras trust"),
     "build-producer": Command((), "cameras build-producer -o {out}"),
 }
 
@@ -157,7 +162,7 @@ def starts(ground: Ground) -> list[Start]:
     """Every command by its program, and the other entry points with the processes that they start."""
     program, window = (str(Path(sys.executable).with_name(name)) for name in ("spherecal", "spherecal-gui"))
     found = [
-        Start(f"spherecal {name}", [program, *f"{one.words}{one.ending}".split()], one.inputs)
+        Start(f"spherecal {name}", [program, *one.words.replace("{out}", f"{{out}}{one.ending}").split()], one.inputs)
         for name, one in (COMMANDS | _MORE).items()
         if one.words
     ]
@@ -185,6 +190,7 @@ def attack(ground: Ground, names: Sequence[str] = ()) -> Attacked:
     canaries.mkdir()
     empty.mkdir()
     found.canaries = make_canaries(canaries, sign)
+    build_producer(ground.root / "producer")
     for start in starts(ground):
         if names and start.kind not in names:
             continue

@@ -18,8 +18,8 @@ from spherecal.calibrate import calibrate
 from spherecal.data.rig import Calibration
 from spherecal.data.session import Session
 from spherecal.detect.session_images import observed
-from spherecal.export.csv_table import cell
 from spherecal.files.atomic import RESULT, SESSION, write_file_whole
+from spherecal.files.cells import cell
 from spherecal.files.json_file import json_bytes
 from spherecal.files.read_session import read_session
 from spherecal.files.rig_file import read_rig

@@ -1,8 +1,10 @@
 """The working folder is a stranger's: nothing in it is run, no library takes settings from it, no result changes."""
 
+import json
 import shutil
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +15,9 @@ from benchmarks.studies.hostile_folder import SETTINGS, attack, make_canaries, s
 from benchmarks.studies.hostile_inputs import Ground
 from spherecal.base.working_folder import find_program, own_program, users_environment
 from spherecal.cli.commands import COMMANDS
+from spherecal.methods.board_pattern import recorded_board
+from spherecal_sim.session import simulate_session
+from spherecal_sim.truth import SimulationOptions
 
 BIN = Path(sys.executable).parent
 linux = pytest.mark.skipif(sys.platform != "linux", reason="inotify and ldconfig are Linux's")
@@ -82,7 +87,7 @@ def test_children_and_their_tracker_do_not_look_there(canaries: Path, tmp_path: 
     assert (tmp_path / "run.txt").exists() == (name == "print")
 
 
-def test_a_library_is_told_of_no_folder_of_ours(tmp_path: Path) -> None:
+def test_the_library_path_stays_as_it_was(tmp_path: Path) -> None:
     """OpenCV appends an empty folder to LD_LIBRARY_PATH, by which children load libraries from the working folder."""
     code = f"{DISTRUST}import os, cv2\nprint(os.environ.get('LD_LIBRARY_PATH'))"
     environment = {name: value for name, value in users_environment().items() if name != "LD_LIBRARY_PATH"}
@@ -117,6 +122,15 @@ def test_a_version_that_looks_in_another_way_is_not_loaded_beside_such_a_file(tm
     assert run(tmp_path, sys.executable, "-c", code, env=environment).returncode == 0
     (tmp_path / "matplotlibrc").write_text("")
     assert "move that file away" in run(tmp_path, sys.executable, "-c", code, env=environment).stderr
+
+
+def test_a_session_in_memory_takes_no_board_from_there(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    document = {"format": "spherecal/session", "version": 1, "cameras": [], "board": {"kind": "chessboard"}}
+    (tmp_path / "session.json").write_text(json.dumps(document))
+    monkeypatch.chdir(tmp_path)
+    session, _ = simulate_session("demo", 1, SimulationOptions(targets=9, placements=1, bar_poses=1))
+    assert recorded_board(session) is None
+    assert recorded_board(replace(session, folder=tmp_path)) == document["board"]
 
 
 def test_a_module_run_by_its_name_leaves_the_working_folder_off(tmp_path: Path) -> None:

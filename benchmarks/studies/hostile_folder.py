@@ -24,7 +24,10 @@ OURS = ("spherecal", "spherecal_gui", "spherecal_scene", "spherecal_sim", "spher
 SETTINGS = {
     "numba": {".numba_config.yaml": b"disable_jit: [1\n"},
     "matplotlib": {"matplotlibrc": b"\xff\xfe", "matplotlib.style": b"\xff"},
-    "Qt": {"qt.conf": b"[Paths]\nPlugins=.\n", "qt6.conf": b"[Paths]\nPlugins=.\n", "platforms/libqoffscreen.so": b""},
+    "Qt": {
+        "qt.conf": b"[Paths]\nPlugins=.\n", "qt6.conf": b"[Paths]\nPlugins=.\n", "platforms/libqoffscreen.so": b"",
+        ":/non-existent": b"x",
+    },
     "pyvista, VTK": {"pyvista.conf": b"x", ".pyvista": b"x", "vtk.conf": b"x"},
     "OpenCV": {"config.py": b"raise SystemExit", "opencv.conf": b"x", "libopencv_core_parallel_tbb.so": b""},
     "fontconfig": {"fonts.conf": b"<x", ".fonts.conf": b"<x"},
@@ -32,6 +35,10 @@ SETTINGS = {
     "harvesters, GenICam": {"log4cpp.properties": b"x", "DefaultLogging.properties": b"x", "canary.cti": b"\x7fELF"},
     "dask": {"dask.yaml": b"x: [", ".dask/dask.yaml": b"x: ["},
     "Python": {"pyvenv.cfg": b"home = .\n", "python311._pth": b".\n", "canary.pth": b"import os; os._exit(9)\n"},
+    "spherecal": dict.fromkeys(
+        ("session.json", "targets.json", "limits.json", "bars.json", "rig.json", "profile.json", "wizard.json",
+         "truth.json", "observations.csv", "config.toml", "frame.json", "ball.json", "drivers.json"), b"{",
+    ),
     "git": {".git/config": b"[core]\n\tfsmonitor = ./git\n"},
     "X11, Mesa": {".drirc": b"<x", "drirc": b"<x", ".Xdefaults": b"x"},
 }  # fmt: skip

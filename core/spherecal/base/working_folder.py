@@ -9,6 +9,7 @@ looks again at every compilation.
 import os
 import sys
 from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from importlib.machinery import ModuleSpec
 from types import CodeType, ModuleType
 from typing import Any
@@ -24,6 +25,24 @@ def distrust() -> None:
         sys.meta_path.insert(0, _Guards())
     if "multiprocessing.util" in sys.modules:
         _start_children_safely(sys.modules["multiprocessing.util"])
+
+
+@contextmanager
+def elsewhere() -> Iterator[None]:
+    """A block in the program's own folder, for libraries that look in the working folder on Linux.
+
+    Only while no other thread reads files by relative paths.
+    """
+    if sys.platform != "linux":
+        yield
+        return
+    home = os.open(".", os.O_PATH | os.O_CLOEXEC)
+    try:
+        os.chdir(os.path.dirname(__file__))
+        yield
+    finally:
+        os.fchdir(home)
+        os.close(home)
 
 
 def users_environment() -> dict[str, str]:

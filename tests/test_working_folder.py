@@ -1,6 +1,7 @@
 """The working folder is a stranger's: nothing in it is run, no library takes settings from it, no result changes."""
 
 import json
+import os
 import shutil
 import subprocess
 import sys
@@ -36,8 +37,12 @@ child.join()
 """
 
 
-def run(folder: Path, *command: str, **options: Any) -> subprocess.CompletedProcess[str]:
-    return subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False, timeout=300, **options)
+def run(folder: Path, *command: str, **variables: str) -> subprocess.CompletedProcess[str]:
+    # without what OpenCV has put into the environment of this process
+    environment = {name: value for name, value in users_environment().items() if name != "LD_LIBRARY_PATH"} | variables
+    return subprocess.run(
+        command, cwd=folder, env=environment, capture_output=True, text=True, check=False, timeout=300
+    )
 
 
 @pytest.fixture
@@ -90,10 +95,9 @@ def test_children_and_their_tracker_do_not_look_there(canaries: Path, tmp_path: 
 def test_the_library_path_stays_as_it_was(tmp_path: Path) -> None:
     """OpenCV appends an empty folder to LD_LIBRARY_PATH, by which children load libraries from the working folder."""
     code = f"{DISTRUST}import os, cv2\nprint(os.environ.get('LD_LIBRARY_PATH'))"
-    environment = {name: value for name, value in users_environment().items() if name != "LD_LIBRARY_PATH"}
-    done = run(tmp_path, sys.executable, "-c", code, env=environment)
+    done = run(tmp_path, sys.executable, "-c", code)
     assert done.stdout == "None\n"
-    done = run(tmp_path, sys.executable, "-c", code, env=environment | {"LD_LIBRARY_PATH": "/x"})
+    done = run(tmp_path, sys.executable, "-c", code, LD_LIBRARY_PATH="/x")
     assert done.stdout == "/x\n"
 
 
@@ -117,11 +121,10 @@ def test_a_version_that_looks_in_another_way_is_not_loaded_beside_such_a_file(tm
     package.mkdir(parents=True)
     (package / "__init__.py").write_text("NAME = 'matplotlib' + str(len('x')) + 'rc'\n")
     code = f"{DISTRUST}import matplotlib"
-    environment = users_environment()
-    environment["PYTHONPATH"] = f"{package.parent}:{environment.get('PYTHONPATH', '')}"
-    assert run(tmp_path, sys.executable, "-c", code, env=environment).returncode == 0
+    path = f"{package.parent}:{os.environ.get('PYTHONPATH', ROOT / 'core')}"
+    assert run(tmp_path, sys.executable, "-c", code, PYTHONPATH=path).returncode == 0
     (tmp_path / "matplotlibrc").write_text("")
-    assert "move that file away" in run(tmp_path, sys.executable, "-c", code, env=environment).stderr
+    assert "move that file away" in run(tmp_path, sys.executable, "-c", code, PYTHONPATH=path).stderr
 
 
 def test_a_session_in_memory_takes_no_board_from_there(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -4,6 +4,7 @@ import ctypes
 import hashlib
 import importlib.metadata
 import os
+import re
 import shutil
 import signal
 import struct
@@ -48,6 +49,7 @@ _PROGRAMS = (
 )  # fmt: skip
 _OPENED, _FOLDER = 0x20, 0x40000000  # IN_OPEN, IN_ISDIR of inotify(7)
 _WINDOW_S = 20.0
+_TIME = re.compile(r"\d{8}T\d+Z")  # checks of a profile are called by theirs
 
 
 def make_canaries(folder: Path, sign: Path) -> int:
@@ -227,6 +229,7 @@ def _outcome(start: Start, folder: Path, ground: Ground) -> dict[str, str]:
         (shutil.copytree if source.is_dir() else shutil.copy)(source, ground.given / one)
     home = ground.root / "home"
     environment = os.environ | {"HOME": str(home), "XDG_CONFIG_HOME": str(home / "config")} | start.environment
+    environment.pop("LD_LIBRARY_PATH", None)  # OpenCV has put it into this process's
     environment |= {"QT_QPA_PLATFORM": "offscreen", "SPHERECAL_LIMITS": str(home / "limits.json")}
     command = [word.format(given=ground.given, valid=ground.valid, out=ground.out / "o") for word in start.command]
     process = subprocess.Popen(
@@ -234,11 +237,14 @@ def _outcome(start: Start, folder: Path, ground: Ground) -> dict[str, str]:
     )
     try:
         said = process.communicate(timeout=start.ended_after or 600.0)[0].decode(errors="replace")
-        result = {"exit code": str(process.returncode), "traceback": str("Traceback" in said)}
+        result = {"exit code": str(process.returncode)}
     except subprocess.TimeoutExpired:
         os.killpg(process.pid, signal.SIGKILL)
         said = process.communicate()[0].decode(errors="replace")
-        return {"exit code": "killed", "traceback": str("Traceback" in said)}
+        result = {"exit code": "killed"}
+    result |= {said[said.index("Traceback") :][-300:]: "traceback"} if "Traceback" in said else {}
+    if start.ended_after is not None:
+        return result
     return result | _written(ground.given, ground.out)
 
 
@@ -247,5 +253,6 @@ def _written(*places: Path) -> dict[str, str]:
     files = [path for place in places for path in place.rglob("*") if path.is_file() and path.name[0] != "."]
     same = {"rig.json", "points.csv", "residuals.csv", "covariance.npy"}
     return {
-        str(path): hashlib.sha256(path.read_bytes()).hexdigest() if path.name in same else "written" for path in files
+        _TIME.sub("TIME", str(path)): hashlib.sha256(path.read_bytes()).hexdigest() if path.name in same else "written"
+        for path in files
     }

@@ -274,7 +274,7 @@ def set_limits(folder: Path, **given: float) -> Profile:
 
 def write_profile(profile: Profile) -> None:
     """Replace profile.json whole: the one step by which a profile changes from one state to the next."""
-    write_below(profile.folder, PROFILE_FILE, PROFILE.bytes(profile))
+    write_below(profile.folder, PROFILE_FILE, PROFILE.bytes(profile), alone=True)  # under the profile's lock
 
 
 def add_entry(profile: Profile, entry: Entry, files: dict[str, bytes]) -> str:

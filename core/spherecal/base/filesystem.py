@@ -9,6 +9,7 @@ tests/test_house.py keeps all other modules from writing or removing files on th
 import errno
 import hashlib
 import os
+import re
 import secrets
 import shutil
 import stat
@@ -29,6 +30,8 @@ _DEEPEST = 16  # our own folders are 4 deep
 _LONGEST_PATH = 500
 _DEVICES = {"con", "prn", "aux", "nul", *(f"{port}{n}" for port in ("com", "lpt") for n in range(10))}
 PARTIAL = ".spherecal-partial"
+_SCRATCH = re.compile(rf"\.[0-9a-f]{{12}}{re.escape(PARTIAL)}")
+_LEFT_OVER_S = 3600.0  # a partial file that nobody has written to for so long is no writer's any more
 _HAS_DIR_FD = os.open in os.supports_dir_fd and os.rename in os.supports_dir_fd and hasattr(os, "O_NOFOLLOW")
 _NO_LINK = getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_CLOEXEC", 0) | getattr(os, "O_BINARY", 0)
 _NO_WAIT = getattr(os, "O_NONBLOCK", 0)
@@ -298,10 +301,10 @@ def make_folder_below(root: Path, relative: str) -> Path:
         return root / relative
 
 
-def write_below(root: Path, relative: str, data: bytes) -> None:
+def write_below(root: Path, relative: str, data: bytes, alone: bool = False) -> None:
     """Replace a file below a folder whole, keeping its mode; missing folders are made."""
     with _plain_writing(root / relative), _place(root, relative, make=True) as place:
-        _replace(place, data)
+        _replace(place, data, 0.0 if alone else _LEFT_OVER_S)
 
 
 def write_whole(path: Path, data: bytes | BinaryIO) -> None:
@@ -363,7 +366,7 @@ def _create(place: _Place) -> int:
     return place.open(os.O_WRONLY | os.O_CREAT | os.O_EXCL)
 
 
-def _replace(place: _Place, data: bytes | BinaryIO) -> None:
+def _replace(place: _Place, data: bytes | BinaryIO, left_over_s: float = _LEFT_OVER_S) -> None:
     before = place.state()
     if before is not None and (is_link(before) or not stat.S_ISREG(before.st_mode)):
         if stat.S_ISDIR(before.st_mode):
@@ -372,8 +375,22 @@ def _replace(place: _Place, data: bytes | BinaryIO) -> None:
     partial = _Place(place.root, place.relative, place.folder, place.parent, scratch_name())
     with uninterrupted(commit=True):  # a file is small work; nothing half written may stay behind
         _fill_and_rename(partial, place, data, before)
+        _remove_left_over(place, left_over_s)
     if place.folder is not None:
         os.fsync(place.folder)
+
+
+def _remove_left_over(written: _Place, older_s: float) -> None:
+    """Remove partial files that killed writers left beside a file just written; ages by the file system's clock."""
+    with suppress(OSError):
+        state = written.state()
+        for name in os.listdir(written.parent if written.folder is None else written.folder):
+            if state is None or not _SCRATCH.fullmatch(name):
+                continue
+            other = _Place(written.root, written.relative, written.folder, written.parent, name)
+            left = other.state()
+            if left is not None and stat.S_ISREG(left.st_mode) and state.st_mtime - left.st_mtime >= older_s:
+                os.unlink(other.path, dir_fd=other.folder)
 
 
 def _fill_and_rename(partial: _Place, place: _Place, data: bytes | BinaryIO, before: os.stat_result | None) -> None:

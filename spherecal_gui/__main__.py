@@ -3,9 +3,12 @@
 import os
 import sys
 
+from spherecal.base.working_folder import distrust
+
 
 def main() -> int:
     """Open the window; 2 where Qt or a screen is missing."""
+    distrust()
     try:
         from spherecal_gui import app  # not before: PySide6 may be missing
     except ImportError as error:  # PySide6 itself, or a system library that it needs

@@ -2,7 +2,6 @@
 
 import io
 import os
-import shutil
 import sys
 import tempfile
 import wave
@@ -12,6 +11,7 @@ import numpy as np
 from PySide6.QtCore import QProcess
 
 from spherecal.base.filesystem import remove_below
+from spherecal.base.working_folder import find_program
 
 _RATE = 22_050
 # Up: good. Down: not good. Three up: all done. Told apart without looking.
@@ -42,7 +42,8 @@ class Sounds:
     def __init__(self) -> None:
         self.muted = False
         self._files: dict[str, Path] = {}
-        self._player = next((player for player in _PLAYERS if shutil.which(player[0])), None)
+        found = ([find_program(name), *words] for name, *words in _PLAYERS)
+        self._player = next(([name, *words] for name, *words in found if name), None)
 
     def play(self, kind: str) -> bool:
         """Play a sound; whether one was started."""

@@ -6,6 +6,7 @@ from PySide6.QtGui import QColor, QFont, QFontDatabase, QPalette
 from PySide6.QtWidgets import QApplication
 
 from spherecal.base.resources import resource_path
+from spherecal.base.working_folder import elsewhere
 
 
 @dataclass(frozen=True)
@@ -129,8 +130,9 @@ def mixed(first: str, second: str, share: float) -> str:
 def _window_font() -> QFont:
     """Inter as it is shipped, figures of equal width, so that columns and changing numbers keep their place."""
     if FAMILY not in QFontDatabase.families():
-        for name in _FONT_FILES:
-            QFontDatabase.addApplicationFont(str(resource_path("fonts", name)))
+        with elsewhere():  # Qt has fontconfig load a file ":/non-existent", which may be there
+            for name in _FONT_FILES:
+                QFontDatabase.addApplicationFont(str(resource_path("fonts", name)))
     made = QFont(QApplication.font())
     made.setFamilies([FAMILY, *_FALLBACKS, made.defaultFamily()])
     made.setPointSizeF(pt(BODY))

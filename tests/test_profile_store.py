@@ -3,6 +3,7 @@
 import json
 import os
 import shutil
+import signal
 import subprocess
 import sys
 from dataclasses import replace
@@ -174,6 +175,19 @@ def test_what_a_kill_leaves_behind_is_no_calibration_and_is_swept_later(profile:
     os.utime(left, (0, 0))
     save_result(profile, result(tmp_path / "r4", 4))
     assert not left.exists()
+
+
+@pytest.mark.skipif(os.name == "nt", reason="os.fork")
+def test_what_a_killed_apply_left_is_removed_by_the_next(profile: Profile, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(files.os, "replace", lambda *_, **__: os.kill(os.getpid(), signal.SIGKILL))
+    if (child := os.fork()) == 0:
+        apply(profile, "0003")
+        os._exit(0)
+    assert os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == -signal.SIGKILL
+    monkeypatch.undo()
+    assert list(profile.folder.glob(".*.spherecal-partial"))
+    apply(open_profile(profile.folder), "0003")
+    assert not list(profile.folder.glob(".*.spherecal-partial"))
 
 
 @pytest.mark.skipif(os.name == "nt" or os.geteuid() == 0, reason="root writes everywhere")

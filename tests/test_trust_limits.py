@@ -3,11 +3,13 @@
 import json
 import os
 import pickle
+import re
 import signal
 import struct
 import subprocess
 import sys
 import threading
+import time
 from pathlib import Path
 from types import SimpleNamespace
 from typing import cast
@@ -20,7 +22,11 @@ from export_rigs import make_rig
 
 from spherecal.base import filesystem as files
 from spherecal.base.errors import InputError, OutputError
+from spherecal.base.filesystem import PARTIAL, write_below, write_whole
+from spherecal.data.session import BarLength, Certificate, Mark
 from spherecal.files.atomic import RESULT, read_unchanged, write_folder_whole
+from spherecal.files.bar_registry import RegisteredBar
+from spherecal.files.cells import cell, from_cell
 from spherecal.files.json_file import read_json
 from spherecal.files.lock import locked
 from spherecal.files.read_session import read_session
@@ -32,9 +38,11 @@ from spherecal_cameras.genicam import messages, wire
 from spherecal_cameras.genicam.rings import Ring
 from spherecal_cameras.plan import CapturePlan, PlannedSet
 from spherecal_cameras.protocol import CameraSource, CameraState, Counters, SetupReport
-from spherecal_documents.export.csv_table import cell, from_cell
+from spherecal_documents.export.anipose import read_toml
+from spherecal_documents.export.colmap import read_colmap
 from spherecal_documents.export.write_export import export_rig
 from spherecal_documents.export.yaml_file import read_yaml
+from spherecal_rigs.bars_table import read_bars_table, write_bars_table
 from spherecal_rigs.result_table import read_csv
 
 posix = pytest.mark.skipif(os.name == "nt", reason="POSIX")
@@ -264,6 +272,87 @@ def test_output_that_is_full_or_closed() -> None:
 
 
 @posix
+def test_a_result_is_there_though_its_words_are_lost(tmp_path: Path) -> None:
+    """The exit code is that of the work; only where the words are all that was asked for, their loss is a failure."""
+    targets, full = tmp_path / "targets.json", "standard output cannot be written (no space left on device)"
+    for words, code in (((), 0), (("--json",), 2)):
+        targets.unlink(missing_ok=True)
+        with open("/dev/full", "w") as disk:
+            process = program("targets", "export", "-o", str(targets), "--count", "9", *words, stdout=disk)
+            said = process.communicate()[1].decode()
+        assert process.returncode == code
+        assert full in said.lower() and "in place" in said
+        assert targets.is_file()
+
+
+@posix
+@pytest.mark.parametrize("when", ["before", "while"])
+def test_blas_finds_its_buffers_or_ends(when: str) -> None:
+    """OpenBLAS asks for its buffers without end: the process spun, deaf to signals."""
+    code = (
+        "import resource, numpy as np, scipy.linalg\n"
+        "from spherecal.base.threads import one_blas_thread\n"
+        "def limit():\n"
+        "    used = int(open('/proc/self/statm').read().split()[0]) * resource.getpagesize()\n"
+        "    resource.setrlimit(resource.RLIMIT_AS, (used + (8 << 20),) * 2)\n"
+        f"if {when == 'before'}: limit()\n"
+        "with one_blas_thread():\n"
+        "    limit()\n"
+        "    scipy.linalg.cho_factor(np.eye(300))\n"
+        "    np.dot(np.eye(300), np.eye(300))\n"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=120, check=False)
+    if when == "while":
+        assert done.returncode == 0, done.stderr
+    else:
+        assert done.stderr.splitlines()[-1] == "MemoryError"
+
+
+@posix
+def test_too_few_addresses_are_refused_before_libraries_crash(tmp_path: Path) -> None:
+    command = [sys.executable, "-m", "spherecal_app.cli.main", "simulate", "demo", "--observations-only", "-o", "s"]
+    script = ["sh", "-c", 'ulimit -v 700000; exec "$@"', "sh", *command]
+    done = subprocess.run(script, capture_output=True, text=True, timeout=120, check=False, cwd=tmp_path)
+    assert done.returncode == 2 and "ulimit -v" in done.stderr and len(done.stderr.splitlines()) == 1
+
+
+def test_a_toml_key_of_many_parts_is_refused(tmp_path: Path) -> None:
+    """The parser's memory grows with the square of their number: 2.4 GB for 100,000."""
+    file = tmp_path / "calibration.toml"
+    for separator in (".", " . ", '."x y".'):
+        file.write_text(separator.join(["a"] * 100_000) + " = 1\n")
+        with pytest.raises(InputError, match="50 parts"):
+            read_toml(file)
+    # with a table for each of its lines, and numbers in rows
+    file.write_text("[a.b.c]\n" + "x = [" + "1.5, " * 200_000 + "2]\n" + f"y = '{'a' * 1_000_000}'\n")
+    document = cast(dict[str, dict], read_toml(file).value)
+    assert len(document["a"]["b"]["c"]["x"]) == 200_001
+
+
+def test_colmaps_cameras_are_counted_while_they_are_read(tmp_path: Path) -> None:
+    cameras = "".join(f"{n} PINHOLE 100 90 80 80 50 45\n" for n in range(1, 200_001))
+    (tmp_path / "cameras.txt").write_text(cameras)
+    began = time.process_time()
+    with pytest.raises(InputError, match="more than 1000 cameras"):
+        read_colmap(tmp_path)
+    assert time.process_time() - began < 5.0
+
+
+@posix
+def test_what_killed_writers_left_is_removed(tmp_path: Path) -> None:
+    """By the next writer in the folder: at once under a lock, else what nobody has written to for an hour."""
+    left = [tmp_path / f".{n:012x}{PARTIAL}" for n in range(2)]
+    strange = tmp_path / f".other{PARTIAL}"
+    for path in (*left, strange):
+        path.write_text("half")
+    os.utime(left[0], (0, 0))
+    write_whole(tmp_path / "a", b"x")
+    assert [path.exists() for path in left] == [False, True]
+    write_below(tmp_path, "a", b"y", alone=True)
+    assert not left[1].exists() and strange.exists()
+
+
+@posix
 def test_ctrl_c_while_the_program_loads_is_130() -> None:
     code = "import sys, os, signal; sys.argv[0] = 'spherecal'; import spherecal; os.kill(os.getpid(), signal.SIGINT)"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, check=False)
@@ -323,6 +412,26 @@ def test_formulas_are_marked_as_text(tmp_path: Path) -> None:
     for text in ("=cmd|' /C calc'!A0", "+1", "-1", "@x", "plain", "'quoted"):
         assert from_cell(cell(text)) == text
     assert cell("=1+1") == "'=1+1"
+
+
+@pytest.mark.parametrize("separator", list(",;|\t\r\n"))
+def test_formulas_are_marked_behind_every_separator(separator: str) -> None:
+    """A German spreadsheet begins a new cell at each `;`, whatever the file's own separator is."""
+    for sign in "=+-@":
+        text = f"A1{separator}{sign}1+1{separator}'{sign}2"
+        assert not [part for part in cell(text).split(separator) if part[:1] == sign]
+        assert from_cell(cell(text)) == text
+
+
+def test_texts_of_bars_in_a_table_are_no_formulas(tmp_path: Path) -> None:
+    marks = {"A": Mark(1, "centre"), "B": Mark(2, "centre")}
+    lengths = (BarLength("A", "B", 412.345, 0.004),)
+    bar = RegisteredBar("S;@4", marks, lengths, 1e-5, description="x;=3|b", certificate=Certificate("=1", "a;=2"))
+    write_bars_table([bar], tmp_path / "bars.csv")
+    parts = re.split(r'[,;|\t\r\n"]', (tmp_path / "bars.csv").read_text("utf-8-sig"))
+    assert not [part for part in parts if part[:1] in set("=@")]
+    (read,) = read_bars_table(tmp_path / "bars.csv").bars
+    assert (read.serial, read.description, read.certificate) == (bar.serial, bar.description, bar.certificate)
 
 
 def test_a_comment_of_metashape_cannot_be_closed(tmp_path: Path) -> None:

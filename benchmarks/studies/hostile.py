@@ -1,4 +1,4 @@
-"""Trust boundaries: hostile inputs, writers side by side, Ctrl-C at any moment, drivers exchanged while looked at."""
+"""Trust boundaries: hostile inputs and working folders, writers side by side, Ctrl-C, drivers exchanged meanwhile."""
 
 import os
 import tempfile
@@ -8,6 +8,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from benchmarks.studies.hostile_drivers import Races, flip_drivers, kill_and_swap
+from benchmarks.studies.hostile_folder import SETTINGS, Attacked, attack, starts
+from benchmarks.studies.hostile_inputs import make_ground
 from benchmarks.studies.hostile_tries import (
     MOST_MB,
     MOST_S,
@@ -31,6 +33,7 @@ class Found:
     """What all series gave: writers by what they write and how many they are, drivers by what is exchanged."""
 
     tries: Tries
+    folder: Attacked
     writers: Sequence[tuple[str, int, Rounds]]
     interrupts: Interrupts
     drivers: Sequence[tuple[str, Races]]
@@ -42,15 +45,22 @@ def report(runs: int | None = None) -> Report:
     share = tries / TRIES
     with tempfile.TemporaryDirectory(dir=os.environ.get("HOSTILE_IN")) as made:
         root = Path(made)
-        for name in ("tries", "interrupts", "link", "file", "killed"):
+        for name in ("tries", "folder", "interrupts", "link", "file", "killed"):
             (root / name).mkdir()
         found = Found(
             hostile_tries(tries, root / "tries"),
+            _attacked(share, root / "folder"),
             [(kind, n, writers(max(round(ROUNDS * share), 5), root / f"{kind}{n}", kind, n)) for kind, n in WRITERS],
             interrupts(max(round(INTERRUPTS * share), 5), root / "interrupts"),
             _races(share, root),
         )
     return page_of(found, f"python3 dev.py studies hostile --runs {tries}")
+
+
+def _attacked(share: float, root: Path) -> Attacked:
+    ground = make_ground(root)
+    kinds = [start.kind for start in starts(ground)]
+    return attack(ground, kinds[: max(round(len(kinds) * share), 3)])
 
 
 def _races(share: float, root: Path) -> list[tuple[str, Races]]:
@@ -72,6 +82,7 @@ def page_of(found: Found, command: str) -> Report:
         f"{found.drivers[0][1].tries} and {found.drivers[1][1].tries}."
     )
     _tries(page, found.tries)
+    _folder(page, found.folder)
     _writers(page, found.writers)
     _interrupts(page, found.interrupts)
     _drivers(page, found.drivers)
@@ -108,6 +119,22 @@ def _tries(page: Report, found: Tries) -> None:
         page.text(f"- `{' '.join(problem.split())[:700]}`")
     limits = f"{MOST_S:.0f} s of processor time, {MOST_WAIT_S:.0f} s of waiting and {MOST_MB:.0f} MB"
     goal = f"no traceback, nothing changed outside, under {limits}"
+    page.verdict(goal, not found.problems, f"{len(found.problems)} wrong")
+
+
+def _folder(page: Report, found: Attacked) -> None:
+    page.heading("The working folder")
+    settings = ", ".join(SETTINGS)
+    page.text(
+        f"{len(found.runs)} entry points, every command and the window, each with the processes that it starts, begun "
+        f"in a folder with {found.canaries} canaries and in an empty one: a module for every name of Python's library, "
+        "of the installed packages and of our own, a package with plug-ins, every library of the machine by its name, "
+        f"programs, and settings of {settings}. Modules and programs write their name when they are run, and inotify "
+        "tells which files any process opens. Exit codes, the files written and the result's tables must be the same."
+    )
+    for problem in found.problems[:20]:
+        page.text(f"- `{problem[:500]}`")
+    goal = "none is run or opened, and nothing changes"
     page.verdict(goal, not found.problems, f"{len(found.problems)} wrong")
 
 

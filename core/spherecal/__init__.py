@@ -4,11 +4,14 @@ The names of `spherecal_app.api` are names of the package, loaded on first use: 
 """
 
 from spherecal.base.early import end_at_once as _end_at_once
+from spherecal.base.early import leave_working_folder as _leave_working_folder
 
+_leave_working_folder()
 _end_at_once()  # before all other imports, which take a quarter of a second
 
 import importlib as _importlib  # noqa: E402
 import os as _os  # noqa: E402
+import sys as _sys  # noqa: E402
 import tempfile as _tempfile  # noqa: E402
 from pathlib import Path as _Path  # noqa: E402
 
@@ -40,6 +43,11 @@ def _find_room_for_compiled_code() -> None:
 
 
 _find_room_for_compiled_code()
+
+if "--multiprocessing-fork" in _sys.orig_argv:  # a child of ours; the programs call it when they begin
+    from spherecal.base.working_folder import distrust as _distrust
+
+    _distrust()
 
 
 def __getattr__(name: str) -> object:

@@ -127,7 +127,7 @@ def shape_estimated(session: Session) -> bool:
 
 def _board(session: Session) -> JsonValue | None:
     path = session.folder / SESSION_FILE
-    if not path.is_file():
+    if session.folder == Path() or not path.is_file():  # one in memory is not the one in the working folder
         return None
     return read_json(path, FORMAT, VERSION).fields((), ("board",)).get("board")
 

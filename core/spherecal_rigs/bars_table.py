@@ -19,6 +19,7 @@ from spherecal.base.messages.values import Phrase
 from spherecal.data.session import BarLength, Mark
 from spherecal.files.atomic import write_file_whole
 from spherecal.files.bar_registry import RegisteredBar, read_lengths, read_registered_bar
+from spherecal.files.cells import cell, from_cell
 from spherecal.files.json_file import JsonValue, printable
 
 _MOST_BYTES = 4 << 20  # ten thousand lengths take 1 MB
@@ -262,7 +263,7 @@ class _Reader:
 
     def read(self, line: int, row: Sequence[str]) -> None:
         """One line: a certified length of the bar that it names, or of the one above."""
-        cells = {c.name: cell.strip() for c, cell in zip(self._columns, row, strict=False) if c is not None}
+        cells = {c.name: from_cell(text.strip()) for c, text in zip(self._columns, row, strict=False) if c is not None}
         serial = cells.get("serial", "")
         if not serial and self._last is None:
             self._complain(line, "", _Refused("serial", Phrase("problem-cell-empty")))
@@ -442,14 +443,14 @@ def write_bars_table(bars: Sequence[RegisteredBar], path: Path) -> None:
 
 
 def _bar_cells(bar: RegisteredBar, first: bool) -> list[str]:
-    return [bar.serial, bar.description if first else ""]
+    return [cell(bar.serial), cell(bar.description) if first else ""]
 
 
 def _length_cells(bar: RegisteredBar, length: BarLength) -> list[str]:
     cells = []
     for name in (length.from_mark, length.to_mark):
         mark = bar.marks[name]
-        cells += [name, str(mark.target) if mark.point == "centre" else f"{mark.target}:{mark.point}"]
+        cells += [cell(name), str(mark.target) if mark.point == "centre" else cell(f"{mark.target}:{mark.point}")]
     shown = (
         "" if length.nominal_mm is None else repr(length.nominal_mm),
         repr(length.length_mm),
@@ -466,8 +467,8 @@ def _about_cells(bar: RegisteredBar, first: bool) -> list[str]:
     return [
         "" if "expansion_per_kelvin" in own else repr(bar.expansion_per_kelvin),
         "" if "reference_temperature_c" in own else repr(bar.reference_temperature_c),
-        c.number if c else "",
-        c.laboratory if c else "",
+        cell(c.number) if c else "",
+        cell(c.laboratory) if c else "",
         str(c.date or "") if c else "",
         str(c.valid_until or "") if c else "",
     ]

@@ -185,7 +185,9 @@ def points_box(path: Path) -> tuple[tuple[float, ...], tuple[float, ...]] | None
 def _files(result: Path, session: Session | None) -> dict[str, bytes]:
     there = [name for name in FILES if os.path.lexists(result / name)]
     files = {name: read_below(result, name, _MOST_BYTES) for name in there}  # what a link leads to is not taken over
-    if session is not None and session.target_set is not None and "targets.json" not in files:
+    if session is None or session.folder == Path():  # one in memory is not the one in the working folder
+        return files
+    if session.target_set is not None and "targets.json" not in files:
         named = read_json(session.folder / SESSION_FILE, FORMAT, VERSION).fields(("target_set",))
         path = session.folder / named["target_set"].text()
         read_json(path, TARGETS.name, TARGETS.version)

@@ -298,7 +298,7 @@ def set_limits(folder: Path, **given: float) -> Profile:
 
 def write_profile(profile: Profile) -> None:
     """Replace profile.json whole: the one step by which a profile changes from one state to the next."""
-    write_below(profile.folder, PROFILE_FILE, PROFILE.bytes(profile))
+    write_below(profile.folder, PROFILE_FILE, PROFILE.bytes(profile), alone=True)  # under the profile's lock
 
 
 def add_entry(profile: Profile, entry: Entry, files: dict[str, bytes]) -> str:
@@ -360,7 +360,7 @@ def _apply(profile: Profile, calibration: str, note: str, despite_findings: bool
         raise InputError(Phrase("error-with-care", {"calibration": calibration, "care": entry.care}))
     event = Applied(calibration, datetime.now(UTC).replace(microsecond=0), note)
     changed = replace(profile, applied=(*profile.applied, event)[-_MOST_EVENTS:])
-    write_together(profile.folder, {PROFILE_FILE: PROFILE.bytes(changed), RIG_FILE: rig})
+    write_together(profile.folder, {PROFILE_FILE: PROFILE.bytes(changed), RIG_FILE: rig}, alone=True)
     return open_profile(profile.folder)
 
 

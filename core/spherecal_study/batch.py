@@ -19,6 +19,7 @@ from spherecal.data.rig import Calibration
 from spherecal.data.session import Session
 from spherecal.detect.session_images import observed
 from spherecal.files.atomic import RESULT, SESSION
+from spherecal.files.cells import cell
 from spherecal.files.json_file import json_bytes
 from spherecal.files.read_session import read_session
 from spherecal.files.rig_file import read_rig
@@ -27,7 +28,6 @@ from spherecal.steps.settings import CalibrationSettings
 from spherecal.verify.bars import verify
 from spherecal.verify.verification import Verification
 from spherecal.verify.write_verification import write_verification
-from spherecal_documents.export.csv_table import cell
 from spherecal_documents.report.style import report_style
 from spherecal_study.batch_page import batch_page
 from spherecal_study.executor import Result, Trial, Workers, run_trials, trial_file

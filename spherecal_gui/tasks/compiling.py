@@ -7,6 +7,7 @@ from contextlib import suppress
 from PySide6.QtCore import QObject, QProcess, Signal, Slot
 
 from spherecal.base.kernels import state
+from spherecal.base.working_folder import own_program
 
 
 class Compiling(QObject):
@@ -27,7 +28,8 @@ class Compiling(QObject):
         if getattr(sys, "frozen", False) or state() != "to compile":
             return False
         when = ["--idle"] if idle else []
-        self._process.start(sys.executable, ["-m", "spherecal", "compile-kernels", *when, "--json", "--quiet"])
+        program, *arguments = own_program("spherecal", "compile-kernels", *when, "--json", "--quiet")
+        self._process.start(program, arguments)
         return True
 
     def stop(self) -> None:

@@ -1,4 +1,4 @@
-"""Ctrl-C before the command begins: there is nothing to tidy up yet, and a traceback would help nobody.
+"""Before the program begins: no code from the working folder, and Ctrl-C ends it without a traceback.
 
 Imports only what Python itself has loaded by then: this is the first code of the program that runs.
 """
@@ -16,6 +16,14 @@ def is_own_program() -> bool:
     if os.path.basename(sys.argv[0] if sys.argv else "") in _PROGRAMS:
         return True
     return _module_run() in _MODULES
+
+
+def leave_working_folder() -> None:
+    """`python -m` puts the working folder first on the path: off again, before anything is imported from there."""
+    ours = (_module_run() or "").partition(".")[0] in ("spherecal", "spherecal_gui")
+    root = os.path.dirname(os.path.dirname(os.path.dirname(os.path.realpath(__file__))))
+    if ours and not sys.flags.safe_path and os.path.realpath(sys.path[0]) != root:
+        del sys.path[0]
 
 
 def _module_run() -> str | None:

@@ -9,6 +9,7 @@ tests/test_house.py keeps all other modules from writing or removing files on th
 import errno
 import hashlib
 import os
+import re
 import secrets
 import shutil
 import stat
@@ -29,6 +30,8 @@ _DEEPEST = 16  # our own folders are 4 deep
 _LONGEST_PATH = 500
 _DEVICES = {"con", "prn", "aux", "nul", *(f"{port}{n}" for port in ("com", "lpt") for n in range(10))}
 PARTIAL = ".spherecal-partial"
+_SCRATCH = re.compile(rf"\.[0-9a-f]{{12}}{re.escape(PARTIAL)}")
+_LEFT_OVER_S = 3600.0  # a partial file that nobody has written to for so long is no writer's any more
 _HAS_DIR_FD = os.open in os.supports_dir_fd and os.rename in os.supports_dir_fd and hasattr(os, "O_NOFOLLOW")
 _NO_LINK = getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_CLOEXEC", 0) | getattr(os, "O_BINARY", 0)
 _NO_WAIT = getattr(os, "O_NONBLOCK", 0)
@@ -179,7 +182,7 @@ def _not_plain(path: Path | str) -> InputError:
 
 
 def is_plain_file_below(root: Path, relative: str) -> bool:
-    """Whether a regular file is there, the way to it without links; True where this user may not look: reading says so."""
+    """Whether a regular file is there, by a way without links; True where this user may not look: reading says so."""
     try:
         with _place(root, relative) as place:
             state = place.state()
@@ -300,23 +303,23 @@ def make_folder_below(root: Path, relative: str) -> Path:
         return root / relative
 
 
-def write_below(root: Path, relative: str, data: bytes) -> None:
+def write_below(root: Path, relative: str, data: bytes, alone: bool = False) -> None:
     """Replace a file below a folder whole, keeping its mode; missing folders are made."""
-    write_together(root, {relative: data})
+    write_together(root, {relative: data}, alone)
 
 
-def write_together(root: Path, contents: Mapping[str, bytes]) -> None:
+def write_together(root: Path, contents: Mapping[str, bytes], alone: bool = False) -> None:
     """Replace files below a folder, each whole, in the order given: the last one decides.
 
     All are on the disk before the first one is renamed: a disk that refuses leaves every old one. Where the program is
-    killed between two renamings, the last file is the old one.
+    killed between two renamings, the last file is the old one. `alone`: a lock keeps other writers away.
     """
     with ExitStack() as held:
         places = []
         for relative, data in contents.items():
             with _plain_writing(root / relative):
                 places.append((held.enter_context(_place(root, relative, make=True)), data))
-        _replace(places)
+        _replace(places, 0.0 if alone else _LEFT_OVER_S)
 
 
 def write_whole(path: Path, data: bytes | BinaryIO) -> None:
@@ -378,7 +381,7 @@ def _create(place: _Place) -> int:
     return place.open(os.O_WRONLY | os.O_CREAT | os.O_EXCL)
 
 
-def _replace(contents: Sequence[tuple[_Place, bytes | BinaryIO]]) -> None:
+def _replace(contents: Sequence[tuple[_Place, bytes | BinaryIO]], left_over_s: float = _LEFT_OVER_S) -> None:
     staged: list[tuple[_Place, _Place]] = []
     with uninterrupted(commit=True):  # files are small work; nothing half written may stay behind
         try:
@@ -392,6 +395,8 @@ def _replace(contents: Sequence[tuple[_Place, bytes | BinaryIO]]) -> None:
                     os.replace(partial.path, place.path, src_dir_fd=place.folder, dst_dir_fd=place.folder)
                     if number < len(staged):
                         _sync_held(place)  # it must not reach the disk after the one that decides
+            for _, place in staged:
+                _remove_left_over(place, left_over_s)
         except BaseException:
             for partial, _ in staged:
                 with suppress(OSError):
@@ -414,6 +419,19 @@ def _stage(partial: _Place, place: _Place, data: bytes | BinaryIO) -> None:
         if before is not None and os.name != "nt":
             os.fchmod(file.fileno(), stat.S_IMODE(before.st_mode))
         os.fsync(file.fileno())
+
+
+def _remove_left_over(written: _Place, older_s: float) -> None:
+    """Remove partial files that killed writers left beside a file just written; ages by the file system's clock."""
+    with suppress(OSError):
+        state = written.state()
+        for name in os.listdir(written.parent if written.folder is None else written.folder):
+            if state is None or not _SCRATCH.fullmatch(name):
+                continue
+            other = _Place(written.root, written.relative, written.folder, written.parent, name)
+            left = other.state()
+            if left is not None and stat.S_ISREG(left.st_mode) and state.st_mtime - left.st_mtime >= older_s:
+                os.unlink(other.path, dir_fd=other.folder)
 
 
 def sync(path: Path) -> None:

@@ -3,13 +3,17 @@
 Beside two busy processes the diagnosis of 15 cameras took 50 s with BLAS's own threads, and 1.5 s alone.
 """
 
+import mmap
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, ExitStack, contextmanager
 from functools import cache, wraps
 from threading import Lock
 from typing import ParamSpec, TypeVar
 
+import numpy as np
 from threadpoolctl import ThreadpoolController
+
+_BUFFERS_BYTES = 160 << 20  # measured: 64 MB with scipy 1.17 and numpy 2.4; the rest for what comes after them
 
 P = ParamSpec("P")
 R = TypeVar("R")
@@ -26,7 +30,22 @@ def _controller() -> ThreadpoolController:
 @contextmanager
 def _blas_limited() -> Iterator[None]:
     with _controller().limit(limits=1, user_api="blas"):
+        _reserve_buffers()
         yield
+
+
+@cache
+def _reserve_buffers() -> None:
+    """Let both BLAS take their buffers while there is room: they would ask for ever, deaf to Ctrl-C."""
+    import scipy.linalg
+
+    try:
+        mmap.mmap(-1, _BUFFERS_BYTES).close()
+    except OSError:
+        raise MemoryError from None
+    matrix = np.eye(200)  # of more than a few rows: small products need no buffer
+    scipy.linalg.cho_factor(matrix)
+    np.dot(matrix, matrix)
 
 
 class SharedLimit:

@@ -20,7 +20,12 @@ if TYPE_CHECKING:
 def answer(options: argparse.Namespace, document: object) -> None:
     """With `--json`, print the document: all that goes to standard output, or to standard error beside a file there."""
     if options.json:
-        print(json.dumps(plain(document), indent=1), file=out.file, flush=True)
+        try:
+            print(json.dumps(plain(document), indent=1), file=out.file, flush=True)
+        except BrokenPipeError:
+            raise
+        except OSError as error:
+            out.lose(error)
 
 
 def plain(value: object) -> object:

@@ -1,7 +1,6 @@
 """`spherecal cameras capture`: a session, set by set."""
 
 import argparse
-import os
 import subprocess
 from dataclasses import replace
 
@@ -9,6 +8,7 @@ from rich.markup import escape
 
 from spherecal.base.errors import InputError
 from spherecal.base.messages.values import Phrase
+from spherecal.base.working_folder import users_environment
 from spherecal.data.findings import counted
 from spherecal.targets.detection import Detector
 from spherecal_app.cli.answer import answer
@@ -89,7 +89,9 @@ def _plan(options: argparse.Namespace, source: CameraSource) -> CapturePlan:
 def _before(set_id: str, bar: str | None, options: argparse.Namespace, staged: bool) -> None:
     """Give people or a machine the time to bring ball or bar to its place."""
     if options.before_each:
-        done = subprocess.run(options.before_each, shell=True, env=os.environ | {"SPHERECAL_SET": set_id}, check=False)
+        done = subprocess.run(
+            options.before_each, shell=True, env=users_environment() | {"SPHERECAL_SET": set_id}, check=False
+        )
         if done.returncode:
             raise InputError(
                 Phrase(

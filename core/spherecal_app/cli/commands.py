@@ -61,11 +61,22 @@ COMMANDS = {
     "cameras simulate-gige": "gige:simulate",
 }
 
+# Commands that give nothing but what they print: they have failed where that cannot be written.
+SHOWING = {
+    "detect", "ball show", "bars list", "bars show", "limits show", "profile list", "profile show", "profile compare",
+    "profile trend", "guide", "cross-validate", "licences", "completion", "doctor", "cameras list", "cameras show",
+    "cameras doctor",
+}  # fmt: skip
+
 Command = Callable[[argparse.Namespace], int]
+
+
+def words_of(options: argparse.Namespace) -> str:
+    """The words of the command, as in `COMMANDS`."""
+    return " ".join(filter(None, (options.command, getattr(options, "action", None))))
 
 
 def command_of(options: argparse.Namespace) -> Command:
     """The function that runs the command; its module is loaded now, with the parts of the engine that it needs."""
-    words = filter(None, (options.command, getattr(options, "action", None)))
-    module, function = COMMANDS[" ".join(words)].split(":")
+    module, function = COMMANDS[words_of(options)].split(":")
     return getattr(import_module(f"spherecal_app.cli.{module}"), function)

@@ -4,12 +4,30 @@ import os
 import sys
 from contextlib import suppress
 from math import isfinite
+from typing import Any
 
 from rich.console import Console
 
 
 class _Output(Console):
-    """Standard output as a console; where whoever read it has had enough, the command goes on and its code is true."""
+    """Standard output as a console; where it cannot be written any more, the command goes on to its end.
+
+    `lost`: why, unless whoever read it has had enough.
+    """
+
+    lost: OSError | None = None
+
+    def print(self, *objects: Any, **options: Any) -> None:
+        """As rich's; what cannot be written is dropped."""
+        try:
+            super().print(*objects, **options)
+        except OSError as error:  # a full disk
+            self.lose(error)
+
+    def lose(self, error: OSError) -> None:
+        """Drop what is still to be said, for this reason."""
+        self.lost = error
+        self.on_broken_pipe()
 
     def on_broken_pipe(self) -> None:
         self.quiet = True

@@ -13,9 +13,11 @@ from pathlib import Path
 from spherecal import __version__
 from spherecal.base import interrupts
 from spherecal.base.errors import Cancelled, OutputError, SpherecalError, needing, reason
+from spherecal.base.memory import check_address_space
 from spherecal.base.messages.catalogue import language
 from spherecal.base.messages.values import Phrase
-from spherecal_app.cli.commands import command_of
+from spherecal.base.working_folder import distrust, own_program
+from spherecal_app.cli.commands import SHOWING, command_of, words_of
 from spherecal_app.cli.exit_codes import BAD_INPUT, CANCELLED, DONE
 from spherecal_app.cli.options import make_parser
 from spherecal_app.cli.parsing import is_standard_output, parsers_below
@@ -52,6 +54,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def entry() -> int:
     """Run the command that the process was started with: as `main`, with Ctrl-C and a closed output taken care of."""
     interrupts.begin()
+    distrust()
     for name in ("stdout", "stderr"):
         if getattr(sys, name) is None:  # the shell closed it: >&-
             setattr(sys, name, open(os.devnull, "w", encoding="utf-8"))  # noqa: SIM115
@@ -111,15 +114,27 @@ def _run(arguments: Sequence[str] | None, log: ExitStack) -> int:
     if options.log is not None:
         log.enter_context(_logged_to(options.log))
     if options.command is None:
-        return subprocess.call([sys.executable, "-m", "spherecal_gui"])
+        return subprocess.call(own_program("spherecal_gui"))
     if options.command == "help":
         return _help(parser, options.words)
+    check_address_space()
     beside = any(is_standard_output(value) for value in vars(options).values())
     as_json = getattr(options, "json", False)
     with _speaking(options.verbose, options.quiet, as_json, beside):
         logging.getLogger("spherecal").info("spherecal %s: %s", __version__, options.command)
         with needing("matplotlib", Phrase("documents")):
-            return command_of(options)(options)
+            return _told(command_of(options)(options), options)
+
+
+def _told(code: int, options: argparse.Namespace) -> int:
+    """The exit code, with a word about it where standard output could not be written: what was computed is in place."""
+    from spherecal_app.cli.console import out
+
+    lost, out.lost = out.lost, None
+    if lost is None:
+        return code
+    _complain(OutputError(Phrase("error-output-lost", {"why": reason(lost)}), Phrase("error-output-lost-hint")))
+    return BAD_INPUT if getattr(options, "json", False) or words_of(options) in SHOWING else code
 
 
 def _help(parser: argparse.ArgumentParser, words: Sequence[str]) -> int:

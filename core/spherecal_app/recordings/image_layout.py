@@ -6,7 +6,6 @@ be written down without guessing. What can be read in two ways is refused, and b
 
 import os
 import re
-import tomllib
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path, PurePosixPath
@@ -14,6 +13,7 @@ from pathlib import Path, PurePosixPath
 from spherecal.base.errors import InputError, Words
 from spherecal.base.filesystem import as_id
 from spherecal.base.messages.values import Phrase
+from spherecal.files.toml_text import toml_of
 
 IMAGES = frozenset({".png", ".tif", ".tiff", ".jpg", ".jpeg", ".bmp", ".pgm", ".ppm", ".pnm"})
 VIDEOS = frozenset({".mp4", ".m4v", ".mov", ".avi", ".mkv", ".webm"})
@@ -157,7 +157,7 @@ def _anipose_regex(folder: Path) -> re.Pattern[str] | None:
         try:
             if not file.is_file() or file.stat().st_size > _MOST_CONFIG_BYTES:
                 continue
-            text = tomllib.loads(file.read_text(encoding="utf-8")).get("triangulation", {}).get("cam_regex")
+            text = toml_of(file.read_text(encoding="utf-8")).get("triangulation", {}).get("cam_regex")
         except (OSError, ValueError, AttributeError):
             continue
         if not isinstance(text, str):

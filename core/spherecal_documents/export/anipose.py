@@ -1,6 +1,5 @@
 """Anipose and Pose2Sim TOML: poses world to camera, sections named so that sorting keeps the cameras' order."""
 
-import tomllib
 from collections.abc import Mapping
 from pathlib import Path
 
@@ -8,6 +7,7 @@ import numpy as np
 
 from spherecal.base.errors import InputError
 from spherecal.files.json_file import JsonValue, decode, read_bytes
+from spherecal.files.toml_text import toml_of
 from spherecal.geometry.camera import camera_matrix
 from spherecal.geometry.rotation import exp_rotation, log_rotation
 from spherecal_documents.export.cameras import FileCamera, FileRig, Pose, distortion, lens_vector, numbers, rows
@@ -33,9 +33,7 @@ def read_toml(path: Path) -> JsonValue:
     """What a TOML file holds."""
     text = decode(path, read_bytes(path, _MOST_BYTES))
     try:
-        return JsonValue(tomllib.loads(text), path)
-    except RecursionError:
-        raise InputError(f"{path}: its lists and tables are nested too deeply.") from None
+        return JsonValue(toml_of(text), path)
     except ValueError as error:
         raise InputError(f"{path}: is not valid TOML ({error}).") from None
 

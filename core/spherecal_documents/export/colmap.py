@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from spherecal.base.arrays import FloatArray
 from spherecal.base.errors import InputError
-from spherecal.files.json_file import decode, read_bytes
+from spherecal.files.json_file import MOST_CAMERAS, decode, read_bytes
 from spherecal.geometry.camera import FISHEYE_MARK, N_INTRINSICS
 from spherecal_documents.export.cameras import FileCamera, FileRig, Pose, distortion, numbers, safe_names
 from spherecal_documents.export.format import Format
@@ -110,8 +110,9 @@ def read_colmap(folder: Path) -> list[FileCamera]:
     lenses = _read_cameras(folder / "cameras.txt")
     poses: dict[int, Pose] = {}
     folders: dict[int, set[str]] = {}
-    for camera, pose, name in _read_images(folder / "images.txt"):
-        poses.setdefault(camera, pose)
+    for camera, seven, name in _read_images(folder / "images.txt"):
+        if camera not in poses:  # the images of a reconstruction are many, its cameras are not
+            poses[camera] = Pose(Rotation.from_quat(seven[[1, 2, 3, 0]]).as_matrix(), seven[4:])
         folders.setdefault(camera, set()).add(name.rpartition("/")[0])
     cameras = []
     for number, (size, lens) in lenses.items():
@@ -142,11 +143,13 @@ def _read_cameras(path: Path) -> dict[int, tuple[tuple[int, int], FloatArray]]:
             raise InputError(f"{path}: line {line}: the image size and the focal length must be above 0.")
         lens[2:4] -= _PIXEL_CENTRE
         cameras[int(number)] = ((int(width), int(height)), lens)
+        if len(cameras) > MOST_CAMERAS:  # 200,000 took over a minute
+            raise InputError(f"{path}: has more than {MOST_CAMERAS} cameras.")
     return cameras
 
 
-def _read_images(path: Path) -> Iterator[tuple[int, Pose, str]]:
-    """Camera number, pose and name of each image; none where there is no such file."""
+def _read_images(path: Path) -> Iterator[tuple[int, FloatArray, str]]:
+    """Camera number, quaternion and translation, name of each image; none where there is no such file."""
     lines = iter(_lines(path) if path.is_file() else [])
     for line, text in lines:
         if not text.strip() or text.startswith("#"):
@@ -157,11 +160,7 @@ def _read_images(path: Path) -> Iterator[tuple[int, Pose, str]]:
         values = _numbers(path, line, row[1:9], 8)
         if not np.linalg.norm(values[:4]) > 0:
             raise InputError(f"{path}: line {line}: the quaternion is zero.")
-        yield (
-            int(values[7]),
-            Pose(Rotation.from_quat(values[[1, 2, 3, 0]]).as_matrix(), values[4:7]),
-            row[9].strip(),
-        )
+        yield int(values[7]), values[:7], row[9].strip()
         next(lines, None)  # the image's points: a line that may be empty
 
 

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from spherecal.base.errors import InputError
+from spherecal.files.cells import cell, from_cell
 from spherecal.files.json_file import check_lines, decode, read_bytes
 from spherecal.geometry.camera import FISHEYE_MARK, FISHEYE_NAMES, INTRINSIC_NAMES
 from spherecal_documents.export.cameras import FileCamera, FileRig, Pose, number
@@ -18,17 +19,6 @@ _SHIFT, _CENTRE = ("tx_mm", "ty_mm", "tz_mm"), ("centre_x_mm", "centre_y_mm", "c
 _SIZE = ("width_px", "height_px")
 _MODEL, _FISHEYE = "lens_model", "opencv-fisheye"  # the column is there where any lens is fisheye
 _MOST_BYTES = 8 << 20
-_FORMULA = ("=", "+", "-", "@", "\t", "\r")
-
-
-def cell(text: str) -> str:
-    """A text for a spreadsheet: what would begin a formula there is marked as text, as spreadsheets do it (')."""
-    return f"'{text}" if text[:1] in _FORMULA else text
-
-
-def from_cell(text: str) -> str:
-    """The text of a cell as `cell` writes it."""
-    return text[1:] if text[:1] == "'" and text[1:2] in _FORMULA else text
 
 
 def _write(rig: FileRig) -> Mapping[str, str]:

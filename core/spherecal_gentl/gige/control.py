@@ -4,7 +4,6 @@ import json
 import mmap
 import os
 import subprocess
-import sys
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
@@ -16,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spherecal.base.errors import InputError, OutputError
+from spherecal.base.working_folder import own_program
 from spherecal_gentl.gige.namespaces import NetworkNamespace, isolated, why_not
 from spherecal_gentl.producer.build import build_fake_camera
 
@@ -51,7 +51,7 @@ class GigeRig:
         server = build_fake_camera()
         self._pictures = {camera.serial: _Pictures(camera) for camera in cameras}
         files = [pictures.file for pictures in self._pictures.values()]
-        command = isolated([sys.executable, "-m", "spherecal_gentl.gige.rig"])
+        command = isolated(own_program("spherecal_gentl.gige.rig"))
         package = str(Path(__file__).resolve().parents[2])
         path = os.pathsep.join(filter(None, (package, os.environ.get("PYTHONPATH"))))
         self._process = subprocess.Popen(

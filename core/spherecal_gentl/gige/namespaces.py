@@ -2,11 +2,12 @@
 
 import ctypes
 import os
-import shutil
 import subprocess
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+
+from spherecal.base.working_folder import find_program
 
 _NEW_NETWORK = 0x40000000  # CLONE_NEWNET
 _OWN = "/proc/thread-self/ns/net"
@@ -31,7 +32,7 @@ class CommandError(Exception):
 
 def missing_packages() -> list[str]:
     """The Debian packages whose tools are not on this machine."""
-    return sorted({package for tool, package in _TOOLS.items() if shutil.which(tool, path=_PATH) is None})
+    return sorted({package for tool, package in _TOOLS.items() if find_program(tool, _PATH) is None})
 
 
 def isolated(command: Sequence[str]) -> list[str]:

@@ -2,7 +2,6 @@
 
 import hashlib
 import os
-import shutil
 import subprocess
 import sys
 import tempfile
@@ -13,6 +12,7 @@ from pathlib import Path
 from spherecal.base.errors import InputError, OutputError
 from spherecal.base.filesystem import create, remove_own_folder, scratch_beside, write_whole
 from spherecal.base.resources import cache_folder
+from spherecal.base.working_folder import find_program
 
 CTI_FILE = "spherecal_simulated.cti"
 ARAVIS_CTI_FILE = "spherecal_aravis.cti"
@@ -100,7 +100,7 @@ def compile_command(
 
 def aravis_flags() -> list[str]:
     """What the compiler needs for libaravis."""
-    if (tool := shutil.which("pkg-config")) is None:
+    if (tool := find_program("pkg-config")) is None:
         raise _no_aravis("pkg-config")
     # Debian's libaravis-dev names packages that it does not bring, so that `--cflags aravis-0.8` alone fails
     folder = _said_by([tool, "--variable=includedir", _ARAVIS])
@@ -142,7 +142,7 @@ def _compiler() -> str:
     asked = os.environ.get("CXX")
     names = [asked] if asked else ["cl", "g++", "clang++"] if sys.platform == "win32" else ["g++", "clang++", "c++"]
     for name in names:
-        if found := shutil.which(name):
+        if found := find_program(name):
             return found
     raise InputError(
         f"The simulated cameras need a C++ compiler, and {' or '.join(names)} is not on this machine.",

@@ -106,7 +106,7 @@ MAY_WRITE = {
     "core/spherecal/base/resources.py": {"mkdtemp"},
     "core/spherecal_scene/renderer.py": {"unlink"},  # shared memory
     "core/spherecal/files/atomic.py": {"rmdir", "rename", "open", "chmod"},  # folders just made; to sync
-    "core/spherecal/files/lock.py": {"open", "unlink", "ftruncate"},  # lock files
+    "core/spherecal/files/lock.py": {"unlink", "ftruncate"},  # lock files
     "spherecal_gui/pages/limits_dialog.py": {"save"},  # a method of ours
     "spherecal_gui/sounds.py": {"open", "NamedTemporaryFile"},  # in memory; a tone for the player
     "spherecal_gui/tasks/guide.py": {"TemporaryDirectory"},

@@ -278,8 +278,6 @@ _LIMITS = _document(
         "needed_dots": 100, "ageing_hours": 5.0, "stale_hours": 12.0, "ageing_kelvin": 1.0, "stale_kelvin": 2.0,
         "verification_limit": "0.03+L/20000", "verification_limit_open": False, "unverified_use": True,
     },
-    pin={"kind": "scrypt-16384-8-1", "salt": "ab" * 16, "hash": SHA},
-    changes=[{"at": TIME, "by": "Maria", "what": "stale_hours", "before": 8.0, "after": 12.0}],
 )  # fmt: skip
 _CONTACT = {"name": "Room 3", "city": "Ulm", "country": "DE", "email": "m@example.com"}
 _ISSUER = _document(

@@ -23,7 +23,7 @@ from spherecal.measuring.measurer import Measurer
 from spherecal.measuring.run import run
 from spherecal.measuring.sets import sets_of_session
 from spherecal.measuring.tables import set_json
-from spherecal.profile.limits_file import KeptLimits, Limits, Pin, with_limits, with_pin, write_limits
+from spherecal.profile.limits_file import Limits, write_limits
 from spherecal.uses.check import check
 from spherecal.uses.check_ball import read_known_ball
 from spherecal.uses.check_file import check_json, keep
@@ -158,8 +158,7 @@ def _written(path: Path, document: Mapping[str, Any]) -> Path:
 
 
 def test_settings_are_described(tmp_path: Path) -> None:
-    kept = with_limits(KeptLimits(), Limits(needed_dots=50, verification_limit="0.1"), "Maria")
-    write_limits(with_pin(kept, Pin.of("1234"), "Maria"), tmp_path / "limits.json")
+    write_limits(Limits(needed_dots=50, verification_limit="0.1"), tmp_path / "limits.json")
     assert_described(_load(tmp_path / "limits.json"), "limits")
     settings = CameraSettings(exposure_us=8000.0, region=Region(0, 0, 640, 480))
     write_profile(

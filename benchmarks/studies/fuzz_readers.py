@@ -138,7 +138,7 @@ def _other_readers(folder: Path) -> list[Reader]:
     from spherecal.files.read_session import read_session
     from spherecal.files.rig_file import read_rig
     from spherecal.profile.checks import keep_check, read_checks
-    from spherecal.profile.limits_file import KeptLimits, Limits, Pin, read_limits, with_limits, with_pin, write_limits
+    from spherecal.profile.limits_file import Limits, read_limits, write_limits
     from spherecal.profile.save import save_result
     from spherecal.profile.store import apply, create_profile, open_profile
     from spherecal.report.dcc import read_issuer
@@ -169,8 +169,7 @@ def _other_readers(folder: Path) -> list[Reader]:
         )
     )
     limits = folder / "limits.json"
-    locked = with_pin(KeptLimits(), Pin.of("4711"), "A")
-    write_limits(with_limits(locked, Limits(needed_dots=150, verification_limit="0.03+L/20000"), "A"), limits)
+    write_limits(Limits(needed_dots=150, verification_limit="0.03+L/20000"), limits)
     issuer = folder / "issuer.json"
     place = {"name": "Lab", "city": "Ulm", "country": "DE"}
     issuer.write_text(json.dumps({

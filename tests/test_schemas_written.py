@@ -35,17 +35,16 @@ from spherecal_gui.project import Artefacts, Computation, Flaw, Project
 from spherecal_gui.project_folder import save_project
 from spherecal_sim.session_folder import write_session
 from tests.example_session import VALID
-from tests.json_schema import problems
 from tests.networks import calibrated
 from tests.schema_samples import SAMPLES, TIME
-from tests.test_schemas import PUBLISHED
+from tests.test_schemas import PUBLISHED, assert_fits, closed
 
 
 def assert_described(document: Mapping[str, Any], format_name: str | None = None) -> None:
     """A document of ours: as its schema says, without a field that is not described."""
     name = document["format"].removeprefix("spherecal/")
     assert format_name in (None, name)
-    assert list(problems(document, PUBLISHED[name], closed=True)) == []
+    assert_fits(document, closed(PUBLISHED[name]))
 
 
 def _load(path: Path) -> dict[str, Any]:
@@ -111,7 +110,7 @@ def test_the_stream_is_described(folder: Path) -> None:
     documents = json.loads((folder / "sets.json").read_text())
     assert len(documents) > 3
     for document in documents:
-        assert list(problems(document, schema["$defs"]["set"], closed=True)) == []
+        assert_fits(document, closed(schema["$defs"]["set"]))
 
 
 def test_a_captured_session_is_described(tmp_path: Path) -> None:
@@ -185,7 +184,7 @@ def test_files_of_released_versions_fit(path: Path) -> None:
     if not str(document.get("format", "")).startswith("spherecal/"):
         pytest.skip("not a file of ours")
     name = document["format"].removeprefix("spherecal/")
-    assert list(problems(document, PUBLISHED[name])) == []
+    assert_fits(document, PUBLISHED[name])
 
 
 def test_recorded_sessions_fit(shared_data: Path) -> None:
@@ -194,7 +193,7 @@ def test_recorded_sessions_fit(shared_data: Path) -> None:
         pytest.skip("the shared recordings hold no file of ours")
     for path in found:
         document = _load(path)
-        assert list(problems(document, PUBLISHED[document["format"].removeprefix("spherecal/")])) == [], path
+        assert_fits(document, PUBLISHED[document["format"].removeprefix("spherecal/")])
 
 
 def test_samples_cover_every_format_that_is_read() -> None:

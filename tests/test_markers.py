@@ -13,6 +13,7 @@ from matplotlib.backends.backend_pdf import PdfFile
 from scipy.spatial.transform import Rotation
 
 from benchmarks.studies.markers import compared
+from spherecal.base.arrays import FloatArray
 from spherecal.base.errors import InputError
 from spherecal.cli.main import main
 from spherecal.files.rig_file import read_rig
@@ -28,12 +29,12 @@ from spherecal.targets.target_set import TargetSet
 from spherecal_gui.presenters.coverage import Dots
 from spherecal_gui.tasks.guide import observations_of, printed_scale
 from spherecal_sim.rendered_stickers import (
+    StickerBall,
     StickerCamera,
     camera_ring,
     painted_stickers,
     render_stickers,
     sticker_ball,
-    sticker_points,
     write_sticker_session,
 )
 from tests.test_targets_sheet import MM_PER_POINT, NUMBER, pages
@@ -45,6 +46,19 @@ class Scene(NamedTuple):
     targets: TargetSet
     image: np.ndarray
     places: dict[tuple[int, str], np.ndarray]  # px
+
+
+def sticker_points(ball: StickerBall) -> dict[tuple[int, str], FloatArray]:
+    """The places (3,) mm of all points in the ball's own frame, by target and point."""
+    found = {}
+    for i, (target, layout) in enumerate(ball.targets.layouts.items()):
+        up, right = ball.places[i], ball.right[i]
+        for name, (x, y) in layout.items():
+            arc = np.hypot(x, y)
+            flat = (x * right + y * np.cross(right, up)) / arc
+            angle = arc / ball.radius_mm
+            found[target, name] = ball.radius_mm * (np.cos(angle) * up + np.sin(angle) * flat)
+    return found
 
 
 def scene(dictionary: str, **options: object) -> Scene:

@@ -109,20 +109,6 @@ def minimise(problem: Problem, state: State, settings: Settings, on_step: OnStep
         return replace(found, state=replace(found.state, shape_residual=shape_residual))
 
 
-def total_cost(problem: Problem, state: State, cauchy: float | None) -> float:
-    """Half the (robust) sum of squared weighted residuals of all rows; infinite where it is not defined.
-
-    Parameters
-    ----------
-    problem, state
-        The adjustment, and the values of its unknowns.
-    cauchy
-        Scale of Cauchy's loss in units of sigma; None is plain least squares.
-    """
-    model = _Bundle(problem, cauchy)
-    return model.cost(state, model.linearise(state))
-
-
 def _robust_weight(problem: Problem, state: State, cauchy: float | None) -> FloatArray | None:
     """Square roots of the weights (n,) by which Cauchy's loss scales each observation's rows."""
     if cauchy is None:

@@ -18,8 +18,8 @@ from spherecal.cameras.profile import read_profile as read_cameras
 from spherecal.cameras.simulated.source import SimulatedSource
 from spherecal.cameras.simulated.stage import Stage
 from spherecal.files.ball_file import read_ball
-from spherecal.files.ball_registry import read_balls
-from spherecal.files.bar_registry import read_registry
+from spherecal.files.ball_registry import BALL_REGISTRY
+from spherecal.files.bar_registry import BAR_REGISTRY
 from spherecal.files.bundle_file import original_sha256
 from spherecal.files.capture_file import read_captured_sets
 from spherecal.files.findings_file import read_findings
@@ -389,7 +389,7 @@ SAMPLES: Mapping[str, Sample] = {
         _file("drivers.json", TrustStore),
     ),
     "bars": Sample(
-        _BARS, _file("bars.json", read_registry),
+        _BARS, _file("bars.json", BAR_REGISTRY.read),
         ("the same", "does not have", "5 % of", "1 % apart", "before the certificate", "must be a date"),
     ),
     "balls": Sample(
@@ -401,7 +401,7 @@ SAMPLES: Mapping[str, Sample] = {
             },
             "spacing": {"from": "A", "to": "B", "distance_mm": 22.3},
         }]),
-        _file("balls.json", read_balls), ("the same", "off the sticker", "must be smaller"),
+        _file("balls.json", BALL_REGISTRY.read), ("the same", "off the sticker", "must be smaller"),
     ),
     "limits": Sample(_LIMITS, _file("limits.json", read_limits), ("above stale", "is not a limit")),
     "issuer": Sample(_ISSUER, _file("issuer.json", read_issuer), ("is empty", "must be a date")),

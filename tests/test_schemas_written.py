@@ -14,7 +14,7 @@ from spherecal.cameras.profile import CameraDescription, CameraProfile, write_pr
 from spherecal.cameras.protocol import CameraSettings, Region
 from spherecal.cli.main import main
 from spherecal.export.write_export import export_rig
-from spherecal.files.bar_registry import read_registered_bar, write_registry
+from spherecal.files.bar_registry import BAR_REGISTRY, read_registered_bar
 from spherecal.files.bundle_file import bundle_bytes
 from spherecal.files.json_file import JsonValue
 from spherecal.files.rig_file import read_rig
@@ -166,7 +166,7 @@ def test_settings_are_described(tmp_path: Path) -> None:
     assert_described(_load(tmp_path / "cameras.json"), "cameras")
     own = VALID["bars"][0]
     bar = read_registered_bar(JsonValue({**own, "serial": "B-7", "certificate": "K-1"}, tmp_path / "bars.json"))
-    write_registry({"B-7": bar}, tmp_path / "bars.json")
+    BAR_REGISTRY.write({"B-7": bar}, tmp_path / "bars.json")
     assert_described(_load(tmp_path / "bars.json"), "bars")
     store = TrustStore(tmp_path / "drivers.json")
     store.allow(Driver("/opt/x.cti", "ab" * 32, "new"))

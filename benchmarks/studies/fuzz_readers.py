@@ -134,7 +134,7 @@ def _other_readers(folder: Path) -> list[Reader]:
     from spherecal.cameras.gentl.trust import TrustStore
     from spherecal.cameras.profile import CameraDescription, CameraProfile, read_profile, write_profile
     from spherecal.cameras.protocol import CameraSettings
-    from spherecal.files.bar_registry import read_registry
+    from spherecal.files.bar_registry import BAR_REGISTRY
     from spherecal.files.read_session import read_session
     from spherecal.files.rig_file import read_rig
     from spherecal.profile.checks import keep_check, read_checks
@@ -199,7 +199,7 @@ def _other_readers(folder: Path) -> list[Reader]:
         _json("profile.json", profile / "profile.json", opened),
         _json("entry.json", entry, opened),
         _json("cameras.json", cameras, lambda: read_profile(cameras)),
-        _json("bars.json", registry, lambda: read_registry(registry)),
+        _json("bars.json", registry, lambda: BAR_REGISTRY.read(registry)),
         _json("limits.json", limits, lambda: read_limits(limits)),
         _json("issuer", issuer, lambda: read_issuer(issuer)),
         _json("kept check", kept, checks),

@@ -101,7 +101,7 @@ def bench_reminder(bench: Path, today: date) -> Reminder:
     today
         The day for which the certificates must hold.
     """
-    from spherecal.files.bar_registry import read_registry
+    from spherecal.files.bar_registry import BAR_REGISTRY
     from spherecal.files.bench_file import FORMAT, VERSION
     from spherecal.files.read_bars import read_bars
 
@@ -111,7 +111,7 @@ def bench_reminder(bench: Path, today: date) -> Reminder:
             f = read_json(bench, FORMAT, VERSION).fields((), ("bars",))
             bars = read_bars(f["bars"])[0] if "bars" in f else ()
         else:
-            bars = read_registry().values()
+            bars = BAR_REGISTRY.read().values()
     except SpherecalError:  # it is named where the bench is used; the start page comes up all the same
         return Reminder()
     return reminder(bars, today)

@@ -1,6 +1,5 @@
 """Limits that the responsible person of a rig sets: one JSON file per user."""
 
-import os
 from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -19,6 +18,7 @@ from spherecal.files.codec import (
     text,
 )
 from spherecal.files.json_file import JsonValue
+from spherecal.files.registry import settings_path
 
 if TYPE_CHECKING:
     from spherecal.profile.validity import ValidityLimits
@@ -118,10 +118,7 @@ LIMITS = FileFormat(
 
 def limits_path() -> Path:
     """The file: `SPHERECAL_LIMITS`, else limits.json in the user's settings, beside the bars."""
-    from platformdirs import user_config_path
-
-    named = os.environ.get("SPHERECAL_LIMITS")
-    return Path(named) if named else user_config_path("spherecal", appauthor=False) / "limits.json"
+    return settings_path("SPHERECAL_LIMITS", LIMITS.file)
 
 
 def read_limits(path: Path | None = None) -> Limits:

@@ -4,14 +4,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from spherecal.adjust.bundle import (
-    CAUCHY_PX,
-    GATE_LEAST_PX,
-    GATE_ROUNDS,
-    GATE_SIGMAS,
-    START_INTRINSICS,
-    usable_features,
-)
+from spherecal.adjust.bundle import GATE_ROUNDS, START_INTRINSICS, usable_features
 from spherecal.adjust.levenberg import Minimum, Settings
 from spherecal.adjust.network import Network
 from spherecal.adjust.problem import sorted_problem
@@ -20,13 +13,21 @@ from spherecal.adjust.state import State
 from spherecal.base.arrays import BoolArray, FloatArray, IntArray
 from spherecal.base.context import Context
 from spherecal.data.session import Session
-from spherecal.geometry.camera import INTRINSIC_NAMES, project
+from spherecal.geometry.camera import INTRINSIC_NAMES
 from spherecal.methods.bar_marks import BarRecording, known_lengths
 from spherecal.methods.bar_model import BarModel, Lengths
-from spherecal.methods.board_adjustment import START_ITERATIONS, progress
 from spherecal.methods.frames import minimise, redundancy
-from spherecal.methods.frames_covariance import FrameCovariance, frame_covariance
-from spherecal.methods.intrinsic_priors import poorly_determined, poorly_observed, priors_of
+from spherecal.methods.frames_adjustment import (
+    Adjusted,
+    camera_residuals,
+    progress,
+    robust_steps,
+    sizes,
+    with_priors,
+    within_gate,
+)
+from spherecal.methods.frames_covariance import frame_covariance
+from spherecal.methods.intrinsic_priors import poorly_observed, priors_of
 
 
 @dataclass(frozen=True)
@@ -41,34 +42,12 @@ class BarNetwork:
     placed: BoolArray
 
 
-@dataclass(frozen=True)
-class BarAdjusted:
-    """An adjusted network: state, model, used (n,), whose intrinsics have a prior (c,), cofactors of `points` (p,).
+@dataclass(frozen=True, kw_only=True)
+class BarAdjusted(Adjusted):
+    """An adjusted network; `covariance` has the cofactors of `points` (p,)."""
 
-    `noise_known`: the priors are weighed by the sigma0 of an adjustment. `joint` False: cameras are as they were
-    chained.
-    """
-
-    state: State
     model: BarModel
-    used: BoolArray
-    minimum: Minimum
-    redundancy: int
-    covariance: FrameCovariance | None
     points: IntArray
-    has_prior: BoolArray
-    noise_known: bool = False
-    joint: bool = True
-
-    @property
-    def variance(self) -> float:
-        """The square of sigma0; NaN without redundancy."""
-        return 2 * self.minimum.cost / self.redundancy if self.redundancy > 0 else float("nan")
-
-    @property
-    def sigma0(self) -> float:
-        """The standard deviation of unit weight; 1 without redundancy."""
-        return float(np.sqrt(self.variance)) if self.redundancy > 0 else 1.0
 
 
 def adjust_bar(work: BarNetwork, state: State, context: Context) -> BarAdjusted:
@@ -87,16 +66,11 @@ def adjust_bar(work: BarNetwork, state: State, context: Context) -> BarAdjusted:
     has_prior = poorly_observed(network.group, network.free, network.camera[used], network.feature[used])
     priors = priors_of(network.group, work.known, has_prior, 1.0)
     adjusted = _refine(work, state, used, priors, _usual_noise(work, state, used), context)
-    for _ in range(1 + len(network.group)):
-        weak = poorly_determined(adjusted.model.problem, adjusted.state, adjusted.covariance, adjusted.variance)
-        again = has_prior | weak
-        if (again == has_prior).all() and (adjusted.noise_known or not again.any()):
-            break
-        has_prior = again
-        priors = priors_of(network.group, work.known, has_prior, adjusted.sigma0)
-        adjusted = _refine(work, adjusted.state, adjusted.used, priors, adjusted.sigma0, context)
-        adjusted = replace(adjusted, noise_known=True)
-    return replace(adjusted, has_prior=has_prior & network.free.any(axis=1))
+
+    def again(last: BarAdjusted, priors: Priors) -> BarAdjusted:
+        return _refine(work, last.state, last.used, priors, last.sigma0, context)
+
+    return with_priors(adjusted, has_prior, network.group, work.known, network.free, again)
 
 
 def chain_pairs(work: BarNetwork, state: State, parents: tuple[tuple[int, int], ...], context: Context) -> BarAdjusted:
@@ -140,7 +114,15 @@ def chain_pairs(work: BarNetwork, state: State, parents: tuple[tuple[int, int], 
     nobody = np.zeros(len(work.placed), dtype=bool)
     minimum = Minimum(state, cost, 0, True, (cost,))
     return BarAdjusted(
-        state, model, used, minimum, redundancy(model, whole), None, np.flatnonzero(seen), nobody, joint=False
+        state=state,
+        model=model,
+        used=used,
+        minimum=minimum,
+        redundancy=redundancy(model, whole),
+        covariance=None,
+        points=np.flatnonzero(seen),
+        has_prior=nobody,
+        joint=False,
     )
 
 
@@ -176,18 +158,14 @@ def _robust_start(work: BarNetwork, state: State, candidates: BoolArray, context
         state = replace(state, points=np.where(good[:, None], points, 0.0))
         lengths = known_lengths(work.session, work.recording, good)
         model = _model(work, candidates & good[network.feature], free, lengths, NO_PRIORS, False)
-        typical = float(np.median(np.linalg.norm(model.residuals(state), axis=1)))
-        for cauchy in (typical, CAUCHY_PX) if typical > CAUCHY_PX else (CAUCHY_PX,):
-            watch = progress(context, "robust adjustment", START_ITERATIONS)
-            settings = Settings(cauchy=cauchy, max_iterations=START_ITERATIONS, tolerance=1e-4)
-            state = minimise(model, state, settings, watch).state
+        state = robust_steps(model, state, context)
         points, good = usable_features(network, state, candidates)
     return replace(state, points=np.where(good[:, None], points, np.nan)), good
 
 
 def _usual_noise(work: BarNetwork, state: State, used: BoolArray) -> float:
     """Robust standard deviation in units of the weights, for the lengths' rows to weigh against."""
-    size = residual_size(work.network, state)[used] / work.network.sigma[used].mean(axis=1)
+    size = sizes(residuals_px(work.network, state))[used] / work.network.sigma[used].mean(axis=1)
     return max(float(np.median(size)) / 1.1774, 1e-3) if len(size) else 1.0
 
 
@@ -216,8 +194,16 @@ def _refine(
     covariance = None
     if len(points) and len(lengths.frame):
         covariance = frame_covariance(model, minimum.state, model.point_rows(minimum.state, points))
-    count = redundancy(model, minimum.state)
-    return BarAdjusted(state, model, gated, minimum, count, covariance, points, np.zeros_like(work.placed))
+    return BarAdjusted(
+        state=state,
+        model=model,
+        used=gated,
+        minimum=minimum,
+        redundancy=redundancy(model, minimum.state),
+        covariance=covariance,
+        points=points,
+        has_prior=np.zeros_like(work.placed),
+    )
 
 
 def _model(
@@ -255,13 +241,8 @@ def _located(network: Network, state: State, placed: BoolArray) -> State:
 
 def _gate(network: Network, state: State, placed: BoolArray, used: BoolArray) -> BoolArray:
     """Observations within the gate of their predicted image point, of points that keep two views."""
-    size = residual_size(network, state)
-    limit = np.zeros(len(network.group))
-    for c in np.flatnonzero(placed):
-        own = size[used & (network.camera == c)]
-        noise = float(np.median(own)) / 1.1774 if len(own) else 0.0  # Rayleigh's median
-        limit[c] = max(GATE_SIGMAS * noise, GATE_LEAST_PX)
-    keep = placed[network.camera] & (size <= limit[network.camera])
+    size = sizes(residuals_px(network, state))
+    keep = placed[network.camera] & within_gate(size, network.camera, used, len(network.group))
     return keep & (network.views(keep) >= 2)[network.feature]
 
 
@@ -273,20 +254,4 @@ def residuals_px(network: Network, state: State) -> FloatArray:
     network, state
         The network, and its values.
     """
-    x = np.einsum("nij,nj->ni", state.rotation[network.camera], state.points[network.feature])
-    x += state.translation[network.camera]
-    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-        residual = project(x, state.intrinsics[network.camera]) - network.uv
-        return np.where(x[:, 2:3] > 0, residual, np.nan)
-
-
-def residual_size(network: Network, state: State) -> FloatArray:
-    """Lengths of the residuals (n,) px, infinite where there is no prediction in front of the camera.
-
-    Parameters
-    ----------
-    network, state
-        The network, and its values.
-    """
-    size = np.linalg.norm(residuals_px(network, state), axis=1)
-    return np.where(np.isfinite(size), size, np.inf)
+    return camera_residuals(state, state.points[network.feature], network.camera, network.uv)

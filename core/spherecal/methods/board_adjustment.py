@@ -1,13 +1,12 @@
 """The joint adjustment of cameras and board placements: robust first, then gate and plain least squares in turns."""
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from spherecal.adjust.ball_model import Rigid
-from spherecal.adjust.bundle import CAUCHY_PX, GATE_LEAST_PX, GATE_ROUNDS, GATE_SIGMAS, START_INTRINSICS
-from spherecal.adjust.levenberg import Minimum, Settings
+from spherecal.adjust.bundle import GATE_ROUNDS, START_INTRINSICS
+from spherecal.adjust.levenberg import Settings
 from spherecal.adjust.problem import sorted_problem
 from spherecal.adjust.rows import NO_PRIORS, Priors
 from spherecal.adjust.state import State
@@ -17,10 +16,18 @@ from spherecal.geometry.camera import INTRINSIC_NAMES, project
 from spherecal.methods.board_model import BoardModel, BoardViews
 from spherecal.methods.board_start import LEAST_POINTS, BoardPose
 from spherecal.methods.frames import cameras_only, minimise, redundancy
-from spherecal.methods.frames_covariance import FrameCovariance, frame_covariance
-from spherecal.methods.intrinsic_priors import poorly_determined, poorly_observed, priors_of
+from spherecal.methods.frames_adjustment import (
+    Adjusted,
+    camera_residuals,
+    progress,
+    robust_steps,
+    sizes,
+    with_priors,
+    within_gate,
+)
+from spherecal.methods.frames_covariance import frame_covariance
+from spherecal.methods.intrinsic_priors import poorly_observed, priors_of
 
-START_ITERATIONS = 60
 ViewPoses = dict[tuple[int, int], list[BoardPose]]
 
 
@@ -38,34 +45,12 @@ class BoardNetwork:
     reference: int
 
 
-@dataclass(frozen=True)
-class BoardAdjusted:
-    """An adjusted network: state, model, rows (observation of each row), used (n,), who has a prior (c,).
+@dataclass(frozen=True, kw_only=True)
+class BoardAdjusted(Adjusted):
+    """An adjusted network; `rows`: the observation of each row."""
 
-    `noise_known`: the priors are weighed by the sigma0 of an adjustment. `joint` False: cameras are as they were
-    chained.
-    """
-
-    state: State
     model: BoardModel
     rows: IntArray
-    used: BoolArray
-    minimum: Minimum
-    redundancy: int
-    covariance: FrameCovariance | None
-    has_prior: BoolArray
-    noise_known: bool = False
-    joint: bool = True
-
-    @property
-    def variance(self) -> float:
-        """The square of sigma0; NaN without redundancy."""
-        return 2 * self.minimum.cost / self.redundancy if self.redundancy > 0 else float("nan")
-
-    @property
-    def sigma0(self) -> float:
-        """The standard deviation of unit weight; 1 without redundancy."""
-        return float(np.sqrt(self.variance)) if self.redundancy > 0 else 1.0
 
 
 def place_boards(views: BoardViews, found: ViewPoses, state: State, cameras: BoolArray) -> State:
@@ -140,11 +125,7 @@ def robust_start(network: BoardNetwork, state: State, candidates: BoolArray, con
     for names in ((), START_INTRINSICS, None):
         free = network.free if names is None else network.free & np.isin(INTRINSIC_NAMES, names)
         model, _ = _model(network, candidates, free, NO_PRIORS, False)
-        typical = float(np.median(np.linalg.norm(model.residuals(state), axis=1)))
-        for cauchy in (typical, CAUCHY_PX) if typical > CAUCHY_PX else (CAUCHY_PX,):
-            watch = progress(context, "robust adjustment", START_ITERATIONS)
-            settings = Settings(cauchy=cauchy, max_iterations=START_ITERATIONS, tolerance=1e-4)
-            state = minimise(model, state, settings, watch).state
+        state = robust_steps(model, state, context)
     return state
 
 
@@ -168,18 +149,12 @@ def adjust_boards(
     group, views = network.group, network.views
     has_prior = poorly_observed(group, network.free, views.camera[candidates], views.placement[candidates])
     priors = priors_of(group, network.known, has_prior, 1.0)
-    adjusted = _refine(network, state, candidates, priors, has_prior, context)
-    for _ in range(1 + views.n_cameras):
-        weak = poorly_determined(adjusted.model.problem, adjusted.state, adjusted.covariance, adjusted.variance)
-        again = has_prior | weak
-        if not again.any() or ((again == has_prior).all() and adjusted.noise_known):
-            break
-        # again with the noise that only the adjustment tells
-        noise, has_prior = adjusted.sigma0, again
-        priors = priors_of(group, network.known, has_prior, noise)
-        adjusted = _refine(network, adjusted.state, candidates, priors, has_prior, context)
-        adjusted = replace(adjusted, noise_known=True)
-    return adjusted
+    adjusted = _refine(network, state, candidates, priors, context)
+
+    def again(last: BoardAdjusted, priors: Priors) -> BoardAdjusted:
+        return _refine(network, last.state, candidates, priors, context)
+
+    return with_priors(adjusted, has_prior, group, network.known, network.free, again)
 
 
 def leave_chained(network: BoardNetwork, state: State, candidates: BoolArray, context: Context) -> BoardAdjusted:
@@ -200,13 +175,22 @@ def leave_chained(network: BoardNetwork, state: State, candidates: BoolArray, co
     model, rows = _model(network, gated, np.zeros_like(network.free), NO_PRIORS, True, free_poses=False)
     minimum = minimise(model, state, Settings(max_iterations=60), progress(context, "joint adjustment", 20))
     return BoardAdjusted(
-        minimum.state, model, rows, gated, minimum, redundancy(model, minimum.state), None, nobody, joint=False
+        state=minimum.state,
+        model=model,
+        rows=rows,
+        used=gated,
+        minimum=minimum,
+        redundancy=redundancy(model, minimum.state),
+        covariance=None,
+        has_prior=nobody,
+        joint=False,
     )
 
 
 def _refine(
-    network: BoardNetwork, state: State, candidates: BoolArray, priors: Priors, has_prior: BoolArray, context: Context
+    network: BoardNetwork, state: State, candidates: BoolArray, priors: Priors, context: Context
 ) -> BoardAdjusted:
+    """The adjusted network, no camera marked as having a prior."""
     used, rounds = candidates, 0
     while True:
         rounds += 1
@@ -221,7 +205,14 @@ def _refine(
     views = network.views
     covariance = frame_covariance(model, state, model.point_rows(state, *board_points(views, gated)))
     return BoardAdjusted(
-        state, model, rows, gated, minimum, redundancy(model, state), covariance, has_prior & network.free.any(axis=1)
+        state=state,
+        model=model,
+        rows=rows,
+        used=gated,
+        minimum=minimum,
+        redundancy=redundancy(model, state),
+        covariance=covariance,
+        has_prior=np.zeros(views.n_cameras, dtype=bool),
     )
 
 
@@ -262,17 +253,6 @@ def _model(
     return BoardModel(problem, cameras_only(problem)), rows[order]
 
 
-def residual_size(views: BoardViews, state: State) -> FloatArray:
-    """Lengths of the residuals (n,) px, infinite where there is no prediction in front of the camera.
-
-    Parameters
-    ----------
-    views, state
-        What the cameras see, and the values of the unknowns.
-    """
-    return np.where(np.isfinite(r := np.linalg.norm(residuals_px(views, state), axis=1)), r, np.inf)
-
-
 def residuals_px(views: BoardViews, state: State) -> FloatArray:
     """Predicted minus observed (n,2) px; NaN without a prediction in front of the camera.
 
@@ -283,10 +263,7 @@ def residuals_px(views: BoardViews, state: State) -> FloatArray:
     """
     world = np.einsum("nij,nj->ni", state.placement_rotation[views.placement], state.points[views.point])
     world += state.placement_translation[views.placement]
-    x = np.einsum("nij,nj->ni", state.rotation[views.camera], world) + state.translation[views.camera]
-    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-        residual = project(x, state.intrinsics[views.camera]) - views.uv
-        return np.where(x[:, 2:3] > 0, residual, np.nan)
+    return camera_residuals(state, world, views.camera, views.uv)
 
 
 def gate(network: BoardNetwork, state: State, candidates: BoolArray) -> BoolArray:
@@ -302,29 +279,8 @@ def gate(network: BoardNetwork, state: State, candidates: BoolArray) -> BoolArra
         Observations that may take part, (n,).
     """
     views = network.views
-    size = residual_size(views, state)
-    limit = np.zeros(views.n_cameras)
-    for c in np.unique(views.camera[candidates]):
-        noise = float(np.median(size[candidates & (views.camera == c)])) / 1.1774  # Rayleigh's median
-        limit[c] = max(GATE_SIGMAS * noise, GATE_LEAST_PX)
-    keep = candidates & (size <= limit[views.camera])
+    size = sizes(residuals_px(views, state))
+    keep = candidates & within_gate(size, views.camera, candidates, views.n_cameras)
     for index, count in ((views.placement, views.n_placements), (views.camera, views.n_cameras)):
         keep &= (np.bincount(index[keep], minlength=count) >= LEAST_POINTS)[index]
     return keep
-
-
-def progress(context: Context, stage: str, expected: int) -> Callable[[int, float], None]:
-    """A function that reports a minimiser's steps, and stops it when the user asks.
-
-    Parameters
-    ----------
-    context, stage
-        Whom to report to, and the name of the stage.
-    expected
-        Steps that are usual: after half of them the stage counts as half done.
-    """
-
-    def on_step(iteration: int, cost: float) -> None:
-        context.report_iteration(stage, iteration / (iteration + expected / 2), iteration, cost)
-
-    return on_step

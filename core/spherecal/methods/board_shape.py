@@ -17,8 +17,9 @@ from spherecal.base.arrays import BoolArray, FloatArray
 from spherecal.base.context import Context
 from spherecal.data.findings import Finding
 from spherecal.geometry.transform import fit_similarity
-from spherecal.methods.board_adjustment import BoardAdjusted, BoardNetwork, board_points, gate, progress
+from spherecal.methods.board_adjustment import BoardAdjusted, BoardNetwork, board_points, gate
 from spherecal.methods.frames import cameras_only
+from spherecal.methods.frames_adjustment import progress
 from spherecal.methods.frames_covariance import FrameCovariance
 from spherecal.methods.intrinsic_priors import priors_of
 

@@ -1,6 +1,6 @@
 """The joint adjustment of cameras and a waved bar's marks, its lengths as rows: robust, then gate and plain."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -42,12 +42,12 @@ class BarNetwork:
     placed: BoolArray
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True)
 class BarAdjusted(Adjusted):
     """An adjusted network; `covariance` has the cofactors of `points` (p,)."""
 
     model: BarModel
-    points: IntArray
+    points: IntArray = field(kw_only=True)
 
 
 def adjust_bar(work: BarNetwork, state: State, context: Context) -> BarAdjusted:
@@ -65,12 +65,12 @@ def adjust_bar(work: BarNetwork, state: State, context: Context) -> BarAdjusted:
     used = candidates & good[network.feature]
     has_prior = poorly_observed(network.group, network.free, network.camera[used], network.feature[used])
     priors = priors_of(network.group, work.known, has_prior, 1.0)
-    adjusted = _refine(work, state, used, priors, _usual_noise(work, state, used), context)
+    adjusted = _refine(work, state, used, priors, has_prior, _usual_noise(work, state, used), context)
 
     def again(last: BarAdjusted, priors: Priors) -> BarAdjusted:
-        return _refine(work, last.state, last.used, priors, last.sigma0, context)
+        return _refine(work, last.state, last.used, priors, has_prior, last.sigma0, context)
 
-    return with_priors(adjusted, has_prior, network.group, work.known, network.free, again)
+    return with_priors(adjusted, network.group, work.known, network.free, again)
 
 
 def chain_pairs(work: BarNetwork, state: State, parents: tuple[tuple[int, int], ...], context: Context) -> BarAdjusted:
@@ -113,17 +113,8 @@ def chain_pairs(work: BarNetwork, state: State, parents: tuple[tuple[int, int], 
     state = replace(state, points=np.where(seen[:, None], state.points, np.nan))
     nobody = np.zeros(len(work.placed), dtype=bool)
     minimum = Minimum(state, cost, 0, True, (cost,))
-    return BarAdjusted(
-        state=state,
-        model=model,
-        used=used,
-        minimum=minimum,
-        redundancy=redundancy(model, whole),
-        covariance=None,
-        points=np.flatnonzero(seen),
-        has_prior=nobody,
-        joint=False,
-    )
+    count, points = redundancy(model, whole), np.flatnonzero(seen)
+    return BarAdjusted(state, model, used, minimum, count, None, nobody, joint=False, points=points)
 
 
 def _adjusted_pair(work: BarNetwork, state: State, context: Context) -> State:
@@ -134,19 +125,7 @@ def _adjusted_pair(work: BarNetwork, state: State, context: Context) -> State:
     state, good = _robust_start(work, state, candidates, context)
     used = candidates & good[network.feature]
     noise = _usual_noise(work, state, used)
-    for _ in range(GATE_ROUNDS):
-        gated = _gate(network, state, work.placed, used)
-        seen = network.views(gated) >= 2
-        lengths = known_lengths(work.session, work.recording, seen)
-        lengths = replace(lengths, sigma=lengths.sigma / noise)
-        model = _model(work, gated, network.free, lengths, NO_PRIORS, True)
-        whole = replace(state, points=np.where(seen[:, None], state.points, 0.0))
-        minimum = minimise(model, whole, Settings(max_iterations=60), progress(context, "joint adjustment", 20))
-        state = replace(minimum.state, points=np.where(seen[:, None], minimum.state.points, np.nan))
-        if (gated == used).all():
-            break
-        used = gated
-    return state
+    return _gated(work, state, used, NO_PRIORS, noise, context, Settings(max_iterations=60), False)[0]
 
 
 def _robust_start(work: BarNetwork, state: State, candidates: BoolArray, context: Context) -> tuple[State, BoolArray]:
@@ -170,13 +149,39 @@ def _usual_noise(work: BarNetwork, state: State, used: BoolArray) -> float:
 
 
 def _refine(
-    work: BarNetwork, state: State, used: BoolArray, priors: Priors, noise: float, context: Context
+    work: BarNetwork,
+    state: State,
+    used: BoolArray,
+    priors: Priors,
+    has_prior: BoolArray,
+    noise: float,
+    context: Context,
 ) -> BarAdjusted:
-    """The adjusted network, no camera marked as having a prior."""
+    state, model, gated, minimum = _gated(work, state, used, priors, noise, context, Settings(), True)
+    context.report("uncertainty", 0.0)
+    points = np.flatnonzero(work.network.views(gated) >= 2)
+    covariance = None
+    if len(points) and len(model.lengths.frame):
+        covariance = frame_covariance(model, minimum.state, model.point_rows(minimum.state, points))
+    count = redundancy(model, minimum.state)
+    return BarAdjusted(state, model, gated, minimum, count, covariance, has_prior, points=points)
+
+
+def _gated(
+    work: BarNetwork,
+    state: State,
+    used: BoolArray,
+    priors: Priors,
+    noise: float,
+    context: Context,
+    settings: Settings,
+    locate: bool,
+) -> tuple[State, BarModel, BoolArray, Minimum]:
+    """Gate and least squares in turns until the gate stays; `locate` points that have none before each."""
     network, rounds = work.network, 0
     while True:
         rounds += 1
-        state = _located(network, state, work.placed)
+        state = _located(network, state, work.placed) if locate else state
         gated = _gate(network, state, work.placed, used)
         seen = network.views(gated) >= 2
         lengths = known_lengths(work.session, work.recording, seen)
@@ -184,26 +189,11 @@ def _refine(
         lengths = replace(lengths, sigma=lengths.sigma / noise)
         model = _model(work, gated, network.free, lengths, priors, True)
         whole = replace(state, points=np.where(seen[:, None], state.points, 0.0))
-        minimum = minimise(model, whole, Settings(), progress(context, "joint adjustment", 20))
+        minimum = minimise(model, whole, settings, progress(context, "joint adjustment", 20))
         state = replace(minimum.state, points=np.where(seen[:, None], minimum.state.points, np.nan))
         if (gated == used).all() or rounds == GATE_ROUNDS:
-            break
+            return state, model, gated, minimum
         used = gated
-    context.report("uncertainty", 0.0)
-    points = np.flatnonzero(seen)
-    covariance = None
-    if len(points) and len(lengths.frame):
-        covariance = frame_covariance(model, minimum.state, model.point_rows(minimum.state, points))
-    return BarAdjusted(
-        state=state,
-        model=model,
-        used=gated,
-        minimum=minimum,
-        redundancy=redundancy(model, minimum.state),
-        covariance=covariance,
-        points=points,
-        has_prior=np.zeros_like(work.placed),
-    )
 
 
 def _model(

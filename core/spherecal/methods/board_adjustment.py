@@ -1,6 +1,6 @@
 """The joint adjustment of cameras and board placements: robust first, then gate and plain least squares in turns."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -45,12 +45,12 @@ class BoardNetwork:
     reference: int
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True)
 class BoardAdjusted(Adjusted):
     """An adjusted network; `rows`: the observation of each row."""
 
     model: BoardModel
-    rows: IntArray
+    rows: IntArray = field(kw_only=True)
 
 
 def place_boards(views: BoardViews, found: ViewPoses, state: State, cameras: BoolArray) -> State:
@@ -149,12 +149,12 @@ def adjust_boards(
     group, views = network.group, network.views
     has_prior = poorly_observed(group, network.free, views.camera[candidates], views.placement[candidates])
     priors = priors_of(group, network.known, has_prior, 1.0)
-    adjusted = _refine(network, state, candidates, priors, context)
+    adjusted = _refine(network, state, candidates, priors, has_prior, context)
 
     def again(last: BoardAdjusted, priors: Priors) -> BoardAdjusted:
-        return _refine(network, last.state, candidates, priors, context)
+        return _refine(network, last.state, candidates, priors, has_prior, context)
 
-    return with_priors(adjusted, has_prior, group, network.known, network.free, again)
+    return with_priors(adjusted, group, network.known, network.free, again)
 
 
 def leave_chained(network: BoardNetwork, state: State, candidates: BoolArray, context: Context) -> BoardAdjusted:
@@ -174,23 +174,13 @@ def leave_chained(network: BoardNetwork, state: State, candidates: BoolArray, co
     nobody = np.zeros(views.n_cameras, dtype=bool)
     model, rows = _model(network, gated, np.zeros_like(network.free), NO_PRIORS, True, free_poses=False)
     minimum = minimise(model, state, Settings(max_iterations=60), progress(context, "joint adjustment", 20))
-    return BoardAdjusted(
-        state=minimum.state,
-        model=model,
-        rows=rows,
-        used=gated,
-        minimum=minimum,
-        redundancy=redundancy(model, minimum.state),
-        covariance=None,
-        has_prior=nobody,
-        joint=False,
-    )
+    count = redundancy(model, minimum.state)
+    return BoardAdjusted(minimum.state, model, gated, minimum, count, None, nobody, joint=False, rows=rows)
 
 
 def _refine(
-    network: BoardNetwork, state: State, candidates: BoolArray, priors: Priors, context: Context
+    network: BoardNetwork, state: State, candidates: BoolArray, priors: Priors, has_prior: BoolArray, context: Context
 ) -> BoardAdjusted:
-    """The adjusted network, no camera marked as having a prior."""
     used, rounds = candidates, 0
     while True:
         rounds += 1
@@ -204,16 +194,7 @@ def _refine(
     context.report("uncertainty", 0.0)
     views = network.views
     covariance = frame_covariance(model, state, model.point_rows(state, *board_points(views, gated)))
-    return BoardAdjusted(
-        state=state,
-        model=model,
-        rows=rows,
-        used=gated,
-        minimum=minimum,
-        redundancy=redundancy(model, state),
-        covariance=covariance,
-        has_prior=np.zeros(views.n_cameras, dtype=bool),
-    )
+    return BoardAdjusted(state, model, gated, minimum, redundancy(model, state), covariance, has_prior, rows=rows)
 
 
 def board_points(views: BoardViews, used: BoolArray) -> tuple[IntArray, IntArray, BoolArray]:

@@ -20,7 +20,7 @@ from spherecal.methods.intrinsic_priors import poorly_determined, priors_of
 START_ITERATIONS = 60
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True)
 class Adjusted:
     """An adjusted network: state, model, used observations (n,), cameras whose intrinsics have a prior (c,).
 
@@ -52,18 +52,12 @@ class Adjusted:
 A = TypeVar("A", bound=Adjusted)
 
 
-def with_priors(
-    adjusted: A,
-    has_prior: BoolArray,
-    group: IntArray,
-    known: FloatArray,
-    free: BoolArray,
-    again: Callable[[A, Priors], A],
-) -> A:
+def with_priors(adjusted: A, group: IntArray, known: FloatArray, free: BoolArray, again: Callable[[A, Priors], A]) -> A:
     """The network adjusted `again` until intrinsics (c,16) that the data do not determine have a prior, `known`.
 
     The priors are weighed with the noise that only an adjustment tells.
     """
+    has_prior = adjusted.has_prior
     for _ in range(1 + len(group)):
         weak = poorly_determined(adjusted.model.problem, adjusted.state, adjusted.covariance, adjusted.variance)
         more = has_prior | weak

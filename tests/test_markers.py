@@ -197,7 +197,7 @@ def test_a_session_with_markers_is_calibrated(recorded: Recorded, result: Path) 
 
 def test_an_image_without_markers_does_not_rename_the_corners_of_the_others(rendered: Scene) -> None:
     found = Detector(rendered.targets).detect(rendered.image)
-    empty = _joined([], DetectionSettings())
+    empty = _joined([])
     assert empty.points == DOTS and len(empty) == 0, "as a part of an image gives it"
     together = collected([0, 1], [empty, found], ("C1", "C2"))
     assert together.points == CORNERS and set(together.camera.tolist()) == {1} and len(together) == len(found)

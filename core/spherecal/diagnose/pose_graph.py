@@ -137,7 +137,11 @@ def explain(images: ImagePoses, n_cameras: int, context: Context) -> Explained |
     context
         For progress, and to stop.
     """
-    tried = [(c, tuple(int(images.placement[i]) for i in some)) for c in range(n_cameras) for some in _ways(images, c)]
+    tried = [
+        (c, tuple(int(images.placement[i]) for i in some))
+        for c in range(n_cameras)
+        for some in alike(np.flatnonzero(images.camera == c))
+    ]
     before = fit(images, n_cameras, ())
     if before is None or not tried:
         return None
@@ -246,10 +250,6 @@ def _fits(
 
     rough = fitted(ways, FIRST_STEPS)
     return sorted(fitted([way for _, way in rough[:CARRIED_ON]], STEPS) + rough[CARRIED_ON:], key=cost)
-
-
-def _ways(images: ImagePoses, camera: int) -> list[tuple[int, ...]]:
-    return alike(np.flatnonzero(images.camera == camera))
 
 
 def _move(images: ImagePoses, block: int, before: Fitted, after: Fitted, way: Split, rivals: tuple[int, ...]) -> Move:

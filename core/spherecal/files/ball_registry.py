@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from spherecal.base.arrays import ByValue
+from spherecal.base.messages.values import Phrase
 from spherecal.files.codec import FileFormat, field, items, name, only, optional, positive, record
 from spherecal.files.registry import Registry
 from spherecal.files.target_set_file import TARGETS
@@ -93,4 +94,4 @@ BALLS = FileFormat(
     ("Names and ids differ.", *TARGETS.rules),
     more="guide/bench.md",
 )
-BALL_REGISTRY = Registry(BALLS, "SPHERECAL_BALLS", "name", "error-set-balls")
+BALL_REGISTRY = Registry(BALLS, "SPHERECAL_BALLS", "name", Phrase("error-set-balls"))

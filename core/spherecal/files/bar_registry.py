@@ -269,7 +269,7 @@ BARS = FileFormat(
     ("Serial numbers differ.", "Every named mark exists."),
     more="verification.md",
 )
-BAR_REGISTRY = Registry(BARS, "SPHERECAL_BARS", "serial", "error-set-bars")
+BAR_REGISTRY = Registry(BARS, "SPHERECAL_BARS", "serial", Phrase("error-set-bars"))
 
 
 def expiry(certificate: Certificate | None, today: datetime.date) -> tuple[str, Phrase] | None:

@@ -34,7 +34,7 @@ class Registry(Generic[T]):
     form: FileFormat[tuple[T, ...]]
     variable: str
     key: str
-    hint: str
+    hint: Phrase
 
     def path(self) -> Path:
         """The file where it is not named otherwise."""
@@ -48,11 +48,11 @@ class Registry(Generic[T]):
     def changing(self, path: Path | None = None) -> AbstractContextManager[None]:
         """Hold the file from reading to writing, so that no other program's change is lost; errors as `locked`."""
         path = path or self.path()
-        make_parent(path, Phrase(self.hint))
+        make_parent(path, self.hint)
         return locked(path)
 
     def write(self, things: Mapping[str, T], path: Path | None = None) -> None:
         """Write the file whole; OutputError where it cannot be written."""
         path = path or self.path()
-        make_parent(path, Phrase(self.hint))
+        make_parent(path, self.hint)
         write_file_whole(path, self.form.bytes(things.values()))

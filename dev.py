@@ -45,8 +45,8 @@ KERNELS = VENV / "spherecal-kernels.txt"  # which kernels were compiled last, an
 LOCK = ROOT / "requirements.lock"
 # What the kernels' trial loads (tests/test_house.py compares): installed first, the kernels compile beside the rest.
 ENGINE = (
-    "llvmlite", "markdown-it-py", "mdurl", "numba", "numpy", "opencv-python-headless", "pillow", "platformdirs",
-    "pygments", "pyyaml", "rich", "scipy", "threadpoolctl",
+    "filelock", "llvmlite", "markdown-it-py", "mdurl", "numba", "numpy", "opencv-python-headless", "pillow",
+    "platformdirs", "pygments", "pyyaml", "rich", "scipy", "threadpoolctl",
 )  # fmt: skip
 # What running the program (spherecal[cameras,gui,report]) and installing it takes besides: all that the demo waits for.
 RUN = (

@@ -142,16 +142,12 @@ def _state(step: Step, project: Project, running: Running) -> StepState:
         "results": _results, "verify": _verify, "save": _save, "check": _check, "measure": _measure,
     }[step.kind]  # fmt: skip
     status, reason = rule(step, project, running)
-    if running.step is not None and status not in (Status.BLOCKED, Status.DONE, Status.CARE) and not _may_browse(step):
+    shows_only = step.kind in ("connect", "look", "results")  # may be visited while work runs
+    if running.step is not None and status not in (Status.BLOCKED, Status.DONE, Status.CARE) and not shows_only:
         return StepState(step, Status.BLOCKED, Reason("busy", (running.step,), running.step))
     if status in (Status.READY, Status.STALE, Status.FAILED) and step.id in project.failures:
         return StepState(step, Status.FAILED, Reason("error", (project.failures[step.id],), step.id))
     return StepState(step, status, reason)
-
-
-def _may_browse(step: Step) -> bool:
-    """Steps that only show something may be visited while work runs."""
-    return step.kind in ("connect", "look", "results")
 
 
 Judged = tuple[Status, Reason | None]

@@ -12,7 +12,7 @@ from typing import Any
 
 from spherecal.base.errors import InputError
 from spherecal.files.ball_file import read_ball
-from spherecal.files.bar_registry import read_registry
+from spherecal.files.bar_registry import BAR_REGISTRY
 from spherecal.files.bundle_file import original_sha256
 from spherecal.files.capture_file import read_captured_sets
 from spherecal.files.findings_file import read_findings
@@ -31,7 +31,7 @@ from spherecal_documents.report.dcc import read_issuer
 from spherecal_gui.last_verification import last_verification
 from spherecal_gui.project_folder import load_project, taken_in
 from spherecal_measuring.body_file import read_body
-from spherecal_rigs.ball_registry import read_balls
+from spherecal_rigs.ball_registry import BALL_REGISTRY
 from spherecal_rigs.checks import read_checks
 from spherecal_rigs.entry import read_entry
 from spherecal_rigs.frame_file import read_frame
@@ -278,8 +278,6 @@ _LIMITS = _document(
         "needed_dots": 100, "ageing_hours": 5.0, "stale_hours": 12.0, "ageing_kelvin": 1.0, "stale_kelvin": 2.0,
         "verification_limit": "0.03+L/20000", "verification_limit_open": False, "unverified_use": True,
     },
-    pin={"kind": "scrypt-16384-8-1", "salt": "ab" * 16, "hash": SHA},
-    changes=[{"at": TIME, "by": "Maria", "what": "stale_hours", "before": 8.0, "after": 12.0}],
 )  # fmt: skip
 _CONTACT = {"name": "Room 3", "city": "Ulm", "country": "DE", "email": "m@example.com"}
 _ISSUER = _document(
@@ -391,7 +389,7 @@ SAMPLES: Mapping[str, Sample] = {
         _file("drivers.json", TrustStore),
     ),
     "bars": Sample(
-        _BARS, _file("bars.json", read_registry),
+        _BARS, _file("bars.json", BAR_REGISTRY.read),
         ("the same", "does not have", "5 % of", "1 % apart", "before the certificate", "must be a date"),
     ),
     "balls": Sample(
@@ -403,7 +401,7 @@ SAMPLES: Mapping[str, Sample] = {
             },
             "spacing": {"from": "A", "to": "B", "distance_mm": 22.3},
         }]),
-        _file("balls.json", read_balls), ("the same", "off the sticker", "must be smaller"),
+        _file("balls.json", BALL_REGISTRY.read), ("the same", "off the sticker", "must be smaller"),
     ),
     "limits": Sample(_LIMITS, _file("limits.json", read_limits), ("above stale", "is not a limit")),
     "issuer": Sample(_ISSUER, _file("issuer.json", read_issuer), ("is empty", "must be a date")),

@@ -9,7 +9,7 @@ from scipy.optimize import least_squares
 from spherecal.adjust import engine
 from spherecal.adjust.bundle import Adjustment, adjust, datum_defect, residual_size
 from spherecal.adjust.covariance import covariance
-from spherecal.adjust.least_squares import minimise, total_cost
+from spherecal.adjust.least_squares import _Bundle, minimise
 from spherecal.adjust.levenberg import Damping, Minimum, Settings, levenberg_marquardt
 from spherecal.adjust.network import Network, free_network
 from spherecal.adjust.problem import Problem, length_residuals, prior_residuals
@@ -58,6 +58,11 @@ def assert_same_network(problem: Problem, found: State, true: State, with_scale:
     np.testing.assert_allclose(datum.apply(camera_centres(found)), camera_centres(true), rtol=0, atol=tolerance_mm)
     turns = log_rotation(found.rotation @ datum.rotation.T @ true.rotation.transpose(0, 2, 1))
     np.testing.assert_allclose(turns, 0.0, atol=tolerance_mm / 500)
+
+
+def total_cost(problem: Problem, state: State, cauchy: float | None) -> float:
+    model = _Bundle(problem, cauchy)
+    return model.cost(state, model.linearise(state))
 
 
 @pytest.mark.parametrize("cauchy", [None, 2.0], ids=["plain", "robust"])

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from spherecal.base.errors import InputError, OutputError
-from spherecal.files.bar_registry import find_bar, read_registry, write_registry
+from spherecal.files.bar_registry import BAR_REGISTRY, find_bar
 from spherecal.files.read_session import read_session
 from spherecal.files.session_json import session_json
 from spherecal.targets.family import make_target_set
@@ -57,7 +57,7 @@ def test_a_bar_is_entered_shown_replaced_and_removed(registry: Path, capsys: pyt
     run(capsys, *ADD, "--valid-until", soon, "--replace")
     assert json.loads(run(capsys, "show", "B-17", "--json"))["state"] == "expires-soon"
     run(capsys, "remove", "B-17")
-    assert read_registry() == {}
+    assert BAR_REGISTRY.read() == {}
     assert "no bar" in run(capsys, "show", "B-17", code=2)
 
 
@@ -87,11 +87,11 @@ def test_wrong_figures_are_refused(
 
 def test_what_is_written_is_read_back(registry: Path, capsys: pytest.CaptureFixture[str]) -> None:
     run(capsys, *ADD)
-    bars = read_registry()
+    bars = BAR_REGISTRY.read()
     before = registry.read_bytes()
-    write_registry(bars)
+    BAR_REGISTRY.write(bars)
     assert registry.read_bytes() == before
-    assert read_registry() == bars
+    assert BAR_REGISTRY.read() == bars
 
 
 def test_a_nominal_length_is_kept_beside_the_certified_one(
@@ -104,9 +104,9 @@ def test_a_nominal_length_is_kept_beside_the_certified_one(
     assert "nominal 412 mm, certified 412.345 mm" in run(capsys, "list")
     assert "A1 to A2: nominal 412 mm, certified 412.3450 mm, U" in run(capsys, "show", "B-17")
     assert json.loads(run(capsys, "show", "B-17", "--json"))["lengths"][0]["nominal_mm"] == 412.0
-    bars = read_registry()
-    write_registry(bars)
-    assert read_registry() == bars
+    bars = BAR_REGISTRY.read()
+    BAR_REGISTRY.write(bars)
+    assert BAR_REGISTRY.read() == bars
     run(capsys, *ADD, "--replace")
     assert registry.read_bytes() == without, "none where none is given"
     with_nominal = changed("bars", 0, "lengths", 0, "nominal_mm", to=412)
@@ -187,7 +187,7 @@ def test_a_broken_registry_is_named(registry: Path, text: str) -> None:
     registry.parent.mkdir()
     registry.write_text(text, encoding="latin-1")
     with pytest.raises(InputError, match=r"bars\.json"):
-        read_registry()
+        BAR_REGISTRY.read()
 
 
 @pytest.mark.skipif(not hasattr(os, "geteuid") or os.geteuid() == 0, reason="root writes everywhere")
@@ -197,7 +197,7 @@ def test_a_read_only_folder_changes_nothing(registry: Path, capsys: pytest.Captu
     registry.parent.chmod(0o500)
     try:
         with pytest.raises(OutputError):
-            write_registry({})
+            BAR_REGISTRY.write({})
     finally:
         registry.parent.chmod(0o700)
     assert registry.read_bytes() == before
@@ -207,4 +207,4 @@ def test_a_folder_that_cannot_be_made_is_named(tmp_path: Path, monkeypatch: pyte
     (tmp_path / "file").write_text("")
     monkeypatch.setenv("SPHERECAL_BARS", str(tmp_path / "file" / "bars.json"))
     with pytest.raises(OutputError, match="cannot be written"):
-        write_registry({})
+        BAR_REGISTRY.write({})

@@ -9,18 +9,11 @@ import pytest
 from spherecal.base.errors import InputError
 from spherecal.base.messages.catalogue import phrase
 from spherecal.data.session import BarLength, Certificate, Mark
-from spherecal.files.bar_registry import RegisteredBar, find_bar, read_registry, write_registry
+from spherecal.files.bar_registry import BAR_REGISTRY, RegisteredBar, find_bar
 from spherecal.targets.family import make_target_set
 from spherecal_app.cli.main import main
 from spherecal_cameras.plan import check_marks, read_plan
-from spherecal_rigs.ball_registry import (
-    PrintedSpacing,
-    RegisteredBall,
-    longest_spacing,
-    print_error,
-    read_balls,
-    write_balls,
-)
+from spherecal_rigs.ball_registry import BALL_REGISTRY, PrintedSpacing, RegisteredBall, longest_spacing, print_error
 from spherecal_rigs.bars_table import arrivals, bars_table, read_bars_table, write_bars_table
 from spherecal_rigs.bench_file import Bench, BenchBar, whole_bar, write_bench
 
@@ -188,11 +181,11 @@ def test_the_command_enters_what_is_good_and_loses_nothing(
     assert main(["bars", "import", str(second)]) == 3
     out = capsys.readouterr().out
     assert "B-1: not entered, the registry has other figures" in out and "B-2: as it was" in out and "Line 4" in out
-    assert find_bar("B-1").lengths[0].length_mm == 500.012 and set(read_registry()) == {"B-1", "B-2"}
+    assert find_bar("B-1").lengths[0].length_mm == 500.012 and set(BAR_REGISTRY.read()) == {"B-1", "B-2"}
     assert main(["bars", "import", str(second), "--replace"]) == 3
     assert find_bar("B-1").lengths[0].length_mm == 500.013
     assert main(["bars", "export", str(tmp_path / "all.csv")]) == 0
-    known = read_registry()
+    known = BAR_REGISTRY.read()
     found = arrivals(read_bars_table(tmp_path / "all.csv"), known)
     assert {bar.serial for bar in found.same} == set(known) and not found.new and not found.other
 
@@ -210,17 +203,17 @@ def test_balls_are_read_back_and_the_print_is_judged(tmp_path: Path) -> None:
         "big": RegisteredBall("big", 500.0, targets, spacing),
         "small": RegisteredBall("small", 120.0, make_target_set(8)),
     }
-    write_balls(balls, tmp_path / "balls.json")
-    assert read_balls(tmp_path / "balls.json") == balls and read_balls(tmp_path / "none.json") == {}
+    BALL_REGISTRY.write(balls, tmp_path / "balls.json")
+    assert BALL_REGISTRY.read(tmp_path / "balls.json") == balls and BALL_REGISTRY.read(tmp_path / "none.json") == {}
     (tmp_path / "balls.json").write_text('{"format": "spherecal/balls", "version": 1, "balls": [{"name": "x"}]}')
     with pytest.raises(InputError, match=r"balls\.json"):
-        read_balls(tmp_path / "balls.json")
+        BALL_REGISTRY.read(tmp_path / "balls.json")
 
 
 def test_a_bench_is_read_as_a_plan_and_follows_the_registry(registry: Path, tmp_path: Path) -> None:
     marks = {"A1": Mark(201, "centre"), "A2": Mark(202, "centre")}
     bar = RegisteredBar("B-1", marks, (BarLength("A1", "A2", 500.012, 0.004),), 1.15e-5, certificate=Certificate("K"))
-    write_registry({"B-1": bar})
+    BAR_REGISTRY.write({"B-1": bar})
     ball = RegisteredBall("big", 500.0, make_target_set(208), PrintedSpacing("A", "E", 28.2))
     path = write_bench(Bench(ball, (BenchBar("A", "B-1", "check", 3),), 5, 21.5), tmp_path / "bench")
     plan = read_plan(path)

@@ -59,7 +59,6 @@ RUNS: dict[str, str] = {
     "import-priors": "W/theirs --session S -o W/priors",
     "frame": "R -o W/frame.json",
     "limits show": "--file W/limits.json",
-    "limits reset-pin": "--file W/limits.json",
     "profile save": "R --to W/saved",
     "profile list": "W",
     "profile show": "P",

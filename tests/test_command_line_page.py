@@ -17,12 +17,6 @@ def test_every_test_that_the_page_names_exists() -> None:
         assert f"def {name}(" in (ROOT / "tests" / file).read_text(encoding="utf-8"), f"{file}::{name}"
 
 
-def test_every_row_has_three_columns_and_what_departs_says_so() -> None:
-    rows = [line for line in PAGE.read_text(encoding="utf-8").splitlines() if line.startswith("| ")]
-    assert all(line.count("|") == 4 for line in rows)
-    assert sum("departs:" in line for line in rows) == 2
-
-
 @pytest.mark.parametrize(("variable", "value"), [("NO_COLOR", "1"), ("TERM", "dumb")])
 def test_no_colour_where_none_is_wanted(monkeypatch: pytest.MonkeyPatch, variable: str, value: str) -> None:
     """On a terminal; our console is one of rich's, made with the same settings."""

@@ -52,12 +52,6 @@ def calibration(session: spherecal.Session, folder: Path) -> spherecal.Calibrati
     return calibration
 
 
-@pytest.mark.parametrize("name", SHORT)
-def test_examples_are_short(name: str) -> None:
-    lines = (ROOT / "examples" / f"{name}.py").read_text(encoding="utf-8").splitlines()
-    assert len(lines) < 15 and max(map(len, lines)) <= 120
-
-
 @pytest.mark.parametrize("path", sorted((ROOT / "examples").glob("*.py")), ids=lambda path: path.stem)
 def test_without_arguments_an_example_says_how_it_is_used(path: Path) -> None:
     environment = {**os.environ, "PYTHONPATH": str(ROOT / "core")}

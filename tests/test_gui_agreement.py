@@ -32,7 +32,7 @@ from spherecal_gui.standing import (
 )
 from spherecal_gui.wizard.window import WizardWindow
 from spherecal_gui.workflow import Running, Status, resolve
-from tests.gui_agreement import Watcher, disagreements
+from tests.gui_agreement import Watcher
 from tests.gui_walking import at_rest, pump, settle
 from tests.test_gui_workflow import OPEN, statuses, taken_project
 
@@ -248,18 +248,3 @@ def test_fixed_again_asks_for_everything_that_was_taken_before(opened):
     controller.go("save")
     watcher.settle()
     assert opened.footer.default == "" and not watcher.found
-
-
-def test_the_check_of_agreement_finds_a_contradiction(qtbot, home):
-    """Else the tests above would pass for the wrong reason."""
-    watcher = begun_window(qtbot, home, "simulated:nonsense")
-    window = watcher.window
-    assert not disagreements(window)
-    assert window.page.standing().level == "bad"
-    window.page.headline.setProperty("level", "good")
-    assert any("rail" in one for one in disagreements(window))
-    assert window.footer.default == "" and not any("what to do" in one for one in disagreements(window))
-    window.page.headline.clear()
-    window.footer.why.clear()
-    assert any("what to do" in one for one in disagreements(window))
-    window.close()

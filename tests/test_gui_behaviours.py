@@ -1,4 +1,4 @@
-"""What technicians expect (docs/wizard-review.md, the 45 behaviours), as far as no other test holds it."""
+"""What technicians know from other programs and expect here, as far as no other test holds it."""
 
 import json
 import os

@@ -19,7 +19,7 @@ from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QMessageBox, QPushButton
 
 from spherecal.data.session import BarLength, Certificate, Mark
-from spherecal.files.bar_registry import RegisteredBar, read_registry, write_registry
+from spherecal.files.bar_registry import BAR_REGISTRY, RegisteredBar
 from spherecal.targets.family import make_target_set
 from spherecal_cameras.plan import read_plan
 from spherecal_gui.pages.bench_dialog import BenchDialog
@@ -30,7 +30,7 @@ from spherecal_gui.project import Project
 from spherecal_gui.project_folder import rig_bench
 from spherecal_gui.tasks import jobs
 from spherecal_gui.tasks.bench_desk import BenchDesk
-from spherecal_rigs.ball_registry import read_balls
+from spherecal_rigs.ball_registry import BALL_REGISTRY
 
 TODAY = date(2026, 11, 23)
 
@@ -180,7 +180,7 @@ def test_a_bench_is_entered_saved_and_used(qtbot, dialog, tmp_path, library):
     assert dialog.save.isEnabled(), dialog.desk.judge()[1]
     QTest.keyClick(dialog.bars.fields["serial"].line, Qt.Key.Key_S, Qt.KeyboardModifier.ControlModifier)
     assert saved == [str(rig_bench(tmp_path / "projects"))]
-    assert read_registry()["B-7"].lengths[0].length_mm == 500.012 and "Ball hall 3" in read_balls()
+    assert BAR_REGISTRY.read()["B-7"].lengths[0].length_mm == 500.012 and "Ball hall 3" in BALL_REGISTRY.read()
     plan = read_plan(Path(saved[0]))
     assert [bar.role for bar in plan.bars] == ["check"] and plan.target_set == make_target_set(208)
     nothing: Any = SimpleNamespace()
@@ -225,11 +225,11 @@ def test_closing_asks_before_anything_is_lost(qtbot, dialog):
     press(qtbot, dialog, "close-bench")
     box = [one for one in dialog.findChildren(QMessageBox) if one.isVisible()][-1]
     press(qtbot, box, "ask-save")
-    assert not dialog.isVisible() and "B-7" in read_registry()
+    assert not dialog.isVisible() and "B-7" in BAR_REGISTRY.read()
 
 
 def test_a_table_comes_in_with_its_bad_lines_named(qtbot, dialog, tmp_path):
-    write_registry({"B-1": registered()})
+    BAR_REGISTRY.write({"B-1": registered()})
     desk = BenchDesk(tmp_path / "projects")
     made = BenchDialog(desk)
     qtbot.addWidget(made)
@@ -241,11 +241,11 @@ def test_a_table_comes_in_with_its_bad_lines_named(qtbot, dialog, tmp_path):
     made.bars.import_table(table)
     assert "Line 4" in made.message.text() and "B-1" in made.message.text()
     assert [one.serial for one in desk.draft.bars] == ["B-1", "B-2"]
-    assert read_registry()["B-1"] == registered(), "nothing is on disk before it is saved"
+    assert BAR_REGISTRY.read()["B-1"] == registered(), "nothing is on disk before it is saved"
     desk.undo()
     assert desk.draft.bars[0].lengths[0].certified == "500.012"
     desk.redo()
-    assert made.save_bench() and read_registry()["B-1"].lengths[0].length_mm == 500.5
+    assert made.save_bench() and BAR_REGISTRY.read()["B-1"].lengths[0].length_mm == 500.5
     assert desk.export_table(tmp_path / "out.csv") == "" and "B-2" in (tmp_path / "out.csv").read_text()
     (tmp_path / "broken.csv").write_bytes(b"PK\x03\x04")
     made.bars.import_table(tmp_path / "broken.csv")
@@ -253,23 +253,25 @@ def test_a_table_comes_in_with_its_bad_lines_named(qtbot, dialog, tmp_path):
 
 
 def test_another_program_changes_the_library_meanwhile(tmp_path):
-    write_registry({"B-1": registered(), "B-2": registered("B-2", 203)})
+    BAR_REGISTRY.write({"B-1": registered(), "B-2": registered("B-2", 203)})
     desk = BenchDesk(tmp_path / "projects")
-    write_registry({"B-1": registered(), "B-2": registered("B-2", 203, length=400.0), "B-3": registered("B-3", 205)})
+    BAR_REGISTRY.write(
+        {"B-1": registered(), "B-2": registered("B-2", 203, length=400.0), "B-3": registered("B-3", 205)}
+    )
     bars = desk.draft.bars
     desk.change("", replace(desk.draft, bars=(replace(bars[0], description="mine"), bars[1])))
     path, problem = desk.save()
-    assert path is None and problem == "" and set(read_registry()) == {"B-1", "B-2", "B-3"}
-    assert read_registry()["B-1"].description == "mine" and read_registry()["B-2"].lengths[0].length_mm == 400.0
+    assert path is None and problem == "" and set(BAR_REGISTRY.read()) == {"B-1", "B-2", "B-3"}
+    assert BAR_REGISTRY.read()["B-1"].description == "mine" and BAR_REGISTRY.read()["B-2"].lengths[0].length_mm == 400.0
     assert desk.draft.bars[1].lengths[0].certified == "400" and not desk.changed
     desk.change(
         "", replace(desk.draft, bars=(replace(desk.draft.bars[0], description="mine too"), *desk.draft.bars[1:]))
     )
-    assert desk.save()[1] == "" and read_registry()["B-2"].lengths[0].length_mm == 400.0
+    assert desk.save()[1] == "" and BAR_REGISTRY.read()["B-2"].lengths[0].length_mm == 400.0
     desk = BenchDesk(tmp_path / "projects")
-    write_registry({**read_registry(), "B-1": replace(registered(), description="theirs")})
+    BAR_REGISTRY.write({**BAR_REGISTRY.read(), "B-1": replace(registered(), description="theirs")})
     desk.change("", replace(desk.draft, bars=(replace(desk.draft.bars[0], description="again"), *desk.draft.bars[1:])))
-    assert "another program" in desk.save()[1] and read_registry()["B-1"].description == "theirs"
+    assert "another program" in desk.save()[1] and BAR_REGISTRY.read()["B-1"].description == "theirs"
 
 
 def test_a_broken_library_is_named_and_never_overwritten(qtbot, tmp_path, library):
@@ -283,11 +285,11 @@ def test_a_broken_library_is_named_and_never_overwritten(qtbot, tmp_path, librar
 
 
 def test_a_bar_that_is_renamed_or_removed_leaves_no_double(tmp_path):
-    write_registry({"B-1": registered(), "B-2": registered("B-2", 203)})
+    BAR_REGISTRY.write({"B-1": registered(), "B-2": registered("B-2", 203)})
     desk = BenchDesk(tmp_path / "projects")
     desk.change("", replace(desk.draft, bars=(replace(desk.draft.bars[0], serial="B-10"), desk.draft.bars[1])))
     desk.remove_bar(1)
-    assert desk.save()[1] == "" and list(read_registry()) == ["B-10"]
+    assert desk.save()[1] == "" and list(BAR_REGISTRY.read()) == ["B-10"]
 
 
 def test_a_handwritten_bench_is_taken_up_with_its_bars_and_their_ids(tmp_path):
@@ -365,7 +367,7 @@ def test_a_certificate_is_remembered(days, level, words):
 
 def test_the_rigs_bench_is_reminded_of_its_own_bars_only(tmp_path):
     old = Certificate("K", "", date(2020, 1, 1), date(2021, 1, 1))
-    write_registry({"B-1": registered(certificate=old), "B-2": registered("B-2", 203)})
+    BAR_REGISTRY.write({"B-1": registered(certificate=old), "B-2": registered("B-2", 203)})
     assert "B-1" in bench_reminder(rig_bench(tmp_path), TODAY).text, "no bench yet: all bars of the library"
     desk = BenchDesk(tmp_path)
     ball = replace(desk.draft.ball, name="b", diameter="500")

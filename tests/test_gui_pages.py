@@ -375,20 +375,6 @@ def test_texts_from_outside_are_never_taken_for_html(qtbot, window, tmp_path):
     assert seen, "the texts are shown somewhere"
 
 
-def test_a_planted_tooltip_is_found(qtbot):
-    from PySide6.QtWidgets import QLabel
-
-    from spherecal_gui.widgets.basic import label, plain
-
-    planted, harmless = QLabel(EVIL), label(EVIL)
-    harmless.setToolTip(plain(EVIL))
-    for one in (planted, harmless):
-        qtbot.addWidget(one)
-    assert len(taken_for_html([planted, harmless])) == 1
-    planted.setToolTip(EVIL)
-    assert len(taken_for_html([planted, harmless])) == 2
-
-
 def test_what_a_bundle_would_hold_is_shown_before_it_is_written(qtbot, window, home):
     save_project(Project(home / "projects" / "one", "simulated:demo"))
     window.open_project(str(home / "projects" / "one"))

@@ -253,9 +253,9 @@ def test_the_plain_view_draws_map_and_links(qtbot, outcome, monkeypatch):
     assert isinstance(data, SceneData)
     view.show_scene(data)
     plain = view.grab().toImage()
-    view.show_layers(True, False)
+    view.set_layers((view.layers - {"links"}) | {"map"})
     mapped = view.grab().toImage()
-    view.show_layers(True, True)
+    view.set_layers(view.layers | {"links"})
     assert plain != mapped
     assert view.grab().toImage() != mapped
 

@@ -25,7 +25,6 @@ from spherecal_gui.controllers.camera_controller import CameraController
 from spherecal_gui.controllers.controller import Controller
 from spherecal_gui.pages.verify import VerifyPage
 from spherecal_gui.project_folder import load_project
-from spherecal_gui.tasks.live import wait_for_sight
 from spherecal_gui.wizard.window import WizardWindow
 from spherecal_gui.workflow import Status
 from tests.gui_walking import pump, words_shown
@@ -368,9 +367,10 @@ def test_the_profile_is_saved_and_put_to_use(walk):
     assert walk.window.validity.text.startswith(("SIMULATED · calibration fresh", "SIMULATED · calibration ageing"))
 
 
-def test_live_detection_sees_the_ball(walk):
-    sight = wait_for_sight(walk.controller.cameras.live, "SIM-C01", 30)
-    assert sight is not None
+def test_live_detection_sees_the_ball(walk, qtbot):
+    view = walk.controller.cameras.live
+    qtbot.waitUntil(lambda: view.sight("SIM-C01") is not None, timeout=30_000)
+    sight = view.sight("SIM-C01")
     assert 0.4 < (sight.blur_px or 0.7) < 1.0
     assert 0.0 < sight.brightness < 0.5
 

@@ -1,8 +1,9 @@
-"""The rules of the house: each one turns red on a planted violation, and the set-up keeps its promises."""
+"""The rules of the house: each contract turns red on a planted import, and the set-up keeps its promises."""
 
 import ast
 import contextlib
 import importlib
+import inspect
 import io
 import os
 import re
@@ -16,7 +17,7 @@ from typing import Any
 
 import pytest
 from conftest import ROOT
-from writing_calls import files_that_write, writing_calls
+from writing_calls import files_that_write
 
 import dev
 import spherecal
@@ -119,7 +120,7 @@ MAY_WRITE = {
     "core/spherecal/base/resources.py": {"mkdtemp"},
     "core/spherecal_documents/scene/renderer.py": {"unlink"},  # shared memory
     "core/spherecal/files/atomic.py": {"rmdir", "rename", "open", "chmod"},  # folders just made; to sync
-    "core/spherecal/files/lock.py": {"open", "unlink", "ftruncate"},  # lock files
+    "core/spherecal/files/lock.py": {"unlink", "ftruncate"},  # lock files
     "spherecal_gui/pages/limits_dialog.py": {"save"},  # a method of ours
     "spherecal_gui/sounds.py": {"open", "NamedTemporaryFile"},  # in memory; a tone for the player
     "spherecal_gui/tasks/guide.py": {"TemporaryDirectory"},
@@ -135,47 +136,6 @@ def test_only_one_module_writes_and_removes_files():
     assert found.keys() == MAY_WRITE.keys(), "an exception that is needed no more"
 
 
-@pytest.mark.parametrize(
-    "line",
-    ["shutil.rmtree(p)", "rmtree(p)", "p.unlink()", "os.unlink(p)", "os.remove(p)", "p.rename(q)", "os.rename(p, q)",
-     "p.replace(q)", "os.replace(p, q)", 'open(p, "w")', 'p.open("wb")', 'open(p, mode="a")', 'p.open(mode="x")',
-     "p.write_text(t)", "p.write_bytes(b)", "p.rmdir()", "shutil.copyfile(p, q)", "shutil.move(p, q)", "p.touch()",
-     "os.open(p, os.O_WRONLY | os.O_CREAT)", "p.symlink_to(q)", "os.truncate(p, 0)", "p.chmod(0)", 'io.open(p, "a")',
-     "tempfile.mkstemp()", "tempfile.mkdtemp()", "mkdtemp()", "tempfile.NamedTemporaryFile()", "np.save(p, b)",
-     "numpy.savez(p, a=b)", "np.savez_compressed(p, b)", "np.savetxt(p, b)", "b.tofile(p)", "cv2.imwrite(p, b)",
-     "imwrite(p, b)", 'zipfile.ZipFile(p, "w")', 'zipfile.ZipFile(p, mode="a")', "zipfile.ZipFile(q).extractall(p)",
-     "figure.savefig(p)", "plt.savefig(p, dpi=9)", "PdfPages(p)", "Canvas(p)", "canvas.Canvas(str(p))",
-     "SimpleDocTemplate(p)", "image.save(p)", 'Image.fromarray(b).save(p, "PNG")', "logging.FileHandler(p)",
-     "shutil.unpack_archive(p)", "os.mkfifo(p)", "os.link(p, q)", "p.hardlink_to(q)"],
-)  # fmt: skip
-def test_a_planted_write_turns_red(line):
-    assert writing_calls(f"def f(p, q, t, b):\n    {line}\n")
-
-
-@pytest.mark.parametrize(
-    "line",
-    ['t.replace("a", "b")', "replace(p, a=1)", "open(p)", 'open(p, "rb")', "p.open()", "os.open(p, os.O_RDONLY)",
-     "zipfile.ZipFile(p)", "np.load(p)", "d = io.BytesIO(); np.save(d, t)", "d = io.BytesIO(); figure.savefig(d)"],
-)  # fmt: skip
-def test_reading_stays_green(line):
-    assert not writing_calls(f"def f(p, t):\n    {line}\n")
-
-
-def test_lost_exceptions_turn_red(tmp_path):
-    shutil.copy(ROOT / "tests" / "conftest.py", tmp_path)
-    (tmp_path / "test_lost.py").write_text(
-        "import sys, threading\n"
-        "def boom(): raise ValueError('boom')\n"
-        "def test_thread():\n    t = threading.Thread(target=boom); t.start(); t.join()\n"
-        "def test_slot():\n    sys.excepthook(ValueError, ValueError('boom'), None)  # what PySide6 does\n"
-        "def test_fine(): pass\n"
-    )
-    command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", str(tmp_path)]
-    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=120, check=False)
-    assert done.returncode == 1
-    assert "3 passed, 2 errors" in done.stdout
-
-
 def test_a_renamed_function_of_our_own_skips_no_test():
     """Only what is not ours may be absent: skipped where it cannot be imported."""
     asked = {
@@ -185,6 +145,23 @@ def test_a_renamed_function_of_our_own_skips_no_test():
     }
     assert "PySide6.QtWidgets" in asked
     assert not {name: file for name, file in asked.items() if name.startswith(("spherecal", "tests"))}
+
+
+def test_what_users_import_describes_its_arguments() -> None:
+    import spherecal
+    from spherecal_cameras.protocol import CameraSource
+
+    functions = [one for name in spherecal.__all__ if inspect.isfunction(one := getattr(spherecal, name))]
+    functions += [one for name, one in vars(CameraSource).items() if inspect.isfunction(one) and name[0] != "_"]
+    assert len(functions) > 40
+    lacking = []
+    for function in functions:
+        names = [name for name in inspect.signature(function).parameters if name != "self"]
+        _, _, section = (inspect.getdoc(function) or "").partition("\nParameters\n---")
+        rows = " ".join(row for row in section.splitlines() if not row.startswith(" "))
+        if len(names) > 1:
+            lacking += [f"{function.__qualname__}: {name}" for name in names if not re.search(rf"\b{name}\b", rows)]
+    assert lacking == []
 
 
 def test_the_engine_loads_no_window():
@@ -424,22 +401,6 @@ def test_what_the_kernels_need_is_installed_first():
                 assert need.name.lower() in dev.ENGINE, f"{name} needs {need.name}"
 
 
-def test_the_long_files_begin_and_fast_leaves_out_what_is_slow(tmp_path):
-    shutil.copy(ROOT / "tests" / "conftest.py", tmp_path)
-    for name in ("test_a", "test_b"):
-        (tmp_path / f"{name}.py").write_text("def test_quick(): pass\ndef test_long(): pass\n")
-    (tmp_path / "durations.json").write_text('{"test_b.py::test_long": 5.0}')
-    command = [sys.executable, "-m", "pytest", "-p", "no:cacheprovider", "--collect-only", "-q", str(tmp_path)]
-
-    def collected(*options: str) -> list[str]:
-        done = subprocess.run([*command, *options], cwd=tmp_path, capture_output=True, text=True, check=True)
-        return [line.rpartition("/")[2] for line in done.stdout.splitlines() if "::" in line]
-
-    whole = ["test_b.py::test_quick", "test_b.py::test_long", "test_a.py::test_quick", "test_a.py::test_long"]
-    assert collected() == whole
-    assert collected("--fast") == [one for one in whole if one != "test_b.py::test_long"]
-
-
 def test_wrong_command_is_a_plain_error():
     command = [sys.executable, ROOT / "dev.py", "dance"]
     done = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
@@ -482,47 +443,6 @@ def test_the_first_run_and_the_next_round_the_same():
     found = kernels()
     assert len(found) > 100
     assert cached_parts_with_fast_sums(found) == []
-
-
-def test_a_cached_part_with_fast_sums_is_found(tmp_path, monkeypatch):
-    (tmp_path / "planted_kernels.py").write_text(
-        "from numba import njit\n"
-        "@njit(cache=True, fastmath={'reassoc'})\ndef part(x):\n    return x + 1.0\n"
-        "@njit(cache=True)\ndef strict(x):\n    return x + 1.0\n"
-        "@njit(cache=True, fastmath=True)\ndef kernel(x):\n    return part(strict(x))\n"
-    )
-    monkeypatch.syspath_prepend(tmp_path)
-    planted = vars(importlib.import_module("planted_kernels"))
-    names = ("part", "strict", "kernel")
-    assert cached_parts_with_fast_sums({name: planted[name] for name in names}) == ["part"]
-
-
-# --- what tests share ------------------------------------------------------------------------------------------------
-
-
-def test_what_is_made_once_is_made_by_the_first_and_begun_again_where_that_failed(made_once) -> None:
-    made: list[Path] = []
-
-    def fails(folder: Path) -> None:
-        (folder / "half").touch()
-        raise ValueError("no room")
-
-    def makes(folder: Path) -> None:
-        assert not any(folder.iterdir()), "nothing of the failed one is left"
-        made.append(folder)
-
-    with pytest.raises(ValueError, match="no room"):
-        made_once("in-the-house", fails)
-    assert made_once("in-the-house", makes) == made_once("in-the-house", makes) == made[0]
-    assert len(made) == 1
-
-
-def test_cases_with_a_slash_in_their_name_belong_to_their_function() -> None:
-    """Else a slow test whose cases have a slash in their name is taken for a quick one."""
-    from tests.conftest import _function
-
-    assert _function("tests/test_x.py::test_y[guide/first.md]") == "test_x.py::test_y"
-    assert _function("tests/test_x.py::test_y") == "test_x.py::test_y"
 
 
 def test_the_demo_installs_what_the_program_and_its_installation_need():

@@ -13,6 +13,7 @@ from matplotlib.backends.backend_pdf import PdfFile
 from scipy.spatial.transform import Rotation
 
 from benchmarks.studies.markers import compared
+from spherecal.base.arrays import FloatArray
 from spherecal.base.errors import InputError
 from spherecal.files.rig_file import read_rig
 from spherecal.files.target_set_file import read_target_set, write_target_set
@@ -28,12 +29,12 @@ from spherecal_gui.tasks.guide import observations_of, printed_scale
 from spherecal_measuring.live import collected
 from spherecal_measuring.regions import _joined
 from spherecal_sim.rendered_stickers import (
+    StickerBall,
     StickerCamera,
     camera_ring,
     painted_stickers,
     render_stickers,
     sticker_ball,
-    sticker_points,
     write_sticker_session,
 )
 from tests.test_targets_sheet import MM_PER_POINT, NUMBER, pages
@@ -45,6 +46,19 @@ class Scene(NamedTuple):
     targets: TargetSet
     image: np.ndarray
     places: dict[tuple[int, str], np.ndarray]  # px
+
+
+def sticker_points(ball: StickerBall) -> dict[tuple[int, str], FloatArray]:
+    """The places (3,) mm of all points in the ball's own frame, by target and point."""
+    found = {}
+    for i, (target, layout) in enumerate(ball.targets.layouts.items()):
+        up, right = ball.places[i], ball.right[i]
+        for name, (x, y) in layout.items():
+            arc = np.hypot(x, y)
+            flat = (x * right + y * np.cross(right, up)) / arc
+            angle = arc / ball.radius_mm
+            found[target, name] = ball.radius_mm * (np.cos(angle) * up + np.sin(angle) * flat)
+    return found
 
 
 def scene(dictionary: str, **options: object) -> Scene:
@@ -183,7 +197,7 @@ def test_a_session_with_markers_is_calibrated(recorded: Recorded, result: Path) 
 
 def test_an_image_without_markers_does_not_rename_the_corners_of_the_others(rendered: Scene) -> None:
     found = Detector(rendered.targets).detect(rendered.image)
-    empty = _joined([], DetectionSettings())
+    empty = _joined([])
     assert empty.points == DOTS and len(empty) == 0, "as a part of an image gives it"
     together = collected([0, 1], [empty, found], ("C1", "C2"))
     assert together.points == CORNERS and set(together.camera.tolist()) == {1} and len(together) == len(found)

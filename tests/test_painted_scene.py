@@ -101,7 +101,7 @@ def test_a_double_click_chooses_the_camera_and_layers_change_the_picture(view: P
     view.mark("C03")
     assert not np.array_equal(plain, pixels(view))
     view.mark(None)
-    view.show_layers(False, True)
+    view.set_layers((view.layers - {"map"}) | {"links"})
     assert not np.array_equal(plain, pixels(view))
 
 

@@ -9,11 +9,11 @@ from typing import Any
 
 import pytest
 from conftest import ROOT
+from jsonschema import Draft202012Validator
 
 from docs.make_formats import SCHEMAS, made_files
 from spherecal.base.errors import InputError
 from spherecal.files.json_file import JsonValue
-from tests.json_schema import is_valid, problems
 from tests.schema_samples import SAMPLES
 
 PUBLISHED: dict[str, dict[str, Any]] = {
@@ -27,8 +27,28 @@ WRONG: tuple[Any, ...] = (
 )  # fmt: skip
 
 
+def closed(schema: Any) -> Any:
+    """The schema with every field refused that it does not describe."""
+    if isinstance(schema, list):
+        return [closed(one) for one in schema]
+    if not isinstance(schema, dict):
+        return schema
+    made = {
+        word: {name: closed(one) for name, one in inner.items()} if word in ("properties", "$defs") else closed(inner)
+        for word, inner in schema.items()
+    }
+    return {"additionalProperties": False, **made} if "type" in made and "properties" in made else made
+
+
+def assert_fits(document: Any, schema: Any) -> None:
+    """A document as the schema says."""
+    assert [f"{one.json_path}: {one.message:.200}" for one in Draft202012Validator(schema).iter_errors(document)] == []
+
+
 def test_what_is_published_is_current() -> None:
     files = made_files()
+    for schema in PUBLISHED.values():
+        Draft202012Validator.check_schema(schema)
     assert {path for path in files if path.suffix == ".json"} == set(SCHEMAS.glob("*.json"))
     for path, text in files.items():
         assert path.read_text(encoding="utf-8") == text, f"{path.name} is not current: python docs/make_formats.py"
@@ -66,15 +86,16 @@ def complaint(name: str, folder: Path, document: Any) -> str | None:
 @pytest.mark.parametrize("name", SAMPLES)
 def test_schema_and_reader_agree(name: str, tmp_path: Path) -> None:
     sample, schema = SAMPLES[name], PUBLISHED[name]
-    assert list(problems(sample.short, schema, closed=True)) == []
+    assert_fits(sample.short, closed(schema))
+    validator = Draft202012Validator(schema)
     assert complaint(name, tmp_path, sample.short) is None
     beyond = re.compile("|".join(sample.beyond) or "(?!)")
     refused = accepted = 0
     for document in (one for one in spoilt(sample.short) if isinstance(one, dict)):
         said = complaint(name, tmp_path, document)
-        fits = is_valid(document, schema)
+        fits = validator.is_valid(document)
         if said is None:
-            assert fits, (list(problems(document, schema)), document)
+            assert fits, ([one.message for one in validator.iter_errors(document)], document)
             accepted += 1
         else:
             assert not fits or beyond.search(said), (said, document)
@@ -120,10 +141,3 @@ def _inner(schema: dict[str, Any], part: str) -> Iterator[dict[str, Any]]:
             yield form["properties"][part]
         elif isinstance(form.get("additionalProperties"), dict):
             yield form["additionalProperties"]
-
-
-def test_the_validator_refuses_what_it_does_not_know() -> None:
-    with pytest.raises(KeyError):
-        is_valid(1, {"multipleOf": 2})
-    assert not is_valid(True, {"type": "number"}) and is_valid(6.0, {"type": "integer"})
-    assert not is_valid({"b": 1}, {"required": ["a"]})

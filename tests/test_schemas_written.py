@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 from conftest import ROOT
 
-from spherecal.files.bar_registry import read_registered_bar, write_registry
+from spherecal.files.bar_registry import BAR_REGISTRY, read_registered_bar
 from spherecal.files.bundle_file import bundle_bytes
 from spherecal.files.json_file import JsonValue
 from spherecal.files.rig_file import read_rig
@@ -32,20 +32,19 @@ from spherecal_measuring.tables import set_json
 from spherecal_rigs.check import check
 from spherecal_rigs.check_ball import read_known_ball
 from spherecal_rigs.check_file import check_json, keep
-from spherecal_rigs.limits_file import KeptLimits, Limits, Pin, with_limits, with_pin, write_limits
+from spherecal_rigs.limits_file import Limits, write_limits
 from spherecal_sim.session_folder import write_session
 from tests.example_session import VALID
-from tests.json_schema import problems
 from tests.networks import calibrated
 from tests.schema_samples import SAMPLES, TIME
-from tests.test_schemas import PUBLISHED
+from tests.test_schemas import PUBLISHED, assert_fits, closed
 
 
 def assert_described(document: Mapping[str, Any], format_name: str | None = None) -> None:
     """A document of ours: as its schema says, without a field that is not described."""
     name = document["format"].removeprefix("spherecal/")
     assert format_name in (None, name)
-    assert list(problems(document, PUBLISHED[name], closed=True)) == []
+    assert_fits(document, closed(PUBLISHED[name]))
 
 
 def _load(path: Path) -> dict[str, Any]:
@@ -111,7 +110,7 @@ def test_the_stream_is_described(folder: Path) -> None:
     documents = json.loads((folder / "sets.json").read_text())
     assert len(documents) > 3
     for document in documents:
-        assert list(problems(document, schema["$defs"]["set"], closed=True)) == []
+        assert_fits(document, closed(schema["$defs"]["set"]))
 
 
 def test_a_captured_session_is_described(tmp_path: Path) -> None:
@@ -158,8 +157,7 @@ def _written(path: Path, document: Mapping[str, Any]) -> Path:
 
 
 def test_settings_are_described(tmp_path: Path) -> None:
-    kept = with_limits(KeptLimits(), Limits(needed_dots=50, verification_limit="0.1"), "Maria")
-    write_limits(with_pin(kept, Pin.of("1234"), "Maria"), tmp_path / "limits.json")
+    write_limits(Limits(needed_dots=50, verification_limit="0.1"), tmp_path / "limits.json")
     assert_described(_load(tmp_path / "limits.json"), "limits")
     settings = CameraSettings(exposure_us=8000.0, region=Region(0, 0, 640, 480))
     write_profile(
@@ -168,7 +166,7 @@ def test_settings_are_described(tmp_path: Path) -> None:
     assert_described(_load(tmp_path / "cameras.json"), "cameras")
     own = VALID["bars"][0]
     bar = read_registered_bar(JsonValue({**own, "serial": "B-7", "certificate": "K-1"}, tmp_path / "bars.json"))
-    write_registry({"B-7": bar}, tmp_path / "bars.json")
+    BAR_REGISTRY.write({"B-7": bar}, tmp_path / "bars.json")
     assert_described(_load(tmp_path / "bars.json"), "bars")
     store = TrustStore(tmp_path / "drivers.json")
     store.allow(Driver("/opt/x.cti", "ab" * 32, "new"))
@@ -186,7 +184,7 @@ def test_files_of_released_versions_fit(path: Path) -> None:
     if not str(document.get("format", "")).startswith("spherecal/"):
         pytest.skip("not a file of ours")
     name = document["format"].removeprefix("spherecal/")
-    assert list(problems(document, PUBLISHED[name])) == []
+    assert_fits(document, PUBLISHED[name])
 
 
 def test_recorded_sessions_fit(shared_data: Path) -> None:
@@ -195,7 +193,7 @@ def test_recorded_sessions_fit(shared_data: Path) -> None:
         pytest.skip("the shared recordings hold no file of ours")
     for path in found:
         document = _load(path)
-        assert list(problems(document, PUBLISHED[document["format"].removeprefix("spherecal/")])) == [], path
+        assert_fits(document, PUBLISHED[document["format"].removeprefix("spherecal/")])
 
 
 def test_samples_cover_every_format_that_is_read() -> None:

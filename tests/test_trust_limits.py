@@ -1,5 +1,6 @@
 """Limits of readers, locks, exit codes and messages: what comes from outside costs neither memory nor a traceback."""
 
+import errno
 import json
 import os
 import pickle
@@ -88,6 +89,19 @@ def test_a_lock_of_a_killed_process_is_free(tmp_path: Path) -> None:
     with locked(tmp_path / "x", wait_s=5):
         pass
     assert list(tmp_path.iterdir()) == []
+
+
+@posix
+def test_a_drive_without_locks_is_written_all_the_same(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    import fcntl
+
+    def refuses(descriptor: int, operation: int) -> None:
+        raise OSError(errno.ENOLCK, os.strerror(errno.ENOLCK))
+
+    monkeypatch.setattr(fcntl, "flock", refuses)
+    with locked(tmp_path / "x"):
+        files.write_whole(tmp_path / "x", b"new")
+    assert (tmp_path / "x").read_bytes() == b"new"
 
 
 @posix

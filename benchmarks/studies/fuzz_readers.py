@@ -131,7 +131,7 @@ def _result_readers(folder: Path) -> list[Reader]:
 
 
 def _other_readers(folder: Path) -> list[Reader]:
-    from spherecal.files.bar_registry import read_registry
+    from spherecal.files.bar_registry import BAR_REGISTRY
     from spherecal.files.read_session import read_session
     from spherecal.files.rig_file import read_rig
     from spherecal_cameras.genicam.trust import TrustStore
@@ -141,7 +141,7 @@ def _other_readers(folder: Path) -> list[Reader]:
     from spherecal_rigs.check import check
     from spherecal_rigs.check_file import check_json
     from spherecal_rigs.checks import keep_check, read_checks
-    from spherecal_rigs.limits_file import KeptLimits, Limits, Pin, read_limits, with_limits, with_pin, write_limits
+    from spherecal_rigs.limits_file import Limits, read_limits, write_limits
     from spherecal_rigs.save import save_result
     from spherecal_rigs.store import apply, create_profile, open_profile
 
@@ -169,8 +169,7 @@ def _other_readers(folder: Path) -> list[Reader]:
         )
     )
     limits = folder / "limits.json"
-    locked = with_pin(KeptLimits(), Pin.of("4711"), "A")
-    write_limits(with_limits(locked, Limits(needed_dots=150, verification_limit="0.03+L/20000"), "A"), limits)
+    write_limits(Limits(needed_dots=150, verification_limit="0.03+L/20000"), limits)
     issuer = folder / "issuer.json"
     place = {"name": "Lab", "city": "Ulm", "country": "DE"}
     issuer.write_text(json.dumps({
@@ -200,7 +199,7 @@ def _other_readers(folder: Path) -> list[Reader]:
         _json("profile.json", profile / "profile.json", opened),
         _json("entry.json", entry, opened),
         _json("cameras.json", cameras, lambda: read_profile(cameras)),
-        _json("bars.json", registry, lambda: read_registry(registry)),
+        _json("bars.json", registry, lambda: BAR_REGISTRY.read(registry)),
         _json("limits.json", limits, lambda: read_limits(limits)),
         _json("issuer", issuer, lambda: read_issuer(issuer)),
         _json("kept check", kept, checks),

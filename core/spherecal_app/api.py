@@ -27,7 +27,7 @@ from spherecal.data.session import Bar, BarLength, BarPose, CameraSpec, Certific
 from spherecal.detect.session_images import observed
 from spherecal.files.atomic import write_file_whole
 from spherecal.files.ball_file import BallProfile, ball_bytes, read_ball
-from spherecal.files.bar_registry import RegisteredBar, changing_registry, read_registry, registry_path, write_registry
+from spherecal.files.bar_registry import BAR_REGISTRY, RegisteredBar
 from spherecal.files.json_file import JsonValue
 from spherecal.files.read_session import read_session
 from spherecal.files.rig_file import COVARIANCE_FILE, covariance_bytes, read_rig, rig_bytes
@@ -754,7 +754,7 @@ def load_bars(path: AnyPath | None = None) -> dict[str, RegisteredBar]:
     InputError
         Where the file is broken.
     """
-    return read_registry(_path(path))
+    return BAR_REGISTRY.read(_path(path))
 
 
 def save_bar(bar: RegisteredBar, path: AnyPath | None = None) -> None:
@@ -774,9 +774,9 @@ def save_bar(bar: RegisteredBar, path: AnyPath | None = None) -> None:
     OutputError
         Where it cannot be written.
     """
-    registry = _path(path) or registry_path()
-    with changing_registry(registry):
-        write_registry({**read_registry(registry), bar.serial: bar}, registry)
+    registry = _path(path) or BAR_REGISTRY.path()
+    with BAR_REGISTRY.changing(registry):
+        BAR_REGISTRY.write({**BAR_REGISTRY.read(registry), bar.serial: bar}, registry)
 
 
 def load_ball(path: AnyPath) -> BallProfile:

@@ -1,17 +1,10 @@
 """The joint adjustment of cameras and a waved bar's marks, its lengths as rows: robust, then gate and plain."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from spherecal.adjust.bundle import (
-    CAUCHY_PX,
-    GATE_LEAST_PX,
-    GATE_ROUNDS,
-    GATE_SIGMAS,
-    START_INTRINSICS,
-    usable_features,
-)
+from spherecal.adjust.bundle import GATE_ROUNDS, START_INTRINSICS, usable_features
 from spherecal.adjust.levenberg import Minimum, Settings
 from spherecal.adjust.network import Network
 from spherecal.adjust.problem import sorted_problem
@@ -20,13 +13,21 @@ from spherecal.adjust.state import State
 from spherecal.base.arrays import BoolArray, FloatArray, IntArray
 from spherecal.base.context import Context
 from spherecal.data.session import Session
-from spherecal.geometry.camera import INTRINSIC_NAMES, project
+from spherecal.geometry.camera import INTRINSIC_NAMES
 from spherecal_boards.bar_marks import BarRecording, known_lengths
 from spherecal_boards.bar_model import BarModel, Lengths
-from spherecal_boards.board_adjustment import START_ITERATIONS, progress
 from spherecal_boards.frames import minimise, redundancy
-from spherecal_boards.frames_covariance import FrameCovariance, frame_covariance
-from spherecal_boards.intrinsic_priors import poorly_determined, poorly_observed, priors_of
+from spherecal_boards.frames_adjustment import (
+    Adjusted,
+    camera_residuals,
+    progress,
+    robust_steps,
+    sizes,
+    with_priors,
+    within_gate,
+)
+from spherecal_boards.frames_covariance import frame_covariance
+from spherecal_boards.intrinsic_priors import poorly_observed, priors_of
 
 
 @dataclass(frozen=True)
@@ -42,33 +43,11 @@ class BarNetwork:
 
 
 @dataclass(frozen=True)
-class BarAdjusted:
-    """An adjusted network: state, model, used (n,), whose intrinsics have a prior (c,), cofactors of `points` (p,).
+class BarAdjusted(Adjusted):
+    """An adjusted network; `covariance` has the cofactors of `points` (p,)."""
 
-    `noise_known`: the priors are weighed by the sigma0 of an adjustment. `joint` False: cameras are as they were
-    chained.
-    """
-
-    state: State
     model: BarModel
-    used: BoolArray
-    minimum: Minimum
-    redundancy: int
-    covariance: FrameCovariance | None
-    points: IntArray
-    has_prior: BoolArray
-    noise_known: bool = False
-    joint: bool = True
-
-    @property
-    def variance(self) -> float:
-        """The square of sigma0; NaN without redundancy."""
-        return 2 * self.minimum.cost / self.redundancy if self.redundancy > 0 else float("nan")
-
-    @property
-    def sigma0(self) -> float:
-        """The standard deviation of unit weight; 1 without redundancy."""
-        return float(np.sqrt(self.variance)) if self.redundancy > 0 else 1.0
+    points: IntArray = field(kw_only=True)
 
 
 def adjust_bar(work: BarNetwork, state: State, context: Context) -> BarAdjusted:
@@ -78,17 +57,12 @@ def adjust_bar(work: BarNetwork, state: State, context: Context) -> BarAdjusted:
     used = candidates & good[network.feature]
     has_prior = poorly_observed(network.group, network.free, network.camera[used], network.feature[used])
     priors = priors_of(network.group, work.known, has_prior, 1.0)
-    adjusted = _refine(work, state, used, priors, _usual_noise(work, state, used), context)
-    for _ in range(1 + len(network.group)):
-        weak = poorly_determined(adjusted.model.problem, adjusted.state, adjusted.covariance, adjusted.variance)
-        again = has_prior | weak
-        if (again == has_prior).all() and (adjusted.noise_known or not again.any()):
-            break
-        has_prior = again
-        priors = priors_of(network.group, work.known, has_prior, adjusted.sigma0)
-        adjusted = _refine(work, adjusted.state, adjusted.used, priors, adjusted.sigma0, context)
-        adjusted = replace(adjusted, noise_known=True)
-    return replace(adjusted, has_prior=has_prior & network.free.any(axis=1))
+    adjusted = _refine(work, state, used, priors, has_prior, _usual_noise(work, state, used), context)
+
+    def again(last: BarAdjusted, priors: Priors) -> BarAdjusted:
+        return _refine(work, last.state, last.used, priors, has_prior, last.sigma0, context)
+
+    return with_priors(adjusted, network.group, work.known, network.free, again)
 
 
 def chain_pairs(work: BarNetwork, state: State, parents: tuple[tuple[int, int], ...], context: Context) -> BarAdjusted:
@@ -124,9 +98,8 @@ def chain_pairs(work: BarNetwork, state: State, parents: tuple[tuple[int, int], 
     state = replace(state, points=np.where(seen[:, None], state.points, np.nan))
     nobody = np.zeros(len(work.placed), dtype=bool)
     minimum = Minimum(state, cost, 0, True, (cost,))
-    return BarAdjusted(
-        state, model, used, minimum, redundancy(model, whole), None, np.flatnonzero(seen), nobody, joint=False
-    )
+    count, points = redundancy(model, whole), np.flatnonzero(seen)
+    return BarAdjusted(state, model, used, minimum, count, None, nobody, joint=False, points=points)
 
 
 def _adjusted_pair(work: BarNetwork, state: State, context: Context) -> State:
@@ -137,19 +110,7 @@ def _adjusted_pair(work: BarNetwork, state: State, context: Context) -> State:
     state, good = _robust_start(work, state, candidates, context)
     used = candidates & good[network.feature]
     noise = _usual_noise(work, state, used)
-    for _ in range(GATE_ROUNDS):
-        gated = _gate(network, state, work.placed, used)
-        seen = network.views(gated) >= 2
-        lengths = known_lengths(work.session, work.recording, seen)
-        lengths = replace(lengths, sigma=lengths.sigma / noise)
-        model = _model(work, gated, network.free, lengths, NO_PRIORS, True)
-        whole = replace(state, points=np.where(seen[:, None], state.points, 0.0))
-        minimum = minimise(model, whole, Settings(max_iterations=60), progress(context, "joint adjustment", 20))
-        state = replace(minimum.state, points=np.where(seen[:, None], minimum.state.points, np.nan))
-        if (gated == used).all():
-            break
-        used = gated
-    return state
+    return _gated(work, state, used, NO_PRIORS, noise, context, Settings(max_iterations=60), False)[0]
 
 
 def _robust_start(work: BarNetwork, state: State, candidates: BoolArray, context: Context) -> tuple[State, BoolArray]:
@@ -161,29 +122,51 @@ def _robust_start(work: BarNetwork, state: State, candidates: BoolArray, context
         state = replace(state, points=np.where(good[:, None], points, 0.0))
         lengths = known_lengths(work.session, work.recording, good)
         model = _model(work, candidates & good[network.feature], free, lengths, NO_PRIORS, False)
-        typical = float(np.median(np.linalg.norm(model.residuals(state), axis=1)))
-        for cauchy in (typical, CAUCHY_PX) if typical > CAUCHY_PX else (CAUCHY_PX,):
-            watch = progress(context, "robust adjustment", START_ITERATIONS)
-            settings = Settings(cauchy=cauchy, max_iterations=START_ITERATIONS, tolerance=1e-4)
-            state = minimise(model, state, settings, watch).state
+        state = robust_steps(model, state, context)
         points, good = usable_features(network, state, candidates)
     return replace(state, points=np.where(good[:, None], points, np.nan)), good
 
 
 def _usual_noise(work: BarNetwork, state: State, used: BoolArray) -> float:
     """Robust standard deviation in units of the weights, for the lengths' rows to weigh against."""
-    size = residual_size(work.network, state)[used] / work.network.sigma[used].mean(axis=1)
+    size = sizes(residuals_px(work.network, state))[used] / work.network.sigma[used].mean(axis=1)
     return max(float(np.median(size)) / 1.1774, 1e-3) if len(size) else 1.0
 
 
 def _refine(
-    work: BarNetwork, state: State, used: BoolArray, priors: Priors, noise: float, context: Context
+    work: BarNetwork,
+    state: State,
+    used: BoolArray,
+    priors: Priors,
+    has_prior: BoolArray,
+    noise: float,
+    context: Context,
 ) -> BarAdjusted:
-    """The adjusted network, no camera marked as having a prior."""
+    state, model, gated, minimum = _gated(work, state, used, priors, noise, context, Settings(), True)
+    context.report("uncertainty", 0.0)
+    points = np.flatnonzero(work.network.views(gated) >= 2)
+    covariance = None
+    if len(points) and len(model.lengths.frame):
+        covariance = frame_covariance(model, minimum.state, model.point_rows(minimum.state, points))
+    count = redundancy(model, minimum.state)
+    return BarAdjusted(state, model, gated, minimum, count, covariance, has_prior, points=points)
+
+
+def _gated(
+    work: BarNetwork,
+    state: State,
+    used: BoolArray,
+    priors: Priors,
+    noise: float,
+    context: Context,
+    settings: Settings,
+    locate: bool,
+) -> tuple[State, BarModel, BoolArray, Minimum]:
+    """Gate and least squares in turns until the gate stays; `locate` points that have none before each."""
     network, rounds = work.network, 0
     while True:
         rounds += 1
-        state = _located(network, state, work.placed)
+        state = _located(network, state, work.placed) if locate else state
         gated = _gate(network, state, work.placed, used)
         seen = network.views(gated) >= 2
         lengths = known_lengths(work.session, work.recording, seen)
@@ -191,18 +174,11 @@ def _refine(
         lengths = replace(lengths, sigma=lengths.sigma / noise)
         model = _model(work, gated, network.free, lengths, priors, True)
         whole = replace(state, points=np.where(seen[:, None], state.points, 0.0))
-        minimum = minimise(model, whole, Settings(), progress(context, "joint adjustment", 20))
+        minimum = minimise(model, whole, settings, progress(context, "joint adjustment", 20))
         state = replace(minimum.state, points=np.where(seen[:, None], minimum.state.points, np.nan))
         if (gated == used).all() or rounds == GATE_ROUNDS:
-            break
+            return state, model, gated, minimum
         used = gated
-    context.report("uncertainty", 0.0)
-    points = np.flatnonzero(seen)
-    covariance = None
-    if len(points) and len(lengths.frame):
-        covariance = frame_covariance(model, minimum.state, model.point_rows(minimum.state, points))
-    count = redundancy(model, minimum.state)
-    return BarAdjusted(state, model, gated, minimum, count, covariance, points, np.zeros_like(work.placed))
 
 
 def _model(
@@ -240,26 +216,11 @@ def _located(network: Network, state: State, placed: BoolArray) -> State:
 
 def _gate(network: Network, state: State, placed: BoolArray, used: BoolArray) -> BoolArray:
     """Observations within the gate of their predicted image point, of points that keep two views."""
-    size = residual_size(network, state)
-    limit = np.zeros(len(network.group))
-    for c in np.flatnonzero(placed):
-        own = size[used & (network.camera == c)]
-        noise = float(np.median(own)) / 1.1774 if len(own) else 0.0  # Rayleigh's median
-        limit[c] = max(GATE_SIGMAS * noise, GATE_LEAST_PX)
-    keep = placed[network.camera] & (size <= limit[network.camera])
+    size = sizes(residuals_px(network, state))
+    keep = placed[network.camera] & within_gate(size, network.camera, used, len(network.group))
     return keep & (network.views(keep) >= 2)[network.feature]
 
 
 def residuals_px(network: Network, state: State) -> FloatArray:
     """Predicted minus observed (n,2) px; NaN without a prediction in front of the camera."""
-    x = np.einsum("nij,nj->ni", state.rotation[network.camera], state.points[network.feature])
-    x += state.translation[network.camera]
-    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-        residual = project(x, state.intrinsics[network.camera]) - network.uv
-        return np.where(x[:, 2:3] > 0, residual, np.nan)
-
-
-def residual_size(network: Network, state: State) -> FloatArray:
-    """Lengths of the residuals (n,) px, infinite where there is no prediction in front of the camera."""
-    size = np.linalg.norm(residuals_px(network, state), axis=1)
-    return np.where(np.isfinite(size), size, np.inf)
+    return camera_residuals(state, state.points[network.feature], network.camera, network.uv)

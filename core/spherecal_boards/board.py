@@ -64,7 +64,8 @@ def calibrate_board(
     free = estimated_intrinsics(session, settings.intrinsics == "free")
     start = _start(session, views, free, context)
     if images is not None and np.isfinite(images.diameter):
-        radius = (read_board_pattern(session).dot_diameter_mm or images.diameter * _pitch(session)) / 2
+        pattern = read_board_pattern(session)
+        radius = (pattern.dot_diameter_mm or images.diameter * pattern.pitch_mm) / 2
         views = replace(views, uv=views.uv - eccentricity(views, start.poses, start.intrinsics, radius))
         observations = replace(observations, uv=views.uv)
         start = _start(session, views, free, context)
@@ -72,7 +73,7 @@ def calibrate_board(
 
     names = [c.id if settings.own_intrinsics else c.intrinsics_group for c in session.cameras]
     group = np.unique(names, return_inverse=True)[1].reshape(-1)
-    findings = _about_observations(session, images, foreign)
+    findings = _about_observations(images, foreign)
     if not start.poses:
         features = _features(observations, session, point, np.zeros(0, dtype=np.int64))[0]
         return _nothing(session, observations, features, findings, watch.seconds)
@@ -84,10 +85,6 @@ def calibrate_board(
     findings += [*about_shape, *_groups_finding(session, groups)]
     session = replace(session, observations=observations)
     return _result(session, solution, network, placed, findings, watch.seconds)
-
-
-def _pitch(session: Session) -> float:
-    return read_board_pattern(session).pitch_mm
 
 
 def _on_board(session: Session) -> tuple[Observations, IntArray, int]:
@@ -250,7 +247,7 @@ def _nothing(
     return assemble_nothing(session, observations, features, [lost, *findings], METHOD, seconds)
 
 
-def _about_observations(session: Session, images: BoardImages | None, foreign: int) -> list[Finding]:
+def _about_observations(images: BoardImages | None, foreign: int) -> list[Finding]:
     found = []
     if images is not None and images.missed:
         shown = [Phrase("camera-at", {"camera": camera, "place": place}) for place, camera in images.missed[:8]]

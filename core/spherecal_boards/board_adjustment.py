@@ -1,13 +1,12 @@
 """The joint adjustment of cameras and board placements: robust first, then gate and plain least squares in turns."""
 
-from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from spherecal.adjust.ball_model import Rigid
-from spherecal.adjust.bundle import CAUCHY_PX, GATE_LEAST_PX, GATE_ROUNDS, GATE_SIGMAS, START_INTRINSICS
-from spherecal.adjust.levenberg import Minimum, Settings
+from spherecal.adjust.bundle import GATE_ROUNDS, START_INTRINSICS
+from spherecal.adjust.levenberg import Settings
 from spherecal.adjust.problem import sorted_problem
 from spherecal.adjust.rows import NO_PRIORS, Priors
 from spherecal.adjust.state import State
@@ -17,10 +16,18 @@ from spherecal.geometry.camera import INTRINSIC_NAMES, project
 from spherecal_boards.board_model import BoardModel, BoardViews
 from spherecal_boards.board_start import LEAST_POINTS, BoardPose
 from spherecal_boards.frames import cameras_only, minimise, redundancy
-from spherecal_boards.frames_covariance import FrameCovariance, frame_covariance
-from spherecal_boards.intrinsic_priors import poorly_determined, poorly_observed, priors_of
+from spherecal_boards.frames_adjustment import (
+    Adjusted,
+    camera_residuals,
+    progress,
+    robust_steps,
+    sizes,
+    with_priors,
+    within_gate,
+)
+from spherecal_boards.frames_covariance import frame_covariance
+from spherecal_boards.intrinsic_priors import poorly_observed, priors_of
 
-START_ITERATIONS = 60
 ViewPoses = dict[tuple[int, int], list[BoardPose]]
 
 
@@ -39,33 +46,11 @@ class BoardNetwork:
 
 
 @dataclass(frozen=True)
-class BoardAdjusted:
-    """An adjusted network: state, model, rows (observation of each row), used (n,), who has a prior (c,).
+class BoardAdjusted(Adjusted):
+    """An adjusted network; `rows`: the observation of each row."""
 
-    `noise_known`: the priors are weighed by the sigma0 of an adjustment. `joint` False: cameras are as they were
-    chained.
-    """
-
-    state: State
     model: BoardModel
-    rows: IntArray
-    used: BoolArray
-    minimum: Minimum
-    redundancy: int
-    covariance: FrameCovariance | None
-    has_prior: BoolArray
-    noise_known: bool = False
-    joint: bool = True
-
-    @property
-    def variance(self) -> float:
-        """The square of sigma0; NaN without redundancy."""
-        return 2 * self.minimum.cost / self.redundancy if self.redundancy > 0 else float("nan")
-
-    @property
-    def sigma0(self) -> float:
-        """The standard deviation of unit weight; 1 without redundancy."""
-        return float(np.sqrt(self.variance)) if self.redundancy > 0 else 1.0
+    rows: IntArray = field(kw_only=True)
 
 
 def place_boards(views: BoardViews, found: ViewPoses, state: State, cameras: BoolArray) -> State:
@@ -119,11 +104,7 @@ def robust_start(network: BoardNetwork, state: State, candidates: BoolArray, con
     for names in ((), START_INTRINSICS, None):
         free = network.free if names is None else network.free & np.isin(INTRINSIC_NAMES, names)
         model, _ = _model(network, candidates, free, NO_PRIORS, False)
-        typical = float(np.median(np.linalg.norm(model.residuals(state), axis=1)))
-        for cauchy in (typical, CAUCHY_PX) if typical > CAUCHY_PX else (CAUCHY_PX,):
-            watch = progress(context, "robust adjustment", START_ITERATIONS)
-            settings = Settings(cauchy=cauchy, max_iterations=START_ITERATIONS, tolerance=1e-4)
-            state = minimise(model, state, settings, watch).state
+        state = robust_steps(model, state, context)
     return state
 
 
@@ -140,17 +121,11 @@ def adjust_boards(
     has_prior = poorly_observed(group, network.free, views.camera[candidates], views.placement[candidates])
     priors = priors_of(group, network.known, has_prior, 1.0)
     adjusted = _refine(network, state, candidates, priors, has_prior, context)
-    for _ in range(1 + views.n_cameras):
-        weak = poorly_determined(adjusted.model.problem, adjusted.state, adjusted.covariance, adjusted.variance)
-        again = has_prior | weak
-        if not again.any() or ((again == has_prior).all() and adjusted.noise_known):
-            break
-        # again with the noise that only the adjustment tells
-        noise, has_prior = adjusted.sigma0, again
-        priors = priors_of(group, network.known, has_prior, noise)
-        adjusted = _refine(network, adjusted.state, candidates, priors, has_prior, context)
-        adjusted = replace(adjusted, noise_known=True)
-    return adjusted
+
+    def again(last: BoardAdjusted, priors: Priors) -> BoardAdjusted:
+        return _refine(network, last.state, candidates, priors, has_prior, context)
+
+    return with_priors(adjusted, group, network.known, network.free, again)
 
 
 def leave_chained(network: BoardNetwork, state: State, candidates: BoolArray, context: Context) -> BoardAdjusted:
@@ -163,9 +138,8 @@ def leave_chained(network: BoardNetwork, state: State, candidates: BoolArray, co
     nobody = np.zeros(views.n_cameras, dtype=bool)
     model, rows = _model(network, gated, np.zeros_like(network.free), NO_PRIORS, True, free_poses=False)
     minimum = minimise(model, state, Settings(max_iterations=60), progress(context, "joint adjustment", 20))
-    return BoardAdjusted(
-        minimum.state, model, rows, gated, minimum, redundancy(model, minimum.state), None, nobody, joint=False
-    )
+    count = redundancy(model, minimum.state)
+    return BoardAdjusted(minimum.state, model, gated, minimum, count, None, nobody, joint=False, rows=rows)
 
 
 def _refine(
@@ -184,9 +158,7 @@ def _refine(
     context.report("uncertainty", 0.0)
     views = network.views
     covariance = frame_covariance(model, state, model.point_rows(state, *board_points(views, gated)))
-    return BoardAdjusted(
-        state, model, rows, gated, minimum, redundancy(model, state), covariance, has_prior & network.free.any(axis=1)
-    )
+    return BoardAdjusted(state, model, gated, minimum, redundancy(model, state), covariance, has_prior, rows=rows)
 
 
 def board_points(views: BoardViews, used: BoolArray) -> tuple[IntArray, IntArray, BoolArray]:
@@ -223,19 +195,11 @@ def _model(
     return BoardModel(problem, cameras_only(problem)), rows[order]
 
 
-def residual_size(views: BoardViews, state: State) -> FloatArray:
-    """Lengths of the residuals (n,) px, infinite where there is no prediction in front of the camera."""
-    return np.where(np.isfinite(r := np.linalg.norm(residuals_px(views, state), axis=1)), r, np.inf)
-
-
 def residuals_px(views: BoardViews, state: State) -> FloatArray:
     """Predicted minus observed (n,2) px; NaN without a prediction in front of the camera."""
     world = np.einsum("nij,nj->ni", state.placement_rotation[views.placement], state.points[views.point])
     world += state.placement_translation[views.placement]
-    x = np.einsum("nij,nj->ni", state.rotation[views.camera], world) + state.translation[views.camera]
-    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-        residual = project(x, state.intrinsics[views.camera]) - views.uv
-        return np.where(x[:, 2:3] > 0, residual, np.nan)
+    return camera_residuals(state, world, views.camera, views.uv)
 
 
 def gate(network: BoardNetwork, state: State, candidates: BoolArray) -> BoolArray:
@@ -244,21 +208,8 @@ def gate(network: BoardNetwork, state: State, candidates: BoolArray) -> BoolArra
     4.5 robust standard deviations of each camera, at least 0.15 px (docs/formulation.md, section Adjustment).
     """
     views = network.views
-    size = residual_size(views, state)
-    limit = np.zeros(views.n_cameras)
-    for c in np.unique(views.camera[candidates]):
-        noise = float(np.median(size[candidates & (views.camera == c)])) / 1.1774  # Rayleigh's median
-        limit[c] = max(GATE_SIGMAS * noise, GATE_LEAST_PX)
-    keep = candidates & (size <= limit[views.camera])
+    size = sizes(residuals_px(views, state))
+    keep = candidates & within_gate(size, views.camera, candidates, views.n_cameras)
     for index, count in ((views.placement, views.n_placements), (views.camera, views.n_cameras)):
         keep &= (np.bincount(index[keep], minlength=count) >= LEAST_POINTS)[index]
     return keep
-
-
-def progress(context: Context, stage: str, expected: int) -> Callable[[int, float], None]:
-    """A function that reports a minimiser's steps, and stops it when the user asks."""
-
-    def on_step(iteration: int, cost: float) -> None:
-        context.report_iteration(stage, iteration / (iteration + expected / 2), iteration, cost)
-
-    return on_step

@@ -17,8 +17,9 @@ from spherecal.base.arrays import BoolArray, FloatArray
 from spherecal.base.context import Context
 from spherecal.data.findings import Finding
 from spherecal.geometry.transform import fit_similarity
-from spherecal_boards.board_adjustment import BoardAdjusted, BoardNetwork, board_points, gate, progress
+from spherecal_boards.board_adjustment import BoardAdjusted, BoardNetwork, board_points, gate
 from spherecal_boards.frames import cameras_only
+from spherecal_boards.frames_adjustment import progress
 from spherecal_boards.frames_covariance import FrameCovariance
 from spherecal_boards.intrinsic_priors import priors_of
 

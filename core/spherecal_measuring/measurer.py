@@ -31,7 +31,6 @@ from spherecal_measuring.results import (
 from spherecal_measuring.task import Task
 from spherecal_measuring.values import Unmeasured, measure_bar, measure_ruler
 
-STAGE = "measure"
 _POINTS = 1024  # names of points on a target; a key is target * _POINTS + point
 _FORGET = 0.98  # of the noise's sums from set to set: some 50 sets count
 _ROOM_S = 5e-3  # views of what moves are first compared as if exposed so far apart, whatever is stated

@@ -57,7 +57,7 @@ class RegionSearch:
         if parts is None:
             found, self.last_part = self._detect(image, self._settings), 1.0
         else:
-            found = _joined([self._in_part(image, part) for part in parts], self._settings)
+            found = _joined([self._in_part(image, part) for part in parts])
             area = sum((r.stop - r.start) * (c.stop - c.start) for r, c in parts)
             self.last_part = area / image.size
         self._learn(found, at_s, whole=parts is None)
@@ -135,7 +135,7 @@ def _boxes(cells: NDArray[np.bool_]) -> list[tuple[slice, slice]]:
         cells = filled
 
 
-def _joined(parts: list[Detections], settings: DetectionSettings) -> Detections:
+def _joined(parts: list[Detections]) -> Detections:
     """The detections of several parts as those of one image, sorted by target."""
     if not parts:
         from spherecal.targets.family import DOTS

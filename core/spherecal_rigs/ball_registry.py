@@ -1,18 +1,13 @@
 """The owner's balls by name: size, targets, how large these were printed; one JSON file per user, beside the bars."""
 
-import os
-from collections.abc import Mapping
-from contextlib import AbstractContextManager
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 
 from spherecal.base.arrays import ByValue
 from spherecal.base.messages.values import Phrase
-from spherecal.files.atomic import make_parent, write_file_whole
 from spherecal.files.codec import FileFormat, field, items, name, only, optional, positive, record
-from spherecal.files.lock import locked
+from spherecal.files.registry import Registry
 from spherecal.files.target_set_file import TARGETS
 from spherecal.targets.target_set import TargetSet
 
@@ -91,36 +86,4 @@ BALLS = FileFormat(
     ("Names and ids differ.", *TARGETS.rules),
     more="guide/bench.md",
 )
-
-
-def balls_path() -> Path:
-    """The file: `SPHERECAL_BALLS`, else balls.json in the user's settings."""
-    from platformdirs import user_config_path
-
-    named = os.environ.get("SPHERECAL_BALLS")
-    return Path(named) if named else user_config_path("spherecal", appauthor=False) / "balls.json"
-
-
-def read_balls(path: Path | None = None) -> dict[str, RegisteredBall]:
-    """The balls by name, in the file's order; none where there is no file."""
-    path = path or balls_path()
-    if not path.exists():
-        return {}
-    return {ball.name: ball for ball in BALLS.read(path)}
-
-
-def changing_balls(path: Path | None = None) -> AbstractContextManager[None]:
-    """Hold the file from reading to writing, so that no other program's change is lost."""
-    path = path or balls_path()
-    make_parent(path, Phrase("error-set-balls"))
-    return locked(path)
-
-
-def write_balls(balls: Mapping[str, RegisteredBall], path: Path | None = None) -> None:
-    """Write the file whole.
-
-    `path` None: that of `balls_path`.
-    """
-    path = path or balls_path()
-    make_parent(path, Phrase("error-set-balls"))
-    write_file_whole(path, BALLS.bytes(balls.values()))
+BALL_REGISTRY = Registry(BALLS, "SPHERECAL_BALLS", "name", Phrase("error-set-balls"))

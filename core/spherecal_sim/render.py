@@ -46,7 +46,7 @@ def render_image(
     outlines = outline_dots(dots, station)
     truth = see_dots(dots, outlines, scene, station)
     kernel = pixel_kernel(settings.psf_at(station.id))
-    margin = _margin(kernel)
+    margin = TILE * int(np.ceil(len(kernel) / 2 / CELLS / TILE))  # whole tiles around the image that the kernel reaches
     marks = _pixel_marks(scene, station, outlines, dots.sheets, margin)
     exposure = _expose_scene(scene, station, marks, kernel, margin, context)
     if settings.vignetting:
@@ -61,11 +61,6 @@ def _packed(scene: TracedScene) -> TracedScene:
     """The scene with contiguous arrays: the kernels are compiled for one kind of scene only."""
     arrays = {name: value for name, value in scene._asdict().items() if isinstance(value, np.ndarray)}
     return scene._replace(**{name: np.ascontiguousarray(value) for name, value in arrays.items()})
-
-
-def _margin(kernel: FloatArray) -> int:
-    """Pixels around the image that its point-spread function reaches, in whole tiles."""
-    return TILE * int(np.ceil(len(kernel) / 2 / CELLS / TILE))
 
 
 def _expose_scene(

@@ -155,19 +155,6 @@ def _grey(ball: StickerBall, painted: NDArray[np.float32], at: FloatArray) -> ND
     return out
 
 
-def sticker_points(ball: StickerBall) -> dict[tuple[int, str], FloatArray]:
-    """The places (3,) mm of all points in the ball's own frame, by target and point."""
-    found = {}
-    for i, (target, layout) in enumerate(ball.targets.layouts.items()):
-        up, right = ball.places[i], ball.right[i]
-        for name, (x, y) in layout.items():
-            arc = np.hypot(x, y)
-            flat = (x * right + y * np.cross(right, up)) / arc
-            angle = arc / ball.radius_mm
-            found[target, name] = ball.radius_mm * (np.cos(angle) * up + np.sin(angle) * flat)
-    return found
-
-
 def camera_ring(
     count: int,
     size: tuple[int, int],

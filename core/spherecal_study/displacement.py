@@ -52,11 +52,8 @@ def displaced_cases(session: Session, truth: Truth, start: StartValues, seed: in
             cases.append({"percent": percent, "way": way, **done, "converged": _converged(done, best)})
     if damping == "diagonal":
         cases.append({"percent": 0, "way": "triangulated", **_triangulated(network, state, candidates, best)})
-    return {"cases": cases, "best_rms_px": best["rms_px"], "best_mean_px": best["mean_px"], "ids": _ids(session)}
-
-
-def _ids(session: Session) -> list[str]:
-    return [camera.id for camera in session.cameras]
+    ids = [camera.id for camera in session.cameras]
+    return {"cases": cases, "best_rms_px": best["rms_px"], "best_mean_px": best["mean_px"], "ids": ids}
 
 
 def _triangulated(network: Network, state: State, candidates: BoolArray, best: dict[str, Any]) -> dict[str, Any]:

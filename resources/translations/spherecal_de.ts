@@ -1955,48 +1955,12 @@ px</translation>
         <translation>keine</translation>
     </message>
     <message>
-        <source>set a PIN</source>
-        <translation>hat eine PIN gesetzt</translation>
-    </message>
-    <message>
-        <source>removed the PIN</source>
-        <translation>hat die PIN entfernt</translation>
+        <source>The responsible person of the rig sets these. They are kept in {path}.</source>
+        <translation>Die verantwortliche Person des Messsystems stellt sie ein. Sie stehen in {path}.</translation>
     </message>
     <message>
         <source>{problem} Until then the delivered limits are used. Restore the file, or delete it to start again.</source>
         <translation>{problem} Bis dahin gelten die Grenzwerte ab Werk. Die Datei wiederherstellen oder löschen, um neu zu beginnen.</translation>
-    </message>
-    <message>
-        <source>Unlocked for {name}. Closing this window locks them again.</source>
-        <translation>Entsperrt für {name}. Schließen sperrt wieder.</translation>
-    </message>
-    <message>
-        <source>Locked: the responsible person of the rig sets these.</source>
-        <translation>Gesperrt: Die verantwortliche Person des Aufbaus stellt diese ein.</translation>
-    </message>
-    <message>
-        <source>The PIN guards against mistakes, not against somebody who can write {path}. If it was forgotten: spherecal limits reset-pin</source>
-        <translation>Die PIN schützt vor Versehen, nicht vor jemandem, der {path} schreiben kann. Wurde sie vergessen: spherecal limits reset-pin</translation>
-    </message>
-    <message>
-        <source>Give your name: it is noted with every change.</source>
-        <translation>Den eigenen Namen angeben: Er wird bei jeder Änderung vermerkt.</translation>
-    </message>
-    <message>
-        <source>That is not the PIN.</source>
-        <translation>Das ist nicht die PIN.</translation>
-    </message>
-    <message>
-        <source>The next try is in {seconds} s.</source>
-        <translation>Nächster Versuch in {seconds} s.</translation>
-    </message>
-    <message>
-        <source>A PIN has {least} characters or more.</source>
-        <translation>Eine PIN hat mindestens {least} Zeichen.</translation>
-    </message>
-    <message>
-        <source>The two PINs differ.</source>
-        <translation>Die beiden PINs sind verschieden.</translation>
     </message>
     <message>
         <source>The rig&apos;s profile still has others; saving here gives it these.</source>
@@ -2012,26 +1976,6 @@ px</translation>
     <message>
         <source>Limits</source>
         <translation>Grenzwerte</translation>
-    </message>
-    <message>
-        <source>Unlock</source>
-        <translation>Entsperren</translation>
-    </message>
-    <message>
-        <source>Your name</source>
-        <translation>Ihr Name</translation>
-    </message>
-    <message>
-        <source>PIN</source>
-        <translation>PIN</translation>
-    </message>
-    <message>
-        <source>The PIN again</source>
-        <translation>PIN noch einmal</translation>
-    </message>
-    <message>
-        <source>Changes</source>
-        <translation>Änderungen</translation>
     </message>
     <message>
         <source>Back to the delivered values</source>
@@ -2054,20 +1998,8 @@ px</translation>
         <translation>Schließen ohne Sichern</translation>
     </message>
     <message>
-        <source>No limit was changed yet.</source>
-        <translation>Noch wurde kein Grenzwert geändert.</translation>
-    </message>
-    <message>
         <source>Saved; the new limits apply from now on.</source>
         <translation>Gesichert; die neuen Grenzwerte gelten ab jetzt.</translation>
-    </message>
-    <message>
-        <source>Set this PIN</source>
-        <translation>Diese PIN setzen</translation>
-    </message>
-    <message>
-        <source>No PIN was set yet. The responsible person chooses one of four characters or more.</source>
-        <translation>Es gibt noch keine PIN. Die verantwortliche Person wählt eine mit mindestens vier Zeichen.</translation>
     </message>
 </context>
 <context>

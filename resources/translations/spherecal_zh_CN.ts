@@ -1955,48 +1955,12 @@ px</translation>
         <translation>无</translation>
     </message>
     <message>
-        <source>set a PIN</source>
-        <translation>设置了 PIN</translation>
-    </message>
-    <message>
-        <source>removed the PIN</source>
-        <translation>移除了 PIN</translation>
+        <source>The responsible person of the rig sets these. They are kept in {path}.</source>
+        <translation>由系统负责人设定。保存在 {path}。</translation>
     </message>
     <message>
         <source>{problem} Until then the delivered limits are used. Restore the file, or delete it to start again.</source>
         <translation>{problem} 在此之前使用出厂限值。请恢复该文件，或删除后重新开始。</translation>
-    </message>
-    <message>
-        <source>Unlocked for {name}. Closing this window locks them again.</source>
-        <translation>已为 {name} 解锁。关闭此窗口后重新锁定。</translation>
-    </message>
-    <message>
-        <source>Locked: the responsible person of the rig sets these.</source>
-        <translation>已锁定：由系统负责人设定。</translation>
-    </message>
-    <message>
-        <source>The PIN guards against mistakes, not against somebody who can write {path}. If it was forgotten: spherecal limits reset-pin</source>
-        <translation>PIN 只防误操作，不能防止有权写入 {path} 的人。如果忘记：spherecal limits reset-pin</translation>
-    </message>
-    <message>
-        <source>Give your name: it is noted with every change.</source>
-        <translation>请填写姓名：每次更改都会记录。</translation>
-    </message>
-    <message>
-        <source>That is not the PIN.</source>
-        <translation>PIN 不正确。</translation>
-    </message>
-    <message>
-        <source>The next try is in {seconds} s.</source>
-        <translation>{seconds} 秒后可再试。</translation>
-    </message>
-    <message>
-        <source>A PIN has {least} characters or more.</source>
-        <translation>PIN 至少 {least} 个字符。</translation>
-    </message>
-    <message>
-        <source>The two PINs differ.</source>
-        <translation>两次输入的 PIN 不一致。</translation>
     </message>
     <message>
         <source>The rig&apos;s profile still has others; saving here gives it these.</source>
@@ -2012,26 +1976,6 @@ px</translation>
     <message>
         <source>Limits</source>
         <translation>限值</translation>
-    </message>
-    <message>
-        <source>Unlock</source>
-        <translation>解锁</translation>
-    </message>
-    <message>
-        <source>Your name</source>
-        <translation>姓名</translation>
-    </message>
-    <message>
-        <source>PIN</source>
-        <translation>PIN</translation>
-    </message>
-    <message>
-        <source>The PIN again</source>
-        <translation>再次输入 PIN</translation>
-    </message>
-    <message>
-        <source>Changes</source>
-        <translation>更改记录</translation>
     </message>
     <message>
         <source>Back to the delivered values</source>
@@ -2054,20 +1998,8 @@ px</translation>
         <translation>关闭而不保存</translation>
     </message>
     <message>
-        <source>No limit was changed yet.</source>
-        <translation>尚未更改任何限值。</translation>
-    </message>
-    <message>
         <source>Saved; the new limits apply from now on.</source>
         <translation>已保存；新限值即刻生效。</translation>
-    </message>
-    <message>
-        <source>Set this PIN</source>
-        <translation>设置此 PIN</translation>
-    </message>
-    <message>
-        <source>No PIN was set yet. The responsible person chooses one of four characters or more.</source>
-        <translation>尚未设置 PIN。请负责人设定一个至少四个字符的 PIN。</translation>
     </message>
 </context>
 <context>

@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from PySide6.QtCore import QCoreApplication, Signal
+from PySide6.QtCore import Signal
 from PySide6.QtWidgets import (
     QComboBox,
     QDialog,
@@ -19,8 +19,6 @@ from spherecal.base.errors import SpherecalError
 from spherecal_boards.board_pattern import board_entry
 from spherecal_gui.texts import error_text
 from spherecal_gui.widgets.basic import WheelGuard, button, enable, label, set_level
-
-translate = QCoreApplication.translate
 
 _MARKED = ("charuco", "aprilgrid")
 

@@ -42,7 +42,6 @@ translate = QCoreApplication.translate
 _DIAMETERS_MM = (5.0, 5000.0)
 _MOST_PLACEMENTS = 50
 _SCALE_POSES, _CHECK_POSES = 2, 3  # of the bar that gives the scale; of one that verifies, until the engine guides them
-_ROLES = ("none", "scale", "check")
 
 
 @dataclass(frozen=True)

@@ -80,7 +80,7 @@ def reminder(bars: "Iterable[Bar | RegisteredBar]", today: date) -> Reminder:
 
 def bench_reminder(bench: Path, today: date) -> Reminder:
     """Of the bars on the rig's bench; where none was described, of all bars of the library."""
-    from spherecal.files.bar_registry import read_registry
+    from spherecal.files.bar_registry import BAR_REGISTRY
     from spherecal.files.read_bars import read_bars
     from spherecal_rigs.bench_file import FORMAT, VERSION
 
@@ -90,7 +90,7 @@ def bench_reminder(bench: Path, today: date) -> Reminder:
             f = read_json(bench, FORMAT, VERSION).fields((), ("bars",))
             bars = read_bars(f["bars"])[0] if "bars" in f else ()
         else:
-            bars = read_registry().values()
+            bars = BAR_REGISTRY.read().values()
     except SpherecalError:  # it is named where the bench is used; the start page comes up all the same
         return Reminder()
     return reminder(bars, today)

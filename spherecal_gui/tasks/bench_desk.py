@@ -11,13 +11,7 @@ from PySide6.QtCore import QCoreApplication
 from spherecal.base.errors import InputError, SpherecalError
 from spherecal.base.messages.catalogue import phrase
 from spherecal.base.messages.values import Phrase
-from spherecal.files.bar_registry import (
-    RegisteredBar,
-    changing_registry,
-    read_registry,
-    registry_path,
-    write_registry,
-)
+from spherecal.files.bar_registry import BAR_REGISTRY, RegisteredBar
 from spherecal.files.target_set_file import read_target_set
 from spherecal_cameras.plan import CapturePlan, read_plan
 from spherecal_gui import languages
@@ -34,7 +28,7 @@ from spherecal_gui.presenters.bench import (
     targets_words,
 )
 from spherecal_gui.project_folder import rig_bench
-from spherecal_rigs.ball_registry import RegisteredBall, balls_path, changing_balls, read_balls, write_balls
+from spherecal_rigs.ball_registry import BALL_REGISTRY, RegisteredBall
 from spherecal_rigs.bars_table import arrivals, read_bars_table, write_bars_table
 from spherecal_rigs.bench_file import Bench, write_bench
 
@@ -72,8 +66,8 @@ class BenchDesk:
         """`plan` is what is there now (spherecal_cameras.plan); without one the rig's bench, if there is one."""
         self.projects = projects
         self.trouble = ""  # why the library could not be read
-        self._known = self._read(read_registry, {})
-        self._balls = self._read(read_balls, {})
+        self._known = self._read(BAR_REGISTRY.read, {})
+        self._balls = self._read(BALL_REGISTRY.read, {})
         if plan is None and rig_bench(projects).is_file():
             plan = self._read(lambda: read_plan(rig_bench(projects)), None)
         self.draft = bench_draft(plan, self._balls, self._known)
@@ -208,16 +202,16 @@ class BenchDesk:
         whole = [bar for bar in bars if bar is not None]
         try:
             with ExitStack() as stack:
-                stack.enter_context(changing_registry(registry_path()))
-                stack.enter_context(changing_balls())
+                stack.enter_context(BAR_REGISTRY.changing(BAR_REGISTRY.path()))
+                stack.enter_context(BALL_REGISTRY.changing())
                 registry = self._merged(whole)
-                balls = read_balls()
+                balls = BALL_REGISTRY.read()
                 if bench is not None:
                     balls = {**balls, bench.ball.name: bench.ball}
                 if registry or self._known:
-                    write_registry(registry)
+                    BAR_REGISTRY.write(registry)
                 if balls != self._balls and balls:
-                    write_balls(balls)
+                    BALL_REGISTRY.write(balls)
                 path = write_bench(bench, rig_bench(self.projects).parent) if bench is not None else None
         except SpherecalError as error:
             return None, error_words(error)
@@ -235,25 +229,25 @@ class BenchDesk:
 
     def _merged(self, whole: list[RegisteredBar]) -> dict[str, RegisteredBar]:
         """The registry as it is on disk now with what was changed here; InputError where both changed one bar."""
-        now = read_registry()
+        now = BAR_REGISTRY.read()
         mine = {bar.serial: bar for bar in whole}
         kept = {one.kept for one in self.draft.bars if one.kept}
         for serial, bar in self._known.items():
             touched = mine.get(serial) != bar or serial not in kept
             if touched and now.get(serial) != bar:
-                raise InputError(Phrase("error-bar-changed", {"serial": serial, "file": registry_path()}))
+                raise InputError(Phrase("error-bar-changed", {"serial": serial, "file": BAR_REGISTRY.path()}))
         gone = {serial for serial in self._known if serial not in mine}
         changed = {serial: bar for serial, bar in mine.items() if self._known.get(serial) != bar}
         merged = {serial: bar for serial, bar in now.items() if serial not in gone}
         for serial, bar in mine.items():
             if serial not in self._known and now.get(serial, bar) != bar:
-                raise InputError(Phrase("error-bar-changed", {"serial": serial, "file": registry_path()}))
+                raise InputError(Phrase("error-bar-changed", {"serial": serial, "file": BAR_REGISTRY.path()}))
         return {**merged, **changed}
 
     @property
     def library(self) -> str:
         """Where the library is."""
-        return f"{registry_path()}, {balls_path()}"
+        return f"{BAR_REGISTRY.path()}, {BALL_REGISTRY.path()}"
 
     def ball_known(self) -> RegisteredBall | None:
         """The ball of the library with the draft's name."""

@@ -1,7 +1,6 @@
 """The open cameras and the targets in their live images, found in a thread of its own."""
 
 import threading
-import time
 from collections import deque
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -166,14 +165,3 @@ def _known(camera: SessionCamera) -> DetectionSettings:
     """What session.json knows of the camera, for detection."""
     pitch, focal = camera.entry.get("pixel_pitch_um"), camera.entry.get("focal_length_mm")
     return DetectionSettings(focal_px=focal / pitch * 1e3 if pitch and focal else None)
-
-
-def wait_for_sight(view: LiveView, serial: str, seconds: float) -> Sight | None:
-    """The camera's first examined image; for commands and tests, never for the window.
-
-    None where there was none in this time.
-    """
-    until = time.perf_counter() + seconds
-    while time.perf_counter() < until and view.sight(serial) is None and view.problem is None:
-        time.sleep(_PAUSE_S)
-    return view.sight(serial)

@@ -84,11 +84,6 @@ class SceneView(QWidget):
         self.marked = camera
         self.scene_changed()
 
-    def show_layers(self, with_map: bool, with_links: bool) -> None:
-        """The map of uncertainty in place of the points; the paths by which the cameras were joined."""
-        shown = self.layers - {"map", "links"}
-        self.set_layers(shown | ({"map"} if with_map else set()) | ({"links"} if with_links else set()))
-
     def set_layers(self, layers: frozenset[str]) -> None:
         """Show these of scene_shapes.LAYERS."""
         self.layers = frozenset(layers)

@@ -458,11 +458,6 @@ class Wall(QWidget):
         self._order = self._by_trouble() if on else []
         self._arrange()
 
-    @property
-    def follows_worst(self) -> bool:
-        """Whether cameras in trouble come first."""
-        return self._follows
-
     def _by_trouble(self) -> list[str]:
         """Cameras that need somebody first, each group in the rig's order."""
         return sorted(self.tiles, key=lambda serial: _TROUBLE.get(self.tiles[serial].state.level, 2))

@@ -32,10 +32,6 @@ class WindowSettings:
         """Remember a text."""
         self._kept.setValue(name, value)
 
-    def has(self, name: str) -> bool:
-        """Whether there is such an entry."""
-        return self._kept.contains(name)
-
     @property
     def geometry(self) -> QByteArray | None:
         """Where the window was."""

@@ -100,15 +100,6 @@ def minimise(problem: Problem, state: State, settings: Settings, on_step: OnStep
         return replace(found, state=replace(found.state, shape_residual=shape_residual))
 
 
-def total_cost(problem: Problem, state: State, cauchy: float | None) -> float:
-    """Half the (robust) sum of squared weighted residuals of all rows; infinite where it is not defined.
-
-    `cauchy` None is plain least squares.
-    """
-    model = _Bundle(problem, cauchy)
-    return model.cost(state, model.linearise(state))
-
-
 def _robust_weight(problem: Problem, state: State, cauchy: float | None) -> FloatArray | None:
     """Square roots of the weights (n,) by which Cauchy's loss scales each observation's rows."""
     if cauchy is None:

@@ -35,6 +35,7 @@ _LEFT_OVER_S = 3600.0  # a partial file that nobody has written to for so long i
 _HAS_DIR_FD = os.open in os.supports_dir_fd and os.rename in os.supports_dir_fd and hasattr(os, "O_NOFOLLOW")
 _NO_LINK = getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_CLOEXEC", 0) | getattr(os, "O_BINARY", 0)
 _NO_WAIT = getattr(os, "O_NONBLOCK", 0)
+_TO_READ = os.O_RDONLY | _NO_WAIT | getattr(os, "O_BINARY", 0)
 _IN_FOLDER = getattr(os, "O_DIRECTORY", 0) | _NO_LINK
 
 
@@ -205,7 +206,7 @@ def read_file(path: Path, most: int, fits: Fits | None = None) -> bytes:
     `fits` None to read it.
     """
     with _plain_reading(path):
-        return _read(os.open(path, os.O_RDONLY | _NO_WAIT | getattr(os, "O_BINARY", 0)), path, most, fits)
+        return _read(os.open(path, _TO_READ), path, most, fits)
 
 
 def read_below(root: Path, relative: str, most: int) -> bytes:
@@ -253,11 +254,9 @@ def file_sha256(path: Path, most: int) -> str:
     """The SHA-256 of a regular file of at most `most` bytes, in hexadecimal digits."""
     if not os.path.exists(path):
         raise FileNotFoundError(errno.ENOENT, os.strerror(errno.ENOENT), str(path))
-    with _plain_reading(path):
-        descriptor = os.open(path, os.O_RDONLY | _NO_WAIT | getattr(os, "O_BINARY", 0))
-        with os.fdopen(descriptor, "rb") as file:
-            _check_size(file, path, most)
-            return hashlib.file_digest(file, "sha256").hexdigest()
+    with _plain_reading(path), os.fdopen(os.open(path, _TO_READ), "rb") as file:
+        _check_size(file, path, most)
+        return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 @contextmanager
@@ -278,7 +277,7 @@ def _plain_reading(path: Path) -> Iterator[None]:
 
 def write_new(root: Path, relative: str, data: bytes, durable: bool = False) -> None:
     """Write a file that is not there yet, making its folders below `root`."""
-    with _place(root, relative, make=True) as place, os.fdopen(_create(place), "wb") as file:
+    with new_file(root, relative) as file:
         file.write(data)
         if durable:
             file.flush()
@@ -510,7 +509,7 @@ def plain_files(folder: Path, most: int) -> list[str]:
     Folders that cannot be listed are left out.
     """
     found: list[str] = []
-    for relative, state in _entries(folder, "", on_error=lambda _error: None):
+    for relative, state in _entries(folder, "", readable_only=True):
         if stat.S_ISREG(state.st_mode) and not is_link(state) and path_problem(relative) is None:
             found.append(relative)
             if len(found) == most:
@@ -533,12 +532,8 @@ def strangers(folder: Path, known: Known, most: int = 3) -> list[str]:
     return found
 
 
-def _raised(error: OSError) -> None:
-    raise error
-
-
 def _entries(
-    folder: Path, prefix: str, depth: int = 0, on_error: Callable[[OSError], None] = _raised
+    folder: Path, prefix: str, depth: int = 0, readable_only: bool = False
 ) -> Iterator[tuple[str, os.stat_result]]:
     if depth > _DEEPEST:
         raise InputError(Phrase("error-nested-folders", {"folder": folder}))
@@ -547,11 +542,12 @@ def _entries(
         with os.scandir(folder) as scan:
             for entry in sorted(scan, key=lambda one: one.name):
                 listed.append((entry, entry.stat(follow_symlinks=False)))
-    except OSError as error:
-        on_error(error)
+    except OSError:
+        if not readable_only:
+            raise
     for entry, state in listed:
         if stat.S_ISDIR(state.st_mode) and not is_link(state):
-            inner = list(_entries(Path(entry.path), f"{prefix}{entry.name}/", depth + 1, on_error))
+            inner = list(_entries(Path(entry.path), f"{prefix}{entry.name}/", depth + 1, readable_only))
             yield from inner or [(f"{prefix}{entry.name}/", state)]
         else:
             yield prefix + entry.name, state

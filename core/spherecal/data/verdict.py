@@ -14,7 +14,7 @@ from spherecal.base.arrays import FloatArray
 from spherecal.base.messages.catalogue import phrase
 from spherecal.base.messages.values import Phrase
 from spherecal.data.findings import Finding, Severity
-from spherecal.data.rig import Affected, Calibration, Rig, Verdict
+from spherecal.data.rig import Affected, Calibration, Verdict
 
 Effect = Literal["information", "care", "not-valid"]
 Concerns = Literal["", "cameras", "scale", "volume"]
@@ -251,11 +251,6 @@ def with_findings(calibration: Calibration, findings: tuple[Finding, ...]) -> Ca
         affected=tuple(dict.fromkeys([*rig.quality.affected, *more])),
     )
     return replace(calibration, rig=replace(rig, quality=quality))
-
-
-def word(rig: Rig) -> str:
-    """The verdict on a rig as people read it."""
-    return WORDS[rig.quality.verdict]
 
 
 def named(some: Collection[Affected]) -> str:

@@ -72,7 +72,7 @@ def _jobs(session: Session, observations: Observations, first: Calibration, tabl
             camera, path = first.rig.camera(spec.id), placement.images.get(spec.id)
             if camera is None or path is None:
                 continue
-            known, known_uv = _seen(observations, table, p, c)
+            known, known_uv = _seen(observations, p, c)
             missed = _facing(camera, points[p]) & ~np.isin(table.ids, known)
             uv = _predict(camera, points[p][missed])
             inside = _inside(uv, camera) & ~masked(uv, spec.ignore).any(axis=1)
@@ -81,7 +81,7 @@ def _jobs(session: Session, observations: Observations, first: Calibration, tabl
                 yield _Job(p, c, path, camera, expected)
 
 
-def _seen(observations: Observations, table: CodeTable, placement: int, camera: int):
+def _seen(observations: Observations, placement: int, camera: int):
     """Targets that a camera saw at a placement: ids (k,) and dots (k, 8, 2), NaN where missing."""
     rows = np.flatnonzero((observations.placement == placement) & (observations.camera == camera))
     ids, position = np.unique(observations.target[rows], return_inverse=True)

@@ -222,7 +222,7 @@ def _described(images: ImagePoses, n_cameras: int, best: _Tried, still: Fitted, 
     rows, steps, translation = (
         _displaced(images, n_cameras, fitted)
         if hypothesis.group is None
-        else _moved_together(images, hypothesis, fitted, ball_centre)
+        else _moved_together(hypothesis, fitted, ball_centre)
     )
     group = () if hypothesis.group is None else tuple(int(c) for c in np.flatnonzero(hypothesis.group))
     return GroupMotion(
@@ -239,7 +239,7 @@ def _described(images: ImagePoses, n_cameras: int, best: _Tried, still: Fitted, 
 
 
 def _moved_together(
-    images: ImagePoses, hypothesis: _Hypothesis, fitted: Fitted, ball_centre: FloatArray
+    hypothesis: _Hypothesis, fitted: Fitted, ball_centre: FloatArray
 ) -> tuple[IntArray, FloatArray, float]:
     """The images (k,) that show the motions, how their poses change (k,6), and the largest translation of the group."""
     assert hypothesis.group is not None

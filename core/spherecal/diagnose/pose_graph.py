@@ -117,7 +117,11 @@ class Explained:
 
 def explain(images: ImagePoses, n_cameras: int, context: Context) -> Explained | None:
     """The cameras that moved, the most significant first, at most one more than is credible; None if unknown."""
-    tried = [(c, tuple(int(images.placement[i]) for i in some)) for c in range(n_cameras) for some in _ways(images, c)]
+    tried = [
+        (c, tuple(int(images.placement[i]) for i in some))
+        for c in range(n_cameras)
+        for some in alike(np.flatnonzero(images.camera == c))
+    ]
     before = fit(images, n_cameras, ())
     if before is None or not tried:
         return None
@@ -220,10 +224,6 @@ def _fits(
 
     rough = fitted(ways, FIRST_STEPS)
     return sorted(fitted([way for _, way in rough[:CARRIED_ON]], STEPS) + rough[CARRIED_ON:], key=cost)
-
-
-def _ways(images: ImagePoses, camera: int) -> list[tuple[int, ...]]:
-    return alike(np.flatnonzero(images.camera == camera))
 
 
 def _move(images: ImagePoses, block: int, before: Fitted, after: Fitted, way: Split, rivals: tuple[int, ...]) -> Move:

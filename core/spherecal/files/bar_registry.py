@@ -5,9 +5,7 @@ A session's bar may name a serial instead of its lengths; they are then taken fr
 
 import datetime
 import math
-import os
 from collections.abc import Callable, Mapping
-from contextlib import AbstractContextManager
 from dataclasses import dataclass, replace
 from operator import attrgetter
 from pathlib import Path
@@ -16,7 +14,6 @@ from typing import Any, TypeVar
 from spherecal.base.errors import InputError
 from spherecal.base.messages.values import Phrase
 from spherecal.data.session import Bar, BarLength, Certificate, Mark
-from spherecal.files.atomic import make_parent, write_file_whole
 from spherecal.files.codec import (
     Field,
     FileFormat,
@@ -36,7 +33,7 @@ from spherecal.files.codec import (
     text,
 )
 from spherecal.files.json_file import JsonValue, printable
-from spherecal.files.lock import locked
+from spherecal.files.registry import Registry
 
 # An expanded uncertainty above 5 % of its length is no certificate; micrometres given for millimetres are.
 _WORST_RELATIVE_UNCERTAINTY = 0.05
@@ -81,22 +78,6 @@ class RegisteredBar:
     assumed: tuple[str, ...] = ()
 
 
-def registry_path() -> Path:
-    """The file: `SPHERECAL_BARS`, else bars.json in the user's settings."""
-    from platformdirs import user_config_path
-
-    named = os.environ.get("SPHERECAL_BARS")
-    return Path(named) if named else user_config_path("spherecal", appauthor=False) / "bars.json"
-
-
-def read_registry(path: Path | None = None) -> dict[str, RegisteredBar]:
-    """The bars by serial, in the file's order; none where there is no file."""
-    path = path or registry_path()
-    if not path.exists():
-        return {}
-    return {bar.serial: bar for bar in BARS.read(path)}
-
-
 def read_registered_bar(value: JsonValue) -> RegisteredBar:
     """One bar of the registry."""
     return _BAR.read(value)
@@ -105,31 +86,15 @@ def read_registered_bar(value: JsonValue) -> RegisteredBar:
 def find_bar(serial: str, path: Path | None = None) -> RegisteredBar:
     """The bar with this serial.
 
-    `path` None: that of `registry_path`.
+    `path` None: that of `BAR_REGISTRY`.
     """
-    bars = read_registry(path)
+    bars = BAR_REGISTRY.read(path)
     if serial not in bars:
         raise InputError(
-            Phrase("error-no-registered-bar", {"file": path or registry_path(), "serial": printable(serial)}),
+            Phrase("error-no-registered-bar", {"file": path or BAR_REGISTRY.path(), "serial": printable(serial)}),
             Phrase("registered-bars", {"bars": list(bars)}) if bars else Phrase("registered-none"),
         )
     return bars[serial]
-
-
-def changing_registry(path: Path) -> AbstractContextManager[None]:
-    """Hold the registry from reading to writing, so that no other program's change is lost."""
-    make_parent(path, Phrase("error-set-bars"))
-    return locked(path)
-
-
-def write_registry(bars: Mapping[str, RegisteredBar], path: Path | None = None) -> None:
-    """Write the file whole.
-
-    `path` None: that of `registry_path`.
-    """
-    path = path or registry_path()
-    make_parent(path, Phrase("error-set-bars"))
-    write_file_whole(path, BARS.bytes(bars.values()))
 
 
 def bar_entry(bar: RegisteredBar) -> dict[str, Any]:
@@ -275,6 +240,7 @@ BARS = FileFormat(
     ("Serial numbers differ.", "Every named mark exists."),
     more="verification.md",
 )
+BAR_REGISTRY = Registry(BARS, "SPHERECAL_BARS", "serial", Phrase("error-set-bars"))
 
 
 def expiry(certificate: Certificate | None, today: datetime.date) -> tuple[str, Phrase] | None:

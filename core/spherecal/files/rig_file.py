@@ -304,9 +304,6 @@ def distortion(about: str) -> Schema:
     return ({"description": about} if about else {}) | items("", number("")).schema | {"anyOf": lengths}
 
 
-_TERMS = "k1 k2 p1 p2 k3 k4 k5 k6 s1 s2 s3 s4"
-
-
 def _lens(about: str, model: str, coefficients: Schema) -> Schema:
     properties = {"model": choice(about, (model,)).schema, "coefficients": coefficients}
     return {"type": "object", "properties": properties, "required": list(properties)}

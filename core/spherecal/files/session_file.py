@@ -42,7 +42,6 @@ from spherecal.targets.masks import Rectangle
 _PATH = r"^(?!/)(?!\.$)(?!(.*/)?\.\.(/|$))[^\\\u0000-\u001f]+$"
 _LARGEST_IMAGE_PX = 65536
 MOST_BOARD_ROWS = 1000  # and columns
-_DOT_COLOURS = ("dark-on-light", "light-on-dark")
 
 
 def named_file(about: str) -> Kind[JsonValue]:

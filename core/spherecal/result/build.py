@@ -91,7 +91,7 @@ def build_result(recording: Recording, local: LocalNetwork, fit: MetricFit, meth
         cameras, covariance = _of_either_size(
             cameras, covariance, ball_size.by_camera[:, placed & lasting], ball_size.largest * from_middle
         )
-    lengths = _length_map(cameras, covariance, features, adjusted, solution, observations)
+    lengths = _length_map(cameras, covariance, adjusted, solution, observations)
     findings += _said_of(lengths)
     size = np.linalg.norm(residual[adjusted.used], axis=1)
     sigma0 = _sigma0(observations, residual, adjusted) if adjusted.redundancy > 0 else None
@@ -421,7 +421,6 @@ def _camera_covariance(placed: BoolArray, adjusted: Adjustment, solution: Soluti
 def _length_map(
     cameras: tuple[RigCamera, ...],
     covariance: CameraCovariance | None,
-    features: Features,
     adjusted: Adjustment,
     solution: Solution,
     observations: Observations,

@@ -14,9 +14,6 @@ from spherecal.data.session import Bar, BarLength
 from spherecal.verify.uncertainty import COVERAGE, PointErrors, expansion_kelvin, temperature_sd
 from spherecal.verify.verification import MeasuredLength
 
-NAMES = (
-    "certificate", "thermometer", "expansion", "calibration", "scale", "centring", "repeatability", "resolution",
-)  # fmt: skip
 # Below this k no certificate means Student's t: 2.0 and 1.96 are the normal distribution's.
 _NORMAL_FACTOR = 2.05
 _AS_GOOD_AS_EXACT = 1e6  # degrees of freedom

@@ -124,10 +124,10 @@ def _search(views: Views, keep: BoolArray, rig: Rig, expected: float, false_alar
             chance = p.copy()
             chance[moved] = 0.0
             return _Found(tuple(moved), total, chance, system.sizes(moved), noise, system)
-        moved.append(_most_telling(system, moved, noise, best, candidates))
+        moved.append(_most_telling(system, moved, best, candidates))
 
 
-def _most_telling(system: "_System", moved: list[int], noise: float, best: int, p: FloatArray) -> int:
+def _most_telling(system: "_System", moved: list[int], best: int, p: FloatArray) -> int:
     """Of the most significant cameras, the one that leaves the smallest residuals when it is freed."""
     doubtful = np.flatnonzero(p <= max(p[best], 1e-12))
     return min(doubtful.tolist(), key=lambda i: system.noise([*moved, i])) if len(doubtful) > 1 else best

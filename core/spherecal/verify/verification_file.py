@@ -247,10 +247,6 @@ def _poses(verification: Verification) -> list[MeasuredLength]:
     return list(poses.values())
 
 
-def _rounded_ends(m: MeasuredLength) -> list[list[float]] | None:
-    return None if m.ends_mm is None else finite(m.ends_mm.round(3))
-
-
 def _moved(verification: Verification) -> list[str]:
     return [] if verification.consistency is None else [camera.id for camera in verification.consistency.moved]
 

@@ -5,16 +5,7 @@ from datetime import date
 
 from spherecal.base.messages.catalogue import phrase
 from spherecal.data.findings import counted
-from spherecal.files.bar_registry import (
-    RegisteredBar,
-    bar_entry,
-    changing_registry,
-    expiry,
-    find_bar,
-    read_registry,
-    registry_path,
-    write_registry,
-)
+from spherecal.files.bar_registry import BAR_REGISTRY, RegisteredBar, bar_entry, expiry, find_bar
 from spherecal_app.cli.answer import answer
 from spherecal_app.cli.console import say
 from spherecal_app.cli.exit_codes import DONE
@@ -22,8 +13,8 @@ from spherecal_app.cli.exit_codes import DONE
 
 def list_bars(options: argparse.Namespace) -> int:
     """`spherecal bars list`."""
-    path = options.registry or registry_path()
-    found = read_registry(path)
+    path = options.registry or BAR_REGISTRY.path()
+    found = BAR_REGISTRY.read(path)
     answer(options, [entry_with_state(bar) for bar in found.values()])
     if not found:
         say(f"There are no bars in {path}.", "Enter one: spherecal bars add SERIAL --mark ... --length ...")
@@ -74,10 +65,10 @@ def _nominal(nominal_mm: float | None) -> str:
 
 def remove(options: argparse.Namespace) -> int:
     """`spherecal bars remove`."""
-    path = options.registry or registry_path()
-    with changing_registry(path):
+    path = options.registry or BAR_REGISTRY.path()
+    with BAR_REGISTRY.changing(path):
         gone = find_bar(options.serial, path)
-        write_registry({key: bar for key, bar in read_registry(path).items() if key != gone.serial}, path)
+        BAR_REGISTRY.write({key: bar for key, bar in BAR_REGISTRY.read(path).items() if key != gone.serial}, path)
     answer(options, {"registry": path, "removed": gone.serial})
     say(f"Bar {gone.serial} is no longer in {path}.")
     return DONE

@@ -6,15 +6,7 @@ from pathlib import Path
 from spherecal.base.errors import InputError
 from spherecal.base.messages.values import Phrase
 from spherecal.data.findings import counted
-from spherecal.files.bar_registry import (
-    CERTIFICATE,
-    LENGTHS,
-    changing_registry,
-    read_registered_bar,
-    read_registry,
-    registry_path,
-    write_registry,
-)
+from spherecal.files.bar_registry import BAR_REGISTRY, CERTIFICATE, LENGTHS, read_registered_bar
 from spherecal.files.json_file import JsonValue
 from spherecal.files.read_session import read_session
 from spherecal_app.cli.answer import answer
@@ -25,13 +17,13 @@ from spherecal_app.cli.exit_codes import DONE
 
 def add(options: argparse.Namespace) -> int:
     """`spherecal bars add`."""
-    path = options.registry or registry_path()
+    path = options.registry or BAR_REGISTRY.path()
     bar = read_registered_bar(JsonValue(_entry(options), Path("the bar")))
-    with changing_registry(path):
-        known = read_registry(path)
+    with BAR_REGISTRY.changing(path):
+        known = BAR_REGISTRY.read(path)
         if options.serial in known and not options.replace:
             raise InputError(Phrase("error-bar-registered", {"serial": options.serial}))
-        write_registry({**known, bar.serial: bar}, path)
+        BAR_REGISTRY.write({**known, bar.serial: bar}, path)
     answer(options, {"registry": path, "bar": entry_with_state(bar)})
     say(f"Bar {bar.serial} is in {path}: {counted(len(bar.lengths), 'length')}, {state(bar)[1]}.")
     return DONE

@@ -4,7 +4,7 @@ import argparse
 
 from spherecal.base.messages.catalogue import phrase
 from spherecal.data.findings import counted
-from spherecal.files.bar_registry import changing_registry, read_registry, registry_path, write_registry
+from spherecal.files.bar_registry import BAR_REGISTRY
 from spherecal_app.cli.answer import answer
 from spherecal_app.cli.bars import state
 from spherecal_app.cli.console import say
@@ -16,13 +16,13 @@ from spherecal_rigs.bars_table import arrivals, read_bars_table, write_bars_tabl
 def import_table(options: argparse.Namespace) -> int:
     """`spherecal bars import`: enter what can be used; say what cannot, line by line. Bars with other figures stay."""
     table = read_bars_table(options.table)
-    path = options.registry or registry_path()
-    with changing_registry(path):
-        known = read_registry(path)
+    path = options.registry or BAR_REGISTRY.path()
+    with BAR_REGISTRY.changing(path):
+        known = BAR_REGISTRY.read(path)
         found = arrivals(table, known)
         entered = found.new + (found.other if options.replace else ())
         if entered:
-            write_registry({**known, **{bar.serial: bar for bar in entered}}, path)
+            BAR_REGISTRY.write({**known, **{bar.serial: bar for bar in entered}}, path)
     kept = () if options.replace else found.other
     record = {
         "registry": path,
@@ -51,8 +51,8 @@ def import_table(options: argparse.Namespace) -> int:
 
 def export_table(options: argparse.Namespace) -> int:
     """`spherecal bars export`."""
-    path = options.registry or registry_path()
-    found = read_registry(path)
+    path = options.registry or BAR_REGISTRY.path()
+    found = BAR_REGISTRY.read(path)
     with output_file(options.table) as place:
         write_bars_table(tuple(found.values()), place)
     answer(options, {"registry": path, "output": options.table, "bars": list(found)})

@@ -32,7 +32,6 @@ COMMANDS = {
     "import-priors": "import_rig:import_priors",
     "frame": "frame:frame",
     "limits show": "limits:show",
-    "limits reset-pin": "limits:reset_pin",
     "profile save": "profile:save",
     "profile list": "profile:list_profiles",
     "profile show": "profile:show",

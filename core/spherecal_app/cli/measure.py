@@ -17,7 +17,7 @@ from spherecal.base.messages.values import Phrase
 from spherecal.data.findings import counted
 from spherecal.data.rig import Rig
 from spherecal.data.session import Bar, Session
-from spherecal.files.bar_registry import read_registry
+from spherecal.files.bar_registry import BAR_REGISTRY
 from spherecal.files.read_session import read_session
 from spherecal.files.target_set_file import read_target_set
 from spherecal.targets.family import make_target_set
@@ -125,7 +125,7 @@ def _exposure_sd(options: argparse.Namespace) -> float | None:
 def _bars(serials: list[str], session: Session | None) -> tuple[Bar, ...]:
     """The session's bars, and those of the owner's registry."""
     own = () if session is None else session.bars
-    known = read_registry() if serials else {}
+    known = BAR_REGISTRY.read() if serials else {}
     if unknown := [serial for serial in serials if serial not in known]:
         raise InputError(
             Phrase("error-bar-not-registered", {"bar": unknown[0], "names": list(known) or Phrase("nothing")})

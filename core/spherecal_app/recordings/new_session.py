@@ -120,7 +120,7 @@ def make_session(
     maker = _OfVideos(source, layout, frames, context) if layout.videos else _OfImages(source, layout, context)
     if inside and layout.videos:
         raise InputError(Phrase("error-folder-of-videos", {"folder": folder}))
-    document, cameras, assumed = _document(layout, maker, contents, known)
+    document, cameras, assumed = _document(maker, contents, known)
     beside: dict[str, bytes] = {} if contents.targets is None else {TARGETS_FILE: target_set_bytes(contents.targets)}
     if inside:
         session = _write_beside(folder, source, document, maker, beside)
@@ -207,7 +207,7 @@ _Maker = _OfImages | _OfVideos
 
 
 def _document(
-    layout: ImageLayout, maker: _Maker, contents: Contents, known: StatedCameras
+    maker: _Maker, contents: Contents, known: StatedCameras
 ) -> tuple[dict[str, Any], tuple[NewCamera, ...], tuple[str, ...]]:
     """session.json without its placements' images, the cameras as they are shown, and what was assumed."""
     entries, cameras = [], []

@@ -116,11 +116,6 @@ def bill_of_materials(extras: Iterable[str] = EXTRAS) -> bytes:
     return (json.dumps(document, indent=1) + "\n").encode()
 
 
-def closure(extras: Iterable[str] = EXTRAS) -> tuple[str, ...]:
-    """The normalised names of all installed packages that `spherecal[extras]` needs, itself first."""
-    return tuple(_closure(extras))
-
-
 def _component(part: LicensedPart) -> dict[str, Any]:
     generic = part.name in ("Python", *(one[0] for one in _SHIPPED))
     reference = f"pkg:{'generic' if generic else 'pypi'}/{_key(part.name)}@{part.version}"

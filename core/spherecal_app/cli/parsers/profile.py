@@ -77,10 +77,7 @@ def _add_anyway(to: argparse.ArgumentParser) -> None:
 
 
 def add_limits(add: Add) -> None:
-    """`spherecal limits show|reset-pin`."""
+    """`spherecal limits show`."""
     action = commands_below(add("limits", "Limits that the responsible person has set in the window (Menu, Limits)."))
-    for name, text in (
-        ("show", "Show the limits of this machine, and who has changed them."),
-        ("reset-pin", "Remove a forgotten PIN; the limits stay, and whoever unlocks them next sets a new one."),
-    ):
-        path(action(name, text), "--file", "FILE", "the limits, instead of your own (or $SPHERECAL_LIMITS)")
+    show = action("show", "Show the limits of this machine.")
+    path(show, "--file", "FILE", "the limits, instead of your own (or $SPHERECAL_LIMITS)")

@@ -7,7 +7,6 @@ from spherecal_app.cli.parsers.shared import between, flag, number, output, path
 from spherecal_app.cli.parsing import Add
 
 NAMES = ("layouts", "path", "noise", "cameras", "compare", "rigB", "bar")
-_RUNS = between(int, 1, 2**31, "must be 1 or more")
 _NOISE_PX = between(float, 1e-4, 10, "must be from 0.0001 to 10 px")
 
 

@@ -1,0 +1,113 @@
+"""What the adjustments of boards and bars share: their outcome, the robust steps, gates, and who gets a prior."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import TypeVar
+
+import numpy as np
+
+from spherecal.adjust.bundle import CAUCHY_PX, GATE_LEAST_PX, GATE_SIGMAS
+from spherecal.adjust.levenberg import Minimum, Settings
+from spherecal.adjust.rows import Priors
+from spherecal.adjust.state import State
+from spherecal.base.arrays import BoolArray, FloatArray, IntArray
+from spherecal.base.context import Context
+from spherecal.geometry.camera import project
+from spherecal_boards.frames import FrameModel, minimise
+from spherecal_boards.frames_covariance import FrameCovariance
+from spherecal_boards.intrinsic_priors import poorly_determined, priors_of
+
+START_ITERATIONS = 60
+
+
+@dataclass(frozen=True)
+class Adjusted:
+    """An adjusted network: state, model, used observations (n,), cameras whose intrinsics have a prior (c,).
+
+    `noise_known`: the priors are weighed by the sigma0 of an adjustment. `joint` False: cameras are as they were
+    chained.
+    """
+
+    state: State
+    model: FrameModel
+    used: BoolArray
+    minimum: Minimum
+    redundancy: int
+    covariance: FrameCovariance | None
+    has_prior: BoolArray
+    noise_known: bool = False
+    joint: bool = True
+
+    @property
+    def variance(self) -> float:
+        """The square of sigma0; NaN without redundancy."""
+        return 2 * self.minimum.cost / self.redundancy if self.redundancy > 0 else float("nan")
+
+    @property
+    def sigma0(self) -> float:
+        """The standard deviation of unit weight; 1 without redundancy."""
+        return float(np.sqrt(self.variance)) if self.redundancy > 0 else 1.0
+
+
+A = TypeVar("A", bound=Adjusted)
+
+
+def with_priors(adjusted: A, group: IntArray, known: FloatArray, free: BoolArray, again: Callable[[A, Priors], A]) -> A:
+    """The network adjusted `again` until intrinsics (c,16) that the data do not determine have a prior, `known`.
+
+    The priors are weighed with the noise that only an adjustment tells.
+    """
+    has_prior = adjusted.has_prior
+    for _ in range(1 + len(group)):
+        weak = poorly_determined(adjusted.model.problem, adjusted.state, adjusted.covariance, adjusted.variance)
+        more = has_prior | weak
+        if not more.any() or ((more == has_prior).all() and adjusted.noise_known):
+            break
+        has_prior = more
+        adjusted = replace(again(adjusted, priors_of(group, known, has_prior, adjusted.sigma0)), noise_known=True)
+    return replace(adjusted, has_prior=has_prior & free.any(axis=1))
+
+
+def robust_steps(model: FrameModel, state: State, context: Context) -> State:
+    """The state after least squares with Cauchy's loss, first in units of the typical residual where that is larger."""
+    typical = float(np.median(np.linalg.norm(model.residuals(state), axis=1)))
+    for cauchy in (typical, CAUCHY_PX) if typical > CAUCHY_PX else (CAUCHY_PX,):
+        watch = progress(context, "robust adjustment", START_ITERATIONS)
+        settings = Settings(cauchy=cauchy, max_iterations=START_ITERATIONS, tolerance=1e-4)
+        state = minimise(model, state, settings, watch).state
+    return state
+
+
+def within_gate(size: FloatArray, camera: IntArray, used: BoolArray, n_cameras: int) -> BoolArray:
+    """Observations (n,) whose residual is within 4.5 robust standard deviations of its camera's, at least 0.15 px.
+
+    Of a camera of which none is used only what is within 0.15 px (docs/formulation.md, section Adjustment).
+    """
+    limit = np.full(n_cameras, GATE_LEAST_PX)
+    for c in np.unique(camera[used]):
+        noise = float(np.median(size[used & (camera == c)])) / 1.1774  # Rayleigh's median
+        limit[c] = max(GATE_SIGMAS * noise, GATE_LEAST_PX)
+    return size <= limit[camera]
+
+
+def camera_residuals(state: State, world: FloatArray, camera: IntArray, uv: FloatArray) -> FloatArray:
+    """Predicted minus observed (n,2) px of points (n,3) in the world; NaN without a prediction before the camera."""
+    x = np.einsum("nij,nj->ni", state.rotation[camera], world) + state.translation[camera]
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+        residual = project(x, state.intrinsics[camera]) - uv
+        return np.where(x[:, 2:3] > 0, residual, np.nan)
+
+
+def sizes(residuals: FloatArray) -> FloatArray:
+    """Lengths (n,) px of residuals (n,2), infinite where there is no prediction in front of the camera."""
+    size = np.linalg.norm(residuals, axis=1)
+    return np.where(np.isfinite(size), size, np.inf)
+
+
+def progress(context: Context, stage: str, expected: int) -> Callable[[int, float], None]:
+    """A function that reports a minimiser's steps; after half of the `expected` ones the stage counts as half done."""
+
+    def on_step(iteration: int, cost: float) -> None:
+        context.report_iteration(stage, iteration / (iteration + expected / 2), iteration, cost)
+
+    return on_step

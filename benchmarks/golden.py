@@ -1,18 +1,15 @@
 """All outputs of the program, to be equal before and after a change that moves code: `golden.py OUT`, `--compare A B`.
 
-All is made through the command line, in one process, by golden.txt (5 min). Times of day and versions do not count.
+Made by the commands in golden.txt, in one process (5 min). Times of day and versions do not count.
 """
 
 import contextlib
-import csv
 import json
 import os
 import re
 import runpy
-import shlex
 import shutil
 import sys
-import time
 from pathlib import Path
 from typing import Any
 
@@ -22,7 +19,6 @@ import numpy as np
 TIMES = re.compile(rb"20(?!23)\d\d-\d\d-\d\d[T ]\d\d:\d\d:\d\d(\.\d+)?|\d+\.\d+ s\.")
 VERSION = re.compile(rb'(?i)("version": ?"|spherecal )\d+\.\d+\.\d+[^"\s,<]*')
 DRAWN = {".pdf", ".html", ".png", ".svg"}
-TRUTH = re.compile(rb"\b(?:true|false)\b")
 NUMBER = re.compile(rb"(?<![\w.])[-+]?\d+(?:\.\d*)?(?:[eE][-+]?\d+)?(?![\w.]*\w)")
 
 
@@ -36,15 +32,13 @@ def run(words: list[str], codes: dict[str, int]) -> None:
             runpy.run_module("spherecal", run_name="__main__", alter_sys=True)
         except SystemExit as end:
             codes[name[:200]] = int(end.code or 0)
-    lines = printed.read_text(encoding="utf-8").splitlines(keepends=True)
-    printed.write_text(
-        "".join(x for x in lines if not x.endswith("...\n")), encoding="utf-8"
-    )  # progress depends on time
-    print(f"{time.process_time():.0f} s", codes[name[:200]], name[:110], flush=True)
+    lines = printed.read_text(encoding="utf-8").splitlines(keepends=True)  # progress depends on time
+    printed.write_text("".join(x for x in lines if not x.endswith("...\n")), encoding="utf-8")
+    print(codes[name[:200]], name[:110], flush=True)
 
 
 def table(path: str) -> list[list[str]]:
-    return list(csv.reader(Path(path).read_text(encoding="utf-8").splitlines()))[1:]
+    return [line.split(",") for line in Path(path).read_text(encoding="utf-8").splitlines()[1:]]
 
 
 def session(name: str, of: str, rows: list[list[str]], changed: dict[str, Any] | None = None) -> None:
@@ -69,8 +63,11 @@ def figure(points: np.ndarray, first: int, poses: list[str], spread: float) -> l
     rng, rows = np.random.default_rng(len(poses)), []
     ball = np.array([row[1:4] for row in table("hall6/spheres.csv")], dtype=float)
     for pose in poses:
-        turn = cv2.Rodrigues(rng.normal(size=3) * spread)[0]
-        world = points @ turn.T + ball.mean(axis=0) + rng.uniform(-0.5, 0.5, 3) * np.ptp(ball, axis=0)
+        world = (
+            points @ cv2.Rodrigues(rng.normal(size=3) * spread)[0].T
+            + ball.mean(axis=0)
+            + rng.uniform(-0.5, 0.5, 3) * np.ptp(ball, axis=0)
+        )
         for camera in range(6):
             uv = seen(camera, world) + rng.normal(0, 0.05, (len(points), 2))
             for n in np.flatnonzero(((uv > 0) & (uv < [2063, 1543])).all(axis=1)):
@@ -82,11 +79,10 @@ def edit() -> None:
     """Sessions with groups that are not linked, exchanged images, a camera that turned, a soft ball, a board, a bar."""
     parted = [r for r in table("s/rigA/observations.csv") if r[0][0] == "P" and (r[1] <= "C05") == (r[0] <= "P2")]
     session("unlinked", "rigA", parted, {"bars": [], "bar_poses": []})
-    rows, swap = table("s/hall6/observations.csv"), {"C02": "C03", "C03": "C02"}
+    rows, swap, turned, bent = table("s/hall6/observations.csv"), {"C02": "C03", "C03": "C02"}, [], []
     session("swapped", "hall6", [[r[0], swap.get(r[1], r[1]) if r[0] == "P4" else r[1], *r[2:]] for r in rows])
     space = {tuple(r[:3]): r[3:6] for r in table("hall6/points.csv")}
     centre = {r[0]: np.array(r[1:4], dtype=float) for r in table("hall6/spheres.csv")}
-    turned, bent = [], []
     for placement, camera, target, point, *place in rows:
         uv = np.array(place, dtype=float)
         xyz = np.array([space.get((placement, target, point), [0, 0, 0])], dtype=float)
@@ -103,17 +99,15 @@ def edit() -> None:
     session("soft", "hall6", bent)
     grid = np.array([[x, y, 0] for y in range(8) for x in range(10)]) * 30.0 - [135, 105, 0]
     places, poses = [f"P{n}" for n in range(1, 17)], [f"L{n}" for n in range(1, 61)]
-    board: dict[str, Any] = dict.fromkeys(("bars", "bar_poses", "scale", "target_set", "sphere"))
-    board |= {"board": {"rows": 8, "columns": 10, "pitch_mm": 30.0}, "placements": [{"id": p} for p in places]}
+    board = {"board": {"rows": 8, "columns": 10, "pitch_mm": 30.0}, "placements": [{"id": p} for p in places]}
+    board |= dict.fromkeys(("bars", "bar_poses", "scale", "target_set", "sphere"))  # type: ignore[arg-type]
     session("board", "hall6", figure(grid, 0, places, 0.5), board)
-    bar: dict[str, Any] = {"id": "L", "role": "scale"}
-    bar["marks"] = {f"M{n}": {"target": 900 + n, "point": "centre"} for n in range(4)}
-    bar["lengths"] = [{"from": "M0", "to": "M3", "length_mm": 500.0, "expanded_uncertainty_mm": 0.01}]
-    laid: dict[str, Any] = {"bars": [bar], "placements": []}
+    length = {"from": "M0", "to": "M3", "length_mm": 500.0, "expanded_uncertainty_mm": 0.01}
+    marks = {f"M{n}": {"target": 900 + n, "point": "centre"} for n in range(4)}
+    laid: dict[str, Any] = {"scale": {"kind": "bar", "bar": "L"}, "placements": []}
+    laid["bars"] = [{"id": "L", "role": "scale", "lengths": [length], "marks": marks}]
     laid["bar_poses"] = [{"id": p, "bar": "L", "temperature_c": 20.0} for p in poses]
-    laid["scale"] = {"kind": "bar", "bar": "L"}
-    ends = np.array([-250.0, -100, 100, 250])[:, None] * [1, 0, 0]
-    session("bar", "hall6", figure(ends, 900, poses, 1.5), laid)
+    session("bar", "hall6", figure(np.array([-250.0, -100, 100, 250])[:, None] * [1, 0, 0], 900, poses, 1.5), laid)
 
 
 def make(out: Path) -> None:
@@ -122,14 +116,14 @@ def make(out: Path) -> None:
     files = {f"SPHERECAL_{n}": str(out.resolve() / n) for n in ("DRIVERS", "BARS", "BALLS", "LIMITS", "SETTINGS")}
     os.environ |= files | {"XDG_CONFIG_HOME": str(out.resolve() / "user"), "COLUMNS": "120"}
     os.chdir(out)
-    (data / "dome15").is_dir() and Path("DATA").symlink_to(data)
+    Path("DATA").symlink_to(data)
     codes: dict[str, int] = {}
     for line in Path(__file__).with_suffix(".txt").read_text(encoding="utf-8").splitlines():
         if line == "edit":
             edit()
-        elif "DATA" not in line or Path("DATA").exists():
+        elif "DATA" not in line or Path("DATA/dome15").exists():
             images = " ".join(map(str, sorted(Path("s/demo/placements/P1").glob("*.*"))))
-            run(shlex.split(line.replace("IMAGES", images)), codes)
+            run(line.replace("IMAGES", images).split(), codes)
     Path("codes.json").write_text(json.dumps(codes, indent=1), encoding="utf-8")
     for number, check in enumerate(sorted(Path("profile/checks").glob("*.json"))):  # named after the time of day
         check.rename(check.with_name(f"{number}.json"))
@@ -150,8 +144,8 @@ def compared(a: Path, b: Path) -> str:
     if a.suffix == ".npy":
         x, y = np.load(a), np.load(b)
     else:
-        truth = {b"true": b"1", b"false": b"0"}
-        x, y = (np.array(NUMBER.findall(TRUTH.sub(lambda m: truth[m[0]], one)), dtype=float) for one in (one, two))
+        one, two = (text.replace(b"true", b"1").replace(b"false", b"0") for text in (one, two))
+        x, y = (np.array(NUMBER.findall(text), dtype=float) for text in (one, two))
     if x.shape != y.shape:
         return f"OTHER SHAPE: {x.shape} -> {y.shape} numbers"
     largest = np.max(np.abs(x - y) / np.maximum(np.maximum(np.abs(x), np.abs(y)), 1e-300), initial=0)

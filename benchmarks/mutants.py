@@ -1,7 +1,7 @@
 """Random faults put into the code, one at a time: which ones do the tests notice? `mutants.py 30 --seed 1 PACKAGE...`.
 
 Works on a copy of the repository. A mutant is tried by the test files that import its module or name its functions,
-the quickest first. Not mutmut or cosmic-ray: these run one command for all mutants and know no compiled kernels.
+the quickest first; kernels run as plain Python. Not mutmut or cosmic-ray: one command for all mutants, no kernels.
 """
 
 import argparse
@@ -21,15 +21,13 @@ from pathlib import Path
 from typing import Any
 
 ROOT = Path(__file__).resolve().parents[1]
-METHOD = ("initialise", "adjust", "scale", "diagnose", "verify", "methods", "measuring", "detect", "ball", "geometry")
-PACKAGES = [f"core/spherecal/{name}" for name in METHOD] + ["spherecal_gui/presenters"]
+PACKAGES = ["core/spherecal", "core/spherecal_boards", "core/spherecal_measuring", "spherecal_gui/presenters"]
 OTHER = {ast.Lt: ast.LtE, ast.LtE: ast.Lt, ast.Gt: ast.GtE, ast.GtE: ast.Gt, ast.Eq: ast.NotEq, ast.NotEq: ast.Eq,
          ast.In: ast.NotIn, ast.NotIn: ast.In, ast.Is: ast.IsNot, ast.IsNot: ast.Is, ast.Add: ast.Sub, ast.Sub: ast.Add,
          ast.Mult: ast.Div, ast.Div: ast.Mult, ast.FloorDiv: ast.Mult, ast.And: ast.Or, ast.Or: ast.And}  # fmt: skip
 OPPOSITE = {ast.Lt: ast.GtE, ast.LtE: ast.Gt, ast.Gt: ast.LtE, ast.GtE: ast.Lt}
-NOT_CODE = ("returns", "annotation", "decorator_list", "type_params")
+NOT_CODE = ("returns", "annotation", "decorator_list")
 COMPILED = re.compile(r"^@(\w+\.)?(njit|kernel|compiled|jit)\b", re.MULTILINE)
-
 Mutant = tuple[Any, str, str]  # what is replaced, by what, and the kind of fault
 
 
@@ -77,11 +75,8 @@ def mutated(source: str, mutant: Mutant) -> str:
     return (data[: start + node.col_offset] + text.encode() + data[end + node.end_col_offset :]).decode()
 
 
-def tests_of(module: Path, seconds: dict[str, float], most_s: float) -> list[str]:
-    """The test files that import a module or name its functions, importing ones first, then the quickest.
-
-    Where there are none, those of the modules that import it.
-    """
+def tests_of(module: Path, seconds: Counter[str], most_s: float, deeper: bool) -> list[str]:
+    """The test files that import a module or name its functions, then the quickest; else those of its importers."""
     room, name = ".".join(module.parts[module.parts[0] == "core" : -1]), module.stem
     imports = re.compile(rf"\b{re.escape(room)}(\.{name}\b| import .*\b{name}\b)")
     tree = ast.parse((ROOT / module).read_text(encoding="utf-8"))
@@ -89,9 +84,9 @@ def tests_of(module: Path, seconds: dict[str, float], most_s: float) -> list[str
     mentions = re.compile(rf"\b({'|'.join(own) or '$^'})\b")
     texts = {file.name: file.read_text(encoding="utf-8") for file in (ROOT / "tests").glob("test_*.py")}
     found = {n: not imports.search(text) for n, text in texts.items() if imports.search(text) or mentions.search(text)}
-    if not found:
+    if not found and deeper:
         users = [f for f in (ROOT / module).parent.glob("*.py") if imports.search(f.read_text(encoding="utf-8"))]
-        return sorted({one for user in users for one in tests_of(user.relative_to(ROOT), seconds, most_s)})
+        return sorted({one for user in users for one in tests_of(user.relative_to(ROOT), seconds, most_s, False)})
     order = sorted(found, key=lambda name: (found[name], seconds[name], name))
     fits = [sum(seconds[one] for one in order[: i + 1]) <= most_s for i in range(len(order))]
     return [f"tests/{one}" for one, fit in zip(order, fits, strict=True) if fit or one == order[0]]
@@ -101,10 +96,8 @@ def failed(copy: Path, tests: list[str], timeout_s: float, compiled: bool) -> st
     """The first test that fails in the copy; empty where all pass."""
     environment = os.environ | {"PYTHONPATH": f"{copy / 'core'}{os.pathsep}{copy}", "QT_QPA_PLATFORM": "offscreen"}
     environment |= {"CI": "1", "PYTHONDONTWRITEBYTECODE": "1"} | ({"NUMBA_DISABLE_JIT": "1"} if compiled else {})
-    command = [sys.executable, "-m", "pytest", "-q", "-x", "--tb=no", "-p", "no:cacheprovider", *tests]
-    process = subprocess.Popen(
-        command, cwd=copy, env=environment, stdout=subprocess.PIPE, text=True, start_new_session=True
-    )
+    words = [sys.executable, "-m", "pytest", "-q", "-x", "--tb=no", "-p", "no:cacheprovider", *tests]
+    process = subprocess.Popen(words, cwd=copy, env=environment, stdout=-1, text=True, start_new_session=True)
     try:
         said = process.communicate(timeout=timeout_s)[0]
     except subprocess.TimeoutExpired:
@@ -122,21 +115,19 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--seconds", type=float, default=120.0, help="of tests for a mutant, as they take alone")
     options = parser.parse_args()
-    seconds: Counter[str] = Counter()
+    seconds, table, suspects = Counter[str](), Counter[tuple[str, str]](), dict[tuple[str, bool], None]()
     for test, taken in json.loads((ROOT / "tests/durations.json").read_text(encoding="utf-8")).items():
-        seconds[test.partition("::")[0]] += taken
-    paths = [ROOT / one for one in options.packages if (ROOT / one).exists()]
-    files = sorted({f for one in paths for f in (one.rglob("*.py") if one.is_dir() else [one])})
+        seconds[test.partition("::")[0]] += taken  # type: ignore[assignment]
+    paths = [ROOT / one for one in options.packages]
+    files = sorted({f for one in paths for f in (one.rglob("*.py") if one.is_dir() else [one]) if f.exists()})
     sites = [(f.relative_to(ROOT), m) for f in files for m in mutants(ast.parse(f.read_text(encoding="utf-8")))]
     chosen = random.Random(options.seed).sample(sites, min(options.count, len(sites)))
-    table: Counter[tuple[str, str]] = Counter()
-    suspects: dict[tuple[str, bool], None] = {}
     with tempfile.TemporaryDirectory() as folder:
         copy = Path(folder, "copy")
         shutil.copytree(ROOT, copy, ignore=shutil.ignore_patterns(".git", ".venv", "__pycache__", "node_modules"))
         for number, (module, mutant) in enumerate(chosen, 1):
             source = (ROOT / module).read_text(encoding="utf-8")
-            compiled, tests = bool(COMPILED.search(source)), tests_of(module, seconds, options.seconds)
+            compiled, tests = bool(COMPILED.search(source)), tests_of(module, seconds, options.seconds, True)
             (copy / module).write_text(mutated(source, mutant), encoding="utf-8")
             by = failed(copy, tests, 120 + 8 * options.seconds, compiled) if tests else ""
             (copy / module).write_text(source, encoding="utf-8")
@@ -149,9 +140,7 @@ def main() -> None:
             if failed(copy, [test], 120 + 8 * options.seconds, compiled):
                 print(f"FAILS WITHOUT A MUTANT TOO: {test}; what it killed is not counted right")
     for package in sorted({one for one, _ in table}):
-        killed, survived = table[package, "killed"], table[package, "survived"]
-        print(f"{package:40} killed {killed:3} of {killed + survived:3}")
-    print(f"{sum(n for (_, how), n in table.items() if how == 'killed')} of {len(chosen)} killed, seed {options.seed}")
+        print(f"{package:40} {table[package, 'killed']:4} killed {table[package, 'survived']:4} survived")
 
 
 if __name__ == "__main__":

@@ -211,7 +211,10 @@ def test_all_of_a_board_is_on_its_page(rows: int, columns: int, pitch_mm: float,
     found = re.findall(r"([-\d.]+) ([-\d.]+) ([-\d.]+) ([-\d.]+) re", drawn)
     boxes = np.array(found, dtype=float)
     assert len(boxes) >= rows * columns // 2
-    low, high = np.minimum(boxes[:, :2], boxes[:, :2] + boxes[:, 2:]), np.maximum(boxes[:, :2], boxes[:, :2] + boxes[:, 2:])
+    low, high = (
+        np.minimum(boxes[:, :2], boxes[:, :2] + boxes[:, 2:]),
+        np.maximum(boxes[:, :2], boxes[:, :2] + boxes[:, 2:]),
+    )
     assert (low > 0).all() and (high < [width, height]).all()
 
 

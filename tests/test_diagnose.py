@@ -62,6 +62,19 @@ def test_fault_is_named(fault: str) -> None:
     assert "\n" not in finding.message + finding.hint
 
 
+def test_a_contradicting_sticker_is_told_with_its_images() -> None:
+    case, findings = told("two stickers with one number")
+    (found,) = (f for f in findings if f.code == case.code == "target-contradicts")
+    o = observed(case.session)
+    rows = (o.target == int(found.where[0])) & (o.placement < len(case.session.placements))
+    images, dots = np.unique(np.stack([o.camera[rows], o.placement[rows]]), axis=1, return_counts=True)
+    assert 2 <= found.values["wrong"] <= found.values["images"] <= int((dots >= 3).sum())
+    assert found.values["wrong"] >= 0.1 * found.values["images"]
+    names = [f"{o.cameras[c]}@{o.placements[t]}" for c, t in images.T]
+    shown = [name for name in found.values["shown"] if name != "..."]
+    assert shown and len(set(shown)) == len(shown) <= 4 and set(shown) <= set(names)
+
+
 def test_of_three_cameras_exchanged_in_turn_each_is_named_with_the_one_that_it_shows() -> None:
     """At two placements; each image once, with its own place in the repair."""
     session, _ = simulated("demo", 4, targets=85)

@@ -16,7 +16,8 @@ from typing import Any
 import cv2
 import numpy as np
 
-TIMES = re.compile(rb"20(?!23)\d\d-\d\d-\d\d[T ]\d\d:\d\d:\d\d(\.\d+)?|\d+\.\d+ s\.")
+AGES = rb'|\d+\.\d+ (?:s\.|h ago)|"age_hours": [\d.]+|"seconds": \{[^}]*\}'
+TIMES = re.compile(rb"20(?!23)\d\d-\d\d-\d\d[T ]\d\d:\d\d(:\d\d(\.\d+)?)?" + AGES)
 VERSION = re.compile(rb'(?i)("version": ?"|spherecal )\d+\.\d+\.\d+[^"\s,<]*')
 DRAWN = {".pdf", ".html", ".png", ".svg"}
 NUMBER = re.compile(rb"(?<![\w.])[-+]?\d+(?:\.\d*)?(?:[eE][-+]?\d+)?(?![\w.]*\w)")

@@ -28,6 +28,7 @@ OTHER = {ast.Lt: ast.LtE, ast.LtE: ast.Lt, ast.Gt: ast.GtE, ast.GtE: ast.Gt, ast
 OPPOSITE = {ast.Lt: ast.GtE, ast.LtE: ast.Gt, ast.Gt: ast.LtE, ast.GtE: ast.Lt}
 NOT_CODE = ("returns", "annotation", "decorator_list")
 COMPILED = re.compile(r"^@(\w+\.)?(njit|kernel|compiled|jit)\b", re.MULTILINE)
+LATE = "time is up: it hangs, or the machine is busy"
 Mutant = tuple[Any, str, str]  # what is replaced, by what, and the kind of fault
 
 
@@ -103,7 +104,7 @@ def failed(copy: Path, tests: list[str], timeout_s: float, compiled: bool) -> st
     except subprocess.TimeoutExpired:
         os.killpg(process.pid, signal.SIGKILL)
         process.communicate()
-        return "time is up"
+        return LATE
     found = re.search(r"^(?:FAILED|ERROR) (\S+)", said, re.MULTILINE)
     return "" if process.returncode in (0, 5) else found[1] if found else "the run itself"
 
@@ -132,7 +133,7 @@ def main() -> None:
             by = failed(copy, tests, 120 + 8 * options.seconds, compiled) if tests else ""
             (copy / module).write_text(source, encoding="utf-8")
             suspects |= {(by, compiled): None} if "::" in by else {}
-            table[str(module.parent), "killed" if by else "survived"] += 1
+            table[str(module.parent), "late" if by == LATE else "killed" if by else "survived"] += 1
             old = " ".join((ast.get_source_segment(source, mutant[0]) or "").split())[:100]
             print(f"{number} {'killed by ' + by if by else 'SURVIVED ' + ' '.join(tests)}\n  {module}:"
                   f"{mutant[0].lineno} {mutant[2]}: {old} -> {mutant[1][:100]}", flush=True)  # fmt: skip
@@ -140,7 +141,7 @@ def main() -> None:
             if failed(copy, [test], 120 + 8 * options.seconds, compiled):
                 print(f"FAILS WITHOUT A MUTANT TOO: {test}; what it killed is not counted right")
     for package in sorted({one for one, _ in table}):
-        print(f"{package:40} {table[package, 'killed']:4} killed {table[package, 'survived']:4} survived")
+        print(f"{package:40}", *(f"{table[package, how]:4} {how}" for how in ("killed", "survived", "late")))
 
 
 if __name__ == "__main__":

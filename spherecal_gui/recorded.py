@@ -132,22 +132,24 @@ class RecordedSession(SessionFolder):
             if retaking:
                 write_below(self.folder, f"{aside}/{_RETAKING}", b"")
             write_below(self.folder, f"{aside}/set.json", (json.dumps(entry, indent=1) + "\n").encode())
-            self._forget(entry)  # first: metadata never name images that are not there
-            if (self.folder / here).is_dir():
-                move_below(self.folder, here, f"{aside}/images")
+            self._forget(entry, here, aside)
         except OutputError as error:
             raise OutputError(error.parts[0], Phrase("error-free-disk-again")) from error
         self._trash.append((set_id, aside))
 
-    def _forget(self, entry: Document) -> None:
-        """Take a set out of the metadata; where the disk refuses, nothing has changed."""
+    def _forget(self, entry: Document, here: str, aside: str) -> None:
+        """Take a set out of the metadata and its images aside; where the disk refuses, nothing has changed."""
         self._sets.remove(entry)
         images = self._images.pop(entry["id"])
         try:
-            self._write_metadata()
+            self._write_metadata()  # first: metadata never name images that are not there
+            if (self.folder / here).is_dir():
+                move_below(self.folder, here, f"{aside}/images")
         except BaseException:
             self._sets.append(entry)
             self._images[entry["id"]] = images
+            with suppress(OutputError):
+                self._write_metadata()
             raise
 
     @property

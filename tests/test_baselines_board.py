@@ -285,6 +285,9 @@ def test_a_badly_printed_board_is_noticed_and_estimated(tmp_path):
     estimated = calibrate_board(session)
     assert "board-shape-estimated" in codes(estimated)
     assert estimated.rig.quality.sigma0 == pytest.approx(0.04, rel=0.03)
+    (printed,) = (f for f in estimated.rig.quality.findings if f.code == "board-shape-estimated")
+    # two of three coordinates are off by 0.08 mm; 48 points tell that to 7 %
+    assert printed.values["off_mm"] == pytest.approx(0.08 * np.sqrt(2 / 3), rel=0.2)
     found = replace(recording, session=session)
     z = errors_over_sigma(found, estimated)
     for name, values in z.items():

@@ -19,11 +19,14 @@ from spherecal.adjust.problem import Problem
 from spherecal.adjust.weights import left_over_by_points
 from spherecal.base import arrays
 from spherecal.base.arrays import blocks, blocks_of_groups
+from spherecal.calibrate import calibrate
 from spherecal.diagnose.score import ScoreTest, make_score_test
+from spherecal.files.write_result import write_result
 from spherecal.geometry.camera import undistort, undistort_views
 from spherecal.geometry.length_uncertainty import Cameras, predict_lengths
 from spherecal.geometry.triangulation import Triangulation, ray_angles, triangulate
-from tests.networks import Small, one_thread, perturbed, small_network
+from spherecal.steps.settings import CalibrationSettings
+from tests.networks import Small, observed, one_thread, perturbed, simulated, small_network
 from tests.test_covariance import with_world
 
 __all__ = ["one_thread"]
@@ -153,6 +156,18 @@ def test_points_and_residuals_are_the_same_bits(net: Small, small_blocks) -> Non
     np.testing.assert_array_equal(residual_size(network, state), size)
     for some, whole in zip(undistort_views(network.uv, network.camera, state.intrinsics), rays, strict=True):
         np.testing.assert_array_equal(some, whole)
+
+
+def test_a_whole_calibration_is_the_same_bytes(tmp_path, monkeypatch) -> None:
+    """From the files that a user reads: nothing beyond the first block is missing or at another place."""
+    session, _ = simulated("demo", 1, targets=60)
+    settings = CalibrationSettings(method="free")
+    write_result(calibrate(session, settings), tmp_path / "whole")
+    monkeypatch.setattr(arrays, "ROWS_AT_ONCE", 300)
+    assert len(observed(session)) > 3 * arrays.ROWS_AT_ONCE
+    write_result(calibrate(session, settings), tmp_path / "blocks")
+    for name in ("residuals.csv", "points.csv", "spheres.csv", "rig.json"):
+        assert (tmp_path / "blocks" / name).read_bytes() == (tmp_path / "whole" / name).read_bytes(), name
 
 
 def test_nothing_to_triangulate_is_no_point() -> None:

@@ -1,10 +1,14 @@
 """Boards of every kind: rendered as they are printed, found again, printed to measure; calibrated beside OpenCV."""
 
+import re
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import cv2
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from spherecal.base.errors import InputError
 from spherecal.files.json_file import JsonValue
@@ -14,7 +18,7 @@ from spherecal.targets.board_pattern import BoardPattern, figure, tag_dictionary
 from spherecal_app.cli.main import main
 from spherecal_boards.board_images import find_board
 from spherecal_boards.board_pattern import board_entry, board_pattern
-from spherecal_documents.sheets.board_sheet import words
+from spherecal_documents.sheets.board_sheet import BOARD_PAGES_MM, words, write_board_sheet
 from spherecal_sim.rendered_board import BoardCamera, render_board
 
 CAMERA = BoardCamera(
@@ -178,10 +182,40 @@ def test_boards_are_printed(name: str, tmp_path: Path) -> None:
     assert page.count(" re") >= len(drawn.rectangles)
 
 
-def test_a_board_that_is_too_large_is_refused(tmp_path: Path, capsys) -> None:
-    line = ["targets", "sheet", "--board", "chessboard,rows=9,columns=12,pitch_mm=30", "-o", str(tmp_path / "b.pdf")]
+@pytest.mark.parametrize("size", ["rows=9,columns=12", "rows=2,columns=12", "rows=12,columns=2"])
+def test_a_board_that_is_too_large_is_refused(size: str, tmp_path: Path, capsys) -> None:
+    """In both directions, or only in one: neither way round may it run off the page."""
+    line = ["targets", "sheet", "--board", f"chessboard,{size},pitch_mm=30", "-o", str(tmp_path / "b.pdf")]
     assert main(line) == 2
     assert "does not fit on a page of A4" in capsys.readouterr().err and not (tmp_path / "b.pdf").exists()
+
+
+@settings(max_examples=50)
+@given(st.integers(2, 20), st.integers(2, 20), st.floats(5, 60), st.sampled_from(["A4", "Letter", "A3"]))
+def test_all_of_a_board_is_on_its_page(rows: int, columns: int, pitch_mm: float, page: str) -> None:
+    """Every rectangle and the rulers; a page is turned only where the board needs it."""
+    board = pattern(f"chessboard,rows={rows},columns={columns},pitch_mm={pitch_mm:.3f}")
+    across, down = figure(board).size_mm
+    from test_targets_sheet import pages
+
+    with TemporaryDirectory() as folder:
+        file = Path(folder, "board.pdf")
+        try:
+            write_board_sheet(file, board, page)
+        except InputError:
+            short, long = BOARD_PAGES_MM[page]
+            assert not (across < short - 28 and down < long - 40) and not (across < long - 28 and down < short - 40)
+            return
+        data, (drawn,) = file.read_bytes(), pages(file)
+    width, height = (float(x) for x in data.split(b"/MediaBox [")[1].split(b"]")[0].split()[2:])
+    found = re.findall(r"([-\d.]+) ([-\d.]+) ([-\d.]+) ([-\d.]+) re", drawn)
+    boxes = np.array(found, dtype=float)
+    assert len(boxes) >= rows * columns // 2
+    low, high = (
+        np.minimum(boxes[:, :2], boxes[:, :2] + boxes[:, 2:]),
+        np.maximum(boxes[:, :2], boxes[:, :2] + boxes[:, 2:]),
+    )
+    assert (low > 0).all() and (high < [width, height]).all()
 
 
 # --- calibration beside OpenCV ---------------------------------------------------------------------------------------

@@ -167,6 +167,7 @@ def test_files_come_from_the_users_list_and_the_environment_once_each(tmp_path, 
     own = [str(tmp_path / "a"), str(tmp_path / "gone.cti")]
     found = producer_files(own)
     assert found[:3] == tuple(str(tmp_path / n) for n in ("a/x.cti", "gone.cti", "b/y.cti"))
+    assert len(set(found)) == len(found)  # those of the environment come after, a/x.cti not again
 
 
 # --- a producer that is not ours -------------------------------------------------------------------------------------

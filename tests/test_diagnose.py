@@ -15,7 +15,7 @@ from spherecal.files.read_session import read_session
 from spherecal.steps.settings import CalibrationSettings
 from spherecal_sim.session import simulate_session
 from spherecal_sim.truth import SimulationOptions
-from tests.networks import one_thread, simulated
+from tests.networks import observed, one_thread, simulated
 
 __all__ = ["one_thread"]
 
@@ -39,6 +39,9 @@ CHOSEN = (
 )
 
 
+AS_RECORDED = CalibrationSettings(repair_by_itself=False)
+
+
 @cache
 def told(fault: str) -> tuple[Case, tuple[Finding, ...]]:
     simulate = diagnosis._simulate
@@ -57,6 +60,37 @@ def test_fault_is_named(fault: str) -> None:
     assert finding.message.endswith(".") and finding.hint.endswith(".")
     assert "nan" not in finding.message + finding.hint
     assert "\n" not in finding.message + finding.hint
+
+
+def test_a_contradicting_sticker_is_told_with_its_images() -> None:
+    case, findings = told("two stickers with one number")
+    (found,) = (f for f in findings if f.code == case.code == "target-contradicts")
+    o = observed(case.session)
+    rows = (o.target == int(found.where[0])) & (o.placement < len(case.session.placements))
+    images, dots = np.unique(np.stack([o.camera[rows], o.placement[rows]]), axis=1, return_counts=True)
+    assert 2 <= found.values["wrong"] <= found.values["images"] <= int((dots >= 3).sum())
+    assert found.values["wrong"] >= 0.1 * found.values["images"]
+    names = [f"{o.cameras[c]}@{o.placements[t]}" for c, t in images.T]
+    shown = [name for name in found.values["shown"] if name != "..."]
+    assert shown and len(set(shown)) == len(shown) <= 4 and set(shown) <= set(names)
+
+
+def test_of_three_cameras_exchanged_in_turn_each_is_named_with_the_one_that_it_shows() -> None:
+    """At two placements; each image once, with its own place in the repair."""
+    session, _ = simulated("demo", 4, targets=85)
+    o = observed(session)
+    camera, at = o.camera.copy(), np.isin(o.placement, (1, 2))
+    for shown, by in ((1, 2), (2, 3), (3, 1)):
+        camera[at & (o.camera == shown)] = by
+    found = calibrate(replace(session, observations=replace(o, camera=camera)), AS_RECORDED).rig.quality.findings
+    shows = [f for f in found if f.code == "cameras-swapped"]
+    assert {(f.values["camera"], f.values["other"]) for f in shows} == {("C02", "C04"), ("C03", "C02"), ("C04", "C03")}
+    for f in shows:
+        name = f.values["camera"]
+        assert f.values["places"] == ("P2", "P3") and [r.target for r in f.repairs] == [f"{name}@P2", f"{name}@P3"]
+        assert f"Camera {name} shows the image of {f.values['other']} at P2, P3" in f.message
+        own = int((at & (camera == o.cameras.index(name))).sum())
+        assert 0.9 * own < f.values["fitting"] <= f.values["points"] <= own
 
 
 def test_faults_do_not_feign_others() -> None:

@@ -268,10 +268,14 @@ def test_the_first_image_of_a_stream_is_whole(monkeypatch: pytest.MonkeyPatch) -
 # ---- the rig itself ----
 
 
-def test_a_fault_that_cannot_be_made_is_an_error_and_the_rig_goes_on(rig: GigeRig) -> None:
+def test_a_fault_that_cannot_be_made_is_an_error_and_the_rig_goes_on(rig: GigeRig, client: Client) -> None:
     with pytest.raises(OutputError, match="GE99"):
         rig.fault("unplug", "GE99")
-    rig.fault("plug", "GE01")
+    camera, image = client.open("GE01"), noise(7)
+    camera.start()
+    rig.set_image("GE01", image)
+    assert np.array_equal(shoot(camera, 5.0)[0], image)
+    client.close(camera)
 
 
 PROGRAM = """

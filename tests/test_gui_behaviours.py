@@ -36,7 +36,7 @@ from spherecal_gui.presenters.pace import as_text, expected_s, kind_of, pace_tex
 from spherecal_gui.presenters.placement import AutoTrigger, Scene
 from spherecal_gui.presenters.results import culprit
 from spherecal_gui.presenters.rig_scenes import check_scene
-from spherecal_gui.presenters.start import number_in_use, picture_name, validity_of
+from spherecal_gui.presenters.start import age_text, number_in_use, picture_name, validity_of
 from spherecal_gui.project import Computation, Project
 from spherecal_gui.project_folder import save_project
 from spherecal_gui.tasks.kept_check import read_kept_check
@@ -238,10 +238,15 @@ def test_the_culprit_is_who_the_findings_accuse_not_who_has_the_largest_residual
 
 
 @pytest.mark.parametrize(
-    ("ago", "words"),
-    [({"minutes": 5}, "5 min old"), ({"hours": 3}, "3 h old"), ({"days": 4}, "4 days old")],
+    ("ago", "words", "at_start"),
+    [
+        ({"minutes": 5}, "5 min old", "5 minutes"),
+        ({"hours": 3}, "3 h old", "3 hours"),
+        ({"hours": 40}, "40 h old", "40 hours"),
+        ({"days": 4}, "4 days old", "4 days"),
+    ],
 )
-def test_the_chip_says_how_old_and_its_details_by_whom(tmp_path, ago, words):
+def test_chip_and_start_say_how_old_and_by_whom(tmp_path, ago, words, at_start):
     write_result(example_calibration(), tmp_path / "result")
     made = datetime.now(UTC) - timedelta(**ago)
     profile = tmp_path / "rig-profile"
@@ -250,6 +255,8 @@ def test_the_chip_says_how_old_and_its_details_by_whom(tmp_path, ago, words):
     apply(open_profile(profile), number)
     word, _, details = validity_of(profile)
     assert word.endswith(words) and "Maria" in details and f"{made.astimezone():%Y-%m-%d %H:%M}" in details
+    assert age_text(profile) == f"Calibrated {at_start} ago"
+    assert open_profile(profile).validity().age_hours == pytest.approx(timedelta(**ago).total_seconds() / 3600, abs=0.1)
 
 
 # a cancelled computation, another language, a check of another day

@@ -75,6 +75,26 @@ def test_a_full_disk_leaves_the_one_before_in_memory_and_on_disk(tmp_path, monke
     assert again.taken_at("P1") == first
 
 
+@pytest.mark.parametrize("what", ["make_folder_below", "write_below", "move_below"])
+def test_a_set_that_could_not_be_put_aside_is_still_there(tmp_path, monkeypatch, what):
+    session = opened(tmp_path)
+    session.add(PlannedSet("P1"), taken(10))
+    first = session.taken_at("P1")
+
+    def refused(*_: object) -> None:
+        raise OutputError("The disk refuses.")
+
+    with monkeypatch.context() as patch:
+        patch.setattr(f"spherecal_gui.recorded.{what}", refused)
+        with pytest.raises(OutputError, match="refuses"):
+            session.remove("P1")
+    for one in (session, opened(tmp_path)):
+        assert one.taken_at("P1") == first and one.can_undo is None
+    assert taken_in(tmp_path) == {"P1": first} and grey_of(tmp_path, "P1") == 10
+    session.remove("P1")
+    assert session.undo() == "P1" and grey_of(tmp_path, "P1") == 10
+
+
 @pytest.mark.parametrize("images", ["aside", "in place"])
 def test_a_retake_cut_short_by_a_kill_comes_back_a_deletion_does_not(tmp_path, images):
     session = opened(tmp_path)

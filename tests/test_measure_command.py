@@ -381,8 +381,9 @@ def test_targets_that_move_are_followed_and_new_ones_found_with_the_whole_image(
         )
 
     search = RegionSearch(detect, DetectionSettings(1000.0, (640.0, 512.0)))
-    for k in range(10):  # 30 px from image to image
-        truth[1] = np.array([200.0 + 30 * k, 300.0])
+    way = np.cumsum([0, 30, 60, *[90] * 7])  # px from image to image; the margin alone would follow 55
+    for k in range(10):
+        truth[1] = np.array([200.0 + way[k], 300.0])
         if k == 3:
             truth[2] = np.array([900.0, 800.0])
         found = search.find(image, 0.1 * k)

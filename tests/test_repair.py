@@ -17,9 +17,17 @@ from spherecal.data.rig import Affected, Calibration
 from spherecal.data.session import Session
 from spherecal.files.rig_file import read_rig
 from spherecal.files.write_result import write_result
-from spherecal.geometry.rotation import log_rotation
+from spherecal.geometry.rotation import exp_rotation, log_rotation
 from spherecal.geometry.transform import fit_similarity
-from spherecal.steps.automatic_repairs import is_last_pose, keeps_a_tested_pose, may_be_swapped
+from spherecal.steps.automatic_repairs import (
+    FAR_MM,
+    FAR_RAD,
+    WORSE,
+    edited_where_certain,
+    is_last_pose,
+    keeps_a_tested_pose,
+    may_be_swapped,
+)
 from spherecal.steps.repairs import Repairs, repaired
 from spherecal.steps.settings import CalibrationSettings
 from spherecal_app.cli.main import main
@@ -92,6 +100,36 @@ def test_a_split_camera_has_the_pose_of_today() -> None:
     as_it_was = replace(after, rig=replace(after.rig, cameras=cameras))
     assert rms(errors_of(as_it_was, truth).centre_score) < 1.6
     assert rms(errors_of(before, truth).centre_mm) > 2 * rms(errors_of(as_it_was, truth).centre_mm)
+
+
+def test_a_split_that_is_not_credible_is_not_made_by_itself() -> None:
+    """The camera then fits worse than the others, or stands where no knock brings it; to the limits it is accepted."""
+    session, _ = knocked()
+    made: dict[tuple[object, ...], Calibration] = {}
+
+    def split(times: float = 1.0, shift_mm: float = 0.0, turn_rad: float = 0.0) -> bool:
+        turn = exp_rotation(np.array([0.0, 0.0, turn_rad]))
+
+        def run(some: Session) -> Calibration:
+            key = tuple(c.id for c in some.cameras), len(observed(some))
+            done = made.setdefault(key, made.get(key) or calibrate(some, CalibrationSettings(repair_by_itself=False)))
+            fit = times * np.median([c.rms_px or 0.0 for c in done.rig.cameras])
+            at = [0.0, 0.0, shift_mm]
+            cameras = tuple(
+                replace(c, rms_px=fit, rotation=turn @ c.rotation, translation_mm=turn @ c.translation_mm + at)
+                if c.id == "C03" and done.rig.earlier_poses
+                else c
+                for c in done.rig.cameras
+            )
+            return replace(done, rig=replace(done.rig, cameras=cameras))
+
+        done = edited_where_certain(session, run).rig
+        return [(r.option, r.value) for r in done.repairs] == [("--split", "C03@P3")] and done.quality.valid
+
+    assert split() and split(WORSE - 0.1) and split(shift_mm=FAR_MM - 5) and split(turn_rad=FAR_RAD - 0.01)
+    assert not split(WORSE + 0.1)
+    assert not split(shift_mm=FAR_MM + 5)
+    assert not split(turn_rad=FAR_RAD + 0.01)
 
 
 def test_the_split_camera_may_not_be_the_reference() -> None:

@@ -1,6 +1,7 @@
 """Millimetres: chords of arcs, what stickers and bars tell, and how sure they are."""
 
 from dataclasses import replace
+from functools import cache
 from itertools import product
 
 import numpy as np
@@ -47,6 +48,11 @@ def test_half_a_millimetre_in_three_metres_is_what_the_correction_is_worth() -> 
     assert 1 - chord(ARC, np.array([RADIUS]))[0] / ARC == pytest.approx(3.2e-4, rel=0.01)
 
 
+@cache
+def turn_of(seed: int) -> FloatArray:
+    return np.linalg.qr(np.random.default_rng(seed).normal(size=(3, 3)))[0]
+
+
 def stickers(
     rng: np.random.Generator,
     n_targets: int = 40,
@@ -63,7 +69,7 @@ def stickers(
     distance = arc * print_scale + print_sd * rng.normal(size=n_targets)
     place = np.empty((len(rows), 3))
     for i, (p, t, k) in enumerate(rows):
-        turn = np.linalg.qr(np.random.default_rng(1000 * p + t).normal(size=(3, 3)))[0]
+        turn = turn_of(1000 * p + t)
         half = (k - 0.5) * distance[t - 1]
         if on_sphere:
             angle = half / radius[p]
@@ -123,12 +129,16 @@ def test_a_scale_that_all_stickers_share_passes_unseen() -> None:
     assert found.relative_uncertainty < 1e-5
 
 
+# Of these the scatter is known to 7 %: an uncertainty that is a third too large or too small does not pass.
+TRIALS = 100
+
+
 @pytest.mark.parametrize("unit", [1.0, 0.0037])
 @pytest.mark.parametrize("print_sd", [0.0, 0.02, 0.1])
 def test_print_scatter_is_found_and_belongs_to_the_uncertainty(print_sd: float, unit: float) -> None:
     noise_sd = 0.01
     scatters, scores = [], []
-    for seed in range(60):
+    for seed in range(TRIALS):
         rng = np.random.default_rng(seed)
         features, place, radius = stickers(rng, print_sd=print_sd)
         noisy = unit * (place + noise_sd * rng.normal(size=place.shape))
@@ -144,7 +154,7 @@ def test_print_scatter_is_found_and_belongs_to_the_uncertainty(print_sd: float, 
         assert between == pytest.approx(print_sd, rel=0.1)
     else:
         assert between < 0.5 * noise_of_mean
-    assert np.sqrt(np.mean(np.square(scores))) == pytest.approx(1.0, abs=4 / np.sqrt(2 * 60))
+    assert np.sqrt(np.mean(np.square(scores))) == pytest.approx(1.0, abs=3 / np.sqrt(2 * TRIALS))
 
 
 def test_more_placements_average_noise_but_no_print() -> None:
@@ -169,7 +179,8 @@ def test_noisy_stickers_count_little() -> None:
     found = scale_from_spacing(SPACING, features, noisy, radius, cofactors(len(place), sd), 1.0)
     assert found is not None
     assert found.factor == pytest.approx(1.0, abs=5e-5)
-    assert found.relative_uncertainty < 2e-5
+    # 20 stickers at 3 placements count, of two dots each
+    assert found.relative_uncertainty == pytest.approx(np.sqrt(2) * 0.001 / ARC / np.sqrt(60), rel=0.2)
 
 
 def test_only_stickers_with_both_dots_count() -> None:
@@ -261,13 +272,13 @@ def test_bar_scale_has_the_uncertainty_it_states(flat_marks: bool) -> None:
     rng = np.random.default_rng(0)
     case = bar_network(rng, flat_marks, poses=2)
     errors, stated = [], 0.0
-    trials = 50 if flat_marks else 400  # a layout's derivatives are numerical and take their time
+    trials = 60 if flat_marks else 400  # a layout's derivatives are numerical and take their time
     for _ in range(trials):
         found = bar_scale(case, case[3] + 0.01 * rng.normal(size=case[3].shape))
         errors.append(found.factor - 1)
         stated = found.relative_uncertainty
     certificate = 0.01 / 2 / 500  # shared by all poses, not part of these trials
-    assert np.std(errors) == pytest.approx(np.sqrt(stated**2 - certificate**2), rel=3.5 / np.sqrt(2 * trials))
+    assert np.std(errors) == pytest.approx(np.sqrt(stated**2 - certificate**2), rel=3 / np.sqrt(2 * trials))
     assert stated > certificate
 
 

@@ -4,11 +4,12 @@ import numpy as np
 import pytest
 
 from spherecal.base.errors import InputError
+from spherecal.data.observations import Observations
 from spherecal.geometry.camera import project
 from spherecal_sim.heavy_tails import heavy_noise
 from spherecal_sim.lens_errors import TrueLens, random_field
 from spherecal_sim.networks import simulate_network
-from spherecal_sim.realistic import RealisticOptions, random_lengths, simulate_realistic
+from spherecal_sim.realistic import RealisticOptions, RealisticTruth, random_lengths, simulate_realistic
 
 
 @pytest.mark.parametrize(("kind", "views", "points", "marks"), [("targets", 113, 150, 9962), ("sheet", 21, 100, 0)])
@@ -59,6 +60,20 @@ def test_a_field_has_the_asked_size_and_is_no_turn_nor_shift() -> None:
     assert abs((value * around).sum() / (around**2).sum()) < 0.02  # no change of focal length: px per half image
 
 
+def stated_noise(o: Observations, truth: RealisticTruth) -> np.ndarray:
+    """Standard deviations (n,) px: the camera's, more out of focus, more for dots of less than 12 px."""
+    index = {key: i for i, key in enumerate(zip(truth.ball.dot_target, truth.ball.dot_point, strict=True))}
+    out = np.ones(len(o))
+    for row, (t, c, target, point) in enumerate(zip(o.placement, o.camera, o.target, o.point, strict=True)):
+        if t < len(truth.placements):
+            camera, lens = truth.rig.cameras[c], truth.lenses[c]
+            place = truth.points_mm(t)[index[target, point]]
+            depth = camera.rotation[2] @ place + camera.translation_mm[2]
+            small = np.clip(np.sqrt(12.0 * depth / (3.0 * lens.intrinsics[0])), 0.7, 3.0)
+            out[row] = truth.sigma_px[c] * lens.blur(np.array([depth]))[0] * small
+    return out
+
+
 def test_a_realistic_recording_follows_its_options() -> None:
     options = RealisticOptions(targets=80, few_cameras=1, wrong_share=0.02, misfit_px=0.05, bar_scale=True)
     session, truth = simulate_realistic(7, options)
@@ -68,8 +83,10 @@ def test_a_realistic_recording_follows_its_options() -> None:
     np.testing.assert_array_equal(o.uv, again.uv)
     on_ball = o.placement < len(truth.placements)
     assert truth.outlier.mean() == pytest.approx(0.02, abs=0.005)
-    noise = (o.uv - truth.uv_true_px)[on_ball & ~truth.outlier]
-    assert 0.5 < np.median(np.abs(noise)) / (0.67 * options.noise_px) < 4  # small dots and bad focus add to it
+    good = on_ball & ~truth.outlier
+    normal = ((o.uv - truth.uv_true_px) / stated_noise(o, truth)[:, None])[good]
+    assert np.sqrt((normal**2).mean()) == pytest.approx(1.0, rel=0.05)
+    assert np.median(truth.sigma_px) == pytest.approx(options.noise_px, rel=0.5)  # lenses differ by a third
     count = np.bincount(o.camera[on_ball], minlength=len(truth.few))
     if truth.few.any():
         assert ((count[truth.few] >= 8) & (count[truth.few] <= 20)).all()

@@ -265,6 +265,11 @@ def test_the_plan_covers_seven_lines_where_the_bars_are_seen(preset: str) -> Non
     assert min(plan.lengths_on_line) >= 5
     assert len({pose.id for pose in plan.poses}) == len(plan.poses)
     directions = plan.box.directions()
+    corners = directions @ plan.box.axes.T / plan.box.half
+    assert (np.count_nonzero(abs(corners) > 1e-9, axis=1) == [1, 1, 1, 3, 3, 3, 3]).all()
+    assert np.allclose(np.ptp(abs(corners[3:]), axis=1), 0)  # from corner to corner
+    parallel = abs(directions @ directions.T) > 1 - 1e-6
+    assert (parallel == np.eye(7, dtype=bool)).all()  # seven lines, none of them twice
     for pose in plan.poses:
         along = pose.end_mm - pose.start_mm
         assert np.linalg.norm(along) == pytest.approx(500.0, abs=0.5)

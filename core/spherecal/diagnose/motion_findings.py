@@ -209,14 +209,14 @@ def _swapped(e: Evidence, wrong: Sequence[WrongImage]) -> list[Finding]:
     for pair, at in placements.items():
         a, b = (e.camera_ids[c] for c in pair)
         names = [e.observations.placements[t] for t in sorted(at)]
-        share = [i for i in wrong if i.camera in pair and i.placement in at]
+        share = [i for i in wrong if i.kind == "other-camera" and {i.camera, i.other} == set(pair)]
         counts = {"fitting": sum(i.left_out for i in share), "points": sum(i.points for i in share), "places": names}
         if pair in mutual:
             values = {"first": a, "second": b}
             repairs = tuple(AdvisedRepair("swap", f"{a},{b}@{name}") for name in names)
         else:
             values = {"camera": _names(e, share[0])[0], "other": b if share[0].camera == pair[0] else a}
-            repairs = leave_out(*(f"{e.camera_ids[i.camera]}@{names[0]}" for i in share))
+            repairs = leave_out(*("@".join(_names(e, i)) for i in share))
         found.append(
             Finding(
                 "cameras-swapped",

@@ -172,7 +172,8 @@ def main() -> int:
             rows[f"{name}, {'moving' if moving else 'at rest'}"] = row
             print(
                 f"  {name:6} {'moving' if moving else 'at rest':7} detected {row['detected']:5.1f} ms, followed "
-                f"{row['followed']:4.1f} ms (x {row['ratio']:.2f}), {row['cores']:.2f} cores; {100 * row['kept']:.1f} % kept, 98 % within "
+                f"{row['followed']:4.1f} ms (x {row['ratio']:.2f}), {row['cores']:.2f} cores; "
+                f"{100 * row['kept']:.1f} % kept, 98 % within "
                 f"{row['off_p98_px']:.2f} px;  overlay {row['overlay_hz']:.2f}/s, {1e3 * row['overlay_age_s']:.0f} ms "
                 f"old, {row['overlay_cores']:.2f} cores; detection alone {row['detection_hz']:.2f}/s, "
                 f"{1e3 * row['detection_age_s']:.0f} ms, {row['detection_cores']:.2f} cores",

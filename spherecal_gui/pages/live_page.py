@@ -54,7 +54,7 @@ class LivePage(Page):
                 statuses.get(serial),
                 sight,
                 expected,
-                frame is not None,
+                frame,
                 live.watch.bumped.get(serial),
             )
             exposure_us = self.controller.tuning.settings_of(serial).exposure_us

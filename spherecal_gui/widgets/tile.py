@@ -126,7 +126,7 @@ class CameraTile(QWidget):
             Where the dots are (n, 2), px of the image.
         """
         if state != self._state or len(dots) != len(self._dots):
-            self.setAccessibleName(f"{state.name}: {state.word}")
+            self.setAccessibleName(f"{state.name}: {state.word} {state.since}".strip())
             if state.details != self._state.details:
                 self.setToolTip(plain(state.details))
             self.update()
@@ -241,7 +241,7 @@ class CameraTile(QWidget):
 
     def _draw_ghost(self, painter: QPainter) -> None:
         """The ball where it should go, dashed, and where it is, each with the direction of its top."""
-        if self._ghost is None or self._image is None:
+        if self._ghost is None or self._image is None or self._state.since:
             return
         at, scale = self._field()
         painter.save()
@@ -283,12 +283,28 @@ class CameraTile(QWidget):
             return
         at, scale = self._field()
         painter.setRenderHint(QPainter.RenderHint.SmoothPixmapTransform)
+        if self._state.since:
+            self._draw_last(painter, at, self._image)
+            return
         painter.drawImage(at, self._image)
         self._draw_coverage(painter, at)
         if len(self._dots):
             painter.setPen(QPen(QColor("#35e0ff"), 2.2, Qt.PenStyle.SolidLine, Qt.PenCapStyle.RoundCap))
             places = (self._dots + 0.5) * scale + np.array([at.left(), at.top()])
             painter.drawPoints([QPointF(x, y) for x, y in places.tolist()])
+
+    def _draw_last(self, painter: QPainter, at: QRectF, image: QImage) -> None:
+        """The last image of a camera that sends none, faint, and since when; its dots are of the past."""
+        painter.setOpacity(0.3)
+        painter.drawImage(at, image)
+        painter.setOpacity(1.0)
+        painter.setFont(theme.font(theme.CAPTION, bold=True))
+        words = painter.fontMetrics().size(0, self._state.since).toSizeF()
+        box = QRectF(0, 0, min(words.width() + 16, at.width()), words.height() + 8)
+        box.moveCenter(at.center())
+        painter.fillRect(box, QColor(theme.now().surface))
+        painter.setPen(QColor(theme.now().text))
+        painter.drawText(box, Qt.AlignmentFlag.AlignCenter, self._state.since)
 
     def _draw_masks(self, painter: QPainter) -> None:
         """Hatched, so that the image stays to be seen."""

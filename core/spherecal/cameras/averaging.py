@@ -181,7 +181,7 @@ def stillness(camera: str, detections: Sequence[Detections]) -> Stillness:
     moves = uv - uv.mean(axis=0)
     if len(common) < _FOR_AFFINE:
         shift = moves.mean(axis=1)
-        return Stillness(camera, len(common), _sd(shift, len(tables)), None)
+        return Stillness(camera, len(common), _sd(shift, len(detections)), None)
     return Stillness(camera, len(common), *_motion_and_noise(moves, uv.mean(axis=0)))
 
 

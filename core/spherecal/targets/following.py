@@ -19,8 +19,8 @@ from spherecal.targets.masks import Rectangle, masked
 # Most dots need only two; the coarse ones mix them with a hand beside them.
 _WINDOW, _LEVELS, _STEPS = 11, (1, 4), (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 10, 0.01)
 # Mean difference of the grey values around a dot from those of the detected image, over their standard deviation there.
-# Of other scenes and blank images no target is then kept; of the ball moved by 12 px 99 % of the dots, in a sixth of the
-# light 80 %. With one grey value more 3 % of those are of wrong targets.
+# Of other scenes and blank images no target is then kept; of the ball moved by 12 px 98 % of the dots, in a sixth of
+# the light 80 %. With one grey value more 3 % of those are of wrong targets.
 _MOST_UNLIKE = 0.5
 # How far a dot may go astray of its target's others, over the target's radius: 0.12 are 7 degrees from image to image.
 # The dot beside it is at 0.3.

@@ -9,6 +9,7 @@ from functools import cached_property
 
 import numpy as np
 
+from spherecal.base.arrays import IntArray
 from spherecal.cameras.averaging import STILL_PX, stillness
 from spherecal.cameras.capture import SessionCamera
 from spherecal.cameras.plan import CapturePlan
@@ -36,7 +37,7 @@ _STRIDE = 8
 class Sight:
     """What is known of a camera's newest examined image.
 
-    `blur_px` is the median standard deviation of the dots' edges (None without dots). `saturated` is the share of
+    `histogram` (64,) counts grey values. `blur_px` is the median standard deviation of the dots' edges (None without dots). `saturated` is the share of
     pixels at full scale, `brightness` the mean over full scale. `motion_px` says how much the scene moved over the last
     images.
     """
@@ -47,6 +48,7 @@ class Sight:
     saturated: float
     brightness: float
     motion_px: float | None
+    histogram: IntArray
 
     @property
     def still(self) -> bool:
@@ -205,6 +207,7 @@ class LiveView:
             known_blur = found.blur_px[~np.isnan(found.blur_px)]  # a board's points tell none
             blur = float(np.median(known_blur)) if len(known_blur) else None
         full, sample = float(2**frame.bits - 1), frame.image[::_STRIDE, ::_STRIDE]
+        histogram = np.bincount((sample.ravel() >> max(frame.bits - 6, 0)).clip(0, 63), minlength=64)
         saturated, brightness = float((sample >= _BRIGHT * full).mean()), float(sample.mean() / full)
         with self._told:
             newest = self._sights.get(serial)
@@ -216,7 +219,7 @@ class LiveView:
                 past = self._history.setdefault(serial, deque(maxlen=_REMEMBERED))
                 past.append(found)
                 motion = stillness(serial, list(past)).motion_px if len(past) == _REMEMBERED else None
-            self._sights[serial] = Sight(frame, dots, blur, saturated, brightness, motion)
+            self._sights[serial] = Sight(frame, dots, blur, saturated, brightness, motion, histogram)
 
 
 def _known(camera: SessionCamera) -> DetectionSettings:

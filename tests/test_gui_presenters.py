@@ -1,8 +1,8 @@
 """What the pages show, without widgets."""
 
 import os
-import time
 import re
+import time
 from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any

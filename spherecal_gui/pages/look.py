@@ -12,7 +12,6 @@ from spherecal_gui.widgets.basic import button, enable, label, set_level
 from spherecal_gui.widgets.tile import Wall
 from spherecal_gui.workflow import Status, Step
 
-
 # GenICam's names; a camera that lacks one takes the nearest. More bits than eight are of use in dim light.
 _FORMATS = ("Mono8", "Mono10", "Mono12", "Mono12p", "Mono16", "BayerRG8", "BayerRG12")
 

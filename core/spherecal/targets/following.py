@@ -87,6 +87,7 @@ class Follower:
         self._before, self._at = self._at, at
         if np.median(np.linalg.norm(at - self._start, axis=1)) > _MOVED:  # a ball that turns soon looks unlike
             self._image, self._start = now, at
+            self._contrast = np.where(kept, self._contrast, 0.0)  # where the others are was guessed: 2 px off, and more
         uv = (at.astype(float) + 0.5) * 2 - 0.5
         kept &= ~masked(uv, ignore)
         return replace(

@@ -93,11 +93,11 @@ def local_addresses() -> tuple[LocalAddress, ...]:
 
 def answering_cameras(local: Sequence[LocalAddress], seconds: float = 0.7) -> tuple[NetworkCamera, ...]:
     """The GigE cameras that answer to a broadcast from these addresses, of whatever subnet; blocking."""
-    found: dict[str, NetworkCamera] = {}
+    found: dict[tuple[str, ...], NetworkCamera] = {}
     for where in {one.interface: one for one in local}.values() if os.name == "posix" else local:
         try:
             for camera in search(where.interface, seconds, where.address):
-                found.setdefault(camera.mac, camera)
+                found.setdefault((camera.mac, camera.serial, camera.model, camera.address), camera)
         except OSError:  # down, or not allowed
             continue
     return tuple(found.values())

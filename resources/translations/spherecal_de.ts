@@ -2048,6 +2048,10 @@ px</translation>
         <translation>keine Zielmarken in Sicht</translation>
     </message>
     <message>
+        <source>no images since {time}</source>
+        <translation>keine Bilder seit {time}</translation>
+    </message>
+    <message>
         <source>too bright: {share} % clipped. Shorten the exposure.</source>
         <translation>zu hell: {share} % übersteuert. Belichtung verkürzen.</translation>
     </message>
@@ -2131,9 +2135,25 @@ px</translation>
         <source>All {count} cameras are sharp and well lit.</source>
         <translation>Alle {count} Kameras sind scharf und gut belichtet.</translation>
     </message>
+    <message>
+        <source>Not as wanted: {names}. Their driver took the nearest setting.</source>
+        <translation>Nicht wie gewünscht: {names}. Ihr Treiber hat die nächstliegende Einstellung genommen.</translation>
+    </message>
 </context>
 <context>
     <name>LookPage</name>
+    <message>
+        <source>Set exposures</source>
+        <translation>Belichtung einstellen</translation>
+    </message>
+    <message>
+        <source>Each camera gets the longest exposure by which its dots are not saturated.</source>
+        <translation>Jede Kamera bekommt die längste Belichtung, bei der ihre Punkte nicht übersteuern.</translation>
+    </message>
+    <message>
+        <source>Pixel format of all cameras</source>
+        <translation>Pixelformat aller Kameras</translation>
+    </message>
     <message>
         <source>Mask reflections</source>
         <translation>Reflexe abdecken</translation>
@@ -3601,6 +3621,10 @@ mm</translation>
     <message>
         <source>Working out the next placement</source>
         <translation>Nächste Aufstellung ermitteln</translation>
+    </message>
+    <message>
+        <source>Setting exposures</source>
+        <translation>Belichtungen einstellen</translation>
     </message>
     <message>
         <source>Testing that nothing moves</source>

@@ -2048,6 +2048,10 @@ px</translation>
         <translation>看不到靶标</translation>
     </message>
     <message>
+        <source>no images since {time}</source>
+        <translation>自 {time} 起无图像</translation>
+    </message>
+    <message>
         <source>too bright: {share} % clipped. Shorten the exposure.</source>
         <translation>过亮：{share} % 饱和。请缩短曝光。</translation>
     </message>
@@ -2131,9 +2135,25 @@ px</translation>
         <source>All {count} cameras are sharp and well lit.</source>
         <translation>全部 {count} 台相机清晰且曝光良好。</translation>
     </message>
+    <message>
+        <source>Not as wanted: {names}. Their driver took the nearest setting.</source>
+        <translation>未按要求设置：{names}。其驱动采用了最接近的设置。</translation>
+    </message>
 </context>
 <context>
     <name>LookPage</name>
+    <message>
+        <source>Set exposures</source>
+        <translation>设置曝光</translation>
+    </message>
+    <message>
+        <source>Each camera gets the longest exposure by which its dots are not saturated.</source>
+        <translation>每台相机采用圆点不饱和的最长曝光时间。</translation>
+    </message>
+    <message>
+        <source>Pixel format of all cameras</source>
+        <translation>所有相机的像素格式</translation>
+    </message>
     <message>
         <source>Mask reflections</source>
         <translation>遮挡反光</translation>
@@ -3601,6 +3621,10 @@ mm</translation>
     <message>
         <source>Working out the next placement</source>
         <translation>计算下一个摆放位置</translation>
+    </message>
+    <message>
+        <source>Setting exposures</source>
+        <translation>正在设置曝光</translation>
     </message>
     <message>
         <source>Testing that nothing moves</source>

@@ -4,9 +4,10 @@ import time
 
 from spherecal.cameras.gentl import words
 from spherecal.cameras.gentl.device import Device
-from spherecal.cameras.gentl.features import error_id, plain
+from spherecal.cameras.gentl.features import plain
 from spherecal.cameras.gentl.messages import RequestedCamera, StateIs, UseRing
 from spherecal.cameras.gentl.rings import Ring
+from spherecal.cameras.gentl.texts import error_id
 from spherecal.cameras.protocol import CameraState
 
 _AGAIN_S = (0.3, 0.5, 1.0, 2.0)  # pauses before a lost camera is looked for again; the last one repeats
@@ -93,10 +94,10 @@ def why_not_opened(error: Exception, access: str) -> tuple[CameraState, str, str
     text = plain(error)
     if "genapi" in type(error).__module__:
         return words.no_description(text)
-    if error_id(error) in (-1004, -1005):  # resource in use, access denied
+    if error_id(str(error)) in (-1004, -1005):  # resource in use, access denied
         return words.busy(text)
     if access == "unreachable":
         return words.unreachable(text)
-    if error_id(error) in (-1006, -1010, -1011, -1014):  # invalid handle, input/output, timeout, not available
+    if error_id(str(error)) in (-1006, -1010, -1011, -1014):  # invalid handle, input/output, timeout, not available
         return words.lost(text)
     return words.failed(text)

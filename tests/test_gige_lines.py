@@ -107,9 +107,10 @@ def test_a_load_is_read_from_what_a_camera_says() -> None:
         return [FeatureReport(name.replace("_", " "), name, got=value) for name, value in features.items()]
 
     plain = load_of(told(width="2448", height="2048", pixel_format="Mono8", packet_size="8000"), 5.0)
-    assert plain == CameraLoad(2448 * 2048, 5.0, 8000)
-    packed = load_of(told(width="2448", height="2048", pixel_format="Mono12p", time_stamp_rate="125000000.0"), 5.0)
-    assert packed == CameraLoad(2448 * 2048 * 3 // 2, 5.0, 1500, 125_000_000)
+    assert plain == CameraLoad(2448 * 2048, 5.0, 8000, controls=frozenset())
+    packed = told(width="2448", height="2048", pixel_format="Mono12p", time_stamp_rate="125000000.0", packet_delay="0")
+    packed += [FeatureReport("frame delay", None)]
+    assert load_of(packed, 5.0) == CameraLoad(2448 * 2048 * 3 // 2, 5.0, 1500, 125_000_000, frozenset({"packet delay"}))
     assert load_of(told(height="2048"), 5.0) is None
 
 

@@ -4,10 +4,14 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
+from spherecal.base.messages.values import Phrase
+from spherecal.cameras.builtin_driver import BuiltinDriver
 from spherecal.cameras.gige.gvcp import NetworkCamera
 from spherecal.cameras.gige.lines import free_beside
 from spherecal.cameras.gige.network import LocalAddress, reached
+from spherecal.cameras.makers import maker_of
 from spherecal.cameras.protocol import CameraError, Discovery
+from spherecal.cameras.usb import UsbCamera
 
 Trouble = Literal["no-driver", "not-allowed", "not-loaded", "no-cameras", "other-subnet"]
 
@@ -26,6 +30,20 @@ class DriverTrouble:
     camera: NetworkCamera | None = None
     local: tuple[LocalAddress, ...] = ()
     beside: str = ""
+
+
+@dataclass(frozen=True)
+class SeenCamera:
+    """A camera that no driver lists and that answers all the same: by IP address, or on USB (`place`).
+
+    `package` is its maker's driver package, empty where the maker is not known.
+    """
+
+    maker: str
+    model: str
+    serial: str
+    place: str
+    package: str
 
 
 class NoCameras(CameraError):
@@ -64,4 +82,51 @@ def driver_troubles(
     ]
     if not discovery.cameras and not elsewhere:
         found += [DriverTrouble("no-cameras", one.file, one.message) for one in discovery.producers if one.usable]
+    return tuple(found)
+
+
+def seen_without_driver(
+    discovery: Discovery, answering: Iterable[NetworkCamera], usb: Iterable[UsbCamera] = ()
+) -> tuple[SeenCamera, ...]:
+    """The cameras that answer on the wire or hang on the bus, and that no driver lists.
+
+    Parameters
+    ----------
+    discovery
+        What the drivers found.
+    answering
+        Cameras that a broadcast found (`answering_cameras`).
+    usb
+        Cameras on the bus (`usb_cameras`).
+    """
+    known = {camera.serial for camera in discovery.cameras}
+    found = [(one.vendor, one.model, one.serial, one.address) for one in answering]
+    found += [(one.maker, one.model, one.serial, "USB") for one in usb]
+    return tuple(
+        SeenCamera(vendor, model, serial, place, "" if (maker := maker_of(vendor)) is None else maker.driver)
+        for vendor, model, serial, place in found
+        if serial not in known
+    )
+
+
+def driver_advice(seen: Sequence[SeenCamera], builtin: BuiltinDriver) -> tuple[Phrase, ...]:
+    """What answers although no driver lists it, and what makes it usable: the makers' packages, or the built-in driver.
+
+    Parameters
+    ----------
+    seen
+        From `seen_without_driver`; none: no advice.
+    builtin
+        The built-in driver's state.
+    """
+    if not seen:
+        return ()
+    cameras = [Phrase("driver-camera", vars(one)) for one in seen]
+    found = [Phrase("driver-answering", {"count": len(seen), "cameras": cameras})]
+    packages = sorted({one.package for one in seen if one.package})
+    found += [Phrase("driver-package", {"packages": packages})] if packages else []
+    if builtin.kind == "can-be-built":
+        found.append(Phrase("driver-builtin"))
+    elif builtin.install:
+        found.append(Phrase("driver-builtin-lacks", {"command": builtin.install}))
     return tuple(found)

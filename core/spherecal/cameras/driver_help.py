@@ -2,16 +2,18 @@
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 from spherecal.base.messages.values import Phrase
-from spherecal.cameras.builtin_driver import BuiltinDriver
 from spherecal.cameras.gige.gvcp import NetworkCamera
 from spherecal.cameras.gige.lines import free_beside
 from spherecal.cameras.gige.network import LocalAddress, reached
 from spherecal.cameras.makers import maker_of
 from spherecal.cameras.protocol import CameraError, Discovery
 from spherecal.cameras.usb import UsbCamera
+
+if TYPE_CHECKING:  # the window's start waits for no more than it must
+    from spherecal.cameras.builtin_driver import BuiltinDriver
 
 Trouble = Literal["no-driver", "not-allowed", "not-loaded", "no-cameras", "other-subnet"]
 
@@ -109,7 +111,7 @@ def seen_without_driver(
     )
 
 
-def driver_advice(seen: Sequence[SeenCamera], builtin: BuiltinDriver) -> tuple[Phrase, ...]:
+def driver_advice(seen: Sequence[SeenCamera], builtin: "BuiltinDriver") -> tuple[Phrase, ...]:
     """What answers although no driver lists it, and what makes it usable: the makers' packages, or the built-in driver.
 
     Parameters

@@ -283,7 +283,8 @@ def test_an_enumeration_serves_as_a_switch(odd: Any, name: str, off: str, on: st
         assert (camera.told(name).got, camera.told(name).problem) == (off, "")
 
 
-LIMIT = """<Integer Name="{name}"><Value>400000000</Value><Min>1000000</Min><Max>500000000</Max><Inc>1000</Inc></Integer>
+LIMIT = """<Integer Name="{name}"><Value>400000000</Value><Min>1000000</Min><Max>500000000</Max><Inc>1000</Inc>
+</Integer>
 <Enumeration Name="{switch}">{entries}<Value>{value}</Value></Enumeration>"""
 ENTRY = '<EnumEntry Name="{name}"><Value>{value}</Value></EnumEntry>'
 

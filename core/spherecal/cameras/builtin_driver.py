@@ -73,18 +73,6 @@ def prepare(context: Context | None = None) -> Path:
     """Bring the built-in driver into use, built where it was not shipped; its file. Takes some seconds the first time.
 
     It is allowed like a driver that somebody has said yes to: calling this is that yes.
-
-    Parameters
-    ----------
-    context
-        For progress; None does without.
-
-    Raises
-    ------
-    InputError
-        Where it lacks something: what to install.
-    OutputError
-        Where it cannot be built, or its folder not be written.
     """
     found = state()
     if found.kind == "lacking":

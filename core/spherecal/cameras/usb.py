@@ -34,15 +34,7 @@ class UsbCamera:
 
 
 def usb_cameras(devices: Path = _DEVICES, nodes: Path = _NODES) -> tuple[UsbCamera, ...]:
-    """Every USB3 Vision camera on the bus, sorted by maker, model and serial number.
-
-    Parameters
-    ----------
-    devices
-        Where the system describes its USB devices.
-    nodes
-        Where it has the files through which they are opened.
-    """
+    """Every USB3 Vision camera on the bus, sorted by maker, model and serial number."""
     vision = {
         interface.parent / interface.name.partition(":")[0]
         for interface in devices.glob("*:*")

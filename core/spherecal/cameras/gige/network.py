@@ -129,15 +129,7 @@ def local_addresses() -> tuple[LocalAddress, ...]:
 
 
 def answering_cameras(local: Sequence[LocalAddress], seconds: float = 0.7) -> tuple[NetworkCamera, ...]:
-    """The GigE cameras that answer to a broadcast from these addresses, of whatever subnet; blocking.
-
-    Parameters
-    ----------
-    local
-        This computer's addresses; interfaces that cannot be used are passed over.
-    seconds
-        How long to wait for answers, s.
-    """
+    """The GigE cameras that answer to a broadcast from these addresses, of whatever subnet; blocking."""
     places = list({one.interface: one for one in local}.values()) if os.name == "posix" else list(local)
 
     def answers(where: LocalAddress) -> list[NetworkCamera]:
@@ -164,14 +156,9 @@ def reached(camera: NetworkCamera, local: Iterable[LocalAddress]) -> bool:
 
 
 def found_on_wire(seconds: float = 0.7, own: Collection[str] = ()) -> tuple[WireCamera, ...]:
-    """Every GigE camera that answers on any interface of this computer, of whatever subnet; blocking, no driver needed.
+    """Every GigE camera that answers on any interface within some seconds, of whatever subnet; no driver is needed.
 
-    Parameters
-    ----------
-    seconds
-        How long to wait for answers, s.
-    own
-        Serial numbers of cameras that this program has open: no other program controls these.
+    `own`: serial numbers of cameras that this program has open; no other program controls these.
     """
     local = local_addresses()
     return tuple(
@@ -212,15 +199,7 @@ def _asking(address: str) -> Iterator[Gvcp]:
 
 
 def proposed_address(camera: WireCamera, others: Iterable[WireCamera] = ()) -> Address | None:
-    """A free address of the network of the interface on which a camera answers; None where it has no network.
-
-    Parameters
-    ----------
-    camera
-        Who is to have it.
-    others
-        The other cameras, whose addresses are taken.
-    """
+    """A free address of the network of the interface on which a camera answers; None where it has no network."""
     line = next((line for line in network_lines() if line.interface == camera.interface), None)
     if line is None:
         return None
@@ -252,19 +231,7 @@ def _somebody_at(address: str, interface: str) -> bool:
 def give_address(mac: str, ip: str, mask: str, gateway: str = "0.0.0.0", persistent: bool = True) -> WireCamera:
     """Give a camera an address (FORCEIP), also for its next starts if `persistent`; the camera as it then answers.
 
-    Parameters
-    ----------
-    mac
-        Its hardware address, as `found_on_wire` has it.
-    ip, mask, gateway
-        What it is to have; the gateway 0.0.0.0 is none.
-    persistent
-        Keep it in the camera.
-
-    Raises
-    ------
-    CameraError
-        Where the address is impossible or taken, or the camera does not take it.
+    Blocking, some seconds. CameraError where the address is impossible or taken, or the camera does not take it.
     """
     local = local_addresses()
     there = answering_cameras(local)
@@ -330,17 +297,7 @@ def _keep_address(ip: str, mask: str, gateway: str) -> bool:
 def largest_packet(camera: str, mtu: int) -> PacketTest:
     """The largest packet that arrives whole from a camera that nobody has open, by the camera's own test packets.
 
-    Parameters
-    ----------
-    camera
-        Its IP address.
-    mtu
-        Largest packet of the interface, bytes.
-
-    Raises
-    ------
-    CameraError
-        Where another program has the camera, or it does not answer.
+    `camera` is its IP address, `mtu` the interface's, bytes. CameraError where another program has it.
     """
     with _asking(camera) as registers, socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as ear:
         ear.connect((camera, 9))  # so that it has the address of the interface that leads there
@@ -412,11 +369,6 @@ def interface_facts(loads: dict[str, CameraLoad] | None = None) -> tuple[Interfa
     """What of this computer's network matters to cameras, good or wrong, of every interface where one answers.
 
     Windows: only the firewall is looked at.
-
-    Parameters
-    ----------
-    loads
-        What each camera is to send, by serial number; None: 2 MB, five times a second.
     """
     if sys.platform == "win32":
         return (_windows_firewall(),)
@@ -493,10 +445,7 @@ def _display() -> str:
 def apply_cure(cure: str) -> None:
     """Run a cure's command line with an administrator's rights, for which the system asks; blocking.
 
-    Raises
-    ------
-    CameraError
-        Where it is refused or fails, with what it said.
+    CameraError where it is refused or fails, with what it said.
     """
     if sys.platform == "win32":
         said = _elevated(cure)

@@ -566,6 +566,20 @@ def test_every_camera_of_such_a_driver_is_served_and_a_held_one_is_told(
             assert time.monotonic() < until, source.statuses()
 
 
+def test_the_first_set_is_complete_in_the_first_try_though_its_images_take_seconds(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    """As four cameras of 16 MP do on a busy machine."""
+    monkeypatch.setenv("GENICAM_GENTL64_PATH", str(built_producer().parent))
+    cameras = [SimulatedCamera(f"A{i}", *SIZE) for i in range(1, 4)]
+    with ProducerControl(cameras) as rig, GenicamSource(log_file=tmp_path / "log") as source:
+        monkeypatch.setenv("SPHERECAL_GENTL_REGION", rig.name)
+        source.open(source.discover().serials, {})
+        rig.delay_frames("A2", 2.5, 1)
+        taken = source.capture_set()
+        assert taken.complete and taken.attempts == 1 and taken.seconds > 2.0
+
+
 # ---- names ----
 
 

@@ -15,7 +15,8 @@ from PySide6.QtCore import Qt
 from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QLabel, QPushButton
 
-from spherecal_cameras.driver_help import DriverTrouble, LocalAddress
+from spherecal_cameras.camera_network import LocalAddress
+from spherecal_cameras.driver_help import DriverTrouble
 from spherecal_cameras.genicam import discovery
 from spherecal_cameras.genicam.trust import TrustStore
 from spherecal_gentl.gige.gvcp import NetworkCamera
@@ -85,7 +86,7 @@ def test_the_list_of_makers_has_a_driver_and_a_place_for_each(qtbot, system):
 @pytest.fixture
 def page(qtbot, tmp_path, monkeypatch):
     """The real page over a search with no drivers but those of a folder."""
-    monkeypatch.setattr(discovery, "driver_folders", lambda _: ())
+    monkeypatch.setattr(discovery, "driver_patterns", lambda _: ())
     monkeypatch.setenv("SPHERECAL_DRIVERS", str(tmp_path / "drivers.json"))
     monkeypatch.setenv("GENICAM_GENTL64_PATH", str(tmp_path / "cti"))
     (tmp_path / "cti").mkdir()

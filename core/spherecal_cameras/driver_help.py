@@ -1,26 +1,21 @@
 """Why no camera was found, or not all: no driver, one that is not allowed, one without cameras, another subnet."""
 
-import ipaddress
-import os
-import socket
-import sys
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
-from spherecal_cameras.network_lines import free_beside, network_lines
+from spherecal.base.messages.values import Phrase
+from spherecal_cameras.camera_network import LocalAddress, reached
+from spherecal_cameras.makers import maker_of
+from spherecal_cameras.network_lines import free_beside
 from spherecal_cameras.protocol import CameraError, Discovery
-from spherecal_gentl.gige.gvcp import NetworkCamera, search
+from spherecal_cameras.usb import UsbCamera
+from spherecal_gentl.gige.gvcp import NetworkCamera
+
+if TYPE_CHECKING:  # the window's start waits for no more than it must
+    from spherecal_cameras.builtin_driver import BuiltinDriver
 
 Trouble = Literal["no-driver", "not-allowed", "not-loaded", "no-cameras", "other-subnet"]
-
-
-@dataclass(frozen=True)
-class LocalAddress:
-    """An address of this computer and the network interface that has it (empty where the system does not name it)."""
-
-    interface: str
-    address: str
 
 
 @dataclass(frozen=True)
@@ -37,6 +32,20 @@ class DriverTrouble:
     camera: NetworkCamera | None = None
     local: tuple[LocalAddress, ...] = ()
     beside: str = ""
+
+
+@dataclass(frozen=True)
+class SeenCamera:
+    """A camera that no driver lists and that answers all the same: by IP address, or on USB (`place`).
+
+    `package` is its maker's driver package, empty where the maker is not known.
+    """
+
+    maker: str
+    model: str
+    serial: str
+    place: str
+    package: str
 
 
 class NoCameras(CameraError):
@@ -60,7 +69,7 @@ def driver_troubles(
             kind: Trouble = "not-allowed" if one.refused else "not-loaded"
             found.append(DriverTrouble(kind, one.file, f"{one.message} {one.hint}".strip()))
     known = {camera.serial for camera in discovery.cameras}
-    elsewhere = [one for one in answering if one.serial not in known and not _reached(one, local)]
+    elsewhere = [one for one in answering if one.serial not in known and not reached(one, local)]
     found += [
         DriverTrouble("other-subnet", camera=one, local=tuple(local), beside=free_beside(one)) for one in elsewhere
     ]
@@ -69,35 +78,30 @@ def driver_troubles(
     return tuple(found)
 
 
-def _reached(camera: NetworkCamera, local: Iterable[LocalAddress]) -> bool:
-    """Whether this computer has an address in the camera's network, on the interface where the camera answered."""
-    try:
-        network = ipaddress.ip_interface(f"{camera.address}/{camera.mask}").network
-        return any(
-            ipaddress.ip_address(one.address) in network for one in local if one.interface in ("", camera.interface)
-        )
-    except ValueError:  # the camera's own word, which may be anything
-        return False
+def seen_without_driver(
+    discovery: Discovery, answering: Iterable[NetworkCamera], usb: Iterable[UsbCamera] = ()
+) -> tuple[SeenCamera, ...]:
+    """The cameras that answer on the wire or hang on the bus, and that no driver lists."""
+    known = {camera.serial for camera in discovery.cameras}
+    found = [(one.vendor, one.model, one.serial, one.address) for one in answering]
+    found += [(one.maker, one.model, one.serial, "USB") for one in usb]
+    return tuple(
+        SeenCamera(vendor, model, serial, place, "" if (maker := maker_of(vendor)) is None else maker.driver)
+        for vendor, model, serial, place in found
+        if serial not in known
+    )
 
 
-def local_addresses() -> tuple[LocalAddress, ...]:
-    """The IPv4 addresses of the computer, without the loopback."""
-    if sys.platform.startswith("linux"):
-        return tuple(LocalAddress(line.interface, line.address) for line in network_lines())
-    try:
-        found = socket.gethostbyname_ex(socket.gethostname())[2]
-    except OSError:
+def driver_advice(seen: Sequence[SeenCamera], builtin: "BuiltinDriver") -> tuple[Phrase, ...]:
+    """What answers although no driver lists it, and what makes it usable: a maker's package or the built-in driver."""
+    if not seen:
         return ()
-    return tuple(LocalAddress("", one) for one in found if not ipaddress.ip_address(one).is_loopback)
-
-
-def answering_cameras(local: Sequence[LocalAddress], seconds: float = 0.7) -> tuple[NetworkCamera, ...]:
-    """The GigE cameras that answer to a broadcast from these addresses, of whatever subnet; blocking."""
-    found: dict[tuple[str, ...], NetworkCamera] = {}
-    for where in {one.interface: one for one in local}.values() if os.name == "posix" else local:
-        try:
-            for camera in search(where.interface, seconds, where.address):
-                found.setdefault((camera.mac, camera.serial, camera.model, camera.address), camera)
-        except OSError:  # down, or not allowed
-            continue
-    return tuple(found.values())
+    cameras = [Phrase("driver-camera", vars(one)) for one in seen]
+    found = [Phrase("driver-answering", {"count": len(seen), "cameras": cameras})]
+    packages = sorted({one.package for one in seen if one.package})
+    found += [Phrase("driver-package", {"packages": packages})] if packages else []
+    if builtin.kind == "can-be-built":
+        found.append(Phrase("driver-builtin"))
+    elif builtin.install:
+        found.append(Phrase("driver-builtin-lacks", {"command": builtin.install}))
+    return tuple(found)

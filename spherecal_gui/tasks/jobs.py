@@ -82,7 +82,8 @@ def connect(project: Project, context: Context, ask: "Ask | None" = None) -> "Co
 
 def _troubles(discovery: "Discovery") -> "tuple[DriverTrouble, ...]":
     """Why drivers have no cameras; those that answer on the network from another subnet are looked for."""
-    from spherecal_cameras.driver_help import answering_cameras, driver_troubles, local_addresses
+    from spherecal_cameras.camera_network import answering_cameras, local_addresses
+    from spherecal_cameras.driver_help import driver_troubles
 
     local = local_addresses()
     return driver_troubles(discovery, answering_cameras(local), local)

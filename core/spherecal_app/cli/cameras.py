@@ -11,6 +11,7 @@ from spherecal.base.messages.values import Phrase
 from spherecal_app.cli.answer import answer, plain_fields
 from spherecal_app.cli.cameras_source import discovered, open_named, profile_of
 from spherecal_app.cli.console import out, say
+from spherecal_app.cli.drivers import advice_for
 from spherecal_app.cli.exit_codes import DONE, NOT_VALID
 from spherecal_app.cli.progress import shown_progress
 from spherecal_cameras.new_recording import camera_name
@@ -76,6 +77,8 @@ def _tell_alike(profile: CameraProfile, discovery: Discovery) -> None:
 
 
 def _list_producers(discovery: Discovery) -> None:
+    for line in advice_for(discovery):
+        say(line)
     if not discovery.producers:
         out.print(
             "No driver (.cti file) was found. Install the driver of the cameras' maker, "
@@ -178,6 +181,7 @@ def _keep(
                 "packet_size",
                 "packet_delay",
                 "frame_delay",
+                "throughput_bytes_s",
             )
             if (value := getattr(options, key)) is not None
         }

@@ -2,8 +2,9 @@
 
 import pytest
 
-from spherecal.cameras.driver_help import LocalAddress, answering_cameras, driver_troubles, local_addresses
+from spherecal.cameras.driver_help import driver_troubles
 from spherecal.cameras.gige.gvcp import NetworkCamera
+from spherecal.cameras.gige.network import LocalAddress, answering_cameras, local_addresses
 from spherecal.cameras.makers import MAKERS, driver_folders
 from spherecal.cameras.protocol import CameraInfo, Discovery, ProducerVerdict
 

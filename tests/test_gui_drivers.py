@@ -15,10 +15,11 @@ from PySide6.QtCore import Qt
 from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QLabel, QPushButton
 
-from spherecal.cameras.driver_help import DriverTrouble, LocalAddress
+from spherecal.cameras.driver_help import DriverTrouble
 from spherecal.cameras.gentl import discovery
 from spherecal.cameras.gentl.trust import TrustStore
 from spherecal.cameras.gige.gvcp import NetworkCamera
+from spherecal.cameras.gige.network import LocalAddress
 from spherecal_gui.controllers.controller import Controller
 from spherecal_gui.pages.connect import ConnectPage
 from spherecal_gui.pages.drivers_panel import DriversPanel, MakersDialog

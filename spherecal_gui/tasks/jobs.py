@@ -98,7 +98,8 @@ def connect(project: Project, context: Context, ask: "Ask | None" = None) -> "Co
 
 def _troubles(discovery: "Discovery") -> "tuple[DriverTrouble, ...]":
     """Why drivers have no cameras; those that answer on the network from another subnet are looked for."""
-    from spherecal.cameras.driver_help import answering_cameras, driver_troubles, local_addresses
+    from spherecal.cameras.driver_help import driver_troubles
+    from spherecal.cameras.gige.network import answering_cameras, local_addresses
 
     local = local_addresses()
     return driver_troubles(discovery, answering_cameras(local), local)

@@ -1,26 +1,15 @@
 """Why no camera was found, or not all: no driver, one that is not allowed, one without cameras, another subnet."""
 
-import ipaddress
-import os
-import socket
-import sys
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
-from spherecal.cameras.gige.gvcp import NetworkCamera, search
-from spherecal.cameras.gige.lines import free_beside, network_lines
+from spherecal.cameras.gige.gvcp import NetworkCamera
+from spherecal.cameras.gige.lines import free_beside
+from spherecal.cameras.gige.network import LocalAddress, reached
 from spherecal.cameras.protocol import CameraError, Discovery
 
 Trouble = Literal["no-driver", "not-allowed", "not-loaded", "no-cameras", "other-subnet"]
-
-
-@dataclass(frozen=True)
-class LocalAddress:
-    """An address of this computer and the network interface that has it (empty where the system does not name it)."""
-
-    interface: str
-    address: str
 
 
 @dataclass(frozen=True)
@@ -69,52 +58,10 @@ def driver_troubles(
             kind: Trouble = "not-allowed" if one.refused else "not-loaded"
             found.append(DriverTrouble(kind, one.file, f"{one.message} {one.hint}".strip()))
     known = {camera.serial for camera in discovery.cameras}
-    elsewhere = [one for one in answering if one.serial not in known and not _reached(one, local)]
+    elsewhere = [one for one in answering if one.serial not in known and not reached(one, local)]
     found += [
         DriverTrouble("other-subnet", camera=one, local=tuple(local), beside=free_beside(one)) for one in elsewhere
     ]
     if not discovery.cameras and not elsewhere:
         found += [DriverTrouble("no-cameras", one.file, one.message) for one in discovery.producers if one.usable]
     return tuple(found)
-
-
-def _reached(camera: NetworkCamera, local: Iterable[LocalAddress]) -> bool:
-    """Whether this computer has an address in the camera's network, on the interface where the camera answered."""
-    try:
-        network = ipaddress.ip_interface(f"{camera.address}/{camera.mask}").network
-        return any(
-            ipaddress.ip_address(one.address) in network for one in local if one.interface in ("", camera.interface)
-        )
-    except ValueError:  # the camera's own word, which may be anything
-        return False
-
-
-def local_addresses() -> tuple[LocalAddress, ...]:
-    """The IPv4 addresses of the computer, without the loopback."""
-    if sys.platform.startswith("linux"):
-        return tuple(LocalAddress(line.interface, line.address) for line in network_lines())
-    try:
-        found = socket.gethostbyname_ex(socket.gethostname())[2]
-    except OSError:
-        return ()
-    return tuple(LocalAddress("", one) for one in found if not ipaddress.ip_address(one).is_loopback)
-
-
-def answering_cameras(local: Sequence[LocalAddress], seconds: float = 0.7) -> tuple[NetworkCamera, ...]:
-    """The GigE cameras that answer to a broadcast from these addresses, of whatever subnet; blocking.
-
-    Parameters
-    ----------
-    local
-        This computer's addresses; interfaces that cannot be used are passed over.
-    seconds
-        How long to wait for answers at each, s.
-    """
-    found: dict[str, NetworkCamera] = {}
-    for where in {one.interface: one for one in local}.values() if os.name == "posix" else local:
-        try:
-            for camera in search(where.interface, seconds, where.address):
-                found.setdefault(camera.mac, camera)
-        except OSError:  # down, or not allowed
-            continue
-    return tuple(found.values())

@@ -5,6 +5,7 @@ Installers also name these folders in GENICAM_GENTL64_PATH. Where a maker's file
 """
 
 from dataclasses import dataclass
+from pathlib import Path
 
 
 @dataclass(frozen=True)
@@ -102,6 +103,13 @@ MAKERS = (
 ANY_MAKER = Maker("", "Aravis", ("spherecal_aravis.cti",), ("/opt/spherecal/cti",))
 _FIRST = {"linux": ("/opt/*/lib/x86_64",)}
 _LAST = {"darwin": ("/Library/Application Support/*/cti",)}
+
+
+def own_folder() -> Path:
+    """Where the built-in driver is put for this user (`builtin_driver.prepare`); it may not exist."""
+    from platformdirs import user_data_path
+
+    return user_data_path("spherecal", appauthor=False) / "cti"
 
 
 def driver_folders(system: str) -> tuple[str, ...]:

@@ -17,7 +17,7 @@ from spherecal.cameras.gentl.driver_copy import hash_of, hold
 from spherecal.cameras.gentl.messages import Probed
 from spherecal.cameras.gentl.trust import Admitted, Ask, TrustStore, admit
 from spherecal.cameras.gentl.wire import Inbox, WireError, pack
-from spherecal.cameras.makers import driver_folders
+from spherecal.cameras.makers import driver_folders, own_folder
 from spherecal.cameras.protocol import CameraInfo, CamerasNotInstalled, Discovery, ProducerVerdict
 
 ENVIRONMENT = "GENICAM_GENTL64_PATH"
@@ -48,6 +48,8 @@ def producer_files(own: Iterable[str] = ()) -> tuple[str, ...]:
         with suppress(OSError):
             for file in sorted(anchor.glob(str(Path(pattern).relative_to(anchor) / "*.cti"))):
                 found.setdefault(os.path.realpath(file), str(file))
+    for file in sorted(own_folder().glob("*.cti")):
+        found.setdefault(os.path.realpath(file), str(file))
     return tuple(found.values())
 
 

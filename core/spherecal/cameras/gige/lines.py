@@ -139,6 +139,11 @@ def network_lines() -> tuple[NetworkLine, ...]:
     return tuple(found)
 
 
+def network_of(line: NetworkLine) -> ipaddress.IPv4Network:
+    """The network that an interface is in."""
+    return ipaddress.IPv4Interface(f"{line.address}/{line.mask}").network
+
+
 def _asked(name: str, request: int, data: bytes = b"") -> bytes | None:
     """The system's answer about an interface; None where it has none."""
     import fcntl
@@ -221,7 +226,7 @@ def stagger(loads: Mapping[str, CameraLoad], mbit_s: float) -> tuple[Stagger, ..
 
 
 def _addresses(line: NetworkLine, cameras: Sequence[NetworkCamera]) -> list[Finding]:
-    network = ipaddress.ip_interface(f"{line.address}/{line.mask}").network
+    network = network_of(line)
     found = []
     held = Counter(camera.address for camera in cameras)
     for address in [*[a for a, times in held.items() if times > 1], *({line.address} & set(held))]:

@@ -9,9 +9,9 @@ from typing import Any
 from spherecal.base.errors import InputError, Words
 from spherecal.base.filesystem import create
 from spherecal.base.messages.values import Phrase
-from spherecal.cameras.protocol import CameraError
 from spherecal.data.session import Bar, CameraSpec, Session
 from spherecal.files.json_file import read_json
+from spherecal.files.new_session import assumed_prior
 from spherecal.files.observations_file import COLUMNS
 from spherecal.files.read_session import FORMAT, VERSION, read_session
 from spherecal.files.target_set_file import read_target_set, write_target_set
@@ -181,7 +181,7 @@ def _about(words: Words, read: Path, given: Path) -> Words:
 def camera_spec_json(
     name: str, serial: str, model: str, size: tuple[int, int], pitch_um: float | None, focal_mm: float | None
 ) -> dict[str, Any]:
-    """A real camera as session.json has it.
+    """A real camera as session.json has it; without a lens its prior is one that a calibration replaces by looking.
 
     Parameters
     ----------
@@ -193,23 +193,14 @@ def camera_spec_json(
         Pixel pitch, um; None where it is not known.
     focal_mm
         Focal length, mm; None where it is not known.
-
-    Raises
-    ------
-    CameraError
-        Where pixel pitch or focal length is not known.
     """
-    if pitch_um is None or focal_mm is None:
-        raise CameraError(Phrase("error-lens-unknown", {"camera": name}))
-    return {
-        "id": name,
-        "serial": serial,
-        "model": model,
-        "image_size": list(size),
-        "pixel_pitch_um": pitch_um,
-        "focal_length_mm": focal_mm,
-        "intrinsics_group": name,
-    }
+    entry: dict[str, Any] = {"id": name, "serial": serial, "model": model, "image_size": list(size)}
+    entry |= {} if pitch_um is None else {"pixel_pitch_um": pitch_um}
+    if pitch_um is not None and focal_mm is not None:
+        entry["focal_length_mm"] = focal_mm
+    else:
+        entry["prior"] = assumed_prior(size)
+    return {**entry, "intrinsics_group": name}
 
 
 def recorded_camera_json(camera: CameraSpec, session: Session, serial: str) -> dict[str, Any]:

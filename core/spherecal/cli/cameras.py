@@ -42,7 +42,8 @@ def list_cameras(options: argparse.Namespace) -> int:
     answer(options, {"source": source.kind, "label": source.label, **plain_fields(discovery)})
     table = Table("name", "serial", "model", "maker", "line", "state", box=None)
     for info in discovery.cameras:
-        cells = (camera_name(profile, info), info.serial, info.model, info.vendor, info.transport, info.access)
+        state = info.access if profile.entry(info.serial).in_rig else "left out"
+        cells = (camera_name(profile, info), info.serial, info.model, info.vendor, info.transport, state)
         table.add_row(*map(escape, cells))
     if discovery.cameras:
         out.print(table)
@@ -164,6 +165,8 @@ def _keep(options: argparse.Namespace, profile: CameraProfile, serials: list[str
         for key in ("name", "focal_length_mm", "pixel_pitch_um"):
             if getattr(options, key) is not None:
                 entry = dataclasses.replace(entry, **{key: getattr(options, key)})
+        if options.in_rig is not None:
+            entry = dataclasses.replace(entry, in_rig=options.in_rig == "yes")
         holder = profile.serial_of(entry.name) if entry.name else None
         if holder not in (None, serial):
             raise InputError(Phrase("error-name-taken", {"camera": holder, "name": repr(entry.name)}))

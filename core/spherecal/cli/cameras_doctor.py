@@ -70,12 +70,12 @@ def doctor(options: argparse.Namespace) -> int:
 
 
 def _open_all(source: CameraSource, profile: CameraProfile, context: Context) -> Discovery:
-    """Discover and open every camera; CameraError where there is none."""
+    """Discover and open every camera of the rig; CameraError where there is none."""
     discovery = discovered(source, context)
-    if not discovery.cameras:
+    if not (serials := profile.rig_of(discovery.serials)):
         raise CameraError(Phrase("error-no-camera-found"))
     context.report("opening the cameras", 0.0)
-    source.open(discovery.serials, profile.settings())
+    source.open(serials, profile.settings())
     return discovery
 
 

@@ -20,6 +20,7 @@ NAMES: dict[str, tuple[str, ...]] = {
     "packet delay": ("GevSCPD",),
     "frame delay": ("GevSCFTD",),
     "temperature": ("DeviceTemperature", "TemperatureAbs"),
+    "pixel pitch": ("SensorPixelWidth",),  # um, of the standard (SFNC)
     "width": ("Width",),
     "height": ("Height",),
     "left": ("OffsetX",),

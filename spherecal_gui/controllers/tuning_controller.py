@@ -11,7 +11,7 @@ from spherecal.base.context import Context
 from spherecal.base.filesystem import id_problem
 from spherecal.base.messages.catalogue import phrase
 from spherecal_gui import languages
-from spherecal_gui.controllers.camera_controller import CameraController
+from spherecal_gui.controllers.camera_controller import CameraController, keep_in_profile
 from spherecal_gui.controllers.controller_part import ControllerPart
 from spherecal_gui.controllers.project_controller import ProjectController
 from spherecal_gui.tasks.task import Runner
@@ -108,7 +108,7 @@ class TuningController(ControllerPart):
         def work(context: Context) -> bool:
             context.report("setting up the camera", 0.0, connection.names[serial])
             if real:
-                _keep(serial, name if renamed else None, settings)
+                keep_in_profile((serial,), settings=settings, **({"name": name} if renamed else {}))
             source.apply({serial: settings})
             return renamed
 
@@ -126,7 +126,7 @@ class TuningController(ControllerPart):
         def work(context: Context) -> bool:
             for number, (serial, settings) in enumerate(of_all.items()):
                 context.report("setting up the camera", number / len(of_all), names[serial])
-                _keep(serial, None, settings)
+                keep_in_profile((serial,), settings=settings)
             source.apply(of_all)
             return False
 
@@ -198,13 +198,3 @@ class TuningController(ControllerPart):
             return True
 
         self.blinker.start("blink", work, answered, lambda _: answered(False), lambda: None)
-
-
-def _keep(serial: str, name: str | None, settings: "CameraSettings") -> None:
-    """Write a camera's name and settings into the camera profile."""
-    from spherecal.cameras.profile import default_profile_path, read_profile, write_profile  # as in settings_of
-
-    path = default_profile_path()
-    profile = read_profile(path)
-    entry = replace(profile.entry(serial), settings=settings)
-    write_profile(path, profile.with_entry(entry if name is None else replace(entry, name=name)))

@@ -10,12 +10,16 @@ import numpy as np
 
 from spherecal.cameras.averaging import STILL_PX, stillness
 from spherecal.cameras.capture import SessionCamera
+from spherecal.cameras.gige.network import WireCamera
 from spherecal.cameras.plan import CapturePlan
+from spherecal.cameras.profile import CameraProfile
 from spherecal.cameras.protocol import CameraInfo, CameraSource, Discovery, Frame, SetupReport
 from spherecal.methods.board_detector import BoardDetector
 from spherecal.targets.detection import Detections, DetectionSettings, Detector
+from spherecal.targets.family import make_target_set
 from spherecal.targets.images import balance_mosaic
 from spherecal.targets.masks import Rectangle
+from spherecal.uses.capture import RigCameras
 from spherecal_gui.presenters.coverage import Dots
 from spherecal_gui.tasks.bump_watch import BumpWatch
 from spherecal_gui.tasks.jobs import detector_of
@@ -51,7 +55,10 @@ class Sight:
 
 @dataclass(frozen=True, eq=False)
 class Connection:
-    """What connecting gave: the open source, its cameras and what the bench holds."""
+    """What connecting gave: the open source, its cameras and what the bench holds.
+
+    `names` are the rig's cameras, which `cameras` has as session.json will; `rig` says why others are not among them.
+    """
 
     source: CameraSource
     discovery: Discovery
@@ -59,10 +66,20 @@ class Connection:
     cameras: tuple[SessionCamera, ...]
     plan: CapturePlan
     names: Mapping[str, str]
+    profile: CameraProfile
+    rig: RigCameras
+    wire: tuple[WireCamera, ...]
 
-    def detector(self) -> Detector | BoardDetector | None:
-        """What finds in images what calibrates."""
-        return detector_of(self.plan)
+    @property
+    def answering_again(self) -> tuple[str, ...]:
+        """The cameras of the rig that could not be used when they were opened, and send images now."""
+        states = self.source.statuses()
+        back = (serial for serial in self.rig.problems if serial in states and states[serial].state.usable)
+        return tuple(serial for serial in back if self.source.latest(serial) is not None)
+
+    def detector(self) -> Detector | BoardDetector:
+        """What finds in images what calibrates; before a bench is described, the targets that SphereCal prints."""
+        return detector_of(self.plan) or Detector(make_target_set())
 
     def info(self, serial: str) -> CameraInfo | None:
         """What was found about a camera."""

@@ -1,42 +1,33 @@
-"""Why no camera was found, or not all: no driver, one that is not allowed, one without cameras, another subnet."""
+"""Why no camera was found, or not all: no driver, one that is not allowed, one without cameras."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Literal
 
-from spherecal.cameras.gige.gvcp import NetworkCamera
-from spherecal.cameras.gige.lines import free_beside
-from spherecal.cameras.gige.network import LocalAddress, reached
-from spherecal.cameras.protocol import CameraError, Discovery
+from spherecal.cameras.gige.network import WireCamera
+from spherecal.cameras.protocol import CameraError, CameraInfo, Discovery
 
-Trouble = Literal["no-driver", "not-allowed", "not-loaded", "no-cameras", "other-subnet"]
+Trouble = Literal["no-driver", "not-allowed", "not-loaded", "no-cameras"]
 
 
 @dataclass(frozen=True)
 class DriverTrouble:
-    """One reason: the driver's file with its own words, or a camera with the address that would reach it.
-
-    `beside` is an address for this computer in the camera's network, such as 192.168.7.254/24; `local` are the
-    addresses that it has.
-    """
+    """One reason: the driver's file with its own words; where there is none, the makers of cameras that answer."""
 
     kind: Trouble
     file: str = ""
     said: str = ""
-    camera: NetworkCamera | None = None
-    local: tuple[LocalAddress, ...] = ()
-    beside: str = ""
+    makers: tuple[str, ...] = ()
 
 
 class NoCameras(CameraError):
-    """No camera was found; `troubles` say why."""
+    """No camera was found; `troubles` say why, `wire` has those that answer on the network all the same."""
 
     troubles: tuple[DriverTrouble, ...] = ()
+    wire: tuple[WireCamera, ...] = ()
 
 
-def driver_troubles(
-    discovery: Discovery, answering: Iterable[NetworkCamera] = (), local: Sequence[LocalAddress] = ()
-) -> tuple[DriverTrouble, ...]:
+def driver_troubles(discovery: Discovery, wire: Iterable[WireCamera] = ()) -> tuple[DriverTrouble, ...]:
     """Why no camera was found, or not all.
 
     A driver without cameras is only a reason where no driver has any.
@@ -45,23 +36,44 @@ def driver_troubles(
     ----------
     discovery
         What the drivers found.
-    answering
-        Cameras that a broadcast found (`answering_cameras`).
-    local
-        This computer's addresses.
+    wire
+        Cameras that answer on the network.
     """
     found: list[DriverTrouble] = []
     if not discovery.producers:
-        found.append(DriverTrouble("no-driver"))
+        makers = sorted({one.maker for one in wire if one.maker})
+        found.append(DriverTrouble("no-driver", makers=tuple(makers)))
     for one in discovery.producers:
         if not one.usable:
             kind: Trouble = "not-allowed" if one.refused else "not-loaded"
             found.append(DriverTrouble(kind, one.file, f"{one.message} {one.hint}".strip()))
-    known = {camera.serial for camera in discovery.cameras}
-    elsewhere = [one for one in answering if one.serial not in known and not reached(one, local)]
-    found += [
-        DriverTrouble("other-subnet", camera=one, local=tuple(local), beside=free_beside(one)) for one in elsewhere
-    ]
-    if not discovery.cameras and not elsewhere:
+    if not discovery.cameras:
         found += [DriverTrouble("no-cameras", one.file, one.message) for one in discovery.producers if one.usable]
     return tuple(found)
+
+
+def on_wire(info: CameraInfo, wire: Iterable[WireCamera]) -> WireCamera | None:
+    """What a camera says of itself on the network; None where it does not answer there.
+
+    Cameras of one serial number are told apart by what else the driver knows: address or hardware address.
+
+    Parameters
+    ----------
+    info
+        The camera as a driver lists it.
+    wire
+        Cameras that answer on the network.
+    """
+    alike = [one for one in wire if one.serial and info.serial.split(" (")[0] == one.serial]
+    if len(alike) > 1:
+        known = f"{info.serial} {info.device_id} {info.address}".lower()
+        apart = [one for one in alike if one.ip_address in known or one.mac.lower() in known]
+        alike = apart or [one for one in alike if one.mac.replace(":", "").lower() in known]
+    return alike[0] if len(alike) == 1 else None
+
+
+def unlisted(discovery: Discovery, wire: Iterable[WireCamera]) -> tuple[WireCamera, ...]:
+    """The cameras that answer on the network and that no driver lists."""
+    wire = tuple(wire)
+    listed = {found.mac for info in discovery.cameras if (found := on_wire(info, wire)) is not None}
+    return tuple(one for one in wire if one.mac not in listed)

@@ -84,7 +84,7 @@ def _order_test(source: CameraSource, discovery: Discovery, profile: CameraProfi
     out.print("Cover one lens at a time with your hand; an empty line with no lens covered ends the test.")
     before = brightness(source)
     names = {info.serial: camera_name(profile, info) for info in discovery.cameras}
-    left = set(names)
+    left = set(profile.rig_of(names))
     while left:
         if not ask("Cover a lens, then press Enter: "):
             return

@@ -304,7 +304,7 @@ def _camera(
 
 
 def assumed_prior(size: tuple[int, int]) -> dict[str, Any]:
-    """The entry `prior` of a camera of which nobody knows the lens; a calibration by a ball starts from what it sees."""
+    """The entry `prior` of a camera whose lens nobody knows; a calibration by a ball starts from what it sees."""
     return {"matrix": _centred(_ASSUMED_FOCAL * max(size), size), "assumed": ["focal_length"]}
 
 

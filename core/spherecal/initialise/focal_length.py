@@ -70,18 +70,18 @@ def _looks(o: Observations, layouts: dict[int, dict[str, FloatArray]], camera: C
     kept: list[tuple[int, FloatArray, FloatArray, float, FloatArray]] = []
     for rows in np.split(order, starts[1:]):
         layout = layouts.get(int(o.target[rows[0]]), {}) if len(rows) else {}
-        rows = np.array([row for row in rows if o.points[o.point[row]] in layout], dtype=int)
-        if len(rows) < _LEAST_DOTS:
+        known = np.array([row for row in rows if o.points[o.point[row]] in layout], dtype=int)
+        if len(known) < _LEAST_DOTS:
             continue
-        flat = np.array([layout[o.points[o.point[row]]] for row in rows])
-        flat, uv = flat - flat.mean(axis=0), o.uv[rows]
+        flat = np.array([layout[o.points[o.point[row]]] for row in known])
+        flat, uv = flat - flat.mean(axis=0), o.uv[known]
         a = np.linalg.lstsq(flat, uv - uv.mean(axis=0), rcond=None)[0].T
         least = np.linalg.svd(a, compute_uv=False)[-1]
         if np.linalg.matrix_rank(flat) == 2 and least > 0:
             shape = a @ a.T
             root = np.linalg.inv(np.linalg.cholesky(shape))
             kept.append(
-                (int(o.placement[rows[0]]), uv.mean(axis=0) - middle, root, least * np.linalg.norm(flat), shape)
+                (int(o.placement[known[0]]), uv.mean(axis=0) - middle, root, least * np.linalg.norm(flat), shape)
             )
     placement = np.array([one[0] for one in kept], dtype=int)
     of_most = np.argsort(-np.bincount(placement, minlength=1), kind="stable")[:_MOST_PLACEMENTS]

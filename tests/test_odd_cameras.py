@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 from spherecal.cameras.clock import CameraClock
-from spherecal.cameras.gentl.device import Device
+from spherecal.cameras.gentl.device import Device, DeviceLost
 from spherecal.cameras.gentl.discovery import together
 from spherecal.cameras.gentl.features import FeatureError
 from spherecal.cameras.gentl.hub import Producer, clean
@@ -488,6 +488,49 @@ def test_a_broken_description_is_named_and_no_other_program_is_blamed(
             assert status.state is CameraState.ERROR, (number, status)
             assert "description of its features" in status.cause
             time.sleep(1.5)  # it is tried again after 0.3 s and 0.5 s
+
+
+# ---- texts that are not UTF-8 ----
+
+# "you" in GBK, "ue" in Latin-1, half a character of UTF-8, and whatever else a driver's memory holds
+TEXTS = ["c4e3bad3", "fc", "e4bd", *(np.random.default_rng(i).bytes(24).replace(b"\0", b"x").hex() for i in range(3))]
+
+
+@pytest.mark.parametrize("texts", TEXTS)
+def test_a_driver_whose_texts_are_not_utf8_opens_takes_images_and_errors_keep_their_meaning(
+    odd: Any, texts: str
+) -> None:
+    from genicam import gentl
+
+    with odd.opened(f"texts={texts}") as camera:
+        assert not camera.report.problems
+        assert all(camera.image(number) is not None for number in range(1, 4))
+        with pytest.raises(gentl.TimeoutException):
+            camera.device._acquirer.fetch(timeout=0.2)
+        camera.rig.unplug("A1")
+        with pytest.raises(DeviceLost) as lost:
+            camera.device.check()
+        assert "does not answer" in str(lost.value)
+        str(lost.value).encode("utf-8")
+
+
+def test_every_camera_of_such_a_driver_is_served_and_a_held_one_is_told(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setenv("SPHERECAL_GENTL_ODD", "texts=c4e3bad3")
+    monkeypatch.setenv("GENICAM_GENTL64_PATH", str(built_producer().parent))
+    cameras = [SimulatedCamera(f"A{i}", *SIZE) for i in range(1, 4)]
+    with ProducerControl(cameras) as rig, GenicamSource(log_file=tmp_path / "log") as source:
+        monkeypatch.setenv("SPHERECAL_GENTL_REGION", rig.name)
+        serials = source.discover().serials
+        rig.refuse_opening("A2", -1005)
+        source.open(serials, {})
+        states = {serial: status.state for serial, status in source.statuses().items()}
+        assert states == {"A1": CameraState.CONNECTED, "A2": CameraState.BUSY, "A3": CameraState.CONNECTED}
+        rig.clear_faults("A2")
+        until = time.monotonic() + 20.0
+        while not source.capture_set().complete:
+            assert time.monotonic() < until, source.statuses()
 
 
 # ---- names ----

@@ -274,7 +274,8 @@ class Counters:
 
     `delivered` whole images, `incomplete` images with parts missing, `underrun` images the driver had no buffer for,
     `overwritten` images that nobody fetched in time, `reopened` returns after a loss. `rate_hz` is the present rate of
-    whole images, `wanted_hz` the requested one (None: none in particular).
+    whole images, `wanted_hz` the requested one (None: none in particular). `triggered` software triggers and action
+    commands, `late` answers to a register read for which all cameras had to wait.
     """
 
     delivered: int = 0
@@ -284,6 +285,8 @@ class Counters:
     reopened: int = 0
     rate_hz: float = 0.0
     wanted_hz: float | None = None
+    triggered: int = 0
+    late: int = 0
 
 
 @dataclass(frozen=True)

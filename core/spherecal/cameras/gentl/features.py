@@ -297,10 +297,3 @@ def plain(error: BaseException) -> str:
         text = text.rsplit(marker, 1)[0] if marker == " : " and "(file" in text else text.removeprefix(marker)
     text = text.split(" (file ", 1)[0].strip(" .")
     return text or type(error).__name__
-
-
-def error_id(error: BaseException) -> int | None:
-    """The GenTL code that genicam writes into its texts, `(ID: -1010)`; None where there is none."""
-    _, found, rest = str(error).rpartition("(ID: ")
-    digits = rest.split(")", 1)[0]
-    return int(digits) if found and digits.lstrip("-").isdigit() else None

@@ -11,6 +11,7 @@ from typing import Any
 from spherecal.cameras.gentl.driver_copy import hash_of, hold
 from spherecal.cameras.gentl.features import FeatureError, NodeFeatures, plain
 from spherecal.cameras.gentl.setup import ACTION_DEVICE_KEY, ACTION_GROUP_KEY, ACTION_GROUP_MASK
+from spherecal.cameras.gentl.texts import tolerate_any_text
 from spherecal.cameras.protocol import CameraInfo
 
 # How long a producer may search its interfaces. Cameras on GigE answer a discovery within some ms on the same switch;
@@ -50,6 +51,7 @@ class Producer:
     def __init__(self, file: str, load: str = "", sha256: str = "") -> None:
         from harvesters.core import Harvester
 
+        tolerate_any_text()
         self.file = file
         load = load or os.path.abspath(file)  # a bare name would be searched for on the loader's own path
         if sha256 and _hash_held(load) != sha256:

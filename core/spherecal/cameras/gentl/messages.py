@@ -12,7 +12,7 @@ from spherecal.cameras.protocol import (
     SetupReport,
 )
 
-WIRE_VERSION = 3
+WIRE_VERSION = 4
 
 
 # --- commands --------------------------------------------------------------------------------------------------------

@@ -4,9 +4,10 @@ import time
 
 from spherecal.cameras.gentl import words
 from spherecal.cameras.gentl.device import Device
-from spherecal.cameras.gentl.features import error_id, plain
-from spherecal.cameras.gentl.messages import RequestedCamera, StateIs, UseRing
+from spherecal.cameras.gentl.features import plain
+from spherecal.cameras.gentl.messages import RequestedCamera, Slow, StateIs, UseRing
 from spherecal.cameras.gentl.rings import Ring
+from spherecal.cameras.gentl.texts import error_id
 from spherecal.cameras.protocol import CameraState
 
 _AGAIN_S = (0.3, 0.5, 1.0, 2.0)  # pauses before a lost camera is looked for again; the last one repeats
@@ -14,6 +15,10 @@ _SILENT_S = 3.0  # without a hardware trigger
 _UNANSWERED = 3  # software triggers
 _UNANSWERED_S = 1.5
 _INCOMPLETE_S = 5.0  # how long incomplete images are remembered
+SLOW_S = 0.1  # a register read takes 0.2 to 1 ms over GigE, 500 ms with the retries of a failing line
+# Between two words about late answers: a bad line has one every second, for as long as it is bad.
+_NOTICE_S, _LONGEST_NOTICE_S = 10.0, 600.0
+_WELL_AGAIN_S = 60.0
 
 
 class Slot:
@@ -40,13 +45,42 @@ class Slot:
         self.next_try_s = 0.0
         self.next_check_s = 0.0
         self.next_temperature_s = 0.0
-        self.next_notice_s = 0.0
         self.slowness_s = 0.0
+        self.late = 0  # answers
 
     def wait_longer(self) -> None:
         """Set the time of the next attempt to open."""
         self.next_try_s = time.perf_counter() + _AGAIN_S[min(self.tries, len(_AGAIN_S) - 1)]
         self.tries += 1
+
+
+class LateAnswers:
+    """What is said of cameras that answer late: the latest of them at once, then less and less often while it lasts."""
+
+    def __init__(self) -> None:
+        self._next_s, self._pause_s, self._last_s = 0.0, _NOTICE_S, float("-inf")
+        self._worst: Slow | None = None
+
+    def note(self, serial: str, seconds: float, now: float) -> Slow | None:
+        """What is to be said now, None for nothing.
+
+        Parameters
+        ----------
+        serial, seconds
+            The camera, and how long it took to answer, s.
+        now
+            s of perf_counter.
+        """
+        if now - self._last_s > _WELL_AGAIN_S:
+            self._next_s, self._pause_s, self._worst = 0.0, _NOTICE_S, None
+        self._last_s = now
+        if self._worst is None or seconds > self._worst.seconds:
+            self._worst = Slow(serial, seconds)
+        if now < self._next_s:
+            return None
+        self._next_s, self._pause_s = now + self._pause_s, min(2 * self._pause_s, _LONGEST_NOTICE_S)
+        said, self._worst = self._worst, None
+        return said
 
 
 def assess(slot: Slot, device: Device, now: float) -> tuple[CameraState, str, str]:
@@ -93,10 +127,10 @@ def why_not_opened(error: Exception, access: str) -> tuple[CameraState, str, str
     text = plain(error)
     if "genapi" in type(error).__module__:
         return words.no_description(text)
-    if error_id(error) in (-1004, -1005):  # resource in use, access denied
+    if error_id(str(error)) in (-1004, -1005):  # resource in use, access denied
         return words.busy(text)
     if access == "unreachable":
         return words.unreachable(text)
-    if error_id(error) in (-1006, -1010, -1011, -1014):  # invalid handle, input/output, timeout, not available
+    if error_id(str(error)) in (-1006, -1010, -1011, -1014):  # invalid handle, input/output, timeout, not available
         return words.lost(text)
     return words.failed(text)

@@ -52,6 +52,9 @@ _NOMINAL = CameraLoad(2_000_000, 5.0)
 _APPLY_S = 120.0  # somebody types a password
 
 
+FactName = Literal["mtu", "receive-buffer", "firewall", "reverse-path-filter", "speed", "addresses"]
+
+
 @dataclass(frozen=True)
 class LocalAddress:
     """An address of this computer and the network interface that has it (empty where the system does not name it)."""
@@ -104,7 +107,7 @@ class InterfaceFact:
     `finding` is None where it is well. `cure` is empty where there is nothing to do, or no command does it.
     """
 
-    name: Literal["mtu", "receive-buffer", "firewall", "reverse-path-filter", "speed", "addresses"]
+    name: FactName
     interface: str
     value: str
     finding: Finding | None = None
@@ -145,7 +148,8 @@ def answering_cameras(local: Sequence[LocalAddress], seconds: float = 0.7) -> tu
 
     with ThreadPoolExecutor(max(len(places), 1)) as pool:
         found = list(pool.map(answers, places))
-    return tuple({camera.mac: camera for cameras in reversed(found) for camera in reversed(cameras)}.values())
+    each = {camera.mac: camera for cameras in reversed(found) for camera in cameras}
+    return tuple(sorted(each.values(), key=lambda camera: (camera.serial, camera.mac)))
 
 
 def reached(camera: NetworkCamera, local: Iterable[LocalAddress]) -> bool:
@@ -297,11 +301,11 @@ def _check_address(camera: NetworkCamera, ip: str, mask: str, gateway: str, ther
     if line is not None and ipaddress.ip_address(ip) not in network_of(line):
         values |= {"interface": line.interface, "network": str(network_of(line))}
         raise CameraError(Phrase("error-address-elsewhere", values))
-    holder = next((one for one in there if one.address == ip and one.mac != camera.mac), None)
-    if holder is not None:
-        raise CameraError(Phrase("error-address-taken", values | {"holder": f"{holder.model} {holder.serial}"}))
-    if ip != camera.address and line is not None and (ip == line.address or _somebody_at(ip, line.interface)):
-        raise CameraError(Phrase("error-address-taken", values | {"holder": "-"}))
+    taken = any(one.address == ip and one.mac != camera.mac for one in there)
+    if line is not None and ip != camera.address:
+        taken = taken or ip == line.address or _somebody_at(ip, line.interface)
+    if taken:
+        raise CameraError(Phrase("error-address-taken", values))
 
 
 def _keep_address(ip: str, mask: str, gateway: str) -> bool:
@@ -393,7 +397,7 @@ def _fired(registers: Gvcp, stream: socket.socket, size: int) -> bool:
 
 # --- the computer's part ---------------------------------------------------------------------------------------------
 
-_FACT_OF = {
+_FACT_OF: dict[str, FactName] = {
     "packets-too-large": "mtu",
     "small-packets": "mtu",
     "receive-buffer": "receive-buffer",
@@ -428,28 +432,23 @@ def _facts_of(
     line: NetworkLine, cameras: Sequence[NetworkCamera], loads: dict[str, CameraLoad] | None
 ) -> list[InterfaceFact]:
     examined = assess(line, cameras, loads or {camera.serial: _NOMINAL for camera in cameras})
-    wrong: dict[str, list[Finding]] = {}
-    for finding in examined.findings:
-        wrong.setdefault(_FACT_OF[finding.code], []).append(finding)
-    values = {
+    values: dict[FactName, str] = {
         "speed": "" if line.mbit_s is None else f"{line.mbit_s:.0f} Mbit/s",
         "mtu": f"{line.mtu} bytes",
         "receive-buffer": f"{line.receive_buffer_bytes // 1000} kB",
         "reverse-path-filter": str(line.reverse_path_filter),
         "addresses": str(network_of(line)),
     }
-    facts = [
-        InterfaceFact(
-            name, line.interface, value, finding, "" if finding is None else finding.values.get("command", "")
-        )
-        for name, value in values.items()
-        for finding in wrong.get(name, [None])
-    ]
+    facts: list[InterfaceFact] = []
+    for name, value in values.items():
+        found = [finding for finding in examined.findings if _FACT_OF[finding.code] == name]
+        facts += [InterfaceFact(name, line.interface, value, one, one.values.get("command", "")) for one in found]
+        facts += [] if found else [InterfaceFact(name, line.interface, value)]
     return [*facts, _firewall(line.interface)]
 
 
 def _firewall(interface: str) -> InterfaceFact:
-    """The usual firewalls of Linux, where they are on: they drop images, which nobody on this computer has asked for."""
+    """The usual firewalls of Linux, where they are on: to them images are packets that nobody has asked for."""
     cures = {
         "ufw": f"sudo ufw allow in on {interface} proto udp from any to any",
         "firewalld": f"sudo firewall-cmd --permanent --zone=trusted --change-interface={interface}",

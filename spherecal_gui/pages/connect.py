@@ -9,7 +9,6 @@ from PySide6.QtWidgets import (
     QGridLayout,
     QHBoxLayout,
     QLabel,
-    QPushButton,
     QVBoxLayout,
     QWidget,
 )
@@ -49,21 +48,13 @@ from spherecal_gui.widgets.bench_view import BenchView
 from spherecal_gui.widgets.thumbnail import Thumbnail
 
 _ROOMY_PX = 1200
-_ONE_COLUMN = 6  # rows of cameras that a screen of 800 px shows one below the other
-
-
-def _at_the_left(one: QPushButton) -> QHBoxLayout:
-    """A button no wider than its words ask for."""
-    line = QHBoxLayout()
-    line.addWidget(one)
-    line.addStretch(1)
-    return line
+_ONE_COLUMN = 7  # rows of cameras that a screen of 800 px shows one below the other
 
 
 class CameraRow(QWidget):
     """One camera: whether it is in the rig, its live picture, what it is, how it is, and what cures it."""
 
-    def __init__(self, page: "ConnectPage", line: CameraLine) -> None:
+    def __init__(self, page: "ConnectPage", line: CameraLine, narrow: bool) -> None:
         super().__init__(page)
         self.line, self._page = line, page
         row = QGridLayout(self)
@@ -76,14 +67,19 @@ class CameraRow(QWidget):
         self.in_rig.setAccessibleName(self.tr("{name} in this rig").format(name=line.name))
         self.in_rig.clicked.connect(lambda on: page.controller.cameras.set_in_rig(self.line.serial, on))
         self.picture = Thumbnail()
-        self.picture.setMinimumWidth(int(theme.pt(84)))
+        policy = self.picture.sizePolicy()
+        policy.setRetainSizeWhenHidden(not theme.is_far())
+        self.picture.setSizePolicy(policy)
+        self.picture.setFixedSize(int(theme.pt(60 if narrow else 76)), int(theme.pt(45 if narrow else 57)))
         self.name = Elided("", "big")
         self.about = Elided("", "soft")
-        self.word = label("")
-        self.which = button(self.tr("Which is it?"), f"camera-{line.name}")
+        self.word = Elided("", "") if narrow else label("")
+        self.which = button(self.tr("Which is it?"), f"camera-{line.name}", "link" if narrow else "")
+        if narrow:
+            self.which.setText("?")
         self.which.setToolTip(self.tr("Its picture, its name, exposure and gain; its light, where it has one."))
         self.which.clicked.connect(lambda: page.open_camera(self.line.serial))
-        self.cure = button(self.tr("Give it an address"), f"cure-{line.name}")
+        self.cure = button(self.tr("Address") if narrow else self.tr("Give it an address"), f"cure-{line.name}")
         self.cure.setToolTip(self.tr("A free one of this computer's network, kept in the camera."))
         self.cure.clicked.connect(self._cure)
         row.addWidget(self.in_rig, 0, 0, 3, 1)
@@ -104,10 +100,11 @@ class CameraRow(QWidget):
         self.about.setText(" · ".join(part for part in (line.model, line.about) if part))
         self.word.setText("" if line.level == "good" else line.word)
         self.word.setVisible(line.level != "good")
-        self.word.setToolTip(plain(line.details))
-        set_level(self.word, line.level)
-        self.name.setProperty("level", line.level)
-        self.setEnabled(line.in_rig or line.listed)
+        self.word.setToolTip(plain(line.details or line.word))
+        for part in (self.name, self.word):
+            set_level(part, line.level if line.level in ("bad", "caution") else "none")
+        for part in (self.name, self.about, self.word):
+            part.setEnabled(line.in_rig)
         self.picture.setVisible(self._page.has_room and line.in_rig)
         self.picture.show_past(line.level == "bad")
         self.in_rig.setVisible(line.listed and project is not None and project.source.startswith("genicam"))
@@ -149,6 +146,8 @@ class LensBar(QWidget):
         self.focal = QComboBox()
         self.focal.setObjectName("lens-focal")
         self.focal.setAccessibleName(self.tr("Focal length of all lenses"))
+        self.focal.setSizeAdjustPolicy(QComboBox.SizeAdjustPolicy.AdjustToMinimumContentsLengthWithIcon)
+        self.focal.setMinimumContentsLength(8)
         self.focal.addItem(self.tr("not known: found from the ball"), None)
         for length in LENSES_MM:
             self.focal.addItem(languages.by_locale(f"{length:g} mm"), length)
@@ -162,8 +161,7 @@ class LensBar(QWidget):
         self._words = label(self.tr("All lenses"), "soft", wrap=False)
         self._of_pitch = label(self.tr("pixels"), "soft", wrap=False)
         for part in (self._words, self.focal, self._of_pitch, self.pitch):
-            row.addWidget(part)
-        row.addStretch(1)
+            row.addWidget(part, 1 if part is self.focal else 0)
         self.focal.activated.connect(self._set)
         self.pitch.valueChanged.connect(self._set)
 
@@ -216,12 +214,17 @@ class ConnectPage(Page):
         row = QHBoxLayout(self)
         self.cameras = Card(self.tr("Cameras"))
         self.summary = label("", "big")
-        self.cameras.body.addWidget(self.summary)
+        self.again = button(self.tr("Search again"), "search-again")
+        self.again.clicked.connect(self.controller.cameras.connect_all)
+        top = QHBoxLayout()
+        top.addWidget(self.summary, 1)
+        top.addWidget(self.again, 0, Qt.AlignmentFlag.AlignTop)
+        self.cameras.body.addLayout(top)
         self.why = label("", "soft")
         self.cameras.body.addWidget(self.why)
         self.other = button(self.tr("Choose another"), "choose-recording")
         self.other.clicked.connect(self.recording_wanted)
-        self.cameras.body.addLayout(_at_the_left(self.other))
+        self.cameras.body.addWidget(self.other, 0, Qt.AlignmentFlag.AlignLeft)
         self.lenses = LensBar(controller)
         self.cameras.body.addWidget(self.lenses)
         self._rows: dict[str, CameraRow] = {}
@@ -231,21 +234,18 @@ class ConnectPage(Page):
         self._grid.setHorizontalSpacing(theme.PAD)
         self._grid.setVerticalSpacing(theme.SMALL)
         scroll = Downwards()
-        top = QWidget()
-        column = QVBoxLayout(top)
+        inside = QWidget()
+        column = QVBoxLayout(inside)
         column.setContentsMargins(0, 0, 0, 0)
-        column.addWidget(inner, 100)  # the rows grow with the page
         self.drivers = DriversPanel()
         self.drivers.allowed.connect(self.controller.cameras.allow_driver)
         self.drivers.builtin.connect(self.controller.cameras.use_builtin_driver)
         column.addWidget(self.drivers)
+        column.addWidget(inner)
         column.addStretch(1)
-        scroll.setWidget(top)
+        scroll.setWidget(inside)
         self.cameras.body.addWidget(scroll, 1)
-        self.again = button(self.tr("Search again"), "search-again")
-        self.again.clicked.connect(self.controller.cameras.connect_all)
-        self.cameras.body.addLayout(_at_the_left(self.again))
-        row.addWidget(self.cameras, 3)
+        row.addWidget(self.cameras, 5)
         self.bench = Card(self.tr("On the bench"))
         hint = self.tr("Compare with what lies there: the targets' numbers, the names and lengths on the bars.")
         rows = QWidget()
@@ -338,9 +338,10 @@ class ConnectPage(Page):
         self._shown = lines
         if [line.serial for line in lines] != list(self._rows):
             clear(self._grid)
-            self._rows = {line.serial: CameraRow(self, line) for line in lines}
             columns = 1 if theme.is_far() or len(lines) <= _ONE_COLUMN else 2
+            self._rows = {line.serial: CameraRow(self, line, narrow=columns > 1) for line in lines}
             below = -(-len(lines) // columns)
+            self._grid.setVerticalSpacing(theme.SMALL if columns == 1 else theme.TIGHT)
             for number, row in enumerate(self._rows.values()):
                 self._grid.addWidget(row, number % below, number // below)
             for number in range(2):

@@ -139,7 +139,7 @@ def _unlisted_line(camera: "WireCamera") -> CameraLine:
     """A camera that answers on the network and that no driver lists."""
     name = camera.user_name or camera.serial or camera.mac
     about = f"{camera.serial} · {camera.ip_address}".strip(" ·")
-    line = CameraLine(name, f"{camera.maker} {camera.model}".strip(), camera.mac, "", "bad", about)
+    line = CameraLine(name, f"{camera.maker} {camera.model}".strip(), f"{camera.mac} {camera.serial}", "", "bad", about)
     if not camera.subnet_ok:
         return replace(line, word=_elsewhere(camera), cured_at=camera)
     return replace(line, word=translate("Connect", "It answers on the network, but no driver reaches it."))

@@ -75,5 +75,5 @@ def on_wire(info: CameraInfo, wire: Iterable[WireCamera]) -> WireCamera | None:
 def unlisted(discovery: Discovery, wire: Iterable[WireCamera]) -> tuple[WireCamera, ...]:
     """The cameras that answer on the network and that no driver lists."""
     wire = tuple(wire)
-    listed = {found.mac for info in discovery.cameras if (found := on_wire(info, wire)) is not None}
-    return tuple(one for one in wire if one.mac not in listed)
+    listed = {on_wire(info, wire) for info in discovery.cameras}
+    return tuple(one for one in wire if one not in listed)

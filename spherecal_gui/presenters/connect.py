@@ -109,7 +109,7 @@ def camera_lines(
     ]
     lines = [_line(connection, info) for info in found.cameras] if connection is not None else []
     lines.sort(key=lambda line: as_people_count(line.name))
-    return [*missing, *lines, *map(_unlisted_line, unlisted(found, wire))]
+    return [*missing, *lines, *(_unlisted_line(camera, wire) for camera in unlisted(found, wire))]
 
 
 def _line(connection: "Connection", info: "CameraInfo") -> CameraLine:
@@ -125,7 +125,7 @@ def _line(connection: "Connection", info: "CameraInfo") -> CameraLine:
     seen = on_wire(info, connection.wire)
     problem = connection.rig.problems.get(serial)
     if problem is not None and seen is not None and not seen.subnet_ok:
-        return replace(line, word=_elsewhere(seen), level="bad", cured_at=seen)
+        return replace(line, word=_elsewhere(seen), level="bad", cured_at=_addressed(seen, connection.wire))
     if problem is not None and status is not None and status.state.usable:  # it sends images of another size
         return replace(line, word=" ".join(error_text(problem)), level="bad")
     if problem is not None and seen is not None and seen.controlled_by_other:
@@ -135,14 +135,19 @@ def _line(connection: "Connection", info: "CameraInfo") -> CameraLine:
     return replace(line, word=word, level=level, details=details)
 
 
-def _unlisted_line(camera: "WireCamera") -> CameraLine:
+def _unlisted_line(camera: "WireCamera", wire: "tuple[WireCamera, ...]") -> CameraLine:
     """A camera that answers on the network and that no driver lists."""
     name = camera.user_name or camera.serial or camera.mac
     about = f"{camera.serial} · {camera.ip_address}".strip(" ·")
     line = CameraLine(name, f"{camera.maker} {camera.model}".strip(), f"{camera.mac} {camera.serial}", "", "bad", about)
     if not camera.subnet_ok:
-        return replace(line, word=_elsewhere(camera), cured_at=camera)
+        return replace(line, word=_elsewhere(camera), cured_at=_addressed(camera, wire))
     return replace(line, word=translate("Connect", "It answers on the network, but no driver reaches it."))
+
+
+def _addressed(camera: "WireCamera", wire: "tuple[WireCamera, ...]") -> "WireCamera | None":
+    """The camera if an address can be given to it alone, by its hardware address."""
+    return camera if sum(one.mac == camera.mac for one in wire) == 1 else None
 
 
 def _elsewhere(camera: "WireCamera") -> str:

@@ -65,7 +65,7 @@ def connect(project: Project, context: Context, ask: "Ask | None" = None) -> "Co
     Cancelled
         When somebody has stopped it.
     """
-    from spherecal.cameras.driver_help import NoCameras, driver_troubles
+    from spherecal.cameras.driver_help import NoCameras, driver_troubles, on_wire
     from spherecal.cameras.gige.network import found_on_wire
     from spherecal.cameras.profile import default_profile_path, read_profile
     from spherecal.cameras.sources import open_source
@@ -85,6 +85,9 @@ def connect(project: Project, context: Context, ask: "Ask | None" = None) -> "Co
             error.troubles, error.wire = driver_troubles(discovery, wire) if live else (), wire
             raise error
         serials = profile.rig_of(discovery.serials) if live else discovery.serials
+        # trying to open what no packet reaches would keep the others waiting, again and again
+        elsewhere = {info.serial for info in discovery.cameras if (at := on_wire(info, wire)) and not at.subnet_ok}
+        serials = [serial for serial in serials if serial not in elsewhere]
         context.report("opening the cameras", 0.5, str(len(serials)))
         reports = source.open(serials, profile.settings() if live else {}) if serials else ()
         connection = joined(project, source, discovery, reports, _plan(source, project), wire)

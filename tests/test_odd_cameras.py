@@ -22,6 +22,7 @@ from spherecal.cameras.gentl.pixels import grey_pixels, in_order
 from spherecal.cameras.gentl.rings import SLOTS, Ring, shared_memory_name
 from spherecal.cameras.gentl.slots import Slot, assess
 from spherecal.cameras.gentl.source import GenicamSource
+from spherecal.cameras.gige.lines import load_of
 from spherecal.cameras.matching import RoundKeeper
 from spherecal.cameras.producer import build
 from spherecal.cameras.producer.control import ProducerControl, SimulatedCamera
@@ -280,6 +281,38 @@ def test_an_enumeration_serves_as_a_switch(odd: Any, name: str, off: str, on: st
     nodes = SWITCH.format(name=name, off=off, on=on)
     with odd.opened(change=lambda xml: xml.replace("<Port Name", f"{nodes}<Port Name", 1), acquire=False) as camera:
         assert (camera.told(name).got, camera.told(name).problem) == (off, "")
+
+
+LIMIT = """<Integer Name="{name}"><Value>400000000</Value><Min>1000000</Min><Max>500000000</Max><Inc>1000</Inc>
+</Integer>
+<Enumeration Name="{switch}">{entries}<Value>{value}</Value></Enumeration>"""
+ENTRY = '<EnumEntry Name="{name}"><Value>{value}</Value></EnumEntry>'
+
+
+@pytest.mark.parametrize(
+    ("name", "switch", "modes", "on"),
+    [
+        ("DeviceLinkThroughputLimit", "DeviceLinkThroughputLimitMode", ("Off", "On"), "On"),
+        ("StreamBytesPerSecond", "BandwidthControlMode", ("SCPD", "StreamBytesPerSecond"), "StreamBytesPerSecond"),
+    ],
+)
+def test_the_throughput_is_limited_by_the_cameras_own_name(
+    odd: Any, name: str, switch: str, modes: tuple[str, ...], on: str
+) -> None:
+    listed = "".join(ENTRY.format(name=mode, value=number) for number, mode in enumerate(modes))
+    nodes = LIMIT.format(name=name, switch=switch, entries=listed, value=0)
+    for wanted, got, problem in ((9_000_500, "9000000", ""), (1000, "1000000", "took 1000000")):
+        settings = CameraSettings(throughput_bytes_s=wanted)
+        with odd.opened(
+            change=lambda xml: xml.replace("<Port Name", f"{nodes}<Port Name", 1), settings=settings, acquire=False
+        ) as camera:
+            limit = camera.told("throughput limit")
+            assert (limit.node, limit.got, camera.told("throughput switch").got) == (name, got, on)
+            assert problem in limit.problem if problem else not limit.problem
+            load = load_of(camera.device.describe(), 5.0)
+            assert load is not None and "throughput limit" in load.controls
+    with odd.opened(settings=CameraSettings(throughput_bytes_s=9_000_000), acquire=False) as camera:
+        assert "does not have it" in camera.told("throughput limit").problem
 
 
 def test_a_region_takes_the_cameras_steps(odd: Any) -> None:

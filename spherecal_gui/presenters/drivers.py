@@ -9,7 +9,7 @@ from PySide6.QtCore import QCoreApplication
 
 from spherecal.cameras.builtin_driver import state
 from spherecal.cameras.driver_help import DriverTrouble
-from spherecal.cameras.makers import ANY_MAKER, MAKERS, Maker
+from spherecal.cameras.makers import ANY_MAKER, MAKERS, maker_of
 
 translate = QCoreApplication.translate
 
@@ -60,7 +60,7 @@ def _no_driver(makers: Sequence[str], windows: bool) -> DriverNote:
     other = translate("Drivers", "Installed already? {name} must name the folder of its .cti file.")
     if windows:
         own = translate("Drivers", "Install the 64-bit driver package of the cameras' maker, then restart SphereCal.")
-    packages = [f"{name}: {maker.driver}" for name in makers if (maker := _maker_of(name)) is not None]
+    packages = [f"{name}: {maker.driver}" for name in makers if (maker := maker_of(name)) is not None]
     steps = [own, *packages, other.format(name=ENVIRONMENT)]
     builtin = state()
     if builtin.install:
@@ -68,11 +68,6 @@ def _no_driver(makers: Sequence[str], windows: bool) -> DriverNote:
         steps.append(text.format(line=builtin.install))
     can_be_used = builtin.kind in ("installed", "can-be-built")
     return DriverNote(translate("Drivers", "No camera driver is installed."), tuple(steps), builtin=can_be_used)
-
-
-def _maker_of(name: str) -> Maker | None:
-    """The maker of this name, as cameras write it (`Basler AG`); None for one that is not on the list."""
-    return next((one for one in MAKERS if one.name.split(" (")[0].lower() in name.lower()), None)
 
 
 def _not_allowed(one: DriverTrouble) -> DriverNote:

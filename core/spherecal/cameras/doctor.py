@@ -181,7 +181,7 @@ def _judge(
     late = {link.serial for link in links if link.counters.late}
     for link in links:
         yield from _judge_link(link, statuses[link.serial], bool(late), seconds)
-    explained = {link.serial for link in links if late or link.counters.incomplete}
+    explained = {link.serial for link in links if late or link.counters.incomplete or not link.state.usable}
     for serial, count in trigger.missing.items():
         if serial not in explained:
             severity = "error" if count == trigger.sets else "warning"

@@ -1,11 +1,18 @@
 """Why no camera was found, or not all: no driver, one that is not allowed, one without cameras."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
+from spherecal.base.messages.values import Phrase
+from spherecal.cameras.gige.gvcp import NetworkCamera
 from spherecal.cameras.gige.network import WireCamera
+from spherecal.cameras.makers import maker_of
 from spherecal.cameras.protocol import CameraError, CameraInfo, Discovery
+from spherecal.cameras.usb import UsbCamera
+
+if TYPE_CHECKING:  # the window's start waits for no more than it must
+    from spherecal.cameras.builtin_driver import BuiltinDriver
 
 Trouble = Literal["no-driver", "not-allowed", "not-loaded", "no-cameras"]
 
@@ -20,14 +27,31 @@ class DriverTrouble:
     makers: tuple[str, ...] = ()
 
 
+@dataclass(frozen=True)
+class SeenCamera:
+    """A camera that no driver lists and that answers all the same: by IP address, or on USB (`place`).
+
+    `package` is its maker's driver package, empty where the maker is not known.
+    """
+
+    maker: str
+    model: str
+    serial: str
+    place: str
+    package: str
+
+
 class NoCameras(CameraError):
     """No camera was found; `troubles` say why, `wire` has those that answer on the network all the same."""
 
     troubles: tuple[DriverTrouble, ...] = ()
     wire: tuple[WireCamera, ...] = ()
+    usb: tuple[UsbCamera, ...] = ()
 
 
-def driver_troubles(discovery: Discovery, wire: Iterable[WireCamera] = ()) -> tuple[DriverTrouble, ...]:
+def driver_troubles(
+    discovery: Discovery, wire: Iterable[WireCamera] = (), usb: Iterable[UsbCamera] = ()
+) -> tuple[DriverTrouble, ...]:
     """Why no camera was found, or not all.
 
     A driver without cameras is only a reason where no driver has any.
@@ -36,12 +60,12 @@ def driver_troubles(discovery: Discovery, wire: Iterable[WireCamera] = ()) -> tu
     ----------
     discovery
         What the drivers found.
-    wire
-        Cameras that answer on the network.
+    wire, usb
+        Cameras that answer on the network, and on the bus.
     """
     found: list[DriverTrouble] = []
     if not discovery.producers:
-        makers = sorted({one.maker for one in wire if one.maker})
+        makers = sorted({one.maker for one in (*wire, *usb) if one.maker})
         found.append(DriverTrouble("no-driver", makers=tuple(makers)))
     for one in discovery.producers:
         if not one.usable:
@@ -77,3 +101,50 @@ def unlisted(discovery: Discovery, wire: Iterable[WireCamera]) -> tuple[WireCame
     wire = tuple(wire)
     listed = {on_wire(info, wire) for info in discovery.cameras}
     return tuple(one for one in wire if one not in listed)
+
+
+def seen_without_driver(
+    discovery: Discovery, answering: Iterable[NetworkCamera], usb: Iterable[UsbCamera] = ()
+) -> tuple[SeenCamera, ...]:
+    """The cameras that answer on the wire or hang on the bus, and that no driver lists.
+
+    Parameters
+    ----------
+    discovery
+        What the drivers found.
+    answering
+        Cameras that a broadcast found (`answering_cameras`).
+    usb
+        Cameras on the bus (`usb_cameras`).
+    """
+    known = {camera.serial for camera in discovery.cameras}
+    found = [(one.vendor, one.model, one.serial, one.address) for one in answering]
+    found += [(one.maker, one.model, one.serial, "USB") for one in usb]
+    return tuple(
+        SeenCamera(vendor, model, serial, place, "" if (maker := maker_of(vendor)) is None else maker.driver)
+        for vendor, model, serial, place in found
+        if serial not in known
+    )
+
+
+def driver_advice(seen: Sequence[SeenCamera], builtin: "BuiltinDriver") -> tuple[Phrase, ...]:
+    """What answers although no driver lists it, and what makes it usable: the makers' packages, or the built-in driver.
+
+    Parameters
+    ----------
+    seen
+        From `seen_without_driver`; none: no advice.
+    builtin
+        The built-in driver's state.
+    """
+    if not seen:
+        return ()
+    cameras = [Phrase("driver-camera", vars(one)) for one in seen]
+    found = [Phrase("driver-answering", {"count": len(seen), "cameras": cameras})]
+    packages = sorted({one.package for one in seen if one.package})
+    found += [Phrase("driver-package", {"packages": packages})] if packages else []
+    if builtin.kind == "can-be-built":
+        found.append(Phrase("driver-builtin"))
+    elif builtin.install:
+        found.append(Phrase("driver-builtin-lacks", {"command": builtin.install}))
+    return tuple(found)

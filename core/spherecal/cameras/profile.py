@@ -111,6 +111,7 @@ _SETTINGS = record(
     optional("packet_size", integer("Bytes of a packet.", 0, 10**9), omit=None),
     optional("packet_delay", integer("Between packets, in the camera's ticks.", 0, 10**9), omit=None),
     optional("frame_delay", integer("Before a frame is sent, in the camera's ticks.", 0, 10**9), omit=None),
+    optional("throughput_bytes_s", integer("Most that the camera sends, bytes/s.", 1, 10**11), omit=None),
 )
 _CAMERA = record(
     "",

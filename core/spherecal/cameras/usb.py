@@ -15,7 +15,7 @@ class UsbCamera:
     """A USB3 Vision camera as its plug names it.
 
     `mbit_s` is its bus's speed, below 5000 where it hangs on a USB 2 port or cable; None where that is not known.
-    `allowed`: this user may open it, else a udev rule is missing.
+    `allowed`: this user may open it, else a udev rule is missing. Cameras of one `bus` share what it carries.
     """
 
     vendor_id: str
@@ -25,6 +25,7 @@ class UsbCamera:
     serial: str
     mbit_s: float | None
     allowed: bool
+    bus: str = ""
 
     @property
     def slow(self) -> bool:
@@ -64,6 +65,7 @@ def _camera(device: Path, nodes: Path) -> UsbCamera:
         _said(device, "serial"),
         speed,
         os.access(node, os.R_OK | os.W_OK),
+        _said(device, "busnum"),
     )
 
 

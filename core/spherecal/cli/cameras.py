@@ -13,6 +13,7 @@ from spherecal.cameras.protocol import CameraError, Discovery, Region, SetupRepo
 from spherecal.cli.answer import answer, plain_fields
 from spherecal.cli.cameras_source import discovered, open_named, profile_of
 from spherecal.cli.console import out, say
+from spherecal.cli.drivers import advice_for
 from spherecal.cli.exit_codes import DONE, NOT_VALID
 from spherecal.cli.progress import shown_progress
 from spherecal.uses.capture import camera_name
@@ -55,6 +56,8 @@ def list_cameras(options: argparse.Namespace) -> int:
 
 
 def _list_producers(discovery: Discovery) -> None:
+    for line in advice_for(discovery):
+        say(line)
     if not discovery.producers:
         out.print(
             "No driver (.cti file) was found. Install the driver of the cameras' maker, "
@@ -154,6 +157,7 @@ def _keep(options: argparse.Namespace, profile: CameraProfile, serials: list[str
                 "packet_size",
                 "packet_delay",
                 "frame_delay",
+                "throughput_bytes_s",
             )
             if (value := getattr(options, key)) is not None
         }

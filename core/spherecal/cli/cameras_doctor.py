@@ -8,12 +8,14 @@ from rich.table import Table
 from spherecal.base.context import Context
 from spherecal.base.messages.values import Phrase
 from spherecal.cameras.doctor import brightness, covered_camera, examine
+from spherecal.cameras.gige.lines import examined, shares
 from spherecal.cameras.profile import CameraProfile
 from spherecal.cameras.protocol import CameraError, CameraSource, Discovery
 from spherecal.cli import cameras_lines
 from spherecal.cli.answer import answer, plain_fields
 from spherecal.cli.cameras_source import ask, discovered, open_named, profile_of
 from spherecal.cli.console import out, say
+from spherecal.cli.drivers import advice_for
 from spherecal.cli.exit_codes import DONE, NOT_VALID
 from spherecal.cli.progress import shown_progress
 from spherecal.uses.capture import camera_name
@@ -25,9 +27,9 @@ def doctor(options: argparse.Namespace) -> int:
     with open_named(options, profile) as source, shown_progress() as context:
         discovery = _open_all(source, profile, context)
         examination = examine(source, options.seconds, options.rate, context)
-        lines = cameras_lines.examined(source, discovery, options.rate)
+        lines = examined(source, discovery, options.rate)
         if options.stagger:
-            cameras_lines.keep_staggered(options, profile, source, lines)
+            cameras_lines.keep_staggered(options, profile, source, shares(source, discovery, lines))
         if options.order:
             _order_test(source, discovery, profile)
     well = examination.well and cameras_lines.well(lines)
@@ -73,6 +75,7 @@ def _open_all(source: CameraSource, profile: CameraProfile, context: Context) ->
     """Discover and open every camera of the rig; CameraError where there is none."""
     discovery = discovered(source, context)
     if not (serials := profile.rig_of(discovery.serials)):
+        say(*(advice_for(discovery) if source.kind == "genicam" else ()))
         raise CameraError(Phrase("error-no-camera-found"))
     context.report("opening the cameras", 0.0)
     source.open(serials, profile.settings())

@@ -15,8 +15,11 @@ from rich.markup import escape
 from rich.table import Table
 
 from spherecal import __version__
+from spherecal.cameras.gentl.discovery import producer_files
+from spherecal.cameras.protocol import Discovery
 from spherecal.cli.answer import answer
 from spherecal.cli.console import out
+from spherecal.cli.drivers import advice_for
 from spherecal.cli.exit_codes import DONE, NOT_VALID
 
 
@@ -128,8 +131,8 @@ def _libraries() -> Iterator[DoctorLine]:
 
 
 def _producers() -> DoctorLine:
-    folders = [f for f in os.environ.get("GENICAM_GENTL64_PATH", "").split(os.pathsep) if f]
-    files = [entry.path for f in folders if os.path.isdir(f) for entry in os.scandir(f) if entry.name.endswith(".cti")]
-    if files:
-        return DoctorLine("GenTL producers", "ok", ", ".join(sorted(files)))
-    return DoctorLine("GenTL producers", "optional", "none in GENICAM_GENTL64_PATH (needed for live cameras)")
+    if files := producer_files():
+        return DoctorLine("camera drivers", "ok", ", ".join(files))
+    advice = " ".join(advice_for(Discovery(())))
+    lacking = "none (needed for live cameras: install that of the cameras' maker)"
+    return DoctorLine("camera drivers", "optional", advice or lacking)

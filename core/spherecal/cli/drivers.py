@@ -6,9 +6,15 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from spherecal.base.errors import InputError
+from spherecal.base.messages.catalogue import phrase
 from spherecal.base.messages.values import Phrase
+from spherecal.cameras import builtin_driver
+from spherecal.cameras.driver_help import driver_advice, seen_without_driver
 from spherecal.cameras.gentl.discovery import producer_files
 from spherecal.cameras.gentl.trust import Ask, Driver, TrustStore, who_may_change
+from spherecal.cameras.gige.network import answering_cameras, local_addresses
+from spherecal.cameras.protocol import Discovery
+from spherecal.cameras.usb import usb_cameras
 from spherecal.cli.answer import answer
 from spherecal.cli.console import say
 
@@ -33,6 +39,12 @@ def _yes(driver: Driver) -> bool:
         flush=True,
     )
     return sys.stdin.readline().strip().lower() in ("y", "yes", "j", "ja")
+
+
+def advice_for(discovery: Discovery) -> list[str]:
+    """Who answers on the wire or the bus although no driver lists it, and what makes it usable, in sentences."""
+    seen = seen_without_driver(discovery, answering_cameras(local_addresses()), usb_cameras())
+    return [phrase(one) for one in driver_advice(seen, builtin_driver.state())]
 
 
 def trust(options: argparse.Namespace) -> int:

@@ -9,6 +9,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from spherecal.base.errors import InputError, SpherecalError
+from spherecal.cameras.builtin_driver import prepare
 from spherecal.cameras.producer.build import build_producer as built
 from spherecal.cameras.producer.feed import RigFeed
 from spherecal.cameras.producer.region import default_name
@@ -22,10 +23,10 @@ from spherecal_sim.render_session import demo_session
 
 def build_producer(options: argparse.Namespace) -> int:
     """`spherecal cameras build-producer`."""
-    path = built(options.output, options.aravis)
+    path = prepare() if options.aravis and options.use else built(options.output, options.aravis)
     answer(options, {"producer": path})
     say(f"{'GigE Vision and USB3 Vision' if options.aravis else 'Simulated cameras'}: {path}")
-    say(_how_to_find(path.parent))
+    say("Every search for cameras finds it from now on." if options.use else _how_to_find(path.parent))
     return DONE
 
 

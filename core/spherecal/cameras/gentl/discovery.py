@@ -17,7 +17,7 @@ from spherecal.cameras.gentl.driver_copy import hash_of, hold
 from spherecal.cameras.gentl.messages import Probed
 from spherecal.cameras.gentl.trust import Admitted, Ask, TrustStore, admit
 from spherecal.cameras.gentl.wire import Inbox, WireError, pack
-from spherecal.cameras.makers import driver_folders, own_folder
+from spherecal.cameras.makers import driver_patterns, own_folder
 from spherecal.cameras.protocol import CameraInfo, CamerasNotInstalled, Discovery, ProducerVerdict
 
 ENVIRONMENT = "GENICAM_GENTL64_PATH"
@@ -43,10 +43,10 @@ def producer_files(own: Iterable[str] = ()) -> tuple[str, ...]:
     for folder in folders:
         for file in sorted(Path(folder).glob("*.cti")):
             found.setdefault(os.path.realpath(file), str(file))
-    for pattern in driver_folders("linux" if sys.platform.startswith("linux") else sys.platform):
+    for pattern in driver_patterns("linux" if sys.platform.startswith("linux") else sys.platform):
         anchor = Path(Path(pattern).anchor)
-        with suppress(OSError):
-            for file in sorted(anchor.glob(str(Path(pattern).relative_to(anchor) / "*.cti"))):
+        with suppress(OSError, ValueError):  # a variable may hold anything
+            for file in sorted(anchor.glob(str(Path(pattern).relative_to(anchor)))):
                 found.setdefault(os.path.realpath(file), str(file))
     for file in sorted(own_folder().glob("*.cti")):
         found.setdefault(os.path.realpath(file), str(file))

@@ -16,9 +16,12 @@ NAMES: dict[str, tuple[str, ...]] = {
     "software trigger": ("TriggerSoftware",),
     "frame rate": ("AcquisitionFrameRate", "AcquisitionFrameRateAbs"),
     "frame rate limit": ("AcquisitionFrameRateEnable", "AcquisitionFrameRateEnabled", "AcquisitionFrameRateMode"),
-    "packet size": ("GevSCPSPacketSize",),
+    "packet size": ("GevSCPSPacketSize", "DeviceStreamChannelPacketSize"),
     "packet delay": ("GevSCPD",),
     "frame delay": ("GevSCFTD",),
+    # bytes a second; Allied Vision's GigE cameras have the second, and no packet delay of the standard's name
+    "throughput limit": ("DeviceLinkThroughputLimit", "StreamBytesPerSecond"),
+    "throughput switch": ("DeviceLinkThroughputLimitMode", "BandwidthControlMode"),
     "temperature": ("DeviceTemperature", "TemperatureAbs"),
     "pixel pitch": ("SensorPixelWidth",),  # um, of the standard (SFNC)
     "width": ("Width",),
@@ -28,10 +31,14 @@ NAMES: dict[str, tuple[str, ...]] = {
     "time stamp latch": ("TimestampLatch", "GevTimestampControlLatch"),
     "latched time": ("TimestampLatchValue", "GevTimestampValue"),
     "time stamp rate": ("GevTimestampTickFrequency",),
-    "common clock": ("PtpEnable", "GevIEEE1588"),
+    "common clock": ("PtpEnable", "PtpMode", "GevIEEE1588"),
     "clock latch": ("PtpDataSetLatch", "GevIEEE1588DataSetLatch"),
     "clock state": ("PtpStatus", "GevIEEE1588Status"),
-    "clock offset": ("PtpOffsetFromMaster", "GevIEEE1588OffsetFromMaster"),
+    "clock offset": (
+        "PtpOffsetFromMaster",
+        "GevIEEE1588OffsetFromMaster",
+        "GevIEEE1588OffsetFromMasterLatched",
+    ),
 }
 
 # Words for yes and no where one camera has a switch, another an enumeration, and makers differ in its entries.

@@ -2,6 +2,7 @@
 
 import os
 import re
+import time
 from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
@@ -195,6 +196,12 @@ def test_a_lost_camera_says_so_before_anything_else():
     state = tile_state("C01", status(CameraState.LOST), sight())
     assert (state.level, state.word) == ("bad", "Lost. Check cable, power and network; it comes back by itself.")
     assert state.details == "lost. cause remedy"
+    assert state.since == "", "it has never sent an image"
+    frame: Any = SimpleNamespace(arrived_s=time.perf_counter() - 3600)
+    known = [time.strftime("%H:%M:%S", time.localtime(time.time() - 3600 + late)) for late in (-1, 0, 1)]
+    state = tile_state("C01", status(CameraState.LOST), sight(), newest=frame)
+    assert state.since in [f"no images since {at}" for at in known]
+    assert tile_state("C01", status(), sight(), newest=frame).since == ""
 
 
 def test_the_wall_in_one_sentence():

@@ -1,6 +1,6 @@
 """Look: the wall of all cameras."""
 
-from PySide6.QtWidgets import QHBoxLayout, QLabel, QVBoxLayout, QWidget
+from PySide6.QtWidgets import QComboBox, QHBoxLayout, QLabel, QVBoxLayout, QWidget
 
 from spherecal_gui.controllers.controller import Controller
 from spherecal_gui.pages.base import PageAction
@@ -12,9 +12,14 @@ from spherecal_gui.widgets.basic import button, enable, label, set_level
 from spherecal_gui.widgets.tile import Wall
 from spherecal_gui.workflow import Status, Step
 
+# GenICam's names; a camera that lacks one takes the nearest. More bits than eight are of use in dim light.
+_FORMATS = ("Mono8", "Mono10", "Mono12", "Mono12p", "Mono16", "BayerRG8", "BayerRG12")
+
 
 class LookPage(LivePage):
     """Every camera's live image with its dots, its light and its focus."""
+
+    wants_histograms = True
 
     def __init__(self, controller: Controller, parent: QWidget | None = None) -> None:
         super().__init__(controller, parent)
@@ -38,6 +43,14 @@ class LookPage(LivePage):
         """Reflections and strange targets are covered with the mouse."""
         row = QHBoxLayout()
         self.message = label("", "soft")
+        self.expose = button(self.tr("Set exposures"), "expose-all")
+        self.expose.setToolTip(self.tr("Each camera gets the longest exposure by which its dots are not saturated."))
+        self.expose.clicked.connect(self.controller.tuning.expose_all)
+        self.format = QComboBox()
+        self.format.setObjectName("pixel-format")
+        self.format.addItems(_FORMATS)
+        self.format.setAccessibleName(self.tr("Pixel format of all cameras"))
+        self.format.textActivated.connect(self.controller.tuning.set_pixel_format)
         self.draw = button(self.tr("Mask reflections"), "draw-mask")
         self.draw.setCheckable(True)
         self.draw.setToolTip(self.tr("Draw a rectangle over a reflection: nothing in it counts as a target."))
@@ -55,7 +68,7 @@ class LookPage(LivePage):
         self.worst.setChecked(True)
         self.worst.toggled.connect(self.wall.worst_first)
         row.addWidget(self.message, 1)
-        for one in (self.fixed, self.worst, self.draw, self.undo, self.clear):
+        for one in (self.fixed, self.format, self.expose, self.worst, self.draw, self.undo, self.clear):
             row.addWidget(one)
         return row
 
@@ -81,6 +94,11 @@ class LookPage(LivePage):
         self.message.setText(text)
         idle = self.controller.runner.running is None
         busy, none = self.tr("Work is running."), self.tr("There are no masks.")
+        connected = self.controller.cameras.connection is not None
+        enable(self.expose, idle and connected, busy)
+        enable(self.format, idle and connected, busy)
+        formats = self.controller.tuning.pixel_formats()
+        self.format.setCurrentIndex(self.format.findText(formats.pop()) if len(formats) == 1 else -1)
         enable(self.draw, idle and self.controller.cameras.connection is not None, busy)
         for one in (self.undo, self.clear):
             enable(one, idle and bool(masks), none if idle else busy)

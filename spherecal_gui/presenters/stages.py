@@ -37,6 +37,7 @@ def _of_the_engine() -> dict[str, str]:
         "verification": translate("Stages", "Measuring the bars"),
         "check": translate("Stages", "Comparing with the calibration"),
         "guidance": translate("Stages", "Working out the next placement"),
+        "setting exposures": translate("Stages", "Setting exposures"),
         "testing stillness": translate("Stages", "Testing that nothing moves"),
     }
 

@@ -10,6 +10,9 @@ from spherecal.base.errors import InputError, Words
 from spherecal.base.filesystem import create
 from spherecal.base.messages.values import Phrase
 from spherecal.data.session import Bar, CameraSpec, Session
+from spherecal.files.capture_file import CAPTURE_FILE, PLANNED
+from spherecal.files.capture_file import FORMAT as CAPTURE_FORMAT
+from spherecal.files.capture_file import VERSION as CAPTURE_VERSION
 from spherecal.files.json_file import read_json
 from spherecal.files.new_session import assumed_prior
 from spherecal.files.observations_file import COLUMNS
@@ -102,8 +105,30 @@ def read_plan(path: Path) -> CapturePlan:
     InputError
         Where the file is not as the interface says, or has neither placements nor bar poses.
     """
-    if path.is_dir():
-        path = path / "session.json"
+    plan = _plan_in(path / "session.json" if path.is_dir() else path)
+    if not plan.sets:
+        raise InputError(Phrase("error-nothing-to-capture", {"file": path}))
+    return plan
+
+
+def begun_plan(folder: Path) -> CapturePlan | None:
+    """The plan of a capture that was begun in a folder; None where none was, or by a version that kept none.
+
+    Raises
+    ------
+    InputError
+        Where its files cannot be read.
+    """
+    if not (folder / CAPTURE_FILE).is_file():
+        return None
+    capture = read_json(folder / CAPTURE_FILE, CAPTURE_FORMAT, CAPTURE_VERSION).fields((), ("planned",))
+    if "planned" not in capture:
+        return None
+    sets = tuple(PlannedSet(**one) for one in PLANNED.read(capture["planned"]))
+    return replace(_plan_in(folder / "session.json"), sets=sets)
+
+
+def _plan_in(path: Path) -> CapturePlan:
     f = read_json(path, FORMAT, VERSION).fields((), ("cameras", "placements", "bar_poses", "target_set", *_TAKEN_OVER))
     target_set = None
     if "target_set" in f:
@@ -115,8 +140,6 @@ def read_plan(path: Path) -> CapturePlan:
     session = _checked(document, target_set, path)
     placements = tuple(PlannedSet(place.id) for place in session.placements)
     poses = tuple(PlannedSet(pose.id, pose.bar, pose.temperature_c) for pose in session.bar_poses)
-    if not placements + poses:
-        raise InputError(Phrase("error-nothing-to-capture", {"file": path}))
     fields = {key: document[key] for key in _TAKEN_OVER if key in document}
     cameras = document.get("cameras")
     known = tuple(cameras) if isinstance(cameras, list) else ()

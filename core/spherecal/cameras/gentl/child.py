@@ -213,7 +213,7 @@ class _Service:
                 slot.device.close()
         for number, camera in enumerate(command.cameras):
             known = self._slots.get(camera.serial)
-            if known is None or (known.producer, known.sha256) != (camera.producer, camera.sha256):
+            if known is None or not known.is_for(camera):
                 self._slots[camera.serial] = known = Slot(number, camera)
             known.number, known.tries = number, 0
         reports = []
@@ -234,11 +234,11 @@ class _Service:
         if producer.problem:
             return self._cannot(slot, words.no_producer(producer.file, producer.problem))
         self._touch.set(slot.number, OPENING)
-        listed = producer.find(slot.serial)
+        listed = producer.find(slot.serial, slot.device_id)
         if listed is None or slot.tries:
             with suppress(Exception):
                 producer.rescan()
-            listed = producer.find(slot.serial)
+            listed = producer.find(slot.serial, slot.device_id)
         if listed is None:
             return self._cannot(slot, words.not_listed())
         access = access_of(listed)

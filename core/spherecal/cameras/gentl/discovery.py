@@ -122,7 +122,8 @@ def _admitted(file: str, trust: TrustStore | None, ask: Ask | None) -> Admitted 
 def together(verdicts: Sequence[ProducerVerdict]) -> Discovery:
     """Every camera once: the first producer that can reach a serial number has it.
 
-    Cameras of two makers may have the same serial number: then each has its model in its name.
+    Cameras of two makers may have the same serial number: then each has its model in its name, or its address where
+    that differs.
     """
     cameras: dict[str, CameraInfo] = {}
     doubles: list[CameraInfo] = []
@@ -131,8 +132,9 @@ def together(verdicts: Sequence[ProducerVerdict]) -> Discovery:
             held = cameras.setdefault(camera.serial, camera)
             if held is camera:
                 continue
-            if _other_maker(held, camera):
-                longer = replace(camera, serial=f"{camera.serial} ({camera.model})")
+            elsewhere = bool(held.address and camera.address) and held.address != camera.address
+            if elsewhere or _other_maker(held, camera):
+                longer = replace(camera, serial=f"{camera.serial} ({camera.address if elsewhere else camera.model})")
                 if cameras.setdefault(longer.serial, longer) is not longer:
                     doubles.append(longer)
             elif held.access == "unreachable" and camera.access in ("free", "unknown"):

@@ -35,7 +35,7 @@ class Slot:
     def __init__(self, number: int, wanted: RequestedCamera) -> None:
         self.number = number
         self.serial, self.producer, self.settings = wanted.serial, wanted.producer, wanted.settings
-        self.load, self.sha256 = wanted.load, wanted.sha256
+        self.load, self.sha256, self.device_id = wanted.load, wanted.sha256, wanted.device_id
         self.device: Device | None = None
         self.ring: UseRing | None = None
         self.said: StateIs | None = None
@@ -47,6 +47,11 @@ class Slot:
         self.next_temperature_s = 0.0
         self.slowness_s = 0.0
         self.late = 0  # answers
+
+    def is_for(self, wanted: RequestedCamera) -> bool:
+        """Whether it is the camera that is requested, by the same driver."""
+        key = self.serial, self.producer, self.sha256, self.device_id
+        return key == (wanted.serial, wanted.producer, wanted.sha256, wanted.device_id)
 
     def wait_longer(self) -> None:
         """Set the time of the next attempt to open."""

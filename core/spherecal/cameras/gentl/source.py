@@ -122,7 +122,7 @@ class GenicamSource:
             self._service = CameraService(self._log_file, lambda file: admit_again(self._trust, file))
         cameras = [(serial, discovery.camera(serial)) for serial in wanted]
         return self._service.open(
-            RequestedCamera(serial, info.producer, "", "", settings.get(serial, CameraSettings()))
+            RequestedCamera(serial, info.producer, "", "", settings.get(serial, CameraSettings()), info.device_id)
             for serial, info in cameras
             if info
         )

@@ -56,7 +56,6 @@ def connect(qtbot: Any, home: Path, control: ProducerControl) -> Iterator[Any]:
     controller = Controller()
     page = ConnectPage(controller)
     qtbot.addWidget(page)
-    controller.main.changed.connect(page.refresh) if hasattr(controller, "main") else None
 
     def search() -> None:
         if controller.project is None:

@@ -1149,8 +1149,8 @@ px</translation>
         <translation>gehört nicht zum Aufbau</translation>
     </message>
     <message>
-        <source>It answers on the network, but no driver reaches it.</source>
-        <translation>Sie antwortet im Netz, aber kein Treiber erreicht sie.</translation>
+        <source>It answers, but no driver reaches it.</source>
+        <translation>Sie antwortet, aber kein Treiber erreicht sie.</translation>
     </message>
     <message>
         <source>Its address {address} is in another subnet than this computer.</source>
@@ -2198,6 +2198,10 @@ px</translation>
         <translation>keine Zielmarken in Sicht</translation>
     </message>
     <message>
+        <source>no images since {time}</source>
+        <translation type="unfinished"></translation>
+    </message>
+    <message>
         <source>too bright: {share} % clipped. Shorten the exposure.</source>
         <translation>zu hell: {share} % übersteuert. Belichtung verkürzen.</translation>
     </message>
@@ -2281,9 +2285,25 @@ px</translation>
         <source>All {count} cameras are sharp and well lit.</source>
         <translation>Alle {count} Kameras sind scharf und gut belichtet.</translation>
     </message>
+    <message>
+        <source>Not as wanted: {names}. Their driver took the nearest setting.</source>
+        <translation type="unfinished"></translation>
+    </message>
 </context>
 <context>
     <name>LookPage</name>
+    <message>
+        <source>Set exposures</source>
+        <translation type="unfinished"></translation>
+    </message>
+    <message>
+        <source>Each camera gets the longest exposure by which its dots are not saturated.</source>
+        <translation type="unfinished"></translation>
+    </message>
+    <message>
+        <source>Pixel format of all cameras</source>
+        <translation type="unfinished"></translation>
+    </message>
     <message>
         <source>Mask reflections</source>
         <translation>Reflexe abdecken</translation>
@@ -3751,6 +3771,10 @@ mm</translation>
     <message>
         <source>Working out the next placement</source>
         <translation>Nächste Aufstellung ermitteln</translation>
+    </message>
+    <message>
+        <source>Setting exposures</source>
+        <translation type="unfinished"></translation>
     </message>
     <message>
         <source>Testing that nothing moves</source>

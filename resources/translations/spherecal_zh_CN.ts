@@ -1149,8 +1149,8 @@ px</translation>
         <translation>已排除在系统之外</translation>
     </message>
     <message>
-        <source>It answers on the network, but no driver reaches it.</source>
-        <translation>它在网络上有应答，但没有驱动能访问它。</translation>
+        <source>It answers, but no driver reaches it.</source>
+        <translation>它有应答，但没有驱动能访问它。</translation>
     </message>
     <message>
         <source>Its address {address} is in another subnet than this computer.</source>
@@ -2198,6 +2198,10 @@ px</translation>
         <translation>看不到靶标</translation>
     </message>
     <message>
+        <source>no images since {time}</source>
+        <translation type="unfinished"></translation>
+    </message>
+    <message>
         <source>too bright: {share} % clipped. Shorten the exposure.</source>
         <translation>过亮：{share} % 饱和。请缩短曝光。</translation>
     </message>
@@ -2281,9 +2285,25 @@ px</translation>
         <source>All {count} cameras are sharp and well lit.</source>
         <translation>全部 {count} 台相机清晰且曝光良好。</translation>
     </message>
+    <message>
+        <source>Not as wanted: {names}. Their driver took the nearest setting.</source>
+        <translation type="unfinished"></translation>
+    </message>
 </context>
 <context>
     <name>LookPage</name>
+    <message>
+        <source>Set exposures</source>
+        <translation type="unfinished"></translation>
+    </message>
+    <message>
+        <source>Each camera gets the longest exposure by which its dots are not saturated.</source>
+        <translation type="unfinished"></translation>
+    </message>
+    <message>
+        <source>Pixel format of all cameras</source>
+        <translation type="unfinished"></translation>
+    </message>
     <message>
         <source>Mask reflections</source>
         <translation>遮挡反光</translation>
@@ -3751,6 +3771,10 @@ mm</translation>
     <message>
         <source>Working out the next placement</source>
         <translation>计算下一个摆放位置</translation>
+    </message>
+    <message>
+        <source>Setting exposures</source>
+        <translation type="unfinished"></translation>
     </message>
     <message>
         <source>Testing that nothing moves</source>

@@ -142,7 +142,7 @@ def _unlisted_line(camera: "WireCamera", wire: "tuple[WireCamera, ...]") -> Came
     line = CameraLine(name, f"{camera.maker} {camera.model}".strip(), f"{camera.mac} {camera.serial}", "", "bad", about)
     if not camera.subnet_ok:
         return replace(line, word=_elsewhere(camera), cured_at=_addressed(camera, wire))
-    return replace(line, word=translate("Connect", "It answers on the network, but no driver reaches it."))
+    return replace(line, word=translate("Connect", "It answers, but no driver reaches it."))
 
 
 def _addressed(camera: "WireCamera", wire: "tuple[WireCamera, ...]") -> "WireCamera | None":

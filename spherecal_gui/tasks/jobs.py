@@ -65,8 +65,7 @@ def connect(project: Project, context: Context, ask: "Ask | None" = None) -> "Co
     Cancelled
         When somebody has stopped it.
     """
-    from spherecal.cameras.driver_help import NoCameras, driver_troubles, on_wire
-    from spherecal.cameras.gige.network import found_on_wire
+    from spherecal.cameras.driver_help import NoCameras, answering, driver_troubles, on_wire
     from spherecal.cameras.profile import default_profile_path, read_profile
     from spherecal.cameras.sources import open_source
 
@@ -78,7 +77,7 @@ def connect(project: Project, context: Context, ask: "Ask | None" = None) -> "Co
     try:
         context.report("looking for cameras", 0.2)
         discovery = source.discover(context)
-        wire = found_on_wire() if live else ()
+        wire = answering() if live else ()
         if not discovery.cameras:
             hint = translate("Errors", "Plug the cameras in and switch them on; no other program may hold them.")
             error = NoCameras(translate("Errors", "No camera was found."), hint)

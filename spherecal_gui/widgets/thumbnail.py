@@ -10,7 +10,7 @@ from spherecal_gui.widgets.tile import shown_image
 
 _LEAST_PX = (44, 36)
 _WIDTH_PX = 320  # of what is kept of an image
-_PAST_ALPHA, _DOT_PX = 170, 2.5
+_PAST_ALPHA, _DOT_PX = 170, 1.6
 
 
 class Thumbnail(QWidget):

@@ -6,10 +6,10 @@ from typing import TYPE_CHECKING, Literal
 
 from spherecal.base.messages.values import Phrase
 from spherecal.cameras.gige.gvcp import NetworkCamera
-from spherecal.cameras.gige.network import WireCamera
+from spherecal.cameras.gige.network import WireCamera, found_on_wire
 from spherecal.cameras.makers import maker_of
 from spherecal.cameras.protocol import CameraError, CameraInfo, Discovery
-from spherecal.cameras.usb import UsbCamera
+from spherecal.cameras.usb import UsbCamera, usb_cameras
 
 if TYPE_CHECKING:  # the window's start waits for no more than it must
     from spherecal.cameras.builtin_driver import BuiltinDriver
@@ -46,12 +46,9 @@ class NoCameras(CameraError):
 
     troubles: tuple[DriverTrouble, ...] = ()
     wire: tuple[WireCamera, ...] = ()
-    usb: tuple[UsbCamera, ...] = ()
 
 
-def driver_troubles(
-    discovery: Discovery, wire: Iterable[WireCamera] = (), usb: Iterable[UsbCamera] = ()
-) -> tuple[DriverTrouble, ...]:
+def driver_troubles(discovery: Discovery, wire: Iterable[WireCamera] = ()) -> tuple[DriverTrouble, ...]:
     """Why no camera was found, or not all.
 
     A driver without cameras is only a reason where no driver has any.
@@ -60,12 +57,12 @@ def driver_troubles(
     ----------
     discovery
         What the drivers found.
-    wire, usb
-        Cameras that answer on the network, and on the bus.
+    wire
+        Cameras that answer by themselves (`answering`).
     """
     found: list[DriverTrouble] = []
     if not discovery.producers:
-        makers = sorted({one.maker for one in (*wire, *usb) if one.maker})
+        makers = sorted({one.maker for one in wire if one.maker})
         found.append(DriverTrouble("no-driver", makers=tuple(makers)))
     for one in discovery.producers:
         if not one.usable:
@@ -74,6 +71,15 @@ def driver_troubles(
     if not discovery.cameras:
         found += [DriverTrouble("no-cameras", one.file, one.message) for one in discovery.producers if one.usable]
     return tuple(found)
+
+
+def answering() -> tuple[WireCamera, ...]:
+    """Every camera that answers without a driver, on the network or on USB (its address is `USB` then); blocking."""
+    usb = (
+        WireCamera("", "USB", "", one.maker, one.model, one.serial, "", "", subnet_ok=True, controlled_by_other=None)
+        for one in usb_cameras()
+    )
+    return (*found_on_wire(), *usb)
 
 
 def on_wire(info: CameraInfo, wire: Iterable[WireCamera]) -> WireCamera | None:

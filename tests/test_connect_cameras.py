@@ -96,6 +96,17 @@ def test_one_that_is_held_hinders_nobody_and_joins_when_it_is_let_go(connect: An
     assert "SIM2" in connect.controller.cameras.connection.names
 
 
+def test_a_driver_whose_texts_are_not_utf8_shows_its_cameras_too(
+    connect: Any, control: ProducerControl, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("SPHERECAL_GENTL_ODD", "texts=c4e3bad3")  # GBK
+    control.refuse_opening("SIM5")
+    connect.search()
+    pump(lambda: _pictures(connect.page) == 5)
+    levels = {name: row.line.level for name, row in connect.page._rows.items()}
+    assert levels["SIM5"] == "bad" and "bad" not in {levels[name] for name in NAMES[:5]}
+
+
 def test_whoever_is_left_out_stays_out(connect: Any, control: ProducerControl) -> None:
     control.refuse_opening("SIM4")
     connect.search()

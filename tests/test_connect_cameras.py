@@ -41,8 +41,9 @@ NAMES = tuple(f"SIM{i}" for i in range(6))
 def control(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Iterator[ProducerControl]:
     """Six cameras of the simulated producer, no other driver, a user who has set nothing."""
     built_producer()
-    monkeypatch.setattr(discovery, "driver_folders", lambda _: ())
+    monkeypatch.setattr(discovery, "driver_patterns", lambda _: ())
     monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path / "config"))
+    monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path / "data"))
     monkeypatch.setenv("SPHERECAL_DRIVERS", str(tmp_path / "drivers.json"))
     with ProducerControl([SimulatedCamera(name, *SIZE) for name in NAMES]) as steering:
         for key, value in steering.environment.items():

@@ -78,7 +78,7 @@ def test_the_list_of_makers_has_a_driver_and_a_place_for_each(qtbot, system):
 @pytest.fixture
 def page(qtbot, tmp_path, monkeypatch):
     """The real page over a search with no drivers but those of a folder."""
-    monkeypatch.setattr(discovery, "driver_folders", lambda _: ())
+    monkeypatch.setattr(discovery, "driver_patterns", lambda _: ())
     monkeypatch.setenv("SPHERECAL_DRIVERS", str(tmp_path / "drivers.json"))
     monkeypatch.setenv("GENICAM_GENTL64_PATH", str(tmp_path / "cti"))
     (tmp_path / "cti").mkdir()

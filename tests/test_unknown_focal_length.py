@@ -49,7 +49,7 @@ def test_the_ball_shows_the_focal_length_of_any_lens(focal_mm: float, monkeypatc
 
 @pytest.mark.parametrize("focal_mm", [4.0, 12.0, 50.0])
 def test_a_rig_of_unknown_lenses_is_calibrated(focal_mm: float, monkeypatch: pytest.MonkeyPatch) -> None:
-    """From 1.2 times the image's longer side, lenses of 4 and 50 mm fail or become another rig."""
+    """It says where it started; the adjustment ends at the true lenses."""
     session, truth = _session(focal_mm, monkeypatch, SimulationOptions(targets=120))
     result = calibrate(session)
     (said,) = [one for one in result.rig.quality.findings if one.code == "prior-assumed" and one.kind == "seen"]

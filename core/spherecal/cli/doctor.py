@@ -133,6 +133,5 @@ def _libraries() -> Iterator[DoctorLine]:
 def _producers() -> DoctorLine:
     if files := producer_files():
         return DoctorLine("camera drivers", "ok", ", ".join(files))
-    advice = " ".join(advice_for(Discovery(())))
-    lacking = "none (needed for live cameras: install that of the cameras' maker)"
-    return DoctorLine("camera drivers", "optional", advice or lacking)
+    lacking = "none (needed for live cameras: `spherecal cameras list` asks the network which are there)"
+    return DoctorLine("camera drivers", "optional", " ".join(advice_for(Discovery(()), ask_network=False)) or lacking)

@@ -41,9 +41,10 @@ def _yes(driver: Driver) -> bool:
     return sys.stdin.readline().strip().lower() in ("y", "yes", "j", "ja")
 
 
-def advice_for(discovery: Discovery) -> list[str]:
+def advice_for(discovery: Discovery, ask_network: bool = True) -> list[str]:
     """Who answers on the wire or the bus although no driver lists it, and what makes it usable, in sentences."""
-    seen = seen_without_driver(discovery, answering_cameras(local_addresses()), usb_cameras())
+    answering = answering_cameras(local_addresses()) if ask_network else ()
+    seen = seen_without_driver(discovery, answering, usb_cameras())
     return [phrase(one) for one in driver_advice(seen, builtin_driver.state())]
 
 

@@ -44,11 +44,11 @@ def main(producer: str, *serials: str) -> None:
             opened = states(source)
             cameras[1].kill()
             cameras[1].wait()
-            until(lambda: list(states(source).values()).count("streaming") < len(found))
+            until(lambda: {"lost", "busy"} & set(states(source).values()))
             time.sleep(1.0)
             without = states(source)
             cameras[1] = camera(1, serials[1])
-            until(lambda: list(states(source).values()).count("streaming") == len(found))
+            until(lambda: not {"lost", "busy", "error"} & set(states(source).values()))
             again = states(source)
         infos = {info.serial: info.address for info in found}
         print(json.dumps({"found": infos, "opened": opened, "without": without, "again": again}))

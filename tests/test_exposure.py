@@ -36,7 +36,9 @@ class Lamp:
         self.sets += 1
         wanted = request.cameras or ()
         missing = tuple(MissingFrame(serial, "", "") for serial in wanted if serial in self.dead)
-        return FrameSet(self.sets, {serial: self.frame(serial) for serial in wanted if serial not in self.dead}, missing)
+        return FrameSet(
+            self.sets, {serial: self.frame(serial) for serial in wanted if serial not in self.dead}, missing
+        )
 
 
 @pytest.mark.parametrize("bits", [8, 12])

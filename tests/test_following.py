@@ -53,7 +53,7 @@ def test_dots_are_where_the_scene_has_moved_them(shift, degrees, px):
     assert followed is not None and len(followed) > 0.9 * len(FOUND)
     assert set(followed.target) == set(followed.target_ids)
     assert off(followed, true).max() < px
-    deep = Follower(IMAGE, 8, FOUND).follow(image.astype(np.uint16) << 4, 12)
+    deep = Follower(IMAGE, 8, FOUND).follow(16 * image.astype(np.uint16), 12)
     assert deep is not None and off(deep, true).max() < px
 
 

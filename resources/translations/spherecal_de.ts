@@ -2199,7 +2199,7 @@ px</translation>
     </message>
     <message>
         <source>no images since {time}</source>
-        <translation type="unfinished"></translation>
+        <translation>keine Bilder seit {time}</translation>
     </message>
     <message>
         <source>too bright: {share} % clipped. Shorten the exposure.</source>
@@ -2287,22 +2287,22 @@ px</translation>
     </message>
     <message>
         <source>Not as wanted: {names}. Their driver took the nearest setting.</source>
-        <translation type="unfinished"></translation>
+        <translation>Nicht wie gewünscht: {names}. Ihr Treiber hat die nächstliegende Einstellung genommen.</translation>
     </message>
 </context>
 <context>
     <name>LookPage</name>
     <message>
         <source>Set exposures</source>
-        <translation type="unfinished"></translation>
+        <translation>Belichtung einstellen</translation>
     </message>
     <message>
         <source>Each camera gets the longest exposure by which its dots are not saturated.</source>
-        <translation type="unfinished"></translation>
+        <translation>Jede Kamera bekommt die längste Belichtung, bei der ihre Punkte nicht übersteuern.</translation>
     </message>
     <message>
         <source>Pixel format of all cameras</source>
-        <translation type="unfinished"></translation>
+        <translation>Pixelformat aller Kameras</translation>
     </message>
     <message>
         <source>Mask reflections</source>
@@ -3774,7 +3774,7 @@ mm</translation>
     </message>
     <message>
         <source>Setting exposures</source>
-        <translation type="unfinished"></translation>
+        <translation>Belichtungen einstellen</translation>
     </message>
     <message>
         <source>Testing that nothing moves</source>

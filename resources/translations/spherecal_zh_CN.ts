@@ -2199,7 +2199,7 @@ px</translation>
     </message>
     <message>
         <source>no images since {time}</source>
-        <translation type="unfinished"></translation>
+        <translation>自 {time} 起无图像</translation>
     </message>
     <message>
         <source>too bright: {share} % clipped. Shorten the exposure.</source>
@@ -2287,22 +2287,22 @@ px</translation>
     </message>
     <message>
         <source>Not as wanted: {names}. Their driver took the nearest setting.</source>
-        <translation type="unfinished"></translation>
+        <translation>未按要求设置：{names}。其驱动采用了最接近的设置。</translation>
     </message>
 </context>
 <context>
     <name>LookPage</name>
     <message>
         <source>Set exposures</source>
-        <translation type="unfinished"></translation>
+        <translation>设置曝光</translation>
     </message>
     <message>
         <source>Each camera gets the longest exposure by which its dots are not saturated.</source>
-        <translation type="unfinished"></translation>
+        <translation>每台相机采用圆点不饱和的最长曝光时间。</translation>
     </message>
     <message>
         <source>Pixel format of all cameras</source>
-        <translation type="unfinished"></translation>
+        <translation>所有相机的像素格式</translation>
     </message>
     <message>
         <source>Mask reflections</source>
@@ -3774,7 +3774,7 @@ mm</translation>
     </message>
     <message>
         <source>Setting exposures</source>
-        <translation type="unfinished"></translation>
+        <translation>正在设置曝光</translation>
     </message>
     <message>
         <source>Testing that nothing moves</source>

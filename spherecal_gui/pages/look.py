@@ -26,7 +26,7 @@ class LookPage(LivePage):
         column = QVBoxLayout(self)
         self.summary = label("", "huge")
         self.summary.setObjectName("huge")
-        column.addWidget(self.summary)
+        column.addLayout(self._top_row())
         self.warm_up = label("", "")
         set_level(self.warm_up, "caution")
         self.warm_up.hide()
@@ -39,10 +39,10 @@ class LookPage(LivePage):
         self._seen_all, self._have_images = False, False
         self._level: Level = "none"
 
-    def _mask_row(self) -> QHBoxLayout:
-        """Reflections and strange targets are covered with the mouse."""
+    def _top_row(self) -> QHBoxLayout:
+        """How the cameras are, and what is set for all of them."""
         row = QHBoxLayout()
-        self.message = label("", "soft")
+        row.addWidget(self.summary, 1)
         self.expose = button(self.tr("Set exposures"), "expose-all")
         self.expose.setToolTip(self.tr("Each camera gets the longest exposure by which its dots are not saturated."))
         self.expose.clicked.connect(self.controller.tuning.expose_all)
@@ -51,6 +51,15 @@ class LookPage(LivePage):
         self.format.addItems(_FORMATS)
         self.format.setAccessibleName(self.tr("Pixel format of all cameras"))
         self.format.textActivated.connect(self.controller.tuning.set_pixel_format)
+        self.format.setToolTip(self.format.accessibleName())
+        row.addWidget(self.format)
+        row.addWidget(self.expose)
+        return row
+
+    def _mask_row(self) -> QHBoxLayout:
+        """Reflections and strange targets are covered with the mouse."""
+        row = QHBoxLayout()
+        self.message = label("", "soft")
         self.draw = button(self.tr("Mask reflections"), "draw-mask")
         self.draw.setCheckable(True)
         self.draw.setToolTip(self.tr("Draw a rectangle over a reflection: nothing in it counts as a target."))
@@ -68,7 +77,7 @@ class LookPage(LivePage):
         self.worst.setChecked(True)
         self.worst.toggled.connect(self.wall.worst_first)
         row.addWidget(self.message, 1)
-        for one in (self.fixed, self.format, self.expose, self.worst, self.draw, self.undo, self.clear):
+        for one in (self.fixed, self.worst, self.draw, self.undo, self.clear):
             row.addWidget(one)
         return row
 

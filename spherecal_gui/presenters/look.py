@@ -72,7 +72,7 @@ def figures_text(serial: str, status: "CameraStatus | None", exposure_us: float)
         Exposure in µs.
     """
     parts = [serial]
-    if status is not None and status.counters.rate_hz:
+    if status is not None and status.state.usable and status.counters.rate_hz:
         parts.append(translate("Look", "{rate:.0f} fps").format(rate=status.counters.rate_hz))
     parts.append(translate("Look", "{ms:g} ms").format(ms=round(exposure_us / 1e3, 2)))
     if status is not None and status.temperature_c is not None:

@@ -41,9 +41,9 @@ _STRIDE = 8
 class Sight:
     """What is known of a camera's newest examined image.
 
-    `histogram` (64,) counts grey values. `blur_px` is the median standard deviation of the dots' edges (None without dots). `saturated` is the share of
-    pixels at full scale, `brightness` the mean over full scale. `motion_px` says how much the scene moved over the last
-    images.
+    `blur_px` is the median standard deviation of the dots' edges (None without dots). `saturated` is the share of
+    pixels at full scale, `brightness` the mean over full scale, `histogram` (64,) counts grey values. `motion_px` says
+    how much the scene moved over the last images.
     """
 
     frame: Frame

@@ -35,7 +35,9 @@ def expose_all(
     """
     context, chosen, left = context or Context(), dict(settings), dict.fromkeys(settings)
     for number in range(_TRIES):
-        context.report("setting exposures", number / _TRIES, Phrase("some-of-all", {"number": number + 1, "all": _TRIES}))
+        context.report(
+            "setting exposures", number / _TRIES, Phrase("some-of-all", {"number": number + 1, "all": _TRIES})
+        )
         taken = source.capture_set(CaptureRequest(tuple(left)), context)
         better = {serial: _better(chosen[serial].exposure_us, taken.frames.get(serial), detector) for serial in left}
         left = {serial: None for serial, exposure_us in better.items() if exposure_us != chosen[serial].exposure_us}

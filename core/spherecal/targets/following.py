@@ -65,6 +65,7 @@ class Follower:
             return None
         guess = (2 * self._at - self._before).astype(np.float32)
         at, kept, all_dots = guess.copy(), np.zeros(len(found), dtype=bool), np.bincount(self._row)
+        usual, whole = np.zeros((0, 1, 2)), np.zeros(0, dtype=bool)
         for levels in _LEVELS:
             left = np.flatnonzero(~kept)
             if not len(left):
@@ -104,8 +105,8 @@ class Follower:
 
 def _half(image: GreyImage, bits: int) -> NDArray[np.uint8]:
     """The image in half the size, in 8 bits; a Bayer mosaic becomes grey by it."""
-    small = cv2.resize(image, (image.shape[1] // 2, image.shape[0] // 2), interpolation=cv2.INTER_AREA)
-    return small if small.dtype == np.uint8 else (small >> max(bits - 8, 0)).astype(np.uint8)
+    small = np.asarray(cv2.resize(image, (image.shape[1] // 2, image.shape[0] // 2), interpolation=cv2.INTER_AREA))
+    return (small if small.dtype == np.uint8 else small // 2 ** max(bits - 8, 0)).astype(np.uint8, copy=False)
 
 
 def _contrast(image: NDArray[np.uint8], at: NDArray[np.float32]) -> FloatArray:

@@ -270,6 +270,7 @@ _CAMERAS = _document("cameras", producers=["/opt/x.cti"], cameras=[{
     "settings": {
         "exposure_us": 8000.0, "gain_db": 0.0, "pixel_format": "Mono8", "region": [0, 0, 640, 480], "trigger": "hardware",  # noqa: E501
         "trigger_source": "Line1", "frame_rate_hz": 10.0, "packet_size": 9000, "packet_delay": 0, "frame_delay": 0,
+        "throughput_bytes_s": 9000000,
     },
 }])  # fmt: skip
 _LIMITS = _document(

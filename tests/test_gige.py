@@ -18,8 +18,10 @@ import pytest
 from spherecal.base.errors import InputError, OutputError
 from spherecal_app.cli import gige as command
 from spherecal_app.cli.options import make_parser
+from spherecal_cameras.doctor import LinkReport, TriggerReport, _judge, examine
+from spherecal_cameras.genicam.slots import LateAnswers
 from spherecal_cameras.genicam.source import GenicamSource
-from spherecal_cameras.protocol import CameraSettings, CameraState, CaptureRequest
+from spherecal_cameras.protocol import CameraSettings, CameraState, CameraStatus, CaptureRequest, Counters
 from spherecal_gentl.gige import gvcp
 from spherecal_gentl.gige.control import GigeCamera, GigeRig
 from spherecal_gentl.producer import build
@@ -263,6 +265,45 @@ def test_the_first_image_of_a_stream_is_whole(monkeypatch: pytest.MonkeyPatch) -
         source.open(source.discover().serials, dict.fromkeys(rig.serials, CameraSettings(exposure_us=1000.0)))
         taken = source.capture_set(CaptureRequest(timeout_s=2.0, retries=0))
         assert taken.complete, taken.missing
+
+
+def test_lost_packets_are_one_finding_and_of_that_camera_only(rig: GigeRig, source: GenicamSource) -> None:
+    """A slow camera, no image and incomplete sets only follow from it, and all cameras wait for late answers."""
+    rig.fault("loss", "GE02", 10)
+    try:
+        found = examine(source, seconds=3.0, rate_hz=5.0)
+    finally:
+        rig.fault("loss", "GE02", 0)
+    wrong = {(one.code, one.where) for one in found.findings if one.severity != "info"}
+    assert ("incomplete-images", ("GE02",)) in wrong
+    # a machine full of other work may lose packets of the others too
+    assert {code for code, _ in wrong} <= {"incomplete-images", "late-answers"}, found
+
+
+def test_a_camera_that_answers_late_is_named_and_nobody_else() -> None:
+    links = (
+        LinkReport("GE01", CameraState.STREAMING, Counters(12, wanted_hz=5.0, triggered=12)),
+        LinkReport("GE02", CameraState.STREAMING, Counters(12, wanted_hz=5.0, triggered=12, late=3)),
+        LinkReport("GE03", CameraState.STREAMING, Counters(4, wanted_hz=5.0, triggered=12)),
+    )
+    statuses = {link.serial: CameraStatus(link.serial, link.state) for link in links}
+    sets = TriggerReport(10, 7, 0.1, 1.0, {"GE01": 3})
+    found = [(one.code, one.where) for one in _judge(links, statuses, sets, 4.0)]
+    assert found == [("late-answers", ("GE02",)), ("slow", ("GE03",))]
+    assert [one.code for one in _judge(links[:1], statuses, sets, 4.0)] == ["slow", "missing-in-sets"]
+
+
+def test_late_answers_are_said_less_and_less_often() -> None:
+    late = LateAnswers()
+    clock = np.random.default_rng(4)
+    said = [
+        (at, one)
+        for at in np.arange(0.0, 240.0, 0.7)
+        if clock.random() < 0.6 and (one := late.note(f"GE0{clock.integers(1, 7)}", 0.1 + clock.random(), at))
+    ]
+    assert len(said) <= 5 and said[0][0] < 5.0, "four minutes of six cameras on a bad line: 185 lines once"
+    assert said[2][1].seconds > 0.9, "the worst since the last word"
+    assert late.note("GE01", 0.5, 400.0) is not None, "a new trouble is said at once"
 
 
 # ---- the rig itself ----

@@ -1,12 +1,23 @@
 """The doctor's judgement of GigE lines: addresses, packets, buffers, bandwidth, and delays to share one with."""
 
 import sys
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from spherecal_cameras.network_lines import CameraLoad, NetworkLine, assess, load_of, network_lines, stagger, wire_bytes
-from spherecal_cameras.protocol import FeatureReport
+from spherecal_cameras.network_lines import (
+    CameraLoad,
+    NetworkLine,
+    assess,
+    bus_shares,
+    load_of,
+    network_lines,
+    stagger,
+    wire_bytes,
+)
+from spherecal_cameras.protocol import CameraSettings, FeatureReport
+from spherecal_cameras.usb import UsbCamera
 from spherecal_gentl.gige.gvcp import NetworkCamera
 
 GIGABIT = NetworkLine("eth1", "10.0.0.1", "255.255.255.0", 9000, 1000.0, 0, 33_554_432)
@@ -102,14 +113,38 @@ def test_staggered_cameras_share_a_line_without_a_queue_of_more_than_one_packet_
     assert 0.8 < busy <= 0.96  # most of the line is used, and some of it left
 
 
+def test_twelve_cameras_share_a_line_each_by_what_it_has() -> None:
+    own = [set(), {"throughput limit"}, {"packet delay"}, {"packet delay", "frame delay", "throughput limit"}]
+    loads = {f"{i}": CameraLoad(5_000_000, 1.0, 1500, controls=frozenset(own[i % 4])) for i in range(12)}
+    shares = {one.serial: one for one in stagger(loads, 1000.0)}
+    assert len(shares) == 9, "a camera that cannot share is left out"
+    limited = [one.throughput_bytes_s for one in shares.values() if one.throughput_bytes_s]
+    assert len(limited) == 3 and 12 * limited[0] == pytest.approx(0.9 * 125e6, rel=1e-6)
+    assert shares["2"].packet_delay and shares["2"].frame_delay is None
+    assert shares["11"].frame_delay and shares["11"].throughput_bytes_s is None, "delays alone, which are finer"
+    before = CameraSettings(packet_delay=7, frame_delay=8, packet_size=9000)
+    assert shares["1"].of(before) == CameraSettings(packet_size=9000, throughput_bytes_s=limited[0])
+
+
+def test_usb_cameras_of_one_bus_share_it() -> None:
+    limit = CameraLoad(5_000_000, 1.0, controls=frozenset({"throughput limit"}))
+    loads = {"A": limit, "B": limit, "C": replace(limit, controls=frozenset()), "D": limit}
+    buses = {"A": "2", "B": "2", "C": "2", "D": "4", "stranger": "4"}
+    cameras = [UsbCamera("1", "2", "Maker", "M", serial, 5000.0, True, bus) for serial, bus in buses.items()]
+    shares = {one.serial: one.throughput_bytes_s for one in bus_shares(loads, cameras)}
+    assert shares == {"A": 120_000_000, "B": 120_000_000, "D": 180_000_000}
+    assert bus_shares(loads, cameras[3:4]) == (), "alone on its bus"
+
+
 def test_a_load_is_read_from_what_a_camera_says() -> None:
     def told(**features: str) -> list[FeatureReport]:
         return [FeatureReport(name.replace("_", " "), name, got=value) for name, value in features.items()]
 
     plain = load_of(told(width="2448", height="2048", pixel_format="Mono8", packet_size="8000"), 5.0)
-    assert plain == CameraLoad(2448 * 2048, 5.0, 8000)
-    packed = load_of(told(width="2448", height="2048", pixel_format="Mono12p", time_stamp_rate="125000000.0"), 5.0)
-    assert packed == CameraLoad(2448 * 2048 * 3 // 2, 5.0, 1500, 125_000_000)
+    assert plain == CameraLoad(2448 * 2048, 5.0, 8000, controls=frozenset())
+    packed = told(width="2448", height="2048", pixel_format="Mono12p", time_stamp_rate="125000000.0", packet_delay="0")
+    packed += [FeatureReport("frame delay", None)]
+    assert load_of(packed, 5.0) == CameraLoad(2448 * 2048 * 3 // 2, 5.0, 1500, 125_000_000, frozenset({"packet delay"}))
     assert load_of(told(height="2048"), 5.0) is None
 
 

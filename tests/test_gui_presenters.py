@@ -2,6 +2,7 @@
 
 import os
 import re
+import time
 from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
@@ -15,6 +16,8 @@ pytest.importorskip("PySide6.QtWidgets", reason="Qt cannot be loaded here", exc_
 
 from spherecal.base.context import Context, Progress
 from spherecal.base.messages.values import Phrase
+from spherecal_cameras.new_recording import RigCameras
+from spherecal_cameras.profile import CameraProfile
 from spherecal_cameras.protocol import CameraInfo, CameraState, CameraStatus, Counters, Discovery, SetupReport
 from spherecal_gui.presenters import coverage as cov
 from spherecal_gui.presenters.bars import budget_cells, errors_of, length_cells, next_pose, pose_state, rule_text
@@ -193,6 +196,12 @@ def test_a_lost_camera_says_so_before_anything_else():
     state = tile_state("C01", status(CameraState.LOST), sight())
     assert (state.level, state.word) == ("bad", "Lost. Check cable, power and network; it comes back by itself.")
     assert state.details == "lost. cause remedy"
+    assert state.since == "", "it has never sent an image"
+    frame: Any = SimpleNamespace(arrived_s=time.perf_counter() - 3600)
+    known = [time.strftime("%H:%M:%S", time.localtime(time.time() - 3600 + late)) for late in (-1, 0, 1)]
+    state = tile_state("C01", status(CameraState.LOST), sight(), newest=frame)
+    assert state.since in [f"no images since {at}" for at in known]
+    assert tile_state("C01", status(), sight(), newest=frame).since == ""
 
 
 def test_the_wall_in_one_sentence():
@@ -211,6 +220,9 @@ def connection(statuses: dict[str, CameraStatus]) -> Any:
         discovery=Discovery(infos),
         info=Discovery(infos).camera,
         reports=tuple(SetupReport(serial, (), (640, 480)) for serial in statuses),
+        profile=CameraProfile(),
+        rig=RigCameras((), {}),
+        wire=(),
     )
 
 

@@ -23,6 +23,7 @@ from spherecal.base.errors import Cancelled
 from spherecal.files.read_session import read_session
 from spherecal_gui import languages
 from spherecal_gui.pages.camera_dialog import CameraDialog
+from spherecal_gui.pages.look import LookPage
 from spherecal_gui.presenters.coverage import Dots, unmasked
 from spherecal_gui.project_folder import load_project
 from spherecal_gui.tasks.driver_question import DriverQuestion
@@ -325,3 +326,39 @@ def test_a_lost_camera_is_said_in_german(wizard, german):
     lines = {line.name: line for line in camera_lines(wizard.cameras.connection, wizard.project.cameras)}
     assert lines["C02"].word.startswith("Verloren.")
     assert status(wizard, "look") is Status.DONE
+
+
+# --- all cameras at once ---------------------------------------------------------------------------------------------
+
+
+@pytest.mark.slow
+def test_exposures_and_pixel_formats_of_all_cameras_are_set_by_one_click(qtbot, wizard):
+    page = LookPage(wizard)
+    qtbot.addWidget(page)
+    page.resize(1300, 800)
+    page.show()
+    state = wizard.state.of("look")
+    page.enter(state.step)
+    page.refresh()
+    names = wizard.cameras.connection.names
+    assert page.format.currentText() == "Mono8"
+    wizard.tuning.set_camera("SIM-C03", names["SIM-C03"], 90_000.0, 0.0)
+    settle(wizard)
+    page.expose.click()
+    settle(wizard)
+    chosen = [wizard.tuning.settings_of(serial).exposure_us for serial in names]
+    assert all(8_000 < one < 12_000 for one in chosen), "the demo rig is lit for 10 ms"
+    page.format.setCurrentText("Mono12")
+    page.format.textActivated.emit("Mono12")
+    settle(wizard)
+    assert wizard.tuning.pixel_formats() == {"Mono12"}
+    pump(lambda: all((s := wizard.cameras.live.sight(one)) is not None and s.frame.bits == 12 for one in names))
+    page.refresh()
+    assert page.format.currentText() == "Mono12"
+    sight = wizard.cameras.live.sight("SIM-C03")
+    assert sight.histogram.sum() == np.ceil(np.array(sight.frame.image.shape) / 8).prod()
+    assert sight.saturated < 0.001 and sight.histogram[40:].sum() > 0, "bright dots that do not clip"
+    tile = page.wall.tiles["SIM-C03"]
+    before = tile.grab().toImage()
+    tile.show_histogram(None)
+    assert tile.grab().toImage() != before, "the histogram is seen"

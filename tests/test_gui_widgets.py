@@ -107,6 +107,21 @@ def test_a_tile_draws_image_and_dots(qtbot):
     assert any(QColor(name).blue() > 200 and QColor(name).red() < 90 for name in found), "the dots"
 
 
+def test_the_last_image_of_a_lost_camera_is_faint_and_says_since_when(qtbot):
+    tile = CameraTile("S1", "C01")
+    qtbot.addWidget(tile)
+    tile.resize(400, 300)
+    tile.show_image(np.full((100, 200), 200, np.uint8), 8, 1.0)
+    live = replace(tile.state, level="good", dots=3)
+    tile.show_state(live, np.array([[50.0, 20.0]]))
+    assert "#c8c8c8" in colours_of(tile)
+    tile.show_state(replace(live, level="bad", dots=None, since="no images since 14:03:22"), np.array([[50.0, 20.0]]))
+    assert "#c8c8c8" not in colours_of(tile)
+    assert "14:03:22" in tile.accessibleName()
+    tile.show_state(live, np.array([[50.0, 20.0]]))
+    assert "#c8c8c8" in colours_of(tile)
+
+
 def test_charts_draw_what_they_are_given(qtbot):
     cameras, size = ["A", "B"], (100, 100)
     dots = cov.Dots(np.arange(200), np.zeros(200, int), np.random.default_rng(1).uniform(0, 99, (200, 2)), size)

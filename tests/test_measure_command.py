@@ -291,6 +291,12 @@ def test_cameras_are_found_by_serial_or_name(bench: tuple[SimulatedSource, Rig])
     )
     found = rig_cameras_of(rig, Discovery(infos), {"S9": "C03"})
     assert {serial: camera.id for serial, camera in found.items()} == {"S7": "C01", "S8": "C02", "S9": "C03"}
+    twins = tuple(CameraInfo(serial, "m", "v", "p", user_name="C02") for serial in ("S1", "S2"))
+    with pytest.raises(InputError, match="S1, S2"):  # whichever came first would measure with the other's lens
+        rig_cameras_of(rig, Discovery(twins))
+    impostor = CameraInfo("S1", "m", "v", "p", user_name="C01")
+    found = rig_cameras_of(rig, Discovery((impostor, CameraInfo("S7", "m", "v", "p"))))
+    assert {serial: camera.id for serial, camera in found.items()} == {"S7": "C01"}
     with pytest.raises(InputError, match="None of the cameras"):
         rig_cameras_of(rig, Discovery((CameraInfo("S1", "m", "v", "p", user_name="other"),)))
 

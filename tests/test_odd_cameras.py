@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 from spherecal_cameras.clock import CameraClock
-from spherecal_cameras.genicam.device import Device
+from spherecal_cameras.genicam.device import Device, DeviceLost
 from spherecal_cameras.genicam.discovery import together
 from spherecal_cameras.genicam.features import FeatureError
 from spherecal_cameras.genicam.hub import Producer, clean
@@ -23,6 +23,7 @@ from spherecal_cameras.genicam.rings import SLOTS, Ring, shared_memory_name
 from spherecal_cameras.genicam.slots import Slot, assess
 from spherecal_cameras.genicam.source import GenicamSource
 from spherecal_cameras.matching import RoundKeeper
+from spherecal_cameras.network_lines import load_of
 from spherecal_cameras.protocol import (
     CameraInfo,
     CameraSettings,
@@ -282,6 +283,38 @@ def test_an_enumeration_serves_as_a_switch(odd: Any, name: str, off: str, on: st
         assert (camera.told(name).got, camera.told(name).problem) == (off, "")
 
 
+LIMIT = """<Integer Name="{name}"><Value>400000000</Value><Min>1000000</Min><Max>500000000</Max><Inc>1000</Inc>
+</Integer>
+<Enumeration Name="{switch}">{entries}<Value>{value}</Value></Enumeration>"""
+ENTRY = '<EnumEntry Name="{name}"><Value>{value}</Value></EnumEntry>'
+
+
+@pytest.mark.parametrize(
+    ("name", "switch", "modes", "on"),
+    [
+        ("DeviceLinkThroughputLimit", "DeviceLinkThroughputLimitMode", ("Off", "On"), "On"),
+        ("StreamBytesPerSecond", "BandwidthControlMode", ("SCPD", "StreamBytesPerSecond"), "StreamBytesPerSecond"),
+    ],
+)
+def test_the_throughput_is_limited_by_the_cameras_own_name(
+    odd: Any, name: str, switch: str, modes: tuple[str, ...], on: str
+) -> None:
+    listed = "".join(ENTRY.format(name=mode, value=number) for number, mode in enumerate(modes))
+    nodes = LIMIT.format(name=name, switch=switch, entries=listed, value=0)
+    for wanted, got, problem in ((9_000_500, "9000000", ""), (1000, "1000000", "took 1000000")):
+        settings = CameraSettings(throughput_bytes_s=wanted)
+        with odd.opened(
+            change=lambda xml: xml.replace("<Port Name", f"{nodes}<Port Name", 1), settings=settings, acquire=False
+        ) as camera:
+            limit = camera.told("throughput limit")
+            assert (limit.node, limit.got, camera.told("throughput switch").got) == (name, got, on)
+            assert problem in limit.problem if problem else not limit.problem
+            load = load_of(camera.device.describe(), 5.0)
+            assert load is not None and "throughput limit" in load.controls
+    with odd.opened(settings=CameraSettings(throughput_bytes_s=9_000_000), acquire=False) as camera:
+        assert "does not have it" in camera.told("throughput limit").problem
+
+
 def test_a_region_takes_the_cameras_steps(odd: Any) -> None:
     steps = {"Width": (16, 64), "OffsetX": (16, 0)}
 
@@ -488,6 +521,49 @@ def test_a_broken_description_is_named_and_no_other_program_is_blamed(
             assert status.state is CameraState.ERROR, (number, status)
             assert "description of its features" in status.cause
             time.sleep(1.5)  # it is tried again after 0.3 s and 0.5 s
+
+
+# ---- texts that are not UTF-8 ----
+
+# "you" in GBK, "ue" in Latin-1, half a character of UTF-8, and whatever else a driver's memory holds
+TEXTS = ["c4e3bad3", "fc", "e4bd", *(np.random.default_rng(i).bytes(24).replace(b"\0", b"x").hex() for i in range(3))]
+
+
+@pytest.mark.parametrize("texts", TEXTS)
+def test_a_driver_whose_texts_are_not_utf8_opens_takes_images_and_errors_keep_their_meaning(
+    odd: Any, texts: str
+) -> None:
+    from genicam import gentl
+
+    with odd.opened(f"texts={texts}") as camera:
+        assert not camera.report.problems
+        assert all(camera.image(number) is not None for number in range(1, 4))
+        with pytest.raises(gentl.TimeoutException):
+            camera.device._acquirer.fetch(timeout=0.2)
+        camera.rig.unplug("A1")
+        with pytest.raises(DeviceLost) as lost:
+            camera.device.check()
+        assert "does not answer" in str(lost.value)
+        str(lost.value).encode("utf-8")
+
+
+def test_every_camera_of_such_a_driver_is_served_and_a_held_one_is_told(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setenv("SPHERECAL_GENTL_ODD", "texts=c4e3bad3")
+    monkeypatch.setenv("GENICAM_GENTL64_PATH", str(built_producer().parent))
+    cameras = [SimulatedCamera(f"A{i}", *SIZE) for i in range(1, 4)]
+    with ProducerControl(cameras) as rig, GenicamSource(log_file=tmp_path / "log") as source:
+        monkeypatch.setenv("SPHERECAL_GENTL_REGION", rig.name)
+        serials = source.discover().serials
+        rig.refuse_opening("A2", -1005)
+        source.open(serials, {})
+        states = {serial: status.state for serial, status in source.statuses().items()}
+        assert states == {"A1": CameraState.CONNECTED, "A2": CameraState.BUSY, "A3": CameraState.CONNECTED}
+        rig.clear_faults("A2")
+        until = time.monotonic() + 20.0
+        while not source.capture_set().complete:
+            assert time.monotonic() < until, source.statuses()
 
 
 # ---- names ----

@@ -15,6 +15,7 @@ from spherecal.detect.nothing_found import nothing_found
 from spherecal.detect.session_images import observed
 from spherecal.diagnose.lens_models import best_lens_model
 from spherecal.diagnose.plausibility import implausible
+from spherecal.initialise.focal_length import with_seen_focal_lengths
 from spherecal.result.build import build_failed_result, build_result
 from spherecal.steps.automatic_repairs import edited_where_certain
 from spherecal.steps.fit_ball import fit_ball_model
@@ -52,11 +53,12 @@ def calibrate(
         session = observed(session, context)
         watch.lap("detection")
     missing = nothing_found(session, from_images=has_images_alone)
+    session, seen = with_seen_focal_lengths(session)  # start values of those that nobody stated
 
     def run(some: Session) -> Calibration:
         once = partial(_calibrate, settings)
         done = calibrate_twice(some, once, context, watch) if has_images_alone else once(some, context, watch)
-        return with_findings(done, (*missing, *implausible(some), *as_stated(some, settings)))
+        return with_findings(done, (*missing, *implausible(some), *as_stated(some, settings, seen)))
 
     return edited_where_certain(session, run) if settings.repair_by_itself else run(session)
 

@@ -3,6 +3,7 @@
 from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
+from functools import reduce
 
 import numpy as np
 
@@ -144,15 +145,15 @@ def _examine(
 
 def stillness(camera: str, detections: Sequence[Detections]) -> Stillness:
     """Motion and noise of the dots that all images of a camera show."""
-    tables = [{(int(t), int(p)): uv for t, p, uv in zip(d.target, d.point, d.uv, strict=True)} for d in detections]
-    common = sorted(set.intersection(*(set(table) for table in tables))) if tables else []
-    if not common or len(tables) < 2:
+    keys = [d.target.astype(np.int64) * 64 + d.point for d in detections]
+    common = reduce(np.intersect1d, keys) if keys else np.empty(0)
+    if not len(common) or len(detections) < 2:
         return Stillness(camera, len(common), None, None)
-    uv = np.array([[table[dot] for dot in common] for table in tables])
+    uv = np.stack([d.uv[np.isin(key, common)] for key, d in zip(keys, detections, strict=True)])  # sorted, both
     moves = uv - uv.mean(axis=0)
     if len(common) < _FOR_AFFINE:
         shift = moves.mean(axis=1)
-        return Stillness(camera, len(common), _sd(shift, len(tables)), None)
+        return Stillness(camera, len(common), _sd(shift, len(detections)), None)
     return Stillness(camera, len(common), *_motion_and_noise(moves, uv.mean(axis=0)))
 
 

@@ -5,7 +5,7 @@ import json
 import time
 from collections.abc import Mapping
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -102,7 +102,13 @@ class SessionFolder:
     @property
     def to_take(self) -> tuple[PlannedSet, ...]:
         """The planned sets that are not there yet, in the plan's order."""
-        return tuple(planned for planned in self.plan.sets if planned.id not in self._images)
+        return tuple(planned for planned in self.plan.sets if not self._images.get(planned.id))
+
+    @property
+    def incomplete(self) -> dict[str, tuple[str, ...]]:
+        """The sets that lack images, whenever they were taken, each with the ids of the cameras."""
+        lacking = {name: tuple(c.id for c in self.cameras if c.id not in has) for name, has in self._images.items()}
+        return {name: cameras for name, cameras in lacking.items() if cameras}
 
     def add(self, planned: PlannedSet, taken: FrameSet, stillness: Mapping[str, Stillness] | None = None) -> None:
         """Write a set: its images first, each whole, then the metadata that name them.
@@ -117,6 +123,7 @@ class SessionFolder:
         if images:
             self._write_images(folder, {names[serial]: frame for serial, frame in taken.frames.items()})
         self._images[planned.id] = images
+        self._sets = [one for one in self._sets if one["id"] != planned.id]  # no camera had delivered then
         self._sets.append(
             {
                 "id": planned.id,
@@ -159,6 +166,7 @@ class SessionFolder:
             "format": FORMAT,
             "version": VERSION,
             "source": self._source,
+            "planned": [{k: v for k, v in asdict(one).items() if v is not None} for one in self.plan.sets],
             "cameras": [{"id": camera.id, "serial": camera.serial} for camera in self.cameras],
             "sets": self._sets,
         }

@@ -1,6 +1,7 @@
 """The link doctor: do all images arrive, do triggers work, which camera is which; and what to do where not."""
 
 import time
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -87,8 +88,7 @@ def examine(
         source.stop_live()
     links = tuple(_link(source, after[serial], before.get(serial), passed) for serial in after)
     trigger = _trigger_test(source, context)
-    findings = tuple(f for link in links for f in _judge_link(link, after[link.serial]))
-    return Examination(links, trigger, (*findings, *_judge_trigger(trigger), *light))
+    return Examination(links, trigger, (*_judge(links, after, trigger, passed), *light))
 
 
 def _warm_up(source: CameraSource, context: Context) -> None:
@@ -127,6 +127,8 @@ def _link(source: CameraSource, status: CameraStatus, before: CameraStatus | Non
         now.reopened - old.reopened * same,
         (now.delivered - old.delivered * same) / seconds,
         now.wanted_hz,
+        now.triggered - old.triggered * same,
+        now.late - old.late,
     )
     found = {feature.feature: feature.got for feature in features_of(source, status.serial)}
     return LinkReport(
@@ -156,22 +158,39 @@ def _trigger_test(source: CameraSource, context: Context) -> TriggerReport:
     return TriggerReport(len(seconds), complete, float(np.median(seconds)), max(seconds), missing)
 
 
-def _judge_link(link: LinkReport, status: CameraStatus) -> list[Finding]:
+def _judge(
+    links: tuple[LinkReport, ...], statuses: Mapping[str, CameraStatus], trigger: TriggerReport, seconds: float
+) -> Iterator[Finding]:
+    """What is wrong, without what only follows: lost packets spoil images and sets, for late answers all wait."""
+    late = {link.serial for link in links if link.counters.late}
+    for link in links:
+        yield from _judge_link(link, statuses[link.serial], bool(late), seconds)
+    explained = {link.serial for link in links if late or link.counters.incomplete or not link.state.usable}
+    for serial, count in trigger.missing.items():
+        if serial not in explained:
+            severity = "error" if count == trigger.sets else "warning"
+            yield Finding("missing-in-sets", severity, {"missing": count, "sets": trigger.sets}, (serial,))
+
+
+def _judge_link(link: LinkReport, status: CameraStatus, held_up: bool, seconds: float) -> Iterator[Finding]:
     counted, where = link.counters, (link.serial,)
     if not status.state.usable:
-        return [Finding(_UNUSABLE[status.state], "error", {"cause": status.cause, "remedy": status.remedy}, where)]
-    findings = []
+        yield Finding(_UNUSABLE[status.state], "error", {"cause": status.cause, "remedy": status.remedy}, where)
+        return
+    came = counted.delivered + counted.incomplete
     if counted.incomplete:
-        values = {"incomplete": counted.incomplete, "images": counted.incomplete + counted.delivered}
-        findings.append(Finding("incomplete-images", "warning", values, where))
+        values = {"incomplete": counted.incomplete, "images": came}
+        yield Finding("incomplete-images", "warning" if counted.delivered else "error", values, where)
+    elif counted.late:
+        yield Finding("late-answers", "warning", {"times": counted.late}, where)
     if counted.underrun:
-        findings.append(Finding("underrun", "warning", {"images": counted.underrun}, where))
-    wanted = counted.wanted_hz
-    if wanted and counted.rate_hz < _RATE_KEPT * wanted:
-        findings.append(Finding("slow", "warning", {"rate_hz": counted.rate_hz, "wanted_hz": wanted}, where))
-    if not counted.delivered:
-        findings.append(Finding("no-images", "error", where=where))
-    return findings
+        yield Finding("underrun", "warning", {"images": counted.underrun}, where)
+    # of triggers that came late because of another camera, this one's images come late too
+    wanted = counted.triggered / seconds if held_up and counted.triggered else counted.wanted_hz
+    if wanted and 0 < came < _RATE_KEPT * wanted * seconds:
+        yield Finding("slow", "warning", {"rate_hz": came / seconds, "wanted_hz": wanted}, where)
+    if not came:
+        yield Finding("no-images", "error", where=where)
 
 
 _UNUSABLE = {
@@ -181,18 +200,6 @@ _UNUSABLE = {
     CameraState.BUSY: "camera-busy",
     CameraState.ERROR: "camera-error",
 }
-
-
-def _judge_trigger(trigger: TriggerReport) -> tuple[Finding, ...]:
-    return tuple(
-        Finding(
-            "missing-in-sets",
-            "error" if count == trigger.sets else "warning",
-            {"missing": count, "sets": trigger.sets},
-            (serial,),
-        )
-        for serial, count in trigger.missing.items()
-    )
 
 
 def covered_camera(source: CameraSource, before: dict[str, float], context: Context | None = None) -> str | None:

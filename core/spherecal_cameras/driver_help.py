@@ -1,103 +1,124 @@
-"""Why no camera was found, or not all: no driver, one that is not allowed, one without cameras, another subnet."""
+"""Why no camera was found, or not all: no driver, one that is not allowed, one without cameras."""
 
-import ipaddress
-import os
-import socket
-import sys
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
-from spherecal_cameras.network_lines import free_beside, network_lines
-from spherecal_cameras.protocol import CameraError, Discovery
-from spherecal_gentl.gige.gvcp import NetworkCamera, search
+from spherecal.base.messages.values import Phrase
+from spherecal_cameras.camera_network import WireCamera, found_on_wire
+from spherecal_cameras.makers import maker_of
+from spherecal_cameras.protocol import CameraError, CameraInfo, Discovery
+from spherecal_cameras.usb import UsbCamera, usb_cameras
+from spherecal_gentl.gige.gvcp import NetworkCamera
 
-Trouble = Literal["no-driver", "not-allowed", "not-loaded", "no-cameras", "other-subnet"]
+if TYPE_CHECKING:  # the window's start waits for no more than it must
+    from spherecal_cameras.builtin_driver import BuiltinDriver
 
-
-@dataclass(frozen=True)
-class LocalAddress:
-    """An address of this computer and the network interface that has it (empty where the system does not name it)."""
-
-    interface: str
-    address: str
+Trouble = Literal["no-driver", "not-allowed", "not-loaded", "no-cameras"]
 
 
 @dataclass(frozen=True)
 class DriverTrouble:
-    """One reason: the driver's file with its own words, or a camera with the address that would reach it.
-
-    `beside` is an address for this computer in the camera's network, such as 192.168.7.254/24; `local` are the
-    addresses that it has.
-    """
+    """One reason: the driver's file with its own words; where there is none, the makers of cameras that answer."""
 
     kind: Trouble
     file: str = ""
     said: str = ""
-    camera: NetworkCamera | None = None
-    local: tuple[LocalAddress, ...] = ()
-    beside: str = ""
+    makers: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class SeenCamera:
+    """A camera that no driver lists and that answers all the same: by IP address, or on USB (`place`).
+
+    `package` is its maker's driver package, empty where the maker is not known.
+    """
+
+    maker: str
+    model: str
+    serial: str
+    place: str
+    package: str
 
 
 class NoCameras(CameraError):
-    """No camera was found; `troubles` say why."""
+    """No camera was found; `troubles` say why, `wire` has those that answer on the network all the same."""
 
     troubles: tuple[DriverTrouble, ...] = ()
+    wire: tuple[WireCamera, ...] = ()
 
 
-def driver_troubles(
-    discovery: Discovery, answering: Iterable[NetworkCamera] = (), local: Sequence[LocalAddress] = ()
-) -> tuple[DriverTrouble, ...]:
+def driver_troubles(discovery: Discovery, wire: Iterable[WireCamera] = ()) -> tuple[DriverTrouble, ...]:
     """Why no camera was found, or not all.
 
     A driver without cameras is only a reason where no driver has any.
     """
     found: list[DriverTrouble] = []
     if not discovery.producers:
-        found.append(DriverTrouble("no-driver"))
+        makers = sorted({one.maker for one in wire if one.maker})
+        found.append(DriverTrouble("no-driver", makers=tuple(makers)))
     for one in discovery.producers:
         if not one.usable:
             kind: Trouble = "not-allowed" if one.refused else "not-loaded"
             found.append(DriverTrouble(kind, one.file, f"{one.message} {one.hint}".strip()))
-    known = {camera.serial for camera in discovery.cameras}
-    elsewhere = [one for one in answering if one.serial not in known and not _reached(one, local)]
-    found += [
-        DriverTrouble("other-subnet", camera=one, local=tuple(local), beside=free_beside(one)) for one in elsewhere
-    ]
-    if not discovery.cameras and not elsewhere:
+    if not discovery.cameras:
         found += [DriverTrouble("no-cameras", one.file, one.message) for one in discovery.producers if one.usable]
     return tuple(found)
 
 
-def _reached(camera: NetworkCamera, local: Iterable[LocalAddress]) -> bool:
-    """Whether this computer has an address in the camera's network, on the interface where the camera answered."""
-    try:
-        network = ipaddress.ip_interface(f"{camera.address}/{camera.mask}").network
-        return any(
-            ipaddress.ip_address(one.address) in network for one in local if one.interface in ("", camera.interface)
-        )
-    except ValueError:  # the camera's own word, which may be anything
-        return False
+def answering() -> tuple[WireCamera, ...]:
+    """Every camera that answers without a driver, on the network or on USB (its address is `USB` then); blocking."""
+    usb = (
+        WireCamera("", "USB", "", one.maker, one.model, one.serial, "", "", subnet_ok=True, controlled_by_other=None)
+        for one in usb_cameras()
+    )
+    return (*found_on_wire(), *usb)
 
 
-def local_addresses() -> tuple[LocalAddress, ...]:
-    """The IPv4 addresses of the computer, without the loopback."""
-    if sys.platform.startswith("linux"):
-        return tuple(LocalAddress(line.interface, line.address) for line in network_lines())
-    try:
-        found = socket.gethostbyname_ex(socket.gethostname())[2]
-    except OSError:
+def on_wire(info: CameraInfo, wire: Iterable[WireCamera]) -> WireCamera | None:
+    """What a camera says of itself on the network; None where it does not answer there.
+
+    Cameras of one serial number are told apart by what else the driver knows: address or hardware address.
+    """
+    alike = [one for one in wire if one.serial and info.serial.split(" (")[0] == one.serial]
+    if len(alike) > 1:
+        known = f"{info.serial} {info.device_id} {info.address}".lower()
+        apart = [one for one in alike if one.ip_address in known or one.mac.lower() in known]
+        alike = apart or [one for one in alike if one.mac.replace(":", "").lower() in known]
+    return alike[0] if len(alike) == 1 else None
+
+
+def unlisted(discovery: Discovery, wire: Iterable[WireCamera]) -> tuple[WireCamera, ...]:
+    """The cameras that answer on the network and that no driver lists."""
+    wire = tuple(wire)
+    listed = {on_wire(info, wire) for info in discovery.cameras}
+    return tuple(one for one in wire if one not in listed)
+
+
+def seen_without_driver(
+    discovery: Discovery, answering: Iterable[NetworkCamera], usb: Iterable[UsbCamera] = ()
+) -> tuple[SeenCamera, ...]:
+    """The cameras that answer on the wire or hang on the bus, and that no driver lists."""
+    known = {camera.serial for camera in discovery.cameras}
+    found = [(one.vendor, one.model, one.serial, one.address) for one in answering]
+    found += [(one.maker, one.model, one.serial, "USB") for one in usb]
+    return tuple(
+        SeenCamera(vendor, model, serial, place, "" if (maker := maker_of(vendor)) is None else maker.driver)
+        for vendor, model, serial, place in found
+        if serial not in known
+    )
+
+
+def driver_advice(seen: Sequence[SeenCamera], builtin: "BuiltinDriver") -> tuple[Phrase, ...]:
+    """What answers although no driver lists it, and what makes it usable: the makers' packages, or the built-in driver."""
+    if not seen:
         return ()
-    return tuple(LocalAddress("", one) for one in found if not ipaddress.ip_address(one).is_loopback)
-
-
-def answering_cameras(local: Sequence[LocalAddress], seconds: float = 0.7) -> tuple[NetworkCamera, ...]:
-    """The GigE cameras that answer to a broadcast from these addresses, of whatever subnet; blocking."""
-    found: dict[str, NetworkCamera] = {}
-    for where in {one.interface: one for one in local}.values() if os.name == "posix" else local:
-        try:
-            for camera in search(where.interface, seconds, where.address):
-                found.setdefault(camera.mac, camera)
-        except OSError:  # down, or not allowed
-            continue
-    return tuple(found.values())
+    cameras = [Phrase("driver-camera", vars(one)) for one in seen]
+    found = [Phrase("driver-answering", {"count": len(seen), "cameras": cameras})]
+    packages = sorted({one.package for one in seen if one.package})
+    found += [Phrase("driver-package", {"packages": packages})] if packages else []
+    if builtin.kind == "can-be-built":
+        found.append(Phrase("driver-builtin"))
+    elif builtin.install:
+        found.append(Phrase("driver-builtin-lacks", {"command": builtin.install}))
+    return tuple(found)

@@ -11,7 +11,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from spherecal.data.findings import Finding
-from spherecal_cameras.protocol import FeatureReport
+from spherecal_cameras.protocol import CameraSettings, CameraSource, Discovery, FeatureReport, features_of
+from spherecal_cameras.usb import UsbCamera, usb_cameras
 from spherecal_gentl.gige.gvcp import NetworkCamera, search
 
 # Ethernet, IP, UDP and GVSP around the pixels of a packet, preamble and gap included; the packet size of a camera has
@@ -25,6 +26,11 @@ _TICK_HZ = 1_000_000_000
 _GET_ADDRESS, _GET_MASK, _GET_MTU, _ETHTOOL = 0x8915, 0x891B, 0x8921, 0x8946  # SIOCGIFADDR and so on
 _LINK_SETTINGS = struct.pack("I40x", 1)  # of ethtool: ETHTOOL_GSET
 _SETTINGS = Path("/proc/sys/net")
+
+
+_SHARES = ("packet_delay", "frame_delay", "throughput_bytes_s")
+# Of a USB 3 bus of 5 Gbit/s: makers of cameras name 350 to 380 MB/s for all cameras together.
+_USB_BYTES_OF_BIT = 360e6 / 5e9
 
 
 @dataclass(frozen=True)
@@ -45,21 +51,38 @@ class NetworkLine:
 
 @dataclass(frozen=True)
 class CameraLoad:
-    """What a camera is to send: bytes of an image, images a second, bytes of a packet, ticks a second of its clock."""
+    """What a camera is to send: bytes of an image, images a second, bytes of a packet, ticks a second of its clock.
+
+    `controls`: by which of our features it can be made to leave room for others.
+    """
 
     image_bytes: int
     rate_hz: float
     packet_size: int = _PLAIN
     tick_hz: int = _TICK_HZ
+    controls: frozenset[str] = frozenset({"packet delay", "frame delay"})
+
+
+_CONTROLS = ("packet delay", "frame delay", "throughput limit")
+_NO_LOAD = CameraLoad(0, 0.0, controls=frozenset())
 
 
 @dataclass(frozen=True)
 class Stagger:
-    """Delays in ticks of a camera's clock with which cameras share a line: after every packet, and before a frame."""
+    """How a camera shares a line: delays after every packet and before a frame, in ticks of its clock, or bytes/s.
+
+    None is what it cannot do, or need not.
+    """
 
     serial: str
-    packet_delay: int
-    frame_delay: int
+    packet_delay: int | None = None
+    frame_delay: int | None = None
+    throughput_bytes_s: int | None = None
+
+    def of(self, settings: CameraSettings) -> CameraSettings:
+        """Settings with this share in them, and no other."""
+        share = (self.packet_delay, self.frame_delay, self.throughput_bytes_s)
+        return replace(settings, **dict(zip(_SHARES, share, strict=True)))
 
 
 @dataclass(frozen=True)
@@ -89,7 +112,42 @@ def load_of(features: Sequence[FeatureReport], rate_hz: float) -> CameraLoad | N
     deep = any(bits in pixel_format for bits in ("10", "12", "14", "16"))
     packed = pixel_format.endswith(("p", "Packed"))
     bytes_each = 1.0 if not deep else 1.5 if packed else 2.0
-    return CameraLoad(round(pixels * bytes_each), rate_hz, packet or _PLAIN, ticks or _TICK_HZ)
+    controls = frozenset(one.feature for one in features if one.node is not None and one.feature in _CONTROLS)
+    return CameraLoad(round(pixels * bytes_each), rate_hz, packet or _PLAIN, ticks or _TICK_HZ, controls)
+
+
+def loads_of(source: CameraSource, discovery: Discovery, rate_hz: float, transports: str) -> dict[str, CameraLoad]:
+    """What the open cameras of a transport are to send, by serial number; none where a source is not of real cameras."""
+    if source.kind != "genicam":
+        return {}
+    serials = [info.serial for info in discovery.cameras if info.transport in transports.split()]
+    loads = {serial: load_of(features_of(source, serial), rate_hz) for serial in serials}
+    return {serial: load for serial, load in loads.items() if load is not None}
+
+
+def examined(source: CameraSource, discovery: Discovery, rate_hz: float) -> tuple[LineExamination, ...]:
+    """The lines of the GigE cameras that a source has open; none where there are no such cameras."""
+    loads = loads_of(source, discovery, rate_hz, "GEV GigEVision")
+    return examine_lines(loads) if loads else ()
+
+
+def shares(source: CameraSource, discovery: Discovery, lines: Sequence[LineExamination]) -> tuple[Stagger, ...]:
+    """How the open cameras of a source share their lines, GigE's and USB's; `Stagger.of` puts it into settings."""
+    usb = loads_of(source, discovery, 1.0, "U3V USB3Vision")
+    return (*(one for line in lines for one in line.staggers), *(bus_shares(usb, usb_cameras()) if usb else ()))
+
+
+def bus_shares(loads: Mapping[str, CameraLoad], cameras: Sequence[UsbCamera]) -> tuple[Stagger, ...]:
+    """Limits with which USB3 Vision cameras share a bus; of those that can be limited, and are on the bus by serial."""
+    by_bus: dict[str, list[UsbCamera]] = {}
+    for camera in cameras:
+        by_bus.setdefault(camera.bus, []).append(camera)
+    return tuple(
+        Stagger(camera.serial, throughput_bytes_s=round(camera.mbit_s * 1e6 * _USB_BYTES_OF_BIT / len(together)))
+        for together in by_bus.values()
+        for camera in together
+        if len(together) > 1 and camera.mbit_s and "throughput limit" in loads.get(camera.serial, _NO_LOAD).controls
+    )
 
 
 def examine_lines(loads: Mapping[str, CameraLoad]) -> tuple[LineExamination, ...]:
@@ -129,6 +187,11 @@ def network_lines() -> tuple[NetworkLine, ...]:
             )
         )
     return tuple(found)
+
+
+def network_of(line: NetworkLine) -> ipaddress.IPv4Network:
+    """The network that an interface is in."""
+    return ipaddress.IPv4Interface(f"{line.address}/{line.mask}").network
 
 
 def _asked(name: str, request: int, data: bytes = b"") -> bytes | None:
@@ -183,20 +246,26 @@ def wire_bytes(load: CameraLoad) -> int:
 
 
 def stagger(loads: Mapping[str, CameraLoad], mbit_s: float) -> tuple[Stagger, ...]:
-    """Delays (GevSCPD, GevSCFTD) with which these cameras, triggered together, share a line.
+    """Delays (GevSCPD, GevSCFTD) or limits with which these cameras, triggered together, share a line.
 
     Each camera leaves room for one packet of every other after each of its own, and they begin one packet apart. So no
-    switch has to keep more than a packet of each; a tenth of the line stays free.
+    switch has to keep more than a packet of each; a tenth of the line stays free. A camera without a packet delay is
+    limited to its part of the line; one that has neither is left out.
     """
     packet_s = max((load.packet_size + _ON_WIRE) * 8 / (mbit_s * 1e6 * _USABLE) for load in loads.values())
-    return tuple(
-        Stagger(serial, round((len(loads) - 1) * packet_s * load.tick_hz), round(place * packet_s * load.tick_hz))
-        for place, (serial, load) in enumerate(loads.items())
-    )
+    share = round(mbit_s * 1e6 / 8 * _USABLE / len(loads))
+    found = []
+    for place, (serial, load) in enumerate(loads.items()):
+        if "packet delay" in load.controls:
+            before = round(place * packet_s * load.tick_hz) if "frame delay" in load.controls else None
+            found.append(Stagger(serial, round((len(loads) - 1) * packet_s * load.tick_hz), before))
+        elif "throughput limit" in load.controls:
+            found.append(Stagger(serial, throughput_bytes_s=share))
+    return tuple(found)
 
 
 def _addresses(line: NetworkLine, cameras: Sequence[NetworkCamera]) -> list[Finding]:
-    network = ipaddress.ip_interface(f"{line.address}/{line.mask}").network
+    network = network_of(line)
     found = []
     held = Counter(camera.address for camera in cameras)
     for address in [*[a for a, times in held.items() if times > 1], *({line.address} & set(held))]:

@@ -10,12 +10,15 @@ from spherecal.base.errors import InputError, Words
 from spherecal.base.filesystem import create
 from spherecal.base.messages.values import Phrase
 from spherecal.data.session import Bar, CameraSpec, Session
+from spherecal.files.capture_file import CAPTURE_FILE, PLANNED
+from spherecal.files.capture_file import FORMAT as CAPTURE_FORMAT
+from spherecal.files.capture_file import VERSION as CAPTURE_VERSION
 from spherecal.files.json_file import read_json
 from spherecal.files.observations_file import COLUMNS
 from spherecal.files.read_session import FORMAT, VERSION, read_session
 from spherecal.files.target_set_file import read_target_set, write_target_set
 from spherecal.targets.target_set import TargetSet
-from spherecal_cameras.protocol import CameraError
+from spherecal_app.recordings.new_session import assumed_prior
 from spherecal_sim.session_folder import session_json
 
 _TAKEN_OVER = ("scale", "sphere", "bars", "board")
@@ -77,8 +80,24 @@ def read_plan(path: Path) -> CapturePlan:
 
     A recorded session, also its folder, serves as the plan of the next one; cameras in it give theirs their priors.
     """
-    if path.is_dir():
-        path = path / "session.json"
+    plan = _plan_in(path / "session.json" if path.is_dir() else path)
+    if not plan.sets:
+        raise InputError(Phrase("error-nothing-to-capture", {"file": path}))
+    return plan
+
+
+def begun_plan(folder: Path) -> CapturePlan | None:
+    """The plan of a capture that was begun in a folder; None where none was, or by a version that kept none."""
+    if not (folder / CAPTURE_FILE).is_file():
+        return None
+    capture = read_json(folder / CAPTURE_FILE, CAPTURE_FORMAT, CAPTURE_VERSION).fields((), ("planned",))
+    if "planned" not in capture:
+        return None
+    sets = tuple(PlannedSet(**one) for one in PLANNED.read(capture["planned"]))
+    return replace(_plan_in(folder / "session.json"), sets=sets)
+
+
+def _plan_in(path: Path) -> CapturePlan:
     f = read_json(path, FORMAT, VERSION).fields((), ("cameras", "placements", "bar_poses", "target_set", *_TAKEN_OVER))
     target_set = None
     if "target_set" in f:
@@ -90,8 +109,6 @@ def read_plan(path: Path) -> CapturePlan:
     session = _checked(document, target_set, path)
     placements = tuple(PlannedSet(place.id) for place in session.placements)
     poses = tuple(PlannedSet(pose.id, pose.bar, pose.temperature_c) for pose in session.bar_poses)
-    if not placements + poses:
-        raise InputError(Phrase("error-nothing-to-capture", {"file": path}))
     fields = {key: document[key] for key in _TAKEN_OVER if key in document}
     cameras = document.get("cameras")
     known = tuple(cameras) if isinstance(cameras, list) else ()
@@ -144,22 +161,18 @@ def _about(words: Words, read: Path, given: Path) -> Words:
 def camera_spec_json(
     name: str, serial: str, model: str, size: tuple[int, int], pitch_um: float | None, focal_mm: float | None
 ) -> dict[str, Any]:
-    """A real camera as session.json has it.
+    """A real camera as session.json has it; without a lens its prior is one that a calibration replaces by looking.
 
     `size`: width and height of its images, px; `pitch_um` None where it is not known; `focal_mm` None where it is not
     known.
     """
-    if pitch_um is None or focal_mm is None:
-        raise CameraError(Phrase("error-lens-unknown", {"camera": name}))
-    return {
-        "id": name,
-        "serial": serial,
-        "model": model,
-        "image_size": list(size),
-        "pixel_pitch_um": pitch_um,
-        "focal_length_mm": focal_mm,
-        "intrinsics_group": name,
-    }
+    entry: dict[str, Any] = {"id": name, "serial": serial, "model": model, "image_size": list(size)}
+    entry |= {} if pitch_um is None else {"pixel_pitch_um": pitch_um}
+    if pitch_um is not None and focal_mm is not None:
+        entry["focal_length_mm"] = focal_mm
+    else:
+        entry["prior"] = assumed_prior(size)
+    return {**entry, "intrinsics_group": name}
 
 
 def recorded_camera_json(camera: CameraSpec, session: Session, serial: str) -> dict[str, Any]:

@@ -145,7 +145,8 @@ class CameraSettings:
     nearest one is taken and reported. `region` None is the whole sensor. `trigger_source` is the input of a hardware
     trigger; `scheduled` is an action command for a moment of the clock that cameras share by IEEE 1588 (PTP).
     `frame_rate_hz` None lets the camera run as fast as it can; it does not limit triggers. `packet_size`,
-    `packet_delay` and `frame_delay` (ticks of the camera's clock) None leave what the driver negotiated.
+    `packet_delay` and `frame_delay` (ticks of the camera's clock) None leave what the driver negotiated, as does
+    `throughput_bytes_s`, the most that the camera sends.
     """
 
     exposure_us: float = 10_000.0
@@ -158,6 +159,7 @@ class CameraSettings:
     packet_size: int | None = None
     packet_delay: int | None = None
     frame_delay: int | None = None
+    throughput_bytes_s: int | None = None
 
 
 @dataclass(frozen=True)
@@ -274,7 +276,8 @@ class Counters:
 
     `delivered` whole images, `incomplete` images with parts missing, `underrun` images the driver had no buffer for,
     `overwritten` images that nobody fetched in time, `reopened` returns after a loss. `rate_hz` is the present rate of
-    whole images, `wanted_hz` the requested one (None: none in particular).
+    whole images, `wanted_hz` the requested one (None: none in particular). `triggered` software triggers and action
+    commands, `late` answers to a register read for which all cameras had to wait.
     """
 
     delivered: int = 0
@@ -284,6 +287,8 @@ class Counters:
     reopened: int = 0
     rate_hz: float = 0.0
     wanted_hz: float | None = None
+    triggered: int = 0
+    late: int = 0
 
 
 @dataclass(frozen=True)

@@ -44,22 +44,22 @@ class LiveSettings:
 def rig_cameras_of(rig: Rig, discovery: Discovery, names: Mapping[str, str] | None = None) -> dict[str, RigCamera]:
     """The rig's camera for each serial number that was found: by serial, else by the camera's name."""
     by_serial = {camera.serial: camera for camera in rig.cameras if camera.serial}
-    found: dict[str, RigCamera] = {}
+    found = {serial: by_serial[serial] for serial in discovery.serials if serial in by_serial}
+    by_name: dict[str, str] = {}
     for info in discovery.cameras:
-        given = (names or {}).get(info.serial, "")
-        for camera in (
-            by_serial.get(info.serial),
-            *(rig.camera(as_id(name, "")) for name in (given, info.user_name, info.serial) if name),
-        ):
+        for name in ((names or {}).get(info.serial, ""), info.user_name, info.serial):
+            camera = rig.camera(as_id(name, "")) if name and info.serial not in found else None
+            if camera is not None and camera.id in by_name:
+                alike = {"name": repr(camera.id), "cameras": [by_name[camera.id], info.serial]}
+                raise InputError(Phrase("error-camera-ambiguous", alike))
             if camera is not None and camera not in found.values():
-                found[info.serial] = camera
-                break
+                found[info.serial], by_name[camera.id] = camera, info.serial
     if not found:
         there = [info.user_name or info.serial for info in discovery.cameras[:12]] or Phrase("nothing")
         raise InputError(
             Phrase("error-cameras-not-rigs", {"found": there, "cameras": [camera.id for camera in rig.cameras[:12]]})
         )
-    return found
+    return {serial: found[serial] for serial in discovery.serials if serial in found}
 
 
 class LiveSets:

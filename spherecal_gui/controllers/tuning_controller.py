@@ -1,9 +1,9 @@
 """What is set at a camera: its name, exposure and gain, its light."""
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import replace
-from typing import TYPE_CHECKING, Protocol, runtime_checkable
+from typing import TYPE_CHECKING, Any, Protocol, runtime_checkable
 
 from PySide6.QtCore import QCoreApplication
 
@@ -11,13 +11,15 @@ from spherecal.base.context import Context
 from spherecal.base.filesystem import id_problem
 from spherecal.base.messages.catalogue import phrase
 from spherecal_gui import languages
-from spherecal_gui.controllers.camera_controller import CameraController
+from spherecal_gui.controllers.camera_controller import CameraController, keep_in_profile
 from spherecal_gui.controllers.controller_part import ControllerPart
 from spherecal_gui.controllers.project_controller import ProjectController
 from spherecal_gui.tasks.task import Runner
 
 if TYPE_CHECKING:  # the window starts without the cameras' modules
-    from spherecal_cameras.protocol import CameraSettings, TriggerMode
+    from spherecal_cameras.protocol import CameraSettings, CameraSource, TriggerMode
+
+    OfAll = Mapping[str, CameraSettings]  # by serial
 
 translate = QCoreApplication.translate
 
@@ -91,7 +93,7 @@ class TuningController(ControllerPart):
         def work(context: Context) -> bool:
             context.report("setting up the camera", 0.0, connection.names[serial])
             if real:
-                _keep(serial, name if renamed else None, settings)
+                keep_in_profile((serial,), settings=settings, **({"name": name} if renamed else {}))
             source.apply({serial: settings})
             return renamed
 
@@ -100,21 +102,54 @@ class TuningController(ControllerPart):
 
     def set_trigger(self, trigger: "TriggerMode") -> bool:
         """Have all cameras exposed by this trigger; kept in the camera profile."""
+        return self._set_all(lambda source, of_all, _: _apply(source, _each(of_all, trigger=trigger)))
+
+    def set_pixel_format(self, name: str) -> bool:
+        """Have all cameras send this pixel format; kept in the camera profile."""
+        return self._set_all(lambda source, of_all, _: _apply(source, _each(of_all, pixel_format=name)))
+
+    def pixel_formats(self) -> set[str]:
+        """The pixel formats that the cameras were set to."""
+        names = self._cameras.connection.names if self._cameras.connection is not None else {}
+        return {self.settings_of(serial).pixel_format for serial in names}
+
+    def expose_all(self) -> bool:
+        """Find for each camera the longest exposure by which its dots are not saturated; kept in the camera profile."""
+
+        def expose(source: "CameraSource", of_all: "OfAll", context: Context) -> "tuple[OfAll, list[str]]":
+            # the window starts without the cameras' modules
+            from spherecal.targets.detection import Detector
+            from spherecal_cameras.exposure import expose_all
+
+            detector = self._cameras.connection.detector() if self._cameras.connection is not None else None
+            return expose_all(source, of_all, detector if isinstance(detector, Detector) else None, context), []
+
+        return self._set_all(expose)
+
+    def _set_all(self, change: "Callable[[CameraSource, OfAll, Context], tuple[OfAll, list[str]]]") -> bool:
+        """Begin to set up all cameras that can be reached; those of a rig keep it in the camera profile."""
         connection = self._cameras.connection
         if connection is None or self.runner.running:
             return False
-        of_all = {serial: replace(self.settings_of(serial), trigger=trigger) for serial in connection.names}
-        source, names = connection.source, connection.names
+        source, real, names = connection.source, self._real, connection.names
+        states = source.statuses()
+        of_all = {s: self.settings_of(s) for s in names if s not in states or states[s].state.usable}
 
-        def work(context: Context) -> bool:
-            for number, (serial, settings) in enumerate(of_all.items()):
-                context.report("setting up the camera", number / len(of_all), names[serial])
-                _keep(serial, None, settings)
-            source.apply(of_all)
-            return False
+        def work(context: Context) -> "tuple[OfAll, list[str]]":
+            changed, refused = change(source, of_all, context)
+            for serial, settings in changed.items():
+                if real:
+                    keep_in_profile((serial,), settings=settings)
+            return changed, refused
 
-        self._tuned.update(of_all)
-        return self.runner.start("connect", work, self._set_up, self.main.failed("connect"))
+        def done(found: "tuple[OfAll, list[str]]") -> None:
+            self._tuned.update(found[0])
+            if found[1]:
+                message = translate("Look", "Not as wanted: {names}. Their driver took the nearest setting.")
+                self.main.tell("bad", message.format(names=", ".join(names[one] for one in found[1])))
+            self._set_up(False)
+
+        return self.runner.start("connect", work, done, self.main.failed("connect"))
 
     def why_no_trigger(self) -> str:
         """Why the cameras' trigger cannot be chosen; empty where it can."""
@@ -167,11 +202,10 @@ class TuningController(ControllerPart):
         self.blinker.start("blink", work, answered, lambda _: answered(False), lambda: None)
 
 
-def _keep(serial: str, name: str | None, settings: "CameraSettings") -> None:
-    """Write a camera's name and settings into the camera profile."""
-    from spherecal_cameras.profile import default_profile_path, read_profile, write_profile  # as in settings_of
+def _each(of_all: "OfAll", **changes: Any) -> "OfAll":
+    return {serial: replace(settings, **changes) for serial, settings in of_all.items()}
 
-    path = default_profile_path()
-    profile = read_profile(path)
-    entry = replace(profile.entry(serial), settings=settings)
-    write_profile(path, profile.with_entry(entry if name is None else replace(entry, name=name)))
+
+def _apply(source: "CameraSource", of_all: "OfAll") -> "tuple[OfAll, list[str]]":
+    """Set up cameras; their settings, and those that did not take all."""
+    return of_all, [report.serial for report in source.apply(of_all) if report.problems]

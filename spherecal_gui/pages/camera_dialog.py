@@ -130,7 +130,8 @@ class CameraDialog(QDialog):
         if frame is not None:
             self.tile.show_image(frame.image, frame.bits, frame.arrived_s)
         status = connection.source.statuses().get(self.serial)
-        state = tile_state(self.tile.name, status, sight, has_image=frame is not None)
+        state = tile_state(self.tile.name, status, sight, newest=frame)
+        self.tile.show_histogram(sight.histogram if sight is not None else None)
         self.tile.show_state(state, sight.dots.uv if sight is not None else np.empty((0, 2)))
 
     def _apply(self) -> None:

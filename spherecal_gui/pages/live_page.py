@@ -23,6 +23,7 @@ class LivePage(Page):
     wall: Wall
     wants_dots = False
     some_are_enough = False
+    wants_histograms = False
 
     def show_cameras(self) -> None:
         """One tile for every camera that is open."""
@@ -54,7 +55,7 @@ class LivePage(Page):
                 statuses.get(serial),
                 sight,
                 expected,
-                frame is not None,
+                frame,
                 live.watch.bumped.get(serial),
             )
             exposure_us = self.controller.tuning.settings_of(serial).exposure_us
@@ -65,6 +66,7 @@ class LivePage(Page):
             if frame is not None:
                 tile.show_image(frame.image, frame.bits, frame.arrived_s)
             tile.show_state(state, sight.dots.uv if sight is not None else np.empty((0, 2)))
+            tile.show_histogram(sight.histogram if sight is not None and self.wants_histograms else None)
             tile.show_masks(live.masks.get(serial, ()))
         self.wall.follow_worst()
         return states

@@ -1,6 +1,6 @@
 """Look: the wall of all cameras."""
 
-from PySide6.QtWidgets import QHBoxLayout, QLabel, QVBoxLayout, QWidget
+from PySide6.QtWidgets import QComboBox, QHBoxLayout, QLabel, QVBoxLayout, QWidget
 
 from spherecal_gui.controllers.controller import Controller
 from spherecal_gui.pages.base import PageAction
@@ -12,16 +12,21 @@ from spherecal_gui.widgets.basic import button, enable, label, set_level
 from spherecal_gui.widgets.tile import Wall
 from spherecal_gui.workflow import Status, Step
 
+# GenICam's names; a camera that lacks one takes the nearest. More bits than eight are of use in dim light.
+_FORMATS = ("Mono8", "Mono10", "Mono12", "Mono12p", "Mono16", "BayerRG8", "BayerRG12")
+
 
 class LookPage(LivePage):
     """Every camera's live image with its dots, its light and its focus."""
+
+    wants_histograms = True
 
     def __init__(self, controller: Controller, parent: QWidget | None = None) -> None:
         super().__init__(controller, parent)
         column = QVBoxLayout(self)
         self.summary = label("", "huge")
         self.summary.setObjectName("huge")
-        column.addWidget(self.summary)
+        column.addLayout(self._top_row())
         self.warm_up = label("", "")
         set_level(self.warm_up, "caution")
         self.warm_up.hide()
@@ -33,6 +38,23 @@ class LookPage(LivePage):
         column.addWidget(self.wall, 1)
         self._seen_all, self._have_images = False, False
         self._level: Level = "none"
+
+    def _top_row(self) -> QHBoxLayout:
+        """How the cameras are, and what is set for all of them."""
+        row = QHBoxLayout()
+        row.addWidget(self.summary, 1)
+        self.expose = button(self.tr("Set exposures"), "expose-all")
+        self.expose.setToolTip(self.tr("Each camera gets the longest exposure by which its dots are not saturated."))
+        self.expose.clicked.connect(self.controller.tuning.expose_all)
+        self.format = QComboBox()
+        self.format.setObjectName("pixel-format")
+        self.format.addItems(_FORMATS)
+        self.format.setAccessibleName(self.tr("Pixel format of all cameras"))
+        self.format.textActivated.connect(self.controller.tuning.set_pixel_format)
+        self.format.setToolTip(self.format.accessibleName())
+        row.addWidget(self.format)
+        row.addWidget(self.expose)
+        return row
 
     def _mask_row(self) -> QHBoxLayout:
         """Reflections and strange targets are covered with the mouse."""
@@ -81,6 +103,11 @@ class LookPage(LivePage):
         self.message.setText(text)
         idle = self.controller.runner.running is None
         busy, none = self.tr("Work is running."), self.tr("There are no masks.")
+        connected = self.controller.cameras.connection is not None
+        enable(self.expose, idle and connected, busy)
+        enable(self.format, idle and connected, busy)
+        formats = self.controller.tuning.pixel_formats()
+        self.format.setCurrentIndex(self.format.findText(formats.pop()) if len(formats) == 1 else -1)
         enable(self.draw, idle and self.controller.cameras.connection is not None, busy)
         for one in (self.undo, self.clear):
             enable(one, idle and bool(masks), none if idle else busy)

@@ -1,5 +1,6 @@
 """What a camera's tile says: focus, light, temperature, and what to do about them."""
 
+import time
 from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
@@ -10,7 +11,7 @@ from spherecal_gui.presenters.coverage import Level
 from spherecal_gui.texts import camera_details, camera_trouble
 
 if TYPE_CHECKING:  # imports scipy, OpenCV and the kernels
-    from spherecal_cameras.protocol import CameraStatus
+    from spherecal_cameras.protocol import CameraStatus, Frame
     from spherecal_gui.tasks.live import Sight
 
 translate = QCoreApplication.translate
@@ -32,7 +33,8 @@ _FEW = 2  # cameras of which it cannot be said which one is dim
 class TileState:
     """A tile's words: `dots` is the counter, `word` the one thing to know or do, `figures` its own figures.
 
-    `summed` is its trouble in a headline, with its name; `details` are the engine's own words on it.
+    `summed` is its trouble in a headline, with its name; `details` are the engine's own words on it. `since` says since
+    when there are no images: what the tile shows is then the last one.
     """
 
     name: str
@@ -42,6 +44,7 @@ class TileState:
     figures: str = ""
     summed: str = ""
     details: str = ""
+    since: str = ""
 
 
 @dataclass(frozen=True)
@@ -62,7 +65,7 @@ def figures_text(serial: str, status: "CameraStatus | None", exposure_us: float)
     `status` None: not known.
     """
     parts = [serial]
-    if status is not None and status.counters.rate_hz:
+    if status is not None and status.state.usable and status.counters.rate_hz:
         parts.append(translate("Look", "{rate:.0f} fps").format(rate=status.counters.rate_hz))
     parts.append(translate("Look", "{ms:g} ms").format(ms=round(exposure_us / 1e3, 2)))
     if status is not None and status.temperature_c is not None:
@@ -75,18 +78,19 @@ def tile_state(
     status: "CameraStatus | None",
     sight: "Sight | None",
     expected: Expected = NOTHING_EXPECTED,
-    has_image: bool = False,
+    newest: "Frame | None" = None,
     bumped_px: float | None = None,
 ) -> TileState:
     """What to say about a camera: its own trouble first, then light, then focus, then that all is well.
 
-    `status` None: not known; `sight` None: none was examined yet; `bumped_px` None: it was not.
+    `status` None: not known; `sight` None: none was examined yet; `newest` None: none has arrived; `bumped_px` None: it
+    was not.
     """
     if status is not None and not status.state.usable:
-        return TileState(name, "bad", camera_trouble(status), details=camera_details(status))
+        return TileState(name, "bad", camera_trouble(status), details=camera_details(status), since=since_text(newest))
     if sight is None:
         looking, waiting = translate("Look", "looking for targets"), translate("Look", "waiting for the first image")
-        return TileState(name, "none", looking if has_image else waiting)
+        return TileState(name, "none", looking if newest is not None else waiting)
     if bumped_px is not None:
         word = translate("Look", "moved by {px:.0f} px, alone. Is it fixed?").format(px=bumped_px)
         return TileState(name, "bad", word, len(sight.dots))
@@ -98,6 +102,14 @@ def tile_state(
     if level == "good" and not len(sight.dots):
         level, word = "bad" if expected.dots else "caution", translate("Look", "no targets in sight")
     return TileState(name, level, word or _all_well(sight), len(sight.dots), summed=summed.format(camera=name))
+
+
+def since_text(newest: "Frame | None") -> str:
+    """Since when a camera has sent no images; empty where it never sent any."""
+    if newest is None:
+        return ""
+    at = time.localtime(time.time() - (time.perf_counter() - newest.arrived_s))
+    return translate("Look", "no images since {time}").format(time=time.strftime("%H:%M:%S", at))
 
 
 def usual_light(sights: "Iterable[Sight]") -> float | None:

@@ -37,6 +37,7 @@ def _of_the_engine() -> dict[str, str]:
         "verification": translate("Stages", "Measuring the bars"),
         "check": translate("Stages", "Comparing with the calibration"),
         "guidance": translate("Stages", "Working out the next placement"),
+        "setting exposures": translate("Stages", "Setting exposures"),
         "testing stillness": translate("Stages", "Testing that nothing moves"),
     }
 
@@ -46,6 +47,8 @@ def _of_the_window() -> dict[str, str]:
         "opening the source": translate("Stages", "Opening the source"),
         "looking for cameras": translate("Stages", "Looking for cameras"),
         "opening the cameras": translate("Stages", "Opening the cameras"),
+        "giving the camera an address": translate("Stages", "Giving the camera an address"),
+        "building the camera driver": translate("Stages", "Building the camera driver"),
         "setting up the camera": translate("Stages", "Setting up the camera"),
         "taking images": translate("Stages", "Capturing images"),
         "finding targets": translate("Stages", "Finding targets"),

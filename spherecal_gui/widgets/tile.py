@@ -61,6 +61,7 @@ class CameraTile(QWidget):
         self._dots = np.empty((0, 2))
         self._shown: float | None = None
         self.masking = False
+        self._histogram: np.ndarray | None = None
         self._ghost: Drawn | None = None
         self._near = False
         self._covered: tuple[np.ndarray | None, np.ndarray | None] = (None, None)
@@ -107,11 +108,15 @@ class CameraTile(QWidget):
         `dots`: where the dots are (n, 2), px of the image.
         """
         if state != self._state or len(dots) != len(self._dots):
-            self.setAccessibleName(f"{state.name}: {state.word}")
+            self.setAccessibleName(f"{state.name}: {state.word} {state.since}".strip())
             if state.details != self._state.details:
                 self.setToolTip(plain(state.details))
             self.update()
         self._state, self._dots = state, dots
+
+    def show_histogram(self, counts: np.ndarray | None) -> None:
+        """Show how many pixels have each grey value, dark to bright (n,); None: not."""
+        self._histogram = counts  # drawn with the next image
 
     def show_masks(self, masks: tuple[tuple[float, float, float, float], ...]) -> None:
         """Show the parts of the image that do not count."""
@@ -210,7 +215,7 @@ class CameraTile(QWidget):
 
     def _draw_ghost(self, painter: QPainter) -> None:
         """The ball where it should go, dashed, and where it is, each with the direction of its top."""
-        if self._ghost is None or self._image is None:
+        if self._ghost is None or self._image is None or self._state.since:
             return
         at, scale = self._field()
         painter.save()
@@ -252,12 +257,42 @@ class CameraTile(QWidget):
             return
         at, scale = self._field()
         painter.setRenderHint(QPainter.RenderHint.SmoothPixmapTransform)
+        if self._state.since:
+            self._draw_last(painter, at, self._image)
+            return
         painter.drawImage(at, self._image)
         self._draw_coverage(painter, at)
         if len(self._dots):
             painter.setPen(QPen(QColor("#35e0ff"), 2.2, Qt.PenStyle.SolidLine, Qt.PenCapStyle.RoundCap))
             places = (self._dots + 0.5) * scale + np.array([at.left(), at.top()])
             painter.drawPoints([QPointF(x, y) for x, y in places.tolist()])
+        if self._histogram is not None:
+            self._draw_histogram(painter, at, self._histogram)
+
+    @staticmethod
+    def _draw_histogram(painter: QPainter, at: QRectF, counts: np.ndarray) -> None:
+        """In the image's corner; heights are roots, so that few bright pixels are seen, and what clips is red."""
+        box = QRectF(0, 0, min(theme.pt(96), 0.4 * at.width()), min(theme.pt(36), 0.3 * at.height()))
+        box.moveBottomRight(at.bottomRight() - QPointF(4, 4))
+        painter.fillRect(box, QColor(0, 0, 0, 150))
+        heights = np.sqrt(counts / max(counts.max(), 1)) * (box.height() - 4)
+        wide = box.width() / len(counts)
+        for number, height in enumerate(heights.tolist()):
+            tint = QColor("#ff5a4f" if number == len(counts) - 1 else "#e8edf2")
+            painter.fillRect(QRectF(box.left() + number * wide, box.bottom() - height, wide, height), tint)
+
+    def _draw_last(self, painter: QPainter, at: QRectF, image: QImage) -> None:
+        """The last image of a camera that sends none, faint, and since when; its dots are of the past."""
+        painter.setOpacity(0.3)
+        painter.drawImage(at, image)
+        painter.setOpacity(1.0)
+        painter.setFont(theme.font(theme.CAPTION, bold=True))
+        words = painter.fontMetrics().size(0, self._state.since).toSizeF()
+        box = QRectF(0, 0, min(words.width() + 16, at.width()), words.height() + 8)
+        box.moveCenter(at.center())
+        painter.fillRect(box, QColor(theme.now().surface))
+        painter.setPen(QColor(theme.now().text))
+        painter.drawText(box, Qt.AlignmentFlag.AlignCenter, self._state.since)
 
     def _draw_masks(self, painter: QPainter) -> None:
         """Hatched, so that the image stays to be seen."""

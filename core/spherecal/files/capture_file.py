@@ -111,6 +111,16 @@ SETS = items(
     "The sets of images, in the order in which they were taken.",
     replace(_SET, schema=_SET.schema | {"required": ["id", "taken", "images"]}),
 )
+PLANNED = items(
+    "The sets that are to be taken, in order.",
+    record(
+        "",
+        dict,
+        field("id", identifier("The placement or bar pose.")),
+        optional("bar", identifier("The bar of a pose.")),
+        optional("temperature_c", celsius("Temperature of the bar in degrees Celsius.")),
+    ),
+)
 CAPTURE = FileFormat(
     FORMAT,
     CAPTURE_FILE,
@@ -119,6 +129,7 @@ CAPTURE = FileFormat(
         "",
         dict,
         unread("source", "The source of the images: `kind`, `label`, `simulated`."),
+        optional("planned", PLANNED),
         field("cameras", CAMERAS),
         field("sets", SETS),
     ),

@@ -11,18 +11,23 @@ from spherecal.base.messages.values import Phrase
 from spherecal_app.cli.answer import answer, plain_fields
 from spherecal_app.cli.cameras_source import discovered, open_named, profile_of
 from spherecal_app.cli.console import out, say
+from spherecal_app.cli.drivers import advice_for
 from spherecal_app.cli.exit_codes import DONE, NOT_VALID
 from spherecal_app.cli.progress import shown_progress
 from spherecal_cameras.new_recording import camera_name
 from spherecal_cameras.profile import CameraProfile, settings_json, write_profile
-from spherecal_cameras.protocol import CameraError, Discovery, Region, SetupReport, features_of
+from spherecal_cameras.protocol import CameraError, CameraInfo, Discovery, Region, SetupReport, features_of
 
 
 def _find(name: str, discovery: Discovery, profile: CameraProfile) -> str:
-    """The serial of a camera by serial or name; InputError where it is not there."""
-    for info in discovery.cameras:
-        if name in (info.serial, camera_name(profile, info)):
-            return info.serial
+    """The serial of a camera by serial or name; InputError where it is not there, or several have the name."""
+    if discovery.camera(name) is not None:
+        return name
+    found = [info for info in discovery.cameras if camera_name(profile, info) == name]
+    if len(found) == 1:
+        return found[0].serial
+    if found:
+        raise InputError(Phrase("error-camera-ambiguous", {"name": repr(name), "cameras": list(map(_in_words, found))}))
     raise InputError(
         Phrase(
             "error-camera-not-found",
@@ -34,18 +39,24 @@ def _find(name: str, discovery: Discovery, profile: CameraProfile) -> str:
     )
 
 
+def _in_words(info: CameraInfo) -> str:
+    """A camera by what tells it from others of its name."""
+    return " ".join(part for part in (info.serial, info.vendor, info.model, info.address) if part)
+
+
 def list_cameras(options: argparse.Namespace) -> int:
     """`spherecal cameras list`: every camera once, and a verdict for every driver; 3 without any camera."""
     profile = profile_of(options)
     with open_named(options, profile) as source, shown_progress() as context:
         discovery = discovered(source, context)
     answer(options, {"source": source.kind, "label": source.label, **plain_fields(discovery)})
-    table = Table("name", "serial", "model", "maker", "line", "state", box=None)
+    table = Table("name", "serial", "model", "maker", "line", "address", "state", box=None)
     for info in discovery.cameras:
-        cells = (camera_name(profile, info), info.serial, info.model, info.vendor, info.transport, info.access)
-        table.add_row(*map(escape, cells))
+        place = info.transport, info.address, info.access if profile.entry(info.serial).in_rig else "left out"
+        table.add_row(*map(escape, (camera_name(profile, info), info.serial, info.model, info.vendor, *place)))
     if discovery.cameras:
         out.print(table)
+        _tell_alike(profile, discovery)
     else:
         out.print("No camera found.")
     if source.kind == "genicam":
@@ -53,7 +64,21 @@ def list_cameras(options: argparse.Namespace) -> int:
     return DONE if discovery.cameras else NOT_VALID
 
 
+def _tell_alike(profile: CameraProfile, discovery: Discovery) -> None:
+    """Say which cameras share a name, and which are told apart by their place alone."""
+    names = [camera_name(profile, info) for info in discovery.cameras]
+    for name in sorted({one for one in names if names.count(one) > 1}):
+        alike = [info.serial for info, one in zip(discovery.cameras, names, strict=True) if one == name]
+        hint = f"Give each its own: spherecal cameras set {alike[0]!r} --name NAME."
+        say(f"{len(alike)} cameras are called {name}: {', '.join(alike)}. {hint}")
+    for info in discovery.cameras:
+        if info.address and info.serial.endswith(f" ({info.address})"):
+            say(f"{info.serial}: another camera has this serial number too; its address {info.address} tells it apart.")
+
+
 def _list_producers(discovery: Discovery) -> None:
+    for line in advice_for(discovery):
+        say(line)
     if not discovery.producers:
         out.print(
             "No driver (.cti file) was found. Install the driver of the cameras' maker, "
@@ -126,7 +151,7 @@ def set_up(options: argparse.Namespace) -> int:
         serials = list(discovery.serials) if options.camera == "all" else [_find(options.camera, discovery, profile)]
         if not serials:
             raise CameraError(Phrase("error-no-camera-found"))
-        profile = _keep(options, profile, serials)
+        profile = _keep(options, profile, serials, discovery)
         reports = source.open(serials, profile.settings())
         unreachable = {s: status for s, status in source.statuses().items() if not status.state.usable}
     record = {"profile": options.profile, "cameras": serials, "set_up": reports, "not_reached": unreachable}
@@ -138,7 +163,10 @@ def set_up(options: argparse.Namespace) -> int:
     return DONE if all(not report.problems for report in reports) and not unreachable else NOT_VALID
 
 
-def _keep(options: argparse.Namespace, profile: CameraProfile, serials: list[str]) -> CameraProfile:
+def _keep(
+    options: argparse.Namespace, profile: CameraProfile, serials: list[str], discovery: Discovery | None = None
+) -> CameraProfile:
+    called = {info.serial: camera_name(profile, info) for info in (discovery.cameras if discovery is not None else ())}
     for serial in serials:
         entry = profile.entry(serial)
         changes: dict[str, object] = {
@@ -153,6 +181,7 @@ def _keep(options: argparse.Namespace, profile: CameraProfile, serials: list[str
                 "packet_size",
                 "packet_delay",
                 "frame_delay",
+                "throughput_bytes_s",
             )
             if (value := getattr(options, key)) is not None
         }
@@ -164,7 +193,11 @@ def _keep(options: argparse.Namespace, profile: CameraProfile, serials: list[str
         for key in ("name", "focal_length_mm", "pixel_pitch_um"):
             if getattr(options, key) is not None:
                 entry = dataclasses.replace(entry, **{key: getattr(options, key)})
+        if options.in_rig is not None:
+            entry = dataclasses.replace(entry, in_rig=options.in_rig == "yes")
         holder = profile.serial_of(entry.name) if entry.name else None
+        if options.name:
+            holder = next((other for other, name in called.items() if name == entry.name and other != serial), holder)
         if holder not in (None, serial):
             raise InputError(Phrase("error-name-taken", {"camera": holder, "name": repr(entry.name)}))
         profile = profile.with_entry(entry)

@@ -20,7 +20,7 @@ from spherecal_cameras.averaging import AveragedSet, take_averaged
 from spherecal_cameras.capture import SessionFolder
 from spherecal_cameras.in_process import Staged
 from spherecal_cameras.new_recording import session_cameras
-from spherecal_cameras.plan import CapturePlan, plan_of, read_plan, simple_plan
+from spherecal_cameras.plan import CapturePlan, begun_plan, plan_of, read_plan, simple_plan
 from spherecal_cameras.protocol import CameraError, CameraSource, CaptureRequest, FrameSet, session_behind
 
 
@@ -32,11 +32,14 @@ def capture(options: argparse.Namespace) -> int:
     with open_named(options, profile) as source, shown_progress() as context:
         plan = _plan(options, source)
         discovery = discovered(source, context)
-        if not discovery.cameras:
+        if not (serials := profile.rig_of(discovery.serials)):
             raise CameraError(Phrase("error-no-camera-found"))
         context.report("opening the cameras", 0.0)
-        reports = source.open(discovery.serials, profile.settings())
-        cameras = session_cameras(source, plan, discovery, reports, profile)
+        reports = source.open(serials, profile.settings())
+        found = session_cameras(source, plan, discovery, reports, profile).or_raise()
+        for error in found.problems.values():
+            say(f"{error.message} {error.hint}".strip())
+        cameras = found.cameras
         session = SessionFolder(options.output, plan, cameras, source)
         session.start(options.take_up)
         names = {camera.serial: camera.id for camera in cameras}
@@ -51,12 +54,16 @@ def capture(options: argparse.Namespace) -> int:
             session.add(planned, averaged.taken, averaged.stillness)
             poor += _show_set(planned.id, averaged, names)
             record.append(_record_of(planned.id, averaged, names))
-    total = len(plan.sets)
-    answer(options, {"session": options.output, "cameras": list(names.values()), "sets": record})
+    total, incomplete = len(plan.sets), session.incomplete
+    without = {found.names[serial]: error.message for serial, error in found.problems.items()}
+    document = {"session": options.output, "cameras": list(names.values()), "without": without, "sets": record}
+    answer(options, {**document, "incomplete": incomplete})
     out.print(f"{counted(total, 'set')} of {counted(len(cameras), 'camera')} in {escape(str(options.output))}.")
     if poor:
         out.print(f"{poor} of them {'is' if poor == 1 else 'are'} incomplete or not still; see above.")
-    return NOT_VALID if poor else DONE
+    for name, missing in incomplete.items():
+        say(f"{name} has no image of {', '.join(missing)}.")
+    return NOT_VALID if poor or incomplete or without else DONE
 
 
 def _record_of(set_id: str, averaged: AveragedSet, names: dict[str, str]) -> dict[str, object]:
@@ -73,17 +80,21 @@ def _record_of(set_id: str, averaged: AveragedSet, names: dict[str, str]) -> dic
 
 def _plan(options: argparse.Namespace, source: CameraSource) -> CapturePlan:
     recorded = session_behind(source)
+    begun = begun_plan(options.output) if options.take_up else None
     if options.plan is not None:
         return read_plan(options.plan)
+    if begun is not None and options.targets is None and options.placements is None:
+        return begun
     if recorded is not None and options.placements is None:
         return plan_of(recorded)
     if recorded is not None:
         whole = plan_of(recorded)
         chosen = [s for s in whole.sets if s.bar is None][: options.placements]
         return replace(whole, sets=(*chosen, *(s for s in whole.sets if s.bar is not None)))
-    if options.targets is None:
+    if options.targets is None and (begun is None or begun.target_set is None):
         raise InputError(Phrase("error-capture-targets"))
-    return simple_plan(options.placements or 4, options.targets, options.diameter_mm)
+    whole = simple_plan(options.placements or 4, options.targets, options.diameter_mm)
+    return whole if begun is None else replace(begun, sets=whole.sets, target_set=whole.target_set or begun.target_set)
 
 
 def _before(set_id: str, bar: str | None, options: argparse.Namespace, staged: bool) -> None:

@@ -11,9 +11,11 @@ from spherecal_app.cli import cameras_lines
 from spherecal_app.cli.answer import answer, plain_fields
 from spherecal_app.cli.cameras_source import ask, discovered, open_named, profile_of
 from spherecal_app.cli.console import out, say
+from spherecal_app.cli.drivers import advice_for
 from spherecal_app.cli.exit_codes import DONE, NOT_VALID
 from spherecal_app.cli.progress import shown_progress
 from spherecal_cameras.doctor import brightness, covered_camera, examine
+from spherecal_cameras.network_lines import examined, shares
 from spherecal_cameras.new_recording import camera_name
 from spherecal_cameras.profile import CameraProfile
 from spherecal_cameras.protocol import CameraError, CameraSource, Discovery
@@ -25,9 +27,9 @@ def doctor(options: argparse.Namespace) -> int:
     with open_named(options, profile) as source, shown_progress() as context:
         discovery = _open_all(source, profile, context)
         examination = examine(source, options.seconds, options.rate, context)
-        lines = cameras_lines.examined(source, discovery, options.rate)
+        lines = examined(source, discovery, options.rate)
         if options.stagger:
-            cameras_lines.keep_staggered(options, profile, source, lines)
+            cameras_lines.keep_staggered(options, profile, source, shares(source, discovery, lines))
         if options.order:
             _order_test(source, discovery, profile)
     well = examination.well and cameras_lines.well(lines)
@@ -70,12 +72,13 @@ def doctor(options: argparse.Namespace) -> int:
 
 
 def _open_all(source: CameraSource, profile: CameraProfile, context: Context) -> Discovery:
-    """Discover and open every camera; CameraError where there is none."""
+    """Discover and open every camera of the rig; CameraError where there is none."""
     discovery = discovered(source, context)
-    if not discovery.cameras:
+    if not (serials := profile.rig_of(discovery.serials)):
+        say(*(advice_for(discovery) if source.kind == "genicam" else ()))
         raise CameraError(Phrase("error-no-camera-found"))
     context.report("opening the cameras", 0.0)
-    source.open(discovery.serials, profile.settings())
+    source.open(serials, profile.settings())
     return discovery
 
 
@@ -84,7 +87,7 @@ def _order_test(source: CameraSource, discovery: Discovery, profile: CameraProfi
     out.print("Cover one lens at a time with your hand; an empty line with no lens covered ends the test.")
     before = brightness(source)
     names = {info.serial: camera_name(profile, info) for info in discovery.cameras}
-    left = set(names)
+    left = set(profile.rig_of(names))
     while left:
         if not ask("Cover a lens, then press Enter: "):
             return

@@ -7,18 +7,9 @@ from dataclasses import replace
 from spherecal.base.errors import InputError
 from spherecal.base.messages.values import Phrase
 from spherecal_app.cli.console import say
-from spherecal_cameras.network_lines import LineExamination, examine_lines, load_of
+from spherecal_cameras.network_lines import LineExamination, Stagger
 from spherecal_cameras.profile import CameraProfile, write_profile
-from spherecal_cameras.protocol import CameraSource, Discovery, features_of
-
-
-def examined(source: CameraSource, discovery: Discovery, rate_hz: float) -> tuple[LineExamination, ...]:
-    """The lines of the GigE cameras that a source has open; none where there are no such cameras."""
-    serials = [info.serial for info in discovery.cameras if info.transport in ("GEV", "GigEVision")]
-    if source.kind != "genicam" or not serials:
-        return ()
-    loads = {serial: load_of(features_of(source, serial), rate_hz) for serial in serials}
-    return examine_lines({serial: load for serial, load in loads.items() if load is not None})
+from spherecal_cameras.protocol import CameraSource
 
 
 def well(lines: Sequence[LineExamination]) -> bool:
@@ -36,21 +27,26 @@ def show(lines: Sequence[LineExamination]) -> None:
             f"want {one.wanted_bytes_s * 8e-6:.0f} Mbit/s."
         )
         if one.staggers:
-            delays = ", ".join(f"{s.serial} {s.packet_delay} {s.frame_delay}" for s in one.staggers)
-            say(f"  To share it (camera, GevSCPD, GevSCFTD in ticks; --stagger keeps them): {delays}.")
+            say(f"  To share it (--stagger keeps this): {', '.join(_share(stagger) for stagger in one.staggers)}.")
+
+
+def _share(stagger: Stagger) -> str:
+    if stagger.packet_delay is None:
+        return f"{stagger.serial} {stagger.throughput_bytes_s} bytes/s"
+    before = "" if stagger.frame_delay is None else f" and before an image {stagger.frame_delay}"
+    return f"{stagger.serial} after a packet {stagger.packet_delay}{before} ticks"
 
 
 def keep_staggered(
-    options: argparse.Namespace, profile: CameraProfile, source: CameraSource, lines: Sequence[LineExamination]
+    options: argparse.Namespace, profile: CameraProfile, source: CameraSource, staggers: Sequence[Stagger]
 ) -> None:
-    """Write the proposed delays into the profile and the cameras."""
-    staggers = [stagger for line in lines for stagger in line.staggers]
+    """Write the cameras' shares of their lines into the profile and the cameras."""
     if not staggers:
         raise InputError(Phrase("error-no-delays"))
     changed = {}
     for stagger in staggers:
         entry = profile.entry(stagger.serial)
-        settings = replace(entry.settings, packet_delay=stagger.packet_delay, frame_delay=stagger.frame_delay)
+        settings = stagger.of(entry.settings)
         profile = profile.with_entry(replace(entry, settings=settings))
         changed[stagger.serial] = settings
     write_profile(options.profile, profile)

@@ -17,7 +17,10 @@ from rich.table import Table
 from spherecal import __version__
 from spherecal_app.cli.answer import answer
 from spherecal_app.cli.console import out
+from spherecal_app.cli.drivers import advice_for
 from spherecal_app.cli.exit_codes import DONE, NOT_VALID
+from spherecal_cameras.genicam.discovery import producer_files
+from spherecal_cameras.protocol import Discovery
 
 
 @dataclass(frozen=True)
@@ -128,8 +131,7 @@ def _libraries() -> Iterator[DoctorLine]:
 
 
 def _producers() -> DoctorLine:
-    folders = [f for f in os.environ.get("GENICAM_GENTL64_PATH", "").split(os.pathsep) if f]
-    files = [entry.path for f in folders if os.path.isdir(f) for entry in os.scandir(f) if entry.name.endswith(".cti")]
-    if files:
-        return DoctorLine("GenTL producers", "ok", ", ".join(sorted(files)))
-    return DoctorLine("GenTL producers", "optional", "none in GENICAM_GENTL64_PATH (needed for live cameras)")
+    if files := producer_files():
+        return DoctorLine("camera drivers", "ok", ", ".join(files))
+    lacking = "none (needed for live cameras: `spherecal cameras list` asks the network which are there)"
+    return DoctorLine("camera drivers", "optional", " ".join(advice_for(Discovery(()), ask_network=False)) or lacking)

@@ -14,6 +14,7 @@ from spherecal_app.cli.answer import answer
 from spherecal_app.cli.console import say
 from spherecal_app.cli.exit_codes import DONE
 from spherecal_app.cli.progress import shown_progress
+from spherecal_cameras.builtin_driver import prepare
 from spherecal_gentl.producer.build import build_producer as built
 from spherecal_gentl.producer.feed import RigFeed
 from spherecal_gentl.producer.region import default_name
@@ -22,10 +23,10 @@ from spherecal_sim.render_session import demo_session
 
 def build_producer(options: argparse.Namespace) -> int:
     """`spherecal cameras build-producer`."""
-    path = built(options.output, options.aravis)
+    path = prepare() if options.aravis and options.use else built(options.output, options.aravis)
     answer(options, {"producer": path})
     say(f"{'GigE Vision and USB3 Vision' if options.aravis else 'Simulated cameras'}: {path}")
-    say(_how_to_find(path.parent))
+    say("Every search for cameras finds it from now on." if options.use else _how_to_find(path.parent))
     return DONE
 
 

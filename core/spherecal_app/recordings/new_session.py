@@ -273,12 +273,19 @@ def _camera(
         if focal_px is None:
             focal_px, source = _ASSUMED_FOCAL * max(size), "assumed"
             said.append(f"a focal length of {_ASSUMED_FOCAL:g} times the longer side, as a start")
-        centre = [(side - 1) / 2 for side in size]
-        matrix = [[focal_px, 0.0, centre[0]], [0.0, focal_px, centre[1]], [0.0, 0.0, 1.0]]
-        entry["prior"] = {"matrix": matrix} | ({"assumed": ["focal_length"]} if source == "assumed" else {})
+        entry["prior"] = assumed_prior(size) if source == "assumed" else {"matrix": _centred(focal_px, size)}
     if known.lens_model is not None:
         entry["lens_model"] = known.lens_model
     return entry, NewCamera(camera, len(facts), size, focal_px, source, model, serial), said
+
+
+def assumed_prior(size: tuple[int, int]) -> dict[str, Any]:
+    """The entry `prior` of a camera whose lens nobody knows; a calibration by a ball starts from what it sees."""
+    return {"matrix": _centred(_ASSUMED_FOCAL * max(size), size), "assumed": ["focal_length"]}
+
+
+def _centred(focal_px: float, size: tuple[int, int]) -> list[list[float]]:
+    return [[focal_px, 0.0, (size[0] - 1) / 2], [0.0, focal_px, (size[1] - 1) / 2], [0.0, 0.0, 1.0]]
 
 
 def _common(values: Sequence[Any]) -> Any:

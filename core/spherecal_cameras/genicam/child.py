@@ -11,6 +11,7 @@ import signal
 import sys
 import time
 from contextlib import suppress
+from dataclasses import replace
 from multiprocessing.connection import Connection
 from pathlib import Path
 
@@ -34,7 +35,6 @@ from spherecal_cameras.genicam.messages import (
     Opened,
     Quit,
     Report,
-    Slow,
     StateIs,
     Trigger,
     Triggered,
@@ -42,7 +42,7 @@ from spherecal_cameras.genicam.messages import (
     Working,
 )
 from spherecal_cameras.genicam.rings import TouchMark
-from spherecal_cameras.genicam.slots import Slot, assess, attach, why_not_opened
+from spherecal_cameras.genicam.slots import SLOW_S, LateAnswers, Slot, assess, attach, why_not_opened
 from spherecal_cameras.genicam.waiting import Waiter
 from spherecal_cameras.genicam.wire import Inbox, pack
 from spherecal_cameras.matching import TRIGGERED
@@ -52,9 +52,7 @@ _IDLE_S = 0.002
 _HEARTBEAT_S = 0.1
 _CHECK_S = 0.5  # between two looks at one camera's health
 _TEMPERATURE_S = 2.0
-_SLOW_S = 0.1  # a register read takes 0.2 to 1 ms over GigE, 500 ms with the retries of a failing line
 _SLOW_SHARE = 20  # checks may take this part of the time
-_NOTICE_S = 10.0
 # A call that hangs keeps Python from seeing that the program has gone: then the system ends the process.
 _HUNG_S = 60.0
 _OPEN_S = 20.0  # GigE cameras with unreachable addresses try for some seconds
@@ -139,6 +137,7 @@ class _Service:
         self._next_live_s = 0.0
         self._next_heartbeat_s = 0.0
         self._running = True
+        self._late = LateAnswers()
 
     # --- the loop ----------------------------------------------------------------------------------------------------
 
@@ -207,7 +206,7 @@ class _Service:
                 slot.device.close()
         for number, camera in enumerate(command.cameras):
             known = self._slots.get(camera.serial)
-            if known is None or (known.producer, known.sha256) != (camera.producer, camera.sha256):
+            if known is None or not known.is_for(camera):
                 self._slots[camera.serial] = known = Slot(number, camera)
             known.number, known.tries = number, 0
         reports = []
@@ -228,11 +227,11 @@ class _Service:
         if producer.problem:
             return self._cannot(slot, words.no_producer(producer.file, producer.problem))
         self._touch.set(slot.number, OPENING)
-        listed = producer.find(slot.serial)
+        listed = producer.find(slot.serial, slot.device_id)
         if listed is None or slot.tries:
             with suppress(Exception):
                 producer.rescan()
-            listed = producer.find(slot.serial)
+            listed = producer.find(slot.serial, slot.device_id)
         if listed is None:
             return self._cannot(slot, words.not_listed())
         access = access_of(listed)
@@ -372,15 +371,17 @@ class _Service:
         # a camera that answers slowly comes last: the others shall be exposed together
         scheduled = [slot for slot in chosen if slot.settings.trigger == "scheduled" and slot.device is not None]
         refused |= self._schedule(scheduled, round_number)
-        for slot in sorted(chosen, key=lambda slot: slot.slowness_s > _SLOW_S):
+        for slot in sorted(chosen, key=lambda slot: slot.slowness_s > SLOW_S):
             if slot.device is None or slot in scheduled:
                 continue  # its state says why
             self._touch.set(slot.number, TRIGGERING)
+            began = time.perf_counter()
             try:
                 slot.device.trigger(round_number)
             except FeatureError as error:
                 refused[slot.serial] = str(error)
                 slot.next_check_s = 0.0
+            self._note_late(slot, time.perf_counter() - began)
         self._touch.set(-1, 0)
         if round_number:
             self._send(Triggered(round_number, refused))
@@ -461,20 +462,26 @@ class _Service:
             self._set_up(slot, slot.settings)  # with a larger ring
 
     def _note_slowness(self, slot: Slot, seconds: float) -> None:
-        """A camera that answers slowly delays all others: check it less often, and report it from time to time."""
+        """A camera that answers slowly delays all others: check it less often, and report it now and then."""
         now = time.perf_counter()
         slot.next_check_s = now + max(_CHECK_S, _SLOW_SHARE * seconds)
         slot.slowness_s = seconds
-        if seconds <= _SLOW_S:
-            slot.next_notice_s = 0.0
-        elif now >= slot.next_notice_s:
-            slot.next_notice_s = now + _NOTICE_S
-            self._send(Slow(slot.serial, seconds))
+        self._note_late(slot, seconds)
+
+    def _note_late(self, slot: Slot, seconds: float) -> None:
+        if seconds > SLOW_S:
+            slot.late += 1
+            if (said := self._late.note(slot.serial, seconds, time.perf_counter())) is not None:
+                self._send(said)
 
     def _heartbeat(self) -> None:
         faulthandler.dump_traceback_later(_HUNG_S, exit=True)
         open_slots = [slot for slot in self._slots.values() if slot.device is not None]
-        counters = {s.serial: s.device.counters(self._wanted_hz(s)) for s in open_slots if s.device is not None}
+        counters = {
+            s.serial: replace(s.device.counters(self._wanted_hz(s)), late=s.late)
+            for s in open_slots
+            if s.device is not None
+        }
         self._send(Alive(counters, {s.serial: s.device.temperature_c for s in open_slots if s.device is not None}))
 
     def _wanted_hz(self, slot: Slot) -> float | None:

@@ -71,6 +71,7 @@ class Device:
         self.last_image_s = self.acquiring_since_s = time.perf_counter()
         self.last_incomplete_s = float("-inf")
         self.unanswered = 0  # software triggers since the last image
+        self._triggered = 0
         device = self
 
         class Incomplete(Callback):
@@ -176,6 +177,7 @@ class Device:
             raise FeatureError("the camera has no software trigger")
         self._rounds.triggered(round_number, time.perf_counter())
         self.unanswered += 1
+        self._triggered += 1
         self.features.execute(name)
 
     def schedule(self, round_number: int, at_s: float) -> int:
@@ -187,6 +189,7 @@ class Device:
             raise FeatureError("its clock cannot be read")
         self._rounds.triggered(round_number, at_s)
         self.unanswered += 1
+        self._triggered += 1
         return at_ns
 
     def pump(self) -> FrameMeta | None:
@@ -361,8 +364,9 @@ class Device:
         self._arrivals = [at for at in self._arrivals if now - at <= _RATE_WINDOW_S]
         span = min(_RATE_WINDOW_S, max(now - self.acquiring_since_s, 0.1))
         underrun = _optional(lambda: int(self._acquirer.data_streams[0].num_underrun)) or 0
+        rate = len(self._arrivals) / span
         return Counters(
-            self._delivered, self._incomplete, underrun, rate_hz=len(self._arrivals) / span, wanted_hz=wanted_hz
+            self._delivered, self._incomplete, underrun, rate_hz=rate, wanted_hz=wanted_hz, triggered=self._triggered
         )
 
     def close(self) -> None:

@@ -17,7 +17,7 @@ from spherecal_cameras.genicam.driver_copy import hash_of, hold
 from spherecal_cameras.genicam.messages import Probed
 from spherecal_cameras.genicam.trust import Admitted, Ask, TrustStore, admit
 from spherecal_cameras.genicam.wire import Inbox, WireError, pack
-from spherecal_cameras.makers import driver_folders
+from spherecal_cameras.makers import driver_patterns, own_folder
 from spherecal_cameras.protocol import CameraInfo, CamerasNotInstalled, Discovery, ProducerVerdict
 
 ENVIRONMENT = "GENICAM_GENTL64_PATH"
@@ -43,11 +43,13 @@ def producer_files(own: Iterable[str] = ()) -> tuple[str, ...]:
     for folder in folders:
         for file in sorted(Path(folder).glob("*.cti")):
             found.setdefault(os.path.realpath(file), str(file))
-    for pattern in driver_folders("linux" if sys.platform.startswith("linux") else sys.platform):
+    for pattern in driver_patterns("linux" if sys.platform.startswith("linux") else sys.platform):
         anchor = Path(Path(pattern).anchor)
-        with suppress(OSError):
-            for file in sorted(anchor.glob(str(Path(pattern).relative_to(anchor) / "*.cti"))):
+        with suppress(OSError, ValueError):  # a variable may hold anything
+            for file in sorted(anchor.glob(str(Path(pattern).relative_to(anchor)))):
                 found.setdefault(os.path.realpath(file), str(file))
+    for file in sorted(own_folder().glob("*.cti")):
+        found.setdefault(os.path.realpath(file), str(file))
     return tuple(found.values())
 
 
@@ -104,7 +106,8 @@ def _admitted(file: str, trust: TrustStore | None, ask: Ask | None) -> Admitted 
 def together(verdicts: Sequence[ProducerVerdict]) -> Discovery:
     """Every camera once: the first producer that can reach a serial number has it.
 
-    Cameras of two makers may have the same serial number: then each has its model in its name.
+    Cameras of two makers may have the same serial number: then each has its model in its name, or its address where
+    that differs.
     """
     cameras: dict[str, CameraInfo] = {}
     doubles: list[CameraInfo] = []
@@ -113,8 +116,9 @@ def together(verdicts: Sequence[ProducerVerdict]) -> Discovery:
             held = cameras.setdefault(camera.serial, camera)
             if held is camera:
                 continue
-            if _other_maker(held, camera):
-                longer = replace(camera, serial=f"{camera.serial} ({camera.model})")
+            elsewhere = bool(held.address and camera.address) and held.address != camera.address
+            if elsewhere or _other_maker(held, camera):
+                longer = replace(camera, serial=f"{camera.serial} ({camera.address if elsewhere else camera.model})")
                 if cameras.setdefault(longer.serial, longer) is not longer:
                     doubles.append(longer)
             elif held.access == "unreachable" and camera.access in ("free", "unknown"):

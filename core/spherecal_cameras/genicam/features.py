@@ -16,10 +16,14 @@ NAMES: dict[str, tuple[str, ...]] = {
     "software trigger": ("TriggerSoftware",),
     "frame rate": ("AcquisitionFrameRate", "AcquisitionFrameRateAbs"),
     "frame rate limit": ("AcquisitionFrameRateEnable", "AcquisitionFrameRateEnabled", "AcquisitionFrameRateMode"),
-    "packet size": ("GevSCPSPacketSize",),
+    "packet size": ("GevSCPSPacketSize", "DeviceStreamChannelPacketSize"),
     "packet delay": ("GevSCPD",),
     "frame delay": ("GevSCFTD",),
+    # bytes a second; Allied Vision's GigE cameras have the second, and no packet delay of the standard's name
+    "throughput limit": ("DeviceLinkThroughputLimit", "StreamBytesPerSecond"),
+    "throughput switch": ("DeviceLinkThroughputLimitMode", "BandwidthControlMode"),
     "temperature": ("DeviceTemperature", "TemperatureAbs"),
+    "pixel pitch": ("SensorPixelWidth",),  # um, of the standard (SFNC)
     "width": ("Width",),
     "height": ("Height",),
     "left": ("OffsetX",),
@@ -27,10 +31,14 @@ NAMES: dict[str, tuple[str, ...]] = {
     "time stamp latch": ("TimestampLatch", "GevTimestampControlLatch"),
     "latched time": ("TimestampLatchValue", "GevTimestampValue"),
     "time stamp rate": ("GevTimestampTickFrequency",),
-    "common clock": ("PtpEnable", "GevIEEE1588"),
+    "common clock": ("PtpEnable", "PtpMode", "GevIEEE1588"),
     "clock latch": ("PtpDataSetLatch", "GevIEEE1588DataSetLatch"),
     "clock state": ("PtpStatus", "GevIEEE1588Status"),
-    "clock offset": ("PtpOffsetFromMaster", "GevIEEE1588OffsetFromMaster"),
+    "clock offset": (
+        "PtpOffsetFromMaster",
+        "GevIEEE1588OffsetFromMaster",
+        "GevIEEE1588OffsetFromMasterLatched",
+    ),
 }
 
 # Words for yes and no where one camera has a switch, another an enumeration, and makers differ in its entries.
@@ -246,10 +254,3 @@ def plain(error: BaseException) -> str:
         text = text.rsplit(marker, 1)[0] if marker == " : " and "(file" in text else text.removeprefix(marker)
     text = text.split(" (file ", 1)[0].strip(" .")
     return text or type(error).__name__
-
-
-def error_id(error: BaseException) -> int | None:
-    """The GenTL code that genicam writes into its texts, `(ID: -1010)`; None where there is none."""
-    _, found, rest = str(error).rpartition("(ID: ")
-    digits = rest.split(")", 1)[0]
-    return int(digits) if found and digits.lstrip("-").isdigit() else None

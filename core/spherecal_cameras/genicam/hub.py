@@ -2,6 +2,7 @@
 
 import logging
 import os
+import re
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import replace
@@ -11,6 +12,7 @@ from typing import Any
 from spherecal_cameras.genicam.driver_copy import hash_of, hold
 from spherecal_cameras.genicam.features import FeatureError, NodeFeatures, plain
 from spherecal_cameras.genicam.setup import ACTION_DEVICE_KEY, ACTION_GROUP_KEY, ACTION_GROUP_MASK
+from spherecal_cameras.genicam.texts import tolerate_any_text
 from spherecal_cameras.protocol import CameraInfo
 
 # How long a producer may search its interfaces. Cameras on GigE answer a discovery within some ms on the same switch;
@@ -18,6 +20,8 @@ from spherecal_cameras.protocol import CameraInfo
 SEARCH_MS = 200
 # DEVICE_ACCESS_STATUS of GenTL
 _PREFERRED = ("free", "unknown", "busy", "unreachable")
+_MAC = re.compile(r"(?:[0-9A-Fa-f]{2}[:-]){5}[0-9A-Fa-f]{2}")
+_ADDRESS = re.compile(r"(?<![\d.])(?:\d{1,3}\.){3}\d{1,3}(?![\d.])")
 _ACCESS = {1: "free", 2: "busy", 3: "unreachable", 4: "busy", 5: "free", 6: "busy"}
 
 
@@ -41,6 +45,7 @@ class Producer:
     def __init__(self, file: str, load: str = "", sha256: str = "") -> None:
         from harvesters.core import Harvester
 
+        tolerate_any_text()
         self.file = file
         load = load or os.path.abspath(file)  # a bare name would be searched for on the loader's own path
         if sha256 and _hash_held(load) != sha256:
@@ -83,12 +88,13 @@ class Producer:
         """What the last search listed."""
         return list(self._harvester.device_info_list)
 
-    def find(self, serial: str) -> Any | None:
+    def find(self, serial: str, device_id: str = "") -> Any | None:
         """The listed device of this serial number, None where there is none.
 
-        Where two interfaces list it, it is the one that can be opened.
+        Where several have it, it is the one of this id; where two interfaces list that, the one that can be opened.
         """
         found = [device for device in self.devices() if serial in _names(device)]
+        found = [device for device in found if _text(device, "id_") == device_id] or found
         return min(found, key=lambda device: _PREFERRED.index(access_of(device)), default=None)
 
     def create(self, device: Any) -> Any:
@@ -172,8 +178,19 @@ def _kind(device: Any) -> tuple[str, str]:
 
 def _names(device: Any) -> tuple[str, ...]:
     """What a device may be called: its serial number, or with its model or its id where others have the same one."""
-    serial, known = serial_of(device), device.property_dict
-    return serial, f"{serial} ({clean(known.get('model'))})", f"{serial} ({clean(known.get('id_'))})"
+    serial = serial_of(device)
+    return serial, *(f"{serial} ({one})" for one in (_text(device, "model"), *_apart(device)))
+
+
+def _text(device: Any, key: str) -> str:
+    return clean(device.property_dict.get(key))
+
+
+def _apart(device: Any) -> tuple[str, str, str]:
+    """What tells a device from others of its kind and serial number: MAC, network address, id; empty where unknown."""
+    known = _text(device, "id_"), _text(device, "display_name")
+    mac, address = (next(filter(None, map(one.search, known)), None) for one in (_MAC, _ADDRESS))
+    return mac[0].replace("-", ":").lower() if mac else "", address[0] if address else "", known[0]
 
 
 def _distinct(devices: Sequence[Any]) -> list[tuple[str, Any]]:
@@ -187,9 +204,11 @@ def _distinct(devices: Sequence[Any]) -> list[tuple[str, Any]]:
         return [(_names(device)[1], device) for device in devices]
     by_interface: dict[int, set[str]] = {}
     for device in devices:
-        by_interface.setdefault(id(device.parent), set()).add(clean(device.property_dict.get("id_")))
+        by_interface.setdefault(id(device.parent), set()).add(_text(device, "id_"))
     apart = any(len(ids) > 1 for ids in by_interface.values())
-    return [(_names(device)[2 if apart else 0], device) for device in devices]
+    ids = len({_text(device, "id_") for device in devices})
+    by = next(k for k in range(3) if k == 2 or len({_apart(device)[k] for device in devices} - {""}) == ids)
+    return [(_names(device)[2 + by if apart else 0], device) for device in devices]
 
 
 def access_of(device: Any) -> str:
@@ -212,5 +231,6 @@ def _info(device: Any, file: str) -> CameraInfo:
         transport=clean(known.get("tl_type")),
         user_name=clean(known.get("user_defined_name")),
         device_id=clean(known.get("id_")),
+        address=_apart(device)[1],
         access=access if access in ("free", "busy", "unreachable") else "unknown",
     )

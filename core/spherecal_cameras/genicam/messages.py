@@ -12,7 +12,7 @@ from spherecal_cameras.protocol import (
     SetupReport,
 )
 
-WIRE_VERSION = 3
+WIRE_VERSION = 4
 
 
 # --- commands --------------------------------------------------------------------------------------------------------
@@ -20,13 +20,17 @@ WIRE_VERSION = 3
 
 @dataclass(frozen=True)
 class RequestedCamera:
-    """A camera to keep open: the producer file that reaches it, what to load for it, its hash, and its settings."""
+    """A camera to keep open: the producer file that reaches it, what to load for it, its hash, and its settings.
+
+    `device_id` is the driver's name for it, by which it is known where others have its serial number.
+    """
 
     serial: str
     producer: str
     load: str
     sha256: str
     settings: CameraSettings
+    device_id: str = ""
 
 
 @dataclass(frozen=True)

@@ -42,7 +42,8 @@ _IN_US = {"us": 1.0, "\N{MICRO SIGN}s": 1.0, "\N{GREEK SMALL LETTER MU}s": 1.0, 
 _ALL_GAINS = ("All", "AnalogAll")
 # Their absence is worth a line in the report; that of the others is not.
 _EXPECTED = ("exposure", "gain", "pixel format", "trigger mode", "temperature")
-_PACKETS = ("packet size", "packet delay", "frame delay")
+_PACKETS = ("packet size", "packet delay", "frame delay", "throughput limit")
+_LIMITED = ("On", "StreamBytesPerSecond")  # of a throughput switch
 # An exposure may be rounded to a camera's line time (steps of 1 to 30 us): 1 % is not worth a word.
 _ROUNDING = 0.01
 _NEAREST_FORMAT = ("Mono8", "Mono10", "Mono12", "Mono16", "Mono12p", "Mono10p", "Mono12Packed", "Mono10Packed")
@@ -78,13 +79,18 @@ def set_up(serial: str, features: NodeFeatures, settings: CameraSettings) -> Set
     reports += _common_clock(features)
     reports += _trigger(features, settings)
     for feature, value in zip(
-        _PACKETS, (settings.packet_size, settings.packet_delay, settings.frame_delay), strict=True
+        _PACKETS[:3], (settings.packet_size, settings.packet_delay, settings.frame_delay), strict=True
     ):
         if value is not None:
             reports.append(_number(features, feature, value))
+    if settings.throughput_bytes_s is not None:
+        reports += _throughput(features, settings.throughput_bytes_s)
     reports.append(
         FeatureReport("temperature", features.name("temperature"), got=_text(features.number("temperature")))
     )
+    pitch = features.number("pixel pitch")
+    if pitch is not None and pitch > 0:
+        reports.append(FeatureReport("pixel pitch", features.name("pixel pitch"), got=_text(pitch)))
     return SetupReport(serial, tuple(reports), image_size(features), time.perf_counter() - began)
 
 
@@ -275,10 +281,26 @@ def _frame_rate(features: NodeFeatures, settings: CameraSettings) -> list[Featur
     return reports
 
 
+def _throughput(features: NodeFeatures, wanted_bytes_s: int) -> list[FeatureReport]:
+    """The most that a camera sends, bytes/s, by whatever name it has that; less than wanted is well."""
+    name, switch = features.name("throughput limit"), features.name("throughput switch")
+    if name is None:
+        return [_number(features, "throughput limit", wanted_bytes_s)]
+    reports = []
+    if switch is not None:
+        on = next((one for one in _LIMITED if one in features.choices(switch)), _LIMITED[0])
+        reports.append(_write(features, "throughput switch", switch, on, lambda got: got == on))
+    most = wanted_bytes_s * (1 + _ROUNDING)
+    return [*reports, _write(features, "throughput limit", name, wanted_bytes_s, lambda got: float(got) <= most)]
+
+
 def _common_clock(features: NodeFeatures) -> list[FeatureReport]:
     """IEEE 1588 switched on where a camera has it: it harms nothing, and exposures can be compared by its stamps."""
     name = features.name("common clock")
-    return [] if name is None else [_write(features, "common clock", name, True, lambda got: got is True)]
+    if name is None:
+        return []
+    on: Any = "Auto" if name == "PtpMode" else True
+    return [_write(features, "common clock", name, on, lambda got: got == on)]
 
 
 def _trigger(features: NodeFeatures, settings: CameraSettings) -> list[FeatureReport]:

@@ -33,6 +33,8 @@ from spherecal_cameras.protocol import (
 from spherecal_gentl.producer.build import CTI_FILE
 
 _LOOK_S = 0.02  # between two looks at the user's wish to stop
+# More time for the first images after opening: four of 16 MP took 4.2 s on a machine full of other work.
+_COLD_S = 4.0
 _DRAIN_S = 0.5  # for cameras without time stamps: a late image must not pass for one of the next round
 
 
@@ -53,6 +55,7 @@ class GenicamSource:
         self._service: CameraService | None = None
         self._live_hz: float | None = None
         self._rounds = itertools.count(1)
+        self._took_s: float | None = None  # the last complete set since the cameras were set up
         self._capturing = threading.Lock()
 
     @property
@@ -84,11 +87,12 @@ class GenicamSource:
         for serial in wanted:
             if discovery.camera(serial) is None:
                 raise CameraError(Phrase("error-no-such-camera", {"camera": serial}), _what_is_there(discovery))
+        self._took_s = None
         if self._service is None:
             self._service = CameraService(self._log_file, lambda file: admit_again(self._trust, file))
         cameras = [(serial, discovery.camera(serial)) for serial in wanted]
         return self._service.open(
-            RequestedCamera(serial, info.producer, "", "", settings.get(serial, CameraSettings()))
+            RequestedCamera(serial, info.producer, "", "", settings.get(serial, CameraSettings()), info.device_id)
             for serial, info in cameras
             if info
         )
@@ -99,6 +103,7 @@ class GenicamSource:
         for serial in settings:
             if serial not in service.settings():
                 raise CameraError(Phrase("error-camera-not-open", {"camera": serial}))
+        self._took_s = None
         return service.apply(settings)
 
     def open_settings(self) -> dict[str, CameraSettings]:
@@ -176,23 +181,30 @@ class GenicamSource:
         self, service: CameraService, settings: Mapping[str, CameraSettings], request: CaptureRequest, context: Context
     ) -> FrameSet:
         began = time.perf_counter()
-        best: _Attempt | None = None
+        attempts: list[_Attempt] = []
         late: dict[str, None] = {}
-        attempts = 0
-        while attempts <= request.retries:
-            attempts += 1
-            attempt = _Attempt(service, settings, next(self._rounds))
-            attempt.run(request.timeout_s, context)
-            if best is None or len(attempt.missing()) <= len(best.missing()):
-                best = attempt
-            missing = attempt.missing()
+
+        def hear(meta: FrameMeta) -> None:
+            for attempt in attempts:  # a triggered image of an earlier try that comes late completes that try
+                if attempt is attempts[-1] or meta.round == attempt.number:
+                    attempt.offer(meta)
+
+        service.listen(hear)
+        while len(attempts) <= request.retries:
+            patience_s = request.timeout_s + (2 * self._took_s if self._took_s is not None else 0.0)
+            if self._took_s is None and not attempts:
+                patience_s += _COLD_S
+            attempts.append(_Attempt(service, settings, next(self._rounds)))
+            attempts[-1].run(patience_s, context, attempts[:-1])
+            missing = min((attempt.missing() for attempt in attempts), key=len)
             if not missing:
+                self._took_s = attempts[-1].took_s
                 break
             late |= dict.fromkeys(missing)
-            if attempts <= request.retries:
+            if len(attempts) <= request.retries:
                 _recover(service, missing, request.timeout_s, context)
-        assert best is not None
-        return best.result(tuple(late), attempts, time.perf_counter() - began)
+        best = min(reversed(attempts), key=lambda attempt: len(attempt.missing()))
+        return best.result(tuple(late), len(attempts), time.perf_counter() - began)
 
     def close(self) -> None:
         """Release all cameras and end the camera process."""
@@ -220,19 +232,24 @@ class _Attempt:
         modes: dict[str, TriggerMode] = {serial: known[serial] for serial in settings}
         self._matcher: SetMatcher[tuple[str, int]] = SetMatcher(modes, number, time.perf_counter())
         self._software = tuple(serial for serial, mode in modes.items() if mode in TRIGGERED)
-        self._timeout_s = 0.0
+        self._timeout_s = self.took_s = 0.0
 
-    def run(self, timeout_s: float, context: Context) -> None:
-        """Wait until all images are there, no missing camera can be expected any more, or the time is over."""
+    def run(self, timeout_s: float, context: Context, earlier: Sequence["_Attempt"]) -> None:
+        """Wait until all images of this or an earlier try are there, or no missing camera can be expected any more.
+
+        The time begins again with every image that arrives: those of many large cameras come one after the other.
+        """
         self._timeout_s = timeout_s
-        self._service.listen(self._offer)
         if self._software:
             self._service.trigger(self.number, self._software)
         longest_s = max((one.exposure_us for one in self._settings.values()), default=0.0) * 1e-6
         deadline = time.perf_counter() + timeout_s + longest_s
-        sent = not self._software
+        sent, began, lacking = not self._software, time.perf_counter(), len(self._settings)
         while time.perf_counter() < deadline:
             context.check()
+            self.took_s = time.perf_counter() - began
+            if any(not attempt.missing() for attempt in earlier):
+                return
             if not sent and self._service.is_triggered(self.number):  # slow cameras take their time to be triggered
                 sent, deadline = True, time.perf_counter() + timeout_s + longest_s
             with self._condition:
@@ -240,6 +257,8 @@ class _Attempt:
                     return
                 self._condition.wait(_LOOK_S)
                 missing = self._matcher.missing()
+            if len(missing) < lacking:
+                lacking, deadline = len(missing), max(deadline, time.perf_counter() + timeout_s)
             if missing and self._hopeless(missing):
                 return
 
@@ -247,7 +266,8 @@ class _Attempt:
         statuses, refused = self._service.status_log.statuses(), self._service.refusals(self.number)
         return all(serial in refused or not _expected(statuses.get(serial)) for serial in missing)
 
-    def _offer(self, meta: FrameMeta) -> None:
+    def offer(self, meta: FrameMeta) -> None:
+        """Take an image if it fits; called in the service's thread."""
         key = (meta.serial, meta.sequence)
         seen = Sighting(meta.serial, meta.round, meta.taken_s, meta.uncertainty_s, key)
         with self._condition:

@@ -6,8 +6,10 @@
 // PICTURES_FD is an open file of: 64 bytes of head (the first 8: how many pictures were put there so far), then two
 // pictures of WIDTH x HEIGHT bytes; number n is in place n mod 2. Without a picture the fake camera shows its ramp.
 // Its clock is simulated as synchronised by IEEE 1588 while PtpEnable is on: every camera here has this computer's, some
-// hundred nanoseconds apart. It obeys action commands, also scheduled ones; libaravis' fake camera knows neither.
-// Says "ready" when it answers, and ends with its standard input.
+// hundred nanoseconds apart. It obeys action commands, also scheduled ones, and sends test packets; libaravis' fake
+// camera knows none of these.
+// Says "ready" when it answers, and ends with its standard input. "address IP" asks for a new address (FORCEIP),
+// "keep IP" says which one it is to start with from now on.
 
 #include <arpa/inet.h>
 #include <arv.h>
@@ -63,6 +65,12 @@ enum : uint32_t {
     ptp_enable = 0x8000, ptp_latch = 0x8004, ptp_status = 0x8008, trigger_source = 0x800C, ptp_offset = 0x8010,
     action_device_key = 0x8018, action_group_key = 0x801C, action_group_mask = 0x8020, time_latch = 0x8024,
     latched_time = 0x8028,
+};
+
+// Registers of every GigE Vision camera.
+enum : uint32_t {
+    ip_configuration = 0x14, persistent_address = 0x64c, stream_port = 0xd00, packet_size = 0xd04, stream_address = 0xd18,
+    fire = 1u << 31,
 };
 
 std::string integer(const char* name, uint32_t at, int bytes, const char* access) {
@@ -174,6 +182,29 @@ class Clock {  // synchronised as by IEEE 1588, and what is done at a time of it
             arv_fake_camera_write_register(camera_, time_latch, 0);
         }
         if (due_ns_ && now() >= due_ns_) act();
+        if (get(packet_size) & fire) send_test_packet();
+        const uint32_t kept = get(ip_configuration) & 1 ? get(persistent_address) : 0;
+        if (kept != kept_) say("keep", kept_ = kept);
+    }
+
+    static void say(const char* what, uint32_t address) {
+        const in_addr in{htonl(address)};
+        char text[INET_ADDRSTRLEN];
+        std::printf("%s %s\n", what, inet_ntop(AF_INET, &in, text, sizeof text));
+        std::fflush(stdout);
+    }
+
+    void send_test_packet() {
+        const uint32_t wanted = get(packet_size);
+        arv_fake_camera_write_register(camera_, packet_size, wanted & ~fire);
+        const size_t bytes = wanted & 0xffff;
+        const int out = socket(AF_INET, SOCK_DGRAM | SOCK_CLOEXEC, 0), whole = IP_PMTUDISC_PROBE;
+        setsockopt(out, IPPROTO_IP, IP_MTU_DISCOVER, &whole, sizeof whole);
+        sockaddr_in to{};
+        to.sin_family = AF_INET, to.sin_port = htons(uint16_t(get(stream_port))), to.sin_addr.s_addr = htonl(get(stream_address));
+        const std::string data(bytes > 28 ? bytes - 28 : 0, '\0');
+        sendto(out, data.data(), data.size(), 0, reinterpret_cast<const sockaddr*>(&to), sizeof to);  // too large: none
+        close(out);
     }
 
     void act() {
@@ -195,13 +226,18 @@ class Clock {  // synchronised as by IEEE 1588, and what is done at a time of it
     }
 
     void listen() {
-        uint8_t data[256];
+        uint8_t data[576];
         const ssize_t n = recv(ear_, data, sizeof data, MSG_DONTWAIT);
         if (n < 20 || data[9] != IPPROTO_UDP) return;
         const size_t head = size_t(data[0] & 15) * 4, udp = head + 8, body = udp + 8;
         const auto word = [&](size_t at) { return uint32_t(data[at]) << 24 | data[at + 1] << 16 | data[at + 2] << 8 | data[at + 3]; };
         if (size_t(n) < body + 12 || (data[head + 2] << 8 | data[head + 3]) != 3956 || data[udp] != 0x42) return;
-        if ((data[udp + 2] << 8 | data[udp + 3]) != 0x0100 || get(trigger_source) != 2) return;
+        const int asked = data[udp + 2] << 8 | data[udp + 3];
+        if (asked == 0x0004 && size_t(n) >= body + 56 && get(0x0a00) == 0) {  // FORCEIP, heeded while nobody has control
+            const uint32_t high = word(body) & 0xffff, low = word(body + 4);
+            if (high == (get(0x08) & 0xffff) && low == get(0x0c)) say("address", word(body + 20));
+        }
+        if (asked != 0x0100 || get(trigger_source) != 2) return;
         if (word(body) != get(action_device_key) || word(body + 4) != get(action_group_key)) return;
         if ((word(body + 8) & get(action_group_mask)) == 0) return;
         const bool scheduled = data[udp + 1] & 0x80 && size_t(n) >= body + 20;
@@ -213,6 +249,7 @@ class Clock {  // synchronised as by IEEE 1588, and what is done at a time of it
     Pictures& pictures_;
     int ear_ = -1;
     int64_t offset_ns_ = 0, since_ns_ = 0, due_ns_ = 0;
+    uint32_t kept_ = 0;
 };
 
 }  // namespace

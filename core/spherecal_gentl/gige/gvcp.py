@@ -4,12 +4,15 @@ import itertools
 import socket
 import struct
 import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 
 PORT = 3956
 CONTROL_REGISTER = 0x0A00  # who has control: 1 exclusive, 2 control
 _KEY, _ANSWER_WANTED, _BROADCAST_ANSWER = 0x42, 0x01, 0x10
 _SEARCH, _FOUND, _READ, _READ_ANSWER, _WRITE, _WRITE_ANSWER = 0x02, 0x03, 0x80, 0x81, 0x82, 0x83
+_FORCE_ADDRESS = 0x04
 _HEADER = struct.Struct(">HHHH")
 _SEARCH_DATA = 248  # bytes
 _AGAIN_S = 0.15
@@ -70,13 +73,7 @@ class Gvcp:
 def search(interface: str, seconds: float = 0.7, address: str = "") -> list[NetworkCamera]:
     """The cameras that answer to a broadcast on an interface, of whatever subnet, sorted by serial number and address."""
     found: dict[tuple[str, str], NetworkCamera] = {}
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as asking:
-        asking.setsockopt(socket.SOL_SOCKET, socket.SO_BROADCAST, 1)
-        bind_to_device = getattr(socket, "SO_BINDTODEVICE", None)
-        if bind_to_device is not None:
-            asking.setsockopt(socket.SOL_SOCKET, bind_to_device, interface.encode())
-        else:
-            asking.bind((address, 0))
+    with _broadcasting(interface, address) as asking:
         begun, asked = time.monotonic(), 0
         while (passed := time.monotonic() - begun) < seconds:
             if passed >= asked * _AGAIN_S and asked < 3:
@@ -91,6 +88,28 @@ def search(interface: str, seconds: float = 0.7, address: str = "") -> list[Netw
             if (camera := _understood(interface, data)) is not None:
                 found[camera.mac, camera.address] = camera
     return sorted(found.values(), key=lambda camera: (camera.serial, camera.address))
+
+
+def force_address(interface: str, mac: str, ip: str, mask: str, gateway: str, address: str = "") -> None:
+    """Have the camera of a hardware address take an IP address until its next start; nobody may control it (FORCEIP)."""
+    words = (socket.inet_aton(one) for one in (ip, mask, gateway))
+    payload = struct.pack(">2x6s12x4s12x4s12x4s", bytes.fromhex(mac.replace(":", "")), *words)
+    message = _message(_FORCE_ADDRESS, _BROADCAST_ANSWER, next(_numbers) % 65535 + 1, payload)
+    with _broadcasting(interface, address) as asking:
+        asking.sendto(message, ("255.255.255.255", PORT))
+
+
+@contextmanager
+def _broadcasting(interface: str, address: str) -> Iterator[socket.socket]:
+    """A socket that sends to everybody on one interface."""
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as asking:
+        asking.setsockopt(socket.SOL_SOCKET, socket.SO_BROADCAST, 1)
+        bind_to_device = getattr(socket, "SO_BINDTODEVICE", None)
+        if bind_to_device is not None:
+            asking.setsockopt(socket.SOL_SOCKET, bind_to_device, interface.encode())
+        else:
+            asking.bind((address, 0))
+        yield asking
 
 
 def _understood(interface: str, data: bytes) -> NetworkCamera | None:

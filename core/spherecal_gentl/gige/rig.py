@@ -41,6 +41,7 @@ class Camera:
     number: int
     network: NetworkNamespace
     address: str = ""
+    kept: str = ""
     program: subprocess.Popen | None = None
 
     @property
@@ -56,7 +57,7 @@ class Camera:
     @property
     def own_address(self) -> str:
         """The address it starts with."""
-        return f"{NET}.{_FIRST_HOST + self.number}"
+        return self.kept or f"{NET}.{_FIRST_HOST + self.number}"
 
 
 class CameraNetwork:
@@ -153,6 +154,18 @@ class CameraNetwork:
             raise CommandError(f"camera {camera.serial}: {program.stderr.read().strip() or 'did not start'}")
         threading.Thread(target=program.stderr.read, daemon=True).start()  # a full pipe would stop it
         camera.program = program
+        threading.Thread(target=self._obey, args=(camera, program), daemon=True).start()
+
+    def _obey(self, camera: Camera, program: subprocess.Popen) -> None:
+        """What a camera asks for: another address now, or from its next start on."""
+        assert program.stdout is not None
+        for line in program.stdout:
+            what, address = line.split()
+            if what == "keep":
+                camera.kept = "" if address == "0.0.0.0" else address
+            elif address != camera.address:
+                self._readdress(camera.serial, address)
+                return
 
     def _stop(self, camera: Camera) -> None:
         if camera.program is not None:
@@ -228,8 +241,11 @@ class CameraNetwork:
     def power_on(self, serial: str) -> None:
         """The camera starts again."""
         self.plug(serial)
-        if self.cameras[serial].program is None:
-            self._start(self.cameras[serial])
+        camera = self.cameras[serial]
+        if camera.program is None:
+            if camera.kept:
+                self._give_address(camera, camera.kept)
+            self._start(camera)
 
     def seize(self, serial: str) -> None:
         """A program on the second computer gets control, as after a broken line; returns when it has it."""

@@ -129,7 +129,7 @@ def _cache_folder() -> Path:
 
 def _built(product: _Product) -> Path:
     flags = aravis_flags() if product.aravis else []
-    compiler = _compiler()
+    compiler = cxx_compiler()
     kept = _cache_folder() / _source_hash(product, compiler) / product.file
     if not kept.exists():
         _put(kept, lambda file: _compile(product, compiler, file, flags))
@@ -138,7 +138,8 @@ def _built(product: _Product) -> Path:
     return kept
 
 
-def _compiler() -> str:
+def cxx_compiler() -> str:
+    """The C++ compiler of this machine; InputError where there is none."""
     asked = os.environ.get("CXX")
     names = [asked] if asked else ["cl", "g++", "clang++"] if sys.platform == "win32" else ["g++", "clang++", "c++"]
     for name in names:

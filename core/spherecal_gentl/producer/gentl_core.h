@@ -34,6 +34,8 @@ struct Failure {
     std::string text;
 };
 
+inline std::string (*error_tail)() = nullptr;  // what simulated cameras put behind every text of an error
+
 inline Failure& last_failure() {
     thread_local Failure kept{success, "no error"};
     return kept;

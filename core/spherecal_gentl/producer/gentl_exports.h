@@ -265,7 +265,7 @@ GENTL_EXPORT Error GCGetLastError(Error* code, char* text, size_t* size) {
     const Failure last = last_failure();
     try {
         required(code) = last.code;
-        answer_text(text, size, last.text);
+        answer_text(text, size, gentl::error_tail ? last.text + gentl::error_tail() : last.text);
         return success;
     } catch (const Failure& failure) {
         return failure.code;

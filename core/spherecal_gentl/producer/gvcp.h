@@ -156,6 +156,12 @@ inline std::optional<uint32_t> local_address(uint32_t camera) {
 struct Found {  // what a camera says of itself
     uint32_t address = 0, mask = 0, gateway = 0;
     std::string mac, vendor, model, version, serial, user_name;
+
+    // One camera by what it says of itself. Cloned ones and stock fakes are equal in all, and differ in their address.
+    bool alike(const Found& o) const {
+        return mac == o.mac && serial == o.serial && model == o.model && vendor == o.vendor;
+    }
+    bool same(const Found& o) const { return alike(o) && address == o.address; }
 };
 
 inline std::optional<Found> understood(const Bytes& answer) {
@@ -212,7 +218,7 @@ inline std::vector<Found> search(unsigned link, const std::vector<uint32_t>& add
         if (!one) continue;
         if (!link || one->address == 0) one->address = from;  // as it was reached
         bool known = false;
-        for (const Found& other : found) known |= other.address == one->address && other.mac == one->mac;
+        for (const Found& other : found) known |= other.same(*one);
         if (!known) found.push_back(*one), last = Clock::now();
     }
 }

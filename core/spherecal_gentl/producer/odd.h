@@ -9,6 +9,7 @@
 //   serial=TEXT       every camera's serial number (may be empty), `model=TEXT` its model
 //   format=N          the number of the pixel format that images name
 //   parts=N           every buffer has two parts: one of the pixel format N, then the image
+//   texts=HEX         behind every text of an error and in the maker's name: these bytes, which may be no UTF-8
 //   big=1             pixels of two bytes have the high one first
 #pragma once
 
@@ -35,6 +36,13 @@ inline uint64_t number(const std::string& name, uint64_t usual) {
 }
 
 inline bool is(const std::string& name, const std::string& value) { return word(name) == value; }
+
+inline std::string bytes(const std::string& name) {
+    const std::string hex = word(name).value_or("");
+    std::string found;
+    for (size_t i = 0; i + 1 < hex.size(); i += 2) found += char(std::strtoul(hex.substr(i, 2).c_str(), nullptr, 16));
+    return found;
+}
 
 struct Description {
     std::string text, name, url;  // url: where it is not in the camera

@@ -182,6 +182,7 @@ std::string plain_id(const std::string& text) {
 struct Camera : gentl::Camera {
     gvcp::Found found;
     std::string usb;  // libaravis' name of a camera on USB
+    std::string apart;  // its address where another camera is like it
     uint32_t host = 0;  // our address on its network, 0 for the routing table's choice
     bool held = false;  // another program had control at the last search
     gentl::Clock::time_point ask_from{};  // not to be asked for its controller before
@@ -189,13 +190,17 @@ struct Camera : gentl::Camera {
 
     bool on_network() const { return usb.empty(); }
     std::string id() const override {
-        const std::string unique = !found.serial.empty() ? found.serial : on_network() ? found.mac : usb;
-        return plain_id(found.vendor + "-" + found.model + "-" + unique);
+        if (!on_network()) return plain_id(found.vendor + "-" + found.model + "-" + (found.serial.empty() ? usb : found.serial));
+        const std::string serial = found.serial.empty() ? "" : "-" + found.serial;
+        return plain_id(found.vendor + "-" + found.model + serial + "-" + found.mac + (apart.empty() ? "" : "-" + apart));
     }
     std::string vendor() const override { return found.vendor; }
     std::string model() const override { return found.model; }
     std::string serial() const override { return found.serial; }
     std::string user_name() const override { return found.user_name; }
+    std::string display_name() const override {
+        return gentl::Camera::display_name() + (on_network() ? " " + gvcp::address_text(found.address) : "");
+    }
     std::string version() const override { return found.version; }
     std::string type() const override { return on_network() ? "GEV" : "U3V"; }
     int32_t access_status() const override {
@@ -229,7 +234,8 @@ struct Network : gentl::Interface {
 
    private:
     enum class Control { free, held, not_asked };  // not asked: it is ours, or was held a moment ago
-    bool merge(const gvcp::Found& one, Control control, const std::string& problem);
+    Camera* camera_of(const gvcp::Found& one, const std::vector<gvcp::Found>& all);
+    bool merge(const gvcp::Found& one, const std::vector<gvcp::Found>& all, Control control, const std::string& problem);
 };
 
 struct Usb : gentl::Interface {
@@ -318,7 +324,7 @@ Camera* known(gentl::Interface& link, const std::string& id) {
 std::string problem_of(const gvcp::Found& one, const std::vector<gvcp::Found>& all, const gvcp::Link& link) {
     const std::string at = gvcp::address_text(one.address);
     for (const gvcp::Found& other : all)
-        if (other.address == one.address && other.mac != one.mac)
+        if (other.address == one.address && !other.alike(one))
             return "the cameras " + one.serial + " and " + other.serial + " have the same address " + at;
     if (link.index && gvcp::local_address(one.address) != link.address)
         return "its address " + at + " is not in the network of " + link.name + ", " + gvcp::address_text(link.address) +
@@ -326,19 +332,33 @@ std::string problem_of(const gvcp::Found& one, const std::vector<gvcp::Found>& a
     return "";
 }
 
-bool Network::merge(const gvcp::Found& one, Control control, const std::string& problem) {
-    Camera fresh;
-    fresh.found = one;
-    fresh.host = addresses.empty() ? link.address : 0;
-    Camera* camera = known(*this, fresh.id());
+// The camera that was found before at this address, else one like it whose address nobody has now; null for a new one.
+Camera* Network::camera_of(const gvcp::Found& one, const std::vector<gvcp::Found>& all) {
+    Camera* moved = nullptr;
+    for (const auto& each : cameras) {
+        auto& camera = static_cast<Camera&>(*each);
+        if (camera.found.same(one)) return &camera;
+        const auto there = [&](const gvcp::Found& other) { return other.same(camera.found); };
+        if (camera.found.alike(one) && !camera.opened && std::none_of(all.begin(), all.end(), there)) moved = &camera;
+    }
+    return moved;
+}
+
+bool Network::merge(
+    const gvcp::Found& one, const std::vector<gvcp::Found>& all, Control control, const std::string& problem) {
+    Camera* camera = camera_of(one, all);
     if (!camera) {
         auto made = std::make_unique<Camera>();
+        made->found = one;
+        const auto twin = [&](const gvcp::Found& other) { return other.alike(one) && !other.same(one); };
+        if (std::any_of(all.begin(), all.end(), twin) || known(*this, made->id())) made->apart = gvcp::address_text(one.address);
         camera = made.get();
         cameras.push_back(std::move(made));
         camera->gentl::Camera::link = this;
     }
     const bool news = !camera->listed;
-    camera->found = one, camera->held = control != Control::free, camera->host = fresh.host, camera->problem = problem;
+    camera->found = one, camera->held = control != Control::free, camera->problem = problem;
+    camera->host = addresses.empty() ? link.address : 0;
     camera->listed = true;
     // only if it was asked: else the time to ask, passing during a search, would be put off again and again
     if (control == Control::held) camera->found_held();
@@ -350,11 +370,11 @@ bool Network::refresh(Lock& lock, uint64_t timeout_ms) {
     const unsigned index = addresses.empty() ? link.index : 0;
     const std::vector<uint32_t> asked = addresses;
     const gvcp::Link on = link;
-    std::vector<std::string> quiet;
+    std::vector<gvcp::Found> quiet;
     for (const auto& camera : cameras) {
         const bool ours = camera->opened && !camera->opened->lost();
         if (ours || gentl::Clock::now() < static_cast<Camera&>(*camera).ask_from)
-            quiet.push_back(static_cast<Camera&>(*camera).found.mac);
+            quiet.push_back(static_cast<Camera&>(*camera).found);
     }
     std::vector<std::tuple<gvcp::Found, Control, std::string>> found;
     lock.unlock();
@@ -363,7 +383,7 @@ bool Network::refresh(Lock& lock, uint64_t timeout_ms) {
     for (const gvcp::Found& one : all) {
         const std::string problem = problem_of(one, all, index ? on : gvcp::Link{});
         Control control = Control::free;
-        if (std::find(quiet.begin(), quiet.end(), one.mac) != quiet.end()) {
+        if (std::any_of(quiet.begin(), quiet.end(), [&](const gvcp::Found& known) { return known.same(one); })) {
             control = Control::not_asked;
         } else if (problem.empty()) {
             const auto by = gvcp::read_register(one.address, gvcp::control_register, milliseconds(100), 2);
@@ -379,7 +399,7 @@ bool Network::refresh(Lock& lock, uint64_t timeout_ms) {
         camera->listed = camera->opened && !camera->opened->lost();  // a busy line may lose the answer
     }
     const size_t old = cameras.size();
-    for (const auto& [one, control, problem] : found) merge(one, control, problem);
+    for (const auto& [one, control, problem] : found) merge(one, all, control, problem);
     bool changed = cameras.size() != old;
     for (size_t i = 0; i < old; ++i) changed |= cameras[i]->listed != before[i];
     return changed;

@@ -195,6 +195,8 @@ Rig& rig() {
     return kept;
 }
 
+const bool tailed = (gentl::error_tail = [] { return odd::bytes("texts"); }, true);
+
 int32_t opened_status(const gentl::Device& device);
 void power_up(region::Device& block);
 
@@ -204,7 +206,7 @@ struct Camera : gentl::Camera {  // one of the rig
 
     bool unplugged() const { return uint64_t(now().count()) < block->unplugged_until_ns; }
     std::string id() const override { return "SphereCal-" + own_serial(); }
-    std::string vendor() const override { return gentl::vendor; }
+    std::string vendor() const override { return gentl::vendor + odd::bytes("texts"); }
     std::string model() const override {
         return odd::word("model").value_or(std::string(block->model, strnlen(block->model, sizeof block->model)));
     }

@@ -30,7 +30,7 @@ def add_cameras(add: Add) -> None:
     number(doctor, "--seconds", None, "how long to watch (default 5)", _ABOVE_ZERO, default=5.0)
     number(doctor, "--rate", "HZ", "images a second (default 5)", _ABOVE_ZERO, default=5.0)
     flag(doctor, "--order", "find out which camera is which, by covering lenses")
-    flag(doctor, "--stagger", "save the delays with which GigE cameras share a line, and apply them")
+    flag(doctor, "--stagger", "save the delays or limits with which cameras share a line, and apply them")
     _add_capture(action("capture", "Capture a session, set by set."))
     trust = below("trust", "Allow driver files (.cti) to be loaded, revoke this, or list the allowed files.")
     trust.add_argument("files", nargs="*", metavar="FILE", help="driver files; without any, list the allowed ones")
@@ -53,8 +53,10 @@ def _add_set(to: argparse.ArgumentParser) -> None:
     number(to, "--packet-size", "BYTES", "packet size of a GigE camera's stream", int)
     number(to, "--packet-delay", "TICKS", "pause between packets, in the camera's ticks", int)
     number(to, "--frame-delay", "TICKS", "pause before an image is sent, in its ticks", int)
+    number(to, "--throughput-bytes-s", "BYTES", "the most that the camera sends, bytes a second", int)
     number(to, "--focal-length-mm", "MM", "focal length of the lens, from its label", _ABOVE_ZERO)
     number(to, "--pixel-pitch-um", "UM", "pixel pitch of the sensor, from its data sheet", _ABOVE_ZERO)
+    choice(to, "--in-rig", ("yes", "no"), "whether it belongs to the rig; `no`: it is never opened")
     flag(to, "--offline", "only save the settings, do not look for the camera")
 
 
@@ -80,6 +82,7 @@ def _add_producers(add: Add) -> None:
         "of any maker; needs a C++ compiler.",
     )
     flag(build, "--aravis", "for real cameras, by libaravis (Linux; libaravis-dev)")
+    flag(build, "--use", "with --aravis: use it from now on, as the built-in driver")
     output(build, "FOLDER", "also put a copy into this folder", required=False)
 
     simulate = add(

@@ -621,11 +621,14 @@ def test_list_show_set_and_doctor_on_the_simulated_rig(tmp_path, capsys):
     assert "SIM" not in capsys.readouterr().out.split("\n")[0]
 
 
-def test_a_real_camera_without_a_lens_is_asked_for_it():
+def test_a_real_camera_without_a_lens_is_recorded_with_a_start_that_says_so():
     from spherecal_cameras.plan import camera_spec_json
 
-    with pytest.raises(CameraError, match="--focal-length-mm"):
-        camera_spec_json("left", "1", "m", (100, 100), None, 8.0)
+    for pitch, focal in ((None, 8.0), (3.45, None), (None, None)):
+        entry = camera_spec_json("left", "1", "m", (100, 80), pitch, focal)
+        assert entry["prior"]["assumed"] == ["focal_length"] and "focal_length_mm" not in entry
+        assert entry["prior"]["matrix"][0] == [120.0, 0.0, 49.5]
+    assert "prior" not in camera_spec_json("left", "1", "m", (100, 80), 3.45, 8.0)
 
 
 def test_sources_end_their_threads(stage):

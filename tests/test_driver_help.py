@@ -7,8 +7,8 @@ import pytest
 
 from spherecal.base.messages.catalogue import phrase
 from spherecal_cameras.builtin_driver import BuiltinDriver
-from spherecal_cameras.camera_network import LocalAddress, answering_cameras, local_addresses
-from spherecal_cameras.driver_help import driver_advice, driver_troubles, seen_without_driver
+from spherecal_cameras.camera_network import LocalAddress, WireCamera, answering_cameras, local_addresses, reached
+from spherecal_cameras.driver_help import driver_advice, driver_troubles, on_wire, seen_without_driver, unlisted
 from spherecal_cameras.genicam.discovery import producer_files
 from spherecal_cameras.makers import MAKERS, driver_folders, driver_patterns, maker_of
 from spherecal_cameras.protocol import CameraInfo, Discovery, ProducerVerdict
@@ -23,8 +23,12 @@ def at(address: str, mask: str = "255.255.255.0", interface: str = "eth1", seria
     return NetworkCamera(interface, address, mask, f"02:00:{serial}", "Maker", "M-5", serial, "")
 
 
-def kinds(discovery: Discovery, *cameras: NetworkCamera) -> list[str]:
-    return [one.kind for one in driver_troubles(discovery, cameras, LOCAL)]
+def wired(mac: str, serial: str, address: str = "192.168.7.20") -> WireCamera:
+    return WireCamera(mac, address, "255.255.255.0", "Maker", "M-5", serial, "", "eth1", True, False)
+
+
+def kinds(discovery: Discovery) -> list[str]:
+    return [one.kind for one in driver_troubles(discovery)]
 
 
 def test_each_reason_has_its_name() -> None:
@@ -47,23 +51,33 @@ def test_each_reason_has_its_name() -> None:
         (at("192.168.7.20", interface="eth0"), True),
         (at("169.254.3.4", "255.255.0.0"), True),
         (at("10.1.9.9", "255.255.0.0", "eth0"), False),
-        (at("192.168.8.20", serial="S1"), False),
-        (at("0.0.0.0", "0.0.0.0"), False),
+        (at("0.0.0.0", "0.0.0.0"), True),
         (at("192.168.8.20", "1.2.3.4"), True),
     ],
 )
-def test_a_camera_elsewhere_is_told_with_an_address_that_reaches_it(camera: NetworkCamera, elsewhere: bool) -> None:
-    found = driver_troubles(Discovery((INFO,), (ProducerVerdict("a.cti", True, "", "", (INFO,)),)), [camera], LOCAL)
-    assert [one.kind for one in found] == ["other-subnet"] * elsewhere
-    if elsewhere:
-        assert found[0].beside.rpartition(".")[0] == camera.address.rpartition(".")[0] or "/16" in found[0].beside
-        assert camera.address not in found[0].beside
+def test_a_camera_elsewhere_is_known_by_its_address(camera: NetworkCamera, elsewhere: bool) -> None:
+    assert reached(camera, LOCAL) is not elsewhere
 
 
 def test_where_the_system_chooses_the_interface_any_of_its_addresses_may_reach_the_camera() -> None:
     local = (LocalAddress("", "192.168.7.1"),)
-    assert driver_troubles(Discovery((INFO,)), [at("192.168.7.20", interface="")], local)[1:] == ()
-    assert driver_troubles(Discovery((INFO,)), [at("192.168.8.20", interface="")], local)[-1].kind == "other-subnet"
+    assert reached(at("192.168.7.20", interface=""), local) and not reached(at("192.168.8.20", interface=""), local)
+
+
+def test_a_listed_camera_is_found_on_the_wire_also_among_equal_serial_numbers() -> None:
+    one, other = wired("02:00:00:00:00:01", "GV01"), wired("02:00:00:00:00:02", "GV01", "192.168.7.21")
+    assert on_wire(CameraInfo("GV01", "m", "v", "a.cti"), [one]) == one
+    assert on_wire(CameraInfo("GV01 (x-020000000002)", "m", "v", "a.cti"), [one, other]) == other
+    assert on_wire(CameraInfo("GV01", "m", "v", "a.cti", address="192.168.7.20"), [one, other]) == one
+    assert on_wire(CameraInfo("GV01", "m", "v", "a.cti"), [one, other]) is None
+    assert on_wire(CameraInfo("S2", "m", "v", "a.cti"), [one]) is None
+    assert unlisted(Discovery((CameraInfo("GV01", "m", "v", "a.cti"),)), [one, wired("02:03", "S7")]) == (
+        wired("02:03", "S7"),
+    )
+
+
+def test_no_driver_names_the_makers_of_who_answers() -> None:
+    assert driver_troubles(Discovery(()), [wired("02:01", "1"), wired("02:02", "2")])[0].makers == ("Maker",)
 
 
 def test_this_computers_addresses_are_asked_and_nobody_answers_is_no_error() -> None:

@@ -16,6 +16,8 @@ pytest.importorskip("PySide6.QtWidgets", reason="Qt cannot be loaded here", exc_
 
 from spherecal.base.context import Context, Progress
 from spherecal.base.messages.values import Phrase
+from spherecal_cameras.new_recording import RigCameras
+from spherecal_cameras.profile import CameraProfile
 from spherecal_cameras.protocol import CameraInfo, CameraState, CameraStatus, Counters, Discovery, SetupReport
 from spherecal_gui.presenters import coverage as cov
 from spherecal_gui.presenters.bars import budget_cells, errors_of, length_cells, next_pose, pose_state, rule_text
@@ -218,6 +220,9 @@ def connection(statuses: dict[str, CameraStatus]) -> Any:
         discovery=Discovery(infos),
         info=Discovery(infos).camera,
         reports=tuple(SetupReport(serial, (), (640, 480)) for serial in statuses),
+        profile=CameraProfile(),
+        rig=RigCameras((), {}),
+        wire=(),
     )
 
 

@@ -17,6 +17,7 @@ from spherecal.detect.redetection import with_missed_targets
 from spherecal.detect.session_images import observed
 from spherecal.diagnose.lens_models import best_lens_model
 from spherecal.diagnose.plausibility import implausible
+from spherecal.initialise.focal_length import with_seen_focal_lengths
 from spherecal.result.build import build_failed_result, build_result, stopped_early
 from spherecal.steps.automatic_repairs import TURNS, certain_repairs, has_fewer_faults, helps, is_credible, is_settled
 from spherecal.steps.fit_ball import fit_ball_model
@@ -53,7 +54,9 @@ def _calibrate_ball(session: Session, settings: CalibrationSettings, context: Co
     if from_images:
         session = observed(session, context)
         watch.lap("detection")
-    task = _Task(settings, from_images, nothing_found(session, from_images), context, watch)
+    missing = nothing_found(session, from_images)
+    session, seen = with_seen_focal_lengths(session)  # start values of those that nobody stated
+    task = _Task(settings, from_images, missing, seen, context, watch)
     best = now = _solve(session, task)
     done = Repairs()
     for _ in range(TURNS if settings.repair_by_itself else 0):
@@ -78,11 +81,12 @@ def _calibrate_ball(session: Session, settings: CalibrationSettings, context: Co
 
 @dataclass(frozen=True)
 class _Task:
-    """What all turns of a calibration share; `missing`: findings where no target was found."""
+    """What all turns share; `missing`: findings where no target was found; `seen`: focal lengths by camera, px."""
 
     settings: CalibrationSettings
     from_images: bool
     missing: tuple[Finding, ...]
+    seen: dict[str, float]
     context: Context
     watch: Stopwatch
 
@@ -100,7 +104,7 @@ def _solve(session: Session, task: _Task) -> Calibration:
             done = _adjust(complete, rest)
         except PartialResultAccepted:
             done = stopped_early(first)
-    return with_findings(done, (*task.missing, *implausible(session), *as_stated(session, task.settings)))
+    return with_findings(done, (*task.missing, *implausible(session), *as_stated(session, task.settings, task.seen)))
 
 
 def _adjust(session: Session, task: _Task) -> Calibration:

@@ -150,6 +150,9 @@ def answering_cameras(local: Sequence[LocalAddress], seconds: float = 0.7) -> tu
 
 def reached(camera: NetworkCamera, local: Iterable[LocalAddress]) -> bool:
     """Whether this computer has an address in the camera's network, on the interface where the camera answered."""
+    if camera.mask == "0.0.0.0":  # it does not say: then the computer's own networks tell
+        lines = [line for line in network_lines() if line.interface == camera.interface]
+        return any(ipaddress.ip_address(camera.address) in network_of(line) for line in lines)
     try:
         network = ipaddress.ip_interface(f"{camera.address}/{camera.mask}").network
         return any(

@@ -1,37 +1,30 @@
-"""Why no camera was found, or not all: no driver, one that is not allowed, one without cameras, another subnet."""
+"""Why no camera was found, or not all: no driver, one that is not allowed, one without cameras."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal
 
 from spherecal.base.messages.values import Phrase
-from spherecal_cameras.camera_network import LocalAddress, reached
+from spherecal_cameras.camera_network import WireCamera, found_on_wire
 from spherecal_cameras.makers import maker_of
-from spherecal_cameras.network_lines import free_beside
-from spherecal_cameras.protocol import CameraError, Discovery
-from spherecal_cameras.usb import UsbCamera
+from spherecal_cameras.protocol import CameraError, CameraInfo, Discovery
+from spherecal_cameras.usb import UsbCamera, usb_cameras
 from spherecal_gentl.gige.gvcp import NetworkCamera
 
 if TYPE_CHECKING:  # the window's start waits for no more than it must
     from spherecal_cameras.builtin_driver import BuiltinDriver
 
-Trouble = Literal["no-driver", "not-allowed", "not-loaded", "no-cameras", "other-subnet"]
+Trouble = Literal["no-driver", "not-allowed", "not-loaded", "no-cameras"]
 
 
 @dataclass(frozen=True)
 class DriverTrouble:
-    """One reason: the driver's file with its own words, or a camera with the address that would reach it.
-
-    `beside` is an address for this computer in the camera's network, such as 192.168.7.254/24; `local` are the
-    addresses that it has.
-    """
+    """One reason: the driver's file with its own words; where there is none, the makers of cameras that answer."""
 
     kind: Trouble
     file: str = ""
     said: str = ""
-    camera: NetworkCamera | None = None
-    local: tuple[LocalAddress, ...] = ()
-    beside: str = ""
+    makers: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -49,33 +42,57 @@ class SeenCamera:
 
 
 class NoCameras(CameraError):
-    """No camera was found; `troubles` say why."""
+    """No camera was found; `troubles` say why, `wire` has those that answer on the network all the same."""
 
     troubles: tuple[DriverTrouble, ...] = ()
+    wire: tuple[WireCamera, ...] = ()
 
 
-def driver_troubles(
-    discovery: Discovery, answering: Iterable[NetworkCamera] = (), local: Sequence[LocalAddress] = ()
-) -> tuple[DriverTrouble, ...]:
+def driver_troubles(discovery: Discovery, wire: Iterable[WireCamera] = ()) -> tuple[DriverTrouble, ...]:
     """Why no camera was found, or not all.
 
     A driver without cameras is only a reason where no driver has any.
     """
     found: list[DriverTrouble] = []
     if not discovery.producers:
-        found.append(DriverTrouble("no-driver"))
+        makers = sorted({one.maker for one in wire if one.maker})
+        found.append(DriverTrouble("no-driver", makers=tuple(makers)))
     for one in discovery.producers:
         if not one.usable:
             kind: Trouble = "not-allowed" if one.refused else "not-loaded"
             found.append(DriverTrouble(kind, one.file, f"{one.message} {one.hint}".strip()))
-    known = {camera.serial for camera in discovery.cameras}
-    elsewhere = [one for one in answering if one.serial not in known and not reached(one, local)]
-    found += [
-        DriverTrouble("other-subnet", camera=one, local=tuple(local), beside=free_beside(one)) for one in elsewhere
-    ]
-    if not discovery.cameras and not elsewhere:
+    if not discovery.cameras:
         found += [DriverTrouble("no-cameras", one.file, one.message) for one in discovery.producers if one.usable]
     return tuple(found)
+
+
+def answering() -> tuple[WireCamera, ...]:
+    """Every camera that answers without a driver, on the network or on USB (its address is `USB` then); blocking."""
+    usb = (
+        WireCamera("", "USB", "", one.maker, one.model, one.serial, "", "", subnet_ok=True, controlled_by_other=None)
+        for one in usb_cameras()
+    )
+    return (*found_on_wire(), *usb)
+
+
+def on_wire(info: CameraInfo, wire: Iterable[WireCamera]) -> WireCamera | None:
+    """What a camera says of itself on the network; None where it does not answer there.
+
+    Cameras of one serial number are told apart by what else the driver knows: address or hardware address.
+    """
+    alike = [one for one in wire if one.serial and info.serial.split(" (")[0] == one.serial]
+    if len(alike) > 1:
+        known = f"{info.serial} {info.device_id} {info.address}".lower()
+        apart = [one for one in alike if one.ip_address in known or one.mac.lower() in known]
+        alike = apart or [one for one in alike if one.mac.replace(":", "").lower() in known]
+    return alike[0] if len(alike) == 1 else None
+
+
+def unlisted(discovery: Discovery, wire: Iterable[WireCamera]) -> tuple[WireCamera, ...]:
+    """The cameras that answer on the network and that no driver lists."""
+    wire = tuple(wire)
+    listed = {on_wire(info, wire) for info in discovery.cameras}
+    return tuple(one for one in wire if one not in listed)
 
 
 def seen_without_driver(

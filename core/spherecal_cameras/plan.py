@@ -16,10 +16,9 @@ from spherecal.files.capture_file import VERSION as CAPTURE_VERSION
 from spherecal.files.json_file import read_json
 from spherecal.files.observations_file import COLUMNS
 from spherecal.files.read_session import FORMAT, VERSION, read_session
-from spherecal.files.session_json import session_json
+from spherecal.files.session_json import assumed_prior, session_json
 from spherecal.files.target_set_file import read_target_set, write_target_set
 from spherecal.targets.target_set import TargetSet
-from spherecal_cameras.protocol import CameraError
 
 _TAKEN_OVER = ("scale", "sphere", "bars", "board")
 
@@ -161,22 +160,18 @@ def _about(words: Words, read: Path, given: Path) -> Words:
 def camera_spec_json(
     name: str, serial: str, model: str, size: tuple[int, int], pitch_um: float | None, focal_mm: float | None
 ) -> dict[str, Any]:
-    """A real camera as session.json has it.
+    """A real camera as session.json has it; without a lens its prior is one that a calibration replaces by looking.
 
     `size`: width and height of its images, px; `pitch_um` None where it is not known; `focal_mm` None where it is not
     known.
     """
-    if pitch_um is None or focal_mm is None:
-        raise CameraError(Phrase("error-lens-unknown", {"camera": name}))
-    return {
-        "id": name,
-        "serial": serial,
-        "model": model,
-        "image_size": list(size),
-        "pixel_pitch_um": pitch_um,
-        "focal_length_mm": focal_mm,
-        "intrinsics_group": name,
-    }
+    entry: dict[str, Any] = {"id": name, "serial": serial, "model": model, "image_size": list(size)}
+    entry |= {} if pitch_um is None else {"pixel_pitch_um": pitch_um}
+    if pitch_um is not None and focal_mm is not None:
+        entry["focal_length_mm"] = focal_mm
+    else:
+        entry["prior"] = assumed_prior(size)
+    return {**entry, "intrinsics_group": name}
 
 
 def recorded_camera_json(camera: CameraSpec, session: Session, serial: str) -> dict[str, Any]:

@@ -1,7 +1,7 @@
 """The camera profile `cameras.json`: what the user says about cameras and drivers, kept by serial number."""
 
 import json
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import astuple, dataclass, replace
 from dataclasses import field as default
 from pathlib import Path
@@ -10,6 +10,7 @@ from typing import Any, get_args
 from spherecal.files.atomic import write_file_whole
 from spherecal.files.codec import (
     FileFormat,
+    boolean,
     choice,
     field,
     integer,
@@ -30,7 +31,7 @@ from spherecal_cameras.protocol import CameraSettings, Region, TriggerMode
 class CameraDescription:
     """One camera: the name people know it by, its settings, and of its lens and sensor what a session needs.
 
-    None: the user has not said it.
+    None: the user has not said it. `in_rig` False: it is left out, whatever state it is in.
     """
 
     serial: str
@@ -38,6 +39,7 @@ class CameraDescription:
     settings: CameraSettings = default(default_factory=CameraSettings)
     focal_length_mm: float | None = None
     pixel_pitch_um: float | None = None
+    in_rig: bool = True
 
 
 @dataclass(frozen=True)
@@ -54,6 +56,10 @@ class CameraProfile:
     def settings(self) -> dict[str, CameraSettings]:
         """The settings by serial."""
         return {serial: entry.settings for serial, entry in self.cameras.items()}
+
+    def rig_of(self, serials: Iterable[str]) -> list[str]:
+        """Those of these cameras that nobody has left out."""
+        return [serial for serial in serials if self.entry(serial).in_rig]
 
     def serial_of(self, name: str) -> str | None:
         """The serial number of a camera by its name, None where no camera has it."""
@@ -108,6 +114,7 @@ _CAMERA = record(
     optional("name", name("The name that people know it by."), omit=None),
     optional("focal_length_mm", positive("Focal length of its lens.", "mm"), omit=None),
     optional("pixel_pitch_um", positive("Pixel pitch of its sensor.", "um"), omit=None),
+    optional("in_rig", boolean("Whether it belongs to the rig; else it is never opened."), omit=True),
     optional("settings", _SETTINGS),
 )
 

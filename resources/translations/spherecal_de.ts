@@ -821,6 +821,45 @@
     </message>
 </context>
 <context>
+    <name>CameraRow</name>
+    <message>
+        <source>{name} in this rig</source>
+        <translation>{name} in diesem Aufbau</translation>
+    </message>
+    <message>
+        <source>Which is it?</source>
+        <translation>Welche ist das?</translation>
+    </message>
+    <message>
+        <source>Its picture, its name, exposure and gain; its light, where it has one.</source>
+        <translation>Ihr Bild, ihr Name, Belichtung und Verstärkung; ihr Licht, wenn sie eins hat.</translation>
+    </message>
+    <message>
+        <source>Address</source>
+        <translation>Adresse</translation>
+    </message>
+    <message>
+        <source>Give it an address</source>
+        <translation>Adresse geben</translation>
+    </message>
+    <message>
+        <source>A free one of this computer&apos;s network, kept in the camera.</source>
+        <translation>Eine freie aus dem Netz dieses Rechners; die Kamera behält sie.</translation>
+    </message>
+    <message>
+        <source>Placements are captured already: begin a new calibration.</source>
+        <translation>Es sind schon Aufstellungen aufgenommen: eine neue Kalibrierung beginnen.</translation>
+    </message>
+    <message>
+        <source>Work is running.</source>
+        <translation>Es läuft eine Arbeit.</translation>
+    </message>
+    <message>
+        <source>In this rig: whoever is left out is not opened and hinders nobody.</source>
+        <translation>In diesem Aufbau: Wer weggelassen ist, wird nicht geöffnet und stört niemanden.</translation>
+    </message>
+</context>
+<context>
     <name>CameraTile</name>
     <message>
         <source>no image yet</source>
@@ -1106,6 +1145,18 @@ px</translation>
         <translation>fehlt: anstecken, dann erneut suchen</translation>
     </message>
     <message>
+        <source>left out of the rig</source>
+        <translation>gehört nicht zum Aufbau</translation>
+    </message>
+    <message>
+        <source>It answers, but no driver reaches it.</source>
+        <translation>Sie antwortet, aber kein Treiber erreicht sie.</translation>
+    </message>
+    <message>
+        <source>Its address {address} is in another subnet than this computer.</source>
+        <translation>Ihre Adresse {address} liegt in einem anderen Subnetz als dieser Rechner.</translation>
+    </message>
+    <message>
         <source>simulated {size}</source>
         <translation>simuliert {size}</translation>
     </message>
@@ -1221,6 +1272,14 @@ px</translation>
         <source>Scale from the board&apos;s pitch</source>
         <translation>Maßstab aus dem Raster der Tafel</translation>
     </message>
+    <message>
+        <source>This computer&apos;s network does not say which addresses are free.</source>
+        <translation>Im Netz dieses Rechners ist nicht zu erkennen, welche Adressen frei sind.</translation>
+    </message>
+    <message>
+        <source>Give the camera an address with its maker&apos;s program.</source>
+        <translation>Der Kamera mit dem Programm des Herstellers eine Adresse geben.</translation>
+    </message>
 </context>
 <context>
     <name>ConnectPage</name>
@@ -1257,20 +1316,20 @@ px</translation>
         <translation>Kugel, Zielmarken, Stäbe mit Zertifikaten, Grenzen.</translation>
     </message>
     <message>
+        <source>Placements are captured already: begin a new calibration.</source>
+        <translation>Es sind schon Aufstellungen aufgenommen: eine neue Kalibrierung beginnen.</translation>
+    </message>
+    <message>
+        <source>Work is running.</source>
+        <translation>Es läuft eine Arbeit.</translation>
+    </message>
+    <message>
         <source>Placements are captured already: begin a new calibration for another bench.</source>
         <translation>Es sind schon Aufstellungen aufgenommen: Für andere Messmittel eine neue Kalibrierung beginnen.</translation>
     </message>
     <message>
         <source>A session.json, or the folder of an earlier session.</source>
         <translation>Eine session.json oder der Ordner einer früheren Aufnahme.</translation>
-    </message>
-    <message>
-        <source>Which is it?</source>
-        <translation>Welche ist das?</translation>
-    </message>
-    <message>
-        <source>Its picture, its name, exposure and gain; its light, where it has one.</source>
-        <translation>Bild, Name, Belichtung und Verstärkung; ihre Leuchte, wo vorhanden.</translation>
     </message>
     <message>
         <source>Description of the bench</source>
@@ -1345,12 +1404,12 @@ px</translation>
         <translation>Schon installiert? {name} muss den Ordner seiner .cti-Datei nennen.</translation>
     </message>
     <message>
-        <source>GigE and USB3 Vision cameras also work without it: install libaravis-0.8-0.</source>
-        <translation>GigE- und USB3-Vision-Kameras laufen auch ohne: libaravis-0.8-0 installieren.</translation>
-    </message>
-    <message>
         <source>Install the 64-bit driver package of the cameras&apos; maker, then restart SphereCal.</source>
         <translation>Das 64-Bit-Treiberpaket des Kameraherstellers installieren, dann SphereCal neu starten.</translation>
+    </message>
+    <message>
+        <source>Or the built-in driver, for GigE and USB3 Vision cameras of any maker: {line}</source>
+        <translation>Oder der eingebaute Treiber, für GigE- und USB3-Vision-Kameras aller Hersteller: {line}</translation>
     </message>
     <message>
         <source>No camera driver is installed.</source>
@@ -1405,26 +1464,6 @@ px</translation>
         <translation>USB3: Nach der Installation des Treibers die Kameras neu einstecken (udev-Regeln).</translation>
     </message>
     <message>
-        <source>{model} ({serial}) answers, but its address {address} is in another subnet.</source>
-        <translation>{model} ({serial}) antwortet, aber die Adresse {address} liegt in einem anderen Subnetz.</translation>
-    </message>
-    <message>
-        <source>This computer has: {addresses}.</source>
-        <translation>Dieser Rechner hat: {addresses}.</translation>
-    </message>
-    <message>
-        <source>Best: give the camera an address of that network, with its maker&apos;s program.</source>
-        <translation>Am besten der Kamera mit dem Programm des Herstellers eine Adresse dieses Netzes geben.</translation>
-    </message>
-    <message>
-        <source>Or: Settings, Network, Ethernet, IP settings, Manual, IPv4: address {address}, prefix length {bits}.</source>
-        <translation>Oder: Einstellungen, Netzwerk, Ethernet, IP-Einstellungen, Manuell, IPv4: Adresse {address}, Präfixlänge {bits}.</translation>
-    </message>
-    <message>
-        <source>Or until the next start: {command}</source>
-        <translation>Oder bis zum nächsten Start: {command}</translation>
-    </message>
-    <message>
         <source>any maker (GigE, USB3 Vision)</source>
         <translation>jeder Hersteller (GigE, USB3 Vision)</translation>
     </message>
@@ -1450,6 +1489,10 @@ px</translation>
     <message>
         <source>Allow this driver</source>
         <translation>Diesen Treiber erlauben</translation>
+    </message>
+    <message>
+        <source>Use the built-in driver</source>
+        <translation>Eingebauten Treiber verwenden</translation>
     </message>
 </context>
 <context>
@@ -1866,6 +1909,45 @@ px</translation>
     <message>
         <source>Save a support bundle</source>
         <translation>Support-Paket speichern</translation>
+    </message>
+</context>
+<context>
+    <name>LensBar</name>
+    <message>
+        <source>Focal length of all lenses</source>
+        <translation>Brennweite aller Objektive</translation>
+    </message>
+    <message>
+        <source>not known: found from the ball</source>
+        <translation>unbekannt: aus der Kugel bestimmt</translation>
+    </message>
+    <message>
+        <source>Pixel pitch</source>
+        <translation>Pixelabstand</translation>
+    </message>
+    <message>
+        <source>All lenses</source>
+        <translation>Alle Objektive</translation>
+    </message>
+    <message>
+        <source>pixels</source>
+        <translation>Pixel</translation>
+    </message>
+    <message>
+        <source>different ones</source>
+        <translation>verschiedene</translation>
+    </message>
+    <message>
+        <source>not known</source>
+        <translation>unbekannt</translation>
+    </message>
+    <message>
+        <source>On the lens. Not known: the calibration finds it from the ball.</source>
+        <translation>Steht auf dem Objektiv. Unbekannt: Die Kalibrierung findet sie aus der Kugel.</translation>
+    </message>
+    <message>
+        <source>From the camera or its data sheet; only needed with a focal length in mm.</source>
+        <translation>Aus der Kamera oder ihrem Datenblatt; nur zu einer Brennweite in mm nötig.</translation>
     </message>
 </context>
 <context>
@@ -3641,6 +3723,14 @@ mm</translation>
     <message>
         <source>Opening the cameras</source>
         <translation>Kameras öffnen</translation>
+    </message>
+    <message>
+        <source>Giving the camera an address</source>
+        <translation>Der Kamera eine Adresse geben</translation>
+    </message>
+    <message>
+        <source>Building the camera driver</source>
+        <translation>Den Kameratreiber bauen</translation>
     </message>
     <message>
         <source>Setting up the camera</source>

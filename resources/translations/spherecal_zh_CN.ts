@@ -821,6 +821,45 @@
     </message>
 </context>
 <context>
+    <name>CameraRow</name>
+    <message>
+        <source>{name} in this rig</source>
+        <translation>{name} 属于本系统</translation>
+    </message>
+    <message>
+        <source>Which is it?</source>
+        <translation>是哪一台？</translation>
+    </message>
+    <message>
+        <source>Its picture, its name, exposure and gain; its light, where it has one.</source>
+        <translation>其图像、名称、曝光和增益；如有指示灯可闪烁。</translation>
+    </message>
+    <message>
+        <source>Address</source>
+        <translation>地址</translation>
+    </message>
+    <message>
+        <source>Give it an address</source>
+        <translation>分配地址</translation>
+    </message>
+    <message>
+        <source>A free one of this computer&apos;s network, kept in the camera.</source>
+        <translation>本机网络中的空闲地址，并保存在相机中。</translation>
+    </message>
+    <message>
+        <source>Placements are captured already: begin a new calibration.</source>
+        <translation>已采集摆放：请开始新的标定。</translation>
+    </message>
+    <message>
+        <source>Work is running.</source>
+        <translation>正在工作。</translation>
+    </message>
+    <message>
+        <source>In this rig: whoever is left out is not opened and hinders nobody.</source>
+        <translation>属于本系统：被排除的相机不会打开，也不妨碍其他相机。</translation>
+    </message>
+</context>
+<context>
     <name>CameraTile</name>
     <message>
         <source>no image yet</source>
@@ -1106,6 +1145,18 @@ px</translation>
         <translation>缺失：请接好后重新查找</translation>
     </message>
     <message>
+        <source>left out of the rig</source>
+        <translation>已排除在系统之外</translation>
+    </message>
+    <message>
+        <source>It answers, but no driver reaches it.</source>
+        <translation>它有应答，但没有驱动能访问它。</translation>
+    </message>
+    <message>
+        <source>Its address {address} is in another subnet than this computer.</source>
+        <translation>其地址 {address} 与本机不在同一子网。</translation>
+    </message>
+    <message>
         <source>simulated {size}</source>
         <translation>仿真 {size}</translation>
     </message>
@@ -1221,6 +1272,14 @@ px</translation>
         <source>Scale from the board&apos;s pitch</source>
         <translation>比例尺来自标定板的间距</translation>
     </message>
+    <message>
+        <source>This computer&apos;s network does not say which addresses are free.</source>
+        <translation>无法得知本机网络中哪些地址空闲。</translation>
+    </message>
+    <message>
+        <source>Give the camera an address with its maker&apos;s program.</source>
+        <translation>请用厂家的程序为相机分配地址。</translation>
+    </message>
 </context>
 <context>
     <name>ConnectPage</name>
@@ -1257,20 +1316,20 @@ px</translation>
         <translation>球、靶标、带证书的基准尺、限值。</translation>
     </message>
     <message>
+        <source>Placements are captured already: begin a new calibration.</source>
+        <translation>已采集摆放：请开始新的标定。</translation>
+    </message>
+    <message>
+        <source>Work is running.</source>
+        <translation>正在工作。</translation>
+    </message>
+    <message>
         <source>Placements are captured already: begin a new calibration for another bench.</source>
         <translation>已有拍摄内容：更换器具请新建标定。</translation>
     </message>
     <message>
         <source>A session.json, or the folder of an earlier session.</source>
         <translation>session.json 文件，或以前会话的文件夹。</translation>
-    </message>
-    <message>
-        <source>Which is it?</source>
-        <translation>是哪一台？</translation>
-    </message>
-    <message>
-        <source>Its picture, its name, exposure and gain; its light, where it has one.</source>
-        <translation>图像、名称、曝光和增益；以及指示灯（如有）。</translation>
     </message>
     <message>
         <source>Description of the bench</source>
@@ -1345,12 +1404,12 @@ px</translation>
         <translation>已安装？{name} 必须指向其 .cti 文件所在的文件夹。</translation>
     </message>
     <message>
-        <source>GigE and USB3 Vision cameras also work without it: install libaravis-0.8-0.</source>
-        <translation>GigE 和 USB3 Vision 相机没有它也能工作：请安装 libaravis-0.8-0。</translation>
-    </message>
-    <message>
         <source>Install the 64-bit driver package of the cameras&apos; maker, then restart SphereCal.</source>
         <translation>请安装相机厂商的 64 位驱动包，然后重新启动 SphereCal。</translation>
+    </message>
+    <message>
+        <source>Or the built-in driver, for GigE and USB3 Vision cameras of any maker: {line}</source>
+        <translation>或使用内置驱动，适用于各厂家的 GigE 与 USB3 Vision 相机：{line}</translation>
     </message>
     <message>
         <source>No camera driver is installed.</source>
@@ -1405,26 +1464,6 @@ px</translation>
         <translation>USB3：安装驱动后请重新插拔相机（udev 规则）。</translation>
     </message>
     <message>
-        <source>{model} ({serial}) answers, but its address {address} is in another subnet.</source>
-        <translation>{model}（{serial}）有应答，但其地址 {address} 在另一个子网。</translation>
-    </message>
-    <message>
-        <source>This computer has: {addresses}.</source>
-        <translation>本机地址：{addresses}。</translation>
-    </message>
-    <message>
-        <source>Best: give the camera an address of that network, with its maker&apos;s program.</source>
-        <translation>最好用厂商的程序给相机设一个该网络的地址。</translation>
-    </message>
-    <message>
-        <source>Or: Settings, Network, Ethernet, IP settings, Manual, IPv4: address {address}, prefix length {bits}.</source>
-        <translation>或者：设置、网络、以太网、IP 设置、手动、IPv4：地址 {address}，前缀长度 {bits}。</translation>
-    </message>
-    <message>
-        <source>Or until the next start: {command}</source>
-        <translation>或者（到下次重启为止）：{command}</translation>
-    </message>
-    <message>
         <source>any maker (GigE, USB3 Vision)</source>
         <translation>任何厂商 (GigE, USB3 Vision)</translation>
     </message>
@@ -1450,6 +1489,10 @@ px</translation>
     <message>
         <source>Allow this driver</source>
         <translation>允许此驱动</translation>
+    </message>
+    <message>
+        <source>Use the built-in driver</source>
+        <translation>使用内置驱动</translation>
     </message>
 </context>
 <context>
@@ -1866,6 +1909,45 @@ px</translation>
     <message>
         <source>Save a support bundle</source>
         <translation>保存支持包</translation>
+    </message>
+</context>
+<context>
+    <name>LensBar</name>
+    <message>
+        <source>Focal length of all lenses</source>
+        <translation>所有镜头的焦距</translation>
+    </message>
+    <message>
+        <source>not known: found from the ball</source>
+        <translation>未知：由球确定</translation>
+    </message>
+    <message>
+        <source>Pixel pitch</source>
+        <translation>像元尺寸</translation>
+    </message>
+    <message>
+        <source>All lenses</source>
+        <translation>所有镜头</translation>
+    </message>
+    <message>
+        <source>pixels</source>
+        <translation>像元</translation>
+    </message>
+    <message>
+        <source>different ones</source>
+        <translation>各不相同</translation>
+    </message>
+    <message>
+        <source>not known</source>
+        <translation>未知</translation>
+    </message>
+    <message>
+        <source>On the lens. Not known: the calibration finds it from the ball.</source>
+        <translation>标在镜头上。未知时由标定从球确定。</translation>
+    </message>
+    <message>
+        <source>From the camera or its data sheet; only needed with a focal length in mm.</source>
+        <translation>来自相机或其数据手册；仅在给出毫米焦距时需要。</translation>
     </message>
 </context>
 <context>
@@ -3641,6 +3723,14 @@ mm</translation>
     <message>
         <source>Opening the cameras</source>
         <translation>打开相机</translation>
+    </message>
+    <message>
+        <source>Giving the camera an address</source>
+        <translation>为相机分配地址</translation>
+    </message>
+    <message>
+        <source>Building the camera driver</source>
+        <translation>构建相机驱动</translation>
     </message>
     <message>
         <source>Setting up the camera</source>

@@ -1,6 +1,6 @@
 """The cameras of the open project: connected, looked at, live, lost, moved."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import replace
 from typing import TYPE_CHECKING, TypeVar
 
@@ -15,6 +15,7 @@ from spherecal_gui.tasks import jobs
 from spherecal_gui.tasks.driver_question import DriverQuestion
 
 if TYPE_CHECKING:  # cameras and detection need scipy and numba, for which the window does not wait
+    from spherecal_cameras.camera_network import WireCamera
     from spherecal_cameras.driver_help import DriverTrouble
     from spherecal_cameras.genicam.trust import Ask, Driver
     from spherecal_cameras.in_process import Staged
@@ -45,11 +46,12 @@ class CameraController(ControllerPart):
         self.live: LiveView | None = None
         self.somebody_answers = False
         self.driver_troubles: tuple[DriverTrouble, ...] = ()  # of the last search
+        self.wire: tuple[WireCamera, ...] = ()  # who answered on the network then
 
     def close(self) -> None:
         """Let go of the cameras."""
         self._disconnect()
-        self.driver_troubles = ()
+        self.driver_troubles, self.wire = (), ()
 
     def _disconnect(self) -> None:
         if self.live is not None:
@@ -68,7 +70,7 @@ class CameraController(ControllerPart):
             return
         self._disconnect()
         project = changes.without_failure(project, "connect")
-        self.driver_troubles = ()
+        self.driver_troubles, self.wire = (), ()
         self.main.update(project)
         self.runner.start(
             "connect",
@@ -79,7 +81,7 @@ class CameraController(ControllerPart):
 
     def _not_connected(self, error: BaseException) -> None:
         """Say what is in the way; what drivers have to do with it is kept for the page."""
-        self.driver_troubles = getattr(error, "troubles", ())
+        self.driver_troubles, self.wire = getattr(error, "troubles", ()), getattr(error, "wire", ())
         self.main.failed("connect")(error)
 
     def allow_driver(self, file: str) -> None:
@@ -115,7 +117,7 @@ class CameraController(ControllerPart):
         if self.project is None:
             connection.source.close()
             return
-        self.connection = connection
+        self.connection, self.wire = connection, connection.wire
         self.driver_troubles = driver_troubles(connection.discovery)
         project = changes.with_cameras(self.project, tuple(connection.names))
         if not project.taken and project.artefacts is None and project.purpose != "check":
@@ -130,6 +132,69 @@ class CameraController(ControllerPart):
         self.live.start(self.live_hz)
         self.main.update(project)
         self.connected.emit()
+
+    # --- each camera by itself ---------------------------------------------------------------------------------------
+
+    def set_in_rig(self, serial: str, on: bool) -> None:
+        """Take a camera into the rig, or leave it out; kept in the camera profile."""
+        if self.connection is not None and self.main.attempt(lambda: keep_in_profile((serial,), in_rig=on)):
+            self.connect_all()
+
+    def set_lenses(self, focal_mm: float | None, pitch_um: float | None) -> None:
+        """State the lens of all cameras of the rig; nothing is opened again.
+
+        `focal_mm` None: nobody knows it, the calibration finds it from the ball; `pitch_um` None: as the cameras or
+        their data sheets say.
+        """
+        connection, project = self.connection, self.project
+        if connection is None or project is None:
+            return
+        serials = connection.profile.rig_of(connection.discovery.serials)
+        kept = {"focal_length_mm": focal_mm, "pixel_pitch_um": pitch_um}
+        if self.main.attempt(lambda: keep_in_profile(serials, **kept)):
+            c = connection
+            self._go_on_with(jobs.joined(project, c.source, c.discovery, c.reports, c.plan, c.wire))
+
+    def take_in_again(self) -> None:
+        """Cameras that could not be opened before and send images now join the others."""
+        connection, project = self.connection, self.project
+        if connection is None or project is None or self.runner.running or not (back := connection.answering_again):
+            return
+        self.runner.start(
+            "connect",
+            lambda _: jobs.taken_in_again(project, connection, back),
+            self._go_on_with,
+            self.main.failed("connect"),
+        )
+
+    def _go_on_with(self, connection: "Connection") -> None:
+        if self.live is not None:
+            self.live.stop()
+        self._connected(connection)
+
+    def give_address(self, camera: "WireCamera") -> None:
+        """Give a camera a free address of this computer's network, for good, and search again."""
+        from spherecal_cameras.camera_network import give_address, proposed_address  # as above
+        from spherecal_cameras.protocol import CameraError
+
+        others = self.wire
+
+        def work(context: Context) -> None:
+            context.report("giving the camera an address", 0.2, camera.model)
+            free = proposed_address(camera, others)
+            if free is None:
+                text = translate("Connect", "This computer's network does not say which addresses are free.")
+                hint = translate("Connect", "Give the camera an address with its maker's program.")
+                raise CameraError(text, hint)
+            give_address(camera.mac, free.ip, free.mask)
+
+        self.runner.start("connect", work, lambda _: self.connect_all(), self.main.failed("connect"))
+
+    def use_builtin_driver(self) -> None:
+        """Build the built-in driver where it is not there yet, allow it, and search again."""
+        from spherecal_cameras.builtin_driver import prepare  # as above
+
+        self.runner.start("connect", prepare, lambda _: self.connect_all(), self.main.failed("connect"))
 
     def choose_bench(self, path: str) -> None:
         """Take targets, ball and bars from another file, and connect again."""
@@ -228,6 +293,17 @@ class CameraController(ControllerPart):
         """What a simulated or recorded source can show; empty for real cameras."""
         source = self.staged
         return source.poses if source is not None else ()
+
+
+def keep_in_profile(serials: Iterable[str], **changes: object) -> None:
+    """Write what somebody says of cameras into the camera profile."""
+    from spherecal_cameras.profile import default_profile_path, read_profile, write_profile  # as above
+
+    path = default_profile_path()
+    profile = read_profile(path)
+    for serial in serials:
+        profile = profile.with_entry(replace(profile.entry(serial), **changes))
+    write_profile(path, profile)
 
 
 def masks_of(project: Project, camera: str) -> tuple[Rectangle, ...]:

@@ -11,7 +11,7 @@ from spherecal.base.context import Context
 from spherecal.base.filesystem import id_problem
 from spherecal.base.messages.catalogue import phrase
 from spherecal_gui import languages
-from spherecal_gui.controllers.camera_controller import CameraController
+from spherecal_gui.controllers.camera_controller import CameraController, keep_in_profile
 from spherecal_gui.controllers.controller_part import ControllerPart
 from spherecal_gui.controllers.project_controller import ProjectController
 from spherecal_gui.tasks.task import Runner
@@ -93,7 +93,7 @@ class TuningController(ControllerPart):
         def work(context: Context) -> bool:
             context.report("setting up the camera", 0.0, connection.names[serial])
             if real:
-                _keep(serial, name if renamed else None, settings)
+                keep_in_profile((serial,), settings=settings, **({"name": name} if renamed else {}))
             source.apply({serial: settings})
             return renamed
 
@@ -139,7 +139,7 @@ class TuningController(ControllerPart):
             changed, refused = change(source, of_all, context)
             for serial, settings in changed.items():
                 if real:
-                    _keep(serial, None, settings)
+                    keep_in_profile((serial,), settings=settings)
             return changed, refused
 
         def done(found: "tuple[OfAll, list[str]]") -> None:
@@ -209,13 +209,3 @@ def _each(of_all: "OfAll", **changes: Any) -> "OfAll":
 def _apply(source: "CameraSource", of_all: "OfAll") -> "tuple[OfAll, list[str]]":
     """Set up cameras; their settings, and those that did not take all."""
     return of_all, [report.serial for report in source.apply(of_all) if report.problems]
-
-
-def _keep(serial: str, name: str | None, settings: "CameraSettings") -> None:
-    """Write a camera's name and settings into the camera profile."""
-    from spherecal_cameras.profile import default_profile_path, read_profile, write_profile  # as in settings_of
-
-    path = default_profile_path()
-    profile = read_profile(path)
-    entry = replace(profile.entry(serial), settings=settings)
-    write_profile(path, profile.with_entry(entry if name is None else replace(entry, name=name)))

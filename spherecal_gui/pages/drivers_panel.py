@@ -9,9 +9,10 @@ from spherecal_gui.widgets.table import Table
 
 
 class DriversPanel(QWidget):
-    """One block for each reason; `allowed` (file) when somebody allows a driver."""
+    """One block for each reason; `allowed` (file) when somebody allows a driver, `builtin` to use the built-in one."""
 
     allowed = Signal(str)
+    builtin = Signal()
 
     def __init__(self, parent: QWidget | None = None) -> None:
         super().__init__(parent)
@@ -56,10 +57,11 @@ class DriversPanel(QWidget):
             yes = button(self.tr("Allow this driver"), "allow-driver")
             yes.setProperty("file", note.allow)
             yes.clicked.connect(self._allow)
-            row = QHBoxLayout()
-            row.addWidget(yes)
-            row.addStretch(1)
-            column.addLayout(row)
+            column.addWidget(yes, 0, Qt.AlignmentFlag.AlignLeft)
+        if note.builtin:
+            use = button(self.tr("Use the built-in driver"), "builtin-driver")
+            use.clicked.connect(self.builtin)
+            column.addWidget(use, 0, Qt.AlignmentFlag.AlignLeft)
         if note.details:
             said = label(note.details, "soft")
             column.addWidget(details_button(said), 0, Qt.AlignmentFlag.AlignLeft)

@@ -1,7 +1,7 @@
 """The cameras found, those that are missing, and the bench, in words."""
 
 from collections.abc import Collection
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import date
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -14,10 +14,12 @@ from spherecal_gui.presenters.bench import targets_words
 from spherecal_gui.presenters.certificates import Reminder, reminder
 from spherecal_gui.presenters.coverage import Level
 from spherecal_gui.project import Artefacts
-from spherecal_gui.tasks.jobs import artefacts_of
-from spherecal_gui.texts import camera_trouble
+from spherecal_gui.tasks.jobs import artefacts_of, as_people_count
+from spherecal_gui.texts import camera_details, camera_trouble, error_text
 
 if TYPE_CHECKING:  # imports scipy, OpenCV and the kernels
+    from spherecal_cameras.camera_network import WireCamera
+    from spherecal_cameras.protocol import CameraInfo
     from spherecal_gui.tasks.live import Connection
 
 translate = QCoreApplication.translate
@@ -27,9 +29,17 @@ _ILL = 0.01
 _MOST_NAMED = 6
 
 
+# The focal lengths of lenses on sale for machine vision, mm.
+LENSES_MM = (4.0, 6.0, 8.0, 12.0, 12.5, 16.0, 25.0, 35.0, 50.0)
+
+
 @dataclass(frozen=True)
 class CameraLine:
-    """One camera: name, model, serial, how it is, and what it is known by: serial and size of its images."""
+    """One camera: name, model, serial, how it is, and what it is known by: serial and size of its images.
+
+    `listed`: a driver lists it, so that it can be in the rig or left out. `cured_at` is the camera on the network that
+    needs an address. `details` are the engine's own words, which are English.
+    """
 
     name: str
     model: str
@@ -37,6 +47,23 @@ class CameraLine:
     word: str
     level: Level
     about: str = ""
+    in_rig: bool = True
+    listed: bool = False
+    cured_at: "WireCamera | None" = None
+    details: str = ""
+
+
+@dataclass(frozen=True)
+class LensLine:
+    """What is stated of all cameras' lenses: mm, None where nobody knows it; `differ`: cameras have different ones.
+
+    `pitch_um`: the pixel pitch that was stated; `found_um`: those that cameras or data sheets say.
+    """
+
+    focal_mm: float | None = None
+    differ: bool = False
+    pitch_um: float | None = None
+    found_um: tuple[float, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -57,27 +84,88 @@ class DrawnBench:
     bars: tuple[tuple[str, tuple[float, ...]], ...] = ()
 
 
-def camera_lines(connection: "Connection | None", expected: tuple[str, ...]) -> list[CameraLine]:
-    """The cameras of the rig; those that were expected and are missing come first.
+def camera_lines(
+    connection: "Connection | None", expected: tuple[str, ...], wire: "tuple[WireCamera, ...]" = ()
+) -> list[CameraLine]:
+    """Every camera that was found, in whatever state; those that were expected and are missing come first.
 
-    `connection` None: nothing is connected, and there are no lines.
+    `connection` None: nothing is connected.
     """
-    if connection is None:
-        return []
+    from spherecal_cameras.driver_help import unlisted
+    from spherecal_cameras.protocol import Discovery
+
+    found = connection.discovery if connection is not None else Discovery(())
     missing = [
         CameraLine(serial, "", serial, translate("Connect", "missing: plug it in, then search again"), "bad")
         for serial in expected
-        if serial not in connection.names
+        if connection is not None and found.camera(serial) is None
     ]
-    statuses = connection.source.statuses()
-    lines = []
-    for serial, name in connection.names.items():
-        info, status = connection.info(serial), statuses.get(serial)
-        word, level = _health(status)
-        size = next((report.image_size for report in connection.reports if report.serial == serial), None)
-        about = f"{serial} · {size[0]} x {size[1]}" if size is not None else serial
-        lines.append(CameraLine(name, model_text(info.model) if info else "", serial, word, level, about))
-    return missing + lines
+    lines = [_line(connection, info) for info in found.cameras] if connection is not None else []
+    lines.sort(key=lambda line: as_people_count(line.name))
+    return [*missing, *lines, *(_unlisted_line(camera, wire) for camera in unlisted(found, wire))]
+
+
+def _line(connection: "Connection", info: "CameraInfo") -> CameraLine:
+    from spherecal_cameras.driver_help import on_wire
+
+    serial, status = info.serial, connection.source.statuses().get(info.serial)
+    name = connection.names.get(serial) or connection.rig.names.get(serial, serial)
+    size = next((report.image_size for report in connection.reports if report.serial == serial), None)
+    about = f"{serial} · {size[0]} x {size[1]}" if size is not None else serial
+    line = CameraLine(name, model_text(info.model), serial, "", "none", about, listed=True)
+    if not connection.profile.entry(serial).in_rig:
+        return replace(line, word=translate("Connect", "left out of the rig"), in_rig=False)
+    seen = on_wire(info, connection.wire)
+    problem = connection.rig.problems.get(serial)
+    if problem is not None and seen is not None and not seen.subnet_ok:
+        return replace(line, word=_elsewhere(seen), level="bad", cured_at=_addressed(seen, connection.wire))
+    if problem is not None and status is not None and status.state.usable:  # it sends images of another size
+        return replace(line, word=" ".join(error_text(problem)), level="bad")
+    if problem is not None and seen is not None and seen.controlled_by_other:
+        return replace(line, word=translate("Cameras", "Another program is using it. Close that program."), level="bad")
+    word, level = _health(status)
+    details = camera_details(status) if status is not None and status.cause else ""
+    return replace(line, word=word, level=level, details=details)
+
+
+def _unlisted_line(camera: "WireCamera", wire: "tuple[WireCamera, ...]") -> CameraLine:
+    """A camera that answers on the network and that no driver lists."""
+    name = camera.user_name or camera.serial or camera.mac
+    about = f"{camera.serial} · {camera.ip_address}".strip(" ·")
+    line = CameraLine(name, f"{camera.maker} {camera.model}".strip(), f"{camera.mac} {camera.serial}", "", "bad", about)
+    if not camera.subnet_ok:
+        return replace(line, word=_elsewhere(camera), cured_at=_addressed(camera, wire))
+    return replace(line, word=translate("Connect", "It answers, but no driver reaches it."))
+
+
+def _addressed(camera: "WireCamera", wire: "tuple[WireCamera, ...]") -> "WireCamera | None":
+    """The camera if an address can be given to it alone, by its hardware address."""
+    return camera if sum(one.mac == camera.mac for one in wire) == 1 else None
+
+
+def _elsewhere(camera: "WireCamera") -> str:
+    text = translate("Connect", "Its address {address} is in another subnet than this computer.")
+    return text.format(address=camera.ip_address)
+
+
+def lens_line(connection: "Connection | None") -> LensLine | None:
+    """What is stated of the lenses; None for recorded and simulated cameras, whose lenses are known."""
+    if connection is None or connection.source.kind != "genicam":
+        return None
+    from spherecal_cameras.new_recording import pixel_pitch_um
+
+    infos = [info for info in connection.discovery.cameras if connection.profile.entry(info.serial).in_rig]
+    entries = [connection.profile.entry(info.serial) for info in infos]
+    focal = {entry.focal_length_mm for entry in entries}
+    stated = {entry.pixel_pitch_um for entry in entries}
+    reports = {report.serial: report for report in connection.reports}
+    pitches = {pixel_pitch_um(info, reports.get(info.serial)) for info in infos}
+    return LensLine(
+        next(iter(focal)) if len(focal) == 1 else None,
+        len(focal) > 1,
+        next(iter(stated)) if len(stated) == 1 else None,
+        tuple(sorted(one for one in pitches if one is not None)),
+    )
 
 
 def model_text(model: str) -> str:
@@ -108,15 +196,16 @@ def connect_summary(lines: list[CameraLine], searching: bool, failure: str) -> t
         return failure, "bad"
     if not lines:
         return translate("Connect", "No cameras yet"), "bad"
-    good = sum(line.level == "good" for line in lines)
-    text = translate("Connect", "{good} of {all} cameras ready").format(good=good, all=len(lines))
-    without = [line.name for line in lines if line.level == "bad"]
+    rig = [line for line in lines if line.in_rig]
+    good = sum(line.level == "good" for line in rig)
+    text = translate("Connect", "{good} of {all} cameras ready").format(good=good, all=len(rig))
+    without = [line.name for line in rig if line.level == "bad"]
     if without and good:
         named = ", ".join(without[:_MOST_NAMED]) + (" …" if len(without) > _MOST_NAMED else "")
         lacking = translate("Connect", "without {cameras}").format(cameras=named)
         text = f"{text}, {lacking}"
-    bad = any(line.level == "bad" for line in lines)
-    return text, "bad" if bad else "good" if good == len(lines) else "caution"
+    bad = any(line.level == "bad" for line in rig)
+    return text, "bad" if bad else "good" if good == len(rig) else "caution"
 
 
 def lengths_texts(bar: Bar) -> list[str]:

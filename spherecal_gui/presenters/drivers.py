@@ -7,8 +7,9 @@ from pathlib import Path
 
 from PySide6.QtCore import QCoreApplication
 
+from spherecal_cameras.builtin_driver import state
 from spherecal_cameras.driver_help import DriverTrouble
-from spherecal_cameras.makers import ANY_MAKER, MAKERS
+from spherecal_cameras.makers import ANY_MAKER, MAKERS, maker_of
 
 translate = QCoreApplication.translate
 
@@ -19,13 +20,14 @@ ENVIRONMENT = "GENICAM_GENTL64_PATH"
 class DriverNote:
     """What is in the way and what to do; `allow` is a driver's file that can be allowed with one click.
 
-    `details`: the engine's own words, which are English.
+    `details`: the engine's own words, which are English. `builtin`: the built-in driver can be used instead.
     """
 
     title: str
     steps: tuple[str, ...]
     allow: str = ""
     details: str = ""
+    builtin: bool = False
 
 
 def driver_notes(troubles: Sequence[DriverTrouble], system: str = sys.platform) -> list[DriverNote]:
@@ -35,26 +37,29 @@ def driver_notes(troubles: Sequence[DriverTrouble], system: str = sys.platform) 
     without = [one.file for one in troubles if one.kind == "no-cameras"]
     for one in troubles:
         if one.kind == "no-driver":
-            notes.append(_no_driver(windows))
+            notes.append(_no_driver(one.makers, windows))
         elif one.kind == "not-allowed":
             notes.append(_not_allowed(one))
         elif one.kind == "not-loaded":
             notes.append(_not_loaded(one))
-        elif one.kind == "other-subnet":
-            notes.append(_other_subnet(one, windows))
     if without:
         notes.append(_no_cameras(without, windows))
     return notes
 
 
-def _no_driver(windows: bool) -> DriverNote:
+def _no_driver(makers: Sequence[str], windows: bool) -> DriverNote:
     own = translate("Drivers", "Install the driver package of the cameras' maker, then search again.")
     other = translate("Drivers", "Installed already? {name} must name the folder of its .cti file.")
-    aravis = translate("Drivers", "GigE and USB3 Vision cameras also work without it: install libaravis-0.8-0.")
     if windows:
         own = translate("Drivers", "Install the 64-bit driver package of the cameras' maker, then restart SphereCal.")
-    steps = [own, other.format(name=ENVIRONMENT), *(() if windows else (aravis,))]
-    return DriverNote(translate("Drivers", "No camera driver is installed."), tuple(steps))
+    packages = [f"{name}: {maker.driver}" for name in makers if (maker := maker_of(name)) is not None]
+    steps = [own, *packages, other.format(name=ENVIRONMENT)]
+    builtin = state()
+    if builtin.install:
+        text = translate("Drivers", "Or the built-in driver, for GigE and USB3 Vision cameras of any maker: {line}")
+        steps.append(text.format(line=builtin.install))
+    can_be_used = builtin.kind in ("installed", "can-be-built")
+    return DriverNote(translate("Drivers", "No camera driver is installed."), tuple(steps), builtin=can_be_used)
 
 
 def _not_allowed(one: DriverTrouble) -> DriverNote:
@@ -86,31 +91,6 @@ def _no_cameras(files: Sequence[str], windows: bool) -> DriverNote:
         steps.append(translate("Drivers", "GigE: spherecal cameras doctor examines the network line."))
         steps.append(translate("Drivers", "USB3: replug the cameras after installing the driver (its udev rules)."))
     return DriverNote(title, tuple(steps))
-
-
-def _other_subnet(one: DriverTrouble, windows: bool) -> DriverNote:
-    camera = one.camera
-    assert camera is not None
-    title = translate("Drivers", "{model} ({serial}) answers, but its address {address} is in another subnet.").format(
-        model=camera.model, serial=camera.serial, address=camera.address
-    )
-    mine = ", ".join(
-        f"{local.address} ({local.interface})" if local.interface else local.address for local in one.local
-    )
-    own = translate("Drivers", "This computer has: {addresses}.").format(addresses=mine or "-")
-    best = translate("Drivers", "Best: give the camera an address of that network, with its maker's program.")
-    if windows:
-        address, _, bits = one.beside.partition("/")
-        text = translate(
-            "Drivers",
-            "Or: Settings, Network, Ethernet, IP settings, Manual, IPv4: address {address}, prefix length {bits}.",
-        )
-        change = text.format(address=address, bits=bits)
-    else:
-        text = translate("Drivers", "Or until the next start: {command}")
-        interface = camera.interface or "eth0"
-        change = text.format(command=f"sudo ip address add {one.beside} dev {interface}")
-    return DriverNote(title, (own, best, change))
 
 
 def makers_rows(system: str = sys.platform) -> list[tuple[str, str, str, str]]:

@@ -47,6 +47,8 @@ def _of_the_window() -> dict[str, str]:
         "opening the source": translate("Stages", "Opening the source"),
         "looking for cameras": translate("Stages", "Looking for cameras"),
         "opening the cameras": translate("Stages", "Opening the cameras"),
+        "giving the camera an address": translate("Stages", "Giving the camera an address"),
+        "building the camera driver": translate("Stages", "Building the camera driver"),
         "setting up the camera": translate("Stages", "Setting up the camera"),
         "taking images": translate("Stages", "Capturing images"),
         "finding targets": translate("Stages", "Finding targets"),

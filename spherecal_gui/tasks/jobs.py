@@ -14,7 +14,7 @@ from spherecal.base.context import Context
 from spherecal.base.errors import InputError, SpherecalError
 from spherecal.base.messages.values import Phrase
 from spherecal.files.atomic import RESULT, check_folder, write_file_whole
-from spherecal.files.json_file import JsonValue, json_bytes
+from spherecal.files.json_file import JsonValue, json_bytes, read_json
 from spherecal_gui import limits
 from spherecal_gui.last_verification import keep_verification
 from spherecal_gui.presenters.coverage import Dots
@@ -28,10 +28,10 @@ if TYPE_CHECKING:
     from spherecal.verify.verification_file import BarReport
     from spherecal_boards.board_detector import BoardDetector
     from spherecal_cameras.averaging import Stillness
-    from spherecal_cameras.driver_help import DriverTrouble
+    from spherecal_cameras.camera_network import WireCamera
     from spherecal_cameras.genicam.trust import Ask
     from spherecal_cameras.plan import CapturePlan
-    from spherecal_cameras.protocol import CameraSource, Discovery, FrameSet
+    from spherecal_cameras.protocol import CameraSource, Discovery, FrameSet, SetupReport
     from spherecal_gui.tasks.live import Connection
     from spherecal_rigs.check import Check
 
@@ -49,11 +49,9 @@ def connect(project: Project, context: Context, ask: "Ask | None" = None) -> "Co
 
     `ask` None: nobody can be asked.
     """
-    from spherecal_cameras.driver_help import NoCameras
-    from spherecal_cameras.new_recording import session_cameras
+    from spherecal_cameras.driver_help import NoCameras, answering, driver_troubles, on_wire
     from spherecal_cameras.profile import default_profile_path, read_profile
     from spherecal_cameras.sources import open_source
-    from spherecal_gui.tasks.live import Connection
 
     context.report("opening the source", 0.0, project.source)
     live = project.source.startswith("genicam")
@@ -63,33 +61,69 @@ def connect(project: Project, context: Context, ask: "Ask | None" = None) -> "Co
     try:
         context.report("looking for cameras", 0.2)
         discovery = source.discover(context)
+        wire = answering() if live else ()
         if not discovery.cameras:
             hint = translate("Errors", "Plug the cameras in and switch them on; no other program may hold them.")
             error = NoCameras(translate("Errors", "No camera was found."), hint)
-            error.troubles = _troubles(discovery) if live else ()
+            error.troubles, error.wire = driver_troubles(discovery, wire) if live else (), wire
             raise error
-        context.report("opening the cameras", 0.5, str(len(discovery.cameras)))
-        reports = source.open(discovery.serials, profile.settings() if live else {})
-        plan = _plan(source, project)
-        cameras = session_cameras(source, plan, discovery, reports, profile)
-        names = {camera.serial: camera.id for camera in sorted(cameras, key=lambda one: _as_people_count(one.id))}
+        serials = profile.rig_of(discovery.serials) if live else discovery.serials
+        # trying to open what no packet reaches would keep the others waiting, again and again
+        elsewhere = {info.serial for info in discovery.cameras if (at := on_wire(info, wire)) and not at.subnet_ok}
+        serials = [serial for serial in serials if serial not in elsewhere]
+        context.report("opening the cameras", 0.5, str(len(serials)))
+        reports = source.open(serials, profile.settings() if live else {}) if serials else ()
+        connection = joined(project, source, discovery, reports, _plan(source, project), wire)
         context.report("opening the cameras", 1.0)
-        return Connection(source, discovery, reports, cameras, plan, names)
+        return connection
     except BaseException:
         source.close()
         raise
 
 
-def _troubles(discovery: "Discovery") -> "tuple[DriverTrouble, ...]":
-    """Why drivers have no cameras; those that answer on the network from another subnet are looked for."""
-    from spherecal_cameras.camera_network import answering_cameras, local_addresses
-    from spherecal_cameras.driver_help import driver_troubles
+def joined(
+    project: Project,
+    source: "CameraSource",
+    discovery: "Discovery",
+    reports: "tuple[SetupReport, ...]",
+    plan: "CapturePlan",
+    wire: "tuple[WireCamera, ...]",
+) -> "Connection":
+    """The connection to cameras that are open, each with what is known of it now; it opens nothing."""
+    from spherecal_cameras.new_recording import session_cameras
+    from spherecal_cameras.profile import CameraProfile, default_profile_path, read_profile
+    from spherecal_gui.tasks.live import Connection
 
-    local = local_addresses()
-    return driver_troubles(discovery, answering_cameras(local), local)
+    live = project.source.startswith("genicam")
+    profile = read_profile(default_profile_path()) if live else CameraProfile()
+    kept = _recorded_cameras(project.folder) if live and project.taken else {}
+    rig = session_cameras(source, plan, discovery, reports, profile, kept)
+    ordered = sorted(rig.cameras, key=lambda one: as_people_count(one.id))
+    names = {camera.serial: camera.id for camera in ordered}
+    return Connection(source, discovery, reports, rig.cameras, plan, names, profile, rig, wire)
 
 
-def _as_people_count(name: str) -> list[tuple[int, str]]:
+def _recorded_cameras(folder: Path) -> dict[str, Document]:
+    """The cameras of a recorded session by serial, as its session.json has them."""
+    document = read_json(folder / "session.json", "spherecal/session", 1).value
+    entries = document.get("cameras", ()) if isinstance(document, dict) else ()
+    return {entry["serial"]: entry for entry in entries if "serial" in entry}
+
+
+def taken_in_again(project: Project, connection: "Connection", serials: Sequence[str]) -> "Connection":
+    """The connection with cameras that could not be used and now answer, set up like the others."""
+    from spherecal_cameras.protocol import CameraSettings
+
+    wanted = connection.profile.settings()
+    settings = {serial: wanted.get(serial, CameraSettings()) for serial in serials}
+    new = connection.source.apply(settings)
+    own = {report.serial: report for report in (*connection.reports, *new)}
+    return joined(
+        project, connection.source, connection.discovery, tuple(own.values()), connection.plan, connection.wire
+    )
+
+
+def as_people_count(name: str) -> list[tuple[int, str]]:
     """Sorts C2 before C10: the wall has the order in which people number their cameras."""
     parts = re.split(r"(\d+)", name)
     return [(int(part), "") if part.isdecimal() else (-1, part) for part in parts]
@@ -195,11 +229,12 @@ class Taken:
 def take_set(connection: "Connection", set_id: str, context: Context, live: bool) -> Taken:
     """Take one set and find its dots."""
     from spherecal_cameras.averaging import take_averaged
-    from spherecal_cameras.protocol import CameraError, CaptureRequest
+    from spherecal_cameras.protocol import CameraError, CaptureRequest, MissingFrame
 
     context.report("taking images", 0.0, set_id)
     detector = detector_of(connection.plan)
-    request = CaptureRequest(tuple(connection.names), 5.0, 2)
+    there = connection.source.statuses()
+    request = CaptureRequest(tuple(serial for serial in connection.names if serial in there), 5.0, 2)
     like = cast("Detector | None", detector)  # that of a board is called in the same way
     averaged = take_averaged(connection.source, _LIVE_AVERAGE if live else 1, like, request, context)
     if not averaged.taken.frames:
@@ -210,7 +245,10 @@ def take_set(connection: "Connection", set_id: str, context: Context, live: bool
     for done, (serial, frame) in enumerate(averaged.taken.frames.items()):
         context.report("finding targets", done / len(averaged.taken.frames), connection.names[serial])
         dots[connection.names[serial]] = _find(detector, frame.image)
-    return Taken(set_id, averaged.taken, averaged.stillness, dots)
+    absent = [serial for serial in connection.names if serial not in there]
+    missing = (MissingFrame(serial, "It is not found.", "Plug it in.") for serial in absent)
+    frames = replace(averaged.taken, missing=(*averaged.taken.missing, *missing))
+    return Taken(set_id, frames, averaged.stillness, dots)
 
 
 def _find(detector: "Detector | BoardDetector | None", image: np.ndarray) -> Dots:

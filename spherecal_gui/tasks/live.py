@@ -10,13 +10,17 @@ import numpy as np
 
 from spherecal.base.arrays import IntArray
 from spherecal.targets.detection import Detections, DetectionSettings, Detector
+from spherecal.targets.family import make_target_set
 from spherecal.targets.following import Follower
 from spherecal.targets.images import balance_mosaic
 from spherecal.targets.masks import Rectangle
 from spherecal_boards.board_detector import BoardDetector
 from spherecal_cameras.averaging import STILL_PX, stillness
+from spherecal_cameras.camera_network import WireCamera
 from spherecal_cameras.capture import SessionCamera
+from spherecal_cameras.new_recording import RigCameras
 from spherecal_cameras.plan import CapturePlan
+from spherecal_cameras.profile import CameraProfile
 from spherecal_cameras.protocol import CameraInfo, CameraSource, Discovery, Frame, SetupReport
 from spherecal_gui.presenters.coverage import Dots
 from spherecal_gui.tasks.bump_watch import BumpWatch
@@ -57,7 +61,10 @@ class Sight:
 
 @dataclass(frozen=True, eq=False)
 class Connection:
-    """What connecting gave: the open source, its cameras and what the bench holds."""
+    """What connecting gave: the open source, its cameras and what the bench holds.
+
+    `names` are the rig's cameras, which `cameras` has as session.json will; `rig` says why others are not among them.
+    """
 
     source: CameraSource
     discovery: Discovery
@@ -65,10 +72,20 @@ class Connection:
     cameras: tuple[SessionCamera, ...]
     plan: CapturePlan
     names: Mapping[str, str]
+    profile: CameraProfile
+    rig: RigCameras
+    wire: tuple[WireCamera, ...]
 
-    def detector(self) -> Detector | BoardDetector | None:
-        """What finds in images what calibrates."""
-        return detector_of(self.plan)
+    @property
+    def answering_again(self) -> tuple[str, ...]:
+        """The cameras of the rig that could not be used when they were opened, and send images now."""
+        states = self.source.statuses()
+        back = (serial for serial in self.rig.problems if serial in states and states[serial].state.usable)
+        return tuple(serial for serial in back if self.source.latest(serial) is not None)
+
+    def detector(self) -> Detector | BoardDetector:
+        """What finds in images what calibrates; before a bench is described, the targets that SphereCal prints."""
+        return detector_of(self.plan) or Detector(make_target_set())
 
     def info(self, serial: str) -> CameraInfo | None:
         """What was found about a camera."""

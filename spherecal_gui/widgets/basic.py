@@ -157,7 +157,10 @@ class Elided(QLabel):
         painter, metrics = QPainter(self), self.fontMetrics()
         shown = metrics.elidedText(self.text(), Qt.TextElideMode.ElideMiddle, self.width())
         self.setToolTip(plain(self.text() if shown != self.text() else ""))
-        painter.setPen(theme.colour("text"))
+        own = "soft" if self.objectName() == "soft" else "text"
+        level = str(self.property("level") or "none")
+        tint = theme.colour(own) if level == "none" else QColor(theme.now().of(level))
+        painter.setPen(tint if self.isEnabled() else theme.colour("idle"))
         painter.drawText(self.rect(), Qt.AlignmentFlag.AlignVCenter | Qt.AlignmentFlag.AlignLeft, shown)
 
 

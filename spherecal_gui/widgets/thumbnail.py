@@ -1,8 +1,8 @@
-"""A camera's newest image, as large as its row leaves room."""
+"""A camera's newest image with the dots found in it, as large as its row leaves room."""
 
 import numpy as np
-from PySide6.QtCore import QRectF, QSize
-from PySide6.QtGui import QColor, QImage, QPainter, QPaintEvent
+from PySide6.QtCore import QPointF, QRectF, QSize
+from PySide6.QtGui import QColor, QImage, QPainter, QPaintEvent, QPen
 from PySide6.QtWidgets import QSizePolicy, QWidget
 
 from spherecal_gui import theme
@@ -10,6 +10,7 @@ from spherecal_gui.widgets.tile import shown_image
 
 _LEAST_PX = (44, 36)
 _WIDTH_PX = 320  # of what is kept of an image
+_PAST_ALPHA, _DOT_PX = 170, 1.6
 
 
 class Thumbnail(QWidget):
@@ -19,6 +20,8 @@ class Thumbnail(QWidget):
         super().__init__(parent)
         self._image: QImage | None = None
         self._shown_s: float | None = None
+        self._dots = np.empty((0, 2))  # shares of width and height
+        self.past = False
         self.setMinimumSize(*_LEAST_PX)
         self.setSizePolicy(QSizePolicy.Policy.Expanding, QSizePolicy.Policy.Expanding)
 
@@ -31,6 +34,25 @@ class Thumbnail(QWidget):
             return
         self._image, self._shown_s = shown_image(image, bits, _WIDTH_PX), taken_s
         self.update()
+
+    def show_dots(self, uv: np.ndarray, size: tuple[int, int]) -> None:
+        """Show where dots were found.
+
+        `uv`: where they are (n, 2), px; `size`: width and height of the image, px.
+        """
+        self._dots = (uv + 0.5) / size
+        self.update()
+
+    def show_past(self, past: bool) -> None:
+        """Whether the image is an old one, of a camera that sends no more: it is darkened."""
+        if past != self.past:
+            self.past = past
+            self.update()
+
+    @property
+    def dots(self) -> int:
+        """How many dots are shown."""
+        return len(self._dots)
 
     @property
     def has_image(self) -> bool:
@@ -53,3 +75,9 @@ class Thumbnail(QWidget):
             painter.fillRect(room, QColor(theme.now().scene))
         else:
             painter.drawImage(room, self._image)
+            if self.past:
+                painter.fillRect(room, QColor(0, 0, 0, _PAST_ALPHA))
+                return
+            painter.setPen(QPen(QColor("#2fd27a"), _DOT_PX))
+            places = self._dots * (width, height) + (room.x(), room.y())
+            painter.drawPoints([QPointF(x, y) for x, y in places.tolist()])

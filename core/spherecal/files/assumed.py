@@ -1,6 +1,6 @@
 """What was assumed where a session does not state it, as findings."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 from spherecal.base.messages.values import Phrase
 from spherecal.data.findings import Finding
@@ -8,12 +8,17 @@ from spherecal.data.session import Bar, Session
 from spherecal.files.bar_registry import ASSUMED_EXPANSION_PER_KELVIN, ASSUMED_FACTOR, ASSUMED_TEMPERATURE_C
 
 
-def assumed_of_session(session: Session) -> list[Finding]:
+def assumed_of_session(session: Session, seen: Mapping[str, float] | None = None) -> list[Finding]:
     """Findings of what a calibration takes as given: the cameras' priors and the bar of the scale."""
+    seen = seen or {}
     found = []
     if without := tuple(camera.id for camera in session.cameras if "distortion" in camera.assumed):
         found.append(Finding("prior-assumed", "info", where=without, kind="distortion"))
-    if guessed := tuple(camera.id for camera in session.cameras if "focal_length" in camera.assumed):
+    if seen:
+        least, most = min(seen.values()), max(seen.values())
+        found.append(Finding("prior-assumed", "info", {"least_px": least, "most_px": most}, tuple(seen), kind="seen"))
+    unknown = [camera.id for camera in session.cameras if "focal_length" in camera.assumed]
+    if guessed := tuple(one for one in unknown if one not in seen):
         found.append(Finding("prior-assumed", "info", where=guessed, kind="focal-length"))
     scale = session.scale
     bars = [bar for bar in session.bars if scale is not None and bar.id == scale.bar]

@@ -7,6 +7,9 @@ from spherecal.data.session import Bar, CameraSpec, Scale, Session
 from spherecal.files.bar_registry import LENGTHS
 from spherecal.geometry.camera import camera_matrix, is_fisheye
 
+# A lens of 45 degrees across: what COLMAP begins with too. Phones and webcams have 0.7 to 0.9, machine vision 1 to 4.
+ASSUMED_FOCAL = 1.2
+
 
 def session_json(session: Session, folder: Path) -> dict[str, Any]:
     """The document session.json of a session."""
@@ -76,3 +79,13 @@ def _scale(scale: Scale) -> dict[str, Any]:
         "distance_mm": scale.distance_mm,
         "surface": scale.surface,
     }
+
+
+def assumed_prior(size: tuple[int, int]) -> dict[str, Any]:
+    """The entry `prior` of a camera whose lens nobody knows; a calibration by a ball starts from what it sees."""
+    return {"matrix": centred_matrix(ASSUMED_FOCAL * max(size), size), "assumed": ["focal_length"]}
+
+
+def centred_matrix(focal_px: float, size: tuple[int, int]) -> list[list[float]]:
+    """The camera matrix whose principal point is the image's middle."""
+    return [[focal_px, 0.0, (size[0] - 1) / 2], [0.0, focal_px, (size[1] - 1) / 2], [0.0, 0.0, 1.0]]

@@ -1,5 +1,6 @@
 """The settings of a calibration."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Literal
 
@@ -71,9 +72,11 @@ def without_effect(settings: CalibrationSettings) -> tuple[Finding, ...]:
     return tuple(Finding("setting-without-effect", "info", {"method": settings.method}, kind=kind) for kind in kinds)
 
 
-def as_stated(session: Session, settings: CalibrationSettings) -> tuple[Finding, ...]:
+def as_stated(
+    session: Session, settings: CalibrationSettings, seen: Mapping[str, float] | None = None
+) -> tuple[Finding, ...]:
     """Findings on the user's input: assumed figures, settings without effect."""
-    return (*assumed_of_session(session), *without_effect(settings))
+    return (*assumed_of_session(session, seen), *without_effect(settings))
 
 
 def check_settings(session: Session, settings: CalibrationSettings) -> None:

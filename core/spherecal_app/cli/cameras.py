@@ -52,7 +52,7 @@ def list_cameras(options: argparse.Namespace) -> int:
     answer(options, {"source": source.kind, "label": source.label, **plain_fields(discovery)})
     table = Table("name", "serial", "model", "maker", "line", "address", "state", box=None)
     for info in discovery.cameras:
-        place = info.transport, info.address, info.access
+        place = info.transport, info.address, info.access if profile.entry(info.serial).in_rig else "left out"
         table.add_row(*map(escape, (camera_name(profile, info), info.serial, info.model, info.vendor, *place)))
     if discovery.cameras:
         out.print(table)
@@ -193,6 +193,8 @@ def _keep(
         for key in ("name", "focal_length_mm", "pixel_pitch_um"):
             if getattr(options, key) is not None:
                 entry = dataclasses.replace(entry, **{key: getattr(options, key)})
+        if options.in_rig is not None:
+            entry = dataclasses.replace(entry, in_rig=options.in_rig == "yes")
         holder = profile.serial_of(entry.name) if entry.name else None
         if options.name:
             holder = next((other for other, name in called.items() if name == entry.name and other != serial), holder)

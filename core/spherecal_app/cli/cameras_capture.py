@@ -32,11 +32,14 @@ def capture(options: argparse.Namespace) -> int:
     with open_named(options, profile) as source, shown_progress() as context:
         plan = _plan(options, source)
         discovery = discovered(source, context)
-        if not discovery.cameras:
+        if not (serials := profile.rig_of(discovery.serials)):
             raise CameraError(Phrase("error-no-camera-found"))
         context.report("opening the cameras", 0.0)
-        reports = source.open(discovery.serials, profile.settings())
-        cameras = session_cameras(source, plan, discovery, reports, profile)
+        reports = source.open(serials, profile.settings())
+        found = session_cameras(source, plan, discovery, reports, profile).or_raise()
+        for error in found.problems.values():
+            say(f"{error.message} {error.hint}".strip())
+        cameras = found.cameras
         session = SessionFolder(options.output, plan, cameras, source)
         session.start(options.take_up)
         names = {camera.serial: camera.id for camera in cameras}
@@ -52,14 +55,15 @@ def capture(options: argparse.Namespace) -> int:
             poor += _show_set(planned.id, averaged, names)
             record.append(_record_of(planned.id, averaged, names))
     total, incomplete = len(plan.sets), session.incomplete
-    document = {"session": options.output, "cameras": list(names.values()), "sets": record, "incomplete": incomplete}
-    answer(options, document)
+    without = {found.names[serial]: error.message for serial, error in found.problems.items()}
+    document = {"session": options.output, "cameras": list(names.values()), "without": without, "sets": record}
+    answer(options, {**document, "incomplete": incomplete})
     out.print(f"{counted(total, 'set')} of {counted(len(cameras), 'camera')} in {escape(str(options.output))}.")
     if poor:
         out.print(f"{poor} of them {'is' if poor == 1 else 'are'} incomplete or not still; see above.")
     for name, missing in incomplete.items():
         say(f"{name} has no image of {', '.join(missing)}.")
-    return NOT_VALID if poor or incomplete else DONE
+    return NOT_VALID if poor or incomplete or without else DONE
 
 
 def _record_of(set_id: str, averaged: AveragedSet, names: dict[str, str]) -> dict[str, object]:

@@ -72,13 +72,13 @@ def doctor(options: argparse.Namespace) -> int:
 
 
 def _open_all(source: CameraSource, profile: CameraProfile, context: Context) -> Discovery:
-    """Discover and open every camera; CameraError where there is none."""
+    """Discover and open every camera of the rig; CameraError where there is none."""
     discovery = discovered(source, context)
-    if not discovery.cameras:
+    if not (serials := profile.rig_of(discovery.serials)):
         say(*(advice_for(discovery) if source.kind == "genicam" else ()))
         raise CameraError(Phrase("error-no-camera-found"))
     context.report("opening the cameras", 0.0)
-    source.open(discovery.serials, profile.settings())
+    source.open(serials, profile.settings())
     return discovery
 
 
@@ -87,7 +87,7 @@ def _order_test(source: CameraSource, discovery: Discovery, profile: CameraProfi
     out.print("Cover one lens at a time with your hand; an empty line with no lens covered ends the test.")
     before = brightness(source)
     names = {info.serial: camera_name(profile, info) for info in discovery.cameras}
-    left = set(names)
+    left = set(profile.rig_of(names))
     while left:
         if not ask("Cover a lens, then press Enter: "):
             return

@@ -17,6 +17,7 @@ from spherecal.data.session import Session
 from spherecal.files.atomic import SESSION, WRITTEN_FILE, check_folder, write_folder_whole, written_bytes
 from spherecal.files.json_file import MOST_CAMERAS, json_bytes
 from spherecal.files.read_session import FORMAT, SESSION_FILE, VERSION, read_session
+from spherecal.files.session_json import ASSUMED_FOCAL, assumed_prior, centred_matrix
 from spherecal.files.target_set_file import target_set_bytes
 from spherecal.geometry.camera import LensModel
 from spherecal.targets.image_facts import ImageFacts, image_facts
@@ -28,8 +29,6 @@ from spherecal_app.recordings.video_frames import choose_frames, keep_frames
 STAGE = "reading images"
 TARGETS_FILE = "targets.json"
 _MOST_BYTES = 1 << 30
-# A lens of 45 degrees across: what COLMAP begins with too. Phones and webcams have 0.7 to 0.9, machine vision 1 to 4.
-_ASSUMED_FOCAL = 1.2
 # Focal lengths of one camera that differ by more are of a zoom lens that was turned; EXIF rounds to 1 %.
 _ZOOMED = 0.02
 
@@ -271,11 +270,9 @@ def _camera(
         if pitch is not None:
             said.append(f"the pixel pitch of {pitch:g} um says nothing without a focal length")
         if focal_px is None:
-            focal_px, source = _ASSUMED_FOCAL * max(size), "assumed"
-            said.append(f"a focal length of {_ASSUMED_FOCAL:g} times the longer side, as a start")
-        centre = [(side - 1) / 2 for side in size]
-        matrix = [[focal_px, 0.0, centre[0]], [0.0, focal_px, centre[1]], [0.0, 0.0, 1.0]]
-        entry["prior"] = {"matrix": matrix} | ({"assumed": ["focal_length"]} if source == "assumed" else {})
+            focal_px, source = ASSUMED_FOCAL * max(size), "assumed"
+            said.append(f"a focal length of {ASSUMED_FOCAL:g} times the longer side, as a start")
+        entry["prior"] = assumed_prior(size) if source == "assumed" else {"matrix": centred_matrix(focal_px, size)}
     if known.lens_model is not None:
         entry["lens_model"] = known.lens_model
     return entry, NewCamera(camera, len(facts), size, focal_px, source, model, serial), said

@@ -23,6 +23,7 @@ NAMES: dict[str, tuple[str, ...]] = {
     "throughput limit": ("DeviceLinkThroughputLimit", "StreamBytesPerSecond"),
     "throughput switch": ("DeviceLinkThroughputLimitMode", "BandwidthControlMode"),
     "temperature": ("DeviceTemperature", "TemperatureAbs"),
+    "pixel pitch": ("SensorPixelWidth",),  # um, of the standard (SFNC)
     "width": ("Width",),
     "height": ("Height",),
     "left": ("OffsetX",),

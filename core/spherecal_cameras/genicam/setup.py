@@ -88,6 +88,9 @@ def set_up(serial: str, features: NodeFeatures, settings: CameraSettings) -> Set
     reports.append(
         FeatureReport("temperature", features.name("temperature"), got=_text(features.number("temperature")))
     )
+    pitch = features.number("pixel pitch")
+    if pitch is not None and pitch > 0:
+        reports.append(FeatureReport("pixel pitch", features.name("pixel pitch"), got=_text(pitch)))
     return SetupReport(serial, tuple(reports), image_size(features), time.perf_counter() - began)
 
 

@@ -56,6 +56,7 @@ def _add_set(to: argparse.ArgumentParser) -> None:
     number(to, "--throughput-bytes-s", "BYTES", "the most that the camera sends, bytes a second", int)
     number(to, "--focal-length-mm", "MM", "focal length of the lens, from its label", _ABOVE_ZERO)
     number(to, "--pixel-pitch-um", "UM", "pixel pitch of the sensor, from its data sheet", _ABOVE_ZERO)
+    choice(to, "--in-rig", ("yes", "no"), "whether it belongs to the rig; `no`: it is never opened")
     flag(to, "--offline", "only save the settings, do not look for the camera")
 
 

@@ -27,17 +27,7 @@ class CsvTable:
         return len(next(iter(self.columns.values())))
 
     def error(self, row: int, column: str, problem: Phrase) -> InputError:
-        """An InputError about one cell, to be raised by the caller.
-
-        Parameters
-        ----------
-        row
-            The row, from 0 without the heading.
-        column
-            The column's name.
-        problem
-            What is wrong with the cell.
-        """
+        """An InputError about one cell, to be raised by the caller."""
         cell = printable(self.columns[column][row])
         values = {"file": self.path, "line": row + 2, "column": column, "field": cell, "problem": problem}
         return InputError(Phrase("error-in-table", values))
@@ -51,15 +41,7 @@ class CsvTable:
         return cells
 
     def numbers(self, column: str, may_be_empty: bool = False) -> FloatArray:
-        """A column of finite numbers; NaN where a cell is empty, if it may be.
-
-        Parameters
-        ----------
-        column
-            The column's name.
-        may_be_empty
-            Whether a cell may be empty.
-        """
+        """A column of finite numbers; NaN where a cell is empty, if it may be."""
         cells = self.columns[column]
         values = np.empty(len(cells))
         for row, cell in enumerate(cells):
@@ -76,15 +58,7 @@ class CsvTable:
         return value
 
     def lengths(self, column: str, may_be_empty: bool = False) -> FloatArray:
-        """A column of finite numbers none of which is negative; NaN where a cell is empty, if it may be.
-
-        Parameters
-        ----------
-        column
-            The column's name.
-        may_be_empty
-            Whether a cell may be empty.
-        """
+        """A column of finite numbers none of which is negative; NaN where a cell is empty, if it may be."""
         values = self.numbers(column, may_be_empty)
         if (values < 0).any():
             raise self.error(int(np.argmax(values < 0)), column, Phrase("problem-negative"))
@@ -109,13 +83,6 @@ class CsvTable:
 
 def read_csv(path: Path, header: str) -> CsvTable:
     """The table in a file with exactly this header.
-
-    Parameters
-    ----------
-    path
-        The file.
-    header
-        Its first line.
 
     Raises
     ------

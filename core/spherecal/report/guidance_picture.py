@@ -26,17 +26,6 @@ def save_guidance_picture(rig: Rig, guidance: Guidance, radius_mm: float, path: 
 
     PNG, 1800 x 840 px.
 
-    Parameters
-    ----------
-    rig
-        The rig.
-    guidance
-        The placements so far and the candidates, in the rig's frame.
-    radius_mm
-        The ball's radius.
-    path
-        The file.
-
     Raises
     ------
     OutputError
@@ -102,15 +91,6 @@ def _candidates(panel: Axes, guidance: Guidance, flat, view: Projection, radius_
 
 def save_map_picture(rig: Rig, lengths: LengthMap, path: Path) -> None:
     """The map of a length's expanded uncertainty: slices through the volume, the worst direction at each place. PNG.
-
-    Parameters
-    ----------
-    rig
-        The rig.
-    lengths
-        The map, places in the rig's frame; a cube of them.
-    path
-        The file.
 
     Raises
     ------

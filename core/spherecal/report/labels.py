@@ -45,27 +45,7 @@ class Labels:
         gap_mm: float = 1.2,
         always: bool = True,
     ) -> None:
-        """A name near a place: on the side of `outwards` if there is room, otherwise where it covers least.
-
-        Parameters
-        ----------
-        place
-            The place (2,) in the axes' unit.
-        text
-            The name.
-        outwards
-            The preferred direction (2,), of any length; 0 is upwards.
-        size_pt
-            Size of the type, pt.
-        colour
-            Its colour.
-        bold
-            Whether it is bold.
-        gap_mm
-            From the place to the name, mm on paper.
-        always
-            Whether it must be there; if not, a name that would cover another is left out.
-        """
+        """A name near a place: on the side of `outwards` if there is room, otherwise where it covers least."""
         half = np.array([text_width(text, size_pt, bold), size_pt * MM_PER_PT * 0.9]) / 2
         best, best_cost = place * self._mm, np.inf
         length = float(np.linalg.norm(outwards))

@@ -42,15 +42,7 @@ def label(key: str, /, **values: Value) -> str:
 
 
 def word(keys: Mapping[str, str], name: str) -> str:
-    """The word for a name that a file has, by the keys of those that are known; another name as it is.
-
-    Parameters
-    ----------
-    keys
-        Keys of the catalogue by the names that are known.
-    name
-        The name.
-    """
+    """The word for a name that a file has, by the keys of those that are known; another name as it is."""
     return label(keys[name]) if name in keys else name
 
 

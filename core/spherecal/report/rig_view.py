@@ -121,26 +121,7 @@ def choose_axes(cameras: tuple[RigCamera, ...], centres: FloatArray, points: Flo
     """Three unit vectors (3, 3) in the world, and what the third, the height, is.
 
     Cameras that look roughly one way look down: the height is opposite to their mean view direction. Where they look
-    all around, it is the normal of the plane of the cameras' places, with the sides of the images' tops as up.
-
-    Parameters
-    ----------
-    cameras
-        The cameras, at least one.
-    centres
-        Their centres (c, 3) in the world.
-    points
-        Points found (n, 3), which decide the sides where all cameras are in one place.
-
-    Parameters
-    ----------
-    cameras
-        The cameras, at least one.
-    centres
-        Their centres (c, 3) in the world.
-    points
-        Points found (n, 3), which decide the sides where all cameras are in one place.
-    """
+    all around, it is the normal of the plane of the cameras' places, with the sides of the images' tops as up."""
     views = np.array([camera.rotation[2] for camera in cameras])
     ups = np.array([-camera.rotation[1] for camera in cameras])
     common = views.mean(axis=0)

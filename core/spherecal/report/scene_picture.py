@@ -37,17 +37,7 @@ Renderer = Callable[[Result, Session | None], ScenePicture | None]
 
 
 def draw_scene(sheet: Sheet, box: PageBox, picture: ScenePicture, unit: str) -> None:
-    """The picture with its names, and below it how wide the grid is.
-
-    Parameters
-    ----------
-    sheet, box
-        The page, and the place on it.
-    picture
-        The picture.
-    unit
-        The unit of lengths.
-    """
+    """The picture with its names, and below it how wide the grid is."""
     height, width = picture.pixels.shape[:2]
     axes = sheet.axes(box.inset(0.0, bottom=_FOOT_MM))
     axes.imshow(picture.pixels, extent=(0.0, width, -height, 0.0), aspect="auto", interpolation="antialiased")

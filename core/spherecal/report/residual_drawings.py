@@ -1,6 +1,7 @@
 """The residuals: their distribution, and as vectors over the image of each camera."""
 
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -8,13 +9,14 @@ from matplotlib.patches import PathPatch
 from matplotlib.path import Path
 
 from spherecal.base.arrays import FloatArray
-from spherecal.report.document import Document
 from spherecal.report.language import label
+from spherecal.report.model import TEXT_MM, Block, Figure, Panels, Paragraph
 from spherecal.report.result_folder import Result
 from spherecal.report.sheet import PageBox, Sheet, shortened, text_width
 from spherecal.report.style import ACCENT, BAD, INK, RULE, SIZES, SMALL_PT, SOFT, TINY_PT, count, number, significant
 
-_MANY = 24  # cameras; more may get the smallest panels
+_MANY = 24  # cameras; of more, four panels stand in a row
+_GAP_MM = 4.0  # between panels
 _ARROWS_PER_MM2 = 0.55  # beyond them nothing is seen any more
 _SHADES = 16
 _TYPICAL_ARROW = 0.035  # of the image's diagonal, for a residual as large as 95 % of all are
@@ -28,46 +30,27 @@ class ArrowScale:
     darkest_px: float
 
 
-def add_residual_pages(document: Document, result: Result) -> None:
-    """The histogram of all residuals, then a panel of residual vectors for each camera.
-
-    Parameters
-    ----------
-    document
-        The report's pages.
-    result
-        The result.
-    """
-    document.begin_section(label("report-residuals"))
+def residual_blocks(result: Result) -> tuple[Block, ...]:
+    """The histogram of all residuals, then a panel of residual vectors for each camera."""
     if not result.residuals.used.any():
-        document.paragraph(label("report-no-observation-was-used-so"))
-        return
-    draw_histogram(document.sheet, document.box(52.0), result)
-    document.y += 4.0
-    scale = arrow_scale(result)
-    document.caption(arrow_caption(scale, result))
-    draw_key(document.sheet, document.box(9.0), scale)
-    ids = [camera.id for camera in result.rig.cameras]
-    columns, height = _panels(document, result)
-    document.flow_panels(ids, columns, height, lambda sheet, box, name: draw_panel(sheet, box, name, result, scale))
+        return (Paragraph(label("report-no-observation-was-used-so")),)
+    scale, cameras = _arrow_scale(result), result.rig.cameras
+    columns = 2 if len(cameras) <= 4 else 3 if len(cameras) <= _MANY else 4
+    width = (TEXT_MM - (columns - 1) * _GAP_MM) / columns
+    height = min(width * max(camera.image_size[1] / camera.image_size[0] for camera in cameras), 70.0) + 5.0
+    panels = [
+        Figure(camera.id, height, partial(_draw_panel, name=camera.id, result=result, scale=scale), width)
+        for camera in cameras
+    ]
+    return (
+        Figure(label("report-distribution-of-du-and-dv"), 52.0, partial(_draw_histogram, result=result)),
+        Paragraph(_arrow_caption(scale, result), "note"),
+        Figure(label("report-size-of-the-residual-px"), 9.0, partial(_draw_key, scale=scale)),
+        Panels(tuple(panels), columns),
+    )
 
 
-def _panels(document: Document, result: Result) -> tuple[int, float]:
-    """Columns and height of the panels: the largest on as few pages as possible."""
-    cameras = result.rig.cameras
-    aspect = max(camera.image_size[1] / camera.image_size[0] for camera in cameras)
-    choices = []
-    for columns in (2, 3, 4, 5) if len(cameras) > _MANY else (2, 3, 4):
-        height = min((document.width - (columns - 1) * 4.0) / columns * aspect, 70.0) + 5.0
-        rows = -(-len(cameras) // columns)
-        here = int((document.bottom - document.y) // (height + 4.0))
-        each = int(document.room // (height + 4.0))
-        choices.append((-(-max(rows - here, 0) // each), columns, height))
-    _, columns, height = min(choices)
-    return columns, height
-
-
-def arrow_scale(result: Result) -> ArrowScale:
+def _arrow_scale(result: Result) -> ArrowScale:
     """One magnification for all cameras: 1, 2 or 5 times a power of ten."""
     residuals = result.residuals
     sizes = np.linalg.norm(residuals.du_dv[residuals.used], axis=1)
@@ -79,36 +62,20 @@ def arrow_scale(result: Result) -> ArrowScale:
     return ArrowScale(rounded, max(float(np.quantile(sizes, 0.99)), 1e-9))
 
 
-def arrow_caption(scale: ArrowScale, result: Result) -> str:
-    """What the arrows show.
-
-    Parameters
-    ----------
-    scale
-        How they are drawn.
-    result
-        The result, for the number of observations that were left out.
-    """
+def _arrow_caption(scale: ArrowScale, result: Result) -> str:
+    """What the arrows show."""
     left_out = int((~result.residuals.used & np.isfinite(result.residuals.du_dv[:, 0])).sum())
     crosses = label("report-crosses", count=count(left_out)) if left_out else ""
-    return label("report-arrows", times=magnification(scale), crosses=crosses)
+    return label("report-arrows", times=_magnification(scale), crosses=crosses)
 
 
-def magnification(scale: ArrowScale) -> str:
+def _magnification(scale: ArrowScale) -> str:
     """The factor as it is printed."""
     return count(int(scale.factor)) if scale.factor >= 1 else significant(scale.factor, 1)
 
 
-def draw_key(sheet: Sheet, box: PageBox, scale: ArrowScale) -> None:
-    """A bar of the colours with its numbers.
-
-    Parameters
-    ----------
-    sheet, box
-        The page, and the place on it.
-    scale
-        How residuals are drawn.
-    """
+def _draw_key(sheet: Sheet, box: PageBox, scale: ArrowScale) -> None:
+    """A bar of the colours with its numbers."""
     axes = sheet.axes(PageBox(box.x + 32.0, box.y + 0.5, 60.0, 2.6))
     axes.imshow(
         np.linspace(0, 1, 128)[None],
@@ -127,22 +94,10 @@ def draw_key(sheet: Sheet, box: PageBox, scale: ArrowScale) -> None:
     sheet.text(box.x + 96.0, box.y + 2.8, note, TINY_PT, colour=SOFT)
 
 
-def draw_panel(sheet: Sheet, box: PageBox, name: str, result: Result, scale: ArrowScale) -> None:
+def _draw_panel(sheet: Sheet, box: PageBox, name: str, result: Result, scale: ArrowScale) -> None:
     """One camera's residual vectors in its image frame.
 
-    Observations that were left out are crosses. Of very many residuals only some are drawn, evenly chosen.
-
-    Parameters
-    ----------
-    sheet, box
-        The page, and the place on it.
-    name
-        The camera's id.
-    result
-        The result.
-    scale
-        How residuals are drawn.
-    """
+    Observations that were left out are crosses. Of very many residuals only some are drawn, evenly chosen."""
     camera = result.rig.camera(name)
     assert camera is not None
     width, height = camera.image_size
@@ -198,16 +153,8 @@ def _arrows(axes: Axes, start: FloatArray, du_dv: FloatArray, scale: ArrowScale,
             )
 
 
-def draw_histogram(sheet: Sheet, box: PageBox, result: Result) -> None:
-    """How du and dv are distributed, beside the normal distribution of the same spread.
-
-    Parameters
-    ----------
-    sheet, box
-        The page, and the place on it.
-    result
-        The result, with at least one observation that was used.
-    """
+def _draw_histogram(sheet: Sheet, box: PageBox, result: Result) -> None:
+    """How du and dv are distributed, beside the normal distribution of the same spread."""
     sheet.text(box.x, box.y + 3.4, label("report-distribution-of-du-and-dv"), SMALL_PT, bold=True)
     values = result.residuals.du_dv[result.residuals.used]
     sd = max(float(np.sqrt((values**2).mean())), 1e-12)

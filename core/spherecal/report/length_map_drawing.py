@@ -1,42 +1,27 @@
-"""The map of a length's uncertainty: horizontal layers of the volume, the worst direction of each place."""
+"""The map of a length's uncertainty: layers of the volume, the worst direction of each place."""
+
+from functools import partial
 
 import numpy as np
 from matplotlib.patches import Rectangle
 
 from spherecal.base.arrays import FloatArray
 from spherecal.predict.volume_map import LengthMap
-from spherecal.report.document import Document
 from spherecal.report.language import label
-from spherecal.report.result_folder import Result
+from spherecal.report.model import Figure
 from spherecal.report.sheet import PageBox, Sheet
 from spherecal.report.style import INK, NONE, RULE, SIZES, SMALL_PT, SOFT, TINY_PT, number
-from spherecal.report.tables import Section, add_section
-
-_MAP_MM = 46.0
 
 
-def add_uncertainty_page(document: Document, result: Result, section: Section | None) -> None:
-    """The map with its table; nothing for a rig without one.
-
-    Parameters
-    ----------
-    document
-        The report's pages.
-    result
-        The result.
-    section
-        The table's section; None: there is none.
-    """
-    if section is None or result.rig.length_map is None:
-        return
-    add_section(document, section, _MAP_MM + 40.0)
-    layers = layers_of(result.rig.length_map)
-    if layers is not None:
-        draw_layers(document.sheet, document.box(_MAP_MM), layers, result.rig.length_map)
-        document.caption(label("report-each-square-the-largest-expanded", length_mm=result.rig.length_map.length_mm))
+def length_map_figure(found: LengthMap) -> Figure | None:
+    """The map as a drawing; None where its places are no cube."""
+    worst = _layers(found)
+    if worst is None:
+        return None
+    return Figure(label("report-uncertainty-in-the-volume"), 46.0, partial(_draw_layers, worst=worst, found=found))
 
 
-def layers_of(found: LengthMap) -> FloatArray | None:
+def _layers(found: LengthMap) -> FloatArray | None:
     """The worst over the directions at each place, (n, n, n) by the map's axes; None for no cube of places."""
     side = round(len(found.places_mm) ** (1 / 3))
     if side**3 != len(found.places_mm) or side < 2:
@@ -46,18 +31,8 @@ def layers_of(found: LengthMap) -> FloatArray | None:
     return worst.reshape(side, side, side)
 
 
-def draw_layers(sheet: Sheet, box: PageBox, worst: FloatArray, found: LengthMap) -> None:
-    """The layers side by side, numbers in the squares.
-
-    Parameters
-    ----------
-    sheet, box
-        The page, and the place on it.
-    worst
-        The largest expanded uncertainty (n, n, n) at each place, mm, as `layers_of` gives it.
-    found
-        The map.
-    """
+def _draw_layers(sheet: Sheet, box: PageBox, worst: FloatArray, found: LengthMap) -> None:
+    """The layers side by side, numbers in the squares; `worst` (n, n, n) mm."""
     side = len(worst)
     low, high = (float(f(worst[np.isfinite(worst)])) if np.isfinite(worst).any() else 1.0 for f in (np.min, np.max))
     height = (

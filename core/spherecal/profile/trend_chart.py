@@ -1,6 +1,5 @@
 """The trend as a page of vector graphics: a control chart a quantity, then the cameras."""
 
-import io
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -11,6 +10,8 @@ from spherecal.base.errors import InputError
 from spherecal.base.messages.values import Phrase
 from spherecal.files.atomic import write_file_whole
 from spherecal.profile.trend import Trend, TrendSeries
+from spherecal.report.model import svg_of
+from spherecal.report.pdf import sheet_pdf
 from spherecal.report.sheet import PageBox, Sheet, shortened
 from spherecal.report.style import (
     ACCENT,
@@ -60,10 +61,9 @@ def write_trend_chart(trend: Trend, output: Path) -> None:
     if ending not in _ENDINGS:
         raise InputError(Phrase("error-chart-kind", {"file": output}))
     with report_style():
-        buffer = io.BytesIO()
-        none = {"CreationDate": None} if ending == ".pdf" else {"Date": None}
-        _draw(trend).figure.savefig(buffer, format=ending[1:], metadata=none)
-    write_file_whole(output, buffer.getvalue())
+        sheet = _draw(trend)
+        data = sheet_pdf(sheet) if ending == ".pdf" else svg_of(sheet, "path").encode()
+    write_file_whole(output, data)
 
 
 def _draw(trend: Trend) -> Sheet:

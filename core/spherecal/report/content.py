@@ -11,7 +11,6 @@ from spherecal.report.language import label
 from spherecal.report.model import (
     Cell,
     FindingText,
-    KeyFigure,
     KeyFigures,
     Paragraph,
     Report,
@@ -60,9 +59,7 @@ def make_report(
         *rig_sections(result, picture),
         *bar_sections(result, verified),
         origin_section(result),
-        Section(
-            "assessment", label("report-assessment"), (Paragraph(label("report-this-report-was-made-by")), signed)
-        ),
+        Section("assessment", label("report-assessment"), (Paragraph(label("report-this-report-was-made-by")), signed)),
         *detection_sections(result, choose_detections(result, session)),
     )
     return Report(

@@ -8,9 +8,11 @@ from matplotlib.patches import Rectangle
 from spherecal.base.arrays import FloatArray
 from spherecal.predict.volume_map import LengthMap
 from spherecal.report.language import label
-from spherecal.report.model import Figure
+from spherecal.report.model import TEXT_MM, Figure
 from spherecal.report.sheet import PageBox, Sheet
 from spherecal.report.style import INK, NONE, RULE, SIZES, SMALL_PT, SOFT, TINY_PT, number
+
+_GAP_MM = 3.0  # between layers
 
 
 def length_map_figure(found: LengthMap) -> Figure | None:
@@ -18,7 +20,8 @@ def length_map_figure(found: LengthMap) -> Figure | None:
     worst = _layers(found)
     if worst is None:
         return None
-    return Figure(label("report-uncertainty-in-the-volume"), 46.0, partial(_draw_layers, worst=worst, found=found))
+    height = (TEXT_MM - _GAP_MM * (len(worst) - 1)) / len(worst) + 7.0
+    return Figure(label("report-uncertainty-in-the-volume"), height, partial(_draw_layers, worst=worst, found=found))
 
 
 def _layers(found: LengthMap) -> FloatArray | None:
@@ -38,7 +41,7 @@ def _draw_layers(sheet: Sheet, box: PageBox, worst: FloatArray, found: LengthMap
     height = (
         (found.places_mm - found.places_mm.mean(axis=0)) @ found.directions[2] if len(found.directions) > 2 else None
     )
-    for k, panel in enumerate(box.inset(0, 5.0, 0, 2.0).grid(1, side, 3.0)):
+    for k, panel in enumerate(box.inset(0, 5.0, 0, 2.0).grid(1, side, _GAP_MM)):
         name = label("report-layer", number=k + 1)
         if height is not None:
             name = f"Z {number(float(height.reshape(worst.shape)[0, 0, k]), 0, sign=True)} mm"

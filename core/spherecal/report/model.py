@@ -181,7 +181,9 @@ class Report:
 
 def columns(keys: str, /, **values: Any) -> tuple[str, ...]:
     """Headings: of each word, the label `report-WORD` with these values; a word after `=` as it is, `_` for a blank."""
-    return tuple(key[1:].replace("_", " ") if key[0] == "=" else label(f"report-{key}", **values) for key in keys.split())
+    return tuple(
+        key[1:].replace("_", " ") if key[0] == "=" else label(f"report-{key}", **values) for key in keys.split()
+    )
 
 
 def finding_texts(findings: Sequence[Finding]) -> tuple[FindingText, ...]:

@@ -97,11 +97,12 @@ def _draw_key(sheet: Sheet, box: PageBox, scale: ArrowScale) -> None:
 def _draw_panel(sheet: Sheet, box: PageBox, name: str, result: Result, scale: ArrowScale) -> None:
     """One camera's residual vectors in its image frame.
 
-    Observations that were left out are crosses. Of very many residuals only some are drawn, evenly chosen."""
+    Observations that were left out are crosses. Of very many residuals only some are drawn, evenly chosen.
+    """
     camera = result.rig.camera(name)
     assert camera is not None
     width, height = camera.image_size
-    inner = box.inset(0, 5.0)
+    inner = box.inset(0.2, 5.0, 0.2, 0.2)
     drawn_width = min(inner.width, inner.height * width / height)
     inner = PageBox(inner.x, inner.y, drawn_width, drawn_width * height / width)
     mark = " *" if name == result.rig.reference_camera else ""

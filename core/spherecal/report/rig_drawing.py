@@ -67,7 +67,7 @@ def _height(width: float, scene: DrawnRig, view: Projection) -> float:
 
 def _frame(view: Projection) -> tuple[float, float, float, float]:
     """Room for titles and axes: left, top, right, foot."""
-    return (9.0, 6.5, 0.5, 9.0) if view.labels[0] else (0.5, 5.0, 0.5, 4.0)
+    return (9.0, 6.5, 4.0, 9.0) if view.labels[0] else (0.5, 5.0, 0.5, 4.0)
 
 
 def _explanation(scene: DrawnRig, result: Result) -> str:

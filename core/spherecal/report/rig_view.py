@@ -121,7 +121,8 @@ def choose_axes(cameras: tuple[RigCamera, ...], centres: FloatArray, points: Flo
     """Three unit vectors (3, 3) in the world, and what the third, the height, is.
 
     Cameras that look roughly one way look down: the height is opposite to their mean view direction. Where they look
-    all around, it is the normal of the plane of the cameras' places, with the sides of the images' tops as up."""
+    all around, it is the normal of the plane of the cameras' places, with the sides of the images' tops as up.
+    """
     views = np.array([camera.rotation[2] for camera in cameras])
     ups = np.array([-camera.rotation[1] for camera in cameras])
     common = views.mean(axis=0)

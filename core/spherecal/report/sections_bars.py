@@ -91,8 +91,8 @@ def _statistics(bars: BarReport, verdict: Verdict) -> Section:
          number(x.sd_mm, 4), number(x.max_abs_error_mm, 4), number(x.expanded_mm, 4), number(x.coverage_factor, 2))
         for x in _by_length(bars)
     ]  # fmt: skip
-    mean, sd, largest = number(bars.mean_error_mm, 4, sign=True), number(bars.sd_mm, 4), number(bars.max_abs_error_mm, 4)
-    rows.append((Strong(label("report-all"), INK), "", str(bars.n), mean, sd, largest, "", ""))
+    mean, largest = number(bars.mean_error_mm, 4, sign=True), number(bars.max_abs_error_mm, 4)
+    rows.append((Strong(label("report-all"), INK), "", str(bars.n), mean, number(bars.sd_mm, 4), largest, "", ""))
     heads = columns("length reference-mm =n mean-error-mm sd-mm largest-error-mm u-of-the-mean-mm =k")
     notes = [Paragraph(text, "note") for text in texts]
     figures = error_figures(bars) if bars.measured else ()
@@ -215,7 +215,8 @@ def _temperatures(procedure: ProcedureReport) -> list[Section]:
     if known:
         text = label("report-of-the-bars-to-c", low=min(known), high=max(known))
     rows = tuple((pose.id, pose.bar, number(pose.temperature_c, 2)) for pose in procedure.poses)
-    return _section("temperatures", label("report-temperatures"), text, Table(columns("pose bar temperature-c"), rows, 2))
+    table = Table(columns("pose bar temperature-c"), rows, 2)
+    return _section("temperatures", label("report-temperatures"), text, table)
 
 
 def _departures(procedure: ProcedureReport) -> list[Section]:

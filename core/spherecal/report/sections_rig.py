@@ -78,18 +78,15 @@ def _cameras(result: Result) -> Section:
         none = Paragraph(label("report-no-camera-placed"))
         return Section("cameras", label("report-cameras"), (*alarm, none))
     serials = any(camera.serial for camera in rig.cameras)
-    heads = columns(
-        f"camera {'serial-number ' * serials}observations rms-px focal-length-px sd-focal-px centre-x centre-y centre-z "
-        "sd-centre sd-rotation-deg",
+    numbers = columns(
+        "observations rms-px focal-length-px sd-focal-px centre-x centre-y centre-z sd-centre sd-rotation-deg",
         unit=unit,
     )
+    heads = (*columns("camera"), *(columns("serial-number") if serials else ()), *numbers)
     worst_first = sorted(rig.cameras, key=lambda c: (-math.inf if c.rms_px is None else -c.rms_px, c.id))
     table = Table(heads, tuple(_camera(c, result, serials) for c in worst_first), 1 + serials)
-    notes = (
-        Paragraph(label("report-rms-root-mean-square-length", conspicuous=_CONSPICUOUS), "note"),
-        Paragraph(label("report-sd-standard-uncertainty-k-1"), "note"),
-    )
-    return Section("cameras", label("report-cameras-worst-fit-first"), (*alarm, *notes, table), new_page=True)
+    note = Paragraph(label("report-rms-root-mean-square-length", conspicuous=_CONSPICUOUS), "note")
+    return Section("cameras", label("report-cameras-worst-fit-first"), (*alarm, note, table), new_page=True)
 
 
 def _camera(camera: RigCamera, result: Result, serials: bool) -> tuple[Cell, ...]:

@@ -149,7 +149,8 @@ def number(value: float | None, digits: int, sign: bool = False) -> str:
 def significant(value: float | None, digits: int = 2) -> str:
     """A number with this many significant digits, without an exponent where it is of an everyday size.
 
-    An en dash where there is none."""
+    An en dash where there is none.
+    """
     if value is None or not math.isfinite(value):
         return NONE
     if value == 0:

@@ -186,7 +186,7 @@ def _draw_detail(sheet: Sheet, box: PageBox, image: NDArray[np.uint8], detection
     """The part of the image around its densest place, so large that single dots are seen."""
     height, width = image.shape
     part = 0.16 * width
-    size = np.array([part, part * box.height / box.width])
+    size = np.array([part, part * (box.height - 4.0) / box.width])
     used = detection.uv[detection.used] if detection.used.any() else detection.uv
     near = [(np.abs(used - place) < size / 2).all(axis=1).sum() for place in used]
     middle = used[int(np.argmax(near))]
@@ -194,13 +194,14 @@ def _draw_detail(sheet: Sheet, box: PageBox, image: NDArray[np.uint8], detection
     left, top = np.floor(low).astype(int)
     right, foot = np.minimum(np.ceil(low + size).astype(int), [width, height])
     cut = image[top:foot, left:right]
+    strip, box = box, box.inset(0.0, 4.0)
     axes = _picture(sheet, box, cut, (left - 0.5, right - 0.5, foot - 0.5, top - 0.5))
     axes.set_xlim(low[0] - 0.5, low[0] + size[0] - 0.5)
     axes.set_ylim(low[1] + size[1] - 0.5, low[1] - 0.5)
     _mark(axes, detection, 4.0, 0.6, cross=True)
     _number(axes, box.width / part, detection, np.vstack([low, low + size]), 7.0)
     place = label("report-u-to-v-to-px", left=left, right=right, top=top, foot=foot)
-    sheet.text(box.x + box.width, box.y + 2.5, place, TINY_PT, colour=SOFT, align="right")
+    sheet.text(strip.x + strip.width, strip.y + 2.5, place, TINY_PT, colour=SOFT, align="right")
 
 
 def _picture(sheet: Sheet, box: PageBox, image: NDArray[np.uint8], extent: tuple[float, float, float, float]) -> Axes:

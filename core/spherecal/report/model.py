@@ -179,13 +179,6 @@ class Report:
         return [block for section in self.sections for block in section.blocks if isinstance(block, kind)]
 
 
-def columns(keys: str, /, **values: Any) -> tuple[str, ...]:
-    """Headings: of each word, the label `report-WORD` with these values; a word after `=` as it is, `_` for a blank."""
-    return tuple(
-        key[1:].replace("_", " ") if key[0] == "=" else label(f"report-{key}", **values) for key in keys.split()
-    )
-
-
 def finding_texts(findings: Sequence[Finding]) -> tuple[FindingText, ...]:
     """Findings in the report's language: errors first, then warnings, then the rest."""
     from spherecal.report.style import SEVERITY, some_of

@@ -48,7 +48,6 @@ def _inputs(report: Report, page: PageSize) -> dict[str, str]:
     said = {
         "page": {"A4": "a4", "Letter": "us-letter"}[page],
         "number": label("report-page-of", page="{page}", pages="{pages}"),
-        "concerns": label("report-findings"),
         "language": language_now().split("_"),
     }
     return {"report": json.dumps(as_plain(report)), "said": json.dumps(said)}
@@ -59,14 +58,14 @@ def _typeset(inputs: dict[str, str], **form: Any) -> Any:
 
     inputs = inputs | {"fonts": json.dumps(font_families())}
     source = resource_path("report.typ").read_bytes()
-    compiler = typst.Compiler(source, font_paths=_fonts(), sys_inputs=inputs, root=str(resource_path()))
+    compiler = typst.Compiler(source, font_paths=_fonts(language_now() == "zh_CN"), sys_inputs=inputs, root=str(resource_path()))
     return compiler.compile(**form)
 
 
 @cache
-def _fonts() -> Any:
-    """Our own fonts and matplotlib's, and the system's where Chinese needs them."""
+def _fonts(of_the_system: bool) -> Any:
+    """Our own fonts and matplotlib's, and the system's where they are needed, as for Chinese."""
     import typst
 
     folders = [resource_path("fonts"), Path(matplotlib.get_data_path(), "fonts", "ttf")]
-    return typst.Fonts(language_now() == "zh_CN", False, [str(folder) for folder in folders])
+    return typst.Fonts(of_the_system, False, [str(folder) for folder in folders])

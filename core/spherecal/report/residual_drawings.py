@@ -15,7 +15,6 @@ from spherecal.report.result_folder import Result
 from spherecal.report.sheet import PageBox, Sheet, shortened, text_width
 from spherecal.report.style import ACCENT, BAD, INK, RULE, SIZES, SMALL_PT, SOFT, TINY_PT, count, number, significant
 
-_MANY = 24  # cameras; of more, four panels stand in a row
 _GAP_MM = 4.0  # between panels
 _ARROWS_PER_MM2 = 0.55  # beyond them nothing is seen any more
 _SHADES = 16
@@ -35,7 +34,7 @@ def residual_blocks(result: Result) -> tuple[Block, ...]:
     if not result.residuals.used.any():
         return (Paragraph(label("report-no-observation-was-used-so")),)
     scale, cameras = _arrow_scale(result), result.rig.cameras
-    columns = 2 if len(cameras) <= 4 else 3 if len(cameras) <= _MANY else 4
+    columns = 2 if len(cameras) <= 4 else 3 if len(cameras) <= 9 else 4
     width = (TEXT_MM - (columns - 1) * _GAP_MM) / columns
     height = min(width * max(camera.image_size[1] / camera.image_size[0] for camera in cameras), 70.0) + 5.0
     panels = [

@@ -1,8 +1,8 @@
 """The verification as sections: conformity, budgets, artefacts and certificates, temperatures, departures."""
 
 from spherecal.report.error_drawing import error_figures, lengths_in_order, name_of
-from spherecal.report.language import label, word, written
-from spherecal.report.model import Cell, Paragraph, Section, Strong, Table, Verdict, columns, finding_texts
+from spherecal.report.language import columns, label, word, written
+from spherecal.report.model import Cell, Paragraph, Section, Strong, Table, Verdict, finding_texts
 from spherecal.report.result_folder import Result
 from spherecal.report.style import BAD, INK, NONE, count, number, significant
 from spherecal.verify.verification_file import (

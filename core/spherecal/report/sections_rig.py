@@ -9,9 +9,9 @@ import numpy as np
 
 from spherecal.data.rig import RigCamera
 from spherecal.geometry.camera import FISHEYE_NAMES, INTRINSIC_NAMES, is_fisheye
-from spherecal.report.language import label, word
+from spherecal.report.language import columns, label, word
 from spherecal.report.length_map_drawing import length_map_figure
-from spherecal.report.model import Cell, KeyValues, Paragraph, Section, Strong, Table, columns
+from spherecal.report.model import Cell, KeyValues, Paragraph, Section, Strong, Table
 from spherecal.report.residual_drawings import residual_blocks
 from spherecal.report.result_folder import Result
 from spherecal.report.rig_drawing import rig_blocks
@@ -261,7 +261,7 @@ def _lengths(result: Result) -> list[Section]:
     blocks = [Paragraph(text, "note"), Table(columns("direction median-mm worst-mm seen-at"), tuple(rows))]
     if (figure := length_map_figure(found)) is not None:
         caption = label("report-each-square-the-largest-expanded", length_mm=found.length_mm)
-        blocks += [figure, Paragraph(caption, "note")]
+        blocks += [Paragraph(caption, "note"), figure]
     return [Section("uncertainty", label("report-uncertainty-in-the-volume"), tuple(blocks))]
 
 

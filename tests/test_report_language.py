@@ -1,6 +1,7 @@
 # ruff: noqa: RUF001 - Chinese punctuation is meant
 """The report in the interface's language: nothing stays English, nothing loses its figures."""
 
+import io
 import json
 import re
 import shutil
@@ -11,6 +12,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from pypdf import PdfReader
 
 from spherecal.base.errors import InputError
 from spherecal.base.messages.catalogue import LANGUAGES
@@ -205,15 +207,26 @@ def test_html_and_json_in_a_language(result: Path, tmp_path: Path, name: str) ->
 
 
 def test_a_pdf_in_chinese_can_be_read(result: Path, tmp_path: Path) -> None:
+    """After one in English, in whose fonts there are no Chinese characters."""
     if not chinese_fonts():
         pytest.skip("this computer has no font with Chinese characters")
-    write_report(result, tmp_path / "r.pdf", language="zh_CN")
-    text = "".join(page_text for page_text in pdf_texts((tmp_path / "r.pdf").read_bytes())).replace(" ", "")
+    write_report(result, tmp_path / "en.pdf")
+    write_report(result, tmp_path / "zh.pdf", language="zh_CN")
+    ours, theirs = (fonts_of((tmp_path / name).read_bytes()) for name in ("en.pdf", "zh.pdf"))
+    assert any(name.startswith("Inter") for name in ours) and theirs - ours
+    text = "".join(pdf_texts((tmp_path / "zh.pdf").read_bytes())).replace(" ", "")
     with speaking("zh_CN"):
         report = make_report(read_result(result))
     for section in report.sections:
         for said in (section.title, *section.texts):
             assert "".join(said.split()) in text
+
+
+def fonts_of(pdf: bytes) -> set[str]:
+    """The names of a PDF's fonts, without the letters before the plus."""
+    pages = PdfReader(io.BytesIO(pdf)).pages
+    fonts = [font.get_object() for page in pages for font in page["/Resources"]["/Font"].values()]
+    return {str(font["/BaseFont"]).rpartition("+")[2] for font in fonts}
 
 
 def test_a_pdf_in_chinese_needs_a_font(result: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -31,7 +31,7 @@ h2{border-bottom:2px solid #1a1a1a;margin:2.2rem 0 .6rem}
 .verdict b{color:#fff;padding:.8rem 1rem;flex:0 0 13rem;font-size:1.25rem}
 .verdict small{display:block;font-weight:400;font-size:.75rem;color:#fff}
 .verdict p{margin:auto 1rem}
-.figures{display:grid;grid-template-columns:repeat(auto-fill,minmax(13rem,1fr));gap:.6rem;margin:1rem 0}
+.figures{display:grid;grid-template-columns:repeat(auto-fill,minmax(15rem,1fr));gap:.6rem;margin:1rem 0}
 .figures div{border-top:2px solid #41546b}
 .figures b{font-size:1.3rem}
 small,.note,dt{color:#5f6368}
@@ -52,9 +52,8 @@ tr:nth-child(even) td{background:#f1f3f5}
 .finding{padding:.2rem .8rem;margin:.5rem 0;border-left:4px solid}
 .finding span{color:#1a1a1a}
 .finding .note{color:#5f6368;font-size:1em}
-svg{max-width:100%;height:auto;display:block;margin:.6rem 0}
+svg{width:100%;height:auto;display:block;margin:.6rem 0}
 .panels{display:grid;grid-template-columns:repeat(auto-fill,minmax(18rem,1fr));gap:1rem}
-.panels svg{width:100%}
 .sign{display:grid;grid-template-columns:repeat(3,1fr);gap:2rem;margin-top:4rem}
 .sign div{border-top:1px solid #5f6368}
 @media print{h2{break-after:avoid}

@@ -58,8 +58,8 @@ def _typeset(inputs: dict[str, str], **form: Any) -> Any:
 
     inputs = inputs | {"fonts": json.dumps(font_families())}
     source = resource_path("report.typ").read_bytes()
-    compiler = typst.Compiler(source, font_paths=_fonts(language_now() == "zh_CN"), sys_inputs=inputs, root=str(resource_path()))
-    return compiler.compile(**form)
+    fonts = _fonts(language_now() == "zh_CN")
+    return typst.Compiler(source, str(resource_path()), fonts, sys_inputs=inputs).compile(**form)
 
 
 @cache

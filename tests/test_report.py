@@ -9,6 +9,7 @@ import subprocess
 import sys
 from dataclasses import replace
 from datetime import UTC, datetime
+from functools import partial
 from multiprocessing.connection import Connection
 from pathlib import Path
 
@@ -207,11 +208,11 @@ def test_text_can_be_extracted(demo_pdf):
 
 
 def test_a_report_of_training_says_so_on_every_page_and_holds_the_operators_note(empty, tmp_path):
-    said = {"notice": "SIMULATED: not real", "note": "Maria, after the bump"}
-    pages = pdf_texts(report_bytes(".pdf", empty, **said))
+    said = partial(report_bytes, notice="SIMULATED: not real", note="Maria, after the bump")
+    pages = pdf_texts(said(".pdf", empty))
     assert pages and all("SIMULATED: not real" in page for page in pages)
     assert "Maria, after the bump" in pages[0]
-    page = report_bytes(".html", empty, **said).decode()
+    page = said(".html", empty).decode()
     assert "SIMULATED: not real" in page and "Maria, after the bump" in page
 
 

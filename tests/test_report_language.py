@@ -8,11 +8,13 @@ import shutil
 from collections.abc import Callable, Iterator
 from dataclasses import fields, is_dataclass, replace
 from pathlib import Path
+from typing import cast
 
 import cv2
 import numpy as np
 import pytest
 from pypdf import PdfReader
+from pypdf.generic import DictionaryObject
 
 from spherecal.base.errors import InputError
 from spherecal.base.messages.catalogue import LANGUAGES
@@ -224,9 +226,12 @@ def test_a_pdf_in_chinese_can_be_read(result: Path, tmp_path: Path) -> None:
 
 def fonts_of(pdf: bytes) -> set[str]:
     """The names of a PDF's fonts, without the letters before the plus."""
-    pages = PdfReader(io.BytesIO(pdf)).pages
-    fonts = [font.get_object() for page in pages for font in page["/Resources"]["/Font"].values()]
-    return {str(font["/BaseFont"]).rpartition("+")[2] for font in fonts}
+    found = set[str]()
+    for page in PdfReader(io.BytesIO(pdf)).pages:
+        resources = cast(DictionaryObject, page["/Resources"])
+        for font in cast(DictionaryObject, resources["/Font"]).values():
+            found.add(str(font.get_object()["/BaseFont"]).rpartition("+")[2])
+    return found
 
 
 def test_a_pdf_in_chinese_needs_a_font(result: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -62,7 +62,11 @@ def write_trend_chart(trend: Trend, output: Path) -> None:
         raise InputError(Phrase("error-chart-kind", {"file": output}))
     with report_style():
         sheet = _draw(trend)
-        data = sheet_pdf(sheet) if ending == ".pdf" else svg_of(sheet, "path").encode()
+        data = (
+            sheet_pdf(sheet)
+            if ending == ".pdf"
+            else f"<?xml version='1.0' encoding='utf-8'?>\n{svg_of(sheet, 'path')}".encode()
+        )
     write_file_whole(output, data)
 
 

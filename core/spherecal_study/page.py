@@ -284,7 +284,7 @@ def columns_by_group(
 
 
 def _axes(sheet: Sheet, box: PageBox) -> Axes:
-    return sheet.axes(box.inset(15.0, 3.0, 38.0, 11.0))
+    return sheet.axes(box.inset(15.0, 3.0, 46.0, 11.0))
 
 
 def _log(axes: Axes) -> None:

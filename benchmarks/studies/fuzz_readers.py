@@ -94,7 +94,7 @@ def _result_readers(folder: Path) -> list[Reader]:
     from spherecal.files.rig_file import read_rig
     from spherecal.geometry.user_frame import FrameDefinition
     from spherecal.profile.save import prepare
-    from spherecal.report.content import make_content
+    from spherecal.report.content import make_report
     from spherecal.report.result_folder import read_result
     from spherecal.report.verification_file import read_bar_report
     from spherecal.uses.check_ball import read_known_ball
@@ -114,7 +114,7 @@ def _result_readers(folder: Path) -> list[Reader]:
         (result / name).write_text("\n".join(lines[:40]) + "\n")
 
     def said() -> object:
-        return make_content(read_result(result))
+        return make_report(read_result(result))
 
     return [
         _json("rig.json", result / "rig.json", said),

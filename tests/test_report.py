@@ -208,10 +208,10 @@ def test_text_can_be_extracted(demo_pdf):
 
 
 def test_a_report_of_training_says_so_on_every_page_and_holds_the_operators_note(empty, tmp_path):
-    said = partial(report_bytes, notice="SIMULATED: not real", note="Maria, after the bump")
+    said = partial(report_bytes, notice="SIMULATED: not real", note="Maria, after the bump #panic() *b* $x$")
     pages = pdf_texts(said(".pdf", empty))
     assert pages and all("SIMULATED: not real" in page for page in pages)
-    assert "Maria, after the bump" in pages[0]
+    assert "Maria, after the bump #panic() *b* $x$" in pages[0], "no text is markup"
     page = said(".html", empty).decode()
     assert "SIMULATED: not real" in page and "Maria, after the bump" in page
 

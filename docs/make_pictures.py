@@ -9,7 +9,6 @@ import time
 from pathlib import Path
 
 from spherecal_app.cli.main import main
-from spherecal_documents.report.pictures import save_pictures
 from spherecal_sim.render_session import demo_session
 
 PICTURES = Path(__file__).parent / "pictures"
@@ -23,8 +22,7 @@ def make_pictures() -> int:
         code = main(["demo", "-o", str(work / "demo")])
         if code:
             return code
-        made = save_pictures(work / "demo" / "result", PICTURES, demo_session())
-        made += (scene_picture(work / "demo" / "result", demo_session(), PICTURES / "scene.png"),)
+        made = (scene_picture(work / "demo" / "result", demo_session(), PICTURES / "scene.png"),)
         main(["targets", "sheet", "-o", str(work / "sheet.pdf"), "--count", "40"])
         if shutil.which("pdftoppm") is None:
             print("sheet.png is left as it was: pdftoppm is missing (apt install poppler-utils).", file=sys.stderr)

@@ -47,6 +47,10 @@ def phrases_in_code() -> list[Made]:
         names = [one.arg for one in call.keywords]
         values = None if None in names else frozenset(map(str, names))
         found.append(Made(f"{module.name}:{call.lineno}", module.strings(call.args[0]), values=values))
+    for module, call in _calls("columns", (_REPORT,)):  # the labels of a table's headings
+        words = [word for text in module.strings(call.args[0]) for word in text.split() if not word.startswith("=")]
+        keys = frozenset("*" if word == "*" else f"report-{word}" for word in words)
+        found.append(Made(f"{module.name}:{call.lineno}", keys, values=None if call.keywords else frozenset()))
     for module, call in _calls("word", (_REPORT,)):
         found.append(Made(f"{module.name}:{call.lineno}", module.strings(call.args[0]), values=frozenset()))
     return found

@@ -89,7 +89,7 @@ def test_demo_without_matplotlib_leaves_out_the_report_and_says_so(
     assert ran == ["calibrate", "verify"]
     found = capsys.readouterr().out.splitlines()[1:]
     assert [line.split()[0] for line in found] == ["VALID:", "Cameras:", "Ball:", "CONSISTENT:", "The", "Result"]
-    assert found[4].endswith("needs matplotlib: pip install matplotlib")
+    assert found[4].endswith("needs matplotlib and typst: pip install matplotlib typst")
     assert not (tmp_path / "report.pdf").exists()
 
 

@@ -17,7 +17,9 @@ from spherecal.files.write_result import write_result
 from spherecal.geometry.length_uncertainty import Cameras, predict_lengths
 from spherecal.steps.settings import CalibrationSettings
 from spherecal_app.cli.main import main
-from spherecal_documents.report.guidance_picture import save_guidance_picture, save_map_picture
+from spherecal_documents.report.guidance_picture import save_guidance_picture
+from spherecal_documents.report.length_map_drawing import length_map_figure
+from spherecal_documents.report.style import report_style
 from spherecal_rigs.limits_file import Limits
 from spherecal_rigs.next_placement import ENOUGH_DOTS, advise
 from spherecal_rigs.recalibrate import Selection, recalibrate
@@ -151,8 +153,11 @@ def test_the_map_is_written_read_and_drawn(tmp_path: Path) -> None:
     assert rig.length_map is not None and rig.covariance is not None and calibration.rig.covariance is not None
     assert rig.length_map.typical_mm is not None and 0 < rig.length_map.typical_mm < 0.2
     np.testing.assert_array_equal(rig.covariance.matrix, calibration.rig.covariance.matrix)
-    save_map_picture(rig, rig.length_map, tmp_path / "map.png")
-    assert (tmp_path / "map.png").read_bytes()[:4] == b"\x89PNG"
+    figure = length_map_figure(rig.length_map)
+    with report_style():
+        drawn = figure.svg()
+    worst = rig.length_map.expanded_mm
+    assert f"{np.nanmax(worst):.3f}".lstrip("0") in drawn
 
 
 def test_a_covariance_of_another_rig_is_refused(tmp_path: Path) -> None:

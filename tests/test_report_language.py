@@ -1,17 +1,20 @@
 # ruff: noqa: RUF001 - Chinese punctuation is meant
 """The report in the interface's language: nothing stays English, nothing loses its figures."""
 
+import io
 import json
 import re
 import shutil
-from collections.abc import Callable
-from dataclasses import replace
+from collections.abc import Callable, Iterator
+from dataclasses import fields, is_dataclass, replace
 from pathlib import Path
+from typing import cast
 
 import cv2
 import numpy as np
 import pytest
-from matplotlib.text import Text
+from pypdf import PdfReader
+from pypdf.generic import DictionaryObject
 
 from spherecal.base.errors import InputError
 from spherecal.base.messages.catalogue import LANGUAGES
@@ -22,17 +25,16 @@ from spherecal.verify.limit import parse_limit
 from spherecal.verify.write_verification import write_verification
 from spherecal_app.cli.main import main
 from spherecal_documents.report import language as language_module
-from spherecal_documents.report.cameras_page import add_cameras_page
-from spherecal_documents.report.content import Content, make_content
-from spherecal_documents.report.detection_page import Detection, add_detection_pages
-from spherecal_documents.report.document import Document
+from spherecal_documents.report.content import make_report
+from spherecal_documents.report.detections import Detection, detection_sections
 from spherecal_documents.report.language import label, speaking, word, written
-from spherecal_documents.report.sheet import text_width, wrap
-from spherecal_documents.report.style import report_style
-from spherecal_documents.report.verdict_page import add_verdict_page
+from spherecal_documents.report.model import FindingText, Report, Strong
+from spherecal_documents.report.sections_rig import rig_sections
+from spherecal_documents.report.style import chinese_fonts
 from spherecal_documents.report.write_report import write_report
 from spherecal_rigs.read_verification import read_bar_report
 from spherecal_rigs.result_folder import Result, read_result
+from tests.test_report import pdf_texts
 
 OTHERS = [name for name in LANGUAGES if name != "en"]
 # Words that are the same in a language.
@@ -63,17 +65,24 @@ def result(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-def texts_of(content: Content) -> list[str]:
-    """Every line that people read in the report's content, apart from names, figures and formulas."""
-    texts = [text for v in content.verdicts for text in (v.title, v.word, v.sentence)]
-    texts += [text for value, unit, name, note in content.figures for text in (value, unit, name, note)]
-
-    for section in content.sections:
-        texts += [section.title, *section.paragraphs]
-        for table in section.tables:
-            texts += [table.title, *table.columns, *(cell for row in table.rows for cell in row)]
-    lines = {line for text in texts for line in text.split("\n")}
+def texts_of(report: Report) -> list[str]:
+    """Every line that people read in the report, apart from names, figures and formulas; drawings are not looked at."""
+    lines = {line for text in strings(report) for line in text.split("\n")}
     return sorted(line for line in lines if re.search(r"[A-Za-z]{3}", line) and not _NO_WORDS.fullmatch(line))
+
+
+def strings(value: object) -> Iterator[str]:
+    """The texts in a model."""
+    if isinstance(value, str):
+        yield value
+    elif isinstance(value, Strong):
+        yield value.text
+    elif isinstance(value, tuple):
+        for one in value:
+            yield from strings(one)
+    elif is_dataclass(value):
+        words = (f for f in fields(value) if f.name not in ("key", "style", "colour", "severity", "finding"))
+        yield from (text for f in words for text in strings(getattr(value, f.name)))
 
 
 @pytest.mark.parametrize("name", OTHERS)
@@ -82,13 +91,14 @@ def test_nothing_stays_english(result: Path, name: str) -> None:
     read = read_result(result)
     assert read.bars is not None
     english = {words for f in (*read.rig.quality.findings, *read.bars.findings) for words in (f.message, f.hint)}
-    plain = set(texts_of(make_content(read)))
+    plain = set(texts_of(make_report(read)))
     assert len(plain) > 80
     with speaking(name):
-        content = make_content(read)
-        assert {label(one) for one in SAME[name]} >= plain & set(texts_of(content))
-    assert len(content.findings) > 3
-    assert not {words for f in content.findings for words in (f["message"], f["hint"]) if words} & english
+        report = make_report(read)
+        assert {label(one) for one in SAME[name]} >= plain & set(texts_of(report))
+    found = report.blocks(FindingText)
+    assert len(found) > 3
+    assert not {words for f in found for words in (f.message, f.hint) if words} & english
 
 
 def sentences(folder: Path) -> list[Sentence]:
@@ -155,10 +165,8 @@ def test_sentences_without_their_phrase_stay_as_written(
 
 @pytest.mark.parametrize(("name", "word"), [("de", "UNENTSCHIEDEN"), ("zh_CN", "未判定"), ("en", "UNDECIDED")])
 def test_the_first_page_speaks(result: Path, name: str, word: str) -> None:
-    with speaking(name), report_style():
-        document = Document("A4", "SphereCal calibration report", "")
-        add_verdict_page(document, read_result(result))
-        text = " ".join(one.get_text() for sheet in document.sheets for one in sheet.figure.findobj(Text))
+    with speaking(name):
+        text = " ".join(strings(make_report(read_result(result)).sections[:2]))
     assert word in text
     assert ("The calibration may be used" in text) == (name == "en")
     assert "length-doubtful" not in text
@@ -175,11 +183,8 @@ def test_pages_of_cameras_and_detections_speak(result: Path, tmp_path: Path) -> 
     uv = np.array([[400.0, 400.0], [420.0, 400.0]])
     seen = Detection("P1", camera.id, file, uv, np.array([1, 1]), np.array([True, True]))
     for name, words in (("en", {"fixed", "Detail"}), ("de", {"fest", "Ausschnitt"})):
-        with speaking(name), report_style():
-            document = Document("A4", "", "")
-            add_cameras_page(document, read)
-            add_detection_pages(document, read, [seen])
-            texts = {one.get_text() for sheet in document.sheets for one in sheet.figure.findobj(Text)}
+        with speaking(name):
+            texts = set(strings((rig_sections(read), tuple(detection_sections(read, [seen])))))
         assert words <= texts
 
 
@@ -203,19 +208,34 @@ def test_html_and_json_in_a_language(result: Path, tmp_path: Path, name: str) ->
         assert figures == [re.findall(r"[\d.]{3,}", " ".join(row)) for t in b["tables"] for row in t["rows"]]
 
 
-def test_chinese_is_broken_between_characters() -> None:
-    text = "标定可以使用：共 10 台相机已定位（其中 2 台为参考），残差 0.012 px，见检查结果。"
-    with report_style():
-        lines = wrap(text, 30.0, 8.2)
-        assert len(lines) > 2
-        assert all(text_width(line, 8.2) <= 30.0 for line in lines)
-    assert "".join(lines).replace(" ", "") == text.replace(" ", "")
-    assert not any(line[0] in "，。：；、）" for line in lines)
-    assert not any(line[-1] in "（" for line in lines)
+def test_a_pdf_in_chinese_can_be_read(result: Path, tmp_path: Path) -> None:
+    """After one in English, in whose fonts there are no Chinese characters."""
+    if not chinese_fonts():
+        pytest.skip("this computer has no font with Chinese characters")
+    write_report(result, tmp_path / "en.pdf")
+    write_report(result, tmp_path / "zh.pdf", language="zh_CN")
+    ours, theirs = (fonts_of((tmp_path / name).read_bytes()) for name in ("en.pdf", "zh.pdf"))
+    assert any(name.startswith("Inter") for name in ours) and theirs - ours
+    text = "".join(pdf_texts((tmp_path / "zh.pdf").read_bytes())).replace(" ", "")
+    with speaking("zh_CN"):
+        report = make_report(read_result(result))
+    for section in report.sections:
+        for said in (section.title, *section.texts):
+            assert "".join(said.split()) in text
+
+
+def fonts_of(pdf: bytes) -> set[str]:
+    """The names of a PDF's fonts, without the letters before the plus."""
+    found = set[str]()
+    for page in PdfReader(io.BytesIO(pdf)).pages:
+        resources = cast(DictionaryObject, page["/Resources"])
+        for font in cast(DictionaryObject, resources["/Font"]).values():
+            found.add(str(font.get_object()["/BaseFont"]).rpartition("+")[2])
+    return found
 
 
 def test_a_pdf_in_chinese_needs_a_font(result: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    from spherecal_documents.report import write_report as module
+    from spherecal_documents.report import pdf as module
 
     monkeypatch.setattr(module, "chinese_fonts", lambda: ())
     with pytest.raises(InputError, match="no font with Chinese characters"):
@@ -228,6 +248,6 @@ def test_unknown_findings_stay_as_they_are(result: Path) -> None:
     odd = as_written("info", "new-one", "Something that was never said before: 5.", "Do nothing.", ())
     quality = replace(read.rig.quality, findings=(odd,))
     with speaking("de"):
-        content = make_content(replace(read, rig=replace(read.rig, quality=quality)))
-    assert content.findings[0]["message"] == odd.message
+        report = make_report(replace(read, rig=replace(read.rig, quality=quality)))
+    assert report.blocks(FindingText)[0].message == odd.message
     assert language_module.language_now() == "en"

@@ -91,7 +91,7 @@ def _result_readers(folder: Path) -> list[Reader]:
     from spherecal.files.ball_file import read_ball
     from spherecal.files.rig_file import read_rig
     from spherecal.geometry.user_frame import FrameDefinition
-    from spherecal_documents.report.content import make_content
+    from spherecal_documents.report.content import make_report
     from spherecal_rigs.check_ball import read_known_ball
     from spherecal_rigs.frame_file import read_frame, write_frame
     from spherecal_rigs.framed_rig import define_frame
@@ -114,7 +114,7 @@ def _result_readers(folder: Path) -> list[Reader]:
         (result / name).write_text("\n".join(lines[:40]) + "\n")
 
     def said() -> object:
-        return make_content(read_result(result))
+        return make_report(read_result(result))
 
     return [
         _json("rig.json", result / "rig.json", said),

@@ -644,7 +644,7 @@ def write_report(
     output
         The file; its ending chooses the form.
     session
-        The session's folder, for pictures of detections in the PDF; None: one beside the result, if it is its own.
+        The session's folder, for pictures of detections; None: one beside the result, if it is its own.
     page
         The PDF's page, A4 or Letter.
     issuer
@@ -655,16 +655,16 @@ def write_report(
     Raises
     ------
     MissingPackage
-        Without matplotlib (the extra `report`).
+        Without matplotlib or, for a PDF, typst (the extra `report`).
     InputError
         For another ending, and for a folder or file that cannot be used.
     OutputError
         Where the report cannot be written.
     """
-    with needing("matplotlib", Phrase("documents")):
+    with needing("matplotlib", Phrase("documents")), needing("typst", Phrase("documents")):
         from spherecal_documents.report.write_report import write_report as write  # here, since it loads matplotlib
 
-    write(Path(result), Path(output), _path(session), page, _path(issuer), language)
+        write(Path(result), Path(output), _path(session), page, _path(issuer), language)
 
 
 def load_profile(folder: AnyPath) -> Profile:

@@ -4,21 +4,20 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from spherecal import __version__
-from spherecal_documents.report.document import Cell, Column, Document
-from spherecal_documents.report.style import BAD, CAUTION, GOOD, NONE, SMALL_PT, SOFT, significant
+from spherecal_documents.report.model import Cell, Strong
+from spherecal_documents.report.style import BAD, CAUTION, GOOD, NONE, significant
+from spherecal_study.document import Document
 
 _WORDS = {
-    "valid": ("valid", GOOD), "use with care": ("with care", CAUTION), "not valid": ("not valid", BAD),
-    "failed": ("failed", BAD),
+    "valid": Strong("valid", GOOD), "use with care": Strong("with care", CAUTION),
+    "not valid": Strong("not valid", BAD), "failed": Strong("failed", BAD),
 }  # fmt: skip
-_VERDICTS = {"consistent": ("consistent", GOOD), "inconsistent": ("inconsistent", BAD)}
+_VERDICTS = {"consistent": Strong("consistent", GOOD), "inconsistent": Strong("inconsistent", BAD)}
 
 
 def batch_page(rows: Sequence[dict[str, Any]], settings: Mapping[str, Any]) -> Document:
     """The document with one line for each session; the same rows give the same bytes."""
-    document = Document("A4", "SphereCal batch", f"Batch by SphereCal {__version__}")
-    document.begin_section("Batch of calibrations")
-    document.y += 2.0
+    document = Document("SphereCal batch", "Batch of calibrations", f"Batch by SphereCal {__version__}")
     counts = {word: sum(row["outcome"] == word for row in rows) for word in _WORDS}
     said = ", ".join(f"{count} {word}" for word, count in counts.items() if count)
     document.paragraph(f"{len(rows)} sessions: {said}.")
@@ -26,25 +25,16 @@ def batch_page(rows: Sequence[dict[str, Any]], settings: Mapping[str, Any]) -> D
         "Settings: " + ", ".join(f"{name} {_word(value)}" for name, value in settings.items()) + ". Each result lies "
         "in results/ under the session's name, as `spherecal calibrate` writes it; the same table is in batch.csv."
     )
-    columns = [
-        Column("session", 50.0, "left"),
-        Column("outcome", 17.0, "left"),
-        Column("cameras", 16.0),
-        Column("rms px", 16.0),
-        Column("form", 15.0, "left"),
-        Column("scale", 22.0, "left"),
-        Column("lengths", 15.0),
-        Column("mean\nerror mm", 18.0),
-        Column("sd mm", 16.0),
-        Column("largest\nmm", 16.0),
-        Column("bars", 22.0, "left"),
-    ]
-    document.table(columns, [_row(row) for row in rows])
+    heads = (
+        "session", "outcome", "form", "scale", "bars", "cameras", "rms px", "lengths", "mean\nerror mm", "sd mm",
+        "largest\nmm",
+    )  # fmt: skip
+    document.table(heads, [_row(row) for row in rows], 5)
     record = [row for row in rows if row["message"]]
     if record:
-        document.begin_section("What was wrong", 25.0, new_page=False)
+        document.begin_section("What was wrong")
         for row in record:
-            document.paragraph(f"{row['session']}: {row['message']}", SMALL_PT, SOFT)
+            document.caption(f"{row['session']}: {row['message']}")
     return document
 
 
@@ -53,15 +43,15 @@ def _row(row: dict[str, Any]) -> list[Cell]:
     return [
         row["session"],
         _WORDS[row["outcome"]],
-        cameras,
-        significant(row["rms_px"], 3),
         row["form"] or NONE,
         (row["scale"] or NONE).replace("_", " "),
+        _VERDICTS.get(row["verification"] or "", NONE),
+        cameras,
+        significant(row["rms_px"], 3),
         str(row["lengths"]) if row["lengths"] else NONE,
         significant(row["mean_error_mm"], 3),
         significant(row["sd_mm"], 3),
         significant(row["max_abs_error_mm"], 3),
-        _VERDICTS.get(row["verification"] or "", NONE),
     ]
 
 

@@ -4,8 +4,8 @@ from typing import Any
 
 import numpy as np
 
-from spherecal_documents.report.document import Document
 from spherecal_study.agreement import Estimate, below, estimate
+from spherecal_study.document import Document
 from spherecal_study.executor import Trial
 from spherecal_study.page import (
     Options,
@@ -69,7 +69,7 @@ def page(listed: list[Trial], results: Results, options: Options) -> StudyPage:
         for name, own in px.items()
         for n, e in own.items()
     ]
-    heads = (("form, cameras", 46), ("runs", 12), ("reprojection px", 34), ("A3A4 mean mm", 34), ("A3A4 sd mm", 34))
+    heads = ("form, cameras", "runs", "reprojection px", "A3A4 mean mm", "A3A4 sd mm")
     table(document, heads, rows)
     return _against_paper(document, px["free"], off, sd)
 

@@ -4,8 +4,8 @@ from typing import Any
 
 import numpy as np
 
-from spherecal_documents.report.document import Document
 from spherecal_study.agreement import Estimate, below, estimate, like, ordered
+from spherecal_study.document import Document
 from spherecal_study.executor import Trial
 from spherecal_study.page import (
     Options,
@@ -86,8 +86,8 @@ def _trial(name: str, options: Options, seed: int) -> Trial:
 
 _Found = dict[str, Results]
 _COLUMNS = (
-    ("method", 44), ("n", 8), ("images", 14), ("sd of bars, mm", 34), ("size of mean error, mm", 34),
-    ("calibration alone, um", 34), ("px", 18), ("CPU s", 16),
+    "method", "n", "images", "sd of bars, mm", "size of mean error, mm",
+    "calibration alone, um", "px", "CPU s",
 )  # fmt: skip
 
 
@@ -155,7 +155,7 @@ def _all_methods(document: Document, found: _Found, options: Options) -> None:
                 cpu,
             ]
         )
-    document.begin_section("All methods", 60.0, new_page=False)
+    document.begin_section("All methods")
     table(document, _COLUMNS, rows)
     document.caption(
         "Means over runs with their standard errors. Bars recorded like everything else carry the noise of their own "
@@ -175,7 +175,7 @@ def _all_methods(document: Document, found: _Found, options: Options) -> None:
 
 def _residuals(document: Document, found: _Found) -> None:
     """Fig. 16: mean absolute residuals and standard deviations in x and y."""
-    document.begin_section("Residuals (Fig. 16)", 70.0, new_page=False)
+    document.begin_section("Residuals (Fig. 16)")
     chosen = [
         name for name in ("tao", "free", "rigid", "board-chained", "board", "bar-chained", "bar") if name in found
     ]
@@ -199,7 +199,7 @@ def _residuals(document: Document, found: _Found) -> None:
 
 def _by_length(document: Document, found: _Found) -> None:
     """Fig. 17 and Table III: each sub-bar's standard deviation and mean error."""
-    document.begin_section("Sub-bars (Figs. 17 and 18, Table III)", 80.0, new_page=False)
+    document.begin_section("Sub-bars (Figs. 17 and 18, Table III)")
     chosen = [
         n for n in ("tao", "tao-print", "rigid", "rigid-print", "board-chained-print", "bar-chained") if n in found
     ]
@@ -213,7 +213,7 @@ def _by_length(document: Document, found: _Found) -> None:
         for bar in _SUB_BARS
         for n, some in found.items()
     ]
-    table(document, (("length, method", 70), ("mean error mm", 36), ("sd mm", 36), ("U (k = 2) stated mm", 34)), rows)
+    table(document, ("length, method", "mean error mm", "sd mm", "U (k = 2) stated mm"), rows)
     document.caption("What Fig. 18 shows is not on record here; sub-bars by their mean error stand in its place.")
 
 
@@ -231,12 +231,12 @@ def _stated(some: Results, bar: str) -> float:
 
 def _time(document: Document, found: _Found) -> None:
     """Computing alone: there are no measured operators, and handling is left out."""
-    document.begin_section("Time of computing", 50.0, new_page=False)
+    document.begin_section("Time of computing")
     rows = []
     for name, some in found.items():
         local, rest = local_and_global_s(some)
         rows.append([_ROWS[name].text, local, rest, local + rest])
-    table(document, (("method", 60), ("local s", 24), ("global s", 24), ("sum s", 24)), rows)
+    table(document, ("method", "local s", "global s", "sum s"), rows)
     document.caption(
         "Processor seconds on one core from observations to the result, the median of the runs. The paper's 168.71, "
         "237.89 and 319.20 s (Fig. 19) are mostly handling by hand, which was not measured here and is not compared."

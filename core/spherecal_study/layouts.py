@@ -2,8 +2,8 @@
 
 from typing import Any
 
-from spherecal_documents.report.document import Document
 from spherecal_study.agreement import Estimate, below, estimate, like
+from spherecal_study.document import Document
 from spherecal_study.executor import Trial
 from spherecal_study.measures import all_errors
 from spherecal_study.page import (
@@ -64,8 +64,7 @@ def page(listed: list[Trial], results: Results, options: Options) -> StudyPage:
         for m in _METHODS
         for n, found in px[m].items()
     ]
-    heads = (("form, placements", 36), ("runs", 12), ("reprojection px", 36), ("bars, rms mm", 36),
-             ("calibration alone mm", 38))  # fmt: skip
+    heads = ("form, placements", "runs", "reprojection px", "bars, rms mm", "calibration alone mm")
     table(document, heads, rows)
     return _against_paper(document, px["free"], bars)
 

@@ -2,9 +2,9 @@
 
 from typing import Any
 
-from spherecal_documents.report.document import Document
 from spherecal_study.agreement import Estimate, always, estimate, never, share_interval
 from spherecal_study.displacement import PERCENT
+from spherecal_study.document import Document
 from spherecal_study.executor import Trial
 from spherecal_study.page import (
     Options,
@@ -72,7 +72,7 @@ def page(listed: list[Trial], results: Results, options: Options) -> StudyPage:
     rows.append(_row("triangulated, diagonal", None, cases("diagonal", False, "triangulated", 0)))
     table(
         document,
-        (("start and adjustment", 62), ("a", 10), ("converged", 24), ("95 %", 26), ("steps", 26), ("final px", 36)),
+        ("start and adjustment", "a", "converged", "95 %", "steps", "final px"),
         rows,
     )
     series = {
@@ -105,7 +105,7 @@ def _by_camera(document: Document, some: Results, known: bool) -> None:
     if not some:
         return
     words = "known" if known else "nominal"
-    document.begin_section(f"By camera, a = {PERCENT[-1]} %, identity in mm, {words} intrinsics", 60.0, new_page=False)
+    document.begin_section(f"By camera, a = {PERCENT[-1]} %, identity in mm, {words} intrinsics")
     ids = some[0]["ids"]
     rows = []
     for number, camera in enumerate(ids):
@@ -114,7 +114,7 @@ def _by_camera(document: Document, some: Results, known: bool) -> None:
             own = [c for r in some for c in r["cases"] if c["way"] == way and c["percent"] == PERCENT[-1]]
             cells.append(estimate([c["camera_mean_px"][number] for c in own]).words(4))
         rows.append(cells)
-    table(document, (("camera", 30), ("SPO, final px", 50), ("none-SPO, final px", 50)), rows)
+    table(document, ("camera", "SPO, final px", "none-SPO, final px"), rows)
 
 
 def _against_paper(document: Document, cases: Any, options: Options) -> StudyPage:

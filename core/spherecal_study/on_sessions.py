@@ -12,9 +12,9 @@ from spherecal.base.context import Context
 from spherecal.base.errors import InputError
 from spherecal.data.session import Session
 from spherecal.files.read_session import read_session
-from spherecal_documents.report.document import Document
 from spherecal_documents.report.style import report_style
 from spherecal_study.batch import fingerprint_of
+from spherecal_study.document import Document
 from spherecal_study.executor import Result, Trial, Workers, run_trials
 from spherecal_study.measures import all_errors
 from spherecal_study.page import Results, StudyPage, columns_by_group, curves, mean, pooled_rms, table
@@ -65,7 +65,7 @@ def run_session_study(name: str, options: SessionOptions, folder: Path, workers:
     with report_style():
         page = _PAGES[name](listed, results, whole, session, options)
         settings = {**asdict(options), "session": options.session.resolve().name}
-        title = page.document.section
+        title = page.document.heading
         return write_page(f"{name}-session", title, page, settings, [whole_trial, *listed], [whole, *results], folder)
 
 
@@ -172,11 +172,11 @@ def _page_of_parts(what: str, total: Callable[[Session], int]):
         table(
             document,
             (
-                (f"form, {what}", 46),
-                ("valid", 20),
-                ("reprojection px", 28),
-                ("bars rms mm", 26),
-                ("cameras off mm", 28),
+                f"form, {what}",
+                "valid",
+                "reprojection px",
+                "bars rms mm",
+                "cameras off mm",
             ),
             rows,
         )
@@ -229,14 +229,12 @@ def _page_of_paths(
         [text, starts[s]["start_px"], found["recorded", s]["mean_px"], pooled_rms([all_errors(found["recorded", s])])]
         for s, text in SEARCHES.items()
     ]
-    table(document, (("search", 50), ("start px", 30), ("end px", 30), ("bars rms mm", 30)), rows)
+    table(document, ("search", "start px", "end px", "bars rms mm"), rows)
     return StudyPage(document, ())
 
 
 def _begin(title: str, text: list[str]) -> Document:
-    document = Document("A4", f"SphereCal study: {title}", f"Study by SphereCal {__version__}")
-    document.begin_section(title)
-    document.y += 2.0
+    document = Document(f"SphereCal study: {title}", title, f"Study by SphereCal {__version__}")
     for paragraph in text:
         document.paragraph(paragraph)
     return document

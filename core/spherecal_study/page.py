@@ -9,11 +9,12 @@ from matplotlib.axes import Axes
 from matplotlib.ticker import FuncFormatter, MaxNLocator, NullFormatter
 
 from spherecal import __version__
-from spherecal_documents.report.document import Column, Document
-from spherecal_documents.report.sheet import PageBox
+from spherecal_documents.report.model import Cell, Strong
+from spherecal_documents.report.sheet import PageBox, Sheet
 from spherecal_documents.report.style import BAD, CAUTION, GOOD, INK, MARKS, NONE, SERIES, SMALL_PT, SOFT, significant
 from spherecal_sim.rigs import rig_design
 from spherecal_study.agreement import LEAST_RUNS, TESTS, Verdict
+from spherecal_study.document import Document
 from spherecal_study.executor import Trial
 
 Results = list[dict[str, Any]]
@@ -86,9 +87,7 @@ class PaperComparison:
 
 def begin(title: str, options: Options, text: Sequence[str]) -> Document:
     """A document with its title and what was done."""
-    document = Document("A4", f"SphereCal study: {title}", f"Study by SphereCal {__version__}")
-    document.begin_section(title)
-    document.y += 2.0
+    document = Document(f"SphereCal study: {title}", title, f"Study by SphereCal {__version__}")
     for paragraph in text:
         document.paragraph(paragraph)
     seeds = f"seed {options.seed}" if options.runs == 1 else f"seeds {options.seed} to {options.seeds.stop - 1}"
@@ -126,33 +125,24 @@ class StudyPage:
 
 def paper_table(document: Document, rows: Sequence[PaperComparison]) -> StudyPage:
     """The page with the table paper / ours at its end, the reasons below it."""
-    document.begin_section("Paper and ours", 40.0, new_page=False)
-    columns = [
-        Column("quantity", 46.0, "left"),
-        Column("paper", 54.0, "left"),
-        Column("ours", 58.0, "left"),
-        Column("agrees", 18.0, "center"),
-        Column("runs", 10.0),
-    ]
-    words: dict[str | None, Any] = {
-        "yes": ("yes", GOOD), "differs": ("differs", BAD), "cannot tell": ("cannot tell", CAUTION), None: NONE,
+    document.begin_section("Paper and ours")
+    words: dict[str | None, Cell] = {
+        "yes": Strong("yes", GOOD), "differs": Strong("differs", BAD), "cannot tell": Strong("cannot tell", CAUTION),
+        None: NONE,
     }  # fmt: skip
-    document.table(columns, [(row.what, row.paper, row.ours, words[row.agrees], str(row.runs)) for row in rows])
+    cells = [(row.what, row.paper, row.ours, words[row.agrees], str(row.runs)) for row in rows]
+    document.table(("quantity", "paper", "ours", "agrees", "runs"), cells, 4)
     for test in dict.fromkeys(row.test for row in rows if row.test):
         document.caption(f"Test: {TESTS[test]}; fewer than {LEAST_RUNS} runs cannot tell.")
     for row in rows:
         if row.why:
-            document.paragraph(f"{row.what}: {row.why}", SMALL_PT, SOFT)
+            document.caption(f"{row.what}: {row.why}")
     return StudyPage(document, tuple(rows))
 
 
-def table(document: Document, columns: Sequence[tuple[str, float]], rows: Sequence[Sequence[Any]]) -> None:
-    """Add a table to a document; numbers have three significant digits.
-
-    `columns`: headings and widths in mm; `rows` None is shown as not known.
-    """
-    heads = [Column(name, width, "left" if i == 0 else "right") for i, (name, width) in enumerate(columns)]
-    document.table(heads, [[_cell(value) for value in row] for row in rows])
+def table(document: Document, columns: Sequence[str], rows: Sequence[Sequence[Any]]) -> None:
+    """Add a table to a document; numbers have three significant digits, None is shown as not known."""
+    document.table(columns, [[_cell(value) for value in row] for row in rows])
 
 
 def _cell(value: Any) -> str:
@@ -177,19 +167,22 @@ def curves(
 
     `height`: height of the plot, mm.
     """
-    axes = _axes(document.box(height), document)
-    for number, (name, (x, y)) in enumerate(series.items()):
-        style = {"color": SERIES[number % len(SERIES)], "marker": MARKS[number % len(MARKS)], "markersize": 3.5}
-        axes.errorbar(x, y, yerr=(errors or {}).get(name), label=name, capsize=2, elinewidth=0.8, **style)
-    axes.xaxis.set_major_locator(MaxNLocator(integer=True))
-    for (name, level), style in zip((lines or {}).items(), ("--", ":", "-."), strict=False):
-        axes.axhline(level, color=SOFT, linestyle=style, linewidth=0.9, label=name)
-    if log:
-        _log(axes)
-    else:
-        axes.set_ylim(bottom=0)
-    _finish(axes, x_label, y_label)
-    document.y += 3.0
+
+    def draw(sheet: Sheet, box: PageBox) -> None:
+        axes = _axes(sheet, box)
+        for number, (name, (x, y)) in enumerate(series.items()):
+            style = {"color": SERIES[number % len(SERIES)], "marker": MARKS[number % len(MARKS)], "markersize": 3.5}
+            axes.errorbar(x, y, yerr=(errors or {}).get(name), label=name, capsize=2, elinewidth=0.8, **style)
+        axes.xaxis.set_major_locator(MaxNLocator(integer=True))
+        for (name, level), style in zip((lines or {}).items(), ("--", ":", "-."), strict=False):
+            axes.axhline(level, color=SOFT, linestyle=style, linewidth=0.9, label=name)
+        if log:
+            _log(axes)
+        else:
+            axes.set_ylim(bottom=0)
+        _finish(axes, x_label, y_label)
+
+    document.figure(y_label, height, draw)
 
 
 def columns_by_group(
@@ -206,25 +199,28 @@ def columns_by_group(
 
     `height`: height of the plot, mm.
     """
-    axes = _axes(document.box(height), document)
-    width = 0.8 / max(len(series), 1)
-    for number, (name, values) in enumerate(series.items()):
-        x = np.arange(len(groups)) + (number - (len(series) - 1) / 2) * width
-        known = np.nan_to_num(np.array(values, dtype=float))
-        axes.bar(x, known, 0.92 * width, color=SERIES[number % len(SERIES)], label=name)
-        if errors and name in errors:
-            axes.errorbar(x, values, yerr=errors[name], fmt="none", ecolor=INK, elinewidth=0.7, capsize=1.5)
-    for name, level in (paper or {}).items():
-        axes.axhline(level, color=SOFT, linestyle="--", linewidth=0.8, label=name)
-    axes.set_xticks(np.arange(len(groups)), groups)
-    if log:
-        _log(axes)
-    _finish(axes, "", y_label)
-    document.y += 3.0
+
+    def draw(sheet: Sheet, box: PageBox) -> None:
+        axes = _axes(sheet, box)
+        width = 0.8 / max(len(series), 1)
+        for number, (name, values) in enumerate(series.items()):
+            x = np.arange(len(groups)) + (number - (len(series) - 1) / 2) * width
+            known = np.nan_to_num(np.array(values, dtype=float))
+            axes.bar(x, known, 0.92 * width, color=SERIES[number % len(SERIES)], label=name)
+            if errors and name in errors:
+                axes.errorbar(x, values, yerr=errors[name], fmt="none", ecolor=INK, elinewidth=0.7, capsize=1.5)
+        for name, level in (paper or {}).items():
+            axes.axhline(level, color=SOFT, linestyle="--", linewidth=0.8, label=name)
+        axes.set_xticks(np.arange(len(groups)), groups)
+        if log:
+            _log(axes)
+        _finish(axes, "", y_label)
+
+    document.figure(y_label, height, draw)
 
 
-def _axes(box: PageBox, document: Document) -> Axes:
-    return document.sheet.axes(box.inset(15.0, 3.0, 38.0, 11.0))
+def _axes(sheet: Sheet, box: PageBox) -> Axes:
+    return sheet.axes(box.inset(15.0, 3.0, 46.0, 11.0))
 
 
 def _log(axes: Axes) -> None:

@@ -5,10 +5,11 @@ from typing import Any
 
 import numpy as np
 
-from spherecal_documents.report.document import Document
+from spherecal_documents.report.sheet import PageBox, Sheet
 from spherecal_documents.report.style import BAD, INK, RULE, SERIES, SMALL_PT
 from spherecal_sim.rigs import rig_design
 from spherecal_study.agreement import RATIO, Estimate, above, estimate, like
+from spherecal_study.document import Document
 from spherecal_study.executor import Trial
 from spherecal_study.measures import all_errors
 from spherecal_study.page import (
@@ -102,7 +103,7 @@ def page(listed: list[Trial], results: Results, options: Options) -> StudyPage:
             if chosen:
                 px = estimate([r["mean_px"] for r in chosen])
                 rows.append([f"{rig}, {name}", len(chosen), px.words(4), _bars(chosen).words(4)])
-    table(document, (("rig, search", 60), ("runs", 14), ("px at the end", 40), ("bars rms mm", 40)), rows)
+    table(document, ("rig, search", "runs", "px at the end", "bars rms mm"), rows)
     return _against_paper(document, rigs[0], some, options)
 
 
@@ -148,10 +149,9 @@ def _starts(document: Document, rigs: Sequence[str], known: bool, some: Callable
                     f"{changed} of {paths}",
                 ]
             )
-    document.begin_section(f"Paths, {words} intrinsics", 60.0, new_page=False)
+    document.begin_section(f"Paths, {words} intrinsics")
     columns_by_group(document, rigs, starts, "start: median residual, px", errors=errors)
-    heads = (("rig, search", 52), ("runs", 10), ("mean path length", 34), ("refused", 14), ("start px", 30),
-             ("share of 1/N, %", 28), ("changed by 1/N", 26))  # fmt: skip
+    heads = ("rig, search", "runs", "mean path length", "refused", "start px", "share of 1/N, %", "changed by 1/N")
     table(document, heads, rows)
     document.caption(
         "Refused: runs in which a path leads over an edge beyond TH_er, whose length is infinite. Changed by 1/N: "
@@ -215,21 +215,24 @@ def draw_graph(
     document: Document, opt: dict[str, Any], first: dict[str, Any], view: str = "Cameras from above"
 ) -> None:
     """Add a drawing of the camera graph to a document: cameras, all edges, and those of two searches' paths."""
-    box = document.box(78.0)
-    axes = document.sheet.axes(box.inset(10.0, 2.0, 10.0, 4.0))
-    places = np.array(opt["places"])[:, :2]
-    weights = np.array([weight for _, _, weight in opt["edges"]])
-    for (a, b, _), pale in zip(opt["edges"], weights / weights.max(), strict=True):
-        axes.plot(*places[[a, b]].T, color=RULE, linewidth=1.2 - pale, zorder=1)
-    placed = np.isfinite(places[:, 0])
-    for result, colour, style, width in ((first, BAD, "--", 1.6), (opt, SERIES[0], "-", 2.2)):
-        for path in result["paths"].values():
-            axes.plot(*places[path].T, color=colour, linestyle=style, linewidth=width, zorder=2)
-    axes.scatter(*places.T, s=22, color="white", edgecolors=INK, linewidths=0.8, zorder=3)
-    reference = places[opt["reference"]]
-    axes.scatter(*reference, s=40, color=INK, zorder=4)
-    for place, name in zip(places[placed], np.array(opt["ids"])[placed], strict=True):
-        axes.annotate(name, place, xytext=(3, 4), textcoords="offset points", fontsize=SMALL_PT)
-    axes.set_aspect("equal")
-    axes.set_axis_off()
+
+    def draw(sheet: Sheet, box: PageBox) -> None:
+        axes = sheet.axes(box.inset(10.0, 2.0, 10.0, 4.0))
+        places = np.array(opt["places"])[:, :2]
+        weights = np.array([weight for _, _, weight in opt["edges"]])
+        for (a, b, _), pale in zip(opt["edges"], weights / weights.max(), strict=True):
+            axes.plot(*places[[a, b]].T, color=RULE, linewidth=1.2 - pale, zorder=1)
+        placed = np.isfinite(places[:, 0])
+        for result, colour, style, width in ((first, BAD, "--", 1.6), (opt, SERIES[0], "-", 2.2)):
+            for path in result["paths"].values():
+                axes.plot(*places[path].T, color=colour, linestyle=style, linewidth=width, zorder=2)
+        axes.scatter(*places.T, s=22, color="white", edgecolors=INK, linewidths=0.8, zorder=3)
+        reference = places[opt["reference"]]
+        axes.scatter(*reference, s=40, color=INK, zorder=4)
+        for place, name in zip(places[placed], np.array(opt["ids"])[placed], strict=True):
+            axes.annotate(name, place, xytext=(3, 4), textcoords="offset points", fontsize=SMALL_PT)
+        axes.set_aspect("equal")
+        axes.set_axis_off()
+
+    document.figure(view, 78.0, draw)
     document.caption(f"{view}; filled: the reference. Thin lines: all edges, heavier ones thinner.")

@@ -1,7 +1,7 @@
 """The second system of the paper: twelve cameras on two planes."""
 
-from spherecal_documents.report.document import Document
 from spherecal_study.agreement import Estimate, always, estimate, like
+from spherecal_study.document import Document
 from spherecal_study.executor import Trial
 from spherecal_study.measures import all_errors
 from spherecal_study.page import (
@@ -69,8 +69,7 @@ def page(listed: list[Trial], results: Results, options: Options) -> StudyPage:
             errors.setdefault(name, []).append(bars.error)
     levels = {"paper: sd below": 0.125}
     columns_by_group(document, ["rig A", "rig B"], series, "bars, rms error, mm", paper=levels, errors=errors)
-    heads = (("rig, form", 44), ("runs", 10), ("mean |x| / |y| px", 32), ("sd x / y px", 32), ("bars rms mm", 32),
-             ("calibration alone mm", 34))  # fmt: skip
+    heads = ("rig, form", "runs", "mean |x| / |y| px", "sd x / y px", "bars rms mm", "calibration alone mm")
     table(document, heads, rows)
     _by_camera(document, some("rigA", "tao2021"))
     return _against_paper(document, some("rigA", "tao2021"), some("rigB", "auto"), options)
@@ -87,7 +86,7 @@ def _by_camera(document: Document, chosen: Results) -> None:
     """Residuals of each of rig A's cameras beside the paper's figures over all ten."""
     if not chosen:
         return
-    document.begin_section("Residuals by camera, rig A, as in the paper (Figs. 11 and 12)", 80.0, new_page=False)
+    document.begin_section("Residuals by camera, rig A, as in the paper (Figs. 11 and 12)")
     ids = sorted(chosen[0]["camera_sd_px"])
     for name, what, paper in (
         ("camera_mean_abs_px", "mean absolute residual, px", {"paper, x": 0.0453, "paper, y": 0.0483}),

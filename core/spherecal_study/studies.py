@@ -75,9 +75,9 @@ def write_page(
         remove_below(folder, old.name)
     pictures = []
     write_file_whole(folder / f"{name}.pdf", page.document.pdf())
-    for number, sheet in enumerate(page.document.sheets, 1):
+    for number, picture in enumerate(page.document.pictures(_DPI), 1):
         pictures.append(f"{name}-{number}.png")
-        write_file_whole(folder / pictures[-1], _png(sheet.figure))
+        write_file_whole(folder / pictures[-1], picture)
     document = {
         "format": "spherecal/study",
         "version": 1,
@@ -92,11 +92,3 @@ def write_page(
     write_file_whole(folder / f"{name}.json", json_bytes(document))
     write_paper(folder)
     return folder / f"{name}.pdf"
-
-
-def _png(figure: Any) -> bytes:
-    import io
-
-    buffer = io.BytesIO()
-    figure.savefig(buffer, format="png", dpi=_DPI, metadata={"Software": None})
-    return buffer.getvalue()

@@ -7,9 +7,9 @@ import numpy as np
 from spherecal.base.arrays import FloatArray
 from spherecal.data.rig import Calibration
 from spherecal.geometry.transform import fit_similarity
-from spherecal_documents.report.document import Document
 from spherecal_sim.boards import SimulatedRecording
 from spherecal_study.agreement import always, estimate
+from spherecal_study.document import Document
 from spherecal_study.executor import Trial
 from spherecal_study.page import (
     Options,
@@ -106,14 +106,14 @@ def page(listed: list[Trial], results: Results, options: Options) -> StudyPage:
     table(
         document,
         (
-            ("frames", 18),
-            ("marks mm", 20),
-            ("bound mm", 20),
-            ("centres mm", 22),
-            ("bound mm", 20),
-            ("focal px", 20),
-            ("bound px", 20),
-            ("CPU s", 16),
+            "frames",
+            "marks mm",
+            "bound mm",
+            "centres mm",
+            "bound mm",
+            "focal px",
+            "bound px",
+            "CPU s",
         ),
         [
             [

@@ -27,7 +27,7 @@ from spherecal_sim.render_session import demo_session
 def demo(options: argparse.Namespace) -> int:
     """`spherecal demo`: five lines on what was found; with --verbose everything that the commands say.
 
-    Without matplotlib there is no report, and a sixth line says so.
+    Without matplotlib or typst there is no report, and a sixth line says so.
     """
     folder: Path = options.output
     if is_standard_output(folder):
@@ -41,7 +41,7 @@ def demo(options: argparse.Namespace) -> int:
         ["calibrate", session, "-o", result],
         ["verify", session, "--rig", result / "rig.json", "-o", result],
     ]
-    report = folder / "report.pdf" if find_spec("matplotlib") else None
+    report = folder / "report.pdf" if find_spec("matplotlib") and find_spec("typst") else None
     if report is not None:
         steps.append(["report", result, "-o", report, "--session", session])
     for arguments in steps:
@@ -88,6 +88,6 @@ def _found(result: Path, folder: Path, report: Path | None) -> tuple[dict[str, o
         largest = f"largest error {bars.max_abs_error_mm:.4f} mm"
         lines.append(f"{bars.verdict.upper()}: {counted(bars.n, 'length')} of a bar, {largest}.")
     if report is None:
-        lines.append("The report was left out, since it needs matplotlib: pip install matplotlib")
+        lines.append("The report was left out, since it needs matplotlib and typst: pip install matplotlib typst")
     made = "Result" if report is None else "Report and result"
     return record, [*lines, f"{made} in {folder}. Details: spherecal demo --verbose."]

@@ -39,6 +39,7 @@ _OPTIONAL = {  # what it is for, what pip installs for it
     "PySide6": ("the window", "spherecal[gui]"),
     "pyqtgraph": ("plots in the window", "spherecal[gui]"),
     "matplotlib": ("reports and charts", "spherecal[report]"),
+    "typst": ("reports as PDF", "spherecal[report]"),
     "pyvista": ("3-D views", "spherecal[gui]"),
     "genicam": ("live cameras", "spherecal[cameras]"),
     "harvesters": ("live cameras", "spherecal[cameras]"),

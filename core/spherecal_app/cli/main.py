@@ -122,7 +122,7 @@ def _run(arguments: Sequence[str] | None, log: ExitStack) -> int:
     as_json = getattr(options, "json", False)
     with _speaking(options.verbose, options.quiet, as_json, beside):
         logging.getLogger("spherecal").info("spherecal %s: %s", __version__, options.command)
-        with needing("matplotlib", Phrase("documents")):
+        with needing("matplotlib", Phrase("documents")), needing("typst", Phrase("documents")):
             return _told(command_of(options)(options), options)
 
 

@@ -23,7 +23,7 @@ from spherecal.files.codec import date as day
 from spherecal.files.json_file import JsonValue
 from spherecal.geometry.camera import INTRINSIC_NAMES, is_fisheye, lens_names
 from spherecal.verify.verification_file import ArtefactRow
-from spherecal_documents.report.content import make_content
+from spherecal_documents.report.verdicts import calibration_verdict, verification_verdict
 from spherecal_rigs.result_folder import Result
 
 DCC, SI, XSI = "https://ptb.de/dcc", "https://ptb.de/si", "http://www.w3.org/2001/XMLSchema-instance"
@@ -254,12 +254,12 @@ def _measurement(
 
 
 def _calibration(results: Xml.Element, result: Result) -> None:
-    content = make_content(result)
+    verdict = calibration_verdict(result)
     method = dict(result.software.details).get("method", "auto")
     found = _measurement(
         results,
         "Calibration of the cameras",
-        f"{content.verdicts[0].word}: {content.verdicts[0].sentence}",
+        f"{verdict.word}: {verdict.sentence}",
         f"Bundle adjustment of a ball's coded targets, method {method}",
         "",
         result,
@@ -333,12 +333,12 @@ def decimal(value: float) -> str:
 def _verification(results: Xml.Element, result: Result) -> None:
     bars = result.bars
     assert bars is not None
-    content = make_content(result)
+    verdict = verification_verdict(result)
     procedure = bars.procedure
     found = _measurement(
         results,
         "Verification with reference bars",
-        f"{content.verdicts[1].word}: {content.verdicts[1].sentence}",
+        f"{verdict.word}: {verdict.sentence}",
         procedure.title if procedure is not None else "Measurement of reference bars",
         "VDI/VDE 2634-1 (reduced)" if procedure is not None else "",
         result,

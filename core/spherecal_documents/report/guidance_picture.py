@@ -12,9 +12,8 @@ from matplotlib.patches import Circle
 from spherecal.base.arrays import FloatArray
 from spherecal.data.rig import Rig
 from spherecal.files.atomic import write_file_whole
-from spherecal.geometry.volume_map import LengthMap
 from spherecal_documents.report.rig_view import OBLIQUE, TOP, Projection, choose_axes
-from spherecal_documents.report.style import INK, SOFT, report_style
+from spherecal_documents.report.style import INK, report_style
 from spherecal_rigs.next_placement import Guidance
 
 _CAMERA, _PAST, _BEST = "#33475b", "#8a949e", "#c8500a"
@@ -82,41 +81,6 @@ def _candidates(panel: Axes, guidance: Guidance, flat, view: Projection, radius_
             note, tuple(tip), xytext=(6, -14), textcoords="offset points", color=_BEST, fontsize=10, bbox=above
         )
     return shown
-
-
-def save_map_picture(rig: Rig, lengths: LengthMap, path: Path) -> None:
-    """The map of a length's expanded uncertainty: slices through the volume, the worst direction at each place. PNG."""
-    seen = np.isfinite(lengths.expanded_mm).any(axis=1)
-    largest = np.where(np.isfinite(lengths.expanded_mm), lengths.expanded_mm, -1.0).max(axis=1)
-    worst = np.where(seen, largest, np.nan)
-    count = round(len(worst) ** (1 / 3))
-    axes = lengths.directions[:3]
-    along = (lengths.places_mm - lengths.places_mm.mean(axis=0)) @ axes.T
-    with report_style():
-        figure, panels = plt.subplots(1, count, figsize=(2.3 * count, 3.0), dpi=_DPI, squeeze=False)
-        low, high = (np.nanmin(worst), np.nanmax(worst)) if seen.any() else (0.0, 1.0)
-        shown = None
-        for k, panel in enumerate(panels[0]):
-            grid = worst.reshape(count, count, count)[:, :, k]
-            box = along.reshape(count, count, count, 3)[:, :, k]
-            panel.set_facecolor("#e8eaed")  # where no two cameras see both ends
-            x, y = np.sort(box[:, 0, 0]), np.sort(box[0, :, 1])
-            grid = grid[np.ix_(np.argsort(box[:, 0, 0]), np.argsort(box[0, :, 1]))]
-            shown = panel.pcolormesh(
-                x, y, np.ma.masked_invalid(grid).T, cmap="viridis_r", vmin=low, vmax=high, shading="nearest"
-            )
-            panel.set_aspect("equal")
-            panel.set_title(f"at {box[0, 0, 2]:+.0f} mm", fontsize=10, color=INK)
-            panel.tick_params(labelsize=8, colors=SOFT)
-        if shown is not None:
-            bar = figure.colorbar(shown, ax=panels, shrink=0.8, pad=0.02)
-            bar.set_label(f"k = {lengths.coverage_factor:.0f}, mm", fontsize=10)
-        title = (
-            f"Expanded uncertainty of a length of {lengths.length_mm:.0f} mm in its worst direction, slices of the "
-            f"volume; grey: not seen by two cameras (frame of {rig.reference_camera})"
-        )
-        figure.suptitle("\n".join(wrap(title, 110)), fontsize=11, color=INK)
-        _save(figure, path)
 
 
 def _save(figure, path: Path) -> None:

@@ -1,50 +1,58 @@
-"""The report as one HTML file: the same sections, vector graphics inside it, nothing loaded from anywhere."""
+"""The report as one HTML file: vector graphics inside it, nothing loaded from anywhere."""
 
-import io
-import re
 from collections.abc import Callable
 from html import escape
+from typing import Any
 
-import matplotlib
-
-from spherecal_documents.report.bars_page import draw_errors, ordered_lengths
-from spherecal_documents.report.content import Content
-from spherecal_documents.report.language import label, language_now
-from spherecal_documents.report.residuals_page import arrow_caption, arrow_scale, draw_histogram, draw_panel
-from spherecal_documents.report.rig_page import draw_view
-from spherecal_documents.report.rig_view import OBLIQUE, TOP, make_scene
-from spherecal_documents.report.scene_picture import ScenePicture, draw_scene
-from spherecal_documents.report.sheet import PageBox, Sheet
-from spherecal_documents.report.tables import ReportTable, Section, made_by
-from spherecal_documents.report.uncertainty_page import draw_layers, layers_of
-from spherecal_documents.report.verdict_page import severity_word, signed_by
-from spherecal_rigs.result_folder import Result
+from spherecal_documents.report.language import language_now
+from spherecal_documents.report.model import (
+    Cell,
+    Figure,
+    FindingText,
+    KeyFigures,
+    KeyValues,
+    Panels,
+    Paragraph,
+    Report,
+    Section,
+    Signature,
+    Strong,
+    Table,
+    Verdict,
+)
 
 _STYLE = """
 :root{color-scheme:light}
-body{font:15px/1.45 system-ui,"DejaVu Sans",sans-serif;color:#1a1a1a;max-width:70rem;margin:0 auto;padding:1.5rem}
+body{font:15px/1.45 Inter,system-ui,"DejaVu Sans",sans-serif;color:#1a1a1a;max-width:70rem;margin:0 auto;padding:1.5rem}
 h1{margin:.2rem 0 1rem}
+h1 small{float:right;font-size:.9rem;font-weight:400;margin-top:.9rem}
 h2{border-bottom:2px solid #1a1a1a;margin:2.2rem 0 .6rem}
 .verdict{display:flex;background:#f1f3f5;margin:.6rem 0;align-items:stretch}
-.verdict b{color:#fff;padding:.8rem 1rem;min-width:11rem;font-size:1.25rem}
-.verdict small{display:block;font-weight:400;font-size:.75rem}
+.verdict b{color:#fff;padding:.8rem 1rem;flex:0 0 13rem;font-size:1.25rem}
+.verdict small{display:block;font-weight:400;font-size:.75rem;color:#fff}
 .verdict p{margin:auto 1rem}
-.figures{display:grid;grid-template-columns:repeat(auto-fill,minmax(13rem,1fr));gap:.6rem}
-.figures div{border-top:2px solid#41546b}
+.figures{display:grid;grid-template-columns:repeat(auto-fill,minmax(15rem,1fr));gap:.6rem;margin:1rem 0}
+.figures div{border-top:2px solid #41546b}
 .figures b{font-size:1.3rem}
-small,.note{color:#5f6368}
+small,.note,dt{color:#5f6368}
+.note{font-size:.85rem}
+.alarm,.notice{color:#a63200}
+.notice{text-align:center;font-weight:700}
+.subtitle{font-weight:700}
+.item{margin:.2rem 0 .2rem 1.2rem;display:list-item}
+dl{display:grid;grid-template-columns:max-content 1fr;gap:.2rem 1.5rem;font-size:.85rem}
+dd{margin:0;overflow-wrap:anywhere}
 table{border-collapse:collapse;font-size:.82rem;margin:.6rem 0 1.2rem;font-variant-numeric:tabular-nums}
 th{color:#5f6368;font-weight:400;text-align:right;vertical-align:bottom;
 border-bottom:1px solid #5f6368;padding:.15rem .6rem}
-td{padding:.15rem .6rem;text-align:right;overflow-wrap:anywhere}
+td{padding:.15rem .6rem;text-align:right;vertical-align:top;overflow-wrap:anywhere}
 .l{text-align:left}
 tr:nth-child(even) td{background:#f1f3f5}
 .wide{overflow-x:auto}
-.error{border-left:4px solid #a63200}
-.warning{border-left:4px solid #8a6100}
-.info{border-left:4px solid #41546b}
-.finding{padding:.2rem .8rem;margin:.5rem 0}
-svg{max-width:100%;height:auto}
+.finding{padding:.2rem .8rem;margin:.5rem 0;border-left:4px solid}
+.finding span{color:#1a1a1a}
+.finding .note{color:#5f6368;font-size:1em}
+svg{width:100%;height:auto;display:block;margin:.6rem 0}
 .panels{display:grid;grid-template-columns:repeat(auto-fill,minmax(18rem,1fr));gap:1rem}
 .sign{display:grid;grid-template-columns:repeat(3,1fr);gap:2rem;margin-top:4rem}
 .sign div{border-top:1px solid #5f6368}
@@ -53,71 +61,61 @@ table,svg{break-inside:avoid}}
 """
 
 
-def html_bytes(content: Content, result: Result, picture: ScenePicture | None = None) -> bytes:
-    """The file; the same result gives the same bytes. To be called within `report_style`.
-
-    `picture` None: that view is drawn.
-    """
-    title = label("report-spherecal-calibration-report")
-    body = [f"<h1>{escape(title)}</h1>", *(_verdict(v.title, v.word, v.colour, v.sentence) for v in content.verdicts)]
-    body.append('<div class="figures">')
-    for value, unit, name, note in content.figures:
-        body.append(
-            f"<div>{escape(name)}<br><b>{escape(value)}</b> {escape(unit)}<br><small>{escape(note)}</small></div>"
-        )
-    body.append(f"</div><h2>{escape(label('report-findings'))}</h2>")
-    if not content.findings:
-        body.append(f"<p>{escape(label('report-none-there-is-nothing-to'))}</p>")
-    body += [_finding(finding) for finding in content.findings]
-    body += _pictures(result, picture)
-    for section in content.sections:
-        body += _section(section, result)
-    signed = "".join(f"<div><small>{escape(name)}</small></div>" for name in signed_by())
-    body.append(f"<h2>{escape(label('report-assessment'))}</h2>" + f'<div class="sign">{signed}</div>')
-    body.append(f'<p class="note">{escape(made_by(result))}</p>')
-    head = f'<meta charset="utf-8"><meta name="viewport" content="width=device-width"><title>{escape(title)}</title>'
+def html_bytes(report: Report) -> bytes:
+    """The file; the same report gives the same bytes. To be called within `report_style`."""
+    title = escape(report.title)
+    head = f'<meta charset="utf-8"><meta name="viewport" content="width=device-width"><title>{title}</title>'
     start = f'<!DOCTYPE html>\n<html lang="{language_now().replace("_", "-")}">'
+    body = [f'<p class="notice">{escape(report.notice)}</p>'] if report.notice else []
+    body.append(f"<h1>{escape(report.heading)} <small>{escape(report.beside)}</small></h1>")
+    body += map(_section, report.sections)
+    body.append(f'<p class="note">{escape(report.foot)}</p>')
     page = f"{start}<head>{head}<style>{_STYLE}</style></head><body>\n"
     return (page + "\n".join(body) + "\n</body></html>\n").encode()
 
 
-def _verdict(title: str, word: str, colour: str, sentence: str) -> str:
-    block = f'<b style="background:{colour}"><small>{escape(title)}</small>{escape(word)}</b>'
-    return f'<div class="verdict">{block}<p>{escape(sentence)}</p></div>'
+def _section(section: Section) -> str:
+    title = f"<h2>{escape(section.title)}</h2>" if section.title else ""
+    return "\n".join((title, *(_BLOCKS[type(block)](block) for block in section.blocks)))
 
 
-def _finding(finding: dict) -> str:
-    concerns = label("report-concerns", names=", ".join(finding["where"]))
-    where = f"<br><small>{escape(concerns)}</small>" if finding["where"] else ""
+def _paragraph(block: Paragraph) -> str:
+    return f'<p class="{block.style}">{escape(block.text)}</p>'
+
+
+def _verdict(block: Verdict) -> str:
+    word = f'<b style="background:{block.colour}"><small>{escape(block.title)}</small>{escape(block.word)}</b>'
+    return f'<div class="verdict">{word}<p>{escape(block.sentence)}</p></div>'
+
+
+def _key_figures(block: KeyFigures) -> str:
+    figures = (
+        f"<div>{escape(f.name)}<br><b>{escape(f.value)}</b> {escape(f.unit)}<br><small>{escape(f.note)}</small></div>"
+        for f in block.figures
+    )
+    return f'<div class="figures">{"".join(figures)}</div>'
+
+
+def _finding(block: FindingText) -> str:
+    concerns = f"<br><small>{escape(block.concerns)}</small>" if block.concerns else ""
     return (
-        f'<div class="finding {finding["severity"]}"><b>{escape(severity_word(finding["severity"]))}</b> '
-        f"{escape(finding['message'])} <span class=note>{escape(finding['hint'])}</span>{where}</div>"
+        f'<div class="finding" style="color:{block.colour}"><b>{escape(block.word)}</b> '
+        f'<span>{escape(block.message)} <span class="note">{escape(block.hint)}</span></span>{concerns}</div>'
     )
 
 
-def _section(section: Section, result: Result) -> list[str]:
-    body = [f"<h2>{escape(section.title)}</h2>"]
-    if section.key == "departures":
-        first, *rest = section.paragraphs
-        body += [f"<p>{escape(first)}</p><ul>", *(f"<li>{escape(text)}</li>" for text in rest), "</ul>"]
-    else:
-        body += [f'<p class="note">{escape(text)}</p>' for text in section.paragraphs]
-    if section.key == "bar-errors" and result.bars is not None and result.bars.measured:
-        bars, keys = result.bars, ordered_lengths(result.bars)
-        for start in range(0, len(keys), 10):
-            body.append(_svg(175.0, 88.0, lambda s, b, part=keys[start : start + 10]: draw_errors(s, b, bars, part)))
-    found = result.rig.length_map
-    if section.key == "uncertainty" and found is not None and (layers := layers_of(found)) is not None:
-        body.append(_svg(175.0, 46.0, lambda s, b: draw_layers(s, b, layers, found)))
-    return body + [_table(table) for table in section.tables]
+def _key_values(block: KeyValues) -> str:
+    return f"<dl>{''.join(f'<dt>{escape(name)}</dt><dd>{escape(said)}</dd>' for name, said in block.rows)}</dl>"
 
 
-def _table(table: ReportTable) -> str:
-    def cells(tag: str, row: tuple[str, ...]) -> str:
-        return "".join(
-            f"<{tag}{' class=l' if i < table.left else ''}>{escape(cell).replace(chr(10), '<br>')}</{tag}>"
-            for i, cell in enumerate(row)
-        )
+def _table(table: Table) -> str:
+    def cell(value: Cell) -> str:
+        if isinstance(value, Strong):
+            return f'<b style="color:{value.colour}">{escape(value.text)}</b>'
+        return escape(value).replace("\n", "<br>")
+
+    def cells(tag: str, row: tuple[Cell, ...]) -> str:
+        return "".join(f"<{tag}{' class=l' * (i < table.left)}>{cell(one)}</{tag}>" for i, one in enumerate(row))
 
     title = f"<p>{escape(table.title)}</p>" if table.title else ""
     rows = "".join(f"<tr>{cells('td', row)}</tr>" for row in table.rows)
@@ -125,36 +123,22 @@ def _table(table: ReportTable) -> str:
     return f'{title}<div class="wide"><table>{head}<tbody>{rows}</tbody></table></div>'
 
 
-def _pictures(result: Result, picture: ScenePicture | None) -> list[str]:
-    """The rig from two sides, the residuals of every camera."""
-    if not result.rig.cameras:
-        return []
-    scene = make_scene(result)
-    body = [f"<h2>{escape(label('report-rig-and-placements'))}</h2>"]
-    views = (OBLIQUE, TOP)
-    if picture is not None:
-        body.append(_svg(175.0, picture.height_for(175.0), lambda s, b: draw_scene(s, b, picture, result.unit)))
-        views = (TOP,)
-    body += [_svg(175.0, 105.0, lambda s, b, v=view: draw_view(s, b, scene, v, result)) for view in views]
-    body.append(f"<h2>{escape(label('report-residuals'))}</h2>")
-    if not result.residuals.used.any():
-        return [*body, f"<p>{escape(label('report-no-observation-was-used-so'))}</p>"]
-    scale = arrow_scale(result)
-    body.append(_svg(175.0, 52.0, lambda s, b: draw_histogram(s, b, result)))
-    body.append(f'<p class="note">{escape(arrow_caption(scale, result))}</p><div class="panels">')
-    for camera in result.rig.cameras:
-        width, height = camera.image_size
-        tall = 56.0 * height / width + 5.0
-        body.append(_svg(56.0, tall, lambda s, b, name=camera.id: draw_panel(s, b, name, result, scale)))
-    return [*body, "</div>"]
+def _panels(block: Panels) -> str:
+    return f'<div class="panels">{"".join(figure.svg() for figure in block.figures)}</div>'
 
 
-def _svg(width: float, height: float, draw: Callable[[Sheet, PageBox], None]) -> str:
-    """A drawing as an svg element; text stays text."""
-    sheet = Sheet(width, height)
-    draw(sheet, PageBox(0.0, 0.0, width, height))
-    buffer = io.StringIO()
-    with matplotlib.rc_context({"svg.fonttype": "none", "svg.hashsalt": "spherecal"}):
-        sheet.figure.savefig(buffer, format="svg", metadata={"Date": None, "Creator": None})
-    text = buffer.getvalue()
-    return re.sub(r"<metadata>.*?</metadata>", "", text[text.index("<svg") :], flags=re.DOTALL)
+def _signature(block: Signature) -> str:
+    return f'<div class="sign">{"".join(f"<div><small>{escape(name)}</small></div>" for name in block.names)}</div>'
+
+
+_BLOCKS: dict[type, Callable[[Any], str]] = {
+    Paragraph: _paragraph,
+    Verdict: _verdict,
+    KeyFigures: _key_figures,
+    FindingText: _finding,
+    KeyValues: _key_values,
+    Table: _table,
+    Figure: Figure.svg,
+    Panels: _panels,
+    Signature: _signature,
+}

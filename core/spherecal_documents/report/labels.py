@@ -45,10 +45,7 @@ class Labels:
         gap_mm: float = 1.2,
         always: bool = True,
     ) -> None:
-        """A name near a place: on the side of `outwards` if there is room, otherwise where it covers least.
-
-        `place`: the place (2,) in the axes' unit; `outwards`: the preferred direction (2,), of any length.
-        """
+        """A name near a place: on the side of `outwards` if there is room, otherwise where it covers least."""
         half = np.array([text_width(text, size_pt, bold), size_pt * MM_PER_PT * 0.9]) / 2
         best, best_cost = place * self._mm, np.inf
         length = float(np.linalg.norm(outwards))

@@ -35,6 +35,13 @@ def label(key: str, /, **values: Value) -> str:
     return phrase(Phrase(key, values), _now.get())
 
 
+def columns(keys: str, /, **values: Value) -> tuple[str, ...]:
+    """Headings: of each word, the label `report-WORD` with these values; a word after `=` as it is, `_` for a blank."""
+    return tuple(
+        key[1:].replace("_", " ") if key[0] == "=" else label(f"report-{key}", **values) for key in keys.split()
+    )
+
+
 def word(keys: Mapping[str, str], name: str) -> str:
     """The word for a name that a file has, by the keys of those that are known; another name as it is."""
     return label(keys[name]) if name in keys else name

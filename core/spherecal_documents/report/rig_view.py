@@ -122,9 +122,6 @@ def choose_axes(cameras: tuple[RigCamera, ...], centres: FloatArray, points: Flo
 
     Cameras that look roughly one way look down: the height is opposite to their mean view direction. Where they look
     all around, it is the normal of the plane of the cameras' places, with the sides of the images' tops as up.
-
-    `centres`: their centres (c, 3) in the world; `points` (n, 3); `centres`: their centres (c, 3) in the world;
-    `points` (n, 3).
     """
     views = np.array([camera.rotation[2] for camera in cameras])
     ups = np.array([-camera.rotation[1] for camera in cameras])

@@ -1,9 +1,17 @@
 """The verification as sections: conformity, budgets, artefacts and certificates, temperatures, departures."""
 
-from spherecal.verify.verification_file import AcceptanceReport, BarReport, BudgetReport, ProcedureReport
-from spherecal_documents.report.language import label, word, written
-from spherecal_documents.report.style import NONE, TO, count, number, significant
-from spherecal_documents.report.tables import ReportTable, Section
+from spherecal.verify.verification_file import (
+    BUDGET_PARTS,
+    AcceptanceReport,
+    BarReport,
+    BudgetReport,
+    LengthRow,
+    ProcedureReport,
+)
+from spherecal_documents.report.error_drawing import error_figures, lengths_in_order, name_of
+from spherecal_documents.report.language import columns, label, word, written
+from spherecal_documents.report.model import Cell, Paragraph, Section, Strong, Table, Verdict, finding_texts
+from spherecal_documents.report.style import BAD, INK, NONE, count, number, significant
 from spherecal_rigs.result_folder import Result
 
 _MANY = 10_000
@@ -42,25 +50,21 @@ _DOUBTS = {
 }
 
 
-def bar_sections(result: Result) -> tuple[Section, ...]:
-    """All sections about the reference bars; none where nothing was verified."""
+def bar_sections(result: Result, verdict: Verdict) -> tuple[Section, ...]:
+    """All sections about the reference bars, of which `verdict` is; none where nothing was verified."""
     bars = result.bars
     if bars is None:
         return ()
     procedure = bars.procedure
-    found = [_statistics(bars), *([_cameras(bars)] if bars.cameras else [])]
+    found = [_statistics(bars, verdict), *_cameras(bars)]
+    if procedure is None or not procedure.budgets:
+        found += _sources(bars)
     if procedure is not None:
-        found += [
-            section
-            for section in (
-                _conformity(procedure),
-                _budgets(procedure),
-                _artefacts(procedure),
-                _temperatures(procedure),
-            )
-            if section is not None
-        ]
-        found.append(_departures(procedure))
+        parts = (_conformity, _budgets, _artefacts, _temperatures, _departures)
+        found += [section for part in parts for section in part(procedure)]
+    if bars.findings:
+        title = label("report-findings-of-the-verification")
+        found.append(Section("bar-findings", title, finding_texts(bars.findings)))
     return (*found, _measured(bars))
 
 
@@ -69,52 +73,62 @@ def verdict_word(verdict: str) -> str:
     return word(_VERDICTS, verdict)
 
 
-def name_of(bar: str, start: str, end: str) -> str:
-    """A certified length's name: bar and both marks."""
-    return f"{bar} {start}{TO}{end}"
+def _section(key: str, title: str, text: str, *tables: Table) -> list[Section]:
+    return [Section(key, title, (Paragraph(text, "note"), *tables))]
 
 
-def _cameras(bars: BarReport) -> Section:
-    """What each camera saw of the marks, and how it fits."""
-    rows = [(c.id, str(c.seen), str(c.used), number(c.rms_px, 4), word(_STATES, c.state)) for c in bars.cameras]
-    columns = (
-        label("report-camera"),
-        label("report-views-of-marks"),
-        label("report-used"),
-        label("report-rms-px"),
-        label("report-state"),
-    )
-    table = ReportTable("", columns, (30.0, 22.0, 20.0, 22.0, 28.0), tuple(rows))
-    text = label("report-views-of-marks-that-another")
-    return Section("bar-cameras", label("report-cameras-in-the-verification"), (text,), (table,))
-
-
-def _statistics(bars: BarReport) -> Section:
-    rows = [
-        (
-            name_of(*x.key),
-            str(x.n),
-            number(x.mean_error_mm, 4, sign=True),
-            number(x.sd_mm, 4),
-            number(x.max_abs_error_mm, 4),
-            number(x.expanded_mm, 4),
-            number(x.coverage_factor, 2),
-        )
-        for x in bars.lengths
-    ]
-    columns = (
-        label("report-length"),
-        "n",
-        label("report-mean-error-mm"),
-        label("report-sd-mm"),
-        label("report-largest-error-mm"),
-        label("report-u-of-the-mean-mm"),
-        "k",
-    )
-    table = ReportTable("", columns, (42.0, 12.0, 22.0, 20.0, 24.0, 22.0, 9.0), tuple(rows))
+def _statistics(bars: BarReport, verdict: Verdict) -> Section:
+    """The verdict and its rule, the errors drawn and by length."""
     rule = label("report-rule", rule=written(bars.rule))
-    text = label("report-rule-verdict", rule=rule, verdict=word(_VERDICTS, bars.verdict))
-    return Section("bar-errors", label("report-length-errors"), (text,), (table,))
+    texts = [label("report-rule-verdict", rule=rule, verdict=word(_VERDICTS, bars.verdict))]
+    if bars.measured:
+        texts.append(label("report-error-measured-minus-reference-length"))
+        if bars.procedure is not None and bars.procedure.acceptance is not None:
+            texts.append(label("report-amber-lines-the-limit-amber"))
+    reference = {row.key: row.reference_mm for row in reversed(bars.measured)}
+    rows: list[tuple[Cell, ...]] = [
+        (name_of(x.key), number(reference.get(x.key), 3), str(x.n), number(x.mean_error_mm, 4, sign=True),
+         number(x.sd_mm, 4), number(x.max_abs_error_mm, 4), number(x.expanded_mm, 4), number(x.coverage_factor, 2))
+        for x in _by_length(bars)
+    ]  # fmt: skip
+    mean, largest = number(bars.mean_error_mm, 4, sign=True), number(bars.max_abs_error_mm, 4)
+    rows.append((Strong(label("report-all"), INK), "", str(bars.n), mean, number(bars.sd_mm, 4), largest, "", ""))
+    heads = columns("length reference-mm =n mean-error-mm sd-mm largest-error-mm u-of-the-mean-mm =k")
+    notes = [Paragraph(text, "note") for text in texts]
+    figures = error_figures(bars) if bars.measured else ()
+    title = label("report-length-errors")
+    return Section("bar-errors", title, (verdict, *notes, *figures, Table(heads, tuple(rows))), new_page=True)
+
+
+def _by_length(bars: BarReport) -> list[LengthRow]:
+    """The statistics in the order of the drawing."""
+    place = {key: i for i, key in enumerate(lengths_in_order(bars))}
+    return sorted(bars.lengths, key=lambda x: (place.get(x.key, len(place)), x.key))
+
+
+def _cameras(bars: BarReport) -> list[Section]:
+    """What each camera saw of the marks, and how it fits."""
+    if not bars.cameras:
+        return []
+    rows = [(c.id, str(c.seen), str(c.used), number(c.rms_px, 4), word(_STATES, c.state)) for c in bars.cameras]
+    table = Table(columns("camera views-of-marks used rms-px state"), tuple(rows))
+    text = label("report-views-of-marks-that-another")
+    return _section("bar-cameras", label("report-cameras-in-the-verification"), text, table)
+
+
+def _sources(bars: BarReport) -> list[Section]:
+    """The parts of the means' uncertainties, where the file has no budget."""
+    rows = []
+    for x in _by_length(bars):
+        known = [part for part in x.budget_mm if part is not None]
+        cells = [Strong(number(p, 4)) if p is not None and p == max(known) else number(p, 4) for p in x.budget_mm]
+        if known:
+            rows.append((name_of(x.key), *cells))
+    if not rows:
+        return []
+    table = Table((*columns("length"), *(f"{part}\nmm" for part in BUDGET_PARTS)), tuple(rows))
+    text = label("report-standard-uncertainties-k-1-of")
+    return _section("budget", label("report-uncertainty-sources"), text, table)
 
 
 def doubts_in_words(acceptance: AcceptanceReport) -> str:
@@ -122,83 +136,49 @@ def doubts_in_words(acceptance: AcceptanceReport) -> str:
     return ", ".join(word(_DOUBTS, code) for code in acceptance.doubts)
 
 
-def _conformity(procedure: ProcedureReport) -> Section | None:
+def _conformity(procedure: ProcedureReport) -> list[Section]:
     acceptance = procedure.acceptance
     if acceptance is None:
-        return None
+        return []
     doubts = label("report-in-doubt", doubts=doubts_in_words(acceptance)) if acceptance.doubts else ""
     rows = [
-        (
-            name_of(*x.key),
-            x.worst_pose,
-            number(x.worst_error_mm, 4, sign=True),
-            number(x.expanded_uncertainty_mm, 4),
-            number(x.limit_mm, 4),
-            word(_VERDICTS, x.verdict),
-        )
+        (name_of(x.key), x.worst_pose, number(x.worst_error_mm, 4, sign=True), number(x.expanded_uncertainty_mm, 4),
+         number(x.limit_mm, 4), word(_VERDICTS, x.verdict))
         for x in acceptance.lengths
-    ]
-    columns = (
-        label("report-length"),
-        label("report-pose"),
-        label("report-worst-error-mm"),
-        "U\nmm",
-        label("report-limit-mm"),
-        label("report-verdict"),
-    )
-    table = ReportTable("", columns, (42.0, 26.0, 24.0, 22.0, 22.0, 24.0), tuple(rows), 2)
-    verdict = word(_VERDICTS, acceptance.verdict).upper()
-    rule = label("report-iso-rule")
+    ]  # fmt: skip
+    table = Table((*columns("length pose worst-error-mm"), "U\nmm", *columns("limit-mm verdict")), tuple(rows), 2)
+    verdict, rule = word(_VERDICTS, acceptance.verdict).upper(), label("report-iso-rule")
     text = label("report-conformity", limit=acceptance.words, verdict=verdict, doubts=doubts, rule=rule)
-    return Section("conformity", label("report-conformity-with-the-limit"), (text,), (table,))
+    return _section("conformity", label("report-conformity-with-the-limit"), text, table)
 
 
-def _budgets(procedure: ProcedureReport) -> Section | None:
+def _budgets(procedure: ProcedureReport) -> list[Section]:
     if not procedure.budgets:
-        return None
+        return []
     text = label("report-uncertainty-of-a-single-measured")
-    return Section("budget", label("report-uncertainty-budget"), (text,), tuple(_budget(b) for b in procedure.budgets))
+    return _section("budget", label("report-uncertainty-budget"), text, *map(_budget, procedure.budgets))
 
 
-def _budget(budget: BudgetReport) -> ReportTable:
+def _budget(budget: BudgetReport) -> Table:
     title = label(
         "report-budget",
-        length=name_of(budget.bar, budget.start, budget.end),
+        length=name_of((budget.bar, budget.start, budget.end)),
         u=number(budget.combined_mm, 4),
         freedom=_freedom(budget.freedom),
         k=number(budget.coverage_factor, 2),
         expanded=number(budget.expanded_mm, 4),
     )
-    largest_first = sorted(budget.contributions, key=lambda c: -c.share)
     if budget.remedy.text:
         title = label("report-to-lessen", budget=title, remedy=written(budget.remedy))
     rows = []
-    for c in largest_first:
-        note = (
-            ""
-            if c.contained_mm is None
-            else label("report-mm-within-repeatability", contained_mm=number(c.contained_mm, 4))
-        )
-        cells = (
-            word(_SHARES, c.name),
-            word(_DISTRIBUTIONS, c.distribution),
-            c.evaluation,
-            number(c.standard_mm, 5),
-            _freedom(c.freedom),
-            f"{100 * c.share:.0f} %",
-            note,
-        )
-        rows.append(cells)
-    columns = (
-        label("report-contribution"),
-        label("report-distribution"),
-        label("report-type"),
-        "u\nmm",
-        label("report-degrees-of-freedom"),
-        label("report-share"),
-        "",
-    )
-    return ReportTable(title, columns, (30.0, 26.0, 12.0, 22.0, 22.0, 16.0, 48.0), tuple(rows), 2)
+    for c in sorted(budget.contributions, key=lambda c: -c.share):
+        within = number(c.contained_mm, 4)
+        note = "" if c.contained_mm is None else label("report-mm-within-repeatability", contained_mm=within)
+        name, shape = word(_SHARES, c.name), word(_DISTRIBUTIONS, c.distribution)
+        standard, share = number(c.standard_mm, 5), f"{100 * c.share:.0f} %"
+        rows.append((name, shape, c.evaluation, standard, _freedom(c.freedom), share, note))
+    heads = (*columns("contribution distribution type"), "u\nmm", *columns("degrees-of-freedom share"), "")
+    return Table(heads, tuple(rows), 2, title)
 
 
 def _freedom(value: float | None) -> str:
@@ -208,93 +188,57 @@ def _freedom(value: float | None) -> str:
     return f"{value:.0f}" if value < _MANY else f"> {count(_MANY)}"
 
 
-def _artefacts(procedure: ProcedureReport) -> Section | None:
+def _artefacts(procedure: ProcedureReport) -> list[Section]:
     if not procedure.bars:
-        return None
-    rows = [
-        (
-            bar.id,
-            bar.serial or NONE,
-            bar.certificate or NONE,
-            bar.laboratory or NONE,
-            bar.issued or NONE,
-            bar.valid_until or NONE,
-            f"{1e6 * bar.expansion_per_kelvin:.2f}",
-        )
-        for bar in procedure.bars
-    ]
-    columns = (
-        label("report-bar"),
-        label("report-serial"),
-        label("report-certificate"),
-        label("report-laboratory"),
-        label("report-issued"),
-        label("report-valid-until"),
-        label("report-expansion-10-k"),
-    )
-    about = ReportTable("", columns, (16.0, 28.0, 32.0, 36.0, 22.0, 22.0, 18.0), tuple(rows), 6)
+        return []
+    rows = []
+    for bar in procedure.bars:
+        said = (bar.serial, bar.certificate, bar.laboratory, bar.issued, bar.valid_until)
+        rows.append((bar.id, *(one or NONE for one in said), f"{1e6 * bar.expansion_per_kelvin:.2f}"))
+    heads = columns("bar serial certificate laboratory issued valid-until expansion-10-k")
     lengths = [
-        (
-            name_of(bar.id, start, end),
-            number(length, 4),
-            significant(expanded),
-            NONE if k is None else f"{k:g}",
-            f"{bar.reference_temperature_c:g}",
-        )
+        (name_of((bar.id, start, end)), number(length, 4), significant(expanded), NONE if k is None else f"{k:g}",
+         f"{bar.reference_temperature_c:g}")
         for bar in procedure.bars
         for start, end, length, expanded, k in bar.lengths
-    ]
-    columns = (label("report-length"), label("report-certified-mm"), "U\nmm", "k", "at °C")
-    certified = ReportTable("", columns, (46.0, 30.0, 22.0, 12.0, 14.0), tuple(lengths))
-    text = label("report-reference-bars-of-this-verification")
-    return Section("artefacts", label("report-artefacts-and-certificates"), (text,), (about, certified))
+    ]  # fmt: skip
+    certified = Table((*columns("length certified-mm"), "U\nmm", "k", "at °C"), tuple(lengths))
+    text, title = label("report-reference-bars-of-this-verification"), label("report-artefacts-and-certificates")
+    return _section("artefacts", title, text, Table(heads, tuple(rows), 6), certified)
 
 
-def _temperatures(procedure: ProcedureReport) -> Section | None:
+def _temperatures(procedure: ProcedureReport) -> list[Section]:
     if not procedure.poses:
-        return None
+        return []
     known = [pose.temperature_c for pose in procedure.poses if pose.temperature_c is not None]
-    text = (
-        label("report-of-the-bars-to-c", low=min(known), high=max(known))
-        if known
-        else label("report-the-bars-temperatures-were-not")
-    )
+    text = label("report-the-bars-temperatures-were-not")
+    if known:
+        text = label("report-of-the-bars-to-c", low=min(known), high=max(known))
     rows = tuple((pose.id, pose.bar, number(pose.temperature_c, 2)) for pose in procedure.poses)
-    table = ReportTable(
-        "", (label("report-pose"), label("report-bar"), label("report-temperature-c")), (40.0, 30.0, 30.0), rows, 2
-    )
-    return Section("temperatures", label("report-temperatures"), (text,), (table,))
+    table = Table(columns("pose bar temperature-c"), rows, 2)
+    return _section("temperatures", label("report-temperatures"), text, table)
 
 
-def _departures(procedure: ProcedureReport) -> Section:
+def _departures(procedure: ProcedureReport) -> list[Section]:
     first = label("report-departs")
     if procedure.volume is not None:
         sides = " x ".join(f"{side:.0f}" for side in procedure.volume[0])
         first = label("report-volume", sides=sides, diagonal=procedure.volume[1])
-    return Section("departures", label("report-procedure-title"), (first, *map(written, procedure.departures)))
+    items = (Paragraph(written(one), "item") for one in procedure.departures)
+    return [Section("departures", label("report-procedure-title"), (Paragraph(first), *items))]
 
 
 def _measured(bars: BarReport) -> Section:
-    rows = [
-        (
-            row.pose,
-            name_of(*row.key),
-            number(row.length_mm, 4),
-            number(row.reference_mm, 4),
-            number(row.error_mm, 4, sign=True),
-            number(row.u_mm, 4),
-            str(row.views),
-        )
-        for row in bars.measured
-    ]
-    columns = (
-        label("report-pose"),
-        label("report-length"),
-        label("report-measured-mm"),
-        label("report-reference-mm"),
-        label("report-error-mm"),
-        "u (k = 1)\nmm",
-        label("report-views"),
-    )
-    table = ReportTable("", columns, (26.0, 36.0, 25.0, 25.0, 20.0, 18.0, 11.0), tuple(rows), 2)
-    return Section("measured", label("report-all-measured-lengths"), (), (table,))
+    """Every measured length; its error in red where it is beyond the limit."""
+    rows: list[tuple[Cell, ...]] = []
+    for row in bars.measured:
+        error = number(row.error_mm, 4, sign=True)
+        broken = (row.pose, row.start, row.end) in bars.exceeding
+        ratio = number(row.error_mm / row.u_mm, 1, sign=True) if row.u_mm else NONE
+        lengths = number(row.length_mm, 4), number(row.reference_mm, 4)
+        shown = Strong(error, BAD) if broken else error
+        rows.append((row.pose, name_of(row.key), *lengths, shown, number(row.u_mm, 4), ratio, str(row.views)))
+    heads = columns("pose length measured-mm reference-mm error-mm")
+    table = Table((*heads, "u (k = 1)\nmm", *columns("error-u views")), tuple(rows), 2)
+    note = Paragraph(label("report-views-the-number-of-cameras"), "note")
+    return Section("measured", label("report-all-measured-lengths"), (note, table))

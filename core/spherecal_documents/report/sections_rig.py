@@ -1,89 +1,174 @@
-"""The calibration as sections: cameras, lenses, coverage, exclusions, balls, uncertainty, software and hashes."""
+"""The calibration as sections: cameras, lenses, balls, rig, residuals, coverage, uncertainty, exclusions, files."""
 
 import hashlib
+import math
+from collections.abc import Sequence
+from datetime import UTC
 
 import numpy as np
 
-from spherecal.geometry.camera import INTRINSIC_NAMES
-from spherecal_documents.report.language import label
-from spherecal_documents.report.lens_columns import lens_columns, lens_model_words, lens_number
-from spherecal_documents.report.style import NONE, count, number, significant
-from spherecal_documents.report.tables import ReportTable, Section, calibrated_with, images_taken
+from spherecal.data.rig import RigCamera
+from spherecal.geometry.camera import FISHEYE_NAMES, INTRINSIC_NAMES, is_fisheye
+from spherecal_documents.report.language import columns, label, word
+from spherecal_documents.report.length_map_drawing import length_map_figure
+from spherecal_documents.report.model import Cell, KeyValues, Paragraph, Section, Strong, Table
+from spherecal_documents.report.residual_drawings import residual_blocks
+from spherecal_documents.report.rig_drawing import rig_blocks
+from spherecal_documents.report.scene_picture import ScenePicture
+from spherecal_documents.report.style import BAD, NONE, count, number, significant, some_of
 from spherecal_rigs.result_folder import Result
 
-# Cells along an image's longer side: a dot field of a hundred targets fills what it crosses.
-_CELLS = 10
+_CELLS = 10  # along an image's longer side: a dot field of a hundred targets fills what it crosses
+_CONSPICUOUS = 1.5  # a camera whose residuals are this much above the rig's is worth a look
+_IN_A_TABLE = 5  # distortion coefficients beside the other numbers
+_DETAILS = {"method": "report-method", "seed": "report-seed"}
 _FILES = (
     "rig.json", "findings.json", "covariance.npy", "points.csv", "residuals.csv", "spheres.csv", "bars.csv",
     "verification.json",
 )  # fmt: skip
 
 
-def rig_sections(result: Result) -> tuple[Section, ...]:
-    """All sections about the calibration."""
-    found = [_cameras(result), _lenses(result), _coverage(result), _excluded(result), _balls(result), _lengths(result)]
-    return (*(section for section in found if section is not None), _origin(result))
+def source_section(result: Result) -> Section:
+    """Where the result comes from, in short."""
+    reference = result.rig.reference_camera
+    rows = (
+        (label("report-head-calibrated-with"), _calibrated_with(result)),
+        (label("report-head-images-taken"), _images_taken(result)),
+        (label("report-head-input"), result.rig.input_sha256 or label("report-not-given")),
+        (
+            label("report-world-frame"),
+            label("report-frame-of-camera-x-right", reference_camera=reference)
+            if reference
+            else label("report-none-no-camera-is-placed"),
+        ),
+        (label("report-uncertainties"), label("report-standard-uncertainties-k-1-unless")),
+    )
+    return Section("source", label("report-where-this-result-comes-from"), (KeyValues(rows),))
 
 
-def _cameras(result: Result) -> Section | None:
+def rig_sections(result: Result, picture: ScenePicture | None = None) -> tuple[Section, ...]:
+    """All sections about the calibration; `picture`: the rig in space in place of its oblique view."""
     if not result.rig.cameras:
-        return None
-    unit, rows = result.unit, []
-    for c in result.rig.cameras:
-        s = c.sigma
-        sds = (
-            (NONE,) * 4
-            if s is None
-            else (
-                significant(float(s.intrinsics[0])),
-                *(
-                    significant(float(v))
-                    for v in (np.linalg.norm(s.centre_mm), np.linalg.norm(s.rotation_deg), s.intrinsics[2])
-                ),
-            )
-        )
-        centre = (number(float(x), 3) for x in c.centre_mm)
-        name = f"{c.id} *" if c.id == result.rig.reference_camera else c.id
-        rows.append(
-            (
-                name,
-                c.serial or NONE,
-                count(c.observations),
-                number(c.rms_px, 4),
-                number(float(c.intrinsics[0]), 2),
-                *centre,
-                *sds,
-            )
-        )
-    columns = (
-        label("report-camera"),
-        label("report-serial"),
-        label("report-observations"),
-        label("report-rms-px"),
-        label("report-focal-length-px"),
-        label("report-centre-x", unit=unit),
-        label("report-centre-y", unit=unit),
-        label("report-centre-z", unit=unit),
-        label("report-sd-focal-px"),
-        label("report-sd-centre-wide", unit=unit),
-        label("report-sd-rotation-wide"),
-        label("report-sd-of-px", name="u0"),
+        return _cameras(result), _excluded(result), *_balls(result)
+    title = label("report-rig-and-placements")
+    rig = Section("rig", title, rig_blocks(result, picture), new_page=True)
+    residuals = Section("residuals", label("report-residuals"), residual_blocks(result), new_page=True)
+    parts = (_lenses(result), *_balls(result), rig, residuals, *_coverage(result), *_lengths(result))
+    return (_cameras(result), *parts, _excluded(result))
+
+
+def _images_taken(result: Result) -> str:
+    at = result.rig.recorded_at
+    return label("report-not-noted-with-the-recording") if at is None else f"{at.astimezone(UTC):%Y-%m-%d %H:%M} UTC"
+
+
+def _calibrated_with(result: Result) -> str:
+    """The program that made the result, its version, and the method and seed where they were noted."""
+    software = result.software
+    details = [f"{word(_DETAILS, key)} {value}" for key, value in software.details]
+    return "; ".join((f"{software.name} {software.version}", *details))
+
+
+def _cameras(result: Result) -> Section:
+    """Every placed camera with its fit, focal length and place, and their uncertainties; worst fit first."""
+    rig, unit = result.rig, result.unit
+    missing = [camera for camera in result.camera_ids if rig.camera(camera) is None]
+    alarm = [Paragraph(label("report-not-placed", names=some_of(missing, 40)), "alarm")] if missing else []
+    if not rig.cameras:
+        none = Paragraph(label("report-no-camera-placed"))
+        return Section("cameras", label("report-cameras"), (*alarm, none))
+    serials = any(camera.serial for camera in rig.cameras)
+    numbers = columns(
+        "observations rms-px focal-length-px sd-focal-px centre-x centre-y centre-z sd-centre sd-rotation-deg",
+        unit=unit,
     )
-    text = label("report-sd-standard-uncertainty-k-1")
-    return Section(
-        "cameras", label("report-cameras"), (text,), (ReportTable("", columns, (15.0,) * len(columns), tuple(rows), 2),)
+    heads = (*columns("camera"), *(columns("serial-number") if serials else ()), *numbers)
+    worst_first = sorted(rig.cameras, key=lambda c: (-math.inf if c.rms_px is None else -c.rms_px, c.id))
+    table = Table(heads, tuple(_camera(c, result, serials) for c in worst_first), 1 + serials)
+    note = Paragraph(label("report-rms-root-mean-square-length", conspicuous=_CONSPICUOUS), "note")
+    return Section("cameras", label("report-cameras-worst-fit-first"), (*alarm, note, table), new_page=True)
+
+
+def _camera(camera: RigCamera, result: Result, serials: bool) -> tuple[Cell, ...]:
+    sigma, overall = camera.sigma, result.rig.quality.rms_px
+    rms = number(camera.rms_px, 4)
+    conspicuous = camera.rms_px is not None and overall is not None and camera.rms_px > _CONSPICUOUS * overall
+    focal, centre, turn = NONE, NONE, NONE
+    if sigma is not None:
+        sd = float(sigma.intrinsics[0])
+        focal = significant(sd) if sd else label("report-fixed")
+        centre, turn = (significant(float(np.linalg.norm(sd))) for sd in (sigma.centre_mm, sigma.rotation_deg))
+    return (
+        camera.id + (" *" if camera.id == result.rig.reference_camera else ""),
+        *([camera.serial or NONE] if serials else []),
+        count(camera.observations),
+        Strong(rms, BAD) if conspicuous else rms,
+        number(float(camera.intrinsics[0]), 2),
+        focal,
+        *(number(float(x), 3) for x in camera.centre_mm),
+        centre,
+        turn,
     )
 
 
-def _lenses(result: Result) -> Section | None:
+def _lenses(result: Result) -> Section:
+    """Focal lengths, principal points and distortions as far as there are any; cameras of one lens together."""
     cameras = result.rig.cameras
-    if not cameras:
-        return None
-    which = dict(enumerate(INTRINSIC_NAMES[:4])) | lens_columns(cameras)
-    rows = tuple((c.id, *(number(lens_number(c, i), 3 if i < 4 else 6) for i in which)) for c in cameras)
-    columns = (label("report-camera"), *which.values())
-    text = label("report-lens-note", model=lens_model_words(cameras))
-    return Section("lenses", label("report-lenses"), (text,), (ReportTable("", columns, (15.0,) * len(columns), rows),))
+    terms = _lens_terms(cameras)
+    first, rest = list(terms)[:_IN_A_TABLE], list(terms)[_IN_A_TABLE:]
+    groups: dict[bytes, list[RigCamera]] = {}
+    for camera in cameras:
+        groups.setdefault(camera.intrinsics.tobytes(), []).append(camera)
+    names = [
+        group[0].id if len(group) == 1 else label("and-more", names=group[0].id, more=len(group) - 1)
+        for group in groups.values()
+    ]
+    lenses = [group[0] for group in groups.values()]
+    rows = []
+    for name, c in zip(names, lenses, strict=True):
+        sds = (NONE, NONE) if c.sigma is None else (significant(float(s)) for s in c.sigma.intrinsics[2:4])
+        rows.append((name, *(number(float(x), 3) for x in c.intrinsics[:4]), *sds, *_numbers(c, first)))
+    heads = (*columns("camera"), *(f"{name}\npx" for name in INTRINSIC_NAMES[:4]))
+    sds = tuple(label("report-sd-of-px", name=name) for name in INTRINSIC_NAMES[2:4])
+    tables = [Table((*heads, *sds, *(terms[i] for i in first)), tuple(rows))]
+    if rest:
+        own = tuple((name, *_numbers(c, rest)) for name, c in zip(names, lenses, strict=True))
+        tables.append(Table((*columns("camera"), *(terms[i] for i in rest)), own))
+    note = Paragraph(label("report-lens-caption", model=_lens_models(cameras)), "note")
+    return Section("lenses", label("report-lenses"), (note, *tables))
+
+
+def _numbers(camera: RigCamera, terms: Sequence[int]) -> tuple[str, ...]:
+    return tuple(number(_lens_number(camera, i), 6) for i in terms)
+
+
+def _lens_terms(cameras: Sequence[RigCamera]) -> dict[int, str]:
+    """Places (of the 16) and names of the distortion numbers that any camera uses; both names where models differ."""
+    wide = [bool(is_fisheye(camera.intrinsics)) for camera in cameras]
+    names: dict[int, str] = {}
+    for i in range(4, len(INTRINSIC_NAMES)):
+        if any(_lens_number(camera, i) != 0 for camera in cameras):
+            own = [INTRINSIC_NAMES[i]] if not all(wide) else []
+            other = [FISHEYE_NAMES[i]] if any(wide) and i < len(FISHEYE_NAMES) else []
+            names[i] = " / ".join(dict.fromkeys(own + other))
+    return names
+
+
+def _lens_number(camera: RigCamera, i: int) -> float:
+    """The number in place `i` of the 16; 0 in places that a fisheye lens does not have."""
+    if i >= len(FISHEYE_NAMES) and is_fisheye(camera.intrinsics):
+        return 0.0
+    return float(camera.intrinsics[i])
+
+
+def _lens_models(cameras: Sequence[RigCamera]) -> str:
+    """The model or models that the numbers belong to."""
+    wide = [camera.id for camera in cameras if is_fisheye(camera.intrinsics)]
+    if not wide:
+        return label("report-opencv")
+    if len(wide) == len(cameras):
+        return label("report-opencv-fisheye")
+    return label("report-opencv-both", cameras=tuple(wide))
 
 
 def image_cells(result: Result, name: str) -> np.ndarray | None:
@@ -100,41 +185,23 @@ def image_cells(result: Result, name: str) -> np.ndarray | None:
     return np.histogram2d(uv[:, 1], uv[:, 0], bins=edges)[0]
 
 
-def _coverage(result: Result) -> Section | None:
+def _coverage(result: Result) -> list[Section]:
     rows = []
     for camera in result.rig.cameras:
         cells = image_cells(result, camera.id)
         if cells is None:
             continue
-        corners = sum(cells[r, c] > 0 for r in (0, -1) for c in (0, -1))
+        corners = label("report-of-4-corners", corners=sum(cells[r, c] > 0 for r in (0, -1) for c in (0, -1)))
         own = result.residuals.rows_of[camera.id]
         used = own[result.residuals.used[own]]
-        by_placement = len({result.residuals.placement[i] for i in used.tolist()})
-        rows.append(
-            (
-                camera.id,
-                count(len(used)),
-                str(by_placement),
-                f"{100 * (cells > 0).mean():.0f} %",
-                label("report-of-4-corners", corners=corners),
-            )
-        )
+        placements = len({result.residuals.placement[i] for i in used.tolist()})
+        covered = f"{100 * (cells > 0).mean():.0f} %"
+        rows.append((camera.id, count(len(used)), str(placements), covered, corners))
     if not rows:
-        return None
-    columns = (
-        label("report-camera"),
-        label("report-observations"),
-        label("report-placements"),
-        label("report-image-covered"),
-        label("report-corners-reached"),
-    )
-    text = label("report-image-covered-cells-that-hold", cells=_CELLS)
-    return Section(
-        "coverage",
-        label("report-coverage"),
-        (text,),
-        (ReportTable("", columns, (30.0, 24.0, 24.0, 26.0, 26.0), tuple(rows)),),
-    )
+        return []
+    text = Paragraph(label("report-image-covered-cells-that-hold", cells=_CELLS), "note")
+    table = Table(columns("camera observations placements image-covered corners-reached"), tuple(rows))
+    return [Section("coverage", label("report-coverage"), (text, table))]
 
 
 def _excluded(result: Result) -> Section:
@@ -147,67 +214,41 @@ def _excluded(result: Result) -> Section:
             size = np.linalg.norm(residuals.du_dv[left], axis=1)
             largest = float(np.nanmax(size)) if np.isfinite(size).any() else None
             rows.append((camera, count(len(left)), f"{100 * len(left) / len(own):.1f} %", number(largest, 1)))
-    texts = [
-        label(
-            "report-of-observations-were-left-out",
-            left_out=count(int((~residuals.used).sum())),
-            all=count(len(residuals.used)),
-        )
-    ]
+    left_out, every = count(int((~residuals.used).sum())), count(len(residuals.used))
+    texts = [label("report-of-observations-were-left-out", left_out=left_out, all=every)]
     texts += [label("report-asked-for", option=repair.option, value=repair.value) for repair in result.rig.repairs]
     missing = [camera for camera in result.camera_ids if result.rig.camera(camera) is None]
     texts += [label("report-cameras-not-placed", names=", ".join(missing))] if missing else []
-    columns = (
-        label("report-camera"),
-        label("report-observations-left-out"),
-        label("report-of-its-own"),
-        label("report-largest-residual-px"),
-    )
-    tables = (ReportTable("", columns, (30.0, 34.0, 24.0, 28.0), tuple(rows)),) if rows else ()
-    return Section("exclusions", label("report-what-was-left-out"), tuple(texts), tables)
+    heads = columns("camera observations-left-out of-its-own largest-residual-px")
+    tables = [Table(heads, tuple(rows))] if rows else []
+    notes = [Paragraph(text, "note") for text in texts]
+    return Section("exclusions", label("report-what-was-left-out"), (*notes, *tables))
 
 
-def _balls(result: Result) -> Section | None:
+def _balls(result: Result) -> list[Section]:
     if not result.spheres:
-        return None
-    unit = result.unit
+        return []
     rows = tuple(
         (s.placement, *(number(float(x), 2) for x in s.centre_mm), number(s.radius_mm, 3), number(s.radial_sd_mm, 3))
         for s in result.spheres
     )
-    columns = (
-        label("report-placement"),
-        label("report-centre-x", unit=unit),
-        label("report-centre-y", unit=unit),
-        label("report-centre-z", unit=unit),
-        label("report-radius", unit=unit),
-        label("report-out-of-round-sd", unit=unit),
-    )
-    text = label("report-the-sphere-that-fits-each")
-    return Section(
-        "balls", label("report-ball-at-each-placement"), (text,), (ReportTable("", columns, (24.0,) * 6, rows),)
-    )
+    heads = columns("placement centre-x centre-y centre-z radius out-of-round-sd", unit=result.unit)
+    text = Paragraph(label("report-the-sphere-that-fits-the"), "note")
+    return [Section("balls", label("report-ball-at-each-placement"), (text, Table(heads, rows)))]
 
 
-def _lengths(result: Result) -> Section | None:
+def _lengths(result: Result) -> list[Section]:
     found = result.rig.length_map
     if found is None or found.typical_mm is None or found.worst is None:
-        return None
+        return []
     finite = found.expanded_mm[np.isfinite(found.expanded_mm)]
+    names = ("X", "Y", "Z", *(label("report-diagonal", number=i) for i in (1, 2, 3, 4)))
     rows = []
-    for name, row in zip(
-        ("X", "Y", "Z", *(label("report-diagonal", number=i) for i in (1, 2, 3, 4))), found.expanded_mm.T, strict=False
-    ):
+    for name, row in zip(names, found.expanded_mm.T, strict=False):
         own = row[np.isfinite(row)]
         if len(own):
-            rows.append(
-                (
-                    name,
-                    number(float(np.median(own)), 4),
-                    number(float(own.max()), 4),
-                    f"{100 * len(own) / len(row):.0f} %",
-                )
-            )
+            seen = f"{100 * len(own) / len(row):.0f} %"
+            rows.append((name, number(float(np.median(own)), 4), number(float(own.max()), 4), seen))
     text = label(
         "report-expanded-uncertainty-k-of-a",
         coverage_factor=found.coverage_factor,
@@ -217,19 +258,18 @@ def _lengths(result: Result) -> Section | None:
         finite=number(float(np.median(finite)), 4),
         worst=number(found.worst[0], 4),
     )
-    columns = (label("report-direction"), label("report-median-mm"), label("report-worst-mm"), label("report-seen-at"))
-    return Section(
-        "uncertainty",
-        label("report-uncertainty-in-the-volume"),
-        (text,),
-        (ReportTable("", columns, (30.0, 24.0, 24.0, 20.0), tuple(rows)),),
-    )
+    blocks = [Paragraph(text, "note"), Table(columns("direction median-mm worst-mm seen-at"), tuple(rows))]
+    if (figure := length_map_figure(found)) is not None:
+        caption = label("report-each-square-the-largest-expanded", length_mm=found.length_mm)
+        blocks += [Paragraph(caption, "note"), figure]
+    return [Section("uncertainty", label("report-uncertainty-in-the-volume"), tuple(blocks))]
 
 
-def _origin(result: Result) -> Section:
+def origin_section(result: Result) -> Section:
+    """The program and the SHA-256 of every file of the result."""
     rows = [
-        (label("report-calibrated-with"), calibrated_with(result)),
-        (label("report-images-taken"), images_taken(result)),
+        (label("report-calibrated-with"), _calibrated_with(result)),
+        (label("report-images-taken"), _images_taken(result)),
         (label("report-input-sha-256"), result.rig.input_sha256 or label("report-not-given")),
     ]
     for name in _FILES:
@@ -237,5 +277,5 @@ def _origin(result: Result) -> Section:
         if path.is_file():
             with path.open("rb") as file:
                 rows.append((name, hashlib.file_digest(file, "sha256").hexdigest()))
-    table = ReportTable("", ("", label("report-sha-256-of-the-file")), (34.0, 140.0), tuple(rows), 2)
-    return Section("origin", label("report-software-and-hashes"), (), (table,))
+    table = Table(("", label("report-sha-256-of-the-file")), tuple(rows), 2)
+    return Section("origin", label("report-software-and-hashes"), (table,))

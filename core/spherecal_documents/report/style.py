@@ -13,6 +13,7 @@ import matplotlib
 from matplotlib.colors import LinearSegmentedColormap
 from matplotlib.typing import RcKeyType
 
+from spherecal.base.resources import resource_path
 from spherecal_documents.report.language import label, language_now
 
 INK = "#1a1a1a"
@@ -40,6 +41,7 @@ TITLE_PT, HEADING_PT, BODY_PT, SMALL_PT, TINY_PT = 17.0, 11.0, 8.2, 7.0, 6.0
 NONE = "\u2013"  # shown in a table where there is no number
 TO = "\u2013"  # between two ends
 _MINUS = "\u2212"
+_FAMILY = "Inter"
 
 # Of Windows, macOS and Linux; matplotlib takes the first face of a collection, which Noto calls JP.
 _CHINESE_FONTS = (
@@ -54,8 +56,6 @@ _CHINESE_FILES = (
 )  # fmt: skip
 
 _SETTINGS: dict[RcKeyType, Any] = {
-    "font.family": "sans-serif",
-    "font.sans-serif": ["DejaVu Sans"],
     "font.size": SMALL_PT,
     "text.color": INK,
     "axes.edgecolor": SOFT,
@@ -100,6 +100,20 @@ def chinese_fonts() -> tuple[str, ...]:
     return ()
 
 
+def font_families() -> list[str]:
+    """The fonts of a report in its language; letter by letter the first that has it."""
+    _add_own_fonts()
+    return [_FAMILY, "DejaVu Sans", *(chinese_fonts() if language_now() == "zh_CN" else ())]
+
+
+@cache
+def _add_own_fonts() -> None:
+    from matplotlib.font_manager import fontManager
+
+    for path in sorted(resource_path("fonts").glob(f"{_FAMILY}-*.otf")):
+        fontManager.addfont(path)
+
+
 @contextmanager
 def report_style() -> Iterator[None]:
     """Our settings on top of matplotlib's own, whatever the user's matplotlibrc says; all is restored afterwards.
@@ -114,8 +128,7 @@ def report_style() -> Iterator[None]:
             talker.setLevel(logging.ERROR)
         matplotlib.rcdefaults()
         matplotlib.rcParams.update(_SETTINGS)
-        if language_now() == "zh_CN":  # letter by letter the first font that has it
-            matplotlib.rcParams["font.family"] = ["DejaVu Sans", *chinese_fonts()]
+        matplotlib.rcParams["font.family"] = font_families()
         try:
             yield
         finally:
@@ -124,10 +137,7 @@ def report_style() -> Iterator[None]:
 
 
 def number(value: float | None, digits: int, sign: bool = False) -> str:
-    """A number with fixed digits, a true minus, an en dash where there is none; never -0.00.
-
-    `value` None or not finite: there is none.
-    """
+    """A number with fixed digits, a true minus, an en dash where there is none; never -0.00."""
     if value is None or not math.isfinite(value):
         return NONE
     text = f"{value:+.{digits}f}" if sign else f"{value:.{digits}f}"
@@ -140,8 +150,6 @@ def significant(value: float | None, digits: int = 2) -> str:
     """A number with this many significant digits, without an exponent where it is of an everyday size.
 
     An en dash where there is none.
-
-    `value` None or not finite: there is none.
     """
     if value is None or not math.isfinite(value):
         return NONE

@@ -1,6 +1,5 @@
 """The trend as a page of vector graphics: a control chart a quantity, then the cameras."""
 
-import io
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -10,6 +9,8 @@ from matplotlib.axes import Axes
 from spherecal.base.errors import InputError
 from spherecal.base.messages.values import Phrase
 from spherecal.files.atomic import write_file_whole
+from spherecal_documents.report.model import svg_of
+from spherecal_documents.report.pdf import sheet_pdf
 from spherecal_documents.report.sheet import PageBox, Sheet, shortened
 from spherecal_documents.report.style import (
     ACCENT,
@@ -45,10 +46,13 @@ def write_trend_chart(trend: Trend, output: Path) -> None:
     if ending not in _ENDINGS:
         raise InputError(Phrase("error-chart-kind", {"file": output}))
     with report_style():
-        buffer = io.BytesIO()
-        none = {"CreationDate": None} if ending == ".pdf" else {"Date": None}
-        _draw(trend).figure.savefig(buffer, format=ending[1:], metadata=none)
-    write_file_whole(output, buffer.getvalue())
+        sheet = _draw(trend)
+        data = (
+            sheet_pdf(sheet)
+            if ending == ".pdf"
+            else f"<?xml version='1.0' encoding='utf-8'?>\n{svg_of(sheet, 'path')}".encode()
+        )
+    write_file_whole(output, data)
 
 
 def _draw(trend: Trend) -> Sheet:

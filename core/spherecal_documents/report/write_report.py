@@ -6,22 +6,14 @@ from spherecal.base.errors import InputError
 from spherecal.base.messages.values import Phrase
 from spherecal.files.atomic import write_file_whole
 from spherecal.files.json_file import json_bytes
-from spherecal_documents.report.bars_page import add_bars_pages
-from spherecal_documents.report.cameras_page import add_cameras_page
-from spherecal_documents.report.content import content_json, make_content
-from spherecal_documents.report.detection_page import Detection, add_detection_pages, choose_detections, find_session
-from spherecal_documents.report.document import Document, PageSize
-from spherecal_documents.report.language import label, language_now, speaking
-from spherecal_documents.report.residuals_page import add_residual_pages
-from spherecal_documents.report.rig_page import add_rig_pages
-from spherecal_documents.report.scene_picture import Renderer, ScenePicture
-from spherecal_documents.report.sections_rig import rig_sections
-from spherecal_documents.report.sheet import PAGE_SIZES_MM
-from spherecal_documents.report.style import chinese_fonts, report_style
-from spherecal_documents.report.tables import add_section, made_by
-from spherecal_documents.report.uncertainty_page import add_uncertainty_page
-from spherecal_documents.report.verdict_page import add_signature, add_verdict_page
-from spherecal_rigs.result_folder import Result, read_result
+from spherecal_documents.report.content import make_report, report_json
+from spherecal_documents.report.detections import find_session
+from spherecal_documents.report.html import html_bytes
+from spherecal_documents.report.language import speaking
+from spherecal_documents.report.pdf import PageSize, pdf_bytes
+from spherecal_documents.report.scene_picture import Renderer
+from spherecal_documents.report.style import report_style
+from spherecal_rigs.result_folder import read_result
 
 
 def write_report(
@@ -42,26 +34,19 @@ def write_report(
 
     `issuer` None: there can be no certificate; `render` None: it is drawn.
     """
-    forms = {
-        ".html": lambda folder: html_report(folder, session_folder, render),
-        ".htm": lambda folder: html_report(folder, session_folder, render),
-        ".json": json_report,
-        ".xml": lambda folder: certificate(folder, issuer),
-        ".pdf": lambda folder: report_bytes(folder, session_folder, page, notice, note, render),
-    }
-    make = forms.get(output.suffix.lower())
-    if make is None:
+    ending = {".htm": ".html"}.get(output.suffix.lower(), output.suffix.lower())
+    if ending not in (".pdf", ".html", ".json", ".xml"):
         raise InputError(Phrase("error-report-kind", {"file": output}))
     with speaking(language):
-        data = make(result_folder)
+        if ending == ".xml":
+            data = certificate(result_folder, issuer)
+        else:
+            data = report_bytes(ending, result_folder, session_folder, page, notice, note, render)
     write_file_whole(output, data)
 
 
 def certificate(result_folder: Path, issuer: Path | None) -> bytes:
-    """A Digital Calibration Certificate, as XML.
-
-    `issuer` None is refused.
-    """
+    """A Digital Calibration Certificate, as XML; `issuer`: the file that says who issues it, None is refused."""
     from spherecal_documents.report.dcc import dcc_bytes, read_issuer
 
     if issuer is None:
@@ -70,6 +55,7 @@ def certificate(result_folder: Path, issuer: Path | None) -> bytes:
 
 
 def report_bytes(
+    form: str,
     result_folder: Path,
     session_folder: Path | None = None,
     page: PageSize = "A4",
@@ -77,60 +63,12 @@ def report_bytes(
     note: str = "",
     render: Renderer | None = None,
 ) -> bytes:
-    """The report as the bytes of a PDF."""
-    if page not in PAGE_SIZES_MM:
-        raise InputError(Phrase("error-page", {"page": repr(page), "pages": list(PAGE_SIZES_MM)}))
+    """The report as the bytes of a file of this ending, .pdf, .html or .json; the rest as of `write_report`."""
     result = read_result(result_folder)
-    if language_now() == "zh_CN" and not chinese_fonts():
-        raise InputError(Phrase("error-no-chinese-font"))
-    session = find_session(result, session_folder)
-    detections = choose_detections(result, session)
-    scene = render(result, session) if render is not None else None
     with report_style():
-        return make_document(result, detections, page, notice, note, scene).pdf()
-
-
-def html_report(result_folder: Path, session_folder: Path | None = None, render: Renderer | None = None) -> bytes:
-    """The report as one HTML file."""
-    from spherecal_documents.report.html import html_bytes
-
-    result = read_result(result_folder)
-    scene = render(result, find_session(result, session_folder)) if render is not None else None
-    with report_style():
-        return html_bytes(make_content(result), result, scene)
-
-
-def json_report(result_folder: Path) -> bytes:
-    """The report's content as the bytes of a JSON file."""
-    result = read_result(result_folder)
-    return json_bytes(content_json(make_content(result), result))
-
-
-def make_document(
-    result: Result,
-    detections: list[Detection],
-    page: PageSize,
-    notice: str = "",
-    note: str = "",
-    scene: ScenePicture | None = None,
-) -> Document:
-    """The report's pages; to be called, and the result used, within `report_style`.
-
-    `scene` None: it is drawn.
-    """
-    document = Document(page, label("report-spherecal-calibration-report"), made_by(result))
-    document.notice = notice
-    sections = {section.key: section for section in rig_sections(result)}
-    add_verdict_page(document, result, note)
-    add_cameras_page(document, result)
-    if result.rig.cameras:
-        add_rig_pages(document, result, scene)
-        add_residual_pages(document, result)
-        add_section(document, sections.get("coverage"))
-        add_uncertainty_page(document, result, sections.get("uncertainty"))
-    add_section(document, sections.get("exclusions"))
-    add_bars_pages(document, result)
-    add_section(document, sections.get("origin"))
-    add_signature(document)
-    add_detection_pages(document, result, detections)
-    return document
+        if form == ".json":
+            return json_bytes(report_json(make_report(result), result))
+        session = find_session(result, session_folder)
+        picture = render(result, session) if render is not None else None
+        report = make_report(result, session, picture, notice, note)
+        return html_bytes(report) if form == ".html" else pdf_bytes(report, page)

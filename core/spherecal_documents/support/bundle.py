@@ -39,7 +39,7 @@ _RESULT_FILES = (
     "rig.json", "findings.json", "covariance.npy", "points.csv", "residuals.csv", "spheres.csv", "bars.csv",
     "verification.json",
 )  # fmt: skip
-_PACKAGES = ("numpy", "scipy", "numba", "opencv-python-headless", "matplotlib", "PySide6-Essentials")
+_PACKAGES = ("numpy", "scipy", "numba", "opencv-python-headless", "matplotlib", "typst", "PySide6-Essentials")
 _MOST_BYTES = 1 << 30
 # Of a bundle that is opened: 1 GB of a hundred cameras' observations, a few thousand images.
 _MOST_UNPACKED, _MOST_FILES = 4 << 30, 20_000

@@ -1,6 +1,8 @@
 """Pictures of a camera's image with the observations that were used drawn over it."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -13,15 +15,16 @@ from spherecal.base.errors import InputError
 from spherecal.base.messages.values import Phrase
 from spherecal.data.session import Session
 from spherecal.files.read_session import SESSION_FILE, read_session
-from spherecal_documents.report.document import Document
 from spherecal_documents.report.labels import Labels
 from spherecal_documents.report.language import label
-from spherecal_documents.report.sheet import PageBox, Sheet, shortened
-from spherecal_documents.report.style import SMALL_PT, SOFT, TINY_PT, count
+from spherecal_documents.report.model import TEXT_MM, Figure, Paragraph, Section
+from spherecal_documents.report.sheet import PageBox, Sheet
+from spherecal_documents.report.style import SOFT, TINY_PT, count
 from spherecal_rigs.result_folder import Result
 
 _MOST_PIXELS = 200_000_000
 _SHOWN_WIDTH = 1500  # px: as fine as an office printer shows at the width of a page
+_HIGHEST_MM, _DETAIL_MM = 130.0, 80.0  # so that both stand on one page
 _USED, _ASIDE = "#ffb000", "#ff5aa5"  # both stand out against grey, and from each other in grey
 
 
@@ -42,8 +45,6 @@ def find_session(result: Result, given: Path | None) -> Session | None:
 
     The folder around the result is tried as well. A folder that was only guessed is left alone where it is another
     session or cannot be read; None where none fits.
-
-    `given` None: to be looked for.
     """
     if given is not None:
         session = read_session(given)
@@ -64,10 +65,7 @@ def find_session(result: Result, given: Path | None) -> Session | None:
 
 
 def choose_detections(result: Result, session: Session | None, most: int = 2) -> list[Detection]:
-    """The images to show: that with the most observations used, then one of another camera and placement.
-
-    `session` None: no image is shown.
-    """
+    """The images to show: that with the most observations used, then one of another camera and placement."""
     if session is None:
         return []
     residuals = result.residuals
@@ -89,30 +87,24 @@ def choose_detections(result: Result, session: Session | None, most: int = 2) ->
     return chosen[:most]
 
 
-def add_detection_pages(document: Document, result: Result, detections: list[Detection]) -> None:
-    """A page for each image: the whole with target numbers, and a detail of it."""
+def detection_sections(result: Result, detections: Sequence[Detection]) -> list[Section]:
+    """A section for each image: the whole with target numbers, and a detail of it."""
+    sections = []
     for detection in detections:
         image = read_grey(detection.path)
         _check_size(image, detection, result)
-        title = label("report-detection-placement", camera=detection.camera, placement=detection.placement)
-        document.begin_section(shortened(title, document.width, 13.0, bold=True))
-        document.caption(caption(detection))
         height, width = image.shape
-        whole = document.box(min(document.width * height / width, 150.0))
-        whole = PageBox(whole.x, whole.y, whole.height * width / height, whole.height)
-        draw_detection(document.sheet, whole, image, detection)
-        document.y += 4.0
-        room = min(document.bottom - document.y - 6.0, 85.0)
-        if room < 40.0:
-            continue
-        document.y += 3.0
-        document.sheet.text(document.left, document.y, label("report-detection-detail"), SMALL_PT, bold=True)
-        document.y += 1.5
-        box = PageBox(document.left, document.y, document.width, room)
-        draw_detail(document.sheet, box, image, detection)
+        wide = min(TEXT_MM, _HIGHEST_MM * width / height)
+        title = label("report-detection-placement", camera=detection.camera, placement=detection.placement)
+        parts = {"image": image, "detection": detection}
+        whole = Figure(title, wide * height / width, partial(_draw_detection, **parts), wide)
+        detail = Figure(label("report-detection-detail"), _DETAIL_MM, partial(_draw_detail, **parts))
+        blocks = (Paragraph(_caption(detection), "note"), whole, Paragraph(detail.name, "subtitle"), detail)
+        sections.append(Section("detection", title, blocks, new_page=True))
+    return sections
 
 
-def caption(detection: Detection) -> str:
+def _caption(detection: Detection) -> str:
     """What the picture shows."""
     used = int(detection.used.sum())
     aside = len(detection.used) - used
@@ -146,11 +138,8 @@ def read_grey(path: Path) -> NDArray[np.uint8]:
     return (255 * np.clip(stretched, 0, 1) ** 0.8).astype(np.uint8)
 
 
-def draw_detection(sheet: Sheet, box: PageBox, image: NDArray[np.uint8], detection: Detection) -> None:
-    """The whole image with a circle for each observation and the numbers of the targets.
-
-    `image`: grey values (height, width).
-    """
+def _draw_detection(sheet: Sheet, box: PageBox, image: NDArray[np.uint8], detection: Detection) -> None:
+    """The whole image with a circle for each observation and the numbers of the targets."""
     height, width = image.shape
     shown = image
     if width > _SHOWN_WIDTH:
@@ -176,14 +165,11 @@ def _number(axes: Axes, mm_per_px: float, detection: Detection, window: FloatArr
         labels.put(middle, str(target), np.array([1.0, 0.0]), size_pt, _USED, gap_mm=0.6 * reach + 0.8)
 
 
-def draw_detail(sheet: Sheet, box: PageBox, image: NDArray[np.uint8], detection: Detection) -> None:
-    """The part of the image around its densest place, so large that single dots are seen.
-
-    `image`: grey values (height, width).
-    """
+def _draw_detail(sheet: Sheet, box: PageBox, image: NDArray[np.uint8], detection: Detection) -> None:
+    """The part of the image around its densest place, so large that single dots are seen."""
     height, width = image.shape
     part = 0.16 * width
-    size = np.array([part, part * box.height / box.width])
+    size = np.array([part, part * (box.height - 4.0) / box.width])
     used = detection.uv[detection.used] if detection.used.any() else detection.uv
     near = [(np.abs(used - place) < size / 2).all(axis=1).sum() for place in used]
     middle = used[int(np.argmax(near))]
@@ -191,13 +177,14 @@ def draw_detail(sheet: Sheet, box: PageBox, image: NDArray[np.uint8], detection:
     left, top = np.floor(low).astype(int)
     right, foot = np.minimum(np.ceil(low + size).astype(int), [width, height])
     cut = image[top:foot, left:right]
+    strip, box = box, box.inset(0.0, 4.0)
     axes = _picture(sheet, box, cut, (left - 0.5, right - 0.5, foot - 0.5, top - 0.5))
     axes.set_xlim(low[0] - 0.5, low[0] + size[0] - 0.5)
     axes.set_ylim(low[1] + size[1] - 0.5, low[1] - 0.5)
     _mark(axes, detection, 4.0, 0.6, cross=True)
     _number(axes, box.width / part, detection, np.vstack([low, low + size]), 7.0)
     place = label("report-u-to-v-to-px", left=left, right=right, top=top, foot=foot)
-    sheet.text(box.x + box.width, box.y - 1.5, place, TINY_PT, colour=SOFT, align="right")
+    sheet.text(strip.x + strip.width, strip.y + 2.5, place, TINY_PT, colour=SOFT, align="right")
 
 
 def _picture(sheet: Sheet, box: PageBox, image: NDArray[np.uint8], extent: tuple[float, float, float, float]) -> Axes:

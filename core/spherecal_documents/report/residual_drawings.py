@@ -1,6 +1,7 @@
 """The residuals: their distribution, and as vectors over the image of each camera."""
 
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -8,8 +9,8 @@ from matplotlib.patches import PathPatch
 from matplotlib.path import Path
 
 from spherecal.base.arrays import FloatArray
-from spherecal_documents.report.document import Document
 from spherecal_documents.report.language import label
+from spherecal_documents.report.model import TEXT_MM, Block, Figure, Panels, Paragraph
 from spherecal_documents.report.sheet import PageBox, Sheet, shortened, text_width
 from spherecal_documents.report.style import (
     ACCENT,
@@ -26,7 +27,7 @@ from spherecal_documents.report.style import (
 )
 from spherecal_rigs.result_folder import Result
 
-_MANY = 24  # cameras; more may get the smallest panels
+_GAP_MM = 4.0  # between panels
 _ARROWS_PER_MM2 = 0.55  # beyond them nothing is seen any more
 _SHADES = 16
 _TYPICAL_ARROW = 0.035  # of the image's diagonal, for a residual as large as 95 % of all are
@@ -40,38 +41,27 @@ class ArrowScale:
     darkest_px: float
 
 
-def add_residual_pages(document: Document, result: Result) -> None:
+def residual_blocks(result: Result) -> tuple[Block, ...]:
     """The histogram of all residuals, then a panel of residual vectors for each camera."""
-    document.begin_section(label("report-residuals"))
     if not result.residuals.used.any():
-        document.paragraph(label("report-no-observation-was-used-so"))
-        return
-    draw_histogram(document.sheet, document.box(52.0), result)
-    document.y += 4.0
-    scale = arrow_scale(result)
-    document.caption(arrow_caption(scale, result))
-    draw_key(document.sheet, document.box(9.0), scale)
-    ids = [camera.id for camera in result.rig.cameras]
-    columns, height = _panels(document, result)
-    document.flow_panels(ids, columns, height, lambda sheet, box, name: draw_panel(sheet, box, name, result, scale))
+        return (Paragraph(label("report-no-observation-was-used-so")),)
+    scale, cameras = _arrow_scale(result), result.rig.cameras
+    columns = 2 if len(cameras) <= 4 else 3 if len(cameras) <= 9 else 4
+    width = (TEXT_MM - (columns - 1) * _GAP_MM) / columns
+    height = min(width * max(camera.image_size[1] / camera.image_size[0] for camera in cameras), 70.0) + 5.0
+    panels = [
+        Figure(camera.id, height, partial(_draw_panel, name=camera.id, result=result, scale=scale), width)
+        for camera in cameras
+    ]
+    return (
+        Figure(label("report-distribution-of-du-and-dv"), 52.0, partial(_draw_histogram, result=result)),
+        Paragraph(_arrow_caption(scale, result), "note"),
+        Figure(label("report-size-of-the-residual-px"), 9.0, partial(_draw_key, scale=scale)),
+        Panels(tuple(panels), columns),
+    )
 
 
-def _panels(document: Document, result: Result) -> tuple[int, float]:
-    """Columns and height of the panels: the largest on as few pages as possible."""
-    cameras = result.rig.cameras
-    aspect = max(camera.image_size[1] / camera.image_size[0] for camera in cameras)
-    choices = []
-    for columns in (2, 3, 4, 5) if len(cameras) > _MANY else (2, 3, 4):
-        height = min((document.width - (columns - 1) * 4.0) / columns * aspect, 70.0) + 5.0
-        rows = -(-len(cameras) // columns)
-        here = int((document.bottom - document.y) // (height + 4.0))
-        each = int(document.room // (height + 4.0))
-        choices.append((-(-max(rows - here, 0) // each), columns, height))
-    _, columns, height = min(choices)
-    return columns, height
-
-
-def arrow_scale(result: Result) -> ArrowScale:
+def _arrow_scale(result: Result) -> ArrowScale:
     """One magnification for all cameras: 1, 2 or 5 times a power of ten."""
     residuals = result.residuals
     sizes = np.linalg.norm(residuals.du_dv[residuals.used], axis=1)
@@ -83,19 +73,19 @@ def arrow_scale(result: Result) -> ArrowScale:
     return ArrowScale(rounded, max(float(np.quantile(sizes, 0.99)), 1e-9))
 
 
-def arrow_caption(scale: ArrowScale, result: Result) -> str:
+def _arrow_caption(scale: ArrowScale, result: Result) -> str:
     """What the arrows show."""
     left_out = int((~result.residuals.used & np.isfinite(result.residuals.du_dv[:, 0])).sum())
     crosses = label("report-crosses", count=count(left_out)) if left_out else ""
-    return label("report-arrows", times=magnification(scale), crosses=crosses)
+    return label("report-arrows", times=_magnification(scale), crosses=crosses)
 
 
-def magnification(scale: ArrowScale) -> str:
+def _magnification(scale: ArrowScale) -> str:
     """The factor as it is printed."""
     return count(int(scale.factor)) if scale.factor >= 1 else significant(scale.factor, 1)
 
 
-def draw_key(sheet: Sheet, box: PageBox, scale: ArrowScale) -> None:
+def _draw_key(sheet: Sheet, box: PageBox, scale: ArrowScale) -> None:
     """A bar of the colours with its numbers."""
     axes = sheet.axes(PageBox(box.x + 32.0, box.y + 0.5, 60.0, 2.6))
     axes.imshow(
@@ -115,7 +105,7 @@ def draw_key(sheet: Sheet, box: PageBox, scale: ArrowScale) -> None:
     sheet.text(box.x + 96.0, box.y + 2.8, note, TINY_PT, colour=SOFT)
 
 
-def draw_panel(sheet: Sheet, box: PageBox, name: str, result: Result, scale: ArrowScale) -> None:
+def _draw_panel(sheet: Sheet, box: PageBox, name: str, result: Result, scale: ArrowScale) -> None:
     """One camera's residual vectors in its image frame.
 
     Observations that were left out are crosses. Of very many residuals only some are drawn, evenly chosen.
@@ -123,7 +113,7 @@ def draw_panel(sheet: Sheet, box: PageBox, name: str, result: Result, scale: Arr
     camera = result.rig.camera(name)
     assert camera is not None
     width, height = camera.image_size
-    inner = box.inset(0, 5.0)
+    inner = box.inset(0.2, 5.0, 0.2, 0.2)
     drawn_width = min(inner.width, inner.height * width / height)
     inner = PageBox(inner.x, inner.y, drawn_width, drawn_width * height / width)
     mark = " *" if name == result.rig.reference_camera else ""
@@ -175,7 +165,7 @@ def _arrows(axes: Axes, start: FloatArray, du_dv: FloatArray, scale: ArrowScale,
             )
 
 
-def draw_histogram(sheet: Sheet, box: PageBox, result: Result) -> None:
+def _draw_histogram(sheet: Sheet, box: PageBox, result: Result) -> None:
     """How du and dv are distributed, beside the normal distribution of the same spread."""
     sheet.text(box.x, box.y + 3.4, label("report-distribution-of-du-and-dv"), SMALL_PT, bold=True)
     values = result.residuals.du_dv[result.residuals.used]

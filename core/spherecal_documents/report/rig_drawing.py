@@ -1,5 +1,8 @@
 """The rig in pictures: cameras with their names, targets by placement, from four sides."""
 
+from collections.abc import Sequence
+from functools import partial
+
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection, PatchCollection
@@ -7,9 +10,9 @@ from matplotlib.patches import Circle
 
 from spherecal.base.arrays import FloatArray
 from spherecal.base.messages.catalogue import phrase
-from spherecal_documents.report.document import Document
 from spherecal_documents.report.labels import Labels
 from spherecal_documents.report.language import label, language_now
+from spherecal_documents.report.model import TEXT_MM, Block, Figure, Paragraph
 from spherecal_documents.report.rig_view import FRONT, OBLIQUE, SIDE, TOP, DrawnRig, Projection, make_scene
 from spherecal_documents.report.scene_picture import ScenePicture, draw_scene
 from spherecal_documents.report.sheet import PageBox, Sheet, shortened
@@ -21,37 +24,37 @@ _MANY_PLACEMENTS = 6
 _GAP_MM = 6.0  # between views
 _MARGIN_MM = 6.0  # around what is shown, for the names
 _LONGEST_NAME_MM = 24.0
+_HIGHEST_MM = 105.0  # two drawings on a page
 _TOGETHER_MM = 2.2  # cameras nearer than this share a name
 _CAMERA = "#33475b"
 _GRID = "#e3e6ea"
 
 
-def add_rig_pages(document: Document, result: Result, picture: ScenePicture | None = None) -> None:
-    """The rig, of at least one camera, from above, from the front, from the side and obliquely, or as a `picture`.
-
-    `picture` None: all four views are drawn.
-    """
-    document.begin_section(label("report-rig-and-placements"))
+def rig_blocks(result: Result, picture: ScenePicture | None = None) -> tuple[Block, ...]:
+    """The rig, of at least one camera, from above, from the front, from the side and obliquely, or as a `picture`."""
     scene = make_scene(result)
-    document.caption(_explanation(scene, result))
-    crowded = len(scene.cameras) > _CROWDED or len(scene.placements) > _MANY_PLACEMENTS
+    caption = Paragraph(_explanation(scene, result), "note")
     rows: tuple[tuple[Projection, ...], ...] = ((OBLIQUE, TOP), (FRONT, SIDE))
+    figures: list[Figure] = []
     if picture is not None:
-        draw_scene(document.sheet, document.box(picture.height_for(document.width)), picture, result.unit)
-        document.y += 4.0
+        draw = partial(draw_scene, picture=picture, unit=result.unit)
+        figures = [Figure(label("report-rig-and-placements"), picture.height_for(TEXT_MM), draw)]
         rows = ((TOP, FRONT, SIDE),)
-    for row in rows:
-        if crowded:
-            for view in row:
-                box = document.box(min(_height(document.width, scene, view), 0.5 * document.room - 20.0))
-                draw_view(document.sheet, box, scene, view, result)
-                document.y += 3.0
-        else:
-            width = (document.width - (len(row) - 1) * _GAP_MM) / len(row)
-            height = min(max(_height(width, scene, view) for view in row), 0.5 * document.room - 14.0)
-            for box, view in zip(document.box(height).grid(1, len(row), _GAP_MM), row, strict=True):
-                draw_view(document.sheet, box, scene, view, result)
-        document.y += 5.0
+    if len(scene.cameras) > _CROWDED or len(scene.placements) > _MANY_PLACEMENTS:
+        rows = tuple((view,) for row in rows for view in row)
+    return caption, *figures, *(_figure(scene, row, result) for row in rows)
+
+
+def _figure(scene: DrawnRig, views: Sequence[Projection], result: Result) -> Figure:
+    """Views side by side."""
+    width = (TEXT_MM - (len(views) - 1) * _GAP_MM) / len(views)
+
+    def draw(sheet: Sheet, box: PageBox) -> None:
+        for place, view in zip(box.grid(1, len(views), _GAP_MM), views, strict=True):
+            _draw_view(sheet, place, scene, view, result)
+
+    name = ", ".join(phrase(view.name, language_now()) for view in views)
+    return Figure(name, min(max(_height(width, scene, view) for view in views), _HIGHEST_MM), draw)
 
 
 def _height(width: float, scene: DrawnRig, view: Projection) -> float:
@@ -64,7 +67,7 @@ def _height(width: float, scene: DrawnRig, view: Projection) -> float:
 
 def _frame(view: Projection) -> tuple[float, float, float, float]:
     """Room for titles and axes: left, top, right, foot."""
-    return (9.0, 6.5, 0.5, 9.0) if view.labels[0] else (0.5, 5.0, 0.5, 4.0)
+    return (9.0, 6.5, 4.0, 9.0) if view.labels[0] else (0.5, 5.0, 0.5, 4.0)
 
 
 def _explanation(scene: DrawnRig, result: Result) -> str:
@@ -76,8 +79,8 @@ def _explanation(scene: DrawnRig, result: Result) -> str:
     return label("report-views-caption", h=h, camera=camera, height=scene.height_is, a=a, b=b)
 
 
-def draw_view(sheet: Sheet, box: PageBox, scene: DrawnRig, view: Projection, result: Result) -> None:
-    """One view with its title, a scale bar or axes, names of cameras and placements."""
+def _draw_view(sheet: Sheet, box: PageBox, scene: DrawnRig, view: Projection, result: Result) -> None:
+    """One view with its title, axes or a grid below the rig, names of cameras and placements."""
     sheet.text(box.x, box.y + 3.0, phrase(view.name, language_now()), SMALL_PT, bold=True)
     measured = bool(view.labels[0])
     inner = box.inset(*_frame(view))

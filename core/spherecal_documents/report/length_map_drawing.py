@@ -1,35 +1,30 @@
-"""The map of a length's uncertainty: horizontal layers of the volume, the worst direction of each place."""
+"""The map of a length's uncertainty: layers of the volume, the worst direction of each place."""
+
+from functools import partial
 
 import numpy as np
 from matplotlib.patches import Rectangle
 
 from spherecal.base.arrays import FloatArray
 from spherecal.geometry.volume_map import LengthMap
-from spherecal_documents.report.document import Document
 from spherecal_documents.report.language import label
+from spherecal_documents.report.model import TEXT_MM, Figure
 from spherecal_documents.report.sheet import PageBox, Sheet
 from spherecal_documents.report.style import INK, NONE, RULE, SIZES, SMALL_PT, SOFT, TINY_PT, number
-from spherecal_documents.report.tables import Section, add_section
-from spherecal_rigs.result_folder import Result
 
-_MAP_MM = 46.0
+_GAP_MM = 3.0  # between layers
 
 
-def add_uncertainty_page(document: Document, result: Result, section: Section | None) -> None:
-    """The map with its table; nothing for a rig without one.
-
-    `section` None: there is none.
-    """
-    if section is None or result.rig.length_map is None:
-        return
-    add_section(document, section, _MAP_MM + 40.0)
-    layers = layers_of(result.rig.length_map)
-    if layers is not None:
-        draw_layers(document.sheet, document.box(_MAP_MM), layers, result.rig.length_map)
-        document.caption(label("report-each-square-the-largest-expanded", length_mm=result.rig.length_map.length_mm))
+def length_map_figure(found: LengthMap) -> Figure | None:
+    """The map as a drawing; None where its places are no cube."""
+    worst = _layers(found)
+    if worst is None:
+        return None
+    height = (TEXT_MM - _GAP_MM * (len(worst) - 1)) / len(worst) + 7.0
+    return Figure(label("report-uncertainty-in-the-volume"), height, partial(_draw_layers, worst=worst, found=found))
 
 
-def layers_of(found: LengthMap) -> FloatArray | None:
+def _layers(found: LengthMap) -> FloatArray | None:
     """The worst over the directions at each place, (n, n, n) by the map's axes; None for no cube of places."""
     side = round(len(found.places_mm) ** (1 / 3))
     if side**3 != len(found.places_mm) or side < 2:
@@ -39,17 +34,14 @@ def layers_of(found: LengthMap) -> FloatArray | None:
     return worst.reshape(side, side, side)
 
 
-def draw_layers(sheet: Sheet, box: PageBox, worst: FloatArray, found: LengthMap) -> None:
-    """The layers side by side, numbers in the squares.
-
-    `worst` (n, n, n) mm.
-    """
+def _draw_layers(sheet: Sheet, box: PageBox, worst: FloatArray, found: LengthMap) -> None:
+    """The layers side by side, numbers in the squares; `worst` (n, n, n) mm."""
     side = len(worst)
     low, high = (float(f(worst[np.isfinite(worst)])) if np.isfinite(worst).any() else 1.0 for f in (np.min, np.max))
     height = (
         (found.places_mm - found.places_mm.mean(axis=0)) @ found.directions[2] if len(found.directions) > 2 else None
     )
-    for k, panel in enumerate(box.inset(0, 5.0, 0, 2.0).grid(1, side, 3.0)):
+    for k, panel in enumerate(box.inset(0, 5.0, 0, 2.0).grid(1, side, _GAP_MM)):
         name = label("report-layer", number=k + 1)
         if height is not None:
             name = f"Z {number(float(height.reshape(worst.shape)[0, 0, k]), 0, sign=True)} mm"

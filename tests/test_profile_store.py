@@ -17,7 +17,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from benchmarks.studies.profiles import kill_while_writing
-from spherecal.base import filesystem as files
 from spherecal.base.errors import InputError, OutputError
 from spherecal.data.rig import Rig
 from spherecal.files.rig_file import rig_bytes
@@ -179,7 +178,7 @@ def test_what_a_kill_leaves_behind_is_no_calibration_and_is_swept_later(profile:
 
 @pytest.mark.skipif(os.name == "nt", reason="os.fork")
 def test_what_a_killed_apply_left_is_removed_by_the_next(profile: Profile, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(files.os, "replace", lambda *_, **__: os.kill(os.getpid(), signal.SIGKILL))
+    monkeypatch.setattr("spherecal.base.filesystem.os.replace", lambda *_, **__: os.kill(os.getpid(), signal.SIGKILL))
     if (child := os.fork()) == 0:
         apply(profile, "0003")
         os._exit(0)

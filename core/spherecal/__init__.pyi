@@ -2,3 +2,4 @@
 from spherecal_app.api import *  # noqa: F403
 
 __version__: str
+__all__: list[str]

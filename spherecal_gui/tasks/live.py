@@ -3,7 +3,7 @@
 import threading
 from collections import deque
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -72,9 +72,9 @@ class Connection:
     cameras: tuple[SessionCamera, ...]
     plan: CapturePlan
     names: Mapping[str, str]
-    profile: CameraProfile
-    rig: RigCameras
-    wire: tuple[WireCamera, ...]
+    profile: CameraProfile = field(default_factory=CameraProfile)
+    rig: RigCameras = field(default_factory=lambda: RigCameras((), {}))
+    wire: tuple[WireCamera, ...] = ()
 
     @property
     def answering_again(self) -> tuple[str, ...]:

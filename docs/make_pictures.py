@@ -42,7 +42,7 @@ def scene_picture(result: Path, session: Path, path: Path) -> Path:
 
     from spherecal.base.context import Context
     from spherecal_gui import theme
-    from spherecal_gui.presenters.rig_scenes import outcome_scene
+    from spherecal_gui.rig_scenes import outcome_scene
     from spherecal_gui.tasks.outcome import read_outcome
     from spherecal_gui.widgets.rendered_scene import RenderedScene
 

@@ -35,10 +35,10 @@ from spherecal_gui.presenters.look import TileState, figures_text
 from spherecal_gui.presenters.pace import as_text, expected_s, kind_of, pace_text, read_durations, with_duration
 from spherecal_gui.presenters.placement import AutoTrigger, Scene
 from spherecal_gui.presenters.results import culprit
-from spherecal_gui.presenters.rig_scenes import check_scene
 from spherecal_gui.presenters.start import age_text, number_in_use, picture_name, validity_of
 from spherecal_gui.project import Computation, Project
 from spherecal_gui.project_folder import save_project
+from spherecal_gui.rig_scenes import check_scene
 from spherecal_gui.tasks.kept_check import read_kept_check
 from spherecal_gui.tasks.task import BackgroundTask
 from spherecal_gui.widgets.tile import Wall

@@ -22,6 +22,7 @@ from spherecal.data.session import BarLength, Certificate, Mark
 from spherecal.files.bar_registry import BAR_REGISTRY, RegisteredBar
 from spherecal.targets.family import make_target_set
 from spherecal_cameras.plan import read_plan
+from spherecal_gui.controllers.bench_desk import BenchDesk
 from spherecal_gui.pages.bench_dialog import BenchDialog
 from spherecal_gui.presenters.bench import BarDraft, BenchDraft, LengthDraft, bar_draft, number_of, read_bar, read_bench
 from spherecal_gui.presenters.certificates import bench_reminder, reminder, state_words
@@ -29,7 +30,6 @@ from spherecal_gui.presenters.connect import bench_rows
 from spherecal_gui.project import Project
 from spherecal_gui.project_folder import rig_bench
 from spherecal_gui.tasks import jobs
-from spherecal_gui.tasks.bench_desk import BenchDesk
 from spherecal_rigs.ball_registry import BALL_REGISTRY
 
 TODAY = date(2026, 11, 23)

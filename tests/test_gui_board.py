@@ -16,11 +16,11 @@ import shlex
 import spherecal
 from benchmarks.studies.boards import BASELINE_MM, render_set
 from spherecal_app.cli.main import main
+from spherecal_gui.coverage import BOARD_VIEWS, Dots, board_needs
 from spherecal_gui.pages.board_dialog import BoardDialog
 from spherecal_gui.pages.placement import PlacementPage
 from spherecal_gui.pages.results import ResultsPage
 from spherecal_gui.presenters.connect import bench_rows
-from spherecal_gui.presenters.coverage import BOARD_VIEWS, Dots, board_needs
 from spherecal_gui.presenters.placement import Scene, advice
 from spherecal_gui.project_folder import load_project, write_bench
 from spherecal_gui.wizard.window import WizardWindow

@@ -19,7 +19,8 @@ from spherecal_gui.controllers.controller import Controller
 from spherecal_gui.pages import placement
 from spherecal_gui.pages.placement import PlacementPage
 from spherecal_gui.pages.verify import VerifyPage
-from spherecal_gui.presenters.guidance import GuidanceView, move_text
+from spherecal_gui.placement_view import GuidanceView
+from spherecal_gui.presenters.guidance import move_text
 from spherecal_gui.presenters.placement import PlacementAdvice, short_text
 from spherecal_gui.project_folder import TRAINING_PROFILE, load_project, save_project
 from spherecal_gui.wizard.window import WizardWindow

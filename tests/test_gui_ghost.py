@@ -15,7 +15,7 @@ from spherecal.base.context import Context
 from spherecal.files.session_json import session_json
 from spherecal.geometry.camera import image_reach, project
 from spherecal.geometry.rotation import exp_rotation
-from spherecal_gui.presenters.coverage import Dots, same_place
+from spherecal_gui.coverage import Dots, same_place
 from spherecal_gui.presenters.guidance import advice_text, is_enough, move_text, now_text, to_go_text
 from spherecal_gui.presenters.placement import Scene, advice, need_text
 from spherecal_gui.tasks.ghost import Lenses, ToGo, drawn, drawn_bar, lying_ball, outline, thinned, to_go

@@ -14,8 +14,9 @@ pytest.importorskip("PySide6.QtWidgets", reason="Qt cannot be loaded here", exc_
 from spherecal.base.context import Context
 from spherecal.base.errors import Cancelled
 from spherecal.files.session_json import session_json
-from spherecal_gui.presenters import coverage as cov
-from spherecal_gui.presenters.guidance import GuidanceView, move_text, next_text, now_text
+from spherecal_gui import coverage as cov
+from spherecal_gui.placement_view import GuidanceView
+from spherecal_gui.presenters.guidance import move_text, next_text, now_text
 from spherecal_gui.tasks.guide import plan_next, printed_scale, session_of_dots
 from tests.networks import one_thread, simulated
 

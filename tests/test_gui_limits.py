@@ -23,12 +23,12 @@ from spherecal.files.write_result import write_result
 from spherecal_gui import languages, limits, theme
 from spherecal_gui import project as changes
 from spherecal_gui.controllers.controller import Controller
+from spherecal_gui.coverage import level
 from spherecal_gui.pages.limits_dialog import LimitsDialog
 from spherecal_gui.pages.profile_dialog import ProfileDialog
 from spherecal_gui.pages.save import SavePage
 from spherecal_gui.pages.verify import VerifyPage
 from spherecal_gui.presenters.connect import bench_rows
-from spherecal_gui.presenters.coverage import level
 from spherecal_gui.presenters.limits import LimitsDesk, limit_problems, load_limits
 from spherecal_gui.presenters.placement import Scene
 from spherecal_gui.project import Artefacts, Project

@@ -19,7 +19,7 @@ from spherecal.base.messages.values import Phrase
 from spherecal_cameras.new_recording import RigCameras
 from spherecal_cameras.profile import CameraProfile
 from spherecal_cameras.protocol import CameraInfo, CameraState, CameraStatus, Counters, Discovery, SetupReport
-from spherecal_gui.presenters import coverage as cov
+from spherecal_gui import coverage as cov
 from spherecal_gui.presenters.bars import budget_cells, errors_of, length_cells, next_pose, pose_state, rule_text
 from spherecal_gui.presenters.calibrate import CourseOfWork, time_text
 from spherecal_gui.presenters.connect import camera_lines, connect_summary
@@ -420,7 +420,8 @@ CAMERAS = np.array([[-1000.0, 0.0, 1500.0], [1000.0, 0.0, 1500.0], [0.0, 1000.0,
 def guided(ends: np.ndarray | None, still: bool | None = True):
     """What is said of a bar that should lie along x from -250 to 250 mm."""
     from spherecal.verify.pose_plan import MeasuringVolume, PlannedPose, PosePlan
-    from spherecal_gui.presenters.bar_guide import RigPlanes, bar_guide
+    from spherecal_gui.presenters.bar_guide import bar_guide
+    from spherecal_gui.rig_scenes import RigPlanes
 
     planes = RigPlanes(np.eye(3), np.zeros(3), ("C01", "C02", "C03"), CAMERAS)
     pose = PlannedPose(

@@ -22,9 +22,9 @@ from spherecal.base.context import Context
 from spherecal.base.errors import Cancelled
 from spherecal.files.read_session import read_session
 from spherecal_gui import languages
+from spherecal_gui.coverage import Dots, unmasked
 from spherecal_gui.pages.camera_dialog import CameraDialog
 from spherecal_gui.pages.look import LookPage
-from spherecal_gui.presenters.coverage import Dots, unmasked
 from spherecal_gui.project_folder import load_project
 from spherecal_gui.tasks.driver_question import DriverQuestion
 from spherecal_gui.texts import error_text

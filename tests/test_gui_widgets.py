@@ -17,12 +17,12 @@ from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication, QLabel, QPushButton
 
 from spherecal_documents.scene.model import SceneData
+from spherecal_gui import coverage as cov
 from spherecal_gui import project as changes
 from spherecal_gui import sounds, theme
-from spherecal_gui.presenters import coverage as cov
+from spherecal_gui.placement_view import GuidanceView
 from spherecal_gui.presenters.bar_guide import BarGuide
 from spherecal_gui.presenters.bars import Errors
-from spherecal_gui.presenters.guidance import GuidanceView
 from spherecal_gui.presenters.placement import NeedLine
 from spherecal_gui.presenters.results import Action, CameraResiduals, FindingAdvice
 from spherecal_gui.project import Project

@@ -51,7 +51,7 @@ def statuses(project: Project, running: Running = OPEN) -> dict[str, Status]:
 def test_thresholds_are_the_engines():
     from spherecal.diagnose import checks
     from spherecal.initialise import view_graph as graph
-    from spherecal_gui.presenters import coverage
+    from spherecal_gui import coverage
 
     assert workflow.FEW_PLACEMENTS == checks.FEW_PLACEMENTS
     assert coverage.MIN_COMMON == graph.MIN_COMMON

@@ -24,7 +24,7 @@ from spherecal.targets.marker_set import CORNERS, make_marker_set, sticker_mm
 from spherecal.targets.target_set import TargetSet
 from spherecal_app.cli.main import main
 from spherecal_documents.sheets.sticker_sheet import scaled, sticker_places, write_sheet
-from spherecal_gui.presenters.coverage import Dots
+from spherecal_gui.coverage import Dots
 from spherecal_gui.tasks.guide import observations_of, printed_scale
 from spherecal_measuring.live import collected
 from spherecal_measuring.regions import _joined

@@ -207,7 +207,7 @@ def test_a_full_disk_changes_nothing(profile: Profile, tmp_path: Path, monkeypat
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
     before = {path: path.read_bytes() for path in profile.folder.rglob("*") if path.is_file()}
-    monkeypatch.setattr(files, "_create", full)
+    monkeypatch.setattr("spherecal.base.filesystem._create", full)
     with pytest.raises(OutputError, match="no space left"):
         save_result(profile, result_made(tmp_path))
     with pytest.raises(OutputError, match="no space left"):

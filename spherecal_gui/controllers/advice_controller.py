@@ -11,9 +11,9 @@ from spherecal_gui.controllers.camera_controller import CameraController
 from spherecal_gui.controllers.controller_part import ControllerPart
 from spherecal_gui.controllers.project_controller import ProjectController
 from spherecal_gui.controllers.recording_controller import RecordingController
+from spherecal_gui.coverage import SetDots
 from spherecal_gui.fingerprint import fingerprint
-from spherecal_gui.presenters.coverage import SetDots
-from spherecal_gui.presenters.guidance import GuidanceView
+from spherecal_gui.placement_view import GuidanceView
 from spherecal_gui.tasks.guide import plan_coarse, plan_next
 from spherecal_gui.tasks.task import Runner
 

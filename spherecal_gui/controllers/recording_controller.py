@@ -12,7 +12,7 @@ from spherecal_gui import project as changes
 from spherecal_gui.controllers.camera_controller import CameraController, masks_of
 from spherecal_gui.controllers.controller_part import ControllerPart
 from spherecal_gui.controllers.project_controller import ProjectController
-from spherecal_gui.presenters.coverage import Dots, unmasked
+from spherecal_gui.coverage import Dots, unmasked
 from spherecal_gui.project import Project, Rectangle
 from spherecal_gui.project_folder import taken_in
 from spherecal_gui.tasks import jobs

@@ -8,8 +8,8 @@ from PySide6.QtCore import Signal
 from PySide6.QtWidgets import QComboBox, QFileDialog, QGridLayout, QHBoxLayout, QVBoxLayout, QWidget
 
 from spherecal_gui import limits
+from spherecal_gui.controllers.bench_desk import BenchDesk
 from spherecal_gui.presenters.bench import Problems, print_text
-from spherecal_gui.tasks.bench_desk import BenchDesk
 from spherecal_gui.widgets.basic import Downwards, button, label, set_level
 from spherecal_gui.widgets.fields import TextField
 

@@ -18,8 +18,8 @@ from PySide6.QtWidgets import (
     QWidget,
 )
 
+from spherecal_gui.controllers.bench_desk import BenchDesk
 from spherecal_gui.presenters.bench import BarDraft, LengthDraft, Problems, certificate_state
-from spherecal_gui.tasks.bench_desk import BenchDesk
 from spherecal_gui.widgets.basic import MARKS, Downwards, WheelGuard, button, clear, label, set_level
 from spherecal_gui.widgets.fields import TextField
 

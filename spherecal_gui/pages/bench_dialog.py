@@ -12,10 +12,10 @@ from PySide6.QtWidgets import (
     QWidget,
 )
 
+from spherecal_gui.controllers.bench_desk import BenchDesk
 from spherecal_gui.pages.bench_ball import BallTab, RigTab
 from spherecal_gui.pages.bench_bars import BarsTab
 from spherecal_gui.presenters.bench import warnings
-from spherecal_gui.tasks.bench_desk import BenchDesk
 from spherecal_gui.widgets.basic import button, enable, label, set_level
 
 _SIZE = (1180, 720)  # fits 1280 x 800 with the window's frame and a task bar

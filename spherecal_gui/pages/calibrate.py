@@ -7,10 +7,10 @@ from PySide6.QtCore import Qt
 from PySide6.QtGui import QResizeEvent
 from PySide6.QtWidgets import QHBoxLayout, QLabel, QPlainTextEdit, QProgressBar, QVBoxLayout, QWidget
 
+from spherecal_gui import coverage as cov
 from spherecal_gui import languages, theme
 from spherecal_gui.controllers.controller import Controller
 from spherecal_gui.pages.base import Page, PageAction
-from spherecal_gui.presenters import coverage as cov
 from spherecal_gui.presenters.calibrate import CourseOfWork, input_rows, time_text
 from spherecal_gui.presenters.stages import stage_name
 from spherecal_gui.project import usable

@@ -9,8 +9,8 @@ from spherecal_gui import limits
 from spherecal_gui.controllers.controller import Controller
 from spherecal_gui.pages.base import Page, PageAction
 from spherecal_gui.presenters.check import check_notes, check_rows, check_verdict, repaired_text, repaired_verdict
-from spherecal_gui.presenters.rig_scenes import check_scene, rig_scene
 from spherecal_gui.project import usable
+from spherecal_gui.rig_scenes import check_scene, rig_scene
 from spherecal_gui.standing import Level
 from spherecal_gui.tasks.kept_check import CheckSummary
 from spherecal_gui.texts import reason_text, verdict_word

@@ -9,11 +9,11 @@ from PySide6.QtGui import QResizeEvent
 from PySide6.QtWidgets import QHBoxLayout, QLabel, QProgressBar, QTabWidget, QVBoxLayout, QWidget
 
 from spherecal.base.arrays import IntArray
+from spherecal_gui import coverage as cov
 from spherecal_gui import theme
 from spherecal_gui.controllers.controller import Controller
 from spherecal_gui.pages.base import PageAction
 from spherecal_gui.pages.live_page import LivePage
-from spherecal_gui.presenters import coverage as cov
 from spherecal_gui.presenters.guidance import advice_text, is_enough, next_text, now_text, to_go_text
 from spherecal_gui.presenters.look import TileState
 from spherecal_gui.presenters.placement import (

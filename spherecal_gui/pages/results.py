@@ -18,8 +18,8 @@ from spherecal_gui.presenters.results import (
     residuals_of,
     verdict,
 )
-from spherecal_gui.presenters.rig_scenes import outcome_scene
 from spherecal_gui.project import usable
+from spherecal_gui.rig_scenes import outcome_scene
 from spherecal_gui.widgets.basic import button, enable, label, set_level
 from spherecal_gui.widgets.charts import HistogramChart
 from spherecal_gui.widgets.findings import FindingsList

@@ -21,10 +21,10 @@ from spherecal_gui.controllers.controller import Controller
 from spherecal_gui.pages.base import Page, PageAction
 from spherecal_gui.pages.frame_dialog import FrameDialog
 from spherecal_gui.presenters.frame import FrameChoice, frame_words
-from spherecal_gui.presenters.rig_scenes import outcome_scene
 from spherecal_gui.presenters.start import next_check_text, number_in_use
 from spherecal_gui.project import VERIFIED
 from spherecal_gui.project_folder import profile_of
+from spherecal_gui.rig_scenes import outcome_scene
 from spherecal_gui.standing import Level
 from spherecal_gui.widgets.basic import Card, button, details_button, enable, label, open_file, option, set_level
 from spherecal_gui.widgets.scene import make_scene_view

@@ -21,8 +21,8 @@ from spherecal_gui.presenters.bar_guide import BarGuide, lay_text, pose_columns
 from spherecal_gui.presenters.certificates import reminder
 from spherecal_gui.presenters.connect import bars_with_nominal, lengths_texts
 from spherecal_gui.presenters.placement import HOLD_S
-from spherecal_gui.presenters.rig_scenes import verified_scene
 from spherecal_gui.project import Artefacts
+from spherecal_gui.rig_scenes import verified_scene
 from spherecal_gui.tasks.outcome import Outcome
 from spherecal_gui.widgets.bar_view import BarView
 from spherecal_gui.widgets.basic import MARKS, button, clear, enable, label, option, plain, set_level

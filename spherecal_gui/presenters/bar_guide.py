@@ -8,10 +8,10 @@ import numpy as np
 from PySide6.QtCore import QCoreApplication
 
 from spherecal.base.arrays import FloatArray
-from spherecal_gui.presenters.coverage import Level
+from spherecal_gui.coverage import Level
+from spherecal_gui.rig_scenes import RigPlanes
 
 if TYPE_CHECKING:
-    from spherecal.data.rig import Rig
     from spherecal.verify.pose_plan import PlannedPose, PoseAnswer, PosePlan
 
 translate = QCoreApplication.translate
@@ -39,35 +39,6 @@ class BarGuide:
     accepted: bool
     text: str
     level: Level
-
-
-@dataclass(frozen=True, eq=False)
-class RigPlanes:
-    """The two planes in which a rig is shown; worked out once for a result."""
-
-    axes: FloatArray
-    middle: FloatArray
-    names: tuple[str, ...]
-    centres: FloatArray
-
-    @staticmethod
-    def of(rig: "Rig", middle: FloatArray) -> "RigPlanes":
-        """Upright, as the rig is set up.
-
-        `middle`: origin (3,) of both planes, mm in the rig's world.
-        """
-        from spherecal_documents.report.rig_view import choose_axes  # imports scipy
-
-        centres = np.array([camera.centre_mm for camera in rig.cameras])
-        axes = choose_axes(rig.cameras, centres, np.asarray(middle)[None])[0]
-        return RigPlanes(axes, np.asarray(middle), tuple(camera.id for camera in rig.cameras), centres)
-
-    def flat(self, places: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Places (n, 3) mm from above and from the front, (n, 2) each."""
-        from spherecal_documents.report.rig_view import FRONT, TOP  # imports scipy
-
-        own = (np.atleast_2d(places) - self.middle) @ self.axes.T
-        return TOP.flat(own), FRONT.flat(own)
 
 
 def bar_guide(

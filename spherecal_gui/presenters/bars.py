@@ -8,7 +8,7 @@ import numpy as np
 from PySide6.QtCore import QCoreApplication
 
 from spherecal.base.arrays import FloatArray
-from spherecal_gui.presenters.coverage import Level
+from spherecal_gui.coverage import Level
 
 if TYPE_CHECKING:  # imports scipy
     from spherecal.verify.verification_file import AcceptanceReport, BarReport

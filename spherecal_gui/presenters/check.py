@@ -7,7 +7,7 @@ import numpy as np
 from PySide6.QtCore import QCoreApplication
 
 from spherecal_gui import languages
-from spherecal_gui.presenters.coverage import Level
+from spherecal_gui.coverage import Level
 from spherecal_gui.presenters.results import VerdictText
 
 if TYPE_CHECKING:  # imports scipy and OpenCV

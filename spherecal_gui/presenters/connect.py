@@ -10,9 +10,9 @@ from PySide6.QtCore import QCoreApplication
 
 from spherecal.data.session import Bar
 from spherecal_cameras.protocol import CameraStatus
+from spherecal_gui.coverage import Level
 from spherecal_gui.presenters.bench import targets_words
 from spherecal_gui.presenters.certificates import Reminder, reminder
-from spherecal_gui.presenters.coverage import Level
 from spherecal_gui.project import Artefacts
 from spherecal_gui.tasks.jobs import artefacts_of, as_people_count
 from spherecal_gui.texts import camera_details, camera_trouble, error_text

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from PySide6.QtCore import QCoreApplication
 
-from spherecal_gui.presenters.coverage import Level
+from spherecal_gui.coverage import Level
 from spherecal_gui.texts import camera_details, camera_trouble
 
 if TYPE_CHECKING:  # imports scipy, OpenCV and the kernels

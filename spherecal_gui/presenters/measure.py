@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 from PySide6.QtCore import QCoreApplication
 
-from spherecal_gui.presenters.coverage import Level
+from spherecal_gui.coverage import Level
 from spherecal_measuring.task import Ruler, parse_point
 
 if TYPE_CHECKING:  # imports scipy

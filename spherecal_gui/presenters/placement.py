@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from PySide6.QtCore import QCoreApplication
 
 from spherecal.base.arrays import IntArray
-from spherecal_gui.presenters.coverage import CameraNeed, Level, needed_dots
+from spherecal_gui.coverage import CameraNeed, Level, needed_dots
 
 translate = QCoreApplication.translate
 

@@ -11,7 +11,7 @@ from PySide6.QtCore import QCoreApplication
 from spherecal.base.arrays import BoolArray, FloatArray
 from spherecal.data.findings import AdvisedRepair, Finding, RepairKind
 from spherecal_gui import languages
-from spherecal_gui.presenters.coverage import Level
+from spherecal_gui.coverage import Level
 
 if TYPE_CHECKING:  # imports scipy
     from spherecal.data.rig import Affected

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 from PySide6.QtCore import QCoreApplication
 
 from spherecal.base.errors import SpherecalError
+from spherecal_gui.coverage import Level
 from spherecal_gui.last_verification import last_verification
-from spherecal_gui.presenters.coverage import Level
 from spherecal_gui.project import VERIFIED, Project, usable
 from spherecal_gui.project_folder import FILE, TRAINING_PROFILE, load_project, recent_projects
 from spherecal_gui.standing import worst

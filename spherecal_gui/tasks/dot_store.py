@@ -11,7 +11,7 @@ import numpy as np
 
 from spherecal.base.errors import SpherecalError
 from spherecal.base.filesystem import read_below, write_below
-from spherecal_gui.presenters.coverage import Dots
+from spherecal_gui.coverage import Dots
 
 # Ten thousand dots in each of a hundred cameras are 36 MB.
 _MOST_BYTES = 64 << 20

@@ -13,7 +13,7 @@ from spherecal.geometry.rotation import exp_rotation, log_rotation
 from spherecal.geometry.sphere import fit_sphere
 from spherecal.geometry.transform import fit_similarity
 from spherecal.geometry.triangulation import triangulate
-from spherecal_gui.presenters.coverage import Dots, SetDots
+from spherecal_gui.coverage import Dots, SetDots
 
 if TYPE_CHECKING:  # the simulator, and what only reads results needs
     from spherecal.data.rig import Calibration, Rig

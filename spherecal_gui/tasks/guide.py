@@ -18,10 +18,10 @@ from spherecal.targets.family import DOTS
 from spherecal.targets.marker_set import CORNERS
 from spherecal.targets.target_set import TargetSet
 from spherecal_gui import limits
-from spherecal_gui.presenters.coverage import SetDots
-from spherecal_gui.presenters.guidance import GuidanceView, guidance_of
-from spherecal_gui.presenters.rig_scenes import next_scene
+from spherecal_gui.coverage import SetDots
+from spherecal_gui.placement_view import GuidanceView, guidance_of
 from spherecal_gui.project_folder import Document
+from spherecal_gui.rig_scenes import next_scene
 
 if TYPE_CHECKING:
     from spherecal.data.rig import Calibration

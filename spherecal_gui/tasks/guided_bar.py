@@ -8,7 +8,7 @@ import numpy as np
 
 from spherecal.base.arrays import FloatArray
 from spherecal.targets.target_set import TargetSet
-from spherecal_gui.presenters.coverage import Dots
+from spherecal_gui.coverage import Dots
 from spherecal_gui.tasks.guide import observations_of
 
 if TYPE_CHECKING:

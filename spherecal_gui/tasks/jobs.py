@@ -16,8 +16,8 @@ from spherecal.base.messages.values import Phrase
 from spherecal.files.atomic import RESULT, check_folder, write_file_whole
 from spherecal.files.json_file import JsonValue, json_bytes, read_json
 from spherecal_gui import limits
+from spherecal_gui.coverage import Dots
 from spherecal_gui.last_verification import keep_verification
-from spherecal_gui.presenters.coverage import Dots
 from spherecal_gui.project import Artefacts, Project, Verdict
 from spherecal_gui.project_folder import Document, check_folders
 

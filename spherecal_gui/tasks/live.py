@@ -22,7 +22,7 @@ from spherecal_cameras.new_recording import RigCameras
 from spherecal_cameras.plan import CapturePlan
 from spherecal_cameras.profile import CameraProfile
 from spherecal_cameras.protocol import CameraInfo, CameraSource, Discovery, Frame, SetupReport
-from spherecal_gui.presenters.coverage import Dots
+from spherecal_gui.coverage import Dots
 from spherecal_gui.tasks.bump_watch import BumpWatch
 from spherecal_gui.tasks.jobs import detector_of
 from spherecal_gui.tasks.warm_up import WarmUp

@@ -28,8 +28,8 @@ def _holds(controller: Controller) -> str:
 
 def show_bench(controller: Controller, projects: Path, window: QWidget) -> "BenchDialog":
     """The editor with what is on the bench now, as far as it is known."""
+    from spherecal_gui.controllers.bench_desk import BenchDesk
     from spherecal_gui.pages.bench_dialog import BenchDialog  # needs scipy, as the next
-    from spherecal_gui.tasks.bench_desk import BenchDesk
 
     project, connection = controller.project, controller.cameras.connection
     real = project is not None and not project.simulated and connection is not None

@@ -1,7 +1,7 @@
 """The scene of each page, from what the page has: a result, a verification, a check."""
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from types import SimpleNamespace
 from typing import TYPE_CHECKING
 
@@ -92,3 +92,32 @@ def check_scene(rig: "Rig", found: "Check | CheckSummary") -> SceneData | None:
         changes.append((camera.id, there.centre_mm - camera.centre_mm, np.degrees(test.turn_rad)))
     data = rig_scene(replace(rig, cameras=tuple(now)))
     return None if data is None else with_moved(data, changes)
+
+
+@dataclass(frozen=True, eq=False)
+class RigPlanes:
+    """The two planes in which a rig is shown; worked out once for a result."""
+
+    axes: FloatArray
+    middle: FloatArray
+    names: tuple[str, ...]
+    centres: FloatArray
+
+    @staticmethod
+    def of(rig: "Rig", middle: FloatArray) -> "RigPlanes":
+        """Upright, as the rig is set up.
+
+        `middle`: origin (3,) of both planes, mm in the rig's world.
+        """
+        from spherecal_documents.report.rig_view import choose_axes  # imports scipy
+
+        centres = np.array([camera.centre_mm for camera in rig.cameras])
+        axes = choose_axes(rig.cameras, centres, np.asarray(middle)[None])[0]
+        return RigPlanes(axes, np.asarray(middle), tuple(camera.id for camera in rig.cameras), centres)
+
+    def flat(self, places: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Places (n, 3) mm from above and from the front, (n, 2) each."""
+        from spherecal_documents.report.rig_view import FRONT, TOP  # imports scipy
+
+        own = (np.atleast_2d(places) - self.middle) @ self.axes.T
+        return TOP.flat(own), FRONT.flat(own)

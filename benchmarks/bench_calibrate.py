@@ -17,7 +17,7 @@ from threadpoolctl import threadpool_limits
 from spherecal.adjust.state import State
 from spherecal.calibrate import calibrate
 from spherecal.steps.settings import CalibrationSettings, Method
-from spherecal_sim.session import simulate_session
+from spherecal_sim.simulate_session import simulate_session
 from spherecal_sim.truth import SimulationOptions
 
 RIGS = ("rigA", "rigB", "hall24", "hall50", "hall100")

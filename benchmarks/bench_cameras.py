@@ -23,7 +23,7 @@ from camera_rig import rig
 from figures import Figures
 
 from spherecal_cameras.protocol import CameraSettings, CaptureRequest
-from spherecal_gentl.producer.control import ProducerControl, simulated_cameras
+from spherecal_gentl.producer.producer_control import ProducerControl, simulated_cameras
 
 PERIOD_S = 0.016
 GOAL_P95_MS, GOAL_MAX_MS = 5.0, 20.0
@@ -122,7 +122,7 @@ def in_process(cameras: int, seconds: float, rate_hz: float) -> dict[str, Any]:
 
     from spherecal_cameras.genicam.features import NodeFeatures
     from spherecal_cameras.genicam.setup import set_up
-    from spherecal_gentl.producer.build import build_producer
+    from spherecal_gentl.producer.build_producer import build_producer
 
     harvester, stop, counts = Harvester(), threading.Event(), [0] * cameras
     harvester.add_file(str(build_producer()))

@@ -25,8 +25,8 @@ from spherecal.targets.following import Follower
 from spherecal_cameras.capture import SessionCamera
 from spherecal_cameras.plan import CapturePlan
 from spherecal_cameras.protocol import CameraSource, Discovery, Frame
-from spherecal_gui.tasks import live
-from spherecal_gui.tasks.live import Connection, LiveView
+from spherecal_gui.tasks import live_detection as live
+from spherecal_gui.tasks.live_detection import Connection, LiveView
 from spherecal_sim.optics import Image, expose
 from spherecal_sim.render_session import CLUTTERED
 

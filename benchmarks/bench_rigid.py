@@ -24,7 +24,7 @@ from spherecal.adjust.state import State
 from spherecal.ball.rigid import align, share_shape
 from spherecal.data.observations import find_features
 from spherecal.data.recording import calibration_observations
-from spherecal_sim.session import simulate_session
+from spherecal_sim.simulate_session import simulate_session
 
 RIGS = ("rigA", "rigB", "hall24", "hall50")
 CERES = ("SPARSE_SCHUR", "DENSE_SCHUR")

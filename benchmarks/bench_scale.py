@@ -18,7 +18,7 @@ from threadpoolctl import threadpool_limits
 from spherecal.adjust.state import State
 from spherecal.calibrate import calibrate
 from spherecal.steps.settings import CalibrationSettings, Method
-from spherecal_sim.session import simulate_session
+from spherecal_sim.simulate_session import simulate_session
 from spherecal_sim.truth import SimulationOptions
 
 # Rig, placements (None: the rig's own) and method; a dome of 100 cameras has 28,000 image points at each placement.

@@ -187,7 +187,7 @@ def _connect(window: Any, source: Any) -> None:
     from spherecal_cameras.plan import CapturePlan
     from spherecal_gui.project import Artefacts, Project
     from spherecal_gui.project_folder import save_project
-    from spherecal_gui.tasks.live import Connection, LiveView
+    from spherecal_gui.tasks.live_detection import Connection, LiveView
 
     discovery = source.discover()
     reports = source.open(discovery.serials, {})

@@ -10,10 +10,10 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 
-from spherecal_cameras.genicam.source import GenicamSource
+from spherecal_cameras.genicam.genicam_source import GenicamSource
 from spherecal_cameras.protocol import CameraSettings, CaptureRequest, EventKind
-from spherecal_gentl.producer import control
-from spherecal_gentl.producer.control import ProducerControl, SimulatedCamera
+from spherecal_gentl.producer import producer_control as control
+from spherecal_gentl.producer.producer_control import ProducerControl, SimulatedCamera
 
 TIMEOUT_S = 0.4
 LIMIT_S = 15.0

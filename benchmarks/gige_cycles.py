@@ -15,8 +15,8 @@ from dataclasses import dataclass
 from typing import Any
 
 from benchmarks.studies.cameras import resident_mb
-from spherecal_gentl.gige.control import GigeCamera, GigeRig
-from spherecal_gentl.producer.build import build_producer
+from spherecal_gentl.gige.gige_control import GigeCamera, GigeRig
+from spherecal_gentl.producer.build_producer import build_producer
 
 # 12 cameras x 80 cycles, of buffers of 0.3 MB: one buffer kept in each start would be 300 MB.
 CYCLES, CYCLES_GROWTH_MB = 100, 4.0

@@ -20,7 +20,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from benchmarks.gige_sanitized import built
-from spherecal_gentl.gige.control import GigeCamera, GigeRig
+from spherecal_gentl.gige.gige_control import GigeCamera, GigeRig
 from spherecal_gentl.gige.gvcp import search
 
 MINUTES, SEED = 10.0, 24

@@ -13,8 +13,8 @@ import time
 from pathlib import Path
 
 from spherecal.base.resources import cache_folder
-from spherecal_gentl.gige.control import GigeCamera, GigeRig
-from spherecal_gentl.producer.build import aravis_flags
+from spherecal_gentl.gige.gige_control import GigeCamera, GigeRig
+from spherecal_gentl.producer.build_producer import aravis_flags
 
 _HERE = Path(__file__).resolve().parent
 _PRODUCER = _HERE.parent / "core/spherecal_gentl/producer"

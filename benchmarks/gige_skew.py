@@ -7,10 +7,10 @@ scheduled action command.
 import os
 import statistics
 
-from spherecal_cameras.genicam.source import GenicamSource
+from spherecal_cameras.genicam.genicam_source import GenicamSource
 from spherecal_cameras.protocol import CameraSettings, CaptureRequest, TriggerMode
-from spherecal_gentl.gige.control import GigeCamera, GigeRig
-from spherecal_gentl.producer.build import DISCOVERY_VARIABLE, build_producer
+from spherecal_gentl.gige.gige_control import GigeCamera, GigeRig
+from spherecal_gentl.producer.build_producer import DISCOVERY_VARIABLE, build_producer
 
 _CAMERAS, _SETTLING, _SETS = 6, 5, 20
 

@@ -16,10 +16,10 @@ from PySide6.QtCore import QCoreApplication, Qt
 from PySide6.QtWidgets import QApplication
 
 from spherecal.base.context import Context
-from spherecal_app.cli.gige import show
+from spherecal_app.cli.gige_command import show
 from spherecal_app.cli.main import main as spherecal
-from spherecal_gentl.gige.control import GigeCamera, GigeRig
-from spherecal_gentl.producer.build import DISCOVERY_VARIABLE, build_producer
+from spherecal_gentl.gige.gige_control import GigeCamera, GigeRig
+from spherecal_gentl.producer.build_producer import DISCOVERY_VARIABLE, build_producer
 from spherecal_gentl.producer.feed import SessionScenes
 from spherecal_gui.wizard.window import WizardWindow
 from spherecal_sim.render_session import demo_session

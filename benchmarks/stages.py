@@ -6,7 +6,7 @@ from contextlib import contextmanager
 from typing import Any
 
 from spherecal.adjust import engine, least_squares, levenberg
-from spherecal.adjust.layout import Layout
+from spherecal.adjust.parameter_layout import Layout
 
 # where the minimiser finds its helpers, and what the table calls them
 _HELPERS: dict[str, tuple[Any, str]] = {

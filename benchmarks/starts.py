@@ -16,7 +16,7 @@ from spherecal.initialise.incremental import grow
 from spherecal.initialise.local import reconstruct_locally
 from spherecal.steps.settings import CalibrationSettings
 from spherecal.steps.start_values import describe_network
-from spherecal_sim.session import simulate_session
+from spherecal_sim.simulate_session import simulate_session
 
 SEED = 1
 

@@ -433,7 +433,7 @@ def _camera(p: Photographer) -> None:
 
 
 def _lose(p: Photographer, camera: str, shown: Callable[[], bool]) -> None:
-    from spherecal_cameras.simulated.faults import SimulatedFault
+    from spherecal_cameras.simulated.camera_faults import SimulatedFault
 
     p.window.controller.cameras.connection.source.inject(SimulatedFault("lose", camera))
     p.wait(shown)

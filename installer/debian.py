@@ -11,7 +11,7 @@ from pathlib import Path
 
 import spherecal
 from spherecal.base.errors import InputError
-from spherecal_gentl.producer.build import build_producer
+from spherecal_gentl.producer.build_producer import build_producer
 
 HERE = Path(__file__).resolve().parent
 ROOT = HERE.parent

@@ -20,8 +20,8 @@ from spherecal_gui.ending import Ending, end_children
 from spherecal_gui.tasks.compiling import Compiling
 from spherecal_gui.tasks.garbage import Collector
 from spherecal_gui.widgets.basic import plain
-from spherecal_gui.wizard.settings import WindowSettings
 from spherecal_gui.wizard.window import WizardWindow
+from spherecal_gui.wizard.window_settings import WindowSettings
 
 log = logging.getLogger("spherecal.gui")
 

@@ -7,10 +7,10 @@ from typing import Literal
 import numpy as np
 
 from spherecal.base.arrays import FloatArray, IntArray
-from spherecal_gui import limits
+from spherecal_gui import limits_in_force as limits
 
 CELLS = 10
-# The same two figures as in spherecal.diagnose.checks and spherecal.initialise.view_graph (a test compares them), which
+# The same two figures as in diagnose/run_checks.py and initialise/view_graph.py (a test compares them), which
 # take a second to import: cells of the image that must hold dots, and the common dots below which two cameras are no
 # neighbours.
 LITTLE_COVERAGE = 0.6

@@ -7,7 +7,7 @@ from typing import Literal
 
 from spherecal_gui.fingerprint import fingerprint
 
-# The engine's own FEW_PLACEMENTS (spherecal.diagnose.checks; a test compares them), which takes a second to import.
+# The engine's own FEW_PLACEMENTS (spherecal.diagnose.run_checks; a test compares them), which takes a second to import.
 FEW_PLACEMENTS = 3
 
 Verdict = Literal[

@@ -15,7 +15,7 @@ if TYPE_CHECKING:  # imports scipy and OpenCV, for which the window does not wai
     from spherecal.data.rig import PlacedSphere, Rig
     from spherecal_gui.tasks.kept_check import CheckSummary
     from spherecal_gui.tasks.outcome import Outcome
-    from spherecal_rigs.check import Check
+    from spherecal_rigs.check_rig import Check
 
 
 def outcome_scene(outcome: "Outcome") -> SceneData | None:

@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from spherecal.base.errors import InputError
-from spherecal_gentl.producer.build import build_producer
+from spherecal_gentl.producer.build_producer import build_producer
 
 
 def built_producer() -> Path:

@@ -10,7 +10,7 @@ import subprocess
 import sys
 import time
 
-from spherecal_cameras.genicam.source import GenicamSource
+from spherecal_cameras.genicam.genicam_source import GenicamSource
 
 
 def camera(number: int, serial: str) -> subprocess.Popen:

@@ -8,9 +8,9 @@ from pathlib import Path
 import pytest
 
 from spherecal.base.errors import InputError
-from spherecal_gentl.gige.control import GigeCamera, GigeRig
+from spherecal_gentl.gige.gige_control import GigeCamera, GigeRig
 from spherecal_gentl.gige.namespaces import why_not
-from spherecal_gentl.producer.build import build_producer
+from spherecal_gentl.producer.build_producer import build_producer
 
 SMALL = (320, 240)
 

@@ -8,7 +8,7 @@ import time
 from PySide6.QtCore import QCoreApplication, QEventLoop
 
 from spherecal_gui.pages.live_page import LivePage
-from spherecal_gui.pages.placement import PlacementPage
+from spherecal_gui.pages.placement_page import PlacementPage
 from spherecal_gui.standing import Level, worst
 from spherecal_gui.wizard.window import WizardWindow
 from spherecal_gui.workflow import Status

@@ -10,15 +10,15 @@ import pytest
 from PySide6.QtCore import QCoreApplication
 
 from spherecal_gui.controllers.controller import Controller
-from spherecal_gui.recorded import RecordedSession
+from spherecal_gui.recorded_sets import RecordedSession
 from tests.disk_faults import at_call
 from tests.gui_still import images_at_rest
 from tests.gui_walking import PATIENCE_S, WORK, begun, pump, settle, take
 
 # What the program loads in its threads.
 _LOADED = (
-    "spherecal.calibrate", "spherecal_rigs.save", "spherecal_rigs.result_folder", "spherecal.verify.bars",
-    "spherecal_gui.tasks.kept_check", "spherecal_gui.tasks.live",
+    "spherecal.calibrate", "spherecal_rigs.save_entry", "spherecal_rigs.result_folder", "spherecal.verify.verify_bars",
+    "spherecal_gui.tasks.kept_check", "spherecal_gui.tasks.live_detection",
 )  # fmt: skip
 
 

@@ -25,7 +25,7 @@ from spherecal.steps.settings import CalibrationSettings
 from spherecal.targets.detection import Detections, DetectionSettings, Detector
 from spherecal.targets.images import balance_mosaic
 from spherecal_cameras.protocol import CameraSettings, Frame
-from spherecal_cameras.simulated.source import SimulatedSource
+from spherecal_cameras.simulated.simulated_source import SimulatedSource
 from spherecal_sim.render_session import RENDERED
 from tests.networks import computed_once
 
@@ -120,7 +120,7 @@ def images_at_rest() -> Iterator[None]:
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("spherecal_cameras.simulated.stage.RENDERED", replace(RENDERED, targets=_TARGETS))
-        patch.setattr("spherecal_gui.tasks.live.balance_mosaic", balance_once)
+        patch.setattr("spherecal_gui.tasks.live_detection.balance_mosaic", balance_once)
         patch.setattr("spherecal_cameras.capture.png", png)
         patch.setattr(SimulatedSource, "take_image", take_image)
         patch.setattr(Detector, "detect", detect_once)

@@ -28,7 +28,7 @@ from spherecal.geometry.transform import fit_similarity
 from spherecal.steps.settings import CalibrationSettings
 from spherecal_sim.observe import look, observe
 from spherecal_sim.rigs import look_at
-from spherecal_sim.session import simulate_session
+from spherecal_sim.simulate_session import simulate_session
 from spherecal_sim.truth import SimulationOptions, Truth
 from tests import reference_engine
 

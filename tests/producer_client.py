@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from spherecal_gentl.producer.control import ProducerControl, SimulatedCamera, simulated_cameras
+from spherecal_gentl.producer.producer_control import ProducerControl, SimulatedCamera, simulated_cameras
 from tests.built_producer import built_producer
 
 pytest.importorskip("harvesters", reason="harvesters is not installed: pip install spherecal[cameras]")

@@ -3,7 +3,7 @@
 import sys
 from pathlib import Path
 
-from spherecal_rigs.save import save_result
+from spherecal_rigs.save_entry import save_result
 from spherecal_rigs.store import apply, create_profile, open_profile
 
 

@@ -10,8 +10,8 @@ from unittest.mock import patch
 import numpy as np
 
 from spherecal.adjust import engine
-from spherecal.adjust.layout import POSE, Layout
 from spherecal.adjust.linear import Linearisation, PointEquations, Reduced
+from spherecal.adjust.parameter_layout import POSE, Layout
 from spherecal.adjust.problem import Problem
 from spherecal.adjust.state import State
 from spherecal.base.arrays import FloatArray, IntArray

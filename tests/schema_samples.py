@@ -20,21 +20,21 @@ from spherecal.files.json_file import JsonValue
 from spherecal.files.read_session import read_session
 from spherecal.files.rig_file import read_rig
 from spherecal.files.target_set_file import read_target_set
-from spherecal_boards.board_pattern import board_pattern, board_uncertainty, shape_estimated
+from spherecal_boards.pattern_entry import board_pattern, board_uncertainty, shape_estimated
+from spherecal_cameras.camera_settings import read_profile as read_cameras
 from spherecal_cameras.capture import SessionCamera, SessionFolder
 from spherecal_cameras.genicam.trust import TrustStore
 from spherecal_cameras.plan import CapturePlan, PlannedSet
-from spherecal_cameras.profile import read_profile as read_cameras
-from spherecal_cameras.simulated.source import SimulatedSource
+from spherecal_cameras.simulated.simulated_source import SimulatedSource
 from spherecal_cameras.simulated.stage import Stage
 from spherecal_documents.report.dcc import read_issuer
 from spherecal_gui.last_verification import last_verification
 from spherecal_gui.project_folder import load_project, taken_in
 from spherecal_measuring.body_file import read_body
 from spherecal_rigs.ball_registry import BALL_REGISTRY
-from spherecal_rigs.checks import read_checks
 from spherecal_rigs.entry import read_entry
 from spherecal_rigs.frame_file import read_frame
+from spherecal_rigs.kept_checks import read_checks
 from spherecal_rigs.limits_file import read_limits
 from spherecal_rigs.read_verification import read_bar_report
 from spherecal_rigs.store import open_profile

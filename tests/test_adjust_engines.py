@@ -14,9 +14,9 @@ from conftest import ROOT
 
 from spherecal.adjust import engine as compiled
 from spherecal.adjust.bundle import datum_defect
-from spherecal.adjust.layout import symmetric
 from spherecal.adjust.least_squares import assembled, minimise
 from spherecal.adjust.levenberg import Settings
+from spherecal.adjust.parameter_layout import symmetric
 from spherecal.adjust.problem import moved
 from spherecal.base.arrays import FloatArray
 from tests import reference_engine as reference

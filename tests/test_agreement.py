@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import spherecal.ball.selection
-from spherecal.ball.agreement import Agreement, agreement
+from spherecal.ball.form_agreement import Agreement, agreement
 from spherecal.base import arrays
 from spherecal.calibrate import calibrate
 from spherecal.data.findings import Finding

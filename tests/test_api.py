@@ -16,8 +16,8 @@ from conftest import ROOT
 import spherecal
 from spherecal_app import api
 from spherecal_app.cli.main import main
-from spherecal_sim.session import simulate_session
 from spherecal_sim.session_folder import write_session
+from spherecal_sim.simulate_session import simulate_session
 from spherecal_sim.truth import SimulationOptions
 
 

@@ -12,10 +12,10 @@ from spherecal.adjust import engine
 from spherecal.adjust.ball_model import ShapePrior, Stored, as_rigid
 from spherecal.adjust.covariance import covariance
 from spherecal.adjust.datum import Places
-from spherecal.adjust.layout import POSE
 from spherecal.adjust.least_squares import minimise, normal_equations
 from spherecal.adjust.levenberg import Settings
-from spherecal.ball.shape import shape_cofactors
+from spherecal.adjust.parameter_layout import POSE
+from spherecal.ball.ball_shape import shape_cofactors
 from spherecal.base.arrays import FloatArray
 from spherecal.base.errors import InputError
 from spherecal.calibrate import calibrate

@@ -12,7 +12,7 @@ from spherecal.data.observations import find_features
 from spherecal.data.recording import Recording, calibration_observations
 from spherecal.data.rig import Calibration
 from spherecal.data.session import Bar, Session
-from spherecal.scale.bars import length_rows
+from spherecal.scale.bar_scale import length_rows
 from spherecal.steps.settings import CalibrationSettings
 from spherecal_sim.truth import Truth
 from tests.networks import calibrated, errors_of, observed, one_thread, rms, simulated

@@ -21,8 +21,8 @@ from spherecal.steps.settings import CalibrationSettings
 from spherecal_app.cli.main import main
 from spherecal_boards.board import calibrate_board
 from spherecal_boards.board_images import find_boards
-from spherecal_boards.board_pattern import read_board_pattern
-from spherecal_sim.boards import SimulatedRecording, simulate_board
+from spherecal_boards.pattern_entry import read_board_pattern
+from spherecal_sim.simulated_boards import SimulatedRecording, simulate_board
 
 PITCH = 33.0
 

@@ -17,14 +17,16 @@ from spherecal.base.errors import Cancelled, InputError
 from spherecal_app.cli.main import main
 from spherecal_documents.report.style import report_style
 from spherecal_sim import rigs
-from spherecal_sim.session import simulate_session
+from spherecal_sim.simulate_session import simulate_session
 from spherecal_sim.truth import SimulationOptions
-from spherecal_study import agreement, compare, executor, noise, rendered
+from spherecal_study import compare_methods as compare
+from spherecal_study import executor, noise, rendered
 from spherecal_study import pages as pages_in
+from spherecal_study import study_agreement as agreement
 from spherecal_study.executor import DaskCluster, LocalProcesses, Trial, run_here, run_trials
-from spherecal_study.page import Options
 from spherecal_study.rendered import renderings
 from spherecal_study.studies import STUDIES, run_study
+from spherecal_study.study_page import Options
 from spherecal_study.trials import ball, bar, board, displaced, paths, some_cameras, wand
 from tests.study_workers import kill_always, kill_once
 

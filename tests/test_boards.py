@@ -17,7 +17,7 @@ from spherecal.geometry.rotation import exp_rotation
 from spherecal.targets.board_pattern import BoardPattern, figure, tag_dictionary
 from spherecal_app.cli.main import main
 from spherecal_boards.board_images import find_board
-from spherecal_boards.board_pattern import board_entry, board_pattern
+from spherecal_boards.pattern_entry import board_entry, board_pattern
 from spherecal_documents.sheets.board_sheet import BOARD_PAGES_MM, words, write_board_sheet
 from spherecal_sim.rendered_board import BoardCamera, render_board
 

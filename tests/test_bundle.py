@@ -15,9 +15,9 @@ from PIL import Image
 from spherecal.base.errors import InputError
 from spherecal.files.read_session import read_session
 from spherecal_app.cli.main import main
-from spherecal_documents.support.bundle import BundleContents, BundleOptions, session_of, write_bundle
-from spherecal_sim.session import simulate_session
+from spherecal_documents.support.support_bundle import BundleContents, BundleOptions, session_of, write_bundle
 from spherecal_sim.session_folder import write_session
+from spherecal_sim.simulate_session import simulate_session
 from spherecal_sim.truth import SimulationOptions
 from tests.example_session import VALID, changed, make_session
 
@@ -182,7 +182,7 @@ def test_links_bombs_and_broken_archives_are_refused(tmp_path: Path, monkeypatch
         bundle.writestr(info, "/etc/passwd")
     with pytest.raises(InputError, match="outside itself"), session_of(link):
         pass
-    monkeypatch.setattr("spherecal_documents.support.bundle._MOST_UNPACKED", 1 << 20)
+    monkeypatch.setattr("spherecal_documents.support.support_bundle._MOST_UNPACKED", 1 << 20)
     bomb = tmp_path / "bomb.zip"
     with zipfile.ZipFile(bomb, "w", zipfile.ZIP_DEFLATED) as bundle:
         bundle.writestr("session/session.json", b"\0" * (4 << 20))

@@ -15,7 +15,7 @@ from spherecal.targets.family import make_target_set
 from spherecal_app.cli.main import main
 from spherecal_cameras.genicam.discovery import together
 from spherecal_cameras.protocol import CameraInfo, ProducerVerdict
-from spherecal_gentl.producer.control import ProducerControl, SimulatedCamera
+from spherecal_gentl.producer.producer_control import ProducerControl, SimulatedCamera
 from tests.built_producer import built_producer
 from tests.gige_rig import aravis_producer
 

@@ -18,9 +18,9 @@ from benchmarks.camera_rig import FAULTS, injected, rig
 from spherecal_app.cli.main import main
 from spherecal_cameras.genicam.discovery import discover, producer_files, together
 from spherecal_cameras.genicam.features import NAMES, NodeFeatures
+from spherecal_cameras.genicam.genicam_source import GenicamSource
 from spherecal_cameras.genicam.rings import Ring, remove_orphans, shared_memory_name
 from spherecal_cameras.genicam.setup import set_up
-from spherecal_cameras.genicam.source import GenicamSource
 from spherecal_cameras.protocol import (
     CameraError,
     CameraInfo,
@@ -32,7 +32,7 @@ from spherecal_cameras.protocol import (
     ProducerVerdict,
     Region,
 )
-from spherecal_gentl.producer.control import SimulatedCamera, simulated_cameras
+from spherecal_gentl.producer.producer_control import SimulatedCamera, simulated_cameras
 from tests.built_producer import built_producer
 
 pytest.importorskip("harvesters", reason="harvesters is not installed: pip install spherecal[cameras]")
@@ -266,7 +266,7 @@ def _patience() -> float:
 
 PARENT = """
 import os, sys, time
-from spherecal_cameras.genicam.source import GenicamSource
+from spherecal_cameras.genicam.genicam_source import GenicamSource
 from spherecal_cameras.protocol import CameraSettings
 
 if __name__ == "__main__":

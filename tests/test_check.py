@@ -17,18 +17,18 @@ from spherecal.data.session import Placement, Session
 from spherecal.files.rig_file import read_rig
 from spherecal.files.write_result import write_result
 from spherecal.steps.settings import CalibrationSettings
-from spherecal.verify.bars import views_of
 from spherecal.verify.consistency import examine_cameras
 from spherecal.verify.limit import parse_limit
 from spherecal.verify.outlying_views import Views
+from spherecal.verify.verify_bars import views_of
 from spherecal_app.cli.main import main
-from spherecal_rigs.check import check
 from spherecal_rigs.check_ball import read_known_ball
 from spherecal_rigs.check_file import check_json
+from spherecal_rigs.check_rig import check
 from spherecal_rigs.repose import repose
 from spherecal_rigs.store import open_profile
-from spherecal_sim.session import observe_again, simulate_session
 from spherecal_sim.session_folder import write_session
+from spherecal_sim.simulate_session import observe_again, simulate_session
 from spherecal_sim.truth import CameraMove, SimulationOptions
 
 OPTIONS = SimulationOptions(targets=80, placements=5, bar_poses=1)
@@ -146,7 +146,7 @@ def test_chance_is_what_it_says() -> None:
     from scipy.stats import kstest
 
     from spherecal.data.observations import find_features
-    from spherecal_sim.session import observe_again
+    from spherecal_sim.simulate_session import observe_again
     from tests.test_verify import true_rig
 
     session, truth = simulate_session("rigA", 1, SimulationOptions(targets=30, placements=1, bar_poses=0))

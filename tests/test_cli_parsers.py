@@ -12,8 +12,9 @@ import pytest
 import spherecal
 from spherecal.base import early
 from spherecal.data.findings import counted
-from spherecal.initialise.path import BASE
-from spherecal_app.cli import doctor, progress
+from spherecal.initialise.camera_path import BASE
+from spherecal_app.cli import doctor_command as doctor
+from spherecal_app.cli import progress
 from spherecal_app.cli.commands import COMMANDS, command_of
 from spherecal_app.cli.console import out as console
 from spherecal_app.cli.exit_codes import BAD_INPUT, DONE, NOT_VALID
@@ -104,7 +105,7 @@ def test_help_loads_no_engine() -> None:
     for words in (["--help"], ["calibrate", "--help"], ["cameras", "capture", "--help"]):
         done = subprocess.run([sys.executable, "-c", code, *words], capture_output=True, text=True, check=True)
         loaded = done.stderr.split()
-        assert "spherecal_app.cli.parsers.calibrate" in loaded
+        assert "spherecal_app.cli.parsers.calibrate_options" in loaded
         rooms = {name.split(".")[1] for name in loaded if name.startswith("spherecal.")}
         assert rooms == {"base", "cli"}, rooms
         assert not {"scipy", "cv2", "numba", "rich", "spherecal_sim"} & set(loaded)

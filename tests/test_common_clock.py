@@ -5,9 +5,9 @@ from collections.abc import Iterator
 
 import pytest
 
-from spherecal_cameras.genicam.source import GenicamSource
+from spherecal_cameras.genicam.genicam_source import GenicamSource
 from spherecal_cameras.protocol import CameraSettings, CaptureRequest, FrameSet, TriggerMode
-from spherecal_gentl.gige.control import GigeRig
+from spherecal_gentl.gige.gige_control import GigeRig
 from tests.gige_rig import aravis_producer, wired
 
 

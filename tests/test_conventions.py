@@ -25,8 +25,8 @@ from spherecal.geometry.camera import (
 )
 from spherecal.geometry.rotation import exp_rotation
 from spherecal.targets.family import make_target_set
-from spherecal_sim.ball import make_ball
 from spherecal_sim.observe import look
+from spherecal_sim.simulated_ball import make_ball
 from tests.example_session import OBSERVATIONS, make_session
 from tests.networks import calibrated, observed, simulated, small_network
 

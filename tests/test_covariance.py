@@ -8,9 +8,9 @@ import pytest
 
 from spherecal.adjust.covariance import Covariance, camera_cofactors, covariance
 from spherecal.adjust.datum import Places, datum_motions
-from spherecal.adjust.layout import POSE
 from spherecal.adjust.least_squares import minimise
 from spherecal.adjust.levenberg import Minimum, Settings
+from spherecal.adjust.parameter_layout import POSE
 from spherecal.adjust.problem import Problem
 from spherecal.adjust.state import State
 from spherecal.base.arrays import FloatArray

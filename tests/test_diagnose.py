@@ -13,7 +13,7 @@ from spherecal.calibrate import calibrate
 from spherecal.data.findings import Finding
 from spherecal.files.read_session import read_session
 from spherecal.steps.settings import CalibrationSettings
-from spherecal_sim.session import simulate_session
+from spherecal_sim.simulate_session import simulate_session
 from spherecal_sim.truth import SimulationOptions
 from tests.networks import observed, one_thread, simulated
 

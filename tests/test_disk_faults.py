@@ -18,7 +18,7 @@ from spherecal.base.filesystem import create, write_below, write_together
 from spherecal.files.atomic import RESULT, write_folder_whole
 from spherecal.files.rig_file import rig_bytes
 from spherecal_app.cli.main import main
-from spherecal_rigs.save import save_result
+from spherecal_rigs.save_entry import save_result
 from spherecal_rigs.store import apply, copy_is_right, create_profile, open_profile, set_limits
 from tests.disk_faults import at_call, die, refuse
 from tests.export_rigs import make_rig

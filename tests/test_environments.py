@@ -17,8 +17,8 @@ import pytest
 from conftest import ROOT
 
 from spherecal_app.cli.main import main
-from spherecal_sim.session import simulate_session
 from spherecal_sim.session_folder import write_session
+from spherecal_sim.simulate_session import simulate_session
 from spherecal_sim.truth import SimulationOptions
 
 LINUX_HERE = sys.platform.startswith("linux")
@@ -372,7 +372,7 @@ def test_a_clock_that_is_set_back_loses_no_calibration(
     session: Path, rig: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The order of a profile is that of saving, whatever the clock said; and validity stays a word, not a crash."""
-    from spherecal_rigs import save as saving
+    from spherecal_rigs import save_entry as saving
     from spherecal_rigs.store import open_profile
 
     class Clock(datetime):

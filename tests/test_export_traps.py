@@ -12,7 +12,7 @@ import yaml
 from scipy.spatial.transform import Rotation
 
 from spherecal.data.rig import RigCamera
-from spherecal_documents.export.cameras import number, safe_names
+from spherecal_documents.export.file_cameras import number, safe_names
 from spherecal_documents.export.write_export import export_rig
 from tests.export_rigs import make_rig, renamed
 

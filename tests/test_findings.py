@@ -13,7 +13,8 @@ from spherecal.calibrate import calibrate
 from spherecal.data.findings import Finding
 from spherecal.data.rig import Calibration
 from spherecal.data.session import Session
-from spherecal.diagnose.checks import (
+from spherecal.diagnose.evidence import Evidence
+from spherecal.diagnose.run_checks import (
     COVERAGE_CELLS,
     FEW_PLACEMENTS,
     LITTLE_COVERAGE,
@@ -21,10 +22,9 @@ from spherecal.diagnose.checks import (
     image_coverage,
     run_checks,
 )
-from spherecal.diagnose.evidence import Evidence
 from spherecal.diagnose.soundness import MANY_OUTLIERS
 from spherecal.geometry.sphere import Sphere
-from spherecal.result import build
+from spherecal.result import build_result as build
 from spherecal.steps.settings import CalibrationSettings
 from tests.findings_in_code import ENGINE, findings_in_code
 from tests.networks import (
@@ -171,7 +171,7 @@ def test_finding_is_told_to_whom_it_belongs(code: str) -> None:
 
 
 def test_every_code_has_its_session() -> None:
-    made = findings_in_code(ENGINE / "diagnose/checks.py", ENGINE / "result/build.py")
+    made = findings_in_code(ENGINE / "diagnose/run_checks.py", ENGINE / "result/build_result.py")
     written = {code for one in made if len(one.codes) == 1 for code in one.codes}
     assert written == set(DESERVED) | BY_HAND
 

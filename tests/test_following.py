@@ -13,7 +13,7 @@ from spherecal.targets.following import Follower
 from spherecal_cameras.capture import SessionCamera
 from spherecal_cameras.plan import CapturePlan
 from spherecal_cameras.protocol import CameraSource, Discovery, Frame
-from spherecal_gui.tasks.live import Connection, LiveView
+from spherecal_gui.tasks.live_detection import Connection, LiveView
 from tests.test_targets_detection import DETECTOR, FAR, TARGETS, drawn, view_of
 
 IDS = [3, 17, 42, 58, 99, 123]

@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from spherecal_gentl.producer.control import ProducerControl, SimulatedCamera
+from spherecal_gentl.producer.producer_control import ProducerControl, SimulatedCamera
 from tests.built_producer import built_producer
 
 WIDTH, HEIGHT, PIXEL_FORMAT, NO_SUCH = 10, 11, 20, 555

@@ -16,15 +16,15 @@ import numpy as np
 import pytest
 
 from spherecal.base.errors import InputError, OutputError
-from spherecal_app.cli import gige as command
+from spherecal_app.cli import gige_command as command
 from spherecal_app.cli.options import make_parser
-from spherecal_cameras.doctor import LinkReport, TriggerReport, _judge, examine
+from spherecal_cameras.camera_doctor import LinkReport, TriggerReport, _judge, examine
+from spherecal_cameras.genicam.genicam_source import GenicamSource
 from spherecal_cameras.genicam.slots import LateAnswers
-from spherecal_cameras.genicam.source import GenicamSource
 from spherecal_cameras.protocol import CameraSettings, CameraState, CameraStatus, CaptureRequest, Counters
 from spherecal_gentl.gige import gvcp
-from spherecal_gentl.gige.control import GigeCamera, GigeRig
-from spherecal_gentl.producer import build
+from spherecal_gentl.gige.gige_control import GigeCamera, GigeRig
+from spherecal_gentl.producer import build_producer as build
 from tests.gige_rig import SMALL, aravis_producer, wired
 from tests.producer_client import Client, end, gentl, new_client, noise, picture, shoot
 
@@ -321,7 +321,7 @@ def test_a_fault_that_cannot_be_made_is_an_error_and_the_rig_goes_on(rig: GigeRi
 
 PROGRAM = """
 import sys, time
-from spherecal_gentl.gige.control import GigeCamera, GigeRig
+from spherecal_gentl.gige.gige_control import GigeCamera, GigeRig
 with GigeRig([GigeCamera("K1", 64, 64)]) as rig:
     print(rig.pid, flush=True)
     time.sleep(60)

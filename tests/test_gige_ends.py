@@ -118,7 +118,7 @@ def test_killed_outright_it_leaves_no_command_and_no_namespace(session: Path) ->
 
 CLIENT = """
 import os, sys, time
-from spherecal_cameras.genicam.source import GenicamSource
+from spherecal_cameras.genicam.genicam_source import GenicamSource
 from spherecal_cameras.protocol import CameraSettings
 from tests.gige_rig import wired
 with wired(1) as rig, GenicamSource() as source:

@@ -12,10 +12,10 @@ import pytest
 from spherecal.files.read_session import read_session
 from spherecal.files.rig_file import read_rig
 from spherecal.targets.images import read_image
-from spherecal_app.cli.gige import show
+from spherecal_app.cli.gige_command import show
 from spherecal_app.cli.main import main
 from spherecal_cameras.simulated.stage import Stage
-from spherecal_gentl.gige.control import GigeCamera, GigeRig
+from spherecal_gentl.gige.gige_control import GigeCamera, GigeRig
 from spherecal_gentl.producer.feed import SessionScenes
 from tests.gige_rig import aravis_producer, wired_as
 

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from spherecal.adjust.layout import POSE
+from spherecal.adjust.parameter_layout import POSE
 from spherecal.ball.image_poses import ImagePoses
 from spherecal.base.context import Context
 from spherecal.diagnose.group_motion import GroupMotion, find_group_motion, unstable_camera

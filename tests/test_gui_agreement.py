@@ -13,10 +13,10 @@ os.environ.setdefault("QT_QPA_PLATFORM", "offscreen")
 
 pytest.importorskip("PySide6.QtWidgets", reason="Qt cannot be loaded here", exc_type=ImportError)
 
-from spherecal_cameras.simulated.faults import SimulatedFault
+from spherecal_cameras.simulated.camera_faults import SimulatedFault
 from spherecal_gui import project as changes
 from spherecal_gui.controllers.camera_controller import CameraController
-from spherecal_gui.presenters.start import FAULTS
+from spherecal_gui.presenters.start_presenter import FAULTS
 from spherecal_gui.project import Project
 from spherecal_gui.project_folder import load_project, save_project
 from spherecal_gui.standing import (

@@ -25,17 +25,17 @@ from spherecal.files.write_result import write_result
 from spherecal_cameras.protocol import CameraSettings, CameraState, CameraStatus, Counters
 from spherecal_gui.controllers.controller import Controller
 from spherecal_gui.fingerprint import fingerprint
-from spherecal_gui.pages.calibrate import CalibratePage
-from spherecal_gui.pages.check import CheckPage
+from spherecal_gui.pages.calibrate_page import CalibratePage
+from spherecal_gui.pages.check_page import CheckPage
 from spherecal_gui.pages.profile_dialog import ProfileDialog
-from spherecal_gui.presenters.calibrate import CourseOfWork
-from spherecal_gui.presenters.check import check_notes, check_rows, check_verdict
-from spherecal_gui.presenters.connect import CameraLine, connect_summary, model_text
-from spherecal_gui.presenters.look import TileState, figures_text
+from spherecal_gui.presenters.calibrate_presenter import CourseOfWork
+from spherecal_gui.presenters.check_presenter import check_notes, check_rows, check_verdict
+from spherecal_gui.presenters.connect_presenter import CameraLine, connect_summary, model_text
+from spherecal_gui.presenters.look_presenter import TileState, figures_text
 from spherecal_gui.presenters.pace import as_text, expected_s, kind_of, pace_text, read_durations, with_duration
-from spherecal_gui.presenters.placement import AutoTrigger, Scene
-from spherecal_gui.presenters.results import culprit
-from spherecal_gui.presenters.start import age_text, number_in_use, picture_name, validity_of
+from spherecal_gui.presenters.placement_presenter import AutoTrigger, Scene
+from spherecal_gui.presenters.results_presenter import culprit
+from spherecal_gui.presenters.start_presenter import age_text, number_in_use, picture_name, validity_of
 from spherecal_gui.project import Computation, Project
 from spherecal_gui.project_folder import save_project
 from spherecal_gui.rig_scenes import check_scene
@@ -45,7 +45,7 @@ from spherecal_gui.widgets.tile import Wall
 from spherecal_gui.wizard.window import WizardWindow
 from spherecal_gui.workflow import Step
 from spherecal_rigs.check_file import FORMAT, VERSION
-from spherecal_rigs.save import SaveOptions, save_result
+from spherecal_rigs.save_entry import SaveOptions, save_result
 from spherecal_rigs.store import apply, create_profile, open_profile
 from tests.gui_walking import pump, settle
 from tests.test_results import example_calibration

@@ -24,9 +24,17 @@ from spherecal.targets.family import make_target_set
 from spherecal_cameras.plan import read_plan
 from spherecal_gui.controllers.bench_desk import BenchDesk
 from spherecal_gui.pages.bench_dialog import BenchDialog
-from spherecal_gui.presenters.bench import BarDraft, BenchDraft, LengthDraft, bar_draft, number_of, read_bar, read_bench
+from spherecal_gui.presenters.bench_presenter import (
+    BarDraft,
+    BenchDraft,
+    LengthDraft,
+    bar_draft,
+    number_of,
+    read_bar,
+    read_bench,
+)
 from spherecal_gui.presenters.certificates import bench_reminder, reminder, state_words
-from spherecal_gui.presenters.connect import bench_rows
+from spherecal_gui.presenters.connect_presenter import bench_rows
 from spherecal_gui.project import Project
 from spherecal_gui.project_folder import rig_bench
 from spherecal_gui.tasks import jobs

@@ -18,10 +18,10 @@ from benchmarks.studies.boards import BASELINE_MM, render_set
 from spherecal_app.cli.main import main
 from spherecal_gui.coverage import BOARD_VIEWS, Dots, board_needs
 from spherecal_gui.pages.board_dialog import BoardDialog
-from spherecal_gui.pages.placement import PlacementPage
-from spherecal_gui.pages.results import ResultsPage
-from spherecal_gui.presenters.connect import bench_rows
-from spherecal_gui.presenters.placement import Scene, advice
+from spherecal_gui.pages.placement_page import PlacementPage
+from spherecal_gui.pages.results_page import ResultsPage
+from spherecal_gui.presenters.connect_presenter import bench_rows
+from spherecal_gui.presenters.placement_presenter import Scene, advice
 from spherecal_gui.project_folder import load_project, write_bench
 from spherecal_gui.wizard.window import WizardWindow
 from spherecal_gui.workflow import Status

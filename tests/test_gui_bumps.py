@@ -10,10 +10,10 @@ os.environ.setdefault("QT_QPA_PLATFORM", "offscreen")
 
 pytest.importorskip("PySide6.QtWidgets", reason="Qt cannot be loaded here", exc_type=ImportError)
 
-from spherecal_cameras.simulated.faults import SimulatedFault
-from spherecal_cameras.simulated.source import SimulatedSource
-from spherecal_gui.pages.look import LookPage
-from spherecal_gui.presenters.look import bump_text, tile_state
+from spherecal_cameras.simulated.camera_faults import SimulatedFault
+from spherecal_cameras.simulated.simulated_source import SimulatedSource
+from spherecal_gui.pages.look_page import LookPage
+from spherecal_gui.presenters.look_presenter import bump_text, tile_state
 from spherecal_gui.tasks.bump_watch import BUMP_PX, BumpWatch
 from spherecal_gui.wizard.window import WizardWindow
 from tests.gui_walking import at_rest, pump, settle

@@ -19,9 +19,9 @@ from spherecal_cameras.driver_help import DriverTrouble
 from spherecal_cameras.genicam import discovery
 from spherecal_cameras.genicam.trust import TrustStore
 from spherecal_gui.controllers.controller import Controller
-from spherecal_gui.pages.connect import ConnectPage
+from spherecal_gui.pages.connect_page import ConnectPage
 from spherecal_gui.pages.drivers_panel import DriversPanel, MakersDialog
-from spherecal_gui.presenters.drivers import driver_notes, makers_rows
+from spherecal_gui.presenters.drivers_presenter import driver_notes, makers_rows
 from spherecal_gui.workflow import Step
 from tests.gui_walking import settle
 

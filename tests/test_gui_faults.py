@@ -11,10 +11,10 @@ os.environ.setdefault("QT_QPA_PLATFORM", "offscreen")
 
 pytest.importorskip("PySide6.QtWidgets", reason="Qt cannot be loaded here", exc_type=ImportError)
 
-from spherecal_cameras.genicam.source import GenicamSource
-from spherecal_cameras.simulated.faults import SimulatedFault
+from spherecal_cameras.genicam.genicam_source import GenicamSource
+from spherecal_cameras.simulated.camera_faults import SimulatedFault
 from spherecal_gui.controllers.controller import Controller
-from spherecal_gui.presenters.placement import advice
+from spherecal_gui.presenters.placement_presenter import advice
 from spherecal_gui.project_folder import load_project, taken_in
 from spherecal_gui.workflow import Status
 from tests.built_producer import built_producer
@@ -140,7 +140,7 @@ def test_targets_that_are_not_on_the_ball_are_not_found(qapp, tmp_path):
 
     from spherecal.files.target_set_file import write_target_set
     from spherecal.targets.family import make_target_set
-    from spherecal_gui.pages.placement import PlacementPage
+    from spherecal_gui.pages.placement_page import PlacementPage
 
     bench = tmp_path / "bench"
     bench.mkdir()

@@ -16,12 +16,12 @@ pytest.importorskip("PySide6.QtWidgets", reason="Qt cannot be loaded here", exc_
 
 from spherecal_gui import languages, theme
 from spherecal_gui.controllers.controller import Controller
-from spherecal_gui.pages import placement
-from spherecal_gui.pages.placement import PlacementPage
-from spherecal_gui.pages.verify import VerifyPage
+from spherecal_gui.pages import placement_page as placement
+from spherecal_gui.pages.placement_page import PlacementPage
+from spherecal_gui.pages.verify_page import VerifyPage
 from spherecal_gui.placement_view import GuidanceView
-from spherecal_gui.presenters.guidance import move_text
-from spherecal_gui.presenters.placement import PlacementAdvice, short_text
+from spherecal_gui.presenters.guidance_presenter import move_text
+from spherecal_gui.presenters.placement_presenter import PlacementAdvice, short_text
 from spherecal_gui.project_folder import TRAINING_PROFILE, load_project, save_project
 from spherecal_gui.wizard.window import WizardWindow
 from tests.gui_fit import covered, cut_short, scrolled, settled

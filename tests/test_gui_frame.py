@@ -22,8 +22,8 @@ from spherecal_gui import languages, theme
 from spherecal_gui import project as changes
 from spherecal_gui.controllers.controller import Controller
 from spherecal_gui.pages.frame_dialog import FrameDialog
-from spherecal_gui.pages.save import SavePage
-from spherecal_gui.presenters.frame import FrameChoice, frame_words
+from spherecal_gui.pages.save_page import SavePage
+from spherecal_gui.presenters.frame_presenter import FrameChoice, frame_words
 from spherecal_gui.project import Artefacts, Project
 from spherecal_gui.project_folder import profile_of
 from spherecal_gui.tasks.outcome import read_outcome

@@ -16,12 +16,12 @@ from spherecal.files.session_json import session_json
 from spherecal.geometry.camera import image_reach, project
 from spherecal.geometry.rotation import exp_rotation
 from spherecal_gui.coverage import Dots, same_place
-from spherecal_gui.presenters.guidance import advice_text, is_enough, move_text, now_text, to_go_text
-from spherecal_gui.presenters.placement import Scene, advice, need_text
+from spherecal_gui.presenters.guidance_presenter import advice_text, is_enough, move_text, now_text, to_go_text
+from spherecal_gui.presenters.placement_presenter import Scene, advice, need_text
 from spherecal_gui.tasks.ghost import Lenses, ToGo, drawn, drawn_bar, lying_ball, outline, thinned, to_go
-from spherecal_gui.tasks.guide import plan_coarse, plan_next
+from spherecal_gui.tasks.placement_advice import plan_coarse, plan_next
 from spherecal_gui.widgets.tile import CameraTile
-from spherecal_sim.session import simulate_session
+from spherecal_sim.simulate_session import simulate_session
 
 
 @pytest.fixture(scope="module")

@@ -16,8 +16,8 @@ from spherecal.base.errors import Cancelled
 from spherecal.files.session_json import session_json
 from spherecal_gui import coverage as cov
 from spherecal_gui.placement_view import GuidanceView
-from spherecal_gui.presenters.guidance import move_text, next_text, now_text
-from spherecal_gui.tasks.guide import plan_next, printed_scale, session_of_dots
+from spherecal_gui.presenters.guidance_presenter import move_text, next_text, now_text
+from spherecal_gui.tasks.placement_advice import plan_next, printed_scale, session_of_dots
 from tests.networks import one_thread, simulated
 
 __all__ = ["one_thread"]
@@ -130,7 +130,7 @@ def test_the_forecast_turns_green_when_more_would_not_help():
 def test_tipping_and_turning_are_told_apart():
     from types import SimpleNamespace
 
-    from spherecal_gui.presenters.guidance import _turn
+    from spherecal_gui.placement_view import _turn
 
     def turned(axis) -> Any:
         return SimpleNamespace(axis=axis, turn_deg=45.0)

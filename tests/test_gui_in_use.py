@@ -20,8 +20,8 @@ from spherecal_gui.controllers.controller import Controller
 from spherecal_gui.in_use import number_of, result_of
 from spherecal_gui.last_verification import keep_verification, last_verification
 from spherecal_gui.pages.profile_dialog import ProfileDialog
-from spherecal_gui.pages.save import SavePage
-from spherecal_gui.presenters.start import next_check_text, validity_of, verified_text
+from spherecal_gui.pages.save_page import SavePage
+from spherecal_gui.presenters.start_presenter import next_check_text, validity_of, verified_text
 from spherecal_gui.project_folder import TRAINING_PROFILE
 from spherecal_gui.wizard.window import WizardWindow
 from spherecal_gui.workflow import Status
@@ -76,7 +76,7 @@ def test_an_unverified_calibration_is_not_called_fresh(profile):
 
 
 def test_a_check_that_says_recalibrate_makes_the_chip_red(profile):
-    from spherecal_rigs.checks import keep_check
+    from spherecal_rigs.kept_checks import keep_check
 
     check = {"verdict": "recalibrate", "sentence": "C03 has moved.", "tolerance_mm": 0.1, "cameras": [], "balls": [],
              "lengths": []}  # fmt: skip

@@ -20,24 +20,25 @@ from PySide6.QtWidgets import QAbstractSpinBox, QDoubleSpinBox, QLineEdit, QMenu
 from spherecal.base.context import Context
 from spherecal.data.session import Bar, BarLength
 from spherecal.files.write_result import write_result
-from spherecal_gui import languages, limits, theme
+from spherecal_gui import languages, theme
+from spherecal_gui import limits_in_force as limits
 from spherecal_gui import project as changes
 from spherecal_gui.controllers.controller import Controller
 from spherecal_gui.coverage import level
 from spherecal_gui.pages.limits_dialog import LimitsDialog
 from spherecal_gui.pages.profile_dialog import ProfileDialog
-from spherecal_gui.pages.save import SavePage
-from spherecal_gui.pages.verify import VerifyPage
-from spherecal_gui.presenters.connect import bench_rows
-from spherecal_gui.presenters.limits import LimitsDesk, limit_problems, load_limits
-from spherecal_gui.presenters.placement import Scene
+from spherecal_gui.pages.save_page import SavePage
+from spherecal_gui.pages.verify_page import VerifyPage
+from spherecal_gui.presenters.connect_presenter import bench_rows
+from spherecal_gui.presenters.limits_presenter import LimitsDesk, limit_problems, load_limits
+from spherecal_gui.presenters.placement_presenter import Scene
 from spherecal_gui.project import Artefacts, Project
 from spherecal_gui.tasks import jobs
 from spherecal_gui.wizard.window import WizardWindow
+from spherecal_rigs.calibration_age import ValidityLimits
 from spherecal_rigs.limits_file import Limits, read_limits, write_limits
-from spherecal_rigs.save import SaveOptions, save_result
+from spherecal_rigs.save_entry import SaveOptions, save_result
 from spherecal_rigs.store import apply, create_profile, open_profile
-from spherecal_rigs.validity import ValidityLimits
 from tests.test_results import example_calibration
 
 TIGHT = Limits(150, 2.0, 4.0, 0.5, 1.0, "0.03+L/20000", verification_limit_open=False, unverified_use=False)
@@ -268,7 +269,7 @@ def test_an_unverified_calibration_is_put_to_use_only_where_that_is_allowed(qtbo
 
 def test_the_chip_follows_the_limits(home, result, desk, tmp_path):
     from spherecal_gui.last_verification import keep_verification
-    from spherecal_gui.presenters.start import validity_of
+    from spherecal_gui.presenters.start_presenter import validity_of
 
     profile = tmp_path / "rig-profile"
     before = SaveOptions(calibrated_at=datetime.now(UTC) - timedelta(hours=3))

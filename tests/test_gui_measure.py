@@ -15,11 +15,11 @@ from PySide6.QtCore import QObject, Signal
 
 from spherecal.data.rig import Rig
 from spherecal_cameras.protocol import CameraSettings
-from spherecal_cameras.simulated.source import SimulatedSource
-from spherecal_gui.pages.measure import MeasurePage
-from spherecal_gui.presenters.measure import rate_of, ruler_hint, rulers_of, trust_of
+from spherecal_cameras.simulated.simulated_source import SimulatedSource
+from spherecal_gui.pages.measure_page import MeasurePage
+from spherecal_gui.presenters.measure_presenter import rate_of, ruler_hint, rulers_of, trust_of
 from spherecal_gui.workflow import Step
-from spherecal_measuring.results import Contradiction
+from spherecal_measuring.measured_sets import Contradiction
 
 PATIENCE_MS = 60_000
 

@@ -19,9 +19,9 @@ from pytestqt.qtbot import QtBot
 
 from spherecal.verify.limit import LengthConformity, parse_limit
 from spherecal_gui import languages
-from spherecal_gui.presenters.bars import Errors
-from spherecal_gui.presenters.bars import errors_of as verification_errors
-from spherecal_gui.presenters.results import CameraResiduals
+from spherecal_gui.presenters.bars_presenter import Errors
+from spherecal_gui.presenters.bars_presenter import errors_of as verification_errors
+from spherecal_gui.presenters.results_presenter import CameraResiduals
 from spherecal_gui.widgets.basic import label
 from spherecal_gui.widgets.charts import ConvergenceChart, ErrorChart
 from spherecal_gui.widgets.residual_view import ResidualView

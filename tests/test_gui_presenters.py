@@ -16,16 +16,23 @@ pytest.importorskip("PySide6.QtWidgets", reason="Qt cannot be loaded here", exc_
 
 from spherecal.base.context import Context, Progress
 from spherecal.base.messages.values import Phrase
+from spherecal_cameras.camera_settings import CameraProfile
 from spherecal_cameras.new_recording import RigCameras
-from spherecal_cameras.profile import CameraProfile
 from spherecal_cameras.protocol import CameraInfo, CameraState, CameraStatus, Counters, Discovery, SetupReport
 from spherecal_gui import coverage as cov
-from spherecal_gui.presenters.bars import budget_cells, errors_of, length_cells, next_pose, pose_state, rule_text
-from spherecal_gui.presenters.calibrate import CourseOfWork, time_text
-from spherecal_gui.presenters.connect import camera_lines, connect_summary
-from spherecal_gui.presenters.look import summary, tile_state
-from spherecal_gui.presenters.placement import AutoTrigger, Scene, advice, island_text, need_lists
-from spherecal_gui.presenters.results import CameraRow, bar_verdict
+from spherecal_gui.presenters.bars_presenter import (
+    budget_cells,
+    errors_of,
+    length_cells,
+    next_pose,
+    pose_state,
+    rule_text,
+)
+from spherecal_gui.presenters.calibrate_presenter import CourseOfWork, time_text
+from spherecal_gui.presenters.connect_presenter import camera_lines, connect_summary
+from spherecal_gui.presenters.look_presenter import summary, tile_state
+from spherecal_gui.presenters.placement_presenter import AutoTrigger, Scene, advice, island_text, need_lists
+from spherecal_gui.presenters.results_presenter import CameraRow, bar_verdict
 from spherecal_gui.presenters.stages import stage_name
 from tests.conftest import ROOT
 
@@ -62,7 +69,7 @@ def test_common_dots_count_the_same_placement_only():
 def test_common_dots_agree_with_the_engine():
     """The engine counts in its own way; the technician must not be told otherwise."""
     from spherecal.data.observations import find_features, seen_matrix
-    from spherecal_sim.session import simulate_session
+    from spherecal_sim.simulate_session import simulate_session
     from spherecal_sim.truth import SimulationOptions
 
     session, _ = simulate_session("demo", 3, SimulationOptions(placements=2, targets=60, bar_poses=0))
@@ -245,7 +252,7 @@ def test_an_ill_link_names_the_remedy():
 def test_the_course_follows_the_engines_own_words():
     """Stages, iterations and the two runs of the method, as a real calibration reports them."""
     from spherecal.calibrate import calibrate
-    from spherecal_sim.session import simulate_session
+    from spherecal_sim.simulate_session import simulate_session
     from spherecal_sim.truth import SimulationOptions
 
     session, _ = simulate_session("demo", 1, SimulationOptions(targets=80, bar_poses=0))

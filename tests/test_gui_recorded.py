@@ -19,7 +19,7 @@ from spherecal_cameras.capture import SessionCamera
 from spherecal_cameras.plan import CapturePlan, PlannedSet
 from spherecal_cameras.protocol import CameraSource, Frame, FrameSet
 from spherecal_gui.project_folder import taken_in
-from spherecal_gui.recorded import RecordedSession
+from spherecal_gui.recorded_sets import RecordedSession
 
 SOURCE = cast(CameraSource, SimpleNamespace(kind="replay", label=""))
 ENTRY = {"id": "C01", "image_size": [8, 8], "pixel_pitch_um": 3.0, "focal_length_mm": 8.0}
@@ -85,7 +85,7 @@ def test_a_set_that_could_not_be_put_aside_is_still_there(tmp_path, monkeypatch,
         raise OutputError("The disk refuses.")
 
     with monkeypatch.context() as patch:
-        patch.setattr(f"spherecal_gui.recorded.{what}", refused)
+        patch.setattr(f"spherecal_gui.recorded_sets.{what}", refused)
         with pytest.raises(OutputError, match="refuses"):
             session.remove("P1")
     for one in (session, opened(tmp_path)):

@@ -24,7 +24,7 @@ from spherecal.files.write_result import write_result
 from spherecal_documents.scene.model import SceneData, scene_data
 from spherecal_gui import project as changes
 from spherecal_gui import theme
-from spherecal_gui.presenters.results import (
+from spherecal_gui.presenters.results_presenter import (
     Action,
     FindingAdvice,
     advice,
@@ -37,7 +37,7 @@ from spherecal_gui.presenters.results import (
 from spherecal_gui.project import Artefacts, Project
 from spherecal_gui.project_folder import load_project, save_project
 from spherecal_gui.tasks.outcome import read_outcome
-from spherecal_gui.widgets.findings import FindingsList
+from spherecal_gui.widgets.findings_list import FindingsList
 from spherecal_gui.workflow import Running, Status, resolve
 from spherecal_rigs.result_folder import read_result
 from spherecal_sim.session_folder import write_session
@@ -138,7 +138,7 @@ def test_repairs_survive_a_crash(tmp_path):
 @pytest.fixture(scope="module")
 def folders(tmp_path_factory):
     """A session, its result, and a profile that has another calibration of the rig in use."""
-    from spherecal_rigs.save import SaveOptions, save_result
+    from spherecal_rigs.save_entry import SaveOptions, save_result
     from spherecal_rigs.store import apply, create_profile, open_profile
 
     home = tmp_path_factory.mktemp("results")
@@ -243,7 +243,7 @@ def test_findings_of_a_result_folder_speak_and_offer_repairs(tmp_path, monkeypat
 
 
 def test_the_plain_view_draws_map_and_links(qtbot, outcome, monkeypatch):
-    from spherecal_gui.widgets.scene import make_scene_view
+    from spherecal_gui.widgets.scene_view import make_scene_view
 
     monkeypatch.setenv("SPHERECAL_3D", "2d")
     view = make_scene_view()

@@ -16,12 +16,12 @@ from PySide6.QtWidgets import QLabel, QPushButton, QScrollArea, QVBoxLayout, QWi
 from spherecal.base.context import Progress
 from spherecal_gui import languages, theme
 from spherecal_gui.controllers.controller import Controller
-from spherecal_gui.pages.base import PageAction
-from spherecal_gui.pages.calibrate import CalibratePage
-from spherecal_gui.pages.connect import ConnectPage
-from spherecal_gui.pages.save import SavePage
-from spherecal_gui.pages.verify import VerifyPage
-from spherecal_gui.presenters.connect import BenchRow, CameraLine
+from spherecal_gui.pages.calibrate_page import CalibratePage
+from spherecal_gui.pages.connect_page import ConnectPage
+from spherecal_gui.pages.save_page import SavePage
+from spherecal_gui.pages.verify_page import VerifyPage
+from spherecal_gui.pages.wizard_page import PageAction
+from spherecal_gui.presenters.connect_presenter import BenchRow, CameraLine
 from spherecal_gui.project import Project
 from spherecal_gui.standing import Standing
 from spherecal_gui.wizard.footer import Footer

@@ -124,7 +124,7 @@ def test_the_window_speaks(qtbot, tmp_path, monkeypatch, english_again, language
 def test_words_of_a_parent_class_are_found_by_its_children(qtbot, english_again):
     """`tr` looks in the class of the object first: a page that inherits a text must still find it."""
     from spherecal_gui.controllers.controller import Controller
-    from spherecal_gui.pages.verify import VerifyPage
+    from spherecal_gui.pages.verify_page import VerifyPage
 
     languages.use("de")
     page = VerifyPage(Controller())

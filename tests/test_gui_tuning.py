@@ -24,7 +24,7 @@ from spherecal.files.read_session import read_session
 from spherecal_gui import languages
 from spherecal_gui.coverage import Dots, unmasked
 from spherecal_gui.pages.camera_dialog import CameraDialog
-from spherecal_gui.pages.look import LookPage
+from spherecal_gui.pages.look_page import LookPage
 from spherecal_gui.project_folder import load_project
 from spherecal_gui.tasks.driver_question import DriverQuestion
 from spherecal_gui.texts import error_text
@@ -146,14 +146,14 @@ def test_a_cameras_dialog_shows_it_live_and_sets_it(qtbot, wizard):
 @pytest.mark.slow
 def test_real_cameras_blink_are_renamed_and_asked_about(qtbot, home, monkeypatch):
     """Over the simulated producer, copied to a place where it is a stranger."""
-    from spherecal_cameras.profile import (
+    from spherecal_cameras.camera_settings import (
         CameraDescription,
         CameraProfile,
         default_profile_path,
         read_profile,
         write_profile,
     )
-    from spherecal_gentl.producer.control import ProducerControl, SimulatedCamera
+    from spherecal_gentl.producer.producer_control import ProducerControl, SimulatedCamera
 
     cti = built_producer()
     folder = home / "driver"
@@ -268,7 +268,7 @@ def test_the_repaired_rig_is_in_use_only_when_somebody_says_so(tmp_path):
 
 def test_a_finding_speaks_the_readers_language_with_its_figures(german):
     from spherecal.data.findings import Finding, leave_out
-    from spherecal_gui.presenters.results import advice
+    from spherecal_gui.presenters.results_presenter import advice
 
     values = {"noise_px": 0.1, "times": 2.5, "others_px": 0.04, "percent": 4.0, "points": 400}
     finding = Finding("camera-noisy", "warning", values, ("C03",), leave_out("camera:C03"))
@@ -318,8 +318,8 @@ def test_the_errors_of_the_engine_that_are_known_are_translated(tmp_path, german
 
 @pytest.mark.slow
 def test_a_lost_camera_is_said_in_german(wizard, german):
-    from spherecal_cameras.simulated.faults import SimulatedFault
-    from spherecal_gui.presenters.connect import camera_lines
+    from spherecal_cameras.simulated.camera_faults import SimulatedFault
+    from spherecal_gui.presenters.connect_presenter import camera_lines
 
     wizard.cameras.connection.source.inject(SimulatedFault("lose", "C02"))
     pump(lambda: not wizard.cameras.connection.source.statuses()["SIM-C02"].state.usable)

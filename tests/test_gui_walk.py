@@ -20,10 +20,10 @@ from PySide6.QtCore import QCoreApplication
 from PySide6.QtWidgets import QApplication
 
 from spherecal_app.cli.main import main
-from spherecal_cameras.simulated.faults import SimulatedFault
+from spherecal_cameras.simulated.camera_faults import SimulatedFault
 from spherecal_gui.controllers.camera_controller import CameraController
 from spherecal_gui.controllers.controller import Controller
-from spherecal_gui.pages.verify import VerifyPage
+from spherecal_gui.pages.verify_page import VerifyPage
 from spherecal_gui.project_folder import load_project
 from spherecal_gui.wizard.window import WizardWindow
 from spherecal_gui.workflow import Status
@@ -435,8 +435,8 @@ def test_a_check_says_that_all_is_as_it_was(walk):
 
 
 def test_a_check_names_the_camera_that_was_knocked(walk, qtbot):
-    from spherecal_gui.pages.check import CheckPage
-    from spherecal_gui.presenters.check import repaired_verdict
+    from spherecal_gui.pages.check_page import CheckPage
+    from spherecal_gui.presenters.check_presenter import repaired_verdict
 
     saved(walk)
     again = checked(walk.folder, "simulated:demo+bump:C03:0.3")

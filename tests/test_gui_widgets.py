@@ -22,21 +22,21 @@ from spherecal_gui import project as changes
 from spherecal_gui import sounds, theme
 from spherecal_gui.placement_view import GuidanceView
 from spherecal_gui.presenters.bar_guide import BarGuide
-from spherecal_gui.presenters.bars import Errors
-from spherecal_gui.presenters.placement import NeedLine
-from spherecal_gui.presenters.results import Action, CameraResiduals, FindingAdvice
+from spherecal_gui.presenters.bars_presenter import Errors
+from spherecal_gui.presenters.placement_presenter import NeedLine
+from spherecal_gui.presenters.results_presenter import Action, CameraResiduals, FindingAdvice
 from spherecal_gui.project import Project
 from spherecal_gui.widgets.bar_view import BarView
 from spherecal_gui.widgets.basic import button, once
 from spherecal_gui.widgets.charts import ConvergenceChart, CoverageChart, ErrorChart, PairMatrix
-from spherecal_gui.widgets.findings import FindingsList
+from spherecal_gui.widgets.findings_list import FindingsList
 from spherecal_gui.widgets.name_tags import place_tags
 from spherecal_gui.widgets.need_label import NeedLabel
 from spherecal_gui.widgets.painted_scene import PaintedScene
 from spherecal_gui.widgets.rail import Rail
 from spherecal_gui.widgets.rendered_scene import RenderedScene
 from spherecal_gui.widgets.residual_view import ResidualView
-from spherecal_gui.widgets.scene import make_scene_view
+from spherecal_gui.widgets.scene_view import make_scene_view
 from spherecal_gui.widgets.table import Table
 from spherecal_gui.widgets.tile import CameraTile, Wall, shown_image
 from spherecal_gui.widgets.top_view import TopView

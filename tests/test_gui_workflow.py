@@ -49,7 +49,7 @@ def statuses(project: Project, running: Running = OPEN) -> dict[str, Status]:
 
 
 def test_thresholds_are_the_engines():
-    from spherecal.diagnose import checks
+    from spherecal.diagnose import run_checks as checks
     from spherecal.initialise import view_graph as graph
     from spherecal_gui import coverage
 

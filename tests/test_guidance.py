@@ -23,8 +23,8 @@ from spherecal_documents.report.style import report_style
 from spherecal_rigs.limits_file import Limits
 from spherecal_rigs.next_placement import ENOUGH_DOTS, advise
 from spherecal_rigs.recalibrate import Selection, recalibrate
-from spherecal_sim.session import observe_again
 from spherecal_sim.session_folder import write_session
+from spherecal_sim.simulate_session import observe_again
 from spherecal_sim.truth import CameraMove
 from tests.networks import calibrated, observed, one_thread, simulated
 

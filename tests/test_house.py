@@ -106,20 +106,23 @@ def test_heavy_import_at_module_level_turns_red(module):
 # What else may write or remove, and what it is: nothing of it is a file whose name comes from outside.
 MAY_WRITE = {
     "core/spherecal/__init__.py": {"mkdtemp"},  # temporary folders, which nobody else can enter
-    "core/spherecal_documents/support/bundle.py": {"TemporaryDirectory"},
+    "core/spherecal_documents/support/support_bundle.py": {"TemporaryDirectory"},
     "core/spherecal_cameras/genicam/child.py": {"open"},  # the log file, /dev/null
     "core/spherecal_cameras/genicam/discovery.py": {"open"},  # /dev/null
     "core/spherecal_cameras/genicam/driver_copy.py": {"symlink_to", "chmod", "fchmod"},  # in a folder of our own
-    "core/spherecal_cameras/genicam/frames.py": {"unlink"},  # shared memory
+    "core/spherecal_cameras/genicam/shared_frames.py": {"unlink"},  # shared memory
     "core/spherecal_cameras/genicam/rings.py": {"unlink"},
     "core/spherecal_cameras/genicam/service.py": {"unlink"},
-    "core/spherecal_gentl/gige/control.py": {"ftruncate"},  # memory without a name
+    "core/spherecal_gentl/gige/gige_control.py": {"ftruncate"},  # memory without a name
     "core/spherecal_cameras/plan.py": {"TemporaryDirectory"},
-    "core/spherecal_gentl/producer/build.py": {"TemporaryDirectory", "chmod"},  # what was built here is a program
+    "core/spherecal_gentl/producer/build_producer.py": {
+        "TemporaryDirectory",
+        "chmod",
+    },  # what was built here is a program
     "core/spherecal_gentl/producer/region.py": {"unlink"},
     "core/spherecal_app/cli/compile_kernels.py": {"TemporaryDirectory"},
     "core/spherecal_app/cli/console.py": {"open"},  # /dev/null
-    "core/spherecal_app/cli/gige.py": {"TemporaryDirectory"},
+    "core/spherecal_app/cli/gige_command.py": {"TemporaryDirectory"},
     "core/spherecal_app/cli/output.py": {"TemporaryDirectory"},  # what then goes to standard output
     "core/spherecal_app/cli/main.py": {"open", "FileHandler"},  # /dev/null, the log file that the user names
     "core/spherecal/base/resources.py": {"mkdtemp"},
@@ -128,7 +131,7 @@ MAY_WRITE = {
     "core/spherecal/files/lock.py": {"unlink", "ftruncate"},  # lock files
     "spherecal_gui/pages/limits_dialog.py": {"save"},  # a method of ours
     "spherecal_gui/sounds.py": {"open", "NamedTemporaryFile"},  # in memory; a tone for the player
-    "spherecal_gui/tasks/guide.py": {"TemporaryDirectory"},
+    "spherecal_gui/tasks/placement_advice.py": {"TemporaryDirectory"},
     "spherecal_gui/tasks/scene_process.py": {"unlink"},  # shared memory
     "spherecal_gui/controllers/recording_controller.py": {"save"},  # a method of ours
 }

@@ -17,8 +17,8 @@ from spherecal.files.rig_file import read_rig
 from spherecal.geometry.camera import INTRINSIC_NAMES, is_fisheye, lens_model, undistort
 from spherecal.steps.settings import CalibrationSettings
 from spherecal_app.cli.main import main
-from spherecal_sim.session import simulate_session
 from spherecal_sim.session_folder import write_session
+from spherecal_sim.simulate_session import simulate_session
 from spherecal_sim.truth import SimulationOptions, Truth
 from tests.networks import codes, one_thread
 

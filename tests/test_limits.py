@@ -17,6 +17,7 @@ from spherecal.base.errors import InputError, OutputError, SpherecalError
 from spherecal.files.write_result import write_result
 from spherecal.initialise.view_graph import MIN_COMMON
 from spherecal_app.cli.main import main
+from spherecal_rigs.calibration_age import ValidityLimits
 from spherecal_rigs.limits_file import (
     DOTS,
     LIMITS,
@@ -28,7 +29,6 @@ from spherecal_rigs.limits_file import (
     write_limits,
 )
 from spherecal_rigs.store import open_profile
-from spherecal_rigs.validity import ValidityLimits
 from tests.conftest import ROOT
 from tests.test_results import example_calibration
 from tests.test_session_fuzz import JSON_VALUES

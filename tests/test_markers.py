@@ -25,9 +25,9 @@ from spherecal.targets.target_set import TargetSet
 from spherecal_app.cli.main import main
 from spherecal_documents.sheets.sticker_sheet import scaled, sticker_places, write_sheet
 from spherecal_gui.coverage import Dots
-from spherecal_gui.tasks.guide import observations_of, printed_scale
-from spherecal_measuring.live import collected
-from spherecal_measuring.regions import _joined
+from spherecal_gui.tasks.placement_advice import observations_of, printed_scale
+from spherecal_measuring.live_sets import collected
+from spherecal_measuring.search_regions import _joined
 from spherecal_sim.rendered_stickers import (
     StickerBall,
     StickerCamera,
@@ -241,7 +241,7 @@ def test_the_report_shows_them(
 ) -> None:
     report = tmp_path / f"report.{ending}"
     if ending == "pdf":  # the scene is rendered for the other; two fifths of the time went into its fonts
-        monkeypatch.setattr("spherecal_app.cli.report.scene_picture", lambda *_: None)
+        monkeypatch.setattr("spherecal_app.cli.report_command.scene_picture", lambda *_: None)
         monkeypatch.setattr(PdfFile, "writeFonts", lambda self: self.writeObject(self.fontObject, {}))
     assert main(["report", str(result), "-o", str(report), "--session", str(recorded.folder), "-q"]) == 0
     if ending == "html":

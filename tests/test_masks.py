@@ -14,7 +14,7 @@ from spherecal.files.read_session import read_session
 from spherecal.files.session_json import session_json
 from spherecal.targets.detection import DetectionSettings, Detector
 from spherecal.targets.masks import masked
-from spherecal_cameras.simulated.source import SimulatedSource
+from spherecal_cameras.simulated.simulated_source import SimulatedSource
 
 
 def test_a_rectangle_holds_its_border_and_nothing_beyond():

@@ -10,7 +10,7 @@ import pytest
 from scipy.io import savemat
 
 from spherecal.base.errors import InputError
-from spherecal_documents.export.cameras import FileCamera
+from spherecal_documents.export.file_cameras import FileCamera
 from spherecal_documents.export.import_rig import import_rig
 from spherecal_documents.export.matlab import read_matlab
 

@@ -20,7 +20,7 @@ from spherecal.base.resources import resource_path
 from spherecal.data.findings import AdvisedRepair, Finding, as_written, leave_out
 from spherecal.files.findings_file import findings_document, read_findings, with_values
 from spherecal.files.json_file import read_json
-from spherecal.verify.bars import verify
+from spherecal.verify.verify_bars import verify
 from tests.findings_in_code import errors_in_words, findings_in_code, phrases_in_code
 from tests.networks import calibrated, one_thread
 
@@ -32,8 +32,9 @@ GIVEN = {"where", "repairs"}
 _TABLES = ("lists", "phrases")
 # Errors here are still English: files of other programs, arrays and studies, which a programmer meets, and simulators.
 _ENGLISH = (
-    "core/spherecal_gentl/gige/", "core/spherecal_gentl/producer/", "core/spherecal_app/cli/gige.py",
-    "core/spherecal_app/cli/parsing.py", "core/spherecal_app/cli/producer.py", "core/spherecal_documents/export/",
+    "core/spherecal_gentl/gige/", "core/spherecal_gentl/producer/", "core/spherecal_app/cli/gige_command.py",
+    "core/spherecal_app/cli/parsing.py", "core/spherecal_app/cli/producer_command.py",
+    "core/spherecal_documents/export/",
     "core/spherecal/data/from_arrays.py", "core/spherecal_sim/", "core/spherecal_study/",
 )  # fmt: skip
 

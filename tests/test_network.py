@@ -14,8 +14,8 @@ from spherecal_cameras.genicam.discovery import producer_files
 from spherecal_cameras.genicam.trust import TrustStore
 from spherecal_cameras.protocol import CameraError
 from spherecal_cameras.usb import usb_cameras
-from spherecal_gentl.gige.control import GigeRig
-from spherecal_gentl.producer.build import ARAVIS_CTI_FILE
+from spherecal_gentl.gige.gige_control import GigeRig
+from spherecal_gentl.producer.build_producer import ARAVIS_CTI_FILE
 from tests.gige_rig import aravis_producer, wired
 
 MASK = "255.255.255.0"

@@ -19,11 +19,11 @@ from spherecal_cameras.clock import CameraClock
 from spherecal_cameras.genicam.device import Device, DeviceLost
 from spherecal_cameras.genicam.discovery import together
 from spherecal_cameras.genicam.features import FeatureError
+from spherecal_cameras.genicam.genicam_source import GenicamSource
 from spherecal_cameras.genicam.hub import Producer, clean
 from spherecal_cameras.genicam.pixels import grey_pixels, in_order
 from spherecal_cameras.genicam.rings import SLOTS, Ring, shared_memory_name
 from spherecal_cameras.genicam.slots import Slot, assess
-from spherecal_cameras.genicam.source import GenicamSource
 from spherecal_cameras.matching import RoundKeeper
 from spherecal_cameras.network_lines import load_of
 from spherecal_cameras.protocol import (
@@ -36,8 +36,8 @@ from spherecal_cameras.protocol import (
     Region,
     SetupReport,
 )
-from spherecal_gentl.producer import build
-from spherecal_gentl.producer.control import ProducerControl, SimulatedCamera
+from spherecal_gentl.producer import build_producer as build
+from spherecal_gentl.producer.producer_control import ProducerControl, SimulatedCamera
 from tests.built_producer import built_producer
 
 SIZE = (320, 240)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from spherecal.adjust.layout import POSE
+from spherecal.adjust.parameter_layout import POSE
 from spherecal.ball.image_poses import ImagePoses
 from spherecal.base.arrays import FloatArray
 from spherecal.base.context import Context

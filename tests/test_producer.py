@@ -8,9 +8,15 @@ import numpy as np
 import pytest
 
 from spherecal.base.errors import InputError, OutputError
-from spherecal_gentl.producer import build, layout
-from spherecal_gentl.producer.build import build_producer, compile_command
-from spherecal_gentl.producer.control import ProducerControl, SimulatedCamera, feature_address, simulated_cameras
+from spherecal_gentl.producer import build_producer as build
+from spherecal_gentl.producer import memory_layout as layout
+from spherecal_gentl.producer.build_producer import build_producer, compile_command
+from spherecal_gentl.producer.producer_control import (
+    ProducerControl,
+    SimulatedCamera,
+    feature_address,
+    simulated_cameras,
+)
 from spherecal_gentl.producer.region import attach
 from tests.producer_client import SMALL, Client, built_cti, end, new_client, picture, shoot, small_rig  # noqa: F401 (fixtures)
 

@@ -11,8 +11,8 @@ from typing import Any
 import pytest
 
 from spherecal.base.errors import InputError
-from spherecal_gentl.producer import control
-from spherecal_gentl.producer.control import ProducerControl, SimulatedCamera
+from spherecal_gentl.producer import producer_control as control
+from spherecal_gentl.producer.producer_control import ProducerControl, SimulatedCamera
 from tests.producer_client import SMALL, Client, built_cti, end, gentl, new_client, noise, picture, shoot, small_rig  # noqa: F401 (fixtures)
 
 # ---- faults ----
@@ -230,7 +230,7 @@ import os, signal, sys, time
 from pathlib import Path
 import numpy as np
 from harvesters.core import Harvester
-from spherecal_gentl.producer.control import ProducerControl
+from spherecal_gentl.producer.producer_control import ProducerControl
 harvester = Harvester()
 folder = Path(os.environ["GENICAM_GENTL64_PATH"])
 (cti,) = folder.glob("*.cti")
@@ -277,7 +277,7 @@ def test_a_crash_of_the_producer_ends_the_client_not_the_rig(rig: tuple[Producer
 @pytest.mark.skipif(not os.path.isdir("/dev/shm"), reason="looks into /dev/shm")
 def test_a_controller_that_is_killed_leaves_no_memory_behind(cti: Path) -> None:
     program = (
-        "from spherecal_gentl.producer.control import ProducerControl; import time\n"
+        "from spherecal_gentl.producer.producer_control import ProducerControl; import time\n"
         "control = ProducerControl(); print(control.name, flush=True); time.sleep(60)"
     )
     with subprocess.Popen([sys.executable, "-c", program], stdout=subprocess.PIPE, text=True) as process:

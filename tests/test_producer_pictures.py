@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from spherecal.base.errors import InputError
-from spherecal_gentl.producer.control import ProducerControl, SimulatedCamera
+from spherecal_gentl.producer.producer_control import ProducerControl, SimulatedCamera
 from tests.producer_client import (  # noqa: F401 (fixtures)
     SMALL,
     Client,

@@ -12,12 +12,12 @@ from spherecal.base import filesystem as files
 from spherecal.base.errors import InputError, OutputError
 from spherecal.files.rig_file import rig_bytes
 from spherecal_app.cli.kept import kept_in_profile
+from spherecal_rigs.calibration_age import ValidityLimits, validity
 from spherecal_rigs.check_file import keep
-from spherecal_rigs.checks import keep_check, last_check, read_checks
-from spherecal_rigs.save import save_result
+from spherecal_rigs.kept_checks import keep_check, last_check, read_checks
+from spherecal_rigs.save_entry import save_result
 from spherecal_rigs.store import Profile, apply, create_profile, open_profile
 from spherecal_rigs.trend import make_check_trend
-from spherecal_rigs.validity import ValidityLimits, validity
 from tests.export_rigs import make_rig
 
 NOW = datetime(2026, 11, 21, 9, 30, tzinfo=UTC)

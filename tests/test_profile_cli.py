@@ -15,11 +15,11 @@ from spherecal.files.rig_file import rig_bytes
 from spherecal.files.write_result import write_result
 from spherecal.steps.settings import CalibrationSettings
 from spherecal_app.cli.main import main
-from spherecal_cameras.profile import CameraDescription, CameraProfile, write_profile
+from spherecal_cameras.camera_settings import CameraDescription, CameraProfile, write_profile
 from spherecal_cameras.protocol import CameraSettings
 from spherecal_rigs.store import create_profile, open_profile
-from spherecal_sim.session import simulate_session
 from spherecal_sim.session_folder import write_session
+from spherecal_sim.simulate_session import simulate_session
 from spherecal_sim.truth import SimulationOptions
 from tests.export_rigs import make_rig
 

@@ -14,13 +14,13 @@ from spherecal.files.rig_file import rig_bytes
 from spherecal.geometry.rotation import exp_rotation
 from spherecal_documents.report.trend_chart import write_trend_chart
 from spherecal_rigs.alignment import MatchedCamera, sights
-from spherecal_rigs.compare import CameraChange, ComparisonVolume, compare, seen_volume
+from spherecal_rigs.calibration_age import ValidityLimits, validity
+from spherecal_rigs.compare_rigs import CameraChange, ComparisonVolume, compare, seen_volume
 from spherecal_rigs.entry import Entry
-from spherecal_rigs.save import SaveOptions, save_result
-from spherecal_rigs.source import read_source, volume_of
+from spherecal_rigs.rig_source import read_source, volume_of
+from spherecal_rigs.save_entry import SaveOptions, save_result
 from spherecal_rigs.store import apply, create_profile, open_profile
 from spherecal_rigs.trend import Trend, control_limits, make_trend, trend_table
-from spherecal_rigs.validity import ValidityLimits, validity
 from spherecal_sim.truth import SimulationOptions
 from tests.export_rigs import make_rig
 

@@ -22,9 +22,9 @@ from spherecal.data.rig import Rig
 from spherecal.files.rig_file import rig_bytes
 from spherecal_rigs import entry as entry_module
 from spherecal_rigs import store
-from spherecal_rigs.save import SaveOptions, save_result
+from spherecal_rigs.calibration_age import ValidityLimits
+from spherecal_rigs.save_entry import SaveOptions, save_result
 from spherecal_rigs.store import Profile, apply, copy_is_right, create_profile, open_profile, restore
-from spherecal_rigs.validity import ValidityLimits
 from tests.export_rigs import make_rig
 
 
@@ -145,7 +145,7 @@ def test_two_processes_never_take_one_number(tmp_path: Path) -> None:
     source = result(tmp_path / "r")
     code = (
         "import sys; from pathlib import Path\n"
-        "from spherecal_rigs.save import save_result\nfrom spherecal_rigs.store import open_profile\n"
+        "from spherecal_rigs.save_entry import save_result\nfrom spherecal_rigs.store import open_profile\n"
         "p = open_profile(Path(sys.argv[1]))\nprint(*[save_result(p, Path(sys.argv[2])) for _ in range(6)])\n"
     )
     command = [sys.executable, "-c", code, str(made.folder), str(source)]

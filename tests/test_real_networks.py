@@ -25,7 +25,7 @@ from spherecal.geometry.rotation import exp_rotation, log_rotation
 from spherecal.initialise.planar import is_flat, reconstruct_planar_triple
 from spherecal_sim.networks import simulate_network
 from spherecal_sim.rigs import look_at
-from spherecal_sim.session import simulate_session
+from spherecal_sim.simulate_session import simulate_session
 from spherecal_sim.truth import SimulationOptions
 from tests.networks import one_thread
 

@@ -36,8 +36,8 @@ from spherecal_documents.report.sheet import shortened, text_width
 from spherecal_documents.report.style import number, report_style, significant
 from spherecal_documents.report.write_report import report_bytes, write_report
 from spherecal_rigs.result_folder import read_result
-from spherecal_sim.session import simulate_session
 from spherecal_sim.session_folder import write_session
+from spherecal_sim.simulate_session import simulate_session
 from spherecal_sim.truth import SimulationOptions
 
 IMAGES = (("P1", "C01", 8), ("P1", "C08", 16), ("P2", "C02", 8))
@@ -437,7 +437,7 @@ def test_numbers():
 
 def test_start_up_stays_light():
     code = (
-        "import sys, spherecal_app.cli.main, spherecal_app.cli.calibrate\n"
+        "import sys, spherecal_app.cli.main, spherecal_app.cli.calibrate_command\n"
         "assert 'matplotlib' not in sys.modules\n"
         "import spherecal_documents.report.write_report\n"
         "sys.exit('matplotlib.pyplot' in sys.modules)"

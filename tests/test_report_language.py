@@ -20,8 +20,8 @@ from spherecal.base.errors import InputError
 from spherecal.base.messages.catalogue import LANGUAGES
 from spherecal.data.findings import as_written
 from spherecal.files.written_phrase import Sentence
-from spherecal.verify.bars import VerifySettings, verify
 from spherecal.verify.limit import parse_limit
+from spherecal.verify.verify_bars import VerifySettings, verify
 from spherecal.verify.write_verification import write_verification
 from spherecal_app.cli.main import main
 from spherecal_documents.report import language as language_module
@@ -48,7 +48,7 @@ def result(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A small rig, calibrated, and verified against a limit with a bar whose certificate is wrong."""
     from spherecal.calibrate import calibrate
     from spherecal.files.write_result import write_result
-    from spherecal_sim.session import simulate_session
+    from spherecal_sim.simulate_session import simulate_session
     from spherecal_sim.truth import SimulationOptions
 
     folder = tmp_path_factory.mktemp("language") / "result"

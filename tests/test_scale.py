@@ -13,7 +13,7 @@ from spherecal.calibrate import calibrate
 from spherecal.data.observations import Features, Observations, find_features
 from spherecal.data.recording import Recording
 from spherecal.data.session import Bar, BarLength, BarPose, Mark, Scale, Session
-from spherecal.scale.bars import scale_from_bars
+from spherecal.scale.bar_scale import scale_from_bars
 from spherecal.scale.spacing import FoundScale, Spacing, bend, scale_from_spacing
 from spherecal.steps.settings import CalibrationSettings
 from spherecal.targets.target_set import TargetSet

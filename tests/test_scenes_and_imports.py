@@ -18,7 +18,7 @@ from spherecal.base.errors import InputError
 from spherecal.geometry.camera import project, undistort
 from spherecal_app.cli.main import main
 from spherecal_documents.export.refit import refit
-from spherecal_documents.export.scene import SCENES
+from spherecal_documents.export.scene_formats import SCENES
 from tests.export_rigs import make_rig
 
 

@@ -13,25 +13,25 @@ from spherecal.files.bar_registry import BAR_REGISTRY, read_registered_bar
 from spherecal.files.bundle_file import bundle_bytes
 from spherecal.files.json_file import JsonValue
 from spherecal.files.rig_file import read_rig
-from spherecal.verify.bars import VerifySettings, verify
 from spherecal.verify.limit import parse_limit
+from spherecal.verify.verify_bars import VerifySettings, verify
 from spherecal.verify.write_verification import write_verification
 from spherecal_app.cli.main import main
+from spherecal_cameras.camera_settings import CameraDescription, CameraProfile, write_profile
 from spherecal_cameras.genicam.trust import Driver, TrustStore
-from spherecal_cameras.profile import CameraDescription, CameraProfile, write_profile
 from spherecal_cameras.protocol import CameraSettings, Region
 from spherecal_documents.export.write_export import export_rig
 from spherecal_gui.last_verification import keep_verification
 from spherecal_gui.project import Artefacts, Computation, Flaw, Project
 from spherecal_gui.project_folder import save_project
 from spherecal_measuring.body_file import read_body, write_body
+from spherecal_measuring.measure_sets import run
 from spherecal_measuring.measurer import Measurer
-from spherecal_measuring.run import run
+from spherecal_measuring.series_tables import set_json
 from spherecal_measuring.sets import sets_of_session
-from spherecal_measuring.tables import set_json
-from spherecal_rigs.check import check
 from spherecal_rigs.check_ball import read_known_ball
 from spherecal_rigs.check_file import check_json, keep
+from spherecal_rigs.check_rig import check
 from spherecal_rigs.limits_file import Limits, write_limits
 from spherecal_sim.session_folder import write_session
 from tests.example_session import VALID

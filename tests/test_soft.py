@@ -9,9 +9,9 @@ from spherecal.adjust import engine
 from spherecal.adjust.ball_model import Deformable, Free, as_rigid
 from spherecal.adjust.covariance import Covariance, covariance
 from spherecal.adjust.datum import Places, datum_motions
-from spherecal.adjust.layout import POSE
 from spherecal.adjust.least_squares import NormalEquations, minimise, normal_equations
 from spherecal.adjust.levenberg import Settings
+from spherecal.adjust.parameter_layout import POSE
 from spherecal.adjust.problem import Problem
 from spherecal.adjust.state import State
 from spherecal.base.arrays import FloatArray

@@ -9,8 +9,8 @@ from benchmarks.starts import start_of
 from benchmarks.studies.others import Case, Found, _ball_problem, _board_problem, _judged
 from benchmarks.studies.others_run import PROGRAMS
 from spherecal.adjust.state import State
-from spherecal_sim.boards import simulate_board
-from spherecal_sim.session import simulate_session
+from spherecal_sim.simulate_session import simulate_session
+from spherecal_sim.simulated_boards import simulate_board
 from spherecal_sim.truth import SimulationOptions
 
 

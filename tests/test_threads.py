@@ -10,7 +10,7 @@ from threadpoolctl import ThreadpoolController
 from spherecal.base.threads import one_blas_thread
 from spherecal_boards.board import calibrate_board
 from spherecal_boards.board_start import ONE_OPENCV_THREAD
-from spherecal_sim.boards import simulate_board
+from spherecal_sim.simulated_boards import simulate_board
 
 
 def blas_threads() -> set[int]:

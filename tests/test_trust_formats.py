@@ -19,13 +19,13 @@ from spherecal.files.read_session import read_session
 from spherecal_app.cli.main import main
 from spherecal_cameras.genicam.messages import Live
 from spherecal_cameras.genicam.wire import WireError, pack, unpack
-from spherecal_documents.support.bundle import BundleOptions, session_of, write_bundle
 from spherecal_documents.support.redact import Redactor
+from spherecal_documents.support.support_bundle import BundleOptions, session_of, write_bundle
 from spherecal_gui.project_folder import load_project, recent_projects
-from spherecal_sim.session import simulate_session
 from spherecal_sim.session_folder import write_session
+from spherecal_sim.simulate_session import simulate_session
 from spherecal_sim.truth import SimulationOptions
-from spherecal_study.batch import fingerprint_of
+from spherecal_study.batch_of_sessions import fingerprint_of
 
 _PROJECT = {
     "format": "spherecal/wizard", "version": 1, "source": "replay:x", "step": "place", "cameras": ["S1"],

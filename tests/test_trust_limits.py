@@ -263,7 +263,7 @@ def test_lack_of_memory_is_one_line(monkeypatch: pytest.MonkeyPatch, capsys: pyt
     def lack(*_: object) -> None:
         raise MemoryError
 
-    monkeypatch.setattr("spherecal_app.cli.doctor.doctor", lack)
+    monkeypatch.setattr("spherecal_app.cli.doctor_command.doctor", lack)
     assert main(["doctor"]) == 2
     assert "not enough memory" in capsys.readouterr().err
 

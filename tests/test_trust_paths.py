@@ -18,10 +18,11 @@ from spherecal_app.cli.main import main
 from spherecal_cameras.capture import SessionCamera, SessionFolder
 from spherecal_cameras.plan import CapturePlan, PlannedSet
 from spherecal_cameras.protocol import CameraSource, Frame, FrameSet
-from spherecal_gui import project, project_folder, recorded
+from spherecal_gui import project, project_folder
+from spherecal_gui import recorded_sets as recorded
 from spherecal_gui.tasks import dot_store
-from spherecal_gui.tasks.bundle import bundle_files
-from spherecal_rigs.save import save_result
+from spherecal_gui.tasks.bundle_task import bundle_files
+from spherecal_rigs.save_entry import save_result
 from spherecal_rigs.store import apply, create_profile, open_profile
 
 pytestmark = pytest.mark.skipif(os.name == "nt", reason="links and pipes as POSIX has them")

@@ -8,7 +8,7 @@ import pytest
 from spherecal.calibrate import calibrate
 from spherecal.data.session import CameraSpec, Session
 from spherecal.initialise.focal_length import with_seen_focal_lengths
-from spherecal_sim import session as simulated
+from spherecal_sim import simulate_session as simulated
 from spherecal_sim.rigs import RigDesign, rig_design
 from spherecal_sim.truth import SimulationOptions, Truth
 

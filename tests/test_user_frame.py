@@ -14,7 +14,7 @@ from spherecal.base.errors import InputError, SpherecalError
 from spherecal.files.rig_file import rig_bytes
 from spherecal.files.write_result import write_result
 from spherecal.geometry.user_frame import LEAST_ANGLE_DEG, TURNS, FrameDefinition, turn_matrix, user_frame
-from spherecal.verify.bars import verify
+from spherecal.verify.verify_bars import verify
 from spherecal.verify.write_verification import write_verification
 from spherecal_app.cli.main import main
 from spherecal_documents.export.write_export import FORMATS, export_rig

@@ -16,11 +16,11 @@ from spherecal.data.rig import CameraSigma, Quality, Rig, RigCamera, RigScale
 from spherecal.data.session import Session
 from spherecal.files.rig_file import rig_bytes
 from spherecal.files.write_result import write_result
-from spherecal.verify.bars import verify
 from spherecal.verify.uncertainty import decide, length_statistics
 from spherecal.verify.verification import LengthBudget, MeasuredLength, Verification
+from spherecal.verify.verify_bars import verify
 from spherecal.verify.write_verification import write_verification
-from spherecal_sim.session import simulate_session
+from spherecal_sim.simulate_session import simulate_session
 from spherecal_sim.truth import SimulationOptions, Truth
 from tests.test_results import example_calibration
 

@@ -16,7 +16,6 @@ from spherecal.data.rig import Rig
 from spherecal.data.session import BarLength, Certificate, Session
 from spherecal.files.bar_registry import RegisteredBar, bar_entry
 from spherecal.files.rig_file import rig_bytes
-from spherecal.verify.bars import VerifySettings, verify
 from spherecal.verify.budget import Contribution, certificate_freedom, combine, resolution_mm
 from spherecal.verify.departures import lengths_on_lines
 from spherecal.verify.limit import LengthLimit, judge_against, parse_limit
@@ -31,8 +30,9 @@ from spherecal.verify.pose_plan import (
     volume_box,
 )
 from spherecal.verify.verification import LengthBudget, MeasuredLength, Verification
+from spherecal.verify.verify_bars import VerifySettings, verify
 from spherecal.verify.write_verification import write_verification
-from spherecal_sim.session import simulate_session
+from spherecal_sim.simulate_session import simulate_session
 from spherecal_sim.truth import CameraMove, SimulationOptions, Truth
 from tests.export_rigs import make_rig
 from tests.test_verify import codes, simulate, true_rig

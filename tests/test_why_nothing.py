@@ -28,9 +28,9 @@ from spherecal_app.cli.main import main
 from spherecal_sim.dot_truth import ball_dots
 from spherecal_sim.render import render_image
 from spherecal_sim.render_session import CLUTTERED, RENDERED
-from spherecal_sim.scene import ball_scene, lit_for
-from spherecal_sim.session import simulate_session
 from spherecal_sim.session_folder import write_session
+from spherecal_sim.simulate_session import simulate_session
+from spherecal_sim.simulated_scene import ball_scene, lit_for
 from spherecal_sim.station import Station
 
 Grey = NDArray[np.uint8]

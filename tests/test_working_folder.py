@@ -16,8 +16,8 @@ from benchmarks.studies.hostile_folder import SETTINGS, attack, make_canaries, s
 from benchmarks.studies.hostile_inputs import Ground
 from spherecal.base.working_folder import find_program, own_program, users_environment
 from spherecal_app.cli.commands import COMMANDS
-from spherecal_boards.board_pattern import recorded_board
-from spherecal_sim.session import simulate_session
+from spherecal_boards.pattern_entry import recorded_board
+from spherecal_sim.simulate_session import simulate_session
 from spherecal_sim.truth import SimulationOptions
 
 BIN = Path(sys.executable).parent

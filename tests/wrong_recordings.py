@@ -11,7 +11,7 @@ from spherecal.data.rig import Calibration
 from spherecal.data.session import Placement, Session
 from spherecal.geometry.camera import project
 from spherecal.geometry.rotation import exp_rotation
-from spherecal_sim.session import simulate_session
+from spherecal_sim.simulate_session import simulate_session
 from spherecal_sim.truth import CameraMove, SimulationOptions, Truth
 
 Pose = tuple[FloatArray, FloatArray]

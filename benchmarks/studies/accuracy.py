@@ -34,9 +34,9 @@ from spherecal.calibrate import calibrate
 from spherecal.data.recording import Recording
 from spherecal.data.rig import Calibration
 from spherecal.geometry.camera import INTRINSIC_NAMES, project
-from spherecal.scale.bars import length_rows
+from spherecal.scale.bar_scale import length_rows
 from spherecal.steps.settings import CalibrationSettings
-from spherecal_sim.session import observe_again
+from spherecal_sim.simulate_session import observe_again
 from spherecal_sim.truth import SimulationOptions
 
 RUNS = 200

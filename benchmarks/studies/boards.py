@@ -16,7 +16,7 @@ from spherecal.geometry.camera import intrinsics_vector
 from spherecal.geometry.rotation import exp_rotation
 from spherecal.targets.board_pattern import BoardPattern, figure
 from spherecal_boards.board_images import FoundBoard, find_board
-from spherecal_boards.board_pattern import board_entry, board_pattern
+from spherecal_boards.pattern_entry import board_entry, board_pattern
 from spherecal_sim.rendered_board import BoardCamera, paint, render_board
 
 BOARDS = (

@@ -14,7 +14,7 @@ import numpy as np
 
 from benchmarks.camera_rig import FAULTS, Outcome, injected, rig
 from benchmarks.studies.report import Report
-from spherecal_gentl.producer.control import ProducerControl, SimulatedCamera, simulated_cameras
+from spherecal_gentl.producer.producer_control import ProducerControl, SimulatedCamera, simulated_cameras
 
 RUNS = 20
 SOAK_MINUTES = 15.0
@@ -42,7 +42,7 @@ def faults(runs: int) -> tuple[dict[str, list[Outcome]], bool]:
 
 PROGRAM = """
 import sys, time
-from spherecal_cameras.genicam.source import GenicamSource
+from spherecal_cameras.genicam.genicam_source import GenicamSource
 
 if __name__ == "__main__":
     source = GenicamSource()

@@ -9,8 +9,8 @@ from benchmarks.studies.report import Report
 from spherecal.calibrate import calibrate
 from spherecal.data.rig import Rig
 from spherecal.data.session import Session
-from spherecal_rigs.check import check
-from spherecal_sim.session import observe_again, simulate_session
+from spherecal_rigs.check_rig import check
+from spherecal_sim.simulate_session import observe_again, simulate_session
 from spherecal_sim.truth import CameraMove, SimulationOptions, Truth
 
 RIGS, CHECKS = 10, 20  # false alarms: 200 checks

@@ -23,7 +23,7 @@ from benchmarks.studies.workers import Job, spread
 from spherecal.adjust.state import State
 from spherecal.base.arrays import FloatArray, IntArray
 from spherecal.geometry.triangulation import triangulate
-from spherecal_sim.session import observe_again
+from spherecal_sim.simulate_session import observe_again
 from spherecal_sim.truth import SimulationOptions
 
 RUNS = 400

@@ -17,8 +17,8 @@ from spherecal_sim.optics import Image
 from spherecal_sim.render import Rendered, render_image
 from spherecal_sim.render_session import RENDERED, station_at
 from spherecal_sim.rigs import CameraKind, TrueCamera, look_at
-from spherecal_sim.scene import RenderSettings, ball_scene, lit_for
-from spherecal_sim.session import simulate_session
+from spherecal_sim.simulate_session import simulate_session
+from spherecal_sim.simulated_scene import RenderSettings, ball_scene, lit_for
 from spherecal_sim.station import Station
 from spherecal_sim.tracing import TracedScene
 from spherecal_sim.truth import SimulationOptions, Truth

@@ -11,7 +11,7 @@ from spherecal_sim.optics import Image, Psf, Sensor, expose
 from spherecal_sim.render import Rendered, render_image
 from spherecal_sim.render_session import CLUTTERED, RENDERED
 from spherecal_sim.rigs import CameraKind
-from spherecal_sim.scene import RenderSettings
+from spherecal_sim.simulated_scene import RenderSettings
 from spherecal_sim.tracing import PAPER
 from spherecal_sim.truth import SimulationOptions
 

@@ -9,11 +9,11 @@ from numpy.typing import NDArray
 
 from spherecal.base.arrays import FloatArray, IntArray
 from spherecal.geometry.camera import project
-from spherecal_sim.ball import wrap
 from spherecal_sim.optics import Image, expose, gather, pixel_kernel, separable, vignetting
 from spherecal_sim.radiance import CELLS, TILE, ideal_place, look_along
-from spherecal_sim.scene import WHITE, RenderSettings
 from spherecal_sim.shading import albedo
+from spherecal_sim.simulated_ball import wrap
+from spherecal_sim.simulated_scene import WHITE, RenderSettings
 from spherecal_sim.tracing import MARK, STICKER
 
 from .detection_scenes import View

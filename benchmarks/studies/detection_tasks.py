@@ -16,7 +16,7 @@ from threadpoolctl import threadpool_limits
 from spherecal.targets.detection import Detections, DetectionSettings, Detector
 from spherecal_sim.optics import Image, Sensor
 from spherecal_sim.render_session import CLUTTERED, RENDERED
-from spherecal_sim.session import simulate_session
+from spherecal_sim.simulate_session import simulate_session
 
 from . import detection_false as false
 from .detection_clusters import Kind

@@ -16,7 +16,7 @@ from spherecal.data.findings import Finding
 from spherecal.data.observations import Observations
 from spherecal.data.session import Session
 from spherecal.steps.settings import CalibrationSettings, Method
-from spherecal_sim.session import simulate_session
+from spherecal_sim.simulate_session import simulate_session
 from spherecal_sim.truth import CameraMove, SimulationOptions, Truth
 
 RUNS = 50

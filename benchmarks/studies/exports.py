@@ -9,7 +9,7 @@ import numpy as np
 from benchmarks.studies.export_readers import READERS, python_for, read
 from benchmarks.studies.report import Report
 from spherecal.data.rig import Rig
-from spherecal_documents.export.cameras import MM_PER
+from spherecal_documents.export.file_cameras import MM_PER
 from spherecal_documents.export.write_export import FORMATS, Exported, check_points, export_rig
 from tests.export_rigs import make_rig
 

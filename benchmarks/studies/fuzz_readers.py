@@ -12,12 +12,12 @@ from benchmarks.studies.fuzz import Reader, zipped
 from spherecal.base.errors import InputError
 from spherecal.calibrate import calibrate
 from spherecal.files.write_result import write_result
-from spherecal.verify.bars import VerifySettings, verify
 from spherecal.verify.limit import parse_limit
+from spherecal.verify.verify_bars import VerifySettings, verify
 from spherecal.verify.write_verification import write_verification
 from spherecal_documents.export.write_export import export_rig
-from spherecal_sim.session import simulate_session
 from spherecal_sim.session_folder import write_session
+from spherecal_sim.simulate_session import simulate_session
 from spherecal_sim.truth import SimulationOptions
 from tests.example_session import VALID, make_session
 from tests.export_rigs import make_rig
@@ -57,9 +57,9 @@ def _through(path: Path, read: Callable[[], object]) -> Callable[[Path, bytes], 
 def _session_readers(folder: Path) -> list[Reader]:
     from spherecal.files.read_session import read_session
     from spherecal.files.target_set_file import read_target_set
-    from spherecal_boards.board_pattern import read_board_pattern
+    from spherecal_boards.pattern_entry import read_board_pattern
     from spherecal_cameras.plan import read_plan
-    from spherecal_documents.support.bundle import session_of, write_bundle
+    from spherecal_documents.support.support_bundle import session_of, write_bundle
 
     session = folder / "session"
     session.mkdir()
@@ -97,7 +97,7 @@ def _result_readers(folder: Path) -> list[Reader]:
     from spherecal_rigs.framed_rig import define_frame
     from spherecal_rigs.read_verification import read_bar_report
     from spherecal_rigs.result_folder import read_result
-    from spherecal_rigs.save import prepare
+    from spherecal_rigs.save_entry import prepare
 
     session, truth = simulate_session("rigA", 1, SimulationOptions(targets=12, placements=3, bar_poses=1))
     done = calibrate(session)
@@ -134,15 +134,15 @@ def _other_readers(folder: Path) -> list[Reader]:
     from spherecal.files.bar_registry import BAR_REGISTRY
     from spherecal.files.read_session import read_session
     from spherecal.files.rig_file import read_rig
+    from spherecal_cameras.camera_settings import CameraDescription, CameraProfile, read_profile, write_profile
     from spherecal_cameras.genicam.trust import TrustStore
-    from spherecal_cameras.profile import CameraDescription, CameraProfile, read_profile, write_profile
     from spherecal_cameras.protocol import CameraSettings
     from spherecal_documents.report.dcc import read_issuer
-    from spherecal_rigs.check import check
     from spherecal_rigs.check_file import check_json
-    from spherecal_rigs.checks import keep_check, read_checks
+    from spherecal_rigs.check_rig import check
+    from spherecal_rigs.kept_checks import keep_check, read_checks
     from spherecal_rigs.limits_file import Limits, read_limits, write_limits
-    from spherecal_rigs.save import save_result
+    from spherecal_rigs.save_entry import save_result
     from spherecal_rigs.store import apply, create_profile, open_profile
 
     profile = folder / "profile"

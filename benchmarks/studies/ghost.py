@@ -18,9 +18,9 @@ from spherecal.base.context import Context
 from spherecal.files.session_json import session_json
 from spherecal_gui.coverage import Dots
 from spherecal_gui.tasks.ghost import Ghost, Lenses, Lying, lying_ball, outline, to_go
-from spherecal_gui.tasks.guide import plan_coarse, plan_next
+from spherecal_gui.tasks.placement_advice import plan_coarse, plan_next
 from spherecal_sim.observe import look, observe
-from spherecal_sim.session import simulate_session
+from spherecal_sim.simulate_session import simulate_session
 
 NOISE_PX = 0.05
 _MOST_STEPS, _THERE_MM, _THERE_DEG = 12, 0.05, 0.02

@@ -21,11 +21,11 @@ from benchmarks.gige_faults import FAULTS, WireOutcome, injected, wire
 from benchmarks.gige_fuzz import MINUTES, fuzzed
 from benchmarks.studies.cameras import resident_mb
 from benchmarks.studies.report import Report
-from spherecal_cameras.genicam.source import GenicamSource
+from spherecal_cameras.genicam.genicam_source import GenicamSource
 from spherecal_cameras.protocol import CameraSettings
-from spherecal_gentl.gige.control import GigeCamera, GigeRig
-from spherecal_gentl.producer.build import build_producer
-from spherecal_gentl.producer.control import ProducerControl, SimulatedCamera
+from spherecal_gentl.gige.gige_control import GigeCamera, GigeRig
+from spherecal_gentl.producer.build_producer import build_producer
+from spherecal_gentl.producer.producer_control import ProducerControl, SimulatedCamera
 
 RUNS = 20
 SIZE = (1224, 1024)  # cameras and client share this machine's processors: 12 x 5 MP would measure those

@@ -22,7 +22,7 @@ from spherecal.geometry.rotation import exp_rotation
 from spherecal.steps.settings import CalibrationSettings
 from spherecal_sim.observe import look, observe
 from spherecal_sim.rigs import ball_turns
-from spherecal_sim.session import simulate_session
+from spherecal_sim.simulate_session import simulate_session
 from spherecal_sim.truth import SimulationOptions, Truth
 
 RUNS = 12

@@ -14,7 +14,7 @@ from spherecal_cameras.genicam.messages import RequestedCamera
 from spherecal_cameras.genicam.service import CameraService
 from spherecal_cameras.genicam.trust import TrustStore, admit_again
 from spherecal_cameras.protocol import CameraSettings
-from spherecal_gentl.producer.build import build_producer
+from spherecal_gentl.producer.build_producer import build_producer
 
 _LOADING_S = 0.5  # in which the process that was started again would load the driver
 _RESTART_S = 20.0  # a process that was killed is started again within 2 s, on a busy machine later

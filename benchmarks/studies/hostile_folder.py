@@ -18,7 +18,7 @@ from pathlib import Path
 
 from benchmarks.studies.hostile_commands import COMMANDS, Command
 from benchmarks.studies.hostile_inputs import Ground
-from spherecal_gentl.producer.build import build_producer
+from spherecal_gentl.producer.build_producer import build_producer
 
 OURS = ("spherecal", "spherecal_gui", "spherecal_documents.scene", "spherecal_sim", "spherecal_study")
 # By the dependency that reads it there, or has been said to; the rest was seen by strace.

@@ -117,7 +117,7 @@ def _warm() -> None:
     """Load what every try needs before the forks."""
     import cv2
 
-    import spherecal_gui.recorded  # noqa: F401
+    import spherecal_gui.recorded_sets  # noqa: F401
 
     cv2.setNumThreads(0)
 

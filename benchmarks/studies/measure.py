@@ -11,10 +11,10 @@ from benchmarks.studies.measured_world import Path, World, calibrated_world, fac
 from benchmarks.studies.report import Report
 from spherecal.base.arrays import FloatArray
 from spherecal.geometry.rotation import exp_rotation
+from spherecal_measuring.measured_sets import ObservedSet
 from spherecal_measuring.measurer import Measurer
-from spherecal_measuring.results import ObservedSet
-from spherecal_measuring.task import Task
-from spherecal_sim.faults import lens_misfit
+from spherecal_measuring.measuring_task import Task
+from spherecal_sim.recording_faults import lens_misfit
 
 SEEDS = 6
 SETS = 7  # along a path; velocities are known from the third on

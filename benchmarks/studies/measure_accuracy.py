@@ -8,9 +8,9 @@ import numpy as np
 from benchmarks.studies.measured_world import Path, World
 from spherecal.base.arrays import FloatArray
 from spherecal.geometry.rotation import log_rotation
+from spherecal_measuring.measured_sets import MeasuredSet
 from spherecal_measuring.measurer import Measurer
-from spherecal_measuring.results import MeasuredSet
-from spherecal_measuring.task import Body, BodyPoint, PointName, Ruler, Task
+from spherecal_measuring.measuring_task import Body, BodyPoint, PointName, Ruler, Task
 
 _CHI2_95 = {3: 7.815, 6: 12.592}
 

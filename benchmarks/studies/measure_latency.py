@@ -13,11 +13,11 @@ from spherecal.data.rig_camera import RigCamera
 from spherecal.targets.detection import Detector
 from spherecal_cameras.simulated.draw import digitise
 from spherecal_cameras.simulated.stage import Stage, StageView
-from spherecal_measuring.live import collected, known_of
+from spherecal_measuring.live_sets import collected, known_of
+from spherecal_measuring.measured_sets import ObservedSet
 from spherecal_measuring.measurer import Measurer
-from spherecal_measuring.regions import FULL_PERIOD_S, RegionSearch
-from spherecal_measuring.results import ObservedSet
-from spherecal_measuring.task import Task
+from spherecal_measuring.measuring_task import Task
+from spherecal_measuring.search_regions import FULL_PERIOD_S, RegionSearch
 
 CAMERAS = (4, 8, 12)
 RATE_HZ = 10.0

@@ -13,11 +13,11 @@ from spherecal.data.session import Session
 from spherecal.geometry.rotation import exp_rotation
 from spherecal.geometry.transform import Similarity, fit_similarity
 from spherecal.targets.centre import target_centre
-from spherecal_measuring.results import ObservedSet
-from spherecal_measuring.task import PointName
-from spherecal_sim.ball import Ball
+from spherecal_measuring.measured_sets import ObservedSet
+from spherecal_measuring.measuring_task import PointName
 from spherecal_sim.observe import ObservingCameras, look, observe
-from spherecal_sim.session import simulate_session
+from spherecal_sim.simulate_session import simulate_session
+from spherecal_sim.simulated_ball import Ball
 from spherecal_sim.truth import SimulationOptions, Truth
 
 RATE_HZ = 10.0

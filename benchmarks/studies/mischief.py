@@ -36,9 +36,9 @@ from benchmarks.studies.mischief_world import Pose, World
 from spherecal.data.observations import Observations
 from spherecal.steps.settings import CalibrationSettings
 from spherecal.targets.family import make_target_set
-from spherecal_sim.ball import Ball, make_ball
-from spherecal_sim.faults import shape_changes
 from spherecal_sim.lens_errors import TrueLens
+from spherecal_sim.recording_faults import shape_changes
+from spherecal_sim.simulated_ball import Ball, make_ball
 
 
 def nothing(world: World, size: float, rng: np.random.Generator) -> Case:

@@ -14,11 +14,11 @@ from spherecal.data.observations import Observations
 from spherecal.data.session import Bar, BarLength, BarPose, CameraSpec, Mark, Placement, Scale, Session
 from spherecal.steps.settings import CalibrationSettings
 from spherecal.targets.family import make_target_set
-from spherecal_sim.ball import Ball
 from spherecal_sim.lens_errors import TrueLens
 from spherecal_sim.realistic import RealisticOptions, simulate_realistic
 from spherecal_sim.rigs import TrueCamera, nominal_intrinsics, random_rotations
-from spherecal_sim.session import simulate_session
+from spherecal_sim.simulate_session import simulate_session
+from spherecal_sim.simulated_ball import Ball
 from spherecal_sim.truth import SimulationOptions
 
 RIGS = ("rigA", "rigB", "hall12", "random")

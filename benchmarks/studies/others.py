@@ -34,11 +34,11 @@ from spherecal.geometry.camera import project
 from spherecal.geometry.posed import PosedCameras
 from spherecal.geometry.triangulation import triangulate
 from spherecal.steps.settings import CalibrationSettings
-from spherecal.verify.bars import verify
-from spherecal_sim.bars import study_bars
-from spherecal_sim.boards import simulate_board
+from spherecal.verify.verify_bars import verify
 from spherecal_sim.realistic import RealisticOptions, simulate_realistic
-from spherecal_sim.session import simulate_session
+from spherecal_sim.simulate_session import simulate_session
+from spherecal_sim.simulated_bars import study_bars
+from spherecal_sim.simulated_boards import simulate_board
 from spherecal_sim.truth import SimulationOptions
 
 RUNS = 3

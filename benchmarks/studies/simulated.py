@@ -12,9 +12,9 @@ from spherecal.adjust.datum import Places
 from spherecal.adjust.network import Network
 from spherecal.adjust.state import State
 from spherecal.adjust.weights import rough_noise, weighted
+from spherecal.ball.calibration_run import Run
 from spherecal.ball.fit import BallFit
 from spherecal.ball.rigid import RigidNetwork, align, share_shape
-from spherecal.ball.run import Run
 from spherecal.base.arrays import BoolArray, FloatArray
 from spherecal.base.context import Context
 from spherecal.data.observations import Features, Observations
@@ -26,8 +26,8 @@ from spherecal.geometry.triangulation import triangulate
 from spherecal.scale.metric import Solution, in_millimetres
 from spherecal.steps.settings import CalibrationSettings
 from spherecal.steps.start_values import describe_network
-from spherecal_sim.bars import StudyBars, study_bars
-from spherecal_sim.session import simulate_session
+from spherecal_sim.simulate_session import simulate_session
+from spherecal_sim.simulated_bars import StudyBars, study_bars
 from spherecal_sim.truth import SimulationOptions, Truth
 
 RIGS = ("rigA", "rigB")

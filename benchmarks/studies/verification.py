@@ -14,12 +14,12 @@ from benchmarks.studies.report import Report
 from spherecal.calibrate import calibrate
 from spherecal.data.rig import Rig
 from spherecal.data.session import Session
-from spherecal.verify.bars import VerifySettings, verify
+from spherecal.verify.doubts import DOUBTS
 from spherecal.verify.limit import LengthLimit
 from spherecal.verify.uncertainty import EXPANSION_RELATIVE_SD, temperature_sd
-from spherecal.verify.validity import DOUBTS
 from spherecal.verify.verification import Verification
-from spherecal_sim.session import simulate_session
+from spherecal.verify.verify_bars import VerifySettings, verify
+from spherecal_sim.simulate_session import simulate_session
 from spherecal_sim.truth import CameraMove, SimulationOptions, Truth
 
 RUNS = 200

@@ -18,7 +18,7 @@ from spherecal.detect.session_images import observed
 from spherecal.diagnose.lens_models import best_lens_model
 from spherecal.diagnose.plausibility import implausible
 from spherecal.initialise.focal_length import with_seen_focal_lengths
-from spherecal.result.build import build_failed_result, build_result, stopped_early
+from spherecal.result.build_result import build_failed_result, build_result, stopped_early
 from spherecal.steps.automatic_repairs import TURNS, certain_repairs, has_fewer_faults, helps, is_credible, is_settled
 from spherecal.steps.fit_ball import fit_ball_model
 from spherecal.steps.other_methods import other_method

@@ -41,15 +41,15 @@ from spherecal.targets.detection import Detections, DetectionSettings, detect
 from spherecal.targets.family import make_target_set
 from spherecal.targets.images import as_grey, read_image
 from spherecal.targets.target_set import TargetSet
-from spherecal.verify.bars import VerifySettings, verify
 from spherecal.verify.limit import LengthLimit, parse_limit
 from spherecal.verify.pose_plan import BarMarks, PosePlan, plan_poses
 from spherecal.verify.verification import Verification
+from spherecal.verify.verify_bars import VerifySettings, verify
 from spherecal.verify.write_verification import write_verification
 from spherecal_app.recordings.new_session import Contents, NewSession, StatedCameras, make_session
-from spherecal_boards.board_pattern import board_entry, board_pattern
+from spherecal_boards.pattern_entry import board_entry, board_pattern
 from spherecal_cameras.protocol import CameraSource
-from spherecal_documents.export.cameras import FileCamera, FileRig, Pose, Unit
+from spherecal_documents.export.file_cameras import FileCamera, FileRig, Pose, Unit
 from spherecal_documents.export.format import Format
 from spherecal_documents.export.import_rig import import_rig as _import_rig
 from spherecal_documents.export.other_formats import ImportFormat
@@ -58,27 +58,27 @@ from spherecal_documents.export.write_export import export_rig as _export_rig
 from spherecal_documents.sheets import board_sheet
 from spherecal_documents.sheets.sticker_sheet import Page, write_sheet
 from spherecal_measuring.body_file import read_body, write_body
-from spherecal_measuring.live import LiveSets, LiveSettings, rig_cameras_of
+from spherecal_measuring.live_sets import LiveSets, LiveSettings, rig_cameras_of
+from spherecal_measuring.measure_sets import run as measure_sets
+from spherecal_measuring.measured_sets import BodyPose, MeasuredSet, MeasuredValue, ObservedSet, Series
 from spherecal_measuring.measurer import Measurer
+from spherecal_measuring.measuring_task import Body, BodyPoint, PointName, Ruler, Task
 from spherecal_measuring.points import MeasuredPoints, project_points, triangulate_points
-from spherecal_measuring.results import BodyPose, MeasuredSet, MeasuredValue, ObservedSet, Series
-from spherecal_measuring.run import run as measure_sets
 from spherecal_measuring.series_file import TableKind
 from spherecal_measuring.sets import sets_of_session
-from spherecal_measuring.task import Body, BodyPoint, PointName, Ruler, Task
-from spherecal_rigs.check import Check, check
 from spherecal_rigs.check_ball import read_known_ball
-from spherecal_rigs.compare import Comparison, compare
+from spherecal_rigs.check_rig import Check, check
+from spherecal_rigs.compare_rigs import Comparison, compare
 from spherecal_rigs.frame_file import read_frame, write_frame
 from spherecal_rigs.framed_rig import define_frame as _define_frame
 from spherecal_rigs.next_placement import Guidance, advise
 from spherecal_rigs.recalibrate import Selection, What, recalibrate
-from spherecal_rigs.save import SaveOptions, prepare
-from spherecal_rigs.source import Source, corners_beside, points_file, read_source, volume_of
+from spherecal_rigs.rig_source import Source, corners_beside, points_file, read_source, volume_of
+from spherecal_rigs.save_entry import SaveOptions, prepare
 from spherecal_rigs.store import Profile, add_entry, create_profile, open_profile
 from spherecal_rigs.store import apply as put_to_use
-from spherecal_sim.session import simulate_session as simulate
 from spherecal_sim.session_folder import write_session
+from spherecal_sim.simulate_session import simulate_session as simulate
 from spherecal_sim.truth import CameraMove, SimulationOptions, Truth
 
 __all__ = [

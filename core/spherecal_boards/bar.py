@@ -21,8 +21,8 @@ from spherecal.steps.settings import CalibrationSettings
 from spherecal_boards.bar_adjustment import BarAdjusted, BarNetwork, adjust_bar, chain_pairs, residuals_px
 from spherecal_boards.bar_marks import BarRecording, bar_recording, known_lengths, scale_bar, standard_uncertainty
 from spherecal_boards.bar_start import LEAST_COMMON, BarStart, start_from_pairs
-from spherecal_boards.findings import common_findings, scale_finding, unlinked
-from spherecal_boards.result import Fit, assemble_fit, assemble_nothing
+from spherecal_boards.board_findings import common_findings, scale_finding, unlinked
+from spherecal_boards.board_result import Fit, assemble_fit, assemble_nothing
 
 METHOD = "bar"
 # With fewer frames in which both ends were measured the scale and the focal lengths hang on single images.

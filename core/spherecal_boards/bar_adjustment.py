@@ -16,7 +16,8 @@ from spherecal.data.session import Session
 from spherecal.geometry.camera import INTRINSIC_NAMES
 from spherecal_boards.bar_marks import BarRecording, known_lengths
 from spherecal_boards.bar_model import BarModel, Lengths
-from spherecal_boards.frames import minimise, redundancy
+from spherecal_boards.board_intrinsic_priors import poorly_observed, priors_of
+from spherecal_boards.frame_network import minimise, redundancy
 from spherecal_boards.frames_adjustment import (
     Adjusted,
     camera_residuals,
@@ -27,7 +28,6 @@ from spherecal_boards.frames_adjustment import (
     within_gate,
 )
 from spherecal_boards.frames_covariance import frame_covariance
-from spherecal_boards.intrinsic_priors import poorly_observed, priors_of
 
 
 @dataclass(frozen=True)

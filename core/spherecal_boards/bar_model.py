@@ -8,7 +8,7 @@ from spherecal.adjust import engine
 from spherecal.adjust.problem import Problem
 from spherecal.adjust.state import State
 from spherecal.base.arrays import BoolArray, FloatArray, IntArray
-from spherecal_boards.frames import Ties
+from spherecal_boards.frame_network import Ties
 from spherecal_boards.frames_covariance import PointRows
 
 

@@ -14,7 +14,7 @@ from spherecal.geometry.posed import PosedCameras
 from spherecal.geometry.triangulation import triangulate
 from spherecal_boards.bar_marks import BarRecording
 from spherecal_boards.bar_model import Lengths
-from spherecal_boards.result import groups_of
+from spherecal_boards.board_result import groups_of
 
 LEAST_COMMON = 20
 # As in initialise/two_view.py: nominal intrinsics bend epipolar lines by up to this.

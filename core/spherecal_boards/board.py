@@ -27,14 +27,14 @@ from spherecal_boards.board_adjustment import (
     residuals_px,
 )
 from spherecal_boards.board_chain import BoardStart, Links, chain, find_links, whole
+from spherecal_boards.board_findings import common_findings, scale_finding, unlinked
 from spherecal_boards.board_images import BoardImages, find_boards
 from spherecal_boards.board_model import BoardViews, board_views
-from spherecal_boards.board_pattern import board_uncertainty, read_board_pattern, shape_estimated
+from spherecal_boards.board_result import Fit, assemble_fit, assemble_nothing, groups_of
 from spherecal_boards.board_shape import BoardSolution, estimated_solution, nominal_solution, shape_finding
 from spherecal_boards.board_start import LEAST_POINTS, poses, start_intrinsics, usable_views
 from spherecal_boards.eccentricity import eccentricity
-from spherecal_boards.findings import common_findings, scale_finding, unlinked
-from spherecal_boards.result import Fit, assemble_fit, assemble_nothing, groups_of
+from spherecal_boards.pattern_entry import board_uncertainty, read_board_pattern, shape_estimated
 
 METHOD = "board"
 

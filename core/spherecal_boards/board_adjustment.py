@@ -13,9 +13,10 @@ from spherecal.adjust.state import State
 from spherecal.base.arrays import BoolArray, FloatArray, IntArray
 from spherecal.base.context import Context
 from spherecal.geometry.camera import INTRINSIC_NAMES, project
+from spherecal_boards.board_intrinsic_priors import poorly_observed, priors_of
 from spherecal_boards.board_model import BoardModel, BoardViews
 from spherecal_boards.board_start import LEAST_POINTS, BoardPose
-from spherecal_boards.frames import cameras_only, minimise, redundancy
+from spherecal_boards.frame_network import cameras_only, minimise, redundancy
 from spherecal_boards.frames_adjustment import (
     Adjusted,
     camera_residuals,
@@ -26,7 +27,6 @@ from spherecal_boards.frames_adjustment import (
     within_gate,
 )
 from spherecal_boards.frames_covariance import frame_covariance
-from spherecal_boards.intrinsic_priors import poorly_observed, priors_of
 
 ViewPoses = dict[tuple[int, int], list[BoardPose]]
 

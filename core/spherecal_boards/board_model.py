@@ -6,13 +6,13 @@ from functools import cached_property
 import numpy as np
 
 from spherecal.adjust import engine
-from spherecal.adjust.layout import POSE
+from spherecal.adjust.parameter_layout import POSE
 from spherecal.adjust.problem import Problem
 from spherecal.adjust.state import State
 from spherecal.base.arrays import BoolArray, FloatArray, IntArray
 from spherecal.data.observations import Observations
 from spherecal.geometry.rotation import cross_matrix, exp_rotation
-from spherecal_boards.frames import Ties
+from spherecal_boards.frame_network import Ties
 from spherecal_boards.frames_covariance import PointRows
 
 

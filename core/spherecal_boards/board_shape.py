@@ -18,10 +18,10 @@ from spherecal.base.context import Context
 from spherecal.data.findings import Finding
 from spherecal.geometry.transform import fit_similarity
 from spherecal_boards.board_adjustment import BoardAdjusted, BoardNetwork, board_points, gate
-from spherecal_boards.frames import cameras_only
+from spherecal_boards.board_intrinsic_priors import priors_of
+from spherecal_boards.frame_network import cameras_only
 from spherecal_boards.frames_adjustment import progress
 from spherecal_boards.frames_covariance import FrameCovariance
-from spherecal_boards.intrinsic_priors import priors_of
 
 # Shifts of points that noise alone makes up explain their own number's worth of residuals: 1.0 +- 0.1 for 80 points.
 # The laser print of the shared recording has 11 in each camera alone.

@@ -13,9 +13,9 @@ from spherecal.adjust.state import State
 from spherecal.base.arrays import BoolArray, FloatArray, IntArray
 from spherecal.base.context import Context
 from spherecal.geometry.camera import project
-from spherecal_boards.frames import FrameModel, minimise
+from spherecal_boards.board_intrinsic_priors import poorly_determined, priors_of
+from spherecal_boards.frame_network import FrameModel, minimise
 from spherecal_boards.frames_covariance import FrameCovariance
-from spherecal_boards.intrinsic_priors import poorly_determined, priors_of
 
 START_ITERATIONS = 60
 

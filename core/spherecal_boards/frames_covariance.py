@@ -10,11 +10,11 @@ import numpy as np
 from scipy.linalg import LinAlgError, cho_factor, cho_solve
 
 from spherecal.adjust.datum import moved_cameras, moved_points
-from spherecal.adjust.layout import symmetric
+from spherecal.adjust.parameter_layout import symmetric
 from spherecal.adjust.state import State
 from spherecal.base.arrays import FloatArray, IntArray
 from spherecal.base.threads import one_blas_thread
-from spherecal_boards.frames import FrameModel, ReducedFrames, dense_couplings, reduce, sum_by
+from spherecal_boards.frame_network import FrameModel, ReducedFrames, dense_couplings, reduce, sum_by
 
 # Numbers of a dense block of points' derivatives: 16 MB.
 _BLOCK = 2_000_000

@@ -19,7 +19,7 @@ from spherecal.base.filesystem import write_whole
 from spherecal.base.messages.values import Phrase
 from spherecal_cameras.genicam.trust import TrustStore
 from spherecal_cameras.makers import ANY_MAKER, own_folder
-from spherecal_gentl.producer.build import ARAVIS_CTI_FILE, aravis_flags, build_producer, cxx_compiler
+from spherecal_gentl.producer.build_producer import ARAVIS_CTI_FILE, aravis_flags, build_producer, cxx_compiler
 
 Lack = Literal["linux", "libaravis", "libaravis-dev", "compiler"]
 _PACKAGES = {"libaravis": "libaravis-0.8-0", "libaravis-dev": "libaravis-dev pkg-config", "compiler": "g++"}

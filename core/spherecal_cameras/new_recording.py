@@ -4,9 +4,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from spherecal.base.messages.values import Phrase
+from spherecal_cameras.camera_settings import CameraProfile
 from spherecal_cameras.capture import SessionCamera, session_ids
 from spherecal_cameras.plan import CapturePlan, camera_spec_json, recorded_camera_json
-from spherecal_cameras.profile import CameraProfile
 from spherecal_cameras.protocol import CameraError, CameraInfo, CameraSource, Discovery, SetupReport, session_behind
 from spherecal_cameras.sensors import pitch_of_model
 

@@ -23,7 +23,7 @@ def open_source(
     if faults and kind != "simulated":
         raise InputError(Phrase("error-faults-simulated"))
     if kind == "genicam" and not what:
-        from spherecal_cameras.genicam.source import GenicamSource
+        from spherecal_cameras.genicam.genicam_source import GenicamSource
 
         return GenicamSource(producers, ask=ask)
     if kind == "replay" and what:
@@ -31,8 +31,8 @@ def open_source(
 
         return ReplaySource(Path(what))
     if kind == "simulated":
-        from spherecal_cameras.simulated.faults import parse_fault
-        from spherecal_cameras.simulated.source import SimulatedSource
+        from spherecal_cameras.simulated.camera_faults import parse_fault
+        from spherecal_cameras.simulated.simulated_source import SimulatedSource
 
         return SimulatedSource(what or "demo", faults=[parse_fault(text) for text in faults])
     made = load(CAMERA_SOURCES, kind) if kind not in _OWN else None

@@ -8,7 +8,7 @@ from spherecal.base.errors import InputError
 from spherecal.base.messages.values import Phrase
 from spherecal.files.atomic import write_file_whole
 from spherecal.files.codec import FileFormat, field, identifier, integer, items, name, number, optional, record
-from spherecal_measuring.task import CENTRE, Body, BodyPoint, PointName
+from spherecal_measuring.measuring_task import CENTRE, Body, BodyPoint, PointName
 
 LEAST_POINTS = 3
 _MOST_POINTS = 1000

@@ -15,7 +15,7 @@ from spherecal.base.arrays import BoolArray, FloatArray, IntArray
 from spherecal.data.rig import Rig
 from spherecal.verify.consistency import CameraTest, Consistency, examine_cameras
 from spherecal.verify.outlying_views import CheckedPoints, Views
-from spherecal_measuring.results import CameraHealth, Health
+from spherecal_measuring.measured_sets import CameraHealth, Health
 
 FAST_SETS = 5  # half a second at 10 Hz
 SLOW_SETS = 100

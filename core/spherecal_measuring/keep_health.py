@@ -7,9 +7,9 @@ from spherecal.base.messages.values import Phrase
 from spherecal.data.rig import Rig
 from spherecal.files.json_file import finite
 from spherecal_measuring.health import SLOW_SETS
-from spherecal_measuring.results import Health
-from spherecal_rigs.check import Verdict, camera_cause, camera_state
+from spherecal_measuring.measured_sets import Health
 from spherecal_rigs.check_file import CheckEntry, camera_entry, keep
+from spherecal_rigs.check_rig import Verdict, camera_cause, camera_state
 
 _ORDER: tuple[Verdict, ...] = ("ok", "watch", "recalibrate")
 

@@ -15,11 +15,7 @@ from spherecal.verify.outlying_views import LEAST_REDUNDANCY, CheckedPoints, Vie
 from spherecal.verify.uncertainty import PointErrors, point_errors
 from spherecal_measuring.health import RigHealth
 from spherecal_measuring.lateness import Timing, at_one_moment
-from spherecal_measuring.motion import Velocities
-from spherecal_measuring.places import Layouts, LocatedPoints, triangulate_places
-from spherecal_measuring.pose import measure_body
-from spherecal_measuring.rejection import reject_views
-from spherecal_measuring.results import (
+from spherecal_measuring.measured_sets import (
     BodyPose,
     CameraResidual,
     Contradiction,
@@ -28,8 +24,12 @@ from spherecal_measuring.results import (
     MeasuredValue,
     ObservedSet,
 )
-from spherecal_measuring.task import Task
-from spherecal_measuring.values import Unmeasured, measure_bar, measure_ruler
+from spherecal_measuring.measured_values import Unmeasured, measure_bar, measure_ruler
+from spherecal_measuring.measuring_task import Task
+from spherecal_measuring.motion import Velocities
+from spherecal_measuring.places import Layouts, LocatedPoints, triangulate_places
+from spherecal_measuring.pose import measure_body
+from spherecal_measuring.rejection import reject_views
 
 _POINTS = 1024  # names of points on a target; a key is target * _POINTS + point
 _FORGET = 0.98  # of the noise's sums from set to set: some 50 sets count

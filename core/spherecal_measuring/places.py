@@ -17,7 +17,7 @@ from spherecal.targets.centre import LEAST_DOTS
 from spherecal.targets.target_set import TargetSet
 from spherecal.verify.outlying_views import CheckedPoints
 from spherecal.verify.uncertainty import PointErrors
-from spherecal_measuring.task import CENTRE, PointName
+from spherecal_measuring.measuring_task import CENTRE, PointName
 
 _WEAK_DOT = 5.0  # standard deviations over the median dot's, as verify/marks.py
 _COLLINEAR = 0.01  # as targets/centre.py

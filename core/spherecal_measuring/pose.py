@@ -9,10 +9,10 @@ from spherecal.base.arrays import FloatArray
 from spherecal.geometry.rotation import cross_matrix, exp_rotation
 from spherecal.geometry.transform import fit_similarity
 from spherecal_measuring.body_file import LEAST_POINTS, line_width
+from spherecal_measuring.measured_sets import BodyPose
+from spherecal_measuring.measured_values import Unmeasured
+from spherecal_measuring.measuring_task import Body
 from spherecal_measuring.places import LocatedPoints
-from spherecal_measuring.results import BodyPose
-from spherecal_measuring.task import Body
-from spherecal_measuring.values import Unmeasured
 
 # A body of ten points whose points are all right loses one in 10 000 sets; a point 5 sd off is always found.
 _CHANCE = 1e-5

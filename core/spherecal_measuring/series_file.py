@@ -15,9 +15,9 @@ from spherecal.base.messages.values import Phrase
 from spherecal.files.atomic import Marker, write_folder_whole
 from spherecal.files.json_file import json_bytes, software_entry
 from spherecal.files.write_result import place_cell
+from spherecal_measuring.measured_sets import MeasuredSet
 from spherecal_measuring.measurer import Measurer
-from spherecal_measuring.results import MeasuredSet
-from spherecal_measuring.tables import COLUMNS, TEXTS, WHOLE_NUMBERS, Row, health_json, rows_of
+from spherecal_measuring.series_tables import COLUMNS, TEXTS, WHOLE_NUMBERS, Row, health_json, rows_of
 
 TableKind = Literal["csv", "parquet"]
 FORMAT = "spherecal/series"

@@ -14,7 +14,7 @@ from spherecal.data.session import Session
 from spherecal.detect.session_images import observed
 from spherecal.files.capture_file import CapturedSet, read_captured_sets
 from spherecal.verify.rig_cameras import cameras_in_rig
-from spherecal_measuring.results import ObservedSet
+from spherecal_measuring.measured_sets import ObservedSet
 
 
 def sets_of_session(session: Session, rig: Rig, context: Context | None = None) -> Iterator[ObservedSet]:

@@ -9,8 +9,8 @@ import numpy as np
 from spherecal.base.messages.catalogue import phrase
 from spherecal.files.findings_file import FINDING
 from spherecal.files.json_file import finite, software_entry
-from spherecal_rigs.check import Check, CheckedCamera, Verdict
-from spherecal_rigs.checks import keep_check
+from spherecal_rigs.check_rig import Check, CheckedCamera, Verdict
+from spherecal_rigs.kept_checks import keep_check
 from spherecal_rigs.store import is_profile, open_profile
 
 FORMAT = "spherecal/check"

@@ -21,7 +21,7 @@ from spherecal.files.json_file import JsonValue
 from spherecal.files.registry import settings_path
 
 if TYPE_CHECKING:
-    from spherecal_rigs.validity import ValidityLimits
+    from spherecal_rigs.calibration_age import ValidityLimits
 
 # Least: below this many common dots two cameras are no neighbours (spherecal.initialise.view_graph). Most: three times
 # what the demo's and rig A's cameras see at best (420); no image would ever be enough.
@@ -59,7 +59,7 @@ class Limits:
     @property
     def validity(self) -> "ValidityLimits":
         """Those of a calibration's age and temperature, as a profile has them."""
-        from spherecal_rigs.validity import ValidityLimits
+        from spherecal_rigs.calibration_age import ValidityLimits
 
         return ValidityLimits(self.ageing_hours, self.stale_hours, self.ageing_kelvin, self.stale_kelvin)
 

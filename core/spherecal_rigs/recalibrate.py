@@ -11,8 +11,8 @@ import numpy as np
 from spherecal.adjust.bundle import usable_features
 from spherecal.adjust.network import Network
 from spherecal.adjust.state import State
+from spherecal.ball.calibration_run import Run
 from spherecal.ball.fit import BallFit, solve_free
-from spherecal.ball.run import Run
 from spherecal.ball.selection import ModelChoice
 from spherecal.base.arrays import BoolArray, IntArray
 from spherecal.base.context import Context, Stopwatch
@@ -26,7 +26,7 @@ from spherecal.data.session import Session
 from spherecal.detect.session_images import observed
 from spherecal.initialise.incremental import InitialPoses, resect_camera
 from spherecal.initialise.local import LocalNetwork, reconstruct_locally
-from spherecal.result.build import build_failed_result, build_result
+from spherecal.result.build_result import build_failed_result, build_result
 from spherecal.scale.metric import MetricFit, Solution, fit_spheres
 from spherecal.steps.fit_ball import ball_network, select_ball_model
 from spherecal.steps.settings import CalibrationSettings

@@ -14,10 +14,10 @@ from spherecal.data.session import Session
 from spherecal.detect.session_images import observed
 from spherecal.geometry.length_uncertainty import Cameras
 from spherecal.geometry.volume_map import LengthMap, Volume, length_map
-from spherecal.verify.bars import views_of
 from spherecal.verify.consistency import camera_normal
 from spherecal.verify.outlying_views import triangulate_checked
 from spherecal.verify.pose_plan import volume_box
+from spherecal.verify.verify_bars import views_of
 from spherecal_rigs.recalibrate import Selection, recalibrate
 
 

@@ -10,9 +10,9 @@ import numpy as np
 from spherecal.base.arrays import FloatArray
 from spherecal.base.errors import InputError
 from spherecal.base.messages.values import Phrase
-from spherecal_rigs.checks import read_checks
-from spherecal_rigs.compare import Comparison, compare, seen_volume
-from spherecal_rigs.source import entry_volume
+from spherecal_rigs.compare_rigs import Comparison, compare, seen_volume
+from spherecal_rigs.kept_checks import read_checks
+from spherecal_rigs.rig_source import entry_volume
 from spherecal_rigs.store import Profile
 
 # A chart of single values with median moving ranges: the median +- 3 sd, sd = median range / 0.954 (the median of the

@@ -8,7 +8,7 @@ from scipy.spatial import KDTree
 from spherecal.base.arrays import BoolArray, FloatArray, IntArray
 from spherecal.base.kernels import njit
 from spherecal.geometry.camera import project, reach_of
-from spherecal_sim.ball import Ball, wrap
+from spherecal_sim.simulated_ball import Ball, wrap
 from spherecal_sim.station import Station
 from spherecal_sim.tracing import TracedScene, trace
 from spherecal_sim.unowned import unowned

@@ -15,12 +15,12 @@ from spherecal.data.observations import Observations
 from spherecal.data.session import Bar, BarLength, BarPose, CameraSpec, Mark, Placement, Scale, Session
 from spherecal.geometry.rotation import exp_rotation
 from spherecal.targets.family import make_target_set
-from spherecal_sim.ball import Ball, make_ball
-from spherecal_sim.faults import shape_changes, spoil
 from spherecal_sim.heavy_tails import heavy_noise
 from spherecal_sim.lens_errors import TrueLens, random_field
 from spherecal_sim.random_rigs import RandomRig, random_rig
+from spherecal_sim.recording_faults import shape_changes, spoil
 from spherecal_sim.rigs import TrueCamera, ball_turns, nominal_intrinsics, random_rotations
+from spherecal_sim.simulated_ball import Ball, make_ball
 
 Lenses = Literal["usual", "wide", "strong", "long"]
 Body = Literal["ball", "half", "plane"]

@@ -11,8 +11,8 @@ from spherecal.base.arrays import BoolArray, ByValue, FloatArray
 from spherecal.base.filesystem import create
 from spherecal.geometry.camera import camera_matrix, is_fisheye
 from spherecal.geometry.rotation import exp_rotation
-from spherecal_sim.ball import Ball
 from spherecal_sim.rigs import Layout, TrueCamera, Turns
+from spherecal_sim.simulated_ball import Ball
 
 
 @dataclass(frozen=True)

@@ -8,9 +8,9 @@ import numpy as np
 from scipy.linalg import LinAlgError, cho_factor, cho_solve
 
 from spherecal.adjust import engine
-from spherecal.adjust.layout import symmetric
 from spherecal.adjust.levenberg import Minimum
 from spherecal.adjust.linear import Linearisation
+from spherecal.adjust.parameter_layout import symmetric
 from spherecal.adjust.problem import Problem, moved
 from spherecal.adjust.state import State
 from spherecal.base.arrays import FloatArray

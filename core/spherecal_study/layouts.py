@@ -2,11 +2,11 @@
 
 from typing import Any
 
-from spherecal_study.agreement import Estimate, below, estimate, like
 from spherecal_study.document import Document
 from spherecal_study.executor import Trial
 from spherecal_study.measures import all_errors
-from spherecal_study.page import (
+from spherecal_study.study_agreement import Estimate, below, estimate, like
+from spherecal_study.study_page import (
     Options,
     PaperComparison,
     Results,

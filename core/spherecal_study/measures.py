@@ -9,8 +9,8 @@ from spherecal.data.rig import Calibration
 from spherecal.data.rig_camera import posed
 from spherecal.data.session import Session
 from spherecal.geometry.triangulation import triangulate
-from spherecal.verify.bars import verify
-from spherecal_sim.bars import study_bars
+from spherecal.verify.verify_bars import verify
+from spherecal_sim.simulated_bars import study_bars
 from spherecal_sim.truth import Truth
 
 _BARS_SEED = 99

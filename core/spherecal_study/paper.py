@@ -4,8 +4,8 @@ from pathlib import Path
 
 from spherecal.files.atomic import write_file_whole
 from spherecal_sim.rigs import rig_design
-from spherecal_study.agreement import LEAST_RUNS, TESTS
 from spherecal_study.kept_pages import KeptPage, pages
+from spherecal_study.study_agreement import LEAST_RUNS, TESTS
 
 FILE = "paper.md"
 _PLACES = {

@@ -11,11 +11,14 @@ from spherecal.base.filesystem import remove_below
 from spherecal.files.atomic import write_file_whole
 from spherecal.files.json_file import json_bytes
 from spherecal_documents.report.style import report_style
-from spherecal_study import cameras, compare, layouts, noise, path, rig_b, wand
+from spherecal_study import camera_count as cameras
+from spherecal_study import compare_methods as compare
+from spherecal_study import layouts, noise, rig_b, wand
+from spherecal_study import path_study as path
 from spherecal_study.executor import Trial, Workers, kept_result, run_trials
-from spherecal_study.page import Options, Results, StudyPage
 from spherecal_study.paper import write_paper
 from spherecal_study.rendered import renderings
+from spherecal_study.study_page import Options, Results, StudyPage
 
 STUDIES: dict[str, ModuleType] = {
     "layouts": layouts, "path": path, "noise": noise, "cameras": cameras, "compare": compare, "rigB": rig_b,

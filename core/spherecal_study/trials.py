@@ -17,21 +17,21 @@ from spherecal.data.recording import Recording
 from spherecal.data.rig import Calibration
 from spherecal.data.session import Session
 from spherecal.detect.session_images import observed
+from spherecal.initialise.camera_path import BASE, Search, find_paths
 from spherecal.initialise.chain import chain_points, chain_poses
 from spherecal.initialise.incremental import grow
 from spherecal.initialise.local import LocalNetwork, reconstruct_locally
-from spherecal.initialise.path import BASE, Search, find_paths
 from spherecal.initialise.view_graph import EdgeWeights, build_graph
 from spherecal.steps.settings import CalibrationSettings, Method
 from spherecal.steps.start_values import StartValues, describe_network
-from spherecal_sim.boards import simulate_board, simulate_waved_bar
 from spherecal_sim.rigs import Layout, TrueCamera
-from spherecal_sim.session import simulate_session
+from spherecal_sim.simulate_session import simulate_session
+from spherecal_sim.simulated_boards import simulate_board, simulate_waved_bar
 from spherecal_sim.truth import SimulationOptions, Truth
-from spherecal_study.batch import calibrate_session
+from spherecal_study.batch_of_sessions import calibrate_session
 from spherecal_study.displacement import displaced_cases
 from spherecal_study.measures import bar_figures, calibration_only, outcome, residual_figures
-from spherecal_study.recorded import detected, recorded
+from spherecal_study.recorded_trials import detected, recorded
 from spherecal_study.rendered import render, rendered_ball, rendered_bars, rendered_board, rendered_waved_bar
 from spherecal_study.wand import errors_and_bounds
 

@@ -7,11 +7,11 @@ import numpy as np
 from spherecal.base.arrays import FloatArray
 from spherecal.data.rig import Calibration
 from spherecal.geometry.transform import fit_similarity
-from spherecal_sim.boards import SimulatedRecording
-from spherecal_study.agreement import always, estimate
+from spherecal_sim.simulated_boards import SimulatedRecording
 from spherecal_study.document import Document
 from spherecal_study.executor import Trial
-from spherecal_study.page import (
+from spherecal_study.study_agreement import always, estimate
+from spherecal_study.study_page import (
     Options,
     PaperComparison,
     Results,

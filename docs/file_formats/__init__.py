@@ -11,12 +11,12 @@ from file_formats.results import FORMATS as _RESULTS
 from file_formats.sessions import FORMATS as _SESSIONS
 from spherecal.files.bar_registry import BARS
 from spherecal.files.codec import FileFormat
+from spherecal_cameras.camera_settings import CAMERAS
 from spherecal_cameras.genicam.trust import DRIVERS
-from spherecal_cameras.profile import CAMERAS
 from spherecal_documents.report.dcc import ISSUER
 from spherecal_rigs.ball_registry import BALLS
-from spherecal_rigs.checks import PROFILE_CHECK
 from spherecal_rigs.entry import ENTRY
+from spherecal_rigs.kept_checks import PROFILE_CHECK
 from spherecal_rigs.limits_file import LIMITS
 from spherecal_rigs.store import PROFILE
 

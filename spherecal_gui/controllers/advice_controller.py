@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 from PySide6.QtCore import QCoreApplication, Signal
 
-from spherecal_gui import limits
+from spherecal_gui import limits_in_force as limits
 from spherecal_gui.controllers.camera_controller import CameraController
 from spherecal_gui.controllers.controller_part import ControllerPart
 from spherecal_gui.controllers.project_controller import ProjectController
@@ -14,12 +14,12 @@ from spherecal_gui.controllers.recording_controller import RecordingController
 from spherecal_gui.coverage import SetDots
 from spherecal_gui.fingerprint import fingerprint
 from spherecal_gui.placement_view import GuidanceView
-from spherecal_gui.tasks.guide import plan_coarse, plan_next
+from spherecal_gui.tasks.placement_advice import plan_coarse, plan_next
 from spherecal_gui.tasks.task import Runner
 
 if TYPE_CHECKING:  # ghosts and live images need scipy, for which the window does not wait
     from spherecal_gui.tasks.ghost import Lying, ToGo
-    from spherecal_gui.tasks.live import Sight
+    from spherecal_gui.tasks.live_detection import Sight
 
 translate = QCoreApplication.translate
 

@@ -22,7 +22,7 @@ if TYPE_CHECKING:  # planning, ghosts and live images need scipy, for which the 
     from spherecal.data.session import Bar
     from spherecal.verify.pose_plan import PlannedPose, PosePlan
     from spherecal_gui.tasks.ghost import Drawn
-    from spherecal_gui.tasks.live import Sight
+    from spherecal_gui.tasks.live_detection import Sight
 
 _PATIENCE_MS = 5000
 

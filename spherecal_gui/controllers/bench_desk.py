@@ -15,7 +15,7 @@ from spherecal.files.bar_registry import BAR_REGISTRY, RegisteredBar
 from spherecal.files.target_set_file import read_target_set
 from spherecal_cameras.plan import CapturePlan, read_plan
 from spherecal_gui import languages
-from spherecal_gui.presenters.bench import (
+from spherecal_gui.presenters.bench_presenter import (
     BallDraft,
     BarDraft,
     BenchDraft,

@@ -19,7 +19,7 @@ if TYPE_CHECKING:  # cameras and detection need scipy and numba, for which the w
     from spherecal_cameras.driver_help import DriverTrouble
     from spherecal_cameras.genicam.trust import Ask, Driver
     from spherecal_cameras.in_process import Staged
-    from spherecal_gui.tasks.live import Connection, LiveView
+    from spherecal_gui.tasks.live_detection import Connection, LiveView
 
 translate = QCoreApplication.translate
 
@@ -112,7 +112,7 @@ class CameraController(ControllerPart):
     def _connected(self, connection: "Connection") -> None:
         # Loaded by the thread that connects the cameras; the second one needs scipy and numba.
         from spherecal_cameras.driver_help import driver_troubles
-        from spherecal_gui.tasks.live import LiveView
+        from spherecal_gui.tasks.live_detection import LiveView
 
         if self.project is None:
             connection.source.close()
@@ -297,7 +297,7 @@ class CameraController(ControllerPart):
 
 def keep_in_profile(serials: Iterable[str], **changes: object) -> None:
     """Write what somebody says of cameras into the camera profile."""
-    from spherecal_cameras.profile import default_profile_path, read_profile, write_profile  # as above
+    from spherecal_cameras.camera_settings import default_profile_path, read_profile, write_profile  # as above
 
     path = default_profile_path()
     profile = read_profile(path)

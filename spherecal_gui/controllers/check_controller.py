@@ -15,7 +15,7 @@ from spherecal_gui.texts import verdict_word
 
 if TYPE_CHECKING:  # checks need scipy, for which the window does not wait
     from spherecal_gui.tasks.kept_check import CheckSummary
-    from spherecal_rigs.check import Check
+    from spherecal_rigs.check_rig import Check
 
 translate = QCoreApplication.translate
 

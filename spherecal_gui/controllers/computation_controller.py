@@ -19,7 +19,7 @@ from spherecal_gui.tasks.outcome import Outcome, read_outcome
 from spherecal_gui.texts import verdict_word
 
 if TYPE_CHECKING:  # results need scipy, for which the window does not wait
-    from spherecal_gui.presenters.calibrate import CourseOfWork
+    from spherecal_gui.presenters.calibrate_presenter import CourseOfWork
 
 translate = QCoreApplication.translate
 

@@ -9,7 +9,7 @@ from PySide6.QtCore import QCoreApplication, QObject
 
 from spherecal.base.errors import OutputError
 from spherecal.files.lock import InUse, locked
-from spherecal_gui import limits
+from spherecal_gui import limits_in_force as limits
 from spherecal_gui.controllers.advice_controller import AdviceController
 from spherecal_gui.controllers.bar_controller import BarController
 from spherecal_gui.controllers.camera_controller import CameraController

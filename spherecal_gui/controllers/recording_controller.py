@@ -20,8 +20,8 @@ from spherecal_gui.tasks.dot_store import DotStore
 
 if TYPE_CHECKING:  # cameras and detection need scipy and numba, for which the window does not wait
     from spherecal_cameras.capture import SessionCamera
-    from spherecal_gui.recorded import RecordedSession
-    from spherecal_gui.tasks.live import Connection
+    from spherecal_gui.recorded_sets import RecordedSession
+    from spherecal_gui.tasks.live_detection import Connection
 
 translate = QCoreApplication.translate
 
@@ -72,7 +72,7 @@ class RecordingController(ControllerPart):
 
     def _open_folders(self) -> None:
         """Make or take up the two session folders: of the calibration, and of the check bars."""
-        from spherecal_gui.recorded import RecordedSession  # needs scipy and numba
+        from spherecal_gui.recorded_sets import RecordedSession  # needs scipy and numba
 
         project, connection = self.project, self._cameras.connection
         if project is None or connection is None:
@@ -94,7 +94,7 @@ class RecordingController(ControllerPart):
 
     def _open_checks(self, project: Project, connection: "Connection") -> None:
         """Make or take up the session folder of the check bars."""
-        from spherecal_gui.recorded import RecordedSession  # needs scipy and numba
+        from spherecal_gui.recorded_sets import RecordedSession  # needs scipy and numba
 
         plan = jobs.calibration_plan(connection.plan, project.check_poses, dict(project.pose_bars))
         cameras = _masked_cameras(project, connection)

@@ -16,7 +16,7 @@ from spherecal_gui.controllers.computation_controller import ComputationControll
 from spherecal_gui.controllers.controller_part import ControllerPart
 from spherecal_gui.controllers.frame_controller import FrameController
 from spherecal_gui.controllers.project_controller import ProjectController
-from spherecal_gui.presenters.start import picture_name
+from spherecal_gui.presenters.start_presenter import picture_name
 from spherecal_gui.tasks import jobs
 
 translate = QCoreApplication.translate

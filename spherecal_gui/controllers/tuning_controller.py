@@ -57,7 +57,7 @@ class TuningController(ControllerPart):
     def settings_of(self, serial: str) -> "CameraSettings":
         """A camera's settings as they were set."""
         # The window starts without the cameras' modules.
-        from spherecal_cameras.profile import default_profile_path, read_profile
+        from spherecal_cameras.camera_settings import default_profile_path, read_profile
         from spherecal_cameras.protocol import CameraSettings
 
         if serial not in self._tuned:

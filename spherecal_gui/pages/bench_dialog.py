@@ -13,9 +13,9 @@ from PySide6.QtWidgets import (
 )
 
 from spherecal_gui.controllers.bench_desk import BenchDesk
-from spherecal_gui.pages.bench_ball import BallTab, RigTab
-from spherecal_gui.pages.bench_bars import BarsTab
-from spherecal_gui.presenters.bench import warnings
+from spherecal_gui.pages.bench_ball_page import BallTab, RigTab
+from spherecal_gui.pages.bench_bars_page import BarsTab
+from spherecal_gui.presenters.bench_presenter import warnings
 from spherecal_gui.widgets.basic import button, enable, label, set_level
 
 _SIZE = (1180, 720)  # fits 1280 x 800 with the window's frame and a task bar

@@ -16,7 +16,7 @@ from PySide6.QtWidgets import (
 )
 
 from spherecal.base.errors import SpherecalError
-from spherecal_boards.board_pattern import board_entry
+from spherecal_boards.pattern_entry import board_entry
 from spherecal_gui.texts import error_text
 from spherecal_gui.widgets.basic import WheelGuard, button, enable, label, set_level
 

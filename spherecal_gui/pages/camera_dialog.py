@@ -14,8 +14,8 @@ from PySide6.QtWidgets import (
 )
 
 from spherecal_gui.controllers.controller import Controller
-from spherecal_gui.presenters.connect import model_text
-from spherecal_gui.presenters.look import tile_state
+from spherecal_gui.presenters.connect_presenter import model_text
+from spherecal_gui.presenters.look_presenter import tile_state
 from spherecal_gui.widgets.basic import button, enable, label, plain, set_level
 from spherecal_gui.widgets.tile import CameraTile
 

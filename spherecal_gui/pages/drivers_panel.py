@@ -3,7 +3,7 @@
 from PySide6.QtCore import Qt, Signal
 from PySide6.QtWidgets import QAbstractItemView, QDialog, QHBoxLayout, QVBoxLayout, QWidget
 
-from spherecal_gui.presenters.drivers import DriverNote, makers_rows
+from spherecal_gui.presenters.drivers_presenter import DriverNote, makers_rows
 from spherecal_gui.widgets.basic import button, clear, details_button, label, set_level
 from spherecal_gui.widgets.table import Table
 

@@ -12,7 +12,7 @@ from spherecal.geometry.user_frame import TURNS
 from spherecal_documents.scene.eye import Eye
 from spherecal_documents.scene.model import AXIS_TINTS, SceneData
 from spherecal_gui import theme
-from spherecal_gui.presenters.frame import FrameChoice, Role, turn_word
+from spherecal_gui.presenters.frame_presenter import FrameChoice, Role, turn_word
 from spherecal_gui.widgets.basic import button, enable, label, set_level
 from spherecal_gui.widgets.rendered_scene import RenderedScene
 

@@ -18,7 +18,7 @@ from PySide6.QtWidgets import (
 )
 
 from spherecal_gui import theme
-from spherecal_gui.presenters.limits import (
+from spherecal_gui.presenters.limits_presenter import (
     LimitField,
     LimitsDesk,
     limit_fields,

@@ -6,13 +6,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 from PySide6.QtCore import QCoreApplication
 
-from spherecal_gui.pages.base import Page
-from spherecal_gui.presenters.look import Expected, TileState, figures_text, tile_state, usual_light
+from spherecal_gui.pages.wizard_page import Page
+from spherecal_gui.presenters.look_presenter import Expected, TileState, figures_text, tile_state, usual_light
 from spherecal_gui.widgets.basic import plain
 from spherecal_gui.widgets.tile import Wall
 
 if TYPE_CHECKING:  # detection is loaded by the thread that connects the cameras
-    from spherecal_gui.tasks.live import Sight
+    from spherecal_gui.tasks.live_detection import Sight
 
 translate = QCoreApplication.translate
 

@@ -8,15 +8,15 @@ from PySide6.QtGui import QPixmap
 from PySide6.QtWidgets import QDialog, QHBoxLayout, QInputDialog, QVBoxLayout, QWidget
 
 from spherecal.base.errors import SpherecalError
-from spherecal_gui import limits
-from spherecal_gui.presenters.results import compared_text
-from spherecal_gui.presenters.start import picture_of, profile_rows, validity_of
+from spherecal_gui import limits_in_force as limits
+from spherecal_gui.presenters.results_presenter import compared_text
+from spherecal_gui.presenters.start_presenter import picture_of, profile_rows, validity_of
 from spherecal_gui.tasks.outcome import Compared
 from spherecal_gui.texts import error_text
 from spherecal_gui.widgets.basic import Chip, button, enable, label, once, set_level
 from spherecal_gui.widgets.table import Table
-from spherecal_rigs.compare import compare, seen_volume
-from spherecal_rigs.source import entry_volume
+from spherecal_rigs.compare_rigs import compare, seen_volume
+from spherecal_rigs.rig_source import entry_volume
 from spherecal_rigs.store import apply, open_profile
 
 _PICTURE_PX = 300

@@ -12,8 +12,8 @@ from spherecal_gui.tasks.task import Runner
 from spherecal_gui.texts import error_text
 from spherecal_gui.widgets.basic import button, enable, label, set_level
 from spherecal_study.executor import workers_for
-from spherecal_study.page import Options
 from spherecal_study.studies import STUDIES, run_study
+from spherecal_study.study_page import Options
 
 _TICK_MS = 200
 _PATIENCE_MS = 20_000

@@ -9,7 +9,7 @@ import numpy as np
 from spherecal.base.arrays import FloatArray
 from spherecal.targets.target_set import TargetSet
 from spherecal_gui.coverage import Dots
-from spherecal_gui.tasks.guide import observations_of
+from spherecal_gui.tasks.placement_advice import observations_of
 
 if TYPE_CHECKING:
     from spherecal.data.rig import Rig
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 def plan_poses_of(result_folder: Path, rig: "Rig", bars: "Sequence[Bar]") -> "PosePlan | None":
     """The plan for the check bars among `bars`; None without a scale, a volume or such a bar."""
     from spherecal.verify.pose_plan import BarMarks, plan_poses
-    from spherecal_rigs.save import points_box
+    from spherecal_rigs.save_entry import points_box
 
     marks = [BarMarks.of(bar.id, bar.lengths) for bar in bars if bar.role == "check" and bar.lengths]
     box = points_box(result_folder / "points.csv")

@@ -15,7 +15,7 @@ from spherecal.base.errors import InputError, SpherecalError
 from spherecal.base.messages.values import Phrase
 from spherecal.files.atomic import RESULT, check_folder, write_file_whole
 from spherecal.files.json_file import JsonValue, json_bytes, read_json
-from spherecal_gui import limits
+from spherecal_gui import limits_in_force as limits
 from spherecal_gui.coverage import Dots
 from spherecal_gui.last_verification import keep_verification
 from spherecal_gui.project import Artefacts, Project, Verdict
@@ -32,8 +32,8 @@ if TYPE_CHECKING:
     from spherecal_cameras.genicam.trust import Ask
     from spherecal_cameras.plan import CapturePlan
     from spherecal_cameras.protocol import CameraSource, Discovery, FrameSet, SetupReport
-    from spherecal_gui.tasks.live import Connection
-    from spherecal_rigs.check import Check
+    from spherecal_gui.tasks.live_detection import Connection
+    from spherecal_rigs.check_rig import Check
 
 # Imported inside functions: cameras, detection and calibration take a second, with scipy, OpenCV and the kernels. The
 # window is shown before.
@@ -49,8 +49,8 @@ def connect(project: Project, context: Context, ask: "Ask | None" = None) -> "Co
 
     `ask` None: nobody can be asked.
     """
+    from spherecal_cameras.camera_settings import default_profile_path, read_profile
     from spherecal_cameras.driver_help import NoCameras, answering, driver_troubles, on_wire
-    from spherecal_cameras.profile import default_profile_path, read_profile
     from spherecal_cameras.sources import open_source
 
     context.report("opening the source", 0.0, project.source)
@@ -90,9 +90,9 @@ def joined(
     wire: "tuple[WireCamera, ...]",
 ) -> "Connection":
     """The connection to cameras that are open, each with what is known of it now; it opens nothing."""
+    from spherecal_cameras.camera_settings import CameraProfile, default_profile_path, read_profile
     from spherecal_cameras.new_recording import session_cameras
-    from spherecal_cameras.profile import CameraProfile, default_profile_path, read_profile
-    from spherecal_gui.tasks.live import Connection
+    from spherecal_gui.tasks.live_detection import Connection
 
     live = project.source.startswith("genicam")
     profile = read_profile(default_profile_path()) if live else CameraProfile()
@@ -131,7 +131,7 @@ def as_people_count(name: str) -> list[tuple[int, str]]:
 
 def _plan(source: "CameraSource", project: Project) -> "CapturePlan":
     """Targets, ball, scale and bars: of the bench file that was named, else of the recording or the simulated rig."""
-    from spherecal_boards.board_pattern import recorded_board
+    from spherecal_boards.pattern_entry import recorded_board
     from spherecal_cameras.plan import CapturePlan, check_marks, plan_of, read_plan
     from spherecal_cameras.protocol import session_behind
     from spherecal_rigs.bench_file import whole_bar
@@ -159,7 +159,7 @@ def detector_of(plan: "CapturePlan") -> "Detector | BoardDetector | None":
     """What finds in images what calibrates: coded targets, or the points of a board; None where neither is known."""
     from spherecal.targets.detection import Detector
     from spherecal_boards.board_detector import BoardDetector
-    from spherecal_boards.board_pattern import board_pattern
+    from spherecal_boards.pattern_entry import board_pattern
 
     if plan.target_set is not None:
         return Detector(plan.target_set)
@@ -339,12 +339,12 @@ def verify(folder: Path, result: Path, limit: str, context: Context, seen: Obser
     from spherecal.detect.session_images import observed
     from spherecal.files.read_session import read_session
     from spherecal.files.rig_file import read_rig
-    from spherecal.verify.bars import VerifySettings
-    from spherecal.verify.bars import verify as run
     from spherecal.verify.limit import parse_limit
+    from spherecal.verify.verify_bars import VerifySettings
+    from spherecal.verify.verify_bars import verify as run
     from spherecal.verify.write_verification import write_verification
     from spherecal_rigs.read_verification import read_bar_report
-    from spherecal_rigs.save import points_box
+    from spherecal_rigs.save_entry import points_box
 
     check_folders(result.parent)
     context.report("reading the session", 0.0)
@@ -388,10 +388,10 @@ def keep_if_in_use(profile: Path, result: Path, verdict: Verdict) -> None:
 def check(folder: Path, profile: Path, output: Path, context: Context) -> "Check":
     """The same calls as `spherecal check FOLDER --profile PROFILE -o FILE`; the engine's answer."""
     from spherecal.files.read_session import read_session
-    from spherecal_rigs.check import check as run
     from spherecal_rigs.check_ball import read_known_ball
     from spherecal_rigs.check_file import check_json, keep
-    from spherecal_rigs.source import points_file, read_source
+    from spherecal_rigs.check_rig import check as run
+    from spherecal_rigs.rig_source import points_file, read_source
 
     context.report("reading the session", 0.0)
     found = run(read_session(folder), read_source(profile).rig, read_known_ball(points_file(profile)), None, context)
@@ -407,10 +407,10 @@ def repair(
     """The same calls as `spherecal check FOLDER --profile PROFILE --repair RESULT`; verdict, and the check after it."""
     from spherecal.files.read_session import read_session
     from spherecal.files.write_result import write_result
-    from spherecal_rigs.check import check as run
     from spherecal_rigs.check_ball import read_known_ball
+    from spherecal_rigs.check_rig import check as run
     from spherecal_rigs.repose import repose
-    from spherecal_rigs.source import points_file, read_source
+    from spherecal_rigs.rig_source import points_file, read_source
 
     check_folders(result.parent)
     check_folder(result, RESULT)
@@ -442,7 +442,7 @@ def save_profile(result: Path, session: Path, profile: Path, put_to_use: bool, n
     """Add the result to a rig profile's history and, if asked, put it to use; the calibration's number."""
     from spherecal.files.read_session import read_session
     from spherecal.files.rig_file import read_rig
-    from spherecal_rigs.save import SaveOptions, save_result
+    from spherecal_rigs.save_entry import SaveOptions, save_result
     from spherecal_rigs.store import apply, create_profile, open_profile, saying_what_is_in_use
 
     context.report("saving the profile", 0.0)

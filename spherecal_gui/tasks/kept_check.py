@@ -43,7 +43,7 @@ class _Ball:
 
 @dataclass(frozen=True)
 class CheckSummary:
-    """What the page needs of a check (spherecal_rigs.check.Check)."""
+    """What the page needs of a check (spherecal_rigs.check_rig.Check)."""
 
     verdict: str
     tolerance_mm: float | None

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from spherecal.data.rig import Rig
     from spherecal.data.session import Bar
     from spherecal.verify.pose_plan import PosePlan
-    from spherecal_rigs.compare import Comparison
+    from spherecal_rigs.compare_rigs import Comparison
     from spherecal_rigs.framed_rig import Place
     from spherecal_rigs.result_folder import Result
 
@@ -96,8 +96,8 @@ def _places(folder: Path, session: Path) -> "Mapping[str, Place]":
 
 def _compared(rig: "Rig", profile: Path) -> Compared | None:
     """Against the calibration in use, or the one before where this very one is in use already."""
-    from spherecal_rigs.compare import compare, seen_volume
-    from spherecal_rigs.source import entry_volume
+    from spherecal_rigs.compare_rigs import compare, seen_volume
+    from spherecal_rigs.rig_source import entry_volume
     from spherecal_rigs.store import is_profile, open_profile
 
     if not is_profile(profile):

@@ -8,7 +8,7 @@ from PySide6.QtGui import QColor, QPainter, QPaintEvent, QPen, QRadialGradient
 from PySide6.QtWidgets import QSizePolicy, QWidget
 
 from spherecal_gui import theme
-from spherecal_gui.presenters.connect import DrawnBench
+from spherecal_gui.presenters.connect_presenter import DrawnBench
 
 _LEAST_PX = 90.0
 _MARGIN_PX = 12.0

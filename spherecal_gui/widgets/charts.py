@@ -13,7 +13,7 @@ from PySide6.QtWidgets import QSizePolicy, QWidget
 from spherecal.base.arrays import FloatArray, IntArray
 from spherecal_gui import coverage as cov
 from spherecal_gui import languages, theme
-from spherecal_gui.presenters.bars import Errors
+from spherecal_gui.presenters.bars_presenter import Errors
 from spherecal_gui.widgets.basic import plain
 
 pg.setConfigOptions(imageAxisOrder="row-major", antialias=True)

@@ -6,7 +6,7 @@ from PySide6.QtCore import Qt, Signal
 from PySide6.QtWidgets import QLabel, QWidget
 
 from spherecal_gui import languages, theme
-from spherecal_gui.presenters.placement import NeedLine
+from spherecal_gui.presenters.placement_presenter import NeedLine
 from spherecal_gui.widgets.basic import set_level
 
 

@@ -24,7 +24,7 @@ from spherecal_documents.scene.shapes import (
     solid_balls,
 )
 from spherecal_gui import theme
-from spherecal_gui.widgets.scene import SceneView
+from spherecal_gui.widgets.scene_view import SceneView
 
 _SHADES = 16  # colours of points are drawn in groups, which is what takes time
 _FACES = ((0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3))  # of a box

@@ -6,7 +6,7 @@ from PySide6.QtGui import QColor, QImage, QMouseEvent, QPainter, QPaintEvent, QP
 from PySide6.QtWidgets import QWidget
 
 from spherecal_gui import languages, theme
-from spherecal_gui.presenters.results import CameraResiduals
+from spherecal_gui.presenters.results_presenter import CameraResiduals
 from spherecal_gui.widgets.basic import plain
 
 _ON_IMAGE = "#35e0ff"  # as the dots on the tiles: seen on light and on dark grey

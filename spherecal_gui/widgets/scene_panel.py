@@ -15,7 +15,7 @@ from spherecal_gui.presenters.gltf import scene_glb
 from spherecal_gui.texts import error_text
 from spherecal_gui.widgets.basic import button
 from spherecal_gui.widgets.icons import give_icon, menu_icon
-from spherecal_gui.widgets.scene import make_scene_view
+from spherecal_gui.widgets.scene_view import make_scene_view
 
 _MODEL = ".glb"
 _SHARE = 2 / 3  # of what a larger screen adds: the scene grows, lines of text need little more room

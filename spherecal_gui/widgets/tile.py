@@ -9,7 +9,7 @@ from PySide6.QtGui import QBrush, QColor, QFontMetrics, QImage, QKeyEvent, QMous
 from PySide6.QtWidgets import QGridLayout, QLineEdit, QToolTip, QWidget
 
 from spherecal_gui import languages, theme
-from spherecal_gui.presenters.look import TileState
+from spherecal_gui.presenters.look_presenter import TileState
 from spherecal_gui.widgets.basic import MARKS, plain
 
 if TYPE_CHECKING:  # imports scipy

@@ -10,7 +10,7 @@ from PySide6.QtWidgets import QWidget
 from spherecal.base.arrays import FloatArray
 from spherecal_gui import theme
 from spherecal_gui.placement_view import GuidanceView
-from spherecal_gui.presenters.guidance import move_text
+from spherecal_gui.presenters.guidance_presenter import move_text
 from spherecal_gui.widgets.name_tags import place_tags
 
 At = Callable[[FloatArray], QPointF]

@@ -4,7 +4,7 @@ from PySide6.QtCore import Signal
 from PySide6.QtWidgets import QApplication, QFrame, QHBoxLayout, QPushButton, QWidget
 
 from spherecal_gui import theme
-from spherecal_gui.pages.base import PageAction
+from spherecal_gui.pages.wizard_page import PageAction
 from spherecal_gui.standing import Standing
 from spherecal_gui.texts import reason_text
 from spherecal_gui.widgets.basic import button, enable, label, once

@@ -18,7 +18,7 @@ from PySide6.QtWidgets import (
 )
 
 from spherecal_gui import languages, theme
-from spherecal_gui.pages.start import StartPage
+from spherecal_gui.pages.start_page import StartPage
 from spherecal_gui.sounds import Sounds
 from spherecal_gui.widgets.basic import Banner, label
 from spherecal_gui.widgets.icons import dress_icons
@@ -26,7 +26,7 @@ from spherecal_gui.widgets.rail import Rail
 from spherecal_gui.wizard.dialogs import about_dialog
 from spherecal_gui.wizard.footer import Footer
 from spherecal_gui.wizard.header import Header
-from spherecal_gui.wizard.settings import WindowSettings, default_projects
+from spherecal_gui.wizard.window_settings import WindowSettings, default_projects
 
 
 class _Pages(QStackedWidget):

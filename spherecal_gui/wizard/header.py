@@ -8,7 +8,7 @@ from PySide6.QtWidgets import QFrame, QHBoxLayout, QMenu, QWidget
 
 from spherecal_gui import theme
 from spherecal_gui.languages import LANGUAGES
-from spherecal_gui.presenters.start import FAULTS, SURPRISE, fault_text
+from spherecal_gui.presenters.start_presenter import FAULTS, SURPRISE, fault_text
 from spherecal_gui.widgets.basic import Chip, Elided, button
 from spherecal_gui.widgets.icons import give_icon, menu_icon
 

@@ -8,7 +8,7 @@ from PySide6.QtWidgets import QWidget
 
 from spherecal_gui.controllers.controller import Controller
 from spherecal_gui.pages.limits_dialog import LimitsDialog
-from spherecal_gui.presenters.limits import load_limits
+from spherecal_gui.presenters.limits_presenter import load_limits
 from spherecal_gui.project_folder import profile_shown
 from spherecal_gui.widgets.basic import Banner
 

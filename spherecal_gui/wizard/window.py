@@ -12,11 +12,11 @@ from PySide6.QtWidgets import QDialog, QWidget
 from spherecal.base.errors import SpherecalError
 from spherecal_gui import theme
 from spherecal_gui.controllers.controller import Controller
-from spherecal_gui.pages.base import Page
-from spherecal_gui.presenters.look import bump_text
+from spherecal_gui.pages.wizard_page import Page
+from spherecal_gui.presenters.look_presenter import bump_text
 from spherecal_gui.presenters.pace import as_text, expected_s, kind_of, pace_text, read_durations, with_duration
 from spherecal_gui.presenters.stages import doing_text
-from spherecal_gui.presenters.start import source_word, validity_of
+from spherecal_gui.presenters.start_presenter import source_word, validity_of
 from spherecal_gui.project_folder import load_project, profile_shown, rig_bench, write_bench
 from spherecal_gui.standing import camera_level
 from spherecal_gui.tasks.driver_question import DriverQuestion
@@ -405,7 +405,7 @@ class WizardWindow(WindowFrame):
 
     def offer_bundle(self) -> QDialog | None:
         """Show what a support bundle would hold and what is replaced in it; it is written once somebody agrees."""
-        from spherecal_gui.tasks.bundle import bundle_files, contents_text  # loads the calibration
+        from spherecal_gui.tasks.bundle_task import bundle_files, contents_text  # loads the calibration
 
         try:
             _, contents = bundle_files(*self._bundle_of(""))
@@ -421,7 +421,7 @@ class WizardWindow(WindowFrame):
 
         `trouble`: what went wrong inside the program.
         """
-        from spherecal_gui.tasks.bundle import make_bundle  # loads the calibration
+        from spherecal_gui.tasks.bundle_task import make_bundle  # loads the calibration
 
         output = self.projects / f"support-{datetime.now():%Y-%m-%d-%H%M%S}.zip"
         try:

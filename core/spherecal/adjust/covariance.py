@@ -13,8 +13,8 @@ from spherecal.adjust.ball_model import Deformable, Free
 from spherecal.adjust.covariance_factors import CovarianceFactors, Inverted, generalised_inverse, moments_of
 from spherecal.adjust.datum import Places, datum_motions
 from spherecal.adjust.deformable_factors import deformable_factors
-from spherecal.adjust.layout import symmetric
 from spherecal.adjust.least_squares import normal_equations
+from spherecal.adjust.parameter_layout import symmetric
 from spherecal.adjust.point_factors import point_factors
 from spherecal.adjust.problem import Problem
 from spherecal.adjust.state import State

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from spherecal.adjust.ball_model import Stored
-from spherecal.adjust.layout import POSE
+from spherecal.adjust.parameter_layout import POSE
 from spherecal.adjust.problem import Problem
 from spherecal.adjust.state import State
 from spherecal.base.arrays import BoolArray, FloatArray, IntArray

@@ -13,8 +13,8 @@ from scipy import sparse
 from spherecal.adjust.covariance_factors import CovarianceFactors, Inverted, moments_of
 from spherecal.adjust.datum import Places, carried_dots
 from spherecal.adjust.deformable import shape_noise_matrices, shape_noise_of
-from spherecal.adjust.layout import POSE
 from spherecal.adjust.linear import Linearisation
+from spherecal.adjust.parameter_layout import POSE
 from spherecal.adjust.problem import Problem
 from spherecal.adjust.state import State
 from spherecal.base.arrays import FloatArray, IntArray

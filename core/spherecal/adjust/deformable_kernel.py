@@ -13,7 +13,7 @@ seconds to compile and few balls need them.
 import numpy as np
 
 from spherecal.adjust.kernel import INNER, KERNEL
-from spherecal.adjust.layout import POSE
+from spherecal.adjust.parameter_layout import POSE
 from spherecal.adjust.schur_kernel import (
     add_observations,
     inverse_damped,

@@ -10,8 +10,8 @@ from spherecal.adjust import dense_elimination, linear
 from spherecal.adjust.ball_model import Deformable
 from spherecal.adjust.deformable_kernel import eliminate_places, substitute_places
 from spherecal.adjust.kernel import INNER, KERNEL
-from spherecal.adjust.layout import POSE, Layout
 from spherecal.adjust.linear import Linear, Linearisation, PointEquations, Reduced, point_blocks
+from spherecal.adjust.parameter_layout import POSE, Layout
 from spherecal.adjust.problem import Problem
 from spherecal.adjust.schur_kernel import RUN, add_squares, eliminate_points
 from spherecal.adjust.state import State

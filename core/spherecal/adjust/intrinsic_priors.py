@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 
 from spherecal.adjust.covariance import Covariance
-from spherecal.adjust.layout import POSE
 from spherecal.adjust.network import Network
+from spherecal.adjust.parameter_layout import POSE
 from spherecal.adjust.problem import Problem
 from spherecal.adjust.rows import Priors
 from spherecal.adjust.state import State

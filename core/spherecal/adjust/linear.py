@@ -12,7 +12,7 @@ from typing import TypeAlias
 import numpy as np
 
 from spherecal.adjust.ball_model import Deformable
-from spherecal.adjust.layout import POSE
+from spherecal.adjust.parameter_layout import POSE
 from spherecal.adjust.problem import Problem
 from spherecal.adjust.state import State
 from spherecal.base import arrays

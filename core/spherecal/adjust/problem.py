@@ -12,7 +12,7 @@ from functools import cached_property
 import numpy as np
 
 from spherecal.adjust.ball_model import FREE, BallModel, Stored
-from spherecal.adjust.layout import POSE, Layout
+from spherecal.adjust.parameter_layout import POSE, Layout
 from spherecal.adjust.rows import NO_LENGTHS, NO_PRIORS, LengthRows, Priors
 from spherecal.adjust.state import State
 from spherecal.base.arrays import BoolArray, FloatArray, IntArray

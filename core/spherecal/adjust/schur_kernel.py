@@ -7,7 +7,7 @@ that several cameras share. The dots of a deformable ball are eliminated in `def
 import numpy as np
 
 from spherecal.adjust.kernel import INNER, KERNEL
-from spherecal.adjust.layout import POSE
+from spherecal.adjust.parameter_layout import POSE
 from spherecal.base.kernels import njit
 
 # Points that are eliminated by one matrix product; more than 64 gain nothing.

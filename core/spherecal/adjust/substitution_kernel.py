@@ -3,7 +3,7 @@
 import numpy as np
 
 from spherecal.adjust.kernel import KERNEL
-from spherecal.adjust.layout import POSE
+from spherecal.adjust.parameter_layout import POSE
 from spherecal.base.kernels import njit
 
 

@@ -16,8 +16,8 @@ from spherecal.adjust import engine
 from spherecal.adjust.ball_model import Deformable, Stored
 from spherecal.adjust.bundle import Adjustment, refine, residual_size
 from spherecal.adjust.deformable import left_over
-from spherecal.adjust.layout import POSE
 from spherecal.adjust.network import Network
+from spherecal.adjust.parameter_layout import POSE
 from spherecal.adjust.problem import Problem
 from spherecal.adjust.state import State
 from spherecal.base.arrays import BoolArray, FloatArray, blocks_of_groups

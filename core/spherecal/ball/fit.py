@@ -12,8 +12,8 @@ from spherecal.adjust.network import Network
 from spherecal.adjust.reresection import with_right_poses
 from spherecal.adjust.rows import LengthRows
 from spherecal.adjust.weights import rough_noise, weighted
+from spherecal.ball.calibration_run import Run
 from spherecal.ball.rigid import RigidNetwork
-from spherecal.ball.run import Run
 from spherecal.base.arrays import BoolArray, FloatArray, IntArray
 from spherecal.base.memory import release_freed
 from spherecal.initialise.incremental import InitialPoses

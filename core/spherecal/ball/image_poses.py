@@ -19,10 +19,10 @@ from spherecal.adjust.bundle import (
     robust_start,
     triangulated,
 )
-from spherecal.adjust.layout import POSE, symmetric
 from spherecal.adjust.least_squares import normal_equations
 from spherecal.adjust.linear import Linearisation
 from spherecal.adjust.network import Network, free_network
+from spherecal.adjust.parameter_layout import POSE, symmetric
 from spherecal.adjust.problem import Problem
 from spherecal.adjust.state import State
 from spherecal.ball.rigid import Alignment, BallNetwork

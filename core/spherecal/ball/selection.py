@@ -16,11 +16,11 @@ from spherecal.adjust.intrinsic_priors import LEAST_NOISE
 from spherecal.adjust.network import Network
 from spherecal.adjust.rows import NO_PRIORS
 from spherecal.adjust.state import State
-from spherecal.ball.agreement import Agreement, agreement
+from spherecal.ball.calibration_run import Run
 from spherecal.ball.fit import BallFit, finished_solution, solve_from, solve_with_priors
+from spherecal.ball.form_agreement import Agreement, agreement
 from spherecal.ball.linking import link_camera_groups
 from spherecal.ball.rigid import LEAST_SHARED, Alignment, BallNetwork, RigidNetwork, share_shape
-from spherecal.ball.run import Run
 from spherecal.ball.shape_variance import adjusted_with, estimate_shape_variance
 from spherecal.base.arrays import BoolArray, FloatArray, IntArray
 from spherecal.base.messages.values import Phrase

@@ -13,10 +13,10 @@ from spherecal.adjust.bundle import Adjustment, refine
 from spherecal.adjust.intrinsic_priors import LEAST_NOISE
 from spherecal.adjust.network import Network
 from spherecal.adjust.rows import NO_PRIORS
+from spherecal.ball.ball_shape import Anchored, KnownDots, anchored
+from spherecal.ball.calibration_run import Run
 from spherecal.ball.fit import BallFit, finished_solution, solve_with_priors
 from spherecal.ball.rigid import LEAST_SHARED, BallNetwork
-from spherecal.ball.run import Run
-from spherecal.ball.shape import Anchored, KnownDots, anchored
 from spherecal.base.arrays import BoolArray
 from spherecal.base.messages.values import Phrase
 from spherecal.initialise.incremental import InitialPoses, resect_rest

@@ -11,7 +11,7 @@ import numpy as np
 
 from spherecal.base.arrays import BoolArray, FloatArray, IntArray
 from spherecal.diagnose.evidence import Evidence
-from spherecal.diagnose.images import WrongImage
+from spherecal.diagnose.image_findings import WrongImage
 from spherecal.geometry.camera import undistort
 from spherecal.initialise.two_view import GATE_PX, epipolar_distance, robust_fundamental
 

@@ -12,7 +12,7 @@ from typing import Literal
 import numpy as np
 from scipy.special import gammaln
 
-from spherecal.adjust.layout import POSE
+from spherecal.adjust.parameter_layout import POSE
 from spherecal.ball.image_poses import ImagePoses
 from spherecal.base.arrays import BoolArray, FloatArray, IntArray
 from spherecal.base.context import Context

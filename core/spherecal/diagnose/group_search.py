@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import gammaln
 
-from spherecal.adjust.layout import POSE
+from spherecal.adjust.parameter_layout import POSE
 from spherecal.ball.image_poses import ImagePoses
 from spherecal.base.arrays import BoolArray, FloatArray, IntArray
 from spherecal.diagnose.pose_graph import Fitted

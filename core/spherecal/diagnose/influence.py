@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from spherecal.adjust.layout import POSE
+from spherecal.adjust.parameter_layout import POSE
 from spherecal.base.arrays import FloatArray, IntArray
 from spherecal.data.findings import Finding
 from spherecal.diagnose.evidence import Evidence

@@ -12,8 +12,8 @@ from spherecal.adjust.levenberg import Settings
 from spherecal.adjust.network import Network
 from spherecal.adjust.rows import NO_PRIORS
 from spherecal.adjust.state import State
+from spherecal.ball.calibration_run import Run
 from spherecal.ball.fit import BallFit
-from spherecal.ball.run import Run
 from spherecal.base.arrays import BoolArray, FloatArray, IntArray
 from spherecal.base.context import Context
 from spherecal.base.messages.values import Phrase

@@ -9,7 +9,7 @@ from spherecal.data.findings import AdvisedRepair, Finding, leave_out
 from spherecal.diagnose.anomalies import Anomalies
 from spherecal.diagnose.evidence import Evidence
 from spherecal.diagnose.group_motion import GroupMotion
-from spherecal.diagnose.images import WrongImage
+from spherecal.diagnose.image_findings import WrongImage
 from spherecal.diagnose.moves import LEAST_STATISTIC, Move
 from spherecal.diagnose.two_poses import TwoPoseFit, resect_two_poses
 

@@ -10,7 +10,7 @@ from functools import cached_property
 import numpy as np
 from scipy.special import chdtri
 
-from spherecal.adjust.layout import POSE
+from spherecal.adjust.parameter_layout import POSE
 from spherecal.base.arrays import BoolArray, FloatArray, IntArray
 from spherecal.base.context import Context
 from spherecal.diagnose.score import ScoreTest, change_of, changes_of, spread

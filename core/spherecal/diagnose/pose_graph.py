@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from scipy import sparse
 
-from spherecal.adjust.layout import POSE
+from spherecal.adjust.parameter_layout import POSE
 from spherecal.ball.image_poses import ImagePoses, hang_together
 from spherecal.base.arrays import FloatArray, IntArray
 from spherecal.base.context import Context

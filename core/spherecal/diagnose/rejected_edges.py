@@ -8,7 +8,7 @@ import numpy as np
 from spherecal.base.arrays import FloatArray, IntArray
 from spherecal.data.findings import Finding
 from spherecal.diagnose.evidence import Evidence
-from spherecal.diagnose.images import LEAST_POINTS, MOST_LEFT_OUT
+from spherecal.diagnose.image_findings import LEAST_POINTS, MOST_LEFT_OUT
 from spherecal.geometry.camera import project_with_derivatives
 
 # So much of the edge is left out. A fisheye lens in Brown's model lost the 20 outermost points of 791 by 5 to 18 px, so

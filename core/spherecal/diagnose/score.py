@@ -16,8 +16,8 @@ from scipy.special import chdtrc
 
 from spherecal.adjust import engine
 from spherecal.adjust.covariance import Covariance
-from spherecal.adjust.layout import POSE
 from spherecal.adjust.linear import Linear, Linearisation
+from spherecal.adjust.parameter_layout import POSE
 from spherecal.adjust.point_factors import PointFactors, shift_matrix
 from spherecal.adjust.problem import Problem
 from spherecal.adjust.state import State

@@ -11,7 +11,7 @@ from spherecal.base.arrays import BoolArray, FloatArray, IntArray
 from spherecal.base.messages.values import Phrase
 from spherecal.data.findings import Finding, leave_out
 from spherecal.diagnose.evidence import Evidence
-from spherecal.diagnose.images import LEAST_POINTS, MOST_LEFT_OUT
+from spherecal.diagnose.image_findings import LEAST_POINTS, MOST_LEFT_OUT
 from spherecal.diagnose.score import ScoreTest, change_of, make_score_test
 from spherecal.geometry.camera import estimated_mask, project_with_derivatives, undistort
 

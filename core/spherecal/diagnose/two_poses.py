@@ -11,7 +11,7 @@ import numpy as np
 
 from spherecal.base.arrays import FloatArray
 from spherecal.diagnose.evidence import Evidence
-from spherecal.diagnose.images import LEAST_POINTS
+from spherecal.diagnose.image_findings import LEAST_POINTS
 from spherecal.diagnose.moves import alike
 from spherecal.geometry.camera import project, undistort
 from spherecal.geometry.resection import resect

@@ -8,11 +8,11 @@ from typing import Literal
 import numpy as np
 from scipy.special import chdtri
 
-from spherecal.adjust.layout import POSE
+from spherecal.adjust.parameter_layout import POSE
 from spherecal.base.arrays import FloatArray
 from spherecal.data.findings import Finding, leave_out
 from spherecal.diagnose.evidence import Evidence
-from spherecal.diagnose.images import LEAST_POINTS, MOST_LEFT_OUT
+from spherecal.diagnose.image_findings import LEAST_POINTS, MOST_LEFT_OUT
 from spherecal.diagnose.moves import LEAST_STATISTIC
 from spherecal.geometry.camera import project_with_point_derivatives
 from spherecal.geometry.rotation import cross_matrix, exp_rotation

@@ -3,7 +3,7 @@
 import numpy as np
 
 from spherecal.base.arrays import FloatArray
-from spherecal.initialise.path import Path
+from spherecal.initialise.camera_path import Path
 from spherecal.initialise.triple import Triple
 
 

@@ -9,7 +9,7 @@ from spherecal.base.context import Context
 from spherecal.data.observations import Features, Observations, seen_matrix
 from spherecal.data.session import Session
 from spherecal.geometry.camera import undistort_views
-from spherecal.initialise.path import Path, PathSettings, Search, find_paths
+from spherecal.initialise.camera_path import Path, PathSettings, Search, find_paths
 from spherecal.initialise.planar import is_flat, reconstruct_planar_triple
 from spherecal.initialise.triple import MIN_POINTS, Triple, reconstruct_triple
 from spherecal.initialise.two_view import GATE_PX, Pair, TwoViewGate, relative_orientation, vote

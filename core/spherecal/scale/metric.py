@@ -5,10 +5,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from spherecal.adjust.covariance import Covariance
-from spherecal.adjust.layout import POSE
+from spherecal.adjust.parameter_layout import POSE
 from spherecal.adjust.state import State
+from spherecal.ball.calibration_run import Run
 from spherecal.ball.fit import BallFit, with_lengths
-from spherecal.ball.run import Run
 from spherecal.ball.selection import ModelChoice
 from spherecal.base.arrays import BoolArray, FloatArray, IntArray
 from spherecal.data.findings import Finding
@@ -16,7 +16,7 @@ from spherecal.data.recording import Recording
 from spherecal.data.rig import RigScale
 from spherecal.data.session import Session
 from spherecal.geometry.sphere import Sphere, fit_sphere
-from spherecal.scale.bars import length_rows, scale_from_bars
+from spherecal.scale.bar_scale import length_rows, scale_from_bars
 from spherecal.scale.spacing import FoundScale, Spacing, scale_from_mean_distance, scale_from_spacing
 
 

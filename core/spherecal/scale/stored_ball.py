@@ -2,11 +2,11 @@
 
 import numpy as np
 
+from spherecal.ball.ball_shape import KnownDots
+from spherecal.ball.calibration_run import Run
 from spherecal.ball.fit import BallFit
 from spherecal.ball.rigid import BallNetwork
-from spherecal.ball.run import Run
 from spherecal.ball.selection import ModelChoice
-from spherecal.ball.shape import KnownDots
 from spherecal.ball.stored_shape import solve_on_ball
 from spherecal.base.messages.values import Phrase
 from spherecal.data.findings import Finding

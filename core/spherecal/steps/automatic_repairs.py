@@ -15,7 +15,7 @@ from spherecal.data.findings import Finding, RepairKind
 from spherecal.data.rig import Calibration
 from spherecal.data.session import Session
 from spherecal.data.verdict import effect
-from spherecal.diagnose.images import LEAST_POINTS
+from spherecal.diagnose.image_findings import LEAST_POINTS
 from spherecal.diagnose.yardstick import most_moved
 from spherecal.geometry.rotation import log_rotation
 from spherecal.steps.repairs import Repairs, placements_seen_by, repaired

@@ -6,9 +6,9 @@ import numpy as np
 
 from spherecal.adjust.bundle import Adjustment
 from spherecal.adjust.network import Network
+from spherecal.ball.calibration_run import Run
 from spherecal.ball.fit import BallFit, solve_free
 from spherecal.ball.rigid import BallNetwork, RigidNetwork
-from spherecal.ball.run import Run
 from spherecal.ball.selection import ModelChoice, RequestedForm, RequestedModel, choose_ball_model
 from spherecal.base.arrays import BoolArray, FloatArray
 from spherecal.base.errors import InputError, PartialResultAccepted

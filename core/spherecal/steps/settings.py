@@ -11,7 +11,7 @@ from spherecal.data.session import Session
 from spherecal.files.assumed import assumed_of_session
 from spherecal.files.ball_file import BallProfile
 from spherecal.geometry.camera import LensModel
-from spherecal.initialise.path import BASE, PathSettings, Search
+from spherecal.initialise.camera_path import BASE, PathSettings, Search
 from spherecal.initialise.view_graph import EdgeWeights
 from spherecal.steps.repairs import Repairs
 

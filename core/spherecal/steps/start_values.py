@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from spherecal.adjust.network import Network, free_network
-from spherecal.ball.run import Run
+from spherecal.ball.calibration_run import Run
 from spherecal.base.arrays import BoolArray, FloatArray
 from spherecal.base.context import Context, Stopwatch
 from spherecal.base.memory import release_freed

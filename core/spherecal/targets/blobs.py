@@ -17,8 +17,8 @@ from spherecal.base.arrays import BoolArray, FloatArray
 from spherecal.base.kernels import njit
 from spherecal.targets import components as parts
 from spherecal.targets.components import TILE_PX, label_components, tile_extremes
+from spherecal.targets.ignored_regions import sticker_regions
 from spherecal.targets.looks import Looks, joined, looks_of
-from spherecal.targets.regions import sticker_regions
 
 GreyImage = NDArray[np.uint8] | NDArray[np.uint16]
 

@@ -4,7 +4,7 @@ Places are those of the 28 mm sticker, x right and y down as printed (docs/conve
 template lets a decoder start from one dot: D divides the diagonal A-E at 5/8 and the middle of B-C is on it at 3/4.
 It has no other symmetry than that about A-E. A target seen in a mirror therefore shows the template with another code,
 which is that of another target for 18 of 100 (benchmarks/studies/detection.md). One image does not distinguish them
-from real ones. An adjusted network does, as its targets come out inside out (diagnose/checks.py, finding "mirrored").
+from real ones. An adjusted network does, as its targets come out inside out (finding "mirrored").
 """
 
 import json

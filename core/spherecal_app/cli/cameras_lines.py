@@ -7,8 +7,8 @@ from dataclasses import replace
 from spherecal.base.errors import InputError
 from spherecal.base.messages.values import Phrase
 from spherecal_app.cli.console import say
+from spherecal_cameras.camera_settings import CameraProfile, write_profile
 from spherecal_cameras.network_lines import LineExamination, Stagger
-from spherecal_cameras.profile import CameraProfile, write_profile
 from spherecal_cameras.protocol import CameraSource
 
 

@@ -5,8 +5,8 @@ import sys
 from collections.abc import Sequence
 
 from spherecal.base.context import Context
-from spherecal_app.cli.drivers import asked_before
-from spherecal_cameras.profile import CameraProfile, default_profile_path, read_profile
+from spherecal_app.cli.drivers_command import asked_before
+from spherecal_cameras.camera_settings import CameraProfile, default_profile_path, read_profile
 from spherecal_cameras.protocol import CameraSource, Discovery
 from spherecal_cameras.sources import open_source
 

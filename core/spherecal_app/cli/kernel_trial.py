@@ -26,8 +26,8 @@ from spherecal_cameras.simulated.stage import Stage, StageView
 from spherecal_sim.optics import Sensor
 from spherecal_sim.render_session import DEMO as RENDERED
 from spherecal_sim.render_session import render_placement, write_png
-from spherecal_sim.scene import RenderSettings
-from spherecal_sim.session import simulate_session
+from spherecal_sim.simulate_session import simulate_session
+from spherecal_sim.simulated_scene import RenderSettings
 
 Step = Callable[[Path], None]
 

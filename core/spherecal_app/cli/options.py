@@ -1,15 +1,15 @@
 """The options of all commands."""
 
 from spherecal import __version__
-from spherecal_app.cli.parsers.ball import add_ball
-from spherecal_app.cli.parsers.bars import add_bars
-from spherecal_app.cli.parsers.calibrate import add_batch, add_calibrate
-from spherecal_app.cli.parsers.cameras import add_cameras
-from spherecal_app.cli.parsers.export import add_export, add_frame, add_import, add_import_priors
-from spherecal_app.cli.parsers.measure import add_measure
-from spherecal_app.cli.parsers.network import add_cross_validate, add_guide, add_recalibrate
-from spherecal_app.cli.parsers.profile import add_limits, add_profile
-from spherecal_app.cli.parsers.program import (
+from spherecal_app.cli.parsers.ball_options import add_ball
+from spherecal_app.cli.parsers.bars_options import add_bars
+from spherecal_app.cli.parsers.calibrate_options import add_batch, add_calibrate
+from spherecal_app.cli.parsers.cameras_options import add_cameras
+from spherecal_app.cli.parsers.export_options import add_export, add_frame, add_import, add_import_priors
+from spherecal_app.cli.parsers.measure_options import add_measure
+from spherecal_app.cli.parsers.network_options import add_cross_validate, add_guide, add_recalibrate
+from spherecal_app.cli.parsers.profile_options import add_limits, add_profile
+from spherecal_app.cli.parsers.program_options import (
     add_compile_kernels,
     add_completion,
     add_doctor,
@@ -17,11 +17,11 @@ from spherecal_app.cli.parsers.program import (
     add_licences,
     add_manual,
 )
-from spherecal_app.cli.parsers.session import add_session, add_support_bundle
-from spherecal_app.cli.parsers.simulate import add_demo, add_simulate
-from spherecal_app.cli.parsers.study import add_study
-from spherecal_app.cli.parsers.targets import add_detect, add_targets
-from spherecal_app.cli.parsers.verify import add_check, add_report, add_verify
+from spherecal_app.cli.parsers.session_options import add_session, add_support_bundle
+from spherecal_app.cli.parsers.simulate_options import add_demo, add_simulate
+from spherecal_app.cli.parsers.study_options import add_study
+from spherecal_app.cli.parsers.targets_options import add_detect, add_targets
+from spherecal_app.cli.parsers.verify_options import add_check, add_report, add_verify
 from spherecal_app.cli.parsing import Parser, add_common, commands_below, main_parser
 
 # in the order of the help

@@ -16,7 +16,6 @@ from typing import Any
 from spherecal.base.messages.values import Phrase
 from spherecal_cameras.genicam import child, words
 from spherecal_cameras.genicam.discovery import end_word
-from spherecal_cameras.genicam.frames import FrameStore
 from spherecal_cameras.genicam.messages import (
     REPORTS,
     WIRE_VERSION,
@@ -42,6 +41,7 @@ from spherecal_cameras.genicam.messages import (
     Working,
 )
 from spherecal_cameras.genicam.rings import TouchMark, remove_orphans, shared_memory_name
+from spherecal_cameras.genicam.shared_frames import FrameStore
 from spherecal_cameras.genicam.status_log import StatusLog
 from spherecal_cameras.genicam.trust import Admitted, Refusal, TrustStore, admit_again
 from spherecal_cameras.genicam.waiting import Waiter

@@ -207,7 +207,7 @@ def is_own(real: str) -> bool:
 
 def _is_built(real: str, digest: str) -> bool:
     """Whether it has the contents of a simulated producer that this program has built."""
-    from spherecal_gentl.producer.build import CTI_FILE, built_producers
+    from spherecal_gentl.producer.build_producer import CTI_FILE, built_producers
 
     if os.path.basename(real) != CTI_FILE:
         return False

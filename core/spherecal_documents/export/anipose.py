@@ -10,7 +10,7 @@ from spherecal.files.json_file import JsonValue, decode, read_bytes
 from spherecal.files.toml_text import toml_of
 from spherecal.geometry.camera import camera_matrix
 from spherecal.geometry.rotation import exp_rotation, log_rotation
-from spherecal_documents.export.cameras import FileCamera, FileRig, Pose, distortion, lens_vector, numbers, rows
+from spherecal_documents.export.file_cameras import FileCamera, FileRig, Pose, distortion, lens_vector, numbers, rows
 from spherecal_documents.export.format import Format
 
 _MOST_BYTES = 8 << 20

@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from spherecal_documents.export.anipose import read_toml, read_toml_camera, toml_lens_and_pose
-from spherecal_documents.export.cameras import FileCamera, FileRig
+from spherecal_documents.export.file_cameras import FileCamera, FileRig
 from spherecal_documents.export.format import Format
 
 

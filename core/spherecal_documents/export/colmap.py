@@ -11,7 +11,7 @@ from spherecal.base.arrays import FloatArray
 from spherecal.base.errors import InputError
 from spherecal.files.json_file import MOST_CAMERAS, decode, read_bytes
 from spherecal.geometry.camera import FISHEYE_MARK, N_INTRINSICS
-from spherecal_documents.export.cameras import FileCamera, FileRig, Pose, distortion, numbers, safe_names
+from spherecal_documents.export.file_cameras import FileCamera, FileRig, Pose, distortion, numbers, safe_names
 from spherecal_documents.export.format import Format
 
 # Ours (the centre of the first pixel is 0) to COLMAP's (it is 0.5).

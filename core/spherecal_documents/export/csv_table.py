@@ -11,7 +11,7 @@ from spherecal.base.errors import InputError
 from spherecal.files.cells import cell, from_cell
 from spherecal.files.json_file import check_lines, decode, read_bytes
 from spherecal.geometry.camera import FISHEYE_MARK, FISHEYE_NAMES, INTRINSIC_NAMES
-from spherecal_documents.export.cameras import FileCamera, FileRig, Pose, number
+from spherecal_documents.export.file_cameras import FileCamera, FileRig, Pose, number
 from spherecal_documents.export.format import Format
 
 _ROTATION = tuple(f"r{row}{column}" for row in (1, 2, 3) for column in (1, 2, 3))

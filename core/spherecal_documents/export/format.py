@@ -4,7 +4,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from spherecal_documents.export.cameras import FileCamera, FileRig, Unit
+from spherecal_documents.export.file_cameras import FileCamera, FileRig, Unit
 
 
 def _same_ids(rig: FileRig) -> Sequence[str]:

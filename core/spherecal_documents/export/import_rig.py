@@ -13,7 +13,7 @@ from spherecal.data.rig import Rig, rig_of_unknown_quality
 from spherecal.data.rig_camera import RigCamera
 from spherecal.geometry.opencv import pose_rotation
 from spherecal_documents.export import matlab
-from spherecal_documents.export.cameras import MM_PER, FileCamera, Unit
+from spherecal_documents.export.file_cameras import MM_PER, FileCamera, Unit
 from spherecal_documents.export.format import Format
 from spherecal_documents.export.other_formats import ImportFormat, importer
 from spherecal_documents.export.write_export import FORMATS, chosen_unit

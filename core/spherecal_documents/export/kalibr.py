@@ -10,7 +10,7 @@ from spherecal.base.messages.values import Phrase
 from spherecal.data.observations import name_problem
 from spherecal.files.json_file import JsonValue
 from spherecal.geometry.camera import FISHEYE_MARK, N_INTRINSICS
-from spherecal_documents.export.cameras import FileCamera, FileRig, Pose, distortion, numbers, rows
+from spherecal_documents.export.file_cameras import FileCamera, FileRig, Pose, distortion, numbers, rows
 from spherecal_documents.export.format import Format
 from spherecal_documents.export.yaml_file import read_yaml
 

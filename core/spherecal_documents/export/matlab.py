@@ -15,7 +15,7 @@ from spherecal.base.arrays import FloatArray
 from spherecal.base.errors import InputError
 from spherecal.files.json_file import printable
 from spherecal.geometry.rotation import exp_rotation
-from spherecal_documents.export.cameras import FileCamera, Pose, lens_vector
+from spherecal_documents.export.file_cameras import FileCamera, Pose, lens_vector
 from spherecal_documents.export.mat_file import MatValue, read_mat
 from spherecal_documents.export.other_formats import ImportFormat
 

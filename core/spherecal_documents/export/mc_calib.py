@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from spherecal.geometry.camera import camera_matrix
-from spherecal_documents.export.cameras import FileCamera, FileRig, Pose, distortion, lens_vector
+from spherecal_documents.export.file_cameras import FileCamera, FileRig, Pose, distortion, lens_vector
 from spherecal_documents.export.format import Format
 from spherecal_documents.export.opencv_yaml import opencv_node
 from spherecal_documents.export.yaml_file import opencv_matrix, read_yaml

@@ -19,7 +19,7 @@ import numpy as np
 from spherecal.base.errors import InputError
 from spherecal.files.json_file import read_bytes
 from spherecal.geometry.camera import N_INTRINSICS
-from spherecal_documents.export.cameras import FileCamera, FileRig, Pose, number, numbers, safe_names
+from spherecal_documents.export.file_cameras import FileCamera, FileRig, Pose, number, numbers, safe_names
 from spherecal_documents.export.format import Format
 
 _PIXEL_CENTRE = 0.5

@@ -10,7 +10,7 @@ from spherecal.base.errors import InputError
 from spherecal.files.json_file import JsonValue, decode, read_bytes
 from spherecal.geometry.camera import N_INTRINSICS
 from spherecal.geometry.rotation import exp_rotation, log_rotation
-from spherecal_documents.export.cameras import FileCamera, FileRig, Pose, distortion, numbers, safe_names
+from spherecal_documents.export.file_cameras import FileCamera, FileRig, Pose, distortion, numbers, safe_names
 from spherecal_documents.export.format import Format
 
 _ENDING = ".cameramodel"

@@ -9,7 +9,7 @@ import numpy as np
 from spherecal.base.errors import InputError
 from spherecal.files.json_file import JsonValue, decode, read_bytes
 from spherecal.geometry.camera import camera_matrix, intrinsics_vector
-from spherecal_documents.export.cameras import FileCamera, FileRig, Pose, distortion, safe_names
+from spherecal_documents.export.file_cameras import FileCamera, FileRig, Pose, distortion, safe_names
 from spherecal_documents.export.format import Format
 
 _MODELS = {5: "standard", 8: "rational", 12: "thin_prism"}

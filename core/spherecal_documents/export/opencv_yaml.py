@@ -11,7 +11,15 @@ from spherecal.base.messages.values import Phrase
 from spherecal.files.json_file import JsonValue
 from spherecal.geometry.camera import camera_matrix
 from spherecal.geometry.rotation import exp_rotation
-from spherecal_documents.export.cameras import FileCamera, FileRig, Pose, distortion, lens_vector, numbers, safe_names
+from spherecal_documents.export.file_cameras import (
+    FileCamera,
+    FileRig,
+    Pose,
+    distortion,
+    lens_vector,
+    numbers,
+    safe_names,
+)
 from spherecal_documents.export.format import Format
 from spherecal_documents.export.yaml_file import opencv_matrix, read_yaml
 

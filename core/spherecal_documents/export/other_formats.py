@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from spherecal.base.plugins import EXPORTERS, IMPORTERS, load
-from spherecal_documents.export.cameras import FileCamera, Unit
+from spherecal_documents.export.file_cameras import FileCamera, Unit
 from spherecal_documents.export.format import Format
 
 

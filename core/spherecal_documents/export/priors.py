@@ -12,8 +12,8 @@ from spherecal.files.atomic import SESSION, WRITTEN_FILE, write_folder_whole, wr
 from spherecal.files.json_file import json_bytes
 from spherecal.files.read_session import OBSERVATIONS_FILE, SESSION_FILE, read_session
 from spherecal.geometry.camera import camera_matrix
-from spherecal_documents.export.cameras import FileCamera
 from spherecal_documents.export.colmap import read_colmap
+from spherecal_documents.export.file_cameras import FileCamera
 from spherecal_documents.export.kalibr import read_kalibr
 from spherecal_documents.export.opencv_yaml import read_opencv
 from spherecal_documents.export.yaml_file import read_yaml

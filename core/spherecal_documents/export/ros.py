@@ -7,7 +7,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from spherecal.geometry.camera import camera_matrix
-from spherecal_documents.export.cameras import (
+from spherecal_documents.export.file_cameras import (
     FileCamera,
     FileRig,
     Pose,

@@ -32,12 +32,12 @@ from spherecal_documents.export import (
     opencv_yaml,
     ros,
 )
-from spherecal_documents.export.cameras import MM_PER, FileCamera, FileRig, Pose, Unit
+from spherecal_documents.export.file_cameras import MM_PER, FileCamera, FileRig, Pose, Unit
 from spherecal_documents.export.format import Format
 from spherecal_documents.export.other_formats import ImportFormat, exporter
 from spherecal_documents.export.refit import Box, Loss, dropped, refit
-from spherecal_documents.export.scene import SCENES, SceneFormat
-from spherecal_documents.export.scene import largest_difference_px as scene_difference_px
+from spherecal_documents.export.scene_formats import SCENES, SceneFormat
+from spherecal_documents.export.scene_formats import largest_difference_px as scene_difference_px
 from spherecal_rigs.frame_file import frame_entry
 from spherecal_rigs.framed_rig import in_frame
 

@@ -12,7 +12,7 @@ from spherecal.base.errors import InputError
 from spherecal.data.session import CameraSpec
 from spherecal.files.read_session import read_session
 from spherecal.targets.images import read_image
-from spherecal_gentl.producer.control import ProducerControl, SimulatedCamera
+from spherecal_gentl.producer.producer_control import ProducerControl, SimulatedCamera
 
 
 class SessionScenes:

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spherecal.base.errors import InputError, OutputError
-from spherecal_gentl.producer import layout
+from spherecal_gentl.producer import memory_layout as layout
 
 REGION_VARIABLE = "SPHERECAL_GENTL_REGION"
 

@@ -10,13 +10,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
 
 if TYPE_CHECKING:
-    from spherecal.initialise.path import Search
+    from spherecal.initialise.camera_path import Search
 
 To = argparse._ActionsContainer  # of a parser and of a group
 Number = TypeVar("Number", int, float)
 BALL_METHODS = ("auto", "tao2021", "free", "rigid", "board", "bar")
 PAGES = ("A4", "Letter")
-PATH_BASE = 1.1  # spherecal.initialise.path.BASE, which would load scipy
+PATH_BASE = 1.1  # spherecal.initialise.camera_path.BASE, which would load scipy
 
 
 # --- kinds of options ------------------------------------------------------------------------------------------------

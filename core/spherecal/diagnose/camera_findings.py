@@ -1,0 +1,220 @@
+"""Findings on single cameras: blurred ones, lenses beyond the model, focal lengths that are not those of the prior."""
+
+from collections.abc import Collection
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from spherecal.adjust.parameter_layout import POSE
+from spherecal.base.arrays import BoolArray, FloatArray, IntArray
+from spherecal.base.messages.values import Phrase
+from spherecal.data.findings import Finding, leave_out
+from spherecal.diagnose.anomalies import Anomalies
+from spherecal.diagnose.evidence import Evidence
+from spherecal.diagnose.lens_models import WORTH, best_lenses
+from spherecal.diagnose.score import change_of, make_score_test
+from spherecal.geometry.camera import undistort
+from spherecal.geometry.resection import resect
+
+# Cameras of one kind scatter within 10 % of each other; twice the median is no chance (400 points: 3 % standard error).
+NOISY = 2.0
+# Where a misfit begins to harm: with 0.01 px the free form's bars were off by 73 instead of 43 um, with 0.03 px the
+# rigid form's by 23 instead of 15 (rig A); half of a misfit is visible in the residuals.
+HARMFUL_FREE_PX, HARMFUL_RIGID_PX = 0.007, 0.02
+# Worth a word, and a wider uncertainty: with noise alone cameras reach 1.2 (18 clean rigs).
+SCATTERING = 1.3
+# The least visible move is worth a word where it is larger than noise alone makes it by this factor.
+HIDES = 2.0
+# Data sheets are good to 2 %.
+WRONG_FOCAL = 0.05
+# Farther from the prior than data sheets and guesses are, and poorly known too: eight cameras about one placement, in a
+# wrong minimum, ended with focal lengths 64 % too short to 22 % too long, 62 times their uncertainty off.
+ASTRAY_BY, ASTRAY_SD = 0.2, 0.01
+# A fixed focal length that noise alone contradicts so much in one of 10 million cases.
+CONTRADICTED = 30.0
+# An unplaced camera is tried with other focal lengths; points within this of their place count (unknown distortion).
+TRIED_FACTORS = np.geomspace(1 / 3, 3.0, 24)
+TRIED_PX, TRIED_SHARE, TRIED_POINTS = 12.0, 0.7, 30
+
+
+def noisy_cameras(e: Evidence, moved: Collection[str]) -> list[Finding]:
+    """Findings on cameras whose points scatter more than twice as much as the median camera's."""
+    noise = e.noise_px
+    known = e.placed & np.isfinite(noise)
+    if known.sum() < 3:
+        return []
+    median = float(np.median(noise[known]))
+    found = []
+    for c in np.flatnonzero(known & (noise > NOISY * median)):
+        name = e.camera_ids[c]
+        if name in moved:
+            continue
+        count = int(e.image_counts(e.used)[:, c].sum())
+        values = {
+            "noise_px": noise[c],
+            "times": noise[c] / median,
+            "others_px": median,
+            "percent": 100 / np.sqrt(2 * count),
+            "points": count,
+        }
+        found.append(Finding("camera-noisy", "warning", values, (name,), leave_out(f"camera:{name}")))
+    return found
+
+
+def misfitting_lenses(e: Evidence, anomalies: Anomalies, moved: Collection[str]) -> list[Finding]:
+    """One finding on all cameras whose residuals have structure over their image, moved ones left out.
+
+    None where the ball's shape explains that better. Another lens model is proposed where it fits better.
+    """
+    misfits = [m for m in anomalies.misfits if e.camera_ids[m.camera] not in moved]
+    if not misfits or anomalies.in_shape:
+        return []
+    worst = max(misfits, key=lambda misfit: misfit.rms_px)
+    limit = HARMFUL_RIGID_PX if e.choice.form == "rigid" else HARMFUL_FREE_PX
+    names = tuple(e.camera_ids[m.camera] for m in misfits)
+    # no model can take away more than all smooth fields together
+    share = sum(m.statistic - m.dof for m in misfits) / (2 * len(e.adjusted.rows))
+    other = best_lenses(e.solved, e.context) if share > WORTH else None
+    values = {
+        "worst": e.camera_ids[worst.camera],
+        "rms_px": worst.rms_px,
+        "chi_square": worst.statistic,
+        "dof": worst.dof,
+        "better": None if other is None else Phrase("sentence", {"text": other.better_by}),
+        "hides": _unseen(e, anomalies),
+        "take": None if other is None else Phrase("lens-take", {"option": other.option}),
+    }
+    severity = "warning" if worst.rms_px > limit else "info"
+    return [Finding("lens-misfit", severity, values, names, kind="structure")]
+
+
+def scattering_poses(e: Evidence, anomalies: Anomalies) -> list[Finding]:
+    """The finding on cameras whose images' poses differ by more than noise; its values widen their uncertainties."""
+    if anomalies.scatter is None:
+        return []
+    own = np.flatnonzero(e.placed & (anomalies.scatter > SCATTERING))
+    if not len(own):
+        return []
+    worst = own[np.argmax(anomalies.scatter[own])]
+    values = {"worst": e.camera_ids[worst], "worst_times": anomalies.scatter[worst], "times": anomalies.scatter[own]}
+    return [Finding("poses-scatter", "info", values, tuple(e.camera_ids[c] for c in own))]
+
+
+def _unseen(e: Evidence, anomalies: Anomalies) -> Phrase | None:
+    """The moves that the scatter of the images' poses hides, where it hides more than noise does."""
+    if anomalies.least_shift is None or e.solution.scale.source == "none":
+        return None
+    shift = np.where(e.placed[:, None], anomalies.least_shift, np.nan) * e.solution.factor
+    hides = np.isfinite(shift).all(axis=1) & (shift[:, 0] > HIDES * shift[:, 1])
+    if not hides.any():
+        return None
+    c = int(np.argmax(np.where(hides, shift[:, 0], 0.0)))
+    return Phrase("lens-hides", {"camera": e.camera_ids[c], "shift_mm": shift[c, 0], "noise_mm": shift[c, 1]})
+
+
+@dataclass(frozen=True)
+class FixedFocal:
+    """Of cameras whose focal length is not estimated: the relative change that would fit and its chi-square (c,)."""
+
+    change: FloatArray
+    statistic: FloatArray
+
+
+def fixed_focal_lengths(e: Evidence) -> FixedFocal:
+    """The tests of all focal lengths that were fixed by the user, one by one; zeros for other cameras."""
+    out = FixedFocal(np.zeros(len(e.placed)), np.zeros(len(e.placed)))
+    a, problem = e.adjusted, e.adjusted.problem
+    fixed = np.flatnonzero(e.placed & ~problem.free_intrinsics[:, 0])
+    if not len(fixed) or e.solved.cofactors is None or a.redundancy <= 0 or not a.variance > 0:
+        return out
+    probe = make_score_test(problem, a.state, e.solved.cofactors, a.minimum.cost, a.redundancy)
+    for c in fixed:
+        rows = np.flatnonzero(problem.camera == c)
+        if not len(rows):
+            continue
+        predicted = problem.uv[rows] + probe.linear.residual[rows] / problem.weight[rows]
+        values = ((predicted - a.state.intrinsics[c, 2:4]) * problem.weight[rows])[:, :, None]
+        found = change_of(*probe.block(rows, values), probe.variance)
+        out.change[c], out.statistic[c] = float(found.value[0]), found.statistic
+    return out
+
+
+def wrong_focal_lengths(e: Evidence, fixed: FixedFocal) -> list[Finding]:
+    """Priors that the data contradict: estimated focal lengths off by more than 5 %, fixed ones that do not fit.
+
+    Cameras without a pose that another focal length, or a mirrored image, would place are among them.
+    """
+    prior = np.array([camera.prior[:2].mean() for camera in e.session.cameras])
+    ratio = e.solution.state.intrinsics[:, :2].mean(axis=1) / prior
+    free = e.adjusted.problem.free_intrinsics[:, 0] & e.placed
+    off = free & ~e.solved.has_prior & (np.abs(ratio - 1) > WRONG_FOCAL)
+    found = _estimated_otherwise(e, off, prior, ratio) + _unplaced(e, prior)
+    for c in np.flatnonzero(fixed.statistic > CONTRADICTED):
+        name = e.camera_ids[c]
+        values = {
+            "fixed_px": prior[c],
+            "fitting_px": prior[c] * (1 + fixed.change[c]),
+            "chi_square": fixed.statistic[c],
+            "limit": CONTRADICTED,
+        }
+        found.append(Finding("fixed-intrinsics-contradicted", "warning", values, (name,), kind="one"))
+    return found
+
+
+def _estimated_otherwise(e: Evidence, off: BoolArray, prior: FloatArray, ratio: FloatArray) -> list[Finding]:
+    found = []
+    cofactors, sd = e.solution.covariance, np.zeros(len(off))
+    if cofactors is not None and len(e.adjusted.problem.intrinsic_columns):
+        sd = np.sqrt(np.maximum(e.adjusted.variance * cofactors.cameras[:, POSE, POSE], 0.0))
+    for c in np.flatnonzero(off):
+        spec = e.session.cameras[c]
+        values = _prior_values(prior[c], prior[c] * ratio[c])
+        kind = "px"
+        if spec.pixel_pitch_um and spec.focal_length_mm:
+            kind = "mm"
+            values["estimated_mm"] = spec.pixel_pitch_um * prior[c] * ratio[c] / 1e3
+            values["prior_mm"] = spec.pixel_pitch_um * prior[c] / 1e3
+        finding = Finding("prior-focal-length", "warning", values, (spec.id,), kind=kind)
+        if abs(ratio[c] - 1) > ASTRAY_BY and sd[c] > ASTRAY_SD * ratio[c] * prior[c]:
+            found.append(replace(finding, severity="error"))
+        elif "focal_length" not in spec.assumed:  # nobody stated it, so nothing is contradicted
+            found.append(finding)
+    return found
+
+
+def _prior_values(prior: float, estimated: float) -> dict[str, float]:
+    return {"estimated_px": estimated, "prior_px": prior, "percent": 100 * (estimated / prior - 1)}
+
+
+def _unplaced(e: Evidence, prior: FloatArray) -> list[Finding]:
+    """Cameras without a pose that another focal length would place."""
+    found = []
+    points = e.solution.state.points[e.features.of_observation]
+    for c in np.flatnonzero(~e.placed & ~e.is_earlier_pose):
+        rows = np.flatnonzero((e.observations.camera == c) & np.isfinite(points[:, 0]))
+        if len(rows) < TRIED_POINTS:
+            continue
+        if _share_with(e, int(c), rows, points[rows], 1.0, mirrored=True) >= TRIED_SHARE:
+            found.append(Finding("mirrored", "error", where=(e.camera_ids[c],), kind="camera"))
+            continue
+        shares = [_share_with(e, int(c), rows, points[rows], float(factor)) for factor in TRIED_FACTORS]
+        best = int(np.argmax(shares))
+        factor = float(TRIED_FACTORS[best])
+        if shares[best] >= TRIED_SHARE and abs(factor - 1) > WRONG_FOCAL:
+            values = _prior_values(prior[c], prior[c] * factor) | {"fit_percent": 100 * shares[best]}
+            found.append(Finding("prior-focal-length", "warning", values, (e.camera_ids[c],), kind="unplaced"))
+    return found
+
+
+def _share_with(
+    e: Evidence, c: int, rows: IntArray, points: FloatArray, factor: float, mirrored: bool = False
+) -> float:
+    """The share of a camera's points that agree with a pose for a focal length `factor` times its prior's."""
+    intrinsics = e.session.cameras[c].prior.copy()
+    intrinsics[:2] *= factor
+    uv = e.observations.uv[rows]
+    if mirrored:
+        uv = np.column_stack([e.session.cameras[c].image_size[0] - 1 - uv[:, 0], uv[:, 1]])
+    xy, usable = undistort(uv, intrinsics)
+    pose = resect(points[usable], xy[usable], TRIED_PX / intrinsics[0])
+    return 0.0 if pose is None else pose[2] / len(rows)

@@ -1,0 +1,259 @@
+"""What a calibration says about itself: findings with their values."""
+
+from dataclasses import replace
+
+import numpy as np
+from scipy.sparse import csr_array
+from scipy.sparse.csgraph import connected_components
+
+from spherecal.adjust.parameter_layout import POSE
+from spherecal.base.arrays import BoolArray, FloatArray, IntArray
+from spherecal.base.errors import PartialResultAccepted
+from spherecal.base.messages.values import Phrase
+from spherecal.data.findings import Finding
+from spherecal.data.observations import Observations
+from spherecal.data.session import Session
+from spherecal.data.verdict import ruled
+from spherecal.diagnose.diagnosis import diagnose
+from spherecal.diagnose.evidence import Evidence
+from spherecal.diagnose.soundness import locked, outlier_share, unsound
+from spherecal.diagnose.unconfirmed_poses import unconfirmed_findings
+from spherecal.initialise.view_graph import MIN_COMMON
+
+# Self-calibration below this is what four spread placements give on rigs A and B (420 and 380 ppm) with a margin; one
+# placement gives 7000.
+WEAK_FOCAL_SD = 1000e-6
+FEW_PLACEMENTS = 3
+MANY_TWO_VIEW = 0.5
+COVERAGE_CELLS, LITTLE_COVERAGE = 10, 0.6
+# Stated for a length of this size, as the user thinks in millimetres on his bar.
+STATED_LENGTH_MM = 500.0
+
+# What printers err by in size, all stickers alike.
+PRINT_ERROR_PERCENT = (0.1, 0.5)
+
+STOPPED = Finding("stopped-early", "error")
+
+
+def run_checks(evidence: Evidence) -> tuple[Finding, ...]:
+    """All findings on a calibration with the severities of the table in data/verdict.py, errors first."""
+    ambiguous = evidence.ambiguous
+    # a camera's pose before it was knocked is not part of the rig
+    settled = evidence.placed | ambiguous | evidence.is_earlier_pose
+    found = [
+        *unlinked(evidence.observations, evidence.local.counts, evidence.local.triples, settled),
+        *_ambiguous_poses(evidence, ambiguous),
+        *_convergence(evidence),
+        *_form(evidence),
+        *_geometry(evidence),
+        *unconfirmed_findings(evidence),
+        *_held_intrinsics(evidence),
+        *_weak_self_calibration(evidence),
+        *_placements(evidence),
+        *_two_view_share(evidence),
+        *_coverage(evidence),
+        *_outliers(evidence),
+        *_scale(evidence),
+        *_faults(evidence),
+    ]
+    if locked(evidence):  # what the locked cameras err by looks like intrinsics that do not fit
+        found = [replace(f, severity="info") if f.code == "fixed-intrinsics-contradicted" else f for f in found]
+    return ruled([*found, *unsound(evidence, found)])
+
+
+def _faults(e: Evidence) -> list[Finding]:
+    """The findings of the diagnosis, or that it was stopped."""
+    try:
+        return diagnose(replace(e, context=e.context.accepting_partial()))
+    except PartialResultAccepted:
+        if e.context.has_partial_result:  # the caller's result is further on
+            raise
+        return [STOPPED]
+
+
+def unlinked(observations: Observations, counts: IntArray, triples: list, placed: BoolArray) -> list[Finding]:
+    """The finding on cameras that could not be linked to the rest, group by group, with the features that were missing.
+
+    `counts`: common features of each pair of cameras, (c,c); `placed`: cameras that count as linked, (c,).
+    """
+    ids = np.array(observations.cameras)
+    if placed.all():
+        return []
+    groups = _groups(counts, triples, placed)
+    links = []
+    for group in groups[1:]:
+        outside = np.setdiff1d(np.arange(len(ids)), group)
+        best = counts[np.ix_(group, outside)]
+        i, j = np.unravel_index(int(np.argmax(best)), best.shape)
+        ends = {"first": ids[group[i]], "second": ids[outside[j]]}
+        links.append(Phrase("weakest-link", {"group": ids[group], "points": best[i, j], **ends}))
+    named = [ids[group] for group in groups]
+    where = tuple(str(name) for group in named for name in group)
+    values = {"groups": named, "links": links, "least": MIN_COMMON}
+    return [Finding("cameras-unlinked", "error", values, where, kind="ball" if links else "ball-none")]
+
+
+def _groups(counts: IntArray, triples: list, placed: BoolArray) -> list[IntArray]:
+    """Connected groups of cameras: the placed ones first, then the others by solved triples."""
+    linked = np.zeros_like(counts)
+    for triple in triples:
+        linked[np.ix_(triple.cameras, triple.cameras)] = 1
+    linked[np.ix_(placed, placed)] = 1
+    linked[np.ix_(placed, ~placed)] = 0
+    linked[np.ix_(~placed, placed)] = 0
+    label = connected_components(csr_array(linked), directed=False)[1]
+    groups = [np.flatnonzero(label == value) for value in dict.fromkeys(label)]
+    return sorted(groups, key=lambda group: (-int(placed[group].any()), -len(group), int(group[0])))
+
+
+def _ambiguous_poses(e: Evidence, ambiguous: BoolArray) -> list[Finding]:
+    """The finding on cameras whose points allow two poses."""
+    ids = tuple(e.camera_ids[c] for c in np.flatnonzero(ambiguous))
+    return [Finding("pose-ambiguous", "error", where=ids)] if ids else []
+
+
+def _convergence(e: Evidence) -> list[Finding]:
+    if e.adjusted.minimum.converged:
+        return []
+    return [Finding("not-converged", "error", {"steps": e.adjusted.minimum.iterations}, kind="ball")]
+
+
+def _form(e: Evidence) -> list[Finding]:
+    choice = e.choice
+    changed = choice.form != "rigid" and choice.ratio is not None and not choice.asked
+    code = {"free": "form-free", "soft": "form-soft", "rigid": "form-rigid"}[choice.form]
+    return [Finding(code, "warning" if changed else "info", {"reason": choice.reason})]
+
+
+def _geometry(e: Evidence) -> list[Finding]:
+    found = []
+    points, state = e.solution.state.points, e.solution.state
+    if e.solution.covariance is None:
+        found.append(Finding("degenerate-geometry", "error", kind="ball"))
+    used = e.used
+    depth = np.einsum("nj,nj->n", state.rotation[e.observations.camera, 2], points[e.features.of_observation])
+    behind = used & (depth + state.translation[e.observations.camera, 2] <= 0)
+    if behind.any():
+        cameras = tuple(e.camera_ids[c] for c in np.unique(e.observations.camera[behind]))
+        found.append(Finding("behind-camera", "error", {"points": behind.sum()}, cameras))
+    if _mirrored(e):
+        found.append(Finding("mirrored", "error", kind="targets"))
+    return found
+
+
+def _mirrored(e: Evidence) -> bool:
+    """Whether most reconstructed targets face away from the cameras that see them, going by their layout's sense."""
+    targets = e.session.target_set
+    if targets is None:
+        return False
+    points = e.solution.state.points
+    centres = -np.einsum("cji,cj->ci", e.solution.state.rotation, e.solution.state.translation)
+    a_view = np.full(len(points), -1)
+    a_view[e.features.of_observation[e.used]] = e.observations.camera[e.used]
+    known = np.flatnonzero(np.isfinite(points[:, 0]))
+    new_target = (np.diff(e.features.placement[known]) != 0) | (np.diff(e.features.target[known]) != 0)
+    votes = 0
+    for rows in np.split(known, np.flatnonzero(new_target) + 1):  # features are sorted by placement and target
+        layout = targets.layouts.get(int(e.features.target[rows[0]]), {}) if len(rows) else {}
+        dots = [(row, layout[name]) for row in rows if (name := e.observations.points[e.features.point[row]]) in layout]
+        if len(dots) < 4:
+            continue
+        at, flat = points[[row for row, _ in dots]], np.array([place for _, place in dots])
+        axes = np.linalg.lstsq(flat - flat.mean(axis=0), at - at.mean(axis=0), rcond=None)[0]
+        into_ball = np.cross(axes[0], axes[1])  # x right, y down: z away from the viewer
+        votes += 1 if into_ball @ (at.mean(axis=0) - centres[a_view[dots[0][0]]]) > 0 else -1
+    return votes < 0
+
+
+def _held_intrinsics(e: Evidence) -> list[Finding]:
+    ids = tuple(e.camera_ids[c] for c in np.flatnonzero(e.solved.has_prior & e.placed))
+    return [Finding("intrinsics-held", "warning", where=ids, kind="ball")] if ids else []
+
+
+def _weak_self_calibration(e: Evidence) -> list[Finding]:
+    cofactors, columns = e.solution.covariance, e.adjusted.problem.intrinsic_columns
+    if cofactors is None or not len(columns) or columns[0] != 0:
+        return []
+    sd = np.sqrt(e.adjusted.variance * cofactors.cameras[:, POSE, POSE]) / e.solution.state.intrinsics[:, 0]
+    free = e.adjusted.problem.free_intrinsics[:, 0] & e.placed & ~e.solved.has_prior
+    weak = np.flatnonzero(free & (sd > WEAK_FOCAL_SD))
+    if not len(weak):
+        return []
+    worst = weak[np.argmax(sd[weak])]
+    values = {"limit_ppm": WEAK_FOCAL_SD * 1e6, "worst": e.camera_ids[worst], "worst_ppm": sd[worst] * 1e6}
+    return [Finding("weak-self-calibration", "warning", values, tuple(e.camera_ids[c] for c in weak), kind="ball")]
+
+
+def _placements(e: Evidence) -> list[Finding]:
+    count = len(np.unique(e.features.placement[e.features.placement < len(e.session.placements)]))
+    if count >= FEW_PLACEMENTS:
+        return []
+    known = locked(e) or e.solution.scale.source == "ball"  # the other cameras, or the ball's shape, carry the rest
+    return [Finding("few-placements", "info" if known else "warning", {"placements": count})]
+
+
+def _two_view_share(e: Evidence) -> list[Finding]:
+    views = e.solved.point_views
+    share = float((views == 2).sum() / max((views >= 2).sum(), 1))
+    if share <= MANY_TWO_VIEW:
+        return []
+    return [Finding("two-view-points", "warning", {"percent": 100 * share})]
+
+
+def image_coverage(observations: Observations, used: BoolArray, session: Session) -> FloatArray:
+    """Share of a 10 x 10 grid of each camera's image that contains used observations, (c,).
+
+    `observations`, `used`: image points, and which of them count, (n,).
+    """
+    return _seen_cells(observations, used, session).mean(axis=(1, 2))
+
+
+def _seen_cells(observations: Observations, used: BoolArray, session: Session) -> BoolArray:
+    size = np.array([camera.image_size for camera in session.cameras], dtype=float)[observations.camera]
+    cell = np.clip((observations.uv + 0.5) / size * COVERAGE_CELLS, 0, COVERAGE_CELLS - 1e-9).astype(int)
+    seen = np.zeros((len(session.cameras), COVERAGE_CELLS, COVERAGE_CELLS), dtype=bool)
+    seen[observations.camera[used], cell[used, 1], cell[used, 0]] = True
+    return seen
+
+
+def _coverage(e: Evidence) -> list[Finding]:
+    seen, group = _seen_cells(e.observations, e.used, e.session), e.solved.network.group
+    # cameras that share intrinsics see the lens for each other, as a camera before and after it moved does
+    coverage = np.array([seen[group == g].any(axis=0).mean() for g in group])
+    coverage[[camera.earlier_pose_of is not None for camera in e.session.cameras]] = 1.0
+    little = np.flatnonzero(e.placed & (coverage < LITTLE_COVERAGE))
+    if not len(little):
+        return []
+    worst = little[np.argmin(coverage[little])]
+    values = {"limit_percent": 100 * LITTLE_COVERAGE, "least": e.camera_ids[worst], "percent": 100 * coverage[worst]}
+    return [Finding("little-coverage", "warning", values, tuple(e.camera_ids[c] for c in little), kind="ball")]
+
+
+def _outliers(e: Evidence) -> list[Finding]:
+    out, total, many = outlier_share(e)
+    count = int(out.sum())
+    if not count:
+        return []
+    by_camera = np.bincount(e.observations.camera[out], minlength=len(e.camera_ids))
+    most = int(np.argmax(by_camera))
+    values = {"out": count, "observations": total, "percent": 100 * count / total, "most": by_camera[most]}
+    return [Finding("outliers-removed", "warning" if many else "info", values, (e.camera_ids[most],))]
+
+
+def _scale(e: Evidence) -> list[Finding]:
+    scale = e.solution.scale
+    if scale.source == "none":
+        asked = e.session.scale is not None
+        return [Finding("no-scale", "error", kind="asked") if asked else Finding("no-scale", "warning", kind="unnamed")]
+    if scale.relative_uncertainty is None:
+        return [Finding("scale-uncertainty", "info", kind="unknown")]
+    values = {"mm": scale.relative_uncertainty * STATED_LENGTH_MM, "length_mm": STATED_LENGTH_MM}
+    if scale.source != "target_spacing":
+        return [Finding("scale-uncertainty", "info", values, kind="ball" if scale.source == "ball" else "bar")]
+    low, high = PRINT_ERROR_PERCENT
+    print_error = {
+        "low_percent": low, "high_percent": high,
+        "low_mm": 1e-2 * low * STATED_LENGTH_MM, "high_mm": 1e-2 * high * STATED_LENGTH_MM,
+    }  # fmt: skip
+    scatter = {"scatter_ppm": e.solution.scatter * 1e6}
+    return [Finding("scale-uncertainty", "info", values | scatter | print_error, kind="spacing")]

@@ -1,0 +1,465 @@
+"""The complete result: rig, points, residuals, spheres and findings."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from spherecal.adjust.ball_model import Rigid
+from spherecal.adjust.bundle import Adjustment
+from spherecal.adjust.parameter_layout import POSE
+from spherecal.ball.ball_shape import shape_cofactors
+from spherecal.ball.calibration_run import Run
+from spherecal.ball.fit import BallFit
+from spherecal.base.arrays import BoolArray, FloatArray, blocks
+from spherecal.base.memory import release_freed
+from spherecal.base.messages.catalogue import phrase
+from spherecal.data.findings import Finding
+from spherecal.data.observations import Features, Observations
+from spherecal.data.recording import Recording
+from spherecal.data.rig import (
+    Affected,
+    BallShape,
+    Calibration,
+    CameraCovariance,
+    CameraSigma,
+    Form,
+    PlacedSphere,
+    Quality,
+    Rig,
+    RigCamera,
+    RigScale,
+)
+from spherecal.data.session import Session
+from spherecal.data.verdict import affected, is_valid, ruled, widening
+from spherecal.diagnose.ball_size import SizeChange, possible_sizes, size_change
+from spherecal.diagnose.evidence import Evidence
+from spherecal.diagnose.rejected_edges import rejected_edges
+from spherecal.diagnose.run_checks import STOPPED, run_checks, unlinked
+from spherecal.diagnose.soundness import further_scale_uncertainty
+from spherecal.diagnose.unconfirmed_poses import unconfirmed_poses
+from spherecal.geometry.camera import N_INTRINSICS, project
+from spherecal.geometry.length_uncertainty import Cameras
+from spherecal.geometry.sphere import fit_sphere
+from spherecal.geometry.volume_map import LengthMap, length_map, measured_volume
+from spherecal.initialise.local import LocalNetwork
+from spherecal.scale.metric import MetricFit, Solution
+
+
+def build_result(recording: Recording, local: LocalNetwork, fit: MetricFit, method: str, run: Run) -> Calibration:
+    """The calibration of a recording from its metric solution."""
+    session, observations, features = recording.session, recording.observations, recording.features
+    solved, choice, solution = fit.solved, fit.choice, fit.solution
+    reference = run.reference_in(solved.adjusted)
+    adjusted = solved.adjusted
+    placed = solved.placed & (np.bincount(observations.camera[adjusted.used], minlength=len(solved.placed)) > 0)
+    residual = _residuals(observations, features, placed, solution)
+    evidence = Evidence(
+        session,
+        observations,
+        features,
+        local,
+        placed,
+        _for_diagnosis(solved),
+        choice,
+        solution,
+        residual,
+        adjusted.used,
+        run.context,
+    )
+    lasting = np.array([camera.earlier_pose_of is None for camera in session.cameras])
+    cameras, earlier = (
+        tuple(_camera(session, int(c), residual, observations, adjusted, solution) for c in np.flatnonzero(some))
+        for some in (placed & lasting, placed & ~lasting)
+    )
+    covariance = _camera_covariance(placed & lasting, adjusted, solution)
+    ball_size = size_change(evidence)
+    findings = ruled(run_checks(evidence) + fit.findings + _said_of_size(ball_size, evidence))
+    release_freed()
+    names = [camera.id for camera in cameras]
+    factor, of_poses = widening(findings, names, choice.form)
+    ball_size = ball_size or possible_sizes(evidence, float(factor.max(initial=1.0)))
+    scale = _doubted(
+        solution.scale, float(np.hypot(further_scale_uncertainty(evidence), ball_size.largest if ball_size else 0.0))
+    )
+    cameras = tuple(_wider(camera, f) for camera, f in zip(cameras, of_poses, strict=True))
+    covariance = _wider_covariance(covariance, factor, cameras, solution.scale, scale)
+    cameras, covariance = _either_pose(cameras, covariance, evidence)
+    cameras, covariance = _either_lens(cameras, covariance, evidence, findings)
+    if ball_size is not None:
+        known = solution.state.points[np.isfinite(solution.state.points[:, 0])]
+        from_middle = np.array([camera.centre_mm for camera in cameras]) - known.mean(axis=0)
+        cameras, covariance = _of_either_size(
+            cameras, covariance, ball_size.by_camera[:, placed & lasting], ball_size.largest * from_middle
+        )
+    lengths = _length_map(cameras, covariance, adjusted, solution, observations)
+    findings += _said_of(lengths)
+    size = np.linalg.norm(residual[adjusted.used], axis=1)
+    sigma0 = _sigma0(observations, residual, adjusted) if adjusted.redundancy > 0 else None
+    quality = Quality(
+        valid=is_valid(findings),
+        rms_px=float(np.sqrt((size**2).mean())) if len(size) else None,
+        mean_px=float(size.mean()) if len(size) else None,
+        sigma0=sigma0,
+        findings=findings,
+        affected=affected(findings, names, _weak_region(lengths)),
+    )
+    rig = Rig(
+        session.cameras[reference].id if placed[reference] else None,
+        cameras,
+        scale,
+        quality,
+        session.input_sha256,
+        covariance,
+        lengths,
+        earlier_poses=earlier,
+        recorded_at=session.recorded_at,
+        form=Form(choice.form, phrase(choice.reason), choice.shape_sd_mm, choice.stated),
+    )
+    sigma = np.full((len(features), 3), np.nan)
+    if solution.covariance is not None:
+        variance = adjusted.variance * np.einsum("pii->pi", solution.covariance.points)
+        sigma = np.sqrt(np.maximum(variance, 0.0)) * solution.factor * factor.max(initial=1.0)
+    done = Calibration(
+        rig,
+        observations,
+        features,
+        solution.state.points,
+        sigma,
+        np.bincount(features.of_observation[adjusted.used], minlength=len(features)),
+        residual,
+        adjusted.used,
+        _spheres(session, solution),
+        method,
+        run.watch.seconds,
+        _ball_shape(observations, features, solved, solution),
+    )
+    return stopped_early(done) if fit.stopped else done
+
+
+def stopped_early(done: Calibration) -> Calibration:
+    """The calibration with the finding that somebody stopped the work behind it; it is not valid."""
+    quality = done.rig.quality
+    if STOPPED in quality.findings:
+        return done
+    quality = replace(quality, valid=False, findings=(STOPPED, *quality.findings))
+    return replace(done, rig=replace(done.rig, quality=quality))
+
+
+# A place of the map is weak where a length is that many times as uncertain as in the middle of the rest.
+WEAK = 2.0
+
+
+def _doubted(scale: RigScale, doubt: float) -> RigScale:
+    if scale.relative_uncertainty is None or not doubt:
+        return scale
+    return replace(scale, relative_uncertainty=float(np.hypot(scale.relative_uncertainty, doubt)))
+
+
+def _wider(camera: RigCamera, factor: float) -> RigCamera:
+    """The camera with its standard uncertainties times a factor."""
+    if camera.sigma is None or factor == 1.0:
+        return camera
+    s = camera.sigma
+    return replace(camera, sigma=CameraSigma(s.rotation_deg * factor, s.centre_mm * factor, s.intrinsics * factor))
+
+
+def _wider_covariance(
+    covariance: CameraCovariance | None,
+    factor: FloatArray,
+    cameras: tuple[RigCamera, ...],
+    before: RigScale,
+    after: RigScale,
+) -> CameraCovariance | None:
+    """The covariance with each camera's rows and columns times its factor, and the scale's present uncertainty."""
+    if covariance is None or ((factor == 1.0).all() and before == after):
+        return covariance
+    width = len(covariance.matrix) // len(factor)
+    each = np.repeat(factor, width)
+    matrix = covariance.matrix * np.outer(each, each)
+    if before.relative_uncertainty is not None and after.relative_uncertainty is not None:
+        along = np.zeros((len(factor), width))
+        along[:, 3:POSE] = [camera.translation_mm for camera in cameras]
+        more = after.relative_uncertainty**2 - before.relative_uncertainty**2
+        matrix += more * np.outer(along, along)
+    return CameraCovariance(matrix, covariance.intrinsics)
+
+
+def _either_pose(
+    cameras: tuple[RigCamera, ...], covariance: CameraCovariance | None, evidence: Evidence
+) -> tuple[tuple[RigCamera, ...], CameraCovariance | None]:
+    """Cameras with unconfirmed poses, with uncertainties such that each other pose is one standard uncertainty off."""
+    names = [camera.id for camera in cameras]
+    for pose in unconfirmed_poses(evidence):
+        index = names.index(evidence.camera_ids[pose.camera])
+        camera = cameras[index]
+        if camera.sigma is not None:
+            sigma = replace(
+                camera.sigma,
+                rotation_deg=np.linalg.norm([camera.sigma.rotation_deg, *np.rad2deg(pose.changes[:, :3])], axis=0),
+                centre_mm=np.linalg.norm([camera.sigma.centre_mm, *pose.centre_shifts], axis=0),
+            )
+            cameras = (*cameras[:index], replace(camera, sigma=sigma), *cameras[index + 1 :])
+        if covariance is not None:
+            width = len(covariance.matrix) // len(cameras)
+            off = np.zeros((len(pose.changes), len(covariance.matrix)))
+            off[:, index * width : index * width + POSE] = pose.changes
+            covariance = CameraCovariance(covariance.matrix + off.T @ off, covariance.intrinsics)
+    return cameras, covariance
+
+
+def _either_lens(
+    cameras: tuple[RigCamera, ...],
+    covariance: CameraCovariance | None,
+    evidence: Evidence,
+    findings: tuple[Finding, ...],
+) -> tuple[tuple[RigCamera, ...], CameraCovariance | None]:
+    """Cameras with rejected edges, with uncertainties such that a lens closer to these is one sigma off."""
+    named = {name for f in findings if f.code == "lens-misfit" and f.kind == "edge" for name in f.where}
+    columns, group = evidence.adjusted.problem.intrinsic_columns, evidence.solved.network.group
+    row = {camera.id: i for i, camera in enumerate(cameras)}
+    for edge in rejected_edges(evidence) if named else ():
+        if evidence.camera_ids[edge.camera] not in named:
+            continue
+        alike = [
+            row[evidence.camera_ids[c]]
+            for c in np.flatnonzero(group == group[edge.camera])
+            if evidence.camera_ids[c] in row
+        ]
+        wider = list(cameras)
+        for index in alike:
+            sigma = cameras[index].sigma
+            if sigma is not None:
+                intrinsics = sigma.intrinsics.copy()
+                intrinsics[columns] = np.hypot(intrinsics[columns], edge.change)
+                wider[index] = replace(cameras[index], sigma=replace(sigma, intrinsics=intrinsics))
+        cameras = tuple(wider)
+        if covariance is not None:
+            width = len(covariance.matrix) // len(cameras)
+            off = np.zeros((len(cameras), width))
+            off[alike, POSE:] = edge.change
+            covariance = CameraCovariance(covariance.matrix + np.outer(off, off), covariance.intrinsics)
+    return cameras, covariance
+
+
+def _said_of_size(size: SizeChange | None, e: Evidence) -> tuple[Finding, ...]:
+    if size is None:
+        return ()
+    radii = [sphere.radius for sphere in e.solution.spheres.values()]
+    return (size.finding(e.observations.placements, 2 * float(np.median(radii)) if radii else 0.0),)
+
+
+def _of_either_size(
+    cameras: tuple[RigCamera, ...], covariance: CameraCovariance | None, changes: FloatArray, growth_mm: FloatArray
+) -> tuple[tuple[RigCamera, ...], CameraCovariance | None]:
+    """Cameras with the uncertainty of changes (k,c,w), and of their places by a rig that grew, (c,3) about its middle.
+
+    The covariance has the latter already, by the scale.
+    """
+    wider = []
+    for camera, own, growth in zip(cameras, changes.transpose(1, 0, 2), growth_mm, strict=True):
+        if camera.sigma is None:
+            return cameras, covariance
+        by_turn, by_shift = np.rad2deg(own[:, :3]), own[:, 3:POSE] @ camera.rotation
+        sigma = replace(
+            camera.sigma,
+            rotation_deg=np.linalg.norm([camera.sigma.rotation_deg, *by_turn], axis=0),
+            centre_mm=np.linalg.norm([camera.sigma.centre_mm, growth, *by_shift], axis=0),
+        )
+        wider.append(replace(camera, sigma=sigma))
+    if covariance is not None:
+        off = changes.reshape(len(changes), -1)
+        covariance = CameraCovariance(covariance.matrix + off.T @ off, covariance.intrinsics)
+    return tuple(wider), covariance
+
+
+def _weak_region(lengths: LengthMap | None) -> Affected | None:
+    """The box about the places of the map where lengths are twice as uncertain as usual, or not seen at all."""
+    if lengths is None or lengths.typical_mm is None:
+        return None
+    worst = np.where(np.isfinite(lengths.expanded_mm), lengths.expanded_mm, np.inf).max(axis=1)
+    weak = lengths.places_mm[worst > WEAK * lengths.typical_mm]
+    if not len(weak):
+        weak = lengths.places_mm
+    low, high = ([float(x) for x in corner.round(3)] for corner in (weak.min(axis=0), weak.max(axis=0)))
+    return Affected(region_mm=((low[0], low[1], low[2]), (high[0], high[1], high[2])))
+
+
+def _ball_shape(observations: Observations, features: Features, fit: BallFit, solution: Solution) -> BallShape | None:
+    """The shape of a rigid ball, centred in it; None where the ball has none of its own, or no scale."""
+    rigid, cofactors = fit.rigid, fit.cofactors
+    has_shape = isinstance(fit.network.ball, Rigid) and solution.scale.source != "none"
+    if rigid is None or cofactors is None or not has_shape:
+        return None
+    root = rigid.alignment.root[features.placement]
+    moved = rigid.alignment.moved
+    home = int(np.bincount(rigid.alignment.root[moved]).argmax())
+    point = rigid.places.point
+    seen = np.diff(fit.adjusted.problem.point_start) > 0
+    first = np.unique(point[(root == home) & seen[point]])
+    feature = np.full(len(seen), -1)
+    feature[point] = np.arange(len(point))
+    places = fit.adjusted.state.points[first] * solution.factor
+    sphere = fit_sphere(places)
+    scatter = shape_cofactors(cofactors, fit.adjusted.state.points, first)
+    named = feature[first]
+    return BallShape(
+        features.target[named],
+        tuple(observations.points[i] for i in features.point[named]),
+        places - (places.mean(axis=0) if sphere is None else sphere.centre),
+        scatter * (fit.adjusted.variance * solution.factor**2),
+        solution.scale,
+    )
+
+
+def _for_diagnosis(fit: BallFit) -> BallFit:
+    """The form in which faults are visible: the solution itself, or the free form instead of the soft one."""
+    if fit.free is None:
+        return fit
+    free = fit.free.adjusted
+    converged = free.minimum.converged and fit.adjusted.minimum.converged
+    return replace(fit.free, adjusted=replace(free, minimum=replace(free.minimum, converged=converged)))
+
+
+def build_failed_result(
+    recording: Recording, local: LocalNetwork, method: str, seconds: dict[str, float]
+) -> Calibration:
+    """The result where not even three cameras could be reconstructed: no camera has a pose."""
+    session, observations, features = recording.session, recording.observations, recording.features
+    nobody = np.zeros(len(session.cameras), dtype=bool)
+    findings = (
+        Finding("nothing-reconstructed", "error", kind="ball"),
+        *unlinked(observations, local.counts, [], nobody),
+    )
+    none = np.full((len(observations), 2), np.nan)
+    quality = Quality(False, None, None, None, findings)
+    return Calibration(
+        Rig(None, (), RigScale("none", None), quality, session.input_sha256),
+        observations,
+        features,
+        np.full((len(features), 3), np.nan),
+        np.full((len(features), 3), np.nan),
+        np.zeros(len(features), dtype=np.int64),
+        none,
+        np.zeros(len(observations), dtype=bool),
+        (),
+        method,
+        seconds,
+    )
+
+
+def _residuals(observations: Observations, features: Features, placed: BoolArray, solution: Solution) -> FloatArray:
+    """Predicted minus observed (n,2) px, NaN without a prediction."""
+    state = solution.state
+    every = np.flatnonzero(placed[observations.camera] & np.isfinite(state.points[features.of_observation, 0]))
+    residual = np.full((len(observations), 2), np.nan)
+    for some in blocks(len(every)):
+        rows = every[some]
+        camera, points = observations.camera[rows], state.points[features.of_observation[rows]]
+        x = np.einsum("nij,nj->ni", state.rotation[camera], points) + state.translation[camera]
+        residual[rows] = project(x, state.intrinsics[camera]) - observations.uv[rows]
+    return residual
+
+
+def _sigma0(observations: Observations, residual: FloatArray, adjusted: Adjustment) -> float:
+    """The standard deviation of unit weight with the observations' own sigmas as weights, or 1 px where there are none.
+
+    The adjustment's own has weights by camera besides. In the soft form the dots' shape noise is observed too, as zero.
+    """
+    weighted = residual[adjusted.used]
+    if observations.sigma is not None:
+        weighted = weighted / observations.sigma[adjusted.used]
+    return float(np.sqrt(((weighted**2).sum() + _ties(adjusted)) / adjusted.redundancy))
+
+
+def _ties(adjusted: Adjustment) -> float:
+    """The sum of squares of the dots' shape noise over its standard deviation; 0 but for the soft form."""
+    shape_sd, shape_residual = adjusted.problem.ball.shape_sd, adjusted.state.shape_residual
+    tied = shape_sd > 0
+    return float(((shape_residual[tied] / shape_sd[tied, None]) ** 2).sum())
+
+
+def _camera(
+    session: Session, c: int, residual: FloatArray, observations: Observations, adjusted: Adjustment, solution: Solution
+) -> RigCamera:
+    spec, state = session.cameras[c], solution.state
+    own = adjusted.used & (observations.camera == c)
+    return RigCamera(
+        spec.id,
+        spec.serial,
+        spec.image_size,
+        state.intrinsics[c],
+        state.rotation[c],
+        state.translation[c],
+        rms_px=float(np.sqrt((residual[own] ** 2).sum(axis=1).mean())),
+        observations=int(own.sum()),
+        sigma=_camera_sigma(c, adjusted, solution),
+    )
+
+
+def _camera_sigma(c: int, adjusted: Adjustment, solution: Solution) -> CameraSigma | None:
+    """Standard uncertainties of a camera's pose and intrinsics (datum: docs/conventions.md)."""
+    if solution.covariance is None:
+        return None
+    cofactors = solution.covariance.cameras[c] * adjusted.variance
+    rotation = solution.state.rotation[c]
+    centre = rotation.T @ cofactors[3:POSE, 3:POSE] @ rotation * solution.factor**2
+    intrinsics = np.zeros(N_INTRINSICS)
+    free = adjusted.problem.free_intrinsics[c, adjusted.problem.intrinsic_columns]
+    diagonal = np.sqrt(np.maximum(np.diag(cofactors), 0.0))
+    intrinsics[adjusted.problem.intrinsic_columns] = np.where(free, diagonal[POSE:], 0.0)
+    return CameraSigma(np.rad2deg(diagonal[:3]), np.sqrt(np.maximum(np.diag(centre), 0.0)), intrinsics)
+
+
+def _camera_covariance(placed: BoolArray, adjusted: Adjustment, solution: Solution) -> CameraCovariance | None:
+    if solution.cameras is None:
+        return None
+    width = len(solution.cameras) // len(placed)
+    keep = np.repeat(placed, width)
+    return CameraCovariance(solution.cameras[np.ix_(keep, keep)], adjusted.problem.intrinsic_columns)
+
+
+def _length_map(
+    cameras: tuple[RigCamera, ...],
+    covariance: CameraCovariance | None,
+    adjusted: Adjustment,
+    solution: Solution,
+    observations: Observations,
+) -> LengthMap | None:
+    """The map of a length's uncertainty over what the ball showed; None without a covariance or a scale."""
+    known = np.isfinite(solution.state.points[:, 0])
+    if covariance is None or solution.scale.source == "none" or known.sum() < 2 or len(cameras) < 2:
+        return None
+    looking = Cameras(
+        np.array([c.intrinsics for c in cameras]),
+        np.array([c.rotation for c in cameras]),
+        np.array([c.translation_mm for c in cameras]),
+        np.array([c.image_size for c in cameras], dtype=float),
+        covariance.matrix,
+        covariance.intrinsics,
+    )
+    volume = measured_volume(solution.state.points[known], np.array([c.centre_mm for c in cameras]))
+    return length_map(looking, volume, dot_noise_px(observations, adjusted))
+
+
+def _said_of(lengths: LengthMap | None) -> tuple[Finding, ...]:
+    if lengths is None or lengths.typical_mm is None or lengths.worst is None:
+        return ()
+    worst, place = lengths.worst
+    values = {
+        "length_mm": lengths.length_mm, "typical_mm": lengths.typical_mm, "k": lengths.coverage_factor,
+        "worst_mm": worst, "place_mm": place,
+    }  # fmt: skip
+    return (Finding("length-uncertainty", "info", values),)
+
+
+def dot_noise_px(observations: Observations, adjusted: Adjustment) -> float:
+    """The standard deviation of a typical dot's image coordinate in px, as the adjustment found it."""
+    sigma = 1.0 if observations.sigma is None else float(np.median(observations.sigma[adjusted.used]))
+    return max(float(np.sqrt(adjusted.variance)) * sigma, 1e-4)
+
+
+def _spheres(session: Session, solution: Solution) -> tuple[PlacedSphere, ...]:
+    return tuple(
+        PlacedSphere(session.placements[p].id, sphere.centre, sphere.radius, sphere.radial_sd)
+        for p, sphere in solution.spheres.items()
+    )

@@ -1,0 +1,139 @@
+"""`spherecal calibrate`; what a calibration says, which `recalibrate` says too."""
+
+import argparse
+import time
+from pathlib import Path
+
+import numpy as np
+from rich.markup import escape
+from rich.table import Table
+
+from spherecal.base.errors import InputError
+from spherecal.base.messages.values import Phrase
+from spherecal.calibrate import calibrate as run
+from spherecal.data.findings import counted
+from spherecal.data.rig import Calibration
+from spherecal.data.verdict import WORDS, named
+from spherecal.files.atomic import RESULT
+from spherecal.files.ball_file import read_ball
+from spherecal.files.findings_file import FINDING
+from spherecal.files.read_session import read_session
+from spherecal.files.rig_file import affected_entries
+from spherecal.files.write_result import write_result
+from spherecal.initialise.view_graph import EdgeWeights
+from spherecal.steps.repairs import Repairs
+from spherecal.steps.settings import CalibrationSettings
+from spherecal_app.cli.answer import answer
+from spherecal_app.cli.console import number, out, say
+from spherecal_app.cli.exit_codes import DONE, NOT_VALID
+from spherecal_app.cli.output import check_output_folder
+from spherecal_app.cli.parsers.shared import search_of
+from spherecal_app.cli.print_findings import log_findings, show_findings
+from spherecal_app.cli.progress import shown_progress
+from spherecal_documents.support.support_bundle import session_of
+
+
+def calibrate(options: argparse.Namespace) -> int:
+    """`spherecal calibrate`."""
+    _check_forms(options)
+    check_output_folder(options.output, RESULT)
+    settings = CalibrationSettings(
+        method=options.method,
+        search=search_of(options),
+        spherical_projection=not options.no_spo,
+        joint=not options.no_joint,
+        weights=EdgeWeights(options.path_weights[0], options.path_weights[1], options.path_error),
+        base=options.path_base,
+        intrinsics=options.intrinsics,
+        own_intrinsics=options.own_intrinsics,
+        lens=options.lens,
+        seed=options.seed,
+        reference=options.reference,
+        repairs=Repairs(tuple(options.leave_out), tuple(options.split), tuple(options.swap)),
+        shape_sd_mm=options.shape_sd,
+        ball=None if options.ball is None else read_ball(options.ball),
+        repair_by_itself=not options.no_repair,
+    )
+    began = time.perf_counter()
+    with shown_progress() as context:
+        context.report("reading the session", 0.0)
+        with session_of(options.session) as folder:
+            calibration = run(read_session(folder), settings, context)
+        context.report("writing the result", 0.0)
+        write_result(calibration, options.output, {"method": calibration.method, "seed": options.seed})
+    log_findings(calibration.rig.quality.findings)
+    answer(options, calibration_summary(calibration))
+    show_calibration(calibration, options.output, time.perf_counter() - began)
+    return DONE if calibration.rig.quality.valid else NOT_VALID
+
+
+def _check_forms(options: argparse.Namespace) -> None:
+    """Raise InputError for options that do not go with the method."""
+    if options.ball is not None and options.method not in ("auto", "rigid"):
+        raise InputError(Phrase("error-ball-method", {"method": options.method}))
+    if options.shape_sd is not None and (options.method != "soft" or not 0 < options.shape_sd < 10):
+        key = "error-shape-sd-method" if options.method != "soft" else "error-shape-sd-range"
+        raise InputError(Phrase(key, {"value": options.shape_sd}))
+
+
+def show_calibration(calibration: Calibration, folder: Path, seconds: float) -> None:
+    """Print the result in words and a table, verdict first."""
+    rig = calibration.rig
+    quality = rig.quality
+    colour = {"valid": "bold green", "use-with-care": "bold yellow", "not-valid": "bold red"}[quality.verdict]
+    word, cameras = f"[{colour}]{WORDS[quality.verdict]}[/]", len(calibration.observations.cameras)
+    out.print(f"{word}: {len(rig.cameras)} of {counted(cameras, 'camera')} placed", end="")
+    out.print("" if quality.rms_px is None else f", rms {quality.rms_px:.4f} px, {seconds:.1f} s.")
+    if quality.verdict == "use-with-care":
+        say(f"With care: {named(quality.affected)}.")
+    if rig.cameras:
+        table = Table("camera", box=None)
+        for heading in ("points", "rms px", "f px", "sd f px", "sd centre mm", "sd rotation deg"):
+            table.add_column(heading, justify="right")
+        for c in rig.cameras:
+            sd = (
+                ("-", "-", "-")
+                if c.sigma is None
+                else (
+                    f"{c.sigma.intrinsics[0]:.2f}",
+                    f"{np.linalg.norm(c.sigma.centre_mm):.3f}",
+                    f"{np.linalg.norm(c.sigma.rotation_deg):.4f}",
+                )
+            )
+            name = f"{c.id} (reference)" if c.id == rig.reference_camera else c.id
+            table.add_row(escape(name), str(c.observations), number(c.rms_px, 4), f"{c.intrinsics[0]:.2f}", *sd)
+        out.print(table)
+    for sphere in calibration.spheres:
+        out.print(
+            f"  ball at {escape(sphere.placement)}: radius {sphere.radius_mm:.3f} mm, "
+            f"out of round by {sphere.radial_sd_mm:.3f} mm"
+        )
+    show_findings(quality.findings)
+    out.print(f"Result in {escape(str(folder))}.")
+
+
+def calibration_summary(calibration: Calibration) -> dict[str, object]:
+    """What `--json` tells of a calibration."""
+    rig = calibration.rig
+    return {
+        "valid": rig.quality.valid,
+        "verdict": rig.quality.verdict,
+        "affected": affected_entries(rig.quality),
+        "repairs": [{"option": r.option, "value": r.value, "automatic": r.automatic} for r in rig.repairs],
+        "method": calibration.method,
+        "cameras": len(rig.cameras),
+        "cameras_in_session": len(calibration.observations.cameras),
+        "rms_px": rig.quality.rms_px,
+        "mean_px": rig.quality.mean_px,
+        "sigma0": rig.quality.sigma0,
+        "form": rig.form
+        and {
+            "name": rig.form.name,
+            "reason": rig.form.reason,
+            "shape_sd_mm": rig.form.shape_sd_mm,
+            "stated": rig.form.stated,
+        },
+        "scale": {"source": rig.scale.source, "relative_uncertainty": rig.scale.relative_uncertainty},
+        "seconds": {stage: round(seconds, 4) for stage, seconds in calibration.seconds.items()},
+        "findings": [FINDING.entry(finding) for finding in rig.quality.findings],
+    }

@@ -1,0 +1,99 @@
+"""`spherecal cameras doctor`: lines, rates and triggers tested."""
+
+import argparse
+
+from rich.markup import escape
+from rich.table import Table
+
+from spherecal.base.context import Context
+from spherecal.base.messages.values import Phrase
+from spherecal_app.cli import cameras_lines
+from spherecal_app.cli.answer import answer, plain_fields
+from spherecal_app.cli.cameras_source import ask, discovered, open_named, profile_of
+from spherecal_app.cli.console import out, say
+from spherecal_app.cli.drivers_command import advice_for
+from spherecal_app.cli.exit_codes import DONE, NOT_VALID
+from spherecal_app.cli.progress import shown_progress
+from spherecal_cameras.camera_doctor import brightness, covered_camera, examine
+from spherecal_cameras.camera_settings import CameraProfile
+from spherecal_cameras.network_lines import examined, shares
+from spherecal_cameras.new_recording import camera_name
+from spherecal_cameras.protocol import CameraError, CameraSource, Discovery
+
+
+def doctor(options: argparse.Namespace) -> int:
+    """`spherecal cameras doctor`."""
+    profile = profile_of(options)
+    with open_named(options, profile) as source, shown_progress() as context:
+        discovery = _open_all(source, profile, context)
+        examination = examine(source, options.seconds, options.rate, context)
+        lines = examined(source, discovery, options.rate)
+        if options.stagger:
+            cameras_lines.keep_staggered(options, profile, source, shares(source, discovery, lines))
+        if options.order:
+            _order_test(source, discovery, profile)
+    well = examination.well and cameras_lines.well(lines)
+    answer(options, {"source": source.kind, **plain_fields(examination), "lines": lines})
+    table = Table("camera", "state", box=None)
+    headings = ("images", "incomplete", "underrun", "rate/s", "wanted/s", "packet", "missing", "resent", "degrees C")
+    for heading in headings:
+        table.add_column(heading, justify="right")
+    names = {info.serial: camera_name(profile, info) for info in discovery.cameras}
+    for link in examination.links:
+        counted = link.counters
+        wanted = "-" if counted.wanted_hz is None else f"{counted.wanted_hz:.1f}"
+        warm = "-" if link.temperature_c is None else f"{link.temperature_c:.1f}"
+        table.add_row(
+            escape(names[link.serial]),
+            link.state.value,
+            str(counted.delivered),
+            str(counted.incomplete),
+            str(counted.underrun),
+            f"{counted.rate_hz:.1f}",
+            wanted,
+            link.packet_size or "-",
+            link.packets_missing or "-",
+            link.packets_resent or "-",
+            warm,
+        )
+    out.print(table)
+    trigger = examination.trigger
+    out.print(
+        f"Sets: {trigger.complete} of {trigger.sets} complete, median {trigger.median_s * 1e3:.0f} ms, "
+        f"longest {trigger.longest_s * 1e3:.0f} ms."
+    )
+    cameras_lines.show(lines)
+    colour = {"error": "red", "warning": "yellow", "info": "blue"}
+    for finding in (*examination.findings, *(finding for line in lines for finding in line.findings)):
+        out.print(f"[{colour[finding.severity]}]{finding.severity}[/] ", end="")
+        say(f"{finding.message} {finding.hint}")
+    out.print("All is well." if well else "See above for what to do.")
+    return DONE if well else NOT_VALID
+
+
+def _open_all(source: CameraSource, profile: CameraProfile, context: Context) -> Discovery:
+    """Discover and open every camera of the rig; CameraError where there is none."""
+    discovery = discovered(source, context)
+    if not (serials := profile.rig_of(discovery.serials)):
+        say(*(advice_for(discovery) if source.kind == "genicam" else ()))
+        raise CameraError(Phrase("error-no-camera-found"))
+    context.report("opening the cameras", 0.0)
+    source.open(serials, profile.settings())
+    return discovery
+
+
+def _order_test(source: CameraSource, discovery: Discovery, profile: CameraProfile) -> None:
+    """Ask for each lens to be covered and tell which camera that is."""
+    out.print("Cover one lens at a time with your hand; an empty line with no lens covered ends the test.")
+    before = brightness(source)
+    names = {info.serial: camera_name(profile, info) for info in discovery.cameras}
+    left = set(profile.rig_of(names))
+    while left:
+        if not ask("Cover a lens, then press Enter: "):
+            return
+        found = covered_camera(source, before)
+        if found is None:
+            out.print("No single image has become dark; the test ends.")
+            return
+        left.discard(found)
+        out.print(f"That is camera {escape(names[found])} (serial {escape(found)}).")

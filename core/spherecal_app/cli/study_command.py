@@ -1,0 +1,69 @@
+"""`spherecal study`: the paper's experiments repeated."""
+
+import argparse
+from collections.abc import Callable, Iterator
+from functools import partial
+from pathlib import Path
+
+from spherecal.base.errors import InputError
+from spherecal.base.messages.values import Phrase
+from spherecal.initialise.camera_path import BASE
+from spherecal_app.cli.answer import answer
+from spherecal_app.cli.console import say
+from spherecal_app.cli.exit_codes import DONE
+from spherecal_app.cli.parsers.study_options import NAMES
+from spherecal_app.cli.progress import shown_progress
+from spherecal_sim.rigs import rig_design
+from spherecal_study.executor import workers_for
+from spherecal_study.on_sessions import NAMES as ON_SESSIONS
+from spherecal_study.on_sessions import RUNS, SessionOptions, run_session_study
+from spherecal_study.studies import STUDIES, run_study
+from spherecal_study.study_page import Options
+
+_SIGMA_PX = 0.04
+_LONG = ("rigB", "bar")  # on images only when asked for: big rigs, or not at all
+
+
+def study(options: argparse.Namespace) -> int:
+    """`spherecal study`: pages and results go into a folder, from which a stopped study goes on."""
+    workers = workers_for(options.workers, options.cluster)
+    run = _of_session if options.session is not None else _of_rigs
+    pages = {}
+    for name, start in run(options):
+        with shown_progress() as context:
+            page = start(options.output, workers, context)
+        pages[name] = page
+        say(f"{name}: page in {page}.")
+    answer(options, pages)
+    return DONE
+
+
+_Start = Callable[..., Path]
+
+
+def _of_rigs(options: argparse.Namespace) -> Iterator[tuple[str, _Start]]:
+    if options.images and options.sigma is not None:
+        raise InputError(Phrase("error-study-noise"))
+    if options.rig is not None:
+        rig_design(options.rig)  # refused now rather than in a worker
+    sigma = None if options.images else options.sigma or _SIGMA_PX
+    names = options.names or [name for name in NAMES if not options.images or name not in _LONG]
+    for name in names:
+        runs = options.runs or (1 if options.images else STUDIES[name].RUNS)
+        asked = Options(runs, sigma, options.seed, options.rig, options.known, _paths(options))
+        yield name, partial(run_study, name, asked, kept_only=options.kept)
+
+
+def _paths(options: argparse.Namespace) -> tuple[float, float, float | None, float] | None:
+    """xi1, xi2, TH_er and b; None where all are the method's own."""
+    asked = (*options.path_weights, options.path_error, options.path_base)
+    return None if asked == (1.0, 1.0, None, BASE) else asked
+
+
+def _of_session(options: argparse.Namespace) -> Iterator[tuple[str, _Start]]:
+    own = options.known or options.kept or _paths(options) is not None
+    if options.images or options.rig is not None or options.sigma is not None or own:
+        raise InputError(Phrase("error-study-recording"))
+    asked = SessionOptions(options.session, options.runs or RUNS, options.seed)
+    for name in options.names or ON_SESSIONS:
+        yield name, partial(run_session_study, name, asked)

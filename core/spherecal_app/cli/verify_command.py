@@ -1,0 +1,137 @@
+"""`spherecal verify`."""
+
+import argparse
+from pathlib import Path
+
+from rich.markup import escape
+from rich.table import Table
+
+from spherecal.base.messages.catalogue import phrase
+from spherecal.data.findings import counted
+from spherecal.detect.session_images import observed
+from spherecal.files.atomic import RESULT
+from spherecal.files.findings_file import FINDING
+from spherecal.files.read_session import read_session
+from spherecal.files.rig_file import read_rig
+from spherecal.verify.limit import parse_limit
+from spherecal.verify.verification import Verification
+from spherecal.verify.verify_bars import VerifySettings
+from spherecal.verify.verify_bars import verify as run
+from spherecal.verify.write_verification import write_verification
+from spherecal_app.cli.answer import answer
+from spherecal_app.cli.console import number, out, say
+from spherecal_app.cli.exit_codes import DONE, NOT_VALID
+from spherecal_app.cli.output import check_output_folder
+from spherecal_app.cli.print_findings import log_findings, show_findings
+from spherecal_app.cli.progress import shown_progress
+from spherecal_rigs.rig_source import corners_beside
+
+
+def verify(options: argparse.Namespace) -> int:
+    """`spherecal verify`."""
+    limit = None if options.limit is None else parse_limit(options.limit)
+    check_output_folder(options.output, RESULT)
+    with shown_progress() as context:
+        context.report("reading the session", 0.0)
+        rig = read_rig(options.rig)
+        session = observed(read_session(options.session), context, bar_poses_only=True)
+        verification = run(session, rig, context, VerifySettings(limit, None, corners_beside(options.rig)))
+        write_verification(verification, options.output, options.rig)
+    log_findings(verification.findings)
+    answer(options, _verification_summary(verification))
+    show_verification(verification, options.output)
+    return NOT_VALID if verification.failed else DONE
+
+
+def show_verification(verification: Verification, folder: Path) -> None:
+    """Print the verification in words and a table, verdict first."""
+    word = {"consistent": "[bold green]CONSISTENT[/]", "inconsistent": "[bold red]INCONSISTENT[/]"}
+    out.print(
+        f"{word.get(verification.decision.verdict, '[bold yellow]NO DATA[/]')}: {phrase(verification.decision.rule)}"
+    )
+    table = Table("length", box=None)
+    for heading in ("n", "mean error mm", "sd mm", "max mm", "U mm", "k"):
+        table.add_column(heading, justify="right")
+    for length in verification.lengths:
+        table.add_row(
+            escape(f"{length.bar} {length.from_mark}-{length.to_mark}"),
+            str(length.n),
+            number(length.mean_error_mm, 4),
+            number(length.sd_mm, 4),
+            number(length.max_abs_error_mm, 4),
+            number(length.expanded_uncertainty_mm, 4),
+            number(length.coverage_factor, 2),
+        )
+    out.print(table)
+    overall = verification.overall
+    out.print(
+        f"{counted(overall.n, 'length')}: mean error {number(overall.mean_error_mm, 4)} mm, "
+        f"sd {number(overall.sd_mm, 4)} mm, largest {number(overall.max_abs_error_mm, 4)} mm."
+    )
+    show_cameras_verified(verification)
+    show_procedure(verification)
+    show_findings(verification.findings)
+    out.print(f"Result in {escape(str(folder))}.")
+
+
+def show_cameras_verified(verification: Verification) -> None:
+    """How many views of the marks each camera had, and how they fit."""
+    if not verification.cameras or not verification.measured:
+        return
+    table = Table("camera", box=None)
+    for heading in ("views of marks", "used", "rms px"):
+        table.add_column(heading, justify="right")
+    table.add_column("")
+    colour = {"verified": "green", "not seen": "yellow", "rejected": "bold red"}
+    for c in verification.cameras:
+        rms = number(c.rms_px, 4)
+        table.add_row(escape(c.id), str(c.seen), str(c.used), rms, f"[{colour[c.state]}]{c.state}[/]")
+    out.print(table)
+
+
+def show_procedure(verification: Verification) -> None:
+    """The decision against the user's limit, the largest contributions, and the departures from the guideline."""
+    procedure = verification.procedure
+    if procedure is None or not procedure.budgets:
+        return
+    acceptance = procedure.acceptance
+    if acceptance is not None:
+        colour = {"pass": "bold green", "fail": "bold red"}.get(acceptance.verdict or "", "bold yellow")
+        word = (acceptance.verdict or "no data").upper()
+        out.print(f"[{colour}]{word}[/] against {escape(acceptance.limit.words())} (ISO 14253-1)")
+        if acceptance.doubts:
+            out.print(f"  not a pass because of: {', '.join(acceptance.doubts)}")
+        for x in acceptance.lengths:
+            name = escape(f"{x.bar} {x.from_mark}-{x.to_mark}")
+            out.print(
+                f"  {name}: largest error {x.worst_error_mm:+.4f} mm ({escape(x.worst_pose)}), "
+                f"U {x.expanded_uncertainty_mm:.4f} mm, limit {x.limit_mm:.4f} mm: {x.verdict}"
+            )
+    budget = max(procedure.budgets, key=lambda one: one.expanded_mm)
+    shares = ", ".join(f"{name} {100 * share:.0f} %" for name, share in budget.shares()[:4])
+    remedy = budget.remedy()
+    out.print(
+        f"U of one {escape(budget.bar)} {budget.from_mark}-{budget.to_mark}: {budget.expanded_mm:.4f} mm "
+        f"(k = {budget.coverage_factor:.2f}): {shares}. To lessen it: {'' if remedy is None else phrase(remedy)}."
+    )
+    out.print(f"{procedure.title}. Departures:")
+    for departure in procedure.departures:
+        say(f"  - {phrase(departure)}")
+
+
+def _verification_summary(verification: Verification) -> dict[str, object]:
+    return {
+        "verdict": verification.decision.verdict,
+        "n": verification.overall.n,
+        "mean_error_mm": verification.overall.mean_error_mm,
+        "sd_mm": verification.overall.sd_mm,
+        "max_abs_error_mm": verification.overall.max_abs_error_mm,
+        "acceptance": _accepted(verification),
+        "cameras": {c.id: c.state for c in verification.cameras},
+        "findings": [FINDING.entry(finding) for finding in verification.findings],
+    }
+
+
+def _accepted(verification: Verification) -> str | None:
+    acceptance = None if verification.procedure is None else verification.procedure.acceptance
+    return None if acceptance is None else acceptance.verdict

@@ -1,0 +1,103 @@
+"""What a calibration by a board or a bar says about itself."""
+
+from typing import Literal
+
+import numpy as np
+
+from spherecal.adjust.parameter_layout import POSE
+from spherecal.base.arrays import BoolArray, IntArray
+from spherecal.data.findings import Finding
+from spherecal.data.session import Session
+from spherecal.diagnose.run_checks import LITTLE_COVERAGE, STATED_LENGTH_MM, WEAK_FOCAL_SD, image_coverage
+from spherecal.diagnose.soundness import MANY_OUTLIERS
+from spherecal_boards.board_result import Fit, groups_of
+
+Shown = Literal["board", "bar"]
+
+
+def unlinked(
+    camera_ids: tuple[str, ...], linked: IntArray, placed: BoolArray, what: Shown, least: int
+) -> list[Finding]:
+    """The finding on cameras that could not be linked, group by group; none where all are placed.
+
+    `camera_ids`: of all cameras, (c,); `linked`: above 0 for cameras that are linked directly, (c,c); `placed`: cameras
+    that have a pose, (c,).
+    """
+    if placed.all():
+        return []
+    ids = np.array(camera_ids)
+    groups = groups_of(np.where(placed[:, None] == placed, linked, 0) + np.outer(placed, placed), placed)
+    named = [ids[group] for group in groups]
+    where = tuple(str(name) for group in named for name in group)
+    kind = what if placed.any() else f"{what}-none"
+    return [Finding("cameras-unlinked", "error", {"groups": named, "least": least}, where, kind=kind)]
+
+
+def common_findings(session: Session, fit: Fit, what: Shown) -> list[Finding]:
+    """Findings that boards and bars share."""
+    return [
+        *_convergence(fit, what),
+        *_held(session, fit, what),
+        *_weak(session, fit, what),
+        *_coverage(session, fit, what),
+        *_outliers(session, fit),
+    ]
+
+
+def scale_finding(source: Literal["waved-bar", "certified-board", "board"], relative: float) -> Finding:
+    """How good the scale is, in millimetres on a length that a user can picture."""
+    values = {"mm": relative * STATED_LENGTH_MM, "length_mm": STATED_LENGTH_MM}
+    return Finding("scale-uncertainty", "warning" if source == "board" else "info", values, kind=source)
+
+
+def _convergence(fit: Fit, what: Shown) -> list[Finding]:
+    if not fit.joint:
+        return [Finding("no-joint-adjustment", "error", kind=what)]
+    found = [] if fit.converged else [Finding("not-converged", "error", kind=what)]
+    return found if fit.covariance is not None else [*found, Finding("degenerate-geometry", "error", kind=what)]
+
+
+def _held(session: Session, fit: Fit, what: Shown) -> list[Finding]:
+    ids = tuple(session.cameras[c].id for c in np.flatnonzero(fit.has_prior & fit.placed))
+    return [Finding("intrinsics-held", "warning", where=ids, kind=what)] if ids else []
+
+
+def _weak(session: Session, fit: Fit, what: Shown) -> list[Finding]:
+    columns = fit.problem.intrinsic_columns
+    if fit.covariance is None or not len(columns) or columns[0] != 0:
+        return []
+    cofactors = np.maximum(fit.covariance.cameras[:, POSE, POSE], 0.0)
+    sd = np.sqrt(fit.variance * cofactors) / fit.state.intrinsics[:, 0]
+    weak = np.flatnonzero(fit.problem.free_intrinsics[:, 0] & fit.placed & ~fit.has_prior & (sd > WEAK_FOCAL_SD))
+    if not len(weak):
+        return []
+    worst = weak[np.argmax(sd[weak])]
+    values = {"limit_ppm": WEAK_FOCAL_SD * 1e6, "worst": session.cameras[worst].id, "worst_ppm": sd[worst] * 1e6}
+    return [Finding("weak-self-calibration", "warning", values, tuple(session.cameras[c].id for c in weak), kind=what)]
+
+
+def _coverage(session: Session, fit: Fit, what: Shown) -> list[Finding]:
+    coverage = image_coverage(fit.observations, fit.used, session)
+    little = np.flatnonzero(fit.placed & (coverage < LITTLE_COVERAGE))
+    if not len(little):
+        return []
+    worst = little[np.argmin(coverage[little])]
+    values = {
+        "limit_percent": 100 * LITTLE_COVERAGE,
+        "least": session.cameras[worst].id,
+        "percent": 100 * coverage[worst],
+    }
+    return [Finding("little-coverage", "warning", values, tuple(session.cameras[c].id for c in little), kind=what)]
+
+
+def _outliers(session: Session, fit: Fit) -> list[Finding]:
+    candidates = np.isfinite(fit.residual[:, 0])
+    out = candidates & ~fit.used
+    count, share = int(out.sum()), float(out.sum() / max(candidates.sum(), 1))
+    if not count:
+        return []
+    by_camera = np.bincount(fit.observations.camera[out], minlength=len(session.cameras))
+    most = int(np.argmax(by_camera))
+    values = {"out": count, "observations": candidates.sum(), "percent": 100 * share, "most": by_camera[most]}
+    severity = "warning" if share > MANY_OUTLIERS else "info"
+    return [Finding("outliers-removed", severity, values, (session.cameras[most].id,))]

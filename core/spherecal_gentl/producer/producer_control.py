@@ -1,0 +1,373 @@
+"""Steering the simulated cameras: their pictures, their faults, and what they have counted."""
+
+import os
+import time
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Self
+from xml.etree import ElementTree
+
+import numpy as np
+from numpy.typing import NDArray
+
+from spherecal.base.errors import InputError, OutputError
+from spherecal_gentl.producer import memory_layout as layout
+from spherecal_gentl.producer.region import REGION_VARIABLE, SharedRegion, attach, create, default_name
+
+# GenTL's error codes that faults are made of. genicam takes a code outside -1001..-1022 for success and goes on with
+# whatever lay in its memory: a register reads as nonsense, a frame has a buffer that does not exist.
+ERROR, RESOURCE_IN_USE, ACCESS_DENIED, IO_ERROR, TIMEOUT, ABORT = -1001, -1004, -1005, -1010, -1011, -1012
+NOT_AVAILABLE, INVALID_VALUE, UNKNOWN_CODE = -1014, -1019, -1999
+
+
+@dataclass(frozen=True)
+class SimulatedCamera:
+    """One simulated camera; `source_bits` says how many bits its pictures have (8: uint8, up to 16: uint16)."""
+
+    serial: str
+    width: int = 2448
+    height: int = 2048
+    source_bits: int = 8
+    user_id: str = ""
+    model: str = "Simulated 5M"
+
+
+@dataclass(frozen=True)
+class RegionCounters:
+    """What one camera has counted since its region was made; `last_image` is the number of the picture last sent."""
+
+    opened: int
+    closed: int
+    reads: int
+    writes: int
+    triggers: int
+    triggers_dropped: int
+    triggers_missed: int
+    frames_exposed: int
+    frames_delivered: int
+    frames_incomplete: int
+    frames_lost: int
+    frames_late: int
+    frames_underrun: int
+    acquisition_starts: int
+    acquisition_stops: int
+    last_image: int
+
+
+def simulated_cameras(count: int = 12) -> tuple[SimulatedCamera, ...]:
+    """Five-megapixel cameras SIM01, SIM02, ..."""
+    return tuple(SimulatedCamera(f"SIM{i + 1:02d}") for i in range(count))
+
+
+class ProducerControl:
+    """The rig to which the simulated cameras belong: makes their shared memory and removes it when closed.
+
+    Every program that loads the .cti with `environment` set sees these cameras. Closing unplugs them all. Methods that
+    take a serial number raise InputError where no simulated camera has it.
+
+    `name` None is an unused one.
+    """
+
+    def __init__(self, cameras: Sequence[SimulatedCamera] = (), name: str | None = None) -> None:
+        cameras = cameras or simulated_cameras()
+        _check(cameras)
+        slot = max(c.width * c.height * (1 if c.source_bits == 8 else 2) for c in cameras)
+        slot = -(-slot // layout.PAGE) * layout.PAGE
+        self._region = create(name or _unused_name(), len(cameras), slot)
+        for record, camera in zip(self._region.devices, cameras, strict=True):
+            record["serial"], record["model"] = camera.serial.encode(), camera.model.encode()
+            record["user_id"] = camera.user_id.encode()
+            record["sensor_width"], record["sensor_height"] = camera.width, camera.height
+            record["source_bits"], record["temperature_c"] = camera.source_bits, 41.5
+        self._index = {camera.serial: i for i, camera in enumerate(cameras)}
+
+    @classmethod
+    def attached(cls, name: str | None = None) -> Self:
+        """Steer the simulated cameras of another running program.
+
+        Without a name these are the cameras of `spherecal cameras simulate-producer`.
+        """
+        control = cls.__new__(cls)
+        control._region = attach(name or default_name())
+        control._index = {record["serial"].decode(): i for i, record in enumerate(control._region.devices)}
+        control._owner = False
+        return control
+
+    _region: SharedRegion
+    _owner = True
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Switch the rig off: clients see every camera lost, and the shared memory is freed when the last closes it."""
+        if self._owner:
+            for serial in self.serials:
+                self.unplug(serial)
+        self._index = {}
+        self._region.close()
+
+    @property
+    def name(self) -> str:
+        """The name of the shared memory region."""
+        return self._region.name
+
+    @property
+    def environment(self) -> dict[str, str]:
+        """The variables that lead a program to these cameras: this region, and the folder of the built producer."""
+        from spherecal_gentl.producer.build_producer import DISCOVERY_VARIABLE, build_producer
+
+        return {REGION_VARIABLE: self.name, DISCOVERY_VARIABLE: str(build_producer().parent)}
+
+    @property
+    def serials(self) -> tuple[str, ...]:
+        """The simulated cameras' serial numbers, in the order in which they are listed."""
+        return tuple(self._index)
+
+    # ---- pictures ----
+
+    def set_image(self, serial: str, image: NDArray[Any]) -> int:
+        """Set what a camera sees from its next exposure on; the image's number (1, 2, ...).
+
+        `image`: as large as the sensor, (height, width).
+        """
+        record, index = self._record(serial), self._index[serial]
+        shape = int(record["sensor_height"]), int(record["sensor_width"])
+        kind = np.uint8 if int(record["source_bits"]) == 8 else np.uint16
+        if image.shape != shape or image.dtype != kind:
+            raise InputError(
+                f"Camera {serial} shows images of {shape[1]} x {shape[0]} as {kind.__name__}; this one is "
+                f"{' x '.join(str(n) for n in reversed(image.shape))} as {image.dtype}."
+            )
+        _check_room(image.nbytes)
+        number = int(record["image_begun"]) + 1
+        record["image_begun"] = number  # from here on a camera that still reads the older one in this slot starts over
+        self._region.slot(index, number)[: image.nbytes] = np.ascontiguousarray(image).view(np.uint8).ravel()
+        record["image_published"] = number
+        return number
+
+    def set_images(self, images: Mapping[str, NDArray[Any]]) -> None:
+        """Set what several cameras see, by serial number; the others keep theirs."""
+        for serial, image in images.items():
+            self.set_image(serial, image)
+
+    def show_pattern(self, serial: str) -> None:
+        """Show the built-in moving ramp with the frame number again."""
+        self._record(serial)["image_published"] = 0
+
+    def expose_by(self, serial: str, reference_us: float) -> None:
+        """Let exposure and gain change the brightness: images are as given at `reference_us` and 0 dB."""
+        self._record(serial)["exposure_reference_us"] = reference_us
+
+    # ---- the world around the cameras ----
+
+    def pulse(self) -> None:
+        """One rising edge on the wire to Line1 of every camera."""
+        header = self._region.header
+        header["line_pulse_ns"] = time.monotonic_ns()
+        header["line_pulses"] += 1
+
+    def set_temperature(self, serial: str, temperature_c: float) -> None:
+        """Set what DeviceTemperature reads."""
+        self._record(serial)["temperature_c"] = temperature_c
+
+    def set_clock_offset(self, serial: str, seconds: float) -> None:
+        """Set how far a camera's clock is from that of the others (at first 0, as synchronised by PTP)."""
+        self._record(serial)["clock_offset_ns"] = round(seconds * 1e9)
+
+    def set_link(self, serial: str, bytes_per_s: float) -> None:
+        """Set the speed of a camera's link."""
+        self._record(serial)["link_bytes_per_s"] = bytes_per_s
+
+    # ---- faults ----
+
+    def unplug(self, serial: str) -> None:
+        """Pull the cable: handles that are open never work again, the camera is gone until `plug`."""
+        _unplug(self._record(serial), layout.FOR_EVER)
+
+    def plug(self, serial: str) -> None:
+        """Put the cable back."""
+        self._record(serial)["unplugged_until_ns"] = 0
+
+    def power_cycle(self, serial: str, seconds: float = 1.0) -> None:
+        """The camera is gone for some time and comes back with its start-up settings."""
+        record = self._record(serial)
+        _unplug(record, time.monotonic_ns() + round(seconds * 1e9))
+        record["powered"] = 0
+
+    def refuse_opening(self, serial: str, code: int = ACCESS_DENIED) -> None:
+        """Opening fails."""
+        self._record(serial)["open_error"] = code
+
+    def fail_reads(self, serial: str, times: int | None = 1, code: int = IO_ERROR, feature: str | None = None) -> None:
+        """Register reads fail, of one feature or of any.
+
+        `times` None: until `clear_faults`; `feature` None: any.
+        """
+        record = self._record(serial)
+        record["read_error"] = code
+        record["read_error_address"] = layout.ANY_ADDRESS if feature is None else feature_address(feature)
+        record["read_error_count"] = _count(times)
+
+    def fail_writes(self, serial: str, times: int | None = 1, code: int = IO_ERROR, feature: str | None = None) -> None:
+        """Register writes and commands fail, of one feature or of any.
+
+        `times` None: until `clear_faults`; `feature` None: any.
+        """
+        record = self._record(serial)
+        record["write_error"] = code
+        record["write_error_address"] = layout.ANY_ADDRESS if feature is None else feature_address(feature)
+        record["write_error_count"] = _count(times)
+
+    def delay_registers(self, serial: str, seconds: float) -> None:
+        """Every register access takes some time."""
+        self._record(serial)["port_delay_us"] = round(seconds * 1e6)
+
+    def fail_stream(self, serial: str, times: int | None = 1, code: int = IO_ERROR) -> None:
+        """Waiting for a frame fails.
+
+        `times` None: until `clear_faults`.
+        """
+        record = self._record(serial)
+        record["event_error"] = code
+        record["event_error_count"] = _count(times)
+
+    def crash(self, serial: str) -> None:
+        """The producer's code crashes (SIGSEGV) in whatever process next reads, writes or waits for this camera."""
+        self._record(serial)["crash_count"] = 1
+
+    def spoil_frames(self, serial: str, times: int | None = 1) -> None:
+        """Frames arrive incomplete: the lower half is missing.
+
+        `times` None: until `clear_faults`.
+        """
+        self._record(serial)["incomplete_count"] = _count(times)
+
+    def lose_frames(self, serial: str, times: int | None = 1) -> None:
+        """Frames are exposed and lost on the way: their frame numbers are left out.
+
+        `times` None: until `clear_faults`.
+        """
+        self._record(serial)["lost_frame_count"] = _count(times)
+
+    def drop_triggers(self, serial: str, times: int | None = 1) -> None:
+        """Triggers do not reach the camera: no frame, and no gap in the frame numbers.
+
+        `times` None: until `clear_faults`.
+        """
+        self._record(serial)["dropped_trigger_count"] = _count(times)
+
+    def delay_frames(self, serial: str, seconds: float, times: int | None = 1) -> None:
+        """Frames arrive late, with the time stamp of their exposure; those behind them wait.
+
+        `times` None: until `clear_faults`.
+        """
+        record = self._record(serial)
+        record["late_ms"] = round(seconds * 1e3)
+        record["late_count"] = _count(times)
+
+    def pad_lines(self, serial: str, padding_bytes: int) -> None:
+        """Every line of an image ends with padding; to be set while the camera does not stream."""
+        self._record(serial)["padding_bytes"] = padding_bytes
+
+    def clear_faults(self, serial: str | None = None) -> None:
+        """Everything works again, cables included; of all cameras if none is named."""
+        for one in self.serials if serial is None else (serial,):
+            record = self._record(one)
+            for field in _FAULTS:
+                record[field] = 0
+
+    # ---- what happened ----
+
+    def counters(self, serial: str) -> RegionCounters:
+        """What a camera has counted since its region was made."""
+        record = self._record(serial)
+        return RegionCounters(*(int(record[name]) for name in layout.COUNTERS))
+
+    def settings(self, serial: str) -> dict[str, int | float | str]:
+        """The present values of a camera's registers, by name (all zero before its first opening)."""
+        registers = self._record(serial)["registers"]
+        values = {name: registers[name].item() for name in layout.REGISTERS.names or ()}
+        return {name: v.decode() if isinstance(v, bytes) else v for name, v in values.items()}
+
+    def open_by(self, serial: str) -> int | None:
+        """The id of the process that has the camera open, None for none; one that was killed stays named."""
+        return int(self._record(serial)["open_by_pid"]) or None
+
+    def _record(self, serial: str) -> Any:
+        if serial not in self._index:
+            raise InputError(f"There is no simulated camera {serial}; there are {', '.join(self._index)}.")
+        return self._region.devices[self._index[serial]]
+
+
+@cache
+def feature_address(feature: str) -> int:
+    """The address of the register behind a feature of device.xml."""
+    namespace = "{http://www.genicam.org/GenApi/Version_1_1}"
+    root = ElementTree.parse(Path(__file__).with_name("device.xml")).getroot()
+    nodes = {node.get("Name"): node for node in root}
+    node = nodes.get(feature)
+    while node is not None:
+        if (address := node.findtext(f"{namespace}Address")) is not None:
+            return int(address, 16)
+        node = nodes.get(node.findtext(f"{namespace}pValue"))
+    raise InputError(f"The simulated cameras have no register named {feature}.")
+
+
+_FAULTS = (
+    "unplugged_until_ns", "open_error", "read_error_count", "write_error_count", "port_delay_us", "event_error_count",
+    "incomplete_count", "dropped_trigger_count", "lost_frame_count", "late_count", "padding_bytes", "crash_count",
+)  # fmt: skip
+
+
+def _count(times: int | None) -> int:
+    return -1 if times is None else times
+
+
+def _unplug(record: Any, until_ns: int) -> None:
+    record["plug_generation"] += 1
+    record["unplugged_until_ns"] = until_ns
+
+
+def _unused_name() -> str:
+    # 31 characters are the longest name macOS takes
+    return f"spherecal-gentl-{os.getpid()}-{time.monotonic_ns() % 10**6}"
+
+
+def _check(cameras: Iterable[SimulatedCamera]) -> None:
+    cameras = list(cameras)
+    serials = [camera.serial for camera in cameras]
+    if len(cameras) > layout.MOST_DEVICES:
+        raise InputError(f"At most {layout.MOST_DEVICES} cameras can be simulated, not {len(cameras)}.")
+    if len(set(serials)) < len(serials):
+        raise InputError("Two simulated cameras have the same serial number.")
+    for camera in cameras:
+        if not camera.serial.isascii() or not 0 < len(camera.serial) < 32:
+            raise InputError(f"The serial number {camera.serial!r} is not of 1 to 31 plain characters.")
+        if len(camera.user_id.encode()) > 63 or len(camera.model.encode()) > 31:
+            raise InputError(f"The name or model of camera {camera.serial} is too long.")
+        if not 8 <= camera.source_bits <= 16:
+            raise InputError(f"Camera {camera.serial}: pictures have 8 to 16 bits, not {camera.source_bits}.")
+        if camera.width < 64 or camera.height < 64 or camera.width % 4 or camera.height % 2:
+            raise InputError(
+                f"Camera {camera.serial}: {camera.width} x {camera.height} is no sensor that can be simulated.",
+                "Width in steps of 4, height in steps of 2, 64 at least.",
+            )
+
+
+def _check_room(needed: int) -> None:
+    """Writing where the memory file system is full would end the process without a word."""
+    if not os.path.isdir("/dev/shm"):
+        return
+    about = os.statvfs("/dev/shm")
+    if about.f_bavail * about.f_frsize < needed:
+        raise OutputError(
+            "The shared memory of this machine (/dev/shm) is full.",
+            "Give it more room (a container: --shm-size=1g), or simulate fewer cameras.",
+        )

@@ -1,0 +1,274 @@
+"""The check of a calibration by one placement or bar pose: OK, watch or recalibrate, with numbers per camera."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+
+from spherecal.base.arrays import ByValue, IntArray
+from spherecal.base.context import Context
+from spherecal.base.errors import InputError
+from spherecal.base.messages.catalogue import phrase
+from spherecal.base.messages.values import Phrase
+from spherecal.base.threads import on_one_blas_thread
+from spherecal.data.findings import Finding
+from spherecal.data.observations import Observations, find_features
+from spherecal.data.rig import Rig
+from spherecal.data.session import Session
+from spherecal.detect.session_images import observed
+from spherecal.verify.consistency import CameraTest, Consistency, examine_cameras, noise_alone
+from spherecal.verify.limit import LengthLimit
+from spherecal.verify.outlying_views import triangulate_checked
+from spherecal.verify.rig_cameras import cameras_in_rig
+from spherecal.verify.uncertainty import point_errors
+from spherecal.verify.verification import MeasuredLength
+from spherecal.verify.verify_bars import VerifySettings, verify, views_of
+from spherecal_rigs.check_ball import BallCheck, BallDots, check_ball
+
+Verdict = Literal["ok", "watch", "recalibrate"]
+_ORDER: tuple[Verdict, ...] = ("ok", "watch", "recalibrate")
+STATED_MM = 500.0
+# Without a map of the rig's uncertainty: twice the noise of a good image point.
+_NO_MAP_PX = 0.1
+# A lens out of focus or dirty doubles a camera's residuals before it is seen by eye.
+_NOISIER = 2.0
+_LEAST_FOR_NOISE = 30
+# A bar's single length: once in 2000 by chance.
+_BAR_SIGMAS = 3.5
+_LEAST_CAMERAS = 3
+
+
+@dataclass(frozen=True)
+class CheckedCamera:
+    """One camera: its test, its verdict, its residuals at the calibration (rms px, None where unknown), and why."""
+
+    test: CameraTest
+    verdict: Verdict
+    before_px: float | None
+    reason: Phrase | None = None
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Check(ByValue):
+    """The result of a check: verdict, cameras worst first, those not seen, balls and bars measured, findings.
+
+    `tolerance_mm`: a camera whose move shifts a point by more is to be recalibrated.
+    """
+
+    verdict: Verdict
+    tolerance_mm: float | None
+    cameras: tuple[CheckedCamera, ...]
+    untested: tuple[str, ...]
+    balls: tuple[BallCheck, ...]
+    lengths: tuple[MeasuredLength, ...]
+    findings: tuple[Finding, ...]
+
+    @property
+    def sentence(self) -> str:
+        """The verdict's reasons in one sentence, in English, as files have it."""
+        return self.words("en")
+
+    def words(self, language: str) -> str:
+        """The verdict's reasons in one sentence, in a language of the catalogue."""
+        if self.verdict == "ok":
+            agree = Phrase("check-agree", {"cameras": len(self.cameras)})
+            return phrase(agree if self.cameras else Phrase("check-bars-alone"), language)
+        severity = "error" if self.verdict == "recalibrate" else "warning"
+        causes = [camera_cause(one) for one in self.cameras if one.verdict == self.verdict]
+        said = [f.words("message", language).rstrip(".。") for f in self.findings if f.severity == severity]
+        return phrase(Phrase("sentence", {"text": Phrase("check-causes", {"causes": (*causes, *said)})}), language)
+
+    @property
+    def to_repair(self) -> tuple[str, ...]:
+        """The cameras that moved."""
+        return tuple(camera.test.id for camera in self.cameras if camera.test.moved)
+
+
+@on_one_blas_thread
+def check(
+    session: Session,
+    rig: Rig,
+    known: BallDots | None = None,
+    limit: LengthLimit | None = None,
+    context: Context | None = None,
+) -> Check:
+    """Whether the rig is still as it was calibrated, by all data of the session; nothing is calibrated.
+
+    A bar whose marks too few cameras see together to test them still shows whether its lengths are measured right.
+    docs/verification.md says what OK, watch and recalibrate mean.
+
+    `known` None: its size is not compared; `limit` None: 3.
+    """
+    context = context or Context()
+    session = observed(session, context)
+    context.report("check", 0.0, Phrase("comparing"))
+    own, camera = _of_rig(session, rig)
+    features = find_features(own)
+    views, expected = views_of(own, features, camera, rig)
+    consistency = examine_cameras(views, rig, expected)
+    lengths, findings = _measure_bars(session, rig, limit, context)
+    if len(consistency.cameras) < _LEAST_CAMERAS and not lengths:
+        raise InputError(
+            Phrase("error-too-little-seen", {"folder": str(session.where)}),
+            Phrase("error-show-more"),
+        )
+    context.report("check", 0.5, Phrase("measuring"))
+    balls = [] if known is None else _check_balls(session, rig, known, own, camera, consistency)
+    if known is not None and not balls and not lengths:
+        findings = (*findings, Finding("ball-not-known", "info"))
+    return _judged(rig, consistency, balls, lengths, findings, limit)
+
+
+def _check_balls(
+    session: Session, rig: Rig, known: BallDots, own: Observations, camera: IntArray, consistency: Consistency
+) -> list[BallCheck]:
+    """The ball at each placement by the cameras that have not moved.
+
+    One that moved bends what it sees: on the demo rig 9 px of one camera made the ball 720 ppm larger.
+    """
+    moved = [test.id for test in consistency.moved]
+    stays = ~np.isin(np.array([c.id for c in rig.cameras])[camera], moved)
+    own, camera = own.select(stays), camera[stays]
+    if not len(own):
+        return []
+    features = find_features(own)
+    views, expected = views_of(own, features, camera, rig)
+    checked = triangulate_checked(views, expected)
+    errors = point_errors(replace(checked, noise=noise_alone(checked, rig)), rig)
+    at = [own.placements.index(p.id) for p in session.placements]
+    balls = [check_ball(known, p, own, features, errors) for p in at]
+    return [ball for ball in balls if ball is not None]
+
+
+def _of_rig(session: Session, rig: Rig) -> tuple[Observations, IntArray]:
+    """The observations by the rig's cameras, and each one's camera in the rig."""
+    o = session.observations
+    assert o is not None
+    in_rig = cameras_in_rig(session, o, rig, Phrase("same-settings"))
+    for spec in session.cameras:
+        placed = rig.camera(spec.id)
+        if placed is not None and placed.serial and spec.serial and placed.serial != spec.serial:
+            raise InputError(
+                Phrase(
+                    "error-other-serial",
+                    {"folder": session.where, "camera": spec.id, "serial": spec.serial, "rig_serial": placed.serial},
+                )
+            )
+    own = o.select(in_rig[o.camera] >= 0)
+    return own, in_rig[own.camera]
+
+
+def _measure_bars(
+    session: Session, rig: Rig, limit: LengthLimit | None, context: Context
+) -> tuple[tuple[MeasuredLength, ...], tuple[Finding, ...]]:
+    """All bars' lengths, also of the one that gave the scale: here it only shows whether the scale has changed."""
+    if not session.bar_poses:
+        return (), ()
+    asked = replace(session, bars=tuple(replace(bar, role="check") for bar in session.bars))
+    done = verify(asked, rig, context, VerifySettings(limit))
+    spoken = ("certificate-expired", "no-temperature", "mark-not-found", "outlying-views", "temperatures-differ",
+              "camera-contradicts", "bar-assumed", "length-without-uncertainty")  # fmt: skip
+    return done.measured, tuple(f for f in done.findings if f.code in spoken)
+
+
+def _judged(
+    rig: Rig,
+    consistency: Consistency,
+    balls: Sequence[BallCheck],
+    lengths: tuple[MeasuredLength, ...],
+    findings: tuple[Finding, ...],
+    limit: LengthLimit | None,
+) -> Check:
+    tolerance = None if rig.length_map is None else rig.length_map.typical_mm
+    cameras = [camera_state(test, rig, tolerance) for test in consistency.cameras]
+    cameras.sort(key=lambda one: (-_ORDER.index(one.verdict), -one.test.point_mm))
+    found = [*_of_the_rig(rig, consistency), *findings, *_scale_findings(balls, lengths, limit, tolerance)]
+    by_severity: dict[str, Verdict] = {"error": "recalibrate", "warning": "watch", "info": "ok"}
+    words = [*(one.verdict for one in cameras), *(by_severity[f.severity] for f in found)]
+    worst = _ORDER[max((_ORDER.index(word) for word in words), default=0)]
+    return Check(
+        worst,
+        tolerance,
+        tuple(cameras),
+        consistency.untested,
+        tuple(balls),
+        lengths,
+        tuple(found),
+    )
+
+
+def _of_the_rig(rig: Rig, consistency: Consistency) -> list[Finding]:
+    """Findings that exclude an OK: the calibration is not valid, cameras contradict all others or were not checked."""
+    found = []
+    if not rig.quality.valid:
+        found.append(Finding("rig-not-valid", "error", kind="check"))
+    if consistency.rejected:
+        found.append(Finding("camera-contradicts", "error", where=consistency.rejected, kind="check"))
+    rest = tuple(name for name in consistency.untested if name not in consistency.rejected)
+    if rest:
+        found.append(Finding("camera-not-checked", "warning", where=rest))
+    return found
+
+
+def camera_state(test: CameraTest, rig: Rig, tolerance_mm: float | None) -> CheckedCamera:
+    """A camera's verdict, with the reason.
+
+    A camera that moved is to be recalibrated or watched, by how far; one whose residuals have doubled is to be watched.
+
+    `tolerance_mm` None: one of more than 0.
+    """
+    placed = rig.camera(test.id)
+    before = placed.rms_px if placed is not None else None
+    if test.moved:
+        large = test.move_px > _NO_MAP_PX if tolerance_mm is None else test.point_mm > tolerance_mm
+        values = {
+            "shift_mm": float(np.linalg.norm(test.shift_mm)),
+            "rotation_deg": float(np.degrees(np.linalg.norm(test.turn_rad))),
+            "move_px": test.move_px,
+        }
+        reason = Phrase("check-moved", values)
+        return CheckedCamera(test, "recalibrate" if large else "watch", before, reason)
+    if before and test.points >= _LEAST_FOR_NOISE and test.rms_px > _NOISIER * before:
+        reason = Phrase("check-noisier", {"ratio": test.rms_px / before})
+        return CheckedCamera(test, "watch", before, reason)
+    return CheckedCamera(test, "ok", before)
+
+
+def _scale_findings(
+    balls: Sequence[BallCheck], lengths: Sequence[MeasuredLength], limit: LengthLimit | None, tolerance_mm: float | None
+) -> list[Finding]:
+    found = []
+    for ball in balls:
+        effect = STATED_MM * abs(ball.scale_ppm) * 1e-6
+        if ball.differs:
+            large = tolerance_mm is not None and effect > tolerance_mm
+            values = {"larger_ppm": ball.scale_ppm, "sd_ppm": ball.scale_sd_ppm, "effect_mm": effect}
+            found.append(Finding("ball-size", "error" if large else "warning", values, (ball.placement,)))
+        if ball.changed > 0.2 * ball.dots:
+            values = {"changed": ball.changed, "dots": ball.changed + ball.dots}
+            found.append(Finding("ball-changed", "warning", values, (ball.placement,)))
+    beyond = [m for m in lengths if m.certified and abs(m.error_mm) > _bar_limit(m, limit)]
+    if beyond:
+        worst = max(beyond, key=lambda m: abs(m.error_mm) / _bar_limit(m, limit))
+        values = {
+            "beyond": len(beyond),
+            "lengths": len(lengths),
+            "edge": Phrase("beyond-limit" if limit else "beyond-uncertainty"),
+            "bar": worst.bar,
+            "first": worst.from_mark,
+            "second": worst.to_mark,
+            "error_mm": worst.error_mm,
+        }
+        where = tuple(dict.fromkeys(m.pose for m in beyond))
+        found.append(Finding("bar-length", "error", values, where))
+    return found
+
+
+def _bar_limit(m: MeasuredLength, limit: LengthLimit | None) -> float:
+    return _BAR_SIGMAS * m.budget.combined_mm if limit is None else limit.at(m.reference_mm)
+
+
+def camera_cause(one: CheckedCamera) -> Phrase:
+    """Which camera, and why it is to be watched or recalibrated."""
+    return Phrase("check-camera", {"camera": one.test.id, "reason": one.reason})

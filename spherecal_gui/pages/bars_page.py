@@ -1,0 +1,140 @@
+"""Bars: the poses of the bar that gives the scale."""
+
+from PySide6.QtWidgets import QHBoxLayout, QLabel, QVBoxLayout, QWidget
+
+from spherecal_gui.controllers.controller import Controller
+from spherecal_gui.pages.live_page import LivePage
+from spherecal_gui.pages.wizard_page import PageAction
+from spherecal_gui.presenters.bars_presenter import next_pose, pose_state
+from spherecal_gui.widgets.basic import MARKS, button, clear, enable, label, set_level
+from spherecal_gui.widgets.tile import Wall
+from spherecal_gui.workflow import Step
+
+
+class ScalePage(LivePage):
+    """The poses of one role of bars, one after the other."""
+
+    some_are_enough = True
+
+    def __init__(self, controller: Controller, parent: QWidget | None = None) -> None:
+        super().__init__(controller, parent)
+        self.column = QVBoxLayout(self)
+        self.message = label("", "huge")
+        self.column.addWidget(self.message)
+        self.poses = QHBoxLayout()
+        self.poses.setSpacing(18)
+        self.column.addLayout(self.poses)
+        self.wall = Wall()
+        self.column.addWidget(self.wall, 1)
+        self.row = QHBoxLayout()
+        self.again = button(self.tr("Retake the last pose"), "retake-pose")
+        self.again.clicked.connect(self._retake)
+        self.row.addStretch(1)
+        self.row.addWidget(self.again)
+        self.column.addLayout(self.row)
+        self._last: str | None = None
+
+    @property
+    def headline(self) -> QLabel:
+        """The label with the state of the page."""
+        return self.message
+
+    def pose_ids(self) -> tuple[str, ...]:
+        """The poses of this page."""
+        return self.project.scale_poses if self.project is not None else ()
+
+    @property
+    def current(self) -> str | None:
+        """The pose to take next."""
+        return next_pose(self.pose_ids(), self.project.taken) if self.project is not None else None
+
+    def bar_targets(self) -> frozenset[int]:
+        """The targets on the bar of the next pose; empty where its bar is not known."""
+        project, connection = self.project, self.controller.cameras.connection
+        if project is None or connection is None or project.artefacts is None:
+            return frozenset()
+        scale = project.artefacts.scale_bar if self.current in project.scale_poses else None
+        bar = scale or dict(project.pose_bars).get(self.current or "")
+        marks = [one.marks.values() for one in connection.plan.bars if one.id == bar]
+        return frozenset(mark.target for own in marks for mark in own)
+
+    @property
+    def is_taking(self) -> bool:
+        """Whether a pose is being taken, or the lengths measured."""
+        return self.step is not None and self.controller.runner.running == self.step.id
+
+    def enter(self, step: Step) -> None:
+        """Show the first pose that is missing."""
+        self.step = step
+        self._stage()
+        super().enter(step)
+
+    def _stage(self) -> None:
+        pose = self.current or (self.pose_ids()[-1] if self.pose_ids() else None)
+        if pose is not None and self.controller.staging.can_show(pose):
+            self.controller.staging.show_pose(pose)
+
+    def refresh(self) -> None:
+        """A pose was taken."""
+        if self.project is None:
+            return
+        self.show_cameras()
+        taken = [pose for pose in self.pose_ids() if pose in self.project.taken]
+        if taken and taken[-1] != self._last and not self.is_taking and self.isVisible():
+            self._stage()
+        self._last = taken[-1] if taken else None
+        self._show_poses()
+        idle = self.controller.runner.running is None
+        none = self.tr("No pose is captured yet.")
+        enable(self.again, idle and bool(taken) and self.controller.cameras.connection is not None, none)
+        self.tick()
+        self.action_changed.emit()
+
+    def _show_poses(self) -> None:
+        clear(self.poses)
+        for pose in self.pose_ids():
+            there = pose in self.open_project.taken
+            self.poses.addWidget(self._mark(pose, there, pose == self.current))
+        self.poses.addStretch(1)
+
+    @staticmethod
+    def _mark(pose: str, there: bool, current: bool) -> QLabel:
+        mark = label(f"{MARKS['good'] if there else '▸' if current else MARKS['none']} {pose}", "big", wrap=False)
+        set_level(mark, "good" if there else "none")
+        return mark
+
+    def tick(self) -> None:
+        """Follow the cameras."""
+        if self.project is None or self.wall.isHidden():
+            return
+        self.follow()
+        own = self.bar_targets()
+        targets = {name: sight.dots.targets_among(own) for name, sight in self.sights().items()}
+        pose = self.current
+        state = pose_state(targets, pose is None, self.is_taking, self.pose_ids()[-1] if self.pose_ids() else "")
+        text = state.text if pose is None or self.is_taking else f"{pose} · {state.text}"
+        self.say(text, state.level)
+
+    def _retake(self) -> None:
+        if self._last is not None and self.step is not None:
+            if self.controller.staging.can_show(self._last):
+                self.controller.staging.show_pose(self._last)
+            self.controller.sets.take(self._last, self.step.id)
+
+    def action(self) -> PageAction | None:
+        """Take the next pose."""
+        running, pose = self.controller.runner.running, self.current
+        if pose is None:
+            return PageAction(self.tr("All poses captured"), False, self.tr("Every pose is there."), done=True)
+        text = self.tr("Capture {pose}  (space)").format(pose=pose)
+        if running:
+            return PageAction(text, False, self.tr("Work is running."))
+        if self.controller.cameras.connection is None:
+            return PageAction(text, False, self.tr("The cameras are not connected."))
+        return PageAction(text, accepts=True)
+
+    def act(self) -> None:
+        """Take it."""
+        pose = self.current
+        if pose is not None and self.step is not None:
+            self.controller.sets.take(pose, self.step.id)

@@ -1,0 +1,196 @@
+"""The ball, its targets and the check of their print; placements and limits of the bench."""
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+from PySide6.QtCore import Signal
+from PySide6.QtWidgets import QComboBox, QFileDialog, QGridLayout, QHBoxLayout, QVBoxLayout, QWidget
+
+from spherecal_gui import limits_in_force as limits
+from spherecal_gui.controllers.bench_desk import BenchDesk
+from spherecal_gui.presenters.bench_presenter import Problems, print_text
+from spherecal_gui.widgets.basic import Downwards, button, label, set_level
+from spherecal_gui.widgets.fields import TextField
+
+_BALL = ("name", "diameter", "first", "last", "width", "measured")
+
+
+class BallTab(QWidget):
+    """One ball of the library, or a new one."""
+
+    touched = Signal()
+
+    def __init__(self, desk: BenchDesk, parent: QWidget | None = None) -> None:
+        super().__init__(parent)
+        self.desk = desk
+        inner = QWidget()
+        column = QVBoxLayout(inner)
+        column.setSpacing(12)
+        column.addLayout(self._library())
+        grid = QGridLayout()
+        grid.setHorizontalSpacing(18)
+        grid.setVerticalSpacing(12)
+        self.fields = {
+            "name": TextField("ball-name", self.tr("Name of the ball"), self.tr("such as Ball hall 3")),
+            "diameter": TextField(
+                "ball-diameter", self.tr("Diameter (mm)"), "500", self.tr("A centimetre is near enough.")
+            ),
+            "first": TextField("ball-first", self.tr("First target, no.")),
+            "last": TextField("ball-last", self.tr("Last target, no.")),
+            "width": TextField("ball-width", self.tr("Width of a sticker (mm)"), "28"),
+            "measured": TextField("ball-measured", self.tr("Measured on a sticker (mm)")),
+        }
+        for key, row, at, span in (
+            ("name", 0, 0, 2),
+            ("diameter", 0, 2, 1),
+            ("first", 1, 0, 1),
+            ("last", 1, 1, 1),
+            ("width", 1, 2, 1),
+        ):
+            grid.addWidget(self.fields[key], row, at, 1, span)
+        for at in range(3):
+            grid.setColumnStretch(at, 1)
+        column.addLayout(grid)
+        column.addLayout(self._own())
+        column.addWidget(label(self.tr("Printed scale"), "big", wrap=False))
+        self.print_said = label("")
+        column.addWidget(self.print_said)
+        line = QHBoxLayout()
+        line.addWidget(self.fields["measured"], 1)
+        line.addStretch(2)
+        column.addLayout(line)
+        message = self.tr("Without a bar that gives the scale, this distance does, good to a percent.")
+        column.addWidget(label(message, "soft"))
+        column.addStretch(1)
+        for key, one in self.fields.items():
+            one.edited.connect(lambda _, text, key=key: self._edited(key, text))
+        area = Downwards()
+        area.setWidget(inner)
+        outer = QVBoxLayout(self)
+        outer.addWidget(area)
+
+    def _library(self) -> QHBoxLayout:
+        row = QHBoxLayout()
+        self.library = QComboBox()
+        self.library.setObjectName("ball-library")
+        self.library.setAccessibleName(self.tr("Ball of the library"))
+        self.library.activated.connect(self._chosen)
+        row.addWidget(label(self.tr("Which ball?"), "big", wrap=False))
+        row.addWidget(self.library, 1)
+        row.addStretch(1)
+        return row
+
+    def _own(self) -> QHBoxLayout:
+        """Targets that are not simply numbered."""
+        row = QHBoxLayout()
+        self.own = label("", "soft")
+        self.from_file = button(self.tr("Targets from a file"), "targets-file")
+        self.from_file.clicked.connect(self._choose_targets)
+        self.by_number = button(self.tr("By number and width"), "targets-number")
+        self.by_number.clicked.connect(lambda: self._act(self.desk.own_targets))
+        row.addWidget(self.from_file)
+        row.addWidget(self.by_number)
+        row.addWidget(self.own, 1)
+        return row
+
+    def _act(self, act: Callable[[], None]) -> None:
+        act()
+        self.touched.emit()
+
+    def _chosen(self) -> None:
+        """Another ball of the library; the one that was typed is one step back."""
+        name = self.library.currentData()
+        if name is not None:
+            self._act(lambda: self.desk.take_ball(str(name)))
+
+    def _choose_targets(self) -> None:
+        path, _ = QFileDialog.getOpenFileName(self, self.tr("Target set"), "", "targets.json (*.json)")
+        if path:
+            self.take_targets(Path(path))
+
+    def take_targets(self, path: Path) -> None:
+        """The target set of a file."""
+        problem = self.desk.take_targets(path)
+        self.touched.emit()
+        if problem:
+            self.own.setText(problem)
+            set_level(self.own, "bad")
+
+    def _edited(self, key: str, text: str) -> None:
+        draft = self.desk.draft
+        self.desk.change(f"ball.{key}", replace(draft, ball=replace(draft.ball, **{key: text})))
+        self.touched.emit()
+
+    def show_draft(self, problems: Problems) -> None:
+        """What the draft has, and what is wrong with it."""
+        ball = self.desk.draft.ball
+        for key in _BALL:
+            self.fields[key].show_text(getattr(ball, key))
+            self.fields[key].show_problem(problems.get(f"ball.{key}", ""))
+        for key in ("first", "last", "width"):
+            self.fields[key].line.setEnabled(ball.own is None)
+        self.own.setText(ball.own_file)
+        set_level(self.own, "none")
+        self.by_number.setVisible(ball.own is not None)
+        text, level = print_text(ball)
+        self.print_said.setText(text)
+        set_level(self.print_said, level)
+        self._list()
+
+    def _list(self) -> None:
+        wanted = [self.tr("a new ball"), *self.desk.balls]
+        if wanted != [self.library.itemText(i) for i in range(self.library.count())]:
+            self.library.clear()
+            for number, name in enumerate(wanted):
+                self.library.addItem(name, "" if number == 0 else name)
+        known = self.desk.ball_known()
+        self.library.setCurrentIndex(0 if known is None else max(self.library.findData(known.name), 0))
+
+
+class RigTab(QWidget):
+    """How many placements, the bars' temperature, the limits."""
+
+    touched = Signal()
+    limits_wanted = Signal()
+
+    def __init__(self, desk: BenchDesk, parent: QWidget | None = None) -> None:
+        super().__init__(parent)
+        self.desk = desk
+        column = QVBoxLayout(self)
+        column.setSpacing(12)
+        row = QHBoxLayout()
+        self.fields = {
+            "placements": TextField("placements", self.tr("Placements of the ball"), "4"),
+            "celsius": TextField("bars-celsius", self.tr("Bars' temperature (°C)"), "20.0"),
+        }
+        self.fields["celsius"].line.setToolTip(self.tr("Read it on the day, on the bar itself; empty: not read."))
+        for key, one in self.fields.items():
+            one.edited.connect(lambda _, text, key=key: self._edited(key, text))
+            row.addWidget(one, 1)
+        row.addStretch(1)
+        column.addLayout(row)
+        column.addWidget(label(self.tr("Limits"), "big", wrap=False))
+        self.limit = label("")
+        column.addWidget(self.limit)
+        self.open_limits = button(self.tr("Open the limits"), "open-limits")
+        self.open_limits.clicked.connect(self.limits_wanted)
+        line = QHBoxLayout()
+        line.addWidget(self.open_limits)
+        line.addStretch(1)
+        column.addLayout(line)
+        column.addStretch(1)
+
+    def _edited(self, key: str, text: str) -> None:
+        self.desk.change(key, replace(self.desk.draft, **{key: text}))
+        self.touched.emit()
+
+    def show_draft(self, problems: Problems) -> None:
+        """What the draft has."""
+        for key, one in self.fields.items():
+            one.show_text(getattr(self.desk.draft, key))
+            one.show_problem(problems.get(key, ""))
+        formula = limits.now().verification_limit
+        message = self.tr("Permitted length error: {limit} mm (L in mm).").format(limit=formula)
+        none = self.tr("No permitted length error is set: lengths are judged by their own uncertainty.")
+        self.limit.setText(message if formula else none)

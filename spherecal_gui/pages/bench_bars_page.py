@@ -1,0 +1,357 @@
+"""The bars of the library: marks, certified lengths, certificate, and what each is for on this bench."""
+
+from collections.abc import Callable
+from dataclasses import fields, replace
+from datetime import date
+from pathlib import Path
+
+from PySide6.QtCore import Qt, Signal
+from PySide6.QtWidgets import (
+    QComboBox,
+    QFileDialog,
+    QGridLayout,
+    QHBoxLayout,
+    QLineEdit,
+    QListWidget,
+    QListWidgetItem,
+    QVBoxLayout,
+    QWidget,
+)
+
+from spherecal_gui.controllers.bench_desk import BenchDesk
+from spherecal_gui.presenters.bench_presenter import BarDraft, LengthDraft, Problems, certificate_state
+from spherecal_gui.widgets.basic import MARKS, Downwards, WheelGuard, button, clear, label, set_level
+from spherecal_gui.widgets.fields import TextField
+
+_COLUMNS = tuple(one.name for one in fields(LengthDraft))
+_LIST_PX = 330
+_MARK_PX, _STICKER_PX = 64, 76
+
+
+class BarsTab(QWidget):
+    """A list on the left, the chosen bar on the right."""
+
+    touched = Signal()
+    said = Signal(str, str)  # text, level
+
+    def __init__(self, desk: BenchDesk, parent: QWidget | None = None) -> None:
+        super().__init__(parent)
+        self.desk, self.chosen = desk, 0
+        self._rows: list[dict[str, QLineEdit]] = []
+        self._row_problems: list[QWidget] = []
+        row = QHBoxLayout(self)
+        row.setSpacing(18)
+        row.addLayout(self._left())
+        self.form = self._form()
+        row.addWidget(self.form, 1)
+
+    # --- parts -------------------------------------------------------------------------------------------------------
+
+    def _left(self) -> QVBoxLayout:
+        column = QVBoxLayout()
+        column.addWidget(label(self.tr("Bars of this computer"), "big", wrap=False))
+        self.list = QListWidget()
+        self.list.setObjectName("bars")
+        self.list.setAccessibleName(self.tr("Bars of this computer"))
+        self.list.setMinimumWidth(_LIST_PX)
+        self.list.setWordWrap(True)
+        self.list.currentRowChanged.connect(self._choose)
+        column.addWidget(self.list, 1)
+        grid = QGridLayout()
+        self.add = button(self.tr("New bar"), "add-bar")
+        self.remove = button(self.tr("Remove"), "remove-bar")
+        self.take_table = button(self.tr("Import CSV"), "import-bars")
+        self.give_table = button(self.tr("Export CSV"), "export-bars")
+        for number, (one, act) in enumerate(
+            (
+                (self.add, self.add_bar),
+                (self.remove, self._remove),
+                (self.take_table, self._import),
+                (self.give_table, self._export),
+            )
+        ):
+            one.clicked.connect(act)
+            grid.addWidget(one, number // 2, number % 2)
+        column.addLayout(grid)
+        return column
+
+    def _form(self) -> QWidget:
+        inner = QWidget()
+        column = QVBoxLayout(inner)
+        column.setSpacing(10)
+        grid = QGridLayout()
+        grid.setHorizontalSpacing(14)
+        grid.setVerticalSpacing(8)
+        day = self.tr("2026-11-21")
+        self.fields = {
+            "serial": TextField("bar-serial", self.tr("Serial number")),
+            "description": TextField("bar-description", self.tr("Description")),
+            "expansion": TextField(
+                "bar-expansion",
+                self.tr("Expansion (10⁻⁶/K)"),
+                "11.5",
+                self.tr("Steel 11.5, aluminium 23, carbon fibre about 0."),
+            ),
+            "reference": TextField("bar-reference", self.tr("Lengths are valid at (°C)"), "20"),
+            "certificate": TextField("bar-certificate", self.tr("Certificate, no.")),
+            "laboratory": TextField("bar-laboratory", self.tr("Laboratory")),
+            "issued": TextField("bar-issued", self.tr("Calibrated on"), day),
+            "valid_until": TextField("bar-valid-until", self.tr("Valid until"), day),
+        }
+        self.role = QComboBox()
+        self.role.setObjectName("bar-role")
+        self.role.setAccessibleName(self.tr("On this bench"))
+        for value, text in (
+            ("none", self.tr("is not here")),
+            ("scale", self.tr("gives the scale")),
+            ("check", self.tr("verifies")),
+        ):
+            self.role.addItem(text, value)
+        self.role.activated.connect(self._role_chosen)
+        self.role.installEventFilter(WheelGuard(self.role))
+        self.role_problem = label("")
+        set_level(self.role_problem, "bad")
+        role = QWidget()
+        own = QVBoxLayout(role)
+        own.setContentsMargins(0, 0, 0, 0)
+        own.setSpacing(2)
+        for part in (label(self.tr("On this bench"), wrap=False), self.role, self.role_problem):
+            own.addWidget(part)
+        own.addStretch(1)
+        grid.addWidget(self.fields["serial"], 0, 0)
+        grid.addWidget(self.fields["description"], 0, 1, 1, 2)
+        grid.addWidget(role, 0, 3)
+        for at in range(4):
+            grid.setColumnStretch(at, 1)
+        column.addLayout(grid)
+        column.addWidget(label(self.tr("Certified lengths (mm)"), "big", wrap=False))
+        self.lengths = QGridLayout()
+        self.lengths.setHorizontalSpacing(6)
+        column.addLayout(self.lengths)
+        self.lengths_problem = label("")
+        set_level(self.lengths_problem, "bad")
+        column.addWidget(self.lengths_problem)
+        line = QHBoxLayout()
+        self.more = button(self.tr("Add a length"), "add-length")
+        self.more.clicked.connect(self._more)
+        line.addWidget(self.more)
+        line.addStretch(1)
+        column.addLayout(line)
+        self.state = label("", "big")
+        head = QHBoxLayout()
+        head.addWidget(label(self.tr("Certificate and material"), "big", wrap=False))
+        head.addWidget(self.state, 1)
+        column.addLayout(head)
+        below = QGridLayout()
+        below.setHorizontalSpacing(14)
+        below.setVerticalSpacing(8)
+        for key, at in (
+            ("certificate", (0, 0)),
+            ("laboratory", (0, 1)),
+            ("issued", (0, 2)),
+            ("valid_until", (0, 3)),
+            ("expansion", (1, 0)),
+            ("reference", (1, 1)),
+        ):
+            below.addWidget(self.fields[key], *at)
+        column.addLayout(below)
+        column.addStretch(1)
+        for key, one in self.fields.items():
+            one.edited.connect(lambda _, text, key=key: self._edited(key, text))
+        area = Downwards()
+        area.setWidget(inner)
+        return area
+
+    # --- changes -----------------------------------------------------------------------------------------------------
+
+    @property
+    def bar(self) -> BarDraft | None:
+        """The chosen bar."""
+        bars = self.desk.draft.bars
+        return bars[self.chosen] if 0 <= self.chosen < len(bars) else None
+
+    def _put(self, what: str, bar: BarDraft) -> None:
+        bars = list(self.desk.draft.bars)
+        bars[self.chosen] = bar
+        self.desk.change(f"bar.{self.chosen}.{what}" if what else "", replace(self.desk.draft, bars=tuple(bars)))
+        self.touched.emit()
+
+    def _edited(self, key: str, text: str) -> None:
+        if self.bar is not None:
+            self._put(key, replace(self.bar, **{key: text}))
+
+    def _length_edited(self, number: int, key: str, text: str) -> None:
+        if self.bar is not None:
+            lengths = list(self.bar.lengths)
+            lengths[number] = replace(lengths[number], **{key: text})
+            self._put(f"length.{number}.{key}", replace(self.bar, lengths=tuple(lengths)))
+
+    def _role_chosen(self) -> None:
+        if self.bar is not None:
+            self._put("", replace(self.bar, role=str(self.role.currentData())))
+
+    def _more(self) -> None:
+        if self.bar is not None:
+            last = self.bar.lengths[-1] if self.bar.lengths else LengthDraft()
+            another = LengthDraft(last.from_mark, last.from_sticker, factor=last.factor)
+            self._put("", replace(self.bar, lengths=(*self.bar.lengths, another)))
+            self._rows[-1]["to_mark"].setFocus()
+
+    def _less(self, number: int) -> None:
+        if self.bar is not None:
+            lengths = self.bar.lengths
+            self._put("", replace(self.bar, lengths=lengths[:number] + lengths[number + 1 :]))
+
+    def add_bar(self) -> None:
+        """A new bar, to be filled in."""
+        self.chosen = self.desk.add_bar()
+        self.touched.emit()
+        self.fields["serial"].line.setFocus()
+
+    def _remove(self) -> None:
+        if self.bar is not None:
+            self.desk.remove_bar(self.chosen)
+            self.chosen = max(self.chosen - 1, 0)
+            self.touched.emit()
+
+    def _import(self) -> None:
+        path, _ = QFileDialog.getOpenFileName(self, self.tr("A table of bars"), "", "CSV (*.csv *.txt *.tsv)")
+        if path:
+            self.import_table(Path(path))
+
+    def import_table(self, path: Path) -> None:
+        """Take over the bars of a table, and say what became of each line."""
+        found = self.desk.import_table(path)
+        self.touched.emit()
+        if isinstance(found, str):
+            self.said.emit(found, "bad")
+            return
+        serials = [one.serial for one in self.desk.draft.bars]
+        if found.entered:
+            self.chosen = serials.index(found.entered[0])
+            self.touched.emit()
+        self.said.emit(found.text, "caution" if found.lines or found.other else "good")
+
+    def _export(self) -> None:
+        path, _ = QFileDialog.getSaveFileName(self, self.tr("A table of bars"), "bars.csv", "CSV (*.csv)")
+        if path:
+            problem = self.desk.export_table(Path(path))
+            self.said.emit(
+                problem or self.tr("The table is in {file}.").format(file=path), "bad" if problem else "good"
+            )
+
+    def _choose(self, row: int) -> None:
+        if row >= 0 and row != self.chosen:
+            self.chosen = row
+            self.touched.emit()
+
+    # --- what is shown -----------------------------------------------------------------------------------------------
+
+    def show_draft(self, problems: Problems) -> None:
+        """The list, and the chosen bar."""
+        bars = self.desk.draft.bars
+        self.chosen = min(self.chosen, max(len(bars) - 1, 0))
+        self._show_list(problems)
+        bar = self.bar
+        self.form.setVisible(bar is not None)
+        self.remove.setEnabled(bar is not None)
+        if bar is None:
+            return
+        place = f"bar.{self.chosen}."
+        for key, one in self.fields.items():
+            one.show_text(getattr(bar, key))
+            one.show_problem(problems.get(f"{place}{key}", ""))
+        self.role.setCurrentIndex(self.role.findData(bar.role))
+        self.role_problem.setText(problems.get(f"{place}role", ""))
+        self.role_problem.setVisible(bool(self.role_problem.text()))
+        self._show_lengths(bar, problems, place)
+        self.lengths_problem.setText(problems.get(f"{place}lengths", ""))
+        self.lengths_problem.setVisible(bool(self.lengths_problem.text()))
+        text, level = certificate_state(bar, date.today())
+        self.state.setText(f"{MARKS[level]} {text}")
+        set_level(self.state, level)
+
+    def _show_list(self, problems: Problems) -> None:
+        self.list.blockSignals(True)
+        bars = self.desk.draft.bars
+        while self.list.count() > len(bars):
+            self.list.takeItem(self.list.count() - 1)
+        roles = {"scale": self.tr("gives the scale"), "check": self.tr("verifies"), "none": ""}
+        for number, bar in enumerate(bars):
+            item = self.list.item(number)
+            if item is None:
+                item = QListWidgetItem()
+                self.list.addItem(item)
+            wrong = any(key.startswith(f"bar.{number}.") for key in problems)
+            text, level = certificate_state(bar, date.today())
+            mark = MARKS["bad"] if wrong else MARKS[level]
+            nominal = next((one.nominal or one.certified for one in bar.lengths if one.nominal or one.certified), "")
+            size = f"  ·  {nominal} mm" if nominal else ""
+            serial = bar.serial or self.tr("new bar")  # not within the f-string: lupdate does not look there
+            state = self.tr("something is missing") if wrong else text
+            item.setText(f"{mark} {serial}{size}\n    {' · '.join(one for one in (roles[bar.role], state) if one)}")
+        self.list.setCurrentRow(self.chosen if bars else -1)
+        self.list.blockSignals(False)
+
+    def _show_lengths(self, bar: BarDraft, problems: Problems, place: str) -> None:
+        if len(self._rows) != len(bar.lengths):
+            self._make_rows(len(bar.lengths))
+        for number, length in enumerate(bar.lengths):
+            said = []
+            for key in _COLUMNS:
+                line, text = self._rows[number][key], getattr(length, key)
+                if line.text() != text:
+                    line.setText(text)
+                problem = problems.get(f"{place}length.{number}.{key}", "")
+                line.setAccessibleDescription(problem)
+                if problem:
+                    said.append(f"{line.accessibleName()}: {problem}")
+            below = self._row_problems[number]
+            below.setText("\n".join(f"✕ {one}" for one in said))  # type: ignore[attr-defined]
+            below.setVisible(bool(said))
+
+    def _make_rows(self, count: int) -> None:
+        clear(self.lengths)
+        self._rows, self._row_problems = [], []
+        titles = {
+            "from_mark": self.tr("Mark"),
+            "from_sticker": self.tr("sticker"),
+            "to_mark": self.tr("to mark"),
+            "to_sticker": self.tr("sticker"),
+            "nominal": self.tr("nominal"),
+            "certified": self.tr("certified"),
+            "uncertainty": self.tr("U"),
+            "factor": self.tr("k"),
+        }
+        examples = {"from_sticker": "201", "to_sticker": "202", "nominal": "500", "certified": "500.012",
+                    "uncertainty": "0.004", "factor": "2"}  # fmt: skip
+        for at, (_, title) in enumerate(titles.items()):
+            self.lengths.addWidget(label(title, "soft", wrap=False), 0, at)
+        for at, key in enumerate(_COLUMNS):
+            self.lengths.setColumnStretch(
+                at, 3 if key in ("nominal", "certified") else 2 if key == "uncertainty" else 1
+            )
+        for number in range(count):
+            row: dict[str, QLineEdit] = {}
+            for at, key in enumerate(_COLUMNS):
+                line = QLineEdit()
+                line.setObjectName(f"length-{number}-{key}")
+                line.setAccessibleName(titles[key])
+                line.setPlaceholderText(examples.get(key, ""))
+                line.setMinimumWidth(_MARK_PX if key.endswith("mark") or key == "factor" else _STICKER_PX)
+                line.textEdited.connect(self._edit_slot(number, key))
+                self.lengths.addWidget(line, 2 * number + 1, at)
+                row[key] = line
+            gone = button("✕", f"remove-length-{number}")
+            gone.setAccessibleName(self.tr("Remove this length"))
+            gone.setToolTip(self.tr("Remove this length"))
+            gone.clicked.connect(lambda _=False, number=number: self._less(number))
+            self.lengths.addWidget(gone, 2 * number + 1, len(_COLUMNS), alignment=Qt.AlignmentFlag.AlignTop)
+            below = label("")
+            set_level(below, "bad")
+            self.lengths.addWidget(below, 2 * number + 2, 0, 1, len(_COLUMNS) + 1)
+            self._rows.append(row)
+            self._row_problems.append(below)
+
+    def _edit_slot(self, number: int, key: str) -> Callable[[str], None]:
+        return lambda text: self._length_edited(number, key, text)

@@ -1,0 +1,338 @@
+"""Calibrate: what goes into it, stages, time left, convergence, log; it can be cancelled at any moment."""
+
+import time
+from html import escape
+
+from PySide6.QtCore import Qt
+from PySide6.QtGui import QResizeEvent
+from PySide6.QtWidgets import QHBoxLayout, QLabel, QPlainTextEdit, QProgressBar, QVBoxLayout, QWidget
+
+from spherecal_gui import coverage as cov
+from spherecal_gui import languages, theme
+from spherecal_gui.controllers.controller import Controller
+from spherecal_gui.pages.wizard_page import Page, PageAction
+from spherecal_gui.presenters.calibrate_presenter import CourseOfWork, input_rows, time_text
+from spherecal_gui.presenters.stages import stage_name
+from spherecal_gui.project import usable
+from spherecal_gui.standing import Level
+from spherecal_gui.texts import reason_text
+from spherecal_gui.widgets.basic import Card, button, enable, label
+from spherecal_gui.widgets.charts import ConvergenceChart, CoverageChart
+from spherecal_gui.widgets.icons import give_icon
+from spherecal_gui.widgets.table import Table
+from spherecal_gui.workflow import Status
+
+_MOST_STAGES, _MOST_FROM_AFAR = 11, 6  # what fits 1280 x 800
+_DRAW_S = 0.7
+_LAST = "writing the result"  # the stage that every computation with a result comes to
+
+
+class CalibratePage(Page):
+    """The computation."""
+
+    def __init__(self, controller: Controller, parent: QWidget | None = None) -> None:
+        super().__init__(controller, parent)
+        self.course: CourseOfWork = controller.computation.course or CourseOfWork()
+        self._was_running = False
+        self._drawn_s = 0.0
+        column = QVBoxLayout(self)
+        self.word = label("", "huge")
+        column.addWidget(self.word)
+        self.bar = QProgressBar()
+        self.bar.setRange(0, 1000)
+        self.bar.setTextVisible(False)  # no text is legible on both halves of a bar
+        column.addWidget(self.bar)
+        self.left = label("", "big")
+        self.stop_here = button(self.tr("Stop here"), "stop-here")
+        self.stop_here.clicked.connect(self._stop_here)
+        line = QHBoxLayout()
+        line.addWidget(self.left, 1)
+        line.addWidget(self.stop_here)
+        column.addLayout(line)
+        self._inputs = self._input_card()
+        self._inputs.hide()
+        column.addWidget(self._inputs, 1)
+        self._work = QWidget()
+        row = QHBoxLayout(self._work)
+        row.setContentsMargins(0, 0, 0, 0)
+        stages = Card(self.tr("Stages"))
+        self._stages = label("", "", wrap=False)  # one text: a grid of labels is laid out for 50 ms beside the engine
+        self._stages.setTextFormat(Qt.TextFormat.RichText)
+        stages.body.addWidget(self._stages)
+        stages.body.addStretch(1)
+        row.addWidget(stages, 2)
+        right = QVBoxLayout()
+        plot = Card(self.tr("Convergence"))
+        self.plot = ConvergenceChart()
+        plot.body.addWidget(self.plot, 1)
+        foot = QHBoxLayout()
+        foot.addWidget(
+            label(
+                self.tr("Done when the line falls no more. Each adjustment goes on where the one before ended."), "soft"
+            ),
+            1,
+        )
+        self.details = button(self.tr("Details"), "details")
+        give_icon(self.details, "list-details")
+        self.details.setCheckable(True)
+        foot.addWidget(self.details)
+        plot.body.addLayout(foot)
+        right.addWidget(plot, 3)
+        self._log = lines = Card(self.tr("Log"))  # for the person at the desk
+        self.lines = QPlainTextEdit()
+        self.lines.setReadOnly(True)
+        self.lines.setMaximumBlockCount(2000)
+        self.lines.setAccessibleName(self.tr("Log of the computation"))
+        lines.body.addWidget(self.lines, 1)
+        right.addWidget(lines, 2)
+        lines.hide()
+        self.details.toggled.connect(lines.setVisible)
+        row.addLayout(right, 3)
+        column.addWidget(self._work, 1)
+        if self.course.stages:  # a window made again, in another language say
+            self._draw()
+
+    def _input_card(self) -> Card:
+        """What there is to compute from: a table, and what the images cover."""
+        made = Card(self.tr("What goes into it"))
+        self.inputs = Table(
+            [self.tr("Captured"), self.tr("cameras"), self.tr("dots"), self.tr("state")], sortable=False
+        )
+        self.inputs.setSelectionMode(Table.SelectionMode.NoSelection)
+        inputs = QHBoxLayout()
+        inputs.addWidget(self.inputs, 5)
+        covered = QVBoxLayout()
+        self.coverage = CoverageChart()
+        covered.addWidget(self.coverage, 1)
+        self.covered_key = label(self.tr("Green: where each camera has seen dots, over all placements."), "soft")
+        covered.addWidget(self.covered_key)
+        inputs.addLayout(covered, 4)
+        made.body.addLayout(inputs, 1)
+        return made
+
+    @property
+    def is_running(self) -> bool:
+        """Whether the computation runs."""
+        return self.controller.runner.running == "calibrate"
+
+    def refresh(self) -> None:
+        """Started, ended, or something is out of date."""
+        if self.project is None:
+            return
+        if self.is_running and not self._was_running and not self._is_running_on:
+            self.course = self.controller.computation.course = CourseOfWork(task=self.controller.runner.task)
+            self.lines.clear()
+            self._draw()
+        elif self.controller.computation.course is not self.course:  # another project, or a window made again
+            self.course = self.controller.computation.course or CourseOfWork()
+            self._draw()
+        if self._was_running and not self.is_running:
+            self._last_news()
+        self._was_running = self.is_running
+        self._show_word()
+        self._show_inputs()
+        self.action_changed.emit()
+
+    def _show_inputs(self) -> None:
+        """Before anything is computed: what it would be computed from."""
+        waiting = not self.is_running and not self.course.stages
+        self._inputs.setVisible(waiting)
+        self._work.setVisible(not waiting)
+        if not waiting:
+            return
+        there, lacking = (self.tr("captured"), "good"), (self.tr("not captured"), "caution")
+        rows = []
+        for one in input_rows(
+            (*self.open_project.placements, *self.open_project.scale_poses), self.controller.recording.dots
+        ):
+            word, level = there if one.captured else lacking
+            rows.append(
+                [
+                    (one.name, one.name, ""),
+                    (str(one.cameras), one.cameras, ""),
+                    (str(one.dots), one.dots, ""),
+                    (word, word, level),
+                ]
+            )
+        self.inputs.fill(rows)
+        self._show_coverage()
+
+    def _show_coverage(self) -> None:
+        """What the images of all placements cover, camera by camera."""
+        connection, dots = self.controller.cameras.connection, self.controller.recording.dots
+        cameras = list(connection.names.values()) if connection is not None else []
+        sets = [dots[name] for name in self.open_project.placements if name in dots]
+        for part in (self.coverage, self.covered_key):
+            part.setVisible(bool(cameras and sets))
+        if not cameras or not sets:
+            return
+        before = [cov.cells([one[name] for one in sets if name in one]) for name in cameras]
+        needs = (cov.board_needs if self.open_project.by_board else cov.needs)(sets, cameras)
+        self.coverage.show_cells(cameras, before, [0 * one for one in before], [one.level for one in needs])
+
+    def resizeEvent(self, event: QResizeEvent) -> None:
+        """Names stand above the frames where there is room."""
+        super().resizeEvent(event)
+        if self._inputs.isVisible():
+            self._show_coverage()
+
+    @property
+    def _is_running_on(self) -> bool:
+        """Whether the computation began in another window, which was exchanged for this one."""
+        task = self.controller.runner.task
+        return (
+            task is not None
+            and self.controller.computation.course is not None
+            and self.controller.computation.course.task is task
+        )
+
+    def _show_word(self) -> None:
+        state = self.state
+        self._show_stop_here()
+        if self.is_running:
+            task = self.controller.runner.task
+            stopping, keeping = task is not None and task.stopping, task is not None and task.keeping
+            self.say(
+                self.tr("Stopping: what was captured is kept")
+                if stopping
+                else self.tr("Stopping as soon as there is a result")
+                if keeping
+                else self.tr("Computing"),
+                "caution" if stopping or keeping else "none",
+            )
+            return
+        self.left.setText("")
+        self.bar.setVisible(False)
+        if state is None:
+            return
+        project = self.open_project
+        if self._is_computed and project.calibrated is not None:
+            words: dict[str, tuple[str, Level]] = {
+                "valid": (self.tr("Done: the calibration is valid"), "good"),
+                "use with care": (self.tr("Done: the calibration is to be used with care"), "caution"),
+            }
+            self.say(*words.get(project.calibrated.verdict, (self.tr("Done: the calibration is not valid"), "bad")))
+        elif state.status is Status.READY:
+            taken = sum(name in project.taken for name in project.placements)
+            message = self.tr("Ready: {taken} of {planned} placements").format(
+                taken=taken, planned=len(project.placements)
+            )
+            self.say(message, "good" if taken == len(project.placements) else "caution")
+        elif state.status is Status.FAILED and state.reason is not None and state.reason.code == "error":
+            self.say(self.tr("It failed; what was captured is kept"), "bad")
+            self.left.setText(reason_text(state.reason))
+        elif state.status is Status.FAILED:
+            self.say(reason_text(state.reason), "bad")
+        else:
+            self.say(reason_text(state.reason), "caution")
+
+    @property
+    def headline(self) -> QLabel:
+        """The label with the state of the page."""
+        return self.word
+
+    @property
+    def _is_computed(self) -> bool:
+        """Whether there is a calibration of what was taken, valid or not."""
+        state = self.state
+        if state is None or self.open_project.calibrated is None:
+            return False
+        code = state.reason.code if state.reason is not None else ""
+        return state.status in (Status.DONE, Status.CARE) or (state.status is Status.FAILED and code == "not valid")
+
+    def _show_stop_here(self) -> None:
+        """Offered while it computes; a valid result is never given away for a part of one."""
+        task, done = self.controller.runner.task, self.open_project.calibrated
+        self.stop_here.setVisible(self.is_running)
+        keeps = done is not None and usable(done.verdict)
+        idle = task is not None and not task.stopping and not task.keeping
+        why = self.tr("The last calibration is valid and would be lost: cancel instead.") if keeps else ""
+        enable(self.stop_here, idle and not keeps, why or self.tr("It was asked for."))
+        if idle and not keeps:
+            self.stop_here.setToolTip(
+                self.tr("Ends as soon as there is something to look at. Such a result is not valid.")
+            )
+
+    def _stop_here(self) -> None:
+        self.controller.computation.stop_here()
+        self.refresh()
+
+    def dress(self) -> None:
+        """Draw in the new colours."""
+        self._draw()
+        self.refresh()
+
+    def tick(self) -> None:
+        """Follow the computation."""
+        task = self.controller.runner.task
+        if task is None or task.name != "calibrate":
+            return
+        self._take(task)
+        elapsed = time.perf_counter() - task.began_s
+        self.bar.setVisible(True)
+        self.bar.setValue(int(1000 * self.course.fraction))
+        stage = stage_name(self.course.stages[-1]) if self.course.stages else ""
+        left = time_text(self.course.seconds_left(elapsed))
+        self.left.setText(f"{100 * self.course.fraction:.0f} % · {stage} · {left} · {elapsed:.0f} s")
+
+    def _take(self, task: object) -> None:
+        news = task.take_news()  # type: ignore[attr-defined]
+        for one in news:
+            self.course.add(one)
+            self.lines.appendPlainText(f"{stage_name(one.stage)}  {one.words(languages.now())}".strip())
+        now = time.monotonic()
+        if news and now - self._drawn_s > _DRAW_S:  # drawing costs the window 20 ms each time
+            self._drawn_s = now
+            self._draw()
+
+    def _last_news(self) -> None:
+        """The computation has ended: what it said after the last tick counts too, else a valid one ends in a cross."""
+        if self.course.task is not None:
+            self._take(self.course.task)
+        self._draw()
+
+    @property
+    def _was_cut_short(self) -> bool:
+        """Whether the last computation was cancelled or failed: its last stage did not come to its end."""
+        return _LAST not in self.course.stages
+
+    def _draw(self) -> None:
+        far = theme.is_far()
+        self.details.setVisible(not far)
+        self._log.setVisible(self.details.isChecked() and not far)
+        stages = self.course.stages[-(_MOST_FROM_AFAR if far else _MOST_STAGES) :]
+        good, now, bad = theme.now().good, theme.now().accent, theme.now().caution
+        done = [f'<span style="color: {good}">✓</span>&nbsp; {escape(stage_name(stage))}' for stage in stages]
+        if done and self.is_running:
+            done[-1] = f'<span style="color: {now}">▸</span>&nbsp; <b>{escape(stage_name(stages[-1]))}</b>'
+        elif done and self._was_cut_short:
+            done[-1] = f'<span style="color: {bad}">✕</span>&nbsp; {escape(stage_name(stages[-1]))}'
+        self._stages.setText(f'<p style="line-height: 150%">{"<br>".join(done)}</p>' if done else "")
+        self.plot.show_runs(self.course.runs)
+
+    def action(self) -> PageAction:
+        """Start, cancel, start again."""
+        state = self.state
+        if self.is_running:
+            task = self.controller.runner.task
+            if task is not None and task.stopping:
+                return PageAction(self.tr("Stopping"), False, self.tr("The last stage is coming to its end."))
+            return PageAction(self.tr("Cancel"))
+        if self.controller.runner.running or state is None or not state.open:
+            why = self.tr("Work is running.") if self.controller.runner.running else ""
+            return PageAction(self.tr("Calibrate"), False, why or (reason_text(state.reason) if state else ""))
+        if self._is_computed and state.status is Status.FAILED:
+            return PageAction(self.tr("See what to do"))
+        again = self._is_computed
+        return PageAction(self.tr("Calibrate again") if again else self.tr("Calibrate"), done=again, accepts=True)
+
+    def act(self) -> None:
+        """Start or cancel."""
+        state = self.state
+        if self.is_running:
+            self.controller.cancel()
+            self.refresh()
+        elif self._is_computed and state is not None and state.status is Status.FAILED:
+            self.controller.go("results")
+        else:
+            self.controller.computation.calibrate()

@@ -1,0 +1,227 @@
+"""Check: one placement against the calibration in use; OK, watch, or recalibrate."""
+
+from pathlib import Path
+
+from PySide6.QtWidgets import QHBoxLayout, QLabel, QVBoxLayout, QWidget
+
+from spherecal.base.errors import SpherecalError
+from spherecal_gui import limits_in_force as limits
+from spherecal_gui.controllers.controller import Controller
+from spherecal_gui.pages.wizard_page import Page, PageAction
+from spherecal_gui.presenters.check_presenter import (
+    check_notes,
+    check_rows,
+    check_verdict,
+    repaired_text,
+    repaired_verdict,
+)
+from spherecal_gui.project import usable
+from spherecal_gui.rig_scenes import check_scene, rig_scene
+from spherecal_gui.standing import Level
+from spherecal_gui.tasks.kept_check import CheckSummary
+from spherecal_gui.texts import reason_text, verdict_word
+from spherecal_gui.widgets.basic import Card, button, enable, label, set_level
+from spherecal_gui.widgets.scene_panel import ScenePanel, SceneSplit
+from spherecal_gui.widgets.table import Cell, Table
+from spherecal_gui.workflow import Status
+from spherecal_rigs.check_rig import Check
+from spherecal_rigs.store import open_profile
+
+
+class CheckPage(Page):
+    """The answer, and each camera's numbers."""
+
+    def __init__(self, controller: Controller, parent: QWidget | None = None) -> None:
+        super().__init__(controller, parent)
+        column = QVBoxLayout(self)
+        head = QHBoxLayout()
+        self.word, self.sentence = label("", "huge"), label("", "big")
+        head.addWidget(self.word, 1)
+        head.addSpacing(14)
+        head.addWidget(self.sentence, 1)
+        column.addLayout(head)
+        column.addLayout(self._mending())
+        self.why_not = label("")  # a tooltip is not seen from three metres
+        set_level(self.why_not, "caution")
+        self.why_not.hide()
+        column.addWidget(self.why_not)
+        self.table = Table(
+            [
+                self.tr("Camera"),
+                self.tr("state"),
+                self.tr("moved\npx"),
+                self.tr("a point is off\nmm"),
+                self.tr("shift\nmm"),
+                self.tr("turn\ndeg"),
+                self.tr("rms now\npx"),
+                self.tr("rms then\npx"),
+            ],
+            sortable=False,
+            spare=(7, 6, 5, 4, 2),
+        )
+        self.panel = ScenePanel()
+        self.panel.said.connect(self.controller.tell)
+        # The profile's folder, and what was found.
+        self._drawn: tuple[Path | None, Check | CheckSummary | None] = (None, None)
+        column.addWidget(SceneSplit(self.panel, self.table, (540, 560)), 1)
+        self.notes = Card()
+        self.message = label("", "soft")
+        self.notes.body.addWidget(self.message)
+        column.addWidget(self.notes)
+
+    def _mending(self) -> QHBoxLayout:
+        """What can be done where the rig is no longer as it was."""
+        row = QHBoxLayout()
+        self.mended = label("", "big")
+        self.repair = button(self.tr("Repair"), "repair-cameras")
+        self.repair.setToolTip(self.tr("Calibrates only the cameras that moved, from this placement; seconds."))
+        self.repair.clicked.connect(self.controller.checks.repair_cameras)
+        self.use = button(self.tr("Put the repair to use"), "use-repair")
+        self.use.clicked.connect(self.controller.checks.use_repair)
+        self.calibrate = button(self.tr("Calibrate the rig"), "calibrate-rig")
+        self.calibrate.clicked.connect(self.controller.calibrate_like_this)
+        row.addWidget(self.mended, 1)
+        for one in (self.repair, self.use, self.calibrate):
+            row.addWidget(one)
+        return row
+
+    @property
+    def headline(self) -> QLabel:
+        """The label with the state of the page."""
+        return self.word
+
+    @property
+    def _after(self) -> Check | None:
+        """The check after a repair; None where nothing is repaired."""
+        return self.controller.checks.after if self.open_project.repaired is not None else None
+
+    @property
+    def _in_use(self) -> bool:
+        """Whether the repair is in use."""
+        return self.state is not None and self.state.status is Status.DONE
+
+    def _show_mending(self, there: bool) -> None:
+        found, after, in_use = self.controller.checks.found, self._after, self._in_use
+        idle, repaired_run = self.controller.runner.running is None, self.open_project.repaired
+        moved = found.to_repair if there and found is not None else ()
+        repaired = there and after is not None
+        self.repair.setText(self.tr("Repair {cameras}").format(cameras=", ".join(moved)))
+        self.repair.setVisible(bool(moved) and not repaired)
+        self.repair.setEnabled(idle)
+        self.use.setVisible(repaired and not in_use)
+        good = repaired_run is not None and usable(repaired_run.verdict)
+        allowed = limits.now().unverified_use
+        bad = self.tr("The repair is not valid: calibrate the rig.")
+        forbidden = self.tr("No bar has verified it, and the limits forbid its use: calibrate the rig and verify it.")
+        why = "" if good and allowed else bad if not good else forbidden
+        enable(self.use, idle and not why, why)
+        self.why_not.setText(why)
+        self.why_not.setVisible(repaired and not in_use and bool(why))
+        self.mended.setText("")
+        if there and found is not None and after is not None:
+            text, level = repaired_text(found, after, in_use)
+            self.mended.setText(text)
+            set_level(self.mended, level)
+
+    def refresh(self) -> None:
+        """Show what was found."""
+        if self.project is None:
+            return
+        found, state = self.controller.checks.found, self.state
+        there = found is not None and state is not None and state.status is not Status.STALE
+        self.table.setVisible(there)
+        self.notes.setVisible(there)
+        if not there:
+            self._draw(None)
+        self.sentence.setText("")
+        checked = self.project.checked
+        self.calibrate.setVisible(
+            checked is not None and checked.verdict != "ok" and not self.controller.runner.running
+        )
+        self._show_mending(there)
+        if self.controller.runner.running == "check":
+            self.say(self.tr("Checking"), "none")
+        elif there and found is not None:
+            after = self._after
+            verdict = check_verdict(found) if after is None else repaired_verdict(after, self._in_use)
+            self.say(verdict.word, verdict.level)
+            self.sentence.setText(verdict.sentence)
+            self._fill()
+        else:
+            self._show_without()
+        self.action_changed.emit()
+
+    def _show_without(self) -> None:
+        """Nothing was found now: ready, failed, out of date, or found on another day."""
+        state, checked = self.state, self.open_project.checked
+        if checked is not None and state is not None and state.status in (Status.DONE, Status.CARE, Status.FAILED):
+            levels: dict[str, Level] = {"ok": "good", "watch": "caution"}
+            self.say(verdict_word(checked.verdict), levels.get(checked.verdict, "bad"))
+            self.sentence.setText(self.tr("Check again to see the numbers."))
+            return
+        text = reason_text(state.reason) if state is not None else ""
+        failed = state is not None and state.status is Status.FAILED
+        self.say(*((self.tr("Ready"), "good") if not text else (self.tr("Not done"), "bad" if failed else "caution")))
+        self.sentence.setText(text)
+
+    def _fill(self) -> None:
+        found = self.controller.checks.after or self.controller.checks.found
+        if found is None:
+            return
+        rows: list[list[tuple[str, Cell, str]]] = [
+            [
+                (one.camera, one.camera, one.level),
+                (one.word, one.word, one.level),
+                (f"{one.move_px:.3f}", one.move_px, ""),
+                (f"{one.point_mm:.3f}", one.point_mm, one.level),
+                (f"{one.shift_mm:.3f}", one.shift_mm, ""),
+                (f"{one.turn_deg:.4f}", one.turn_deg, ""),
+                (f"{one.rms_px:.3f}", one.rms_px, ""),
+                ("-" if one.before_px is None else f"{one.before_px:.3f}", one.before_px, ""),
+            ]
+            for one in check_rows(found)
+        ]
+        self.table.fill(rows)
+        self._draw(found)
+        self.message.setText("\n".join(check_notes(found)))
+
+    def _draw(self, found: Check | CheckSummary | None) -> None:
+        """The rig as it was calibrated, with the cameras that moved; without a check (None) as it is in use."""
+        folder = self.controller.profile_folder
+        if folder is None or (self._drawn[0] == folder and self._drawn[1] is found):
+            return
+        self._drawn = folder, found
+        try:
+            rig = open_profile(folder).rig()
+        except SpherecalError:  # said where the check itself reads it
+            self.panel.show_scene(None)
+            return
+        self.panel.show_scene(check_scene(rig, found) if found is not None else rig_scene(rig))
+
+    def dress(self) -> None:
+        """Draw in the new colours."""
+        self.panel.dress()
+        self.refresh()
+
+    def close_page(self) -> None:
+        """Let go of the 3-D view."""
+        self.panel.close_view()
+
+    def action(self) -> PageAction:
+        """Check."""
+        state, running = self.state, self.controller.runner.running
+        if running == "check":
+            return PageAction(self.tr("Cancel"))
+        if running:
+            return PageAction(self.tr("Check"), False, self.tr("Work is running."))
+        if state is None or not state.open:
+            return PageAction(self.tr("Check"), False, reason_text(state.reason) if state is not None else "")
+        again = self.open_project.checked is not None and state.status is not Status.STALE
+        return PageAction(self.tr("Check again") if again else self.tr("Check"))
+
+    def act(self) -> None:
+        """Check or cancel."""
+        if self.controller.runner.running == "check":
+            self.controller.cancel()
+        else:
+            self.controller.checks.check()

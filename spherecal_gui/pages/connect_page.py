@@ -1,0 +1,388 @@
+"""Connect: the cameras that were found, and what is on the bench."""
+
+from PySide6.QtCore import Qt
+from PySide6.QtGui import QResizeEvent
+from PySide6.QtWidgets import (
+    QComboBox,
+    QDoubleSpinBox,
+    QFileDialog,
+    QGridLayout,
+    QHBoxLayout,
+    QLabel,
+    QVBoxLayout,
+    QWidget,
+)
+
+from spherecal_gui import languages, theme
+from spherecal_gui.controllers.controller import Controller
+from spherecal_gui.pages.camera_dialog import CameraDialog
+from spherecal_gui.pages.drivers_panel import DriversPanel
+from spherecal_gui.pages.wizard_page import Page, PageAction
+from spherecal_gui.presenters.connect_presenter import (
+    LENSES_MM,
+    BenchRow,
+    CameraLine,
+    LensLine,
+    bench_rows,
+    camera_lines,
+    connect_summary,
+    drawn_bench,
+    lens_line,
+    recording_text,
+)
+from spherecal_gui.presenters.drivers_presenter import driver_notes
+from spherecal_gui.widgets.basic import (
+    MARKS,
+    Card,
+    Downwards,
+    Elided,
+    button,
+    clear,
+    enable,
+    label,
+    option,
+    plain,
+    set_level,
+)
+from spherecal_gui.widgets.bench_view import BenchView
+from spherecal_gui.widgets.thumbnail import Thumbnail
+
+_ROOMY_PX = 1200
+_ONE_COLUMN = 7  # rows of cameras that a screen of 800 px shows one below the other
+
+
+class CameraRow(QWidget):
+    """One camera: whether it is in the rig, its live picture, what it is, how it is, and what cures it."""
+
+    def __init__(self, page: "ConnectPage", line: CameraLine, narrow: bool) -> None:
+        super().__init__(page)
+        self.line, self._page = line, page
+        row = QGridLayout(self)
+        row.setContentsMargins(0, 0, 0, 0)
+        row.setHorizontalSpacing(theme.SMALL)
+        row.setVerticalSpacing(0)
+        row.setColumnStretch(2, 1)
+        self.in_rig = option("")
+        self.in_rig.setObjectName(f"in-rig-{line.name}")
+        self.in_rig.setAccessibleName(self.tr("{name} in this rig").format(name=line.name))
+        self.in_rig.clicked.connect(lambda on: page.controller.cameras.set_in_rig(self.line.serial, on))
+        self.picture = Thumbnail()
+        policy = self.picture.sizePolicy()
+        policy.setRetainSizeWhenHidden(not theme.is_far())
+        self.picture.setSizePolicy(policy)
+        self.picture.setFixedSize(int(theme.pt(60 if narrow else 76)), int(theme.pt(45 if narrow else 57)))
+        self.name = Elided("", "big")
+        self.about = Elided("", "soft")
+        self.word = Elided("", "") if narrow else label("")
+        self.which = button(self.tr("Which is it?"), f"camera-{line.name}", "link" if narrow else "")
+        if narrow:
+            self.which.setText("?")
+        self.which.setToolTip(self.tr("Its picture, its name, exposure and gain; its light, where it has one."))
+        self.which.clicked.connect(lambda: page.open_camera(self.line.serial))
+        self.cure = button(self.tr("Address") if narrow else self.tr("Give it an address"), f"cure-{line.name}")
+        self.cure.setToolTip(self.tr("A free one of this computer's network, kept in the camera."))
+        self.cure.clicked.connect(self._cure)
+        row.addWidget(self.in_rig, 0, 0, 3, 1)
+        row.addWidget(self.picture, 0, 1, 3, 1)
+        for number, words in enumerate((self.name, self.about)):
+            row.addWidget(words, number, 2)
+        row.addWidget(self.which, 0, 3, 2, 1, Qt.AlignmentFlag.AlignVCenter)
+        row.addWidget(self.cure, 0, 3, 2, 1, Qt.AlignmentFlag.AlignVCenter)
+        row.addWidget(self.word, 2, 2, 1, 2)
+
+    def show_line(self, line: CameraLine) -> None:
+        """Show how the camera is now."""
+        self.line = line
+        controller = self._page.controller
+        connection, project = controller.cameras.connection, self._page.project
+        ours = connection is not None and line.serial in connection.names
+        self.name.setText(f"{MARKS[line.level]}  {line.name}")
+        self.about.setText(" · ".join(part for part in (line.model, line.about) if part))
+        self.word.setText("" if line.level == "good" else line.word)
+        self.word.setVisible(line.level != "good")
+        self.word.setToolTip(plain(line.details or line.word))
+        for part in (self.name, self.word):
+            set_level(part, line.level if line.level in ("bad", "caution") else "none")
+        for part in (self.name, self.about, self.word):
+            part.setEnabled(line.in_rig)
+        self.picture.setVisible(self._page.has_room and line.in_rig)
+        self.picture.show_past(line.level == "bad")
+        self.in_rig.setVisible(line.listed and project is not None and project.source.startswith("genicam"))
+        self.in_rig.setChecked(line.in_rig)
+        taken = project is not None and bool(project.taken)
+        busy = controller.runner.running is not None
+        why = self.tr("Placements are captured already: begin a new calibration.") if taken else ""
+        enable(self.in_rig, not taken and not busy, why or self.tr("Work is running."))
+        if not taken and not busy:
+            self.in_rig.setToolTip(self.tr("In this rig: whoever is left out is not opened and hinders nobody."))
+        self.which.setVisible(ours)
+        self.cure.setVisible(line.cured_at is not None)
+        self.cure.setEnabled(not busy)
+
+    def follow(self) -> None:
+        """Show the newest image and the dots in it."""
+        live = self._page.controller.cameras.live
+        frame = live.frame(self.line.serial) if live is not None and self.line.in_rig else None
+        if live is None or frame is None:
+            return
+        self.picture.show_image(frame.image, frame.bits, frame.arrived_s)
+        sight = live.sight(self.line.serial)
+        if sight is not None:
+            self.picture.show_dots(sight.dots.uv, sight.dots.image_size)
+
+    def _cure(self) -> None:
+        if self.line.cured_at is not None:
+            self._page.controller.cameras.give_address(self.line.cured_at)
+
+
+class LensBar(QWidget):
+    """The lenses of all cameras in one line: a focal length, or that nobody knows it; the pixel pitch."""
+
+    def __init__(self, controller: Controller, parent: QWidget | None = None) -> None:
+        super().__init__(parent)
+        self._controller = controller
+        row = QHBoxLayout(self)
+        row.setContentsMargins(0, 0, 0, 0)
+        self.focal = QComboBox()
+        self.focal.setObjectName("lens-focal")
+        self.focal.setAccessibleName(self.tr("Focal length of all lenses"))
+        self.focal.setSizeAdjustPolicy(QComboBox.SizeAdjustPolicy.AdjustToMinimumContentsLengthWithIcon)
+        self.focal.setMinimumContentsLength(8)
+        self.focal.addItem(self.tr("not known: found from the ball"), None)
+        for length in LENSES_MM:
+            self.focal.addItem(languages.by_locale(f"{length:g} mm"), length)
+        self.pitch = QDoubleSpinBox()
+        self.pitch.setObjectName("lens-pitch")
+        self.pitch.setAccessibleName(self.tr("Pixel pitch"))
+        self.pitch.setRange(0.0, 50.0)
+        self.pitch.setSingleStep(0.05)
+        self.pitch.setSuffix(" µm")
+        self.pitch.setKeyboardTracking(False)
+        self._words = label(self.tr("All lenses"), "soft", wrap=False)
+        self._of_pitch = label(self.tr("pixels"), "soft", wrap=False)
+        for part in (self._words, self.focal, self._of_pitch, self.pitch):
+            row.addWidget(part, 1 if part is self.focal else 0)
+        self.focal.activated.connect(self._set)
+        self.pitch.valueChanged.connect(self._set)
+
+    def show_lenses(self, line: LensLine | None, why_not: str) -> None:
+        """Show what is stated.
+
+        `line` None: nothing is to be stated here.
+        """
+        self.setVisible(line is not None)
+        if line is None:
+            return
+        self.focal.blockSignals(True)
+        self.pitch.blockSignals(True)
+        at = self.focal.findData(line.focal_mm)
+        if at < 0 and line.focal_mm is not None:
+            self.focal.addItem(languages.by_locale(f"{line.focal_mm:g} mm"), line.focal_mm)
+            at = self.focal.count() - 1
+        self.focal.setCurrentIndex(-1 if line.differ else at)
+        self.focal.setPlaceholderText(self.tr("different ones"))
+        found = ", ".join(f"{one:g}" for one in line.found_um)
+        unknown = self.tr("not known")
+        self.pitch.setSpecialValueText(languages.by_locale(f"{found} µm") if found else unknown)
+        self.pitch.setValue(line.pitch_um or 0.0)
+        needed = line.focal_mm is not None and not found and not line.pitch_um
+        set_level(self._of_pitch, "bad" if needed else "none")
+        for field in (self.focal, self.pitch):
+            enable(field, not why_not, why_not)
+        if not why_not:
+            self.focal.setToolTip(self.tr("On the lens. Not known: the calibration finds it from the ball."))
+            self.pitch.setToolTip(self.tr("From the camera or its data sheet; only needed with a focal length in mm."))
+        self.focal.blockSignals(False)
+        self.pitch.blockSignals(False)
+
+    def _set(self) -> None:
+        self._controller.cameras.set_lenses(self.focal.currentData(), self.pitch.value() or None)
+
+
+class ConnectPage(Page):
+    """Two cards: cameras on the left, the bench on the right."""
+
+    def __init__(self, controller: Controller, parent: QWidget | None = None) -> None:
+        super().__init__(controller, parent)
+        self.dialog: CameraDialog | None = None
+        self._shown: list[CameraLine] = []
+        row = QHBoxLayout(self)
+        self.cameras = Card(self.tr("Cameras"))
+        self.summary = label("", "big")
+        self.again = button(self.tr("Search again"), "search-again")
+        self.again.clicked.connect(self.controller.cameras.connect_all)
+        top = QHBoxLayout()
+        top.addWidget(self.summary, 1)
+        top.addWidget(self.again, 0, Qt.AlignmentFlag.AlignTop)
+        self.cameras.body.addLayout(top)
+        self.why = label("", "soft")
+        self.cameras.body.addWidget(self.why)
+        self.other = button(self.tr("Choose another"), "choose-recording")
+        self.other.clicked.connect(self.recording_wanted)
+        self.cameras.body.addWidget(self.other, 0, Qt.AlignmentFlag.AlignLeft)
+        self.lenses = LensBar(controller)
+        self.cameras.body.addWidget(self.lenses)
+        self._rows: dict[str, CameraRow] = {}
+        inner = QWidget()
+        self._grid = QGridLayout(inner)
+        self._grid.setContentsMargins(0, 0, 0, 0)
+        self._grid.setHorizontalSpacing(theme.PAD)
+        self._grid.setVerticalSpacing(theme.SMALL)
+        scroll = Downwards()
+        inside = QWidget()
+        column = QVBoxLayout(inside)
+        column.setContentsMargins(0, 0, 0, 0)
+        self.drivers = DriversPanel()
+        self.drivers.allowed.connect(self.controller.cameras.allow_driver)
+        self.drivers.builtin.connect(self.controller.cameras.use_builtin_driver)
+        column.addWidget(self.drivers)
+        column.addWidget(inner)
+        column.addStretch(1)
+        scroll.setWidget(inside)
+        self.cameras.body.addWidget(scroll, 1)
+        row.addWidget(self.cameras, 5)
+        self.bench = Card(self.tr("On the bench"))
+        hint = self.tr("Compare with what lies there: the targets' numbers, the names and lengths on the bars.")
+        rows = QWidget()
+        column = QVBoxLayout(rows)
+        column.setContentsMargins(0, 0, 0, 0)
+        column.addWidget(label(hint, "soft"))
+        self._bench_rows = QVBoxLayout()
+        self._bench_rows.setSpacing(12)
+        column.addLayout(self._bench_rows)
+        self.drawn = BenchView()
+        column.addWidget(self.drawn, 1)
+        scroll = Downwards()
+        scroll.setWidget(rows)
+        self.bench.body.addWidget(scroll, 1)
+        self.choose = button(self.tr("Choose another description"), "choose-bench")
+        self.choose.clicked.connect(self._choose)
+        self.describe = button(self.tr("Describe the bench"), "describe-bench")
+        self.describe.setToolTip(self.tr("Ball, targets, bars with their certificates, limits."))
+        self.describe.clicked.connect(self.bench_wanted)
+        self.bench.body.addWidget(self.describe)
+        self.bench.body.addWidget(self.choose)
+        row.addWidget(self.bench, 2)
+
+    @property
+    def headline(self) -> QLabel:
+        """The label with the state of the page."""
+        return self.summary
+
+    def refresh(self) -> None:
+        """Show what is there."""
+        if self.project is None:
+            return
+        connection, running = self.controller.cameras.connection, self.controller.runner.running
+        lines = self._lines()
+        failure = self.project.failures.get("connect", "")
+        wrong = recording_text(self.project.source) if failure else ""
+        text, level = connect_summary(lines, running == "connect", wrong or failure)
+        self.say(text, level)
+        self.why.setText(failure if wrong else "")
+        self.why.setVisible(bool(wrong))
+        self.other.setVisible(bool(wrong))
+        self.again.setVisible(not wrong)
+        self._show_lines(lines)
+        taken = self.tr("Placements are captured already: begin a new calibration.") if self.project.taken else ""
+        self.lenses.show_lenses(lens_line(connection), taken or (self.tr("Work is running.") if running else ""))
+        self.drivers.show_notes([] if running == "connect" else driver_notes(self.controller.cameras.driver_troubles))
+        self._show_bench(bench_rows(connection, self.project.artefacts))
+        self.drawn.show_bench(drawn_bench(connection))
+        self.again.setEnabled(running is None)
+        self.describe.setEnabled(running is None)
+        self.choose.setEnabled(running is None and not self.project.taken)
+        self.choose.setToolTip(
+            self.tr("Placements are captured already: begin a new calibration for another bench.")
+            if self.project.taken
+            else self.tr("A session.json, or the folder of an earlier session.")
+        )
+        self.action_changed.emit()
+
+    def _lines(self) -> list[CameraLine]:
+        expected = self.project.cameras if self.project is not None else ()
+        return camera_lines(self.controller.cameras.connection, expected, self.controller.cameras.wire)
+
+    def tick(self) -> None:
+        """States of cameras change by themselves."""
+        if self.project is not None and self.controller.cameras.connection is not None:
+            self.controller.cameras.take_in_again()
+            if self._lines() != self._shown:
+                self.refresh()
+            for row in self._rows.values():
+                row.follow()
+
+    def pictures(self) -> tuple[Thumbnail, ...]:
+        """The images of the rig's cameras, in the order of the list."""
+        connection = self.controller.cameras.connection
+        names = connection.names if connection is not None else {}
+        return tuple(row.picture for serial, row in self._rows.items() if serial in names)
+
+    def resizeEvent(self, event: QResizeEvent) -> None:
+        """With large text a small screen has no room for pictures."""
+        super().resizeEvent(event)
+        for row in self._rows.values():
+            row.picture.setVisible(self.has_room and row.line.in_rig)
+
+    @property
+    def has_room(self) -> bool:
+        """Whether there is room for pictures."""
+        return not theme.is_far() or self.width() > _ROOMY_PX
+
+    def _show_lines(self, lines: list[CameraLine]) -> None:
+        self._shown = lines
+        if [line.serial for line in lines] != list(self._rows):
+            clear(self._grid)
+            columns = 1 if theme.is_far() or len(lines) <= _ONE_COLUMN else 2
+            self._rows = {line.serial: CameraRow(self, line, narrow=columns > 1) for line in lines}
+            below = -(-len(lines) // columns)
+            self._grid.setVerticalSpacing(theme.SMALL if columns == 1 else theme.TIGHT)
+            for number, row in enumerate(self._rows.values()):
+                self._grid.addWidget(row, number % below, number // below)
+            for number in range(2):
+                self._grid.setColumnStretch(number, int(number < columns))
+        for line in lines:
+            self._rows[line.serial].show_line(line)
+
+    def open_camera(self, serial: str) -> None:
+        """One camera large, with what can be set at it."""
+        if self.controller.cameras.connection is not None:
+            if self.dialog is not None:  # not deleted on close: PySide crashes where its page goes at that very moment
+                self.dialog.deleteLater()
+            self.dialog = CameraDialog(self.controller, serial, self)
+            self.dialog.show()
+
+    def _show_bench(self, rows: list[BenchRow]) -> None:
+        clear(self._bench_rows)
+        for row in rows:
+            box = QWidget()
+            column = QVBoxLayout(box)
+            column.setContentsMargins(0, 0, 0, 0)
+            column.setSpacing(0)
+            column.addWidget(label(row.title, "soft"))
+            value = label(row.value, "big")
+            set_level(value, row.level)
+            column.addWidget(value)
+            self._bench_rows.addWidget(box)
+
+    def _choose(self) -> None:
+        path, _ = QFileDialog.getOpenFileName(
+            self, self.tr("Description of the bench"), str(self.open_project.folder.parent), "session.json (*.json)"
+        )
+        if path:
+            self.controller.cameras.choose_bench(path)
+
+    def action(self) -> PageAction:
+        """Confirm the bench: nobody calibrates with the wrong bar by default."""
+        connection, running = self.controller.cameras.connection, self.controller.runner.running
+        done = self.project is not None and self.project.artefacts is not None and connection is not None
+        text = self.tr("Bench confirmed") if done else self.tr("Yes, this matches")
+        if running:
+            return PageAction(text, False, self.tr("The cameras are being looked for."))
+        if connection is None or not connection.names:
+            return PageAction(text, False, self.tr("There are no cameras yet."))
+        return PageAction(text, not done, self.tr("It was confirmed already.") if done else "", done=done, accepts=True)
+
+    def act(self) -> None:
+        """Confirm."""
+        self.controller.recording.confirm_bench()

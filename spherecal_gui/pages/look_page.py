@@ -1,0 +1,179 @@
+"""Look: the wall of all cameras."""
+
+from PySide6.QtWidgets import QComboBox, QHBoxLayout, QLabel, QVBoxLayout, QWidget
+
+from spherecal_gui.controllers.controller import Controller
+from spherecal_gui.pages.live_page import LivePage
+from spherecal_gui.pages.wizard_page import PageAction
+from spherecal_gui.presenters.look_presenter import summary, warm_up_text
+from spherecal_gui.standing import Level
+from spherecal_gui.texts import moved_text
+from spherecal_gui.widgets.basic import button, enable, label, set_level
+from spherecal_gui.widgets.tile import Wall
+from spherecal_gui.workflow import Status, Step
+
+# GenICam's names; a camera that lacks one takes the nearest. More bits than eight are of use in dim light.
+_FORMATS = ("Mono8", "Mono10", "Mono12", "Mono12p", "Mono16", "BayerRG8", "BayerRG12")
+
+
+class LookPage(LivePage):
+    """Every camera's live image with its dots, its light and its focus."""
+
+    wants_histograms = True
+
+    def __init__(self, controller: Controller, parent: QWidget | None = None) -> None:
+        super().__init__(controller, parent)
+        column = QVBoxLayout(self)
+        self.summary = label("", "huge")
+        self.summary.setObjectName("huge")
+        column.addLayout(self._top_row())
+        self.warm_up = label("", "")
+        set_level(self.warm_up, "caution")
+        self.warm_up.hide()
+        column.addWidget(self.warm_up)
+        self.wall = Wall(renames=True)
+        self.wall.masked.connect(self.controller.recording.mask)
+        self.wall.renamed.connect(self.controller.tuning.name_camera)
+        column.addLayout(self._mask_row())
+        column.addWidget(self.wall, 1)
+        self._seen_all, self._have_images = False, False
+        self._level: Level = "none"
+
+    def _top_row(self) -> QHBoxLayout:
+        """How the cameras are, and what is set for all of them."""
+        row = QHBoxLayout()
+        row.addWidget(self.summary, 1)
+        self.expose = button(self.tr("Set exposures"), "expose-all")
+        self.expose.setToolTip(self.tr("Each camera gets the longest exposure by which its dots are not saturated."))
+        self.expose.clicked.connect(self.controller.tuning.expose_all)
+        self.format = QComboBox()
+        self.format.setObjectName("pixel-format")
+        self.format.addItems(_FORMATS)
+        self.format.setAccessibleName(self.tr("Pixel format of all cameras"))
+        self.format.textActivated.connect(self.controller.tuning.set_pixel_format)
+        self.format.setToolTip(self.format.accessibleName())
+        row.addWidget(self.format)
+        row.addWidget(self.expose)
+        return row
+
+    def _mask_row(self) -> QHBoxLayout:
+        """Reflections and strange targets are covered with the mouse."""
+        row = QHBoxLayout()
+        self.message = label("", "soft")
+        self.draw = button(self.tr("Mask reflections"), "draw-mask")
+        self.draw.setCheckable(True)
+        self.draw.setToolTip(self.tr("Draw a rectangle over a reflection: nothing in it counts as a target."))
+        self.draw.toggled.connect(self._masking)
+        self.undo = button(self.tr("Undo the last mask"), "undo-mask")
+        self.undo.clicked.connect(self.controller.recording.undo_mask)
+        self.clear = button(self.tr("Clear all masks"), "clear-masks")
+        self.clear.clicked.connect(self.controller.recording.clear_masks)
+        self.fixed = button(self.tr("Fixed again"), "fixed-again")
+        self.fixed.setToolTip(self.tr("The cameras that were moved are fixed: they count as they stand now."))
+        self.fixed.clicked.connect(self._fixed)
+        self.fixed.hide()
+        self.worst = button(self.tr("Worst first"), "worst-first")
+        self.worst.setCheckable(True)
+        self.worst.setChecked(True)
+        self.worst.toggled.connect(self.wall.worst_first)
+        row.addWidget(self.message, 1)
+        for one in (self.fixed, self.worst, self.draw, self.undo, self.clear):
+            row.addWidget(one)
+        return row
+
+    @property
+    def headline(self) -> QLabel:
+        """The label with the state of the page."""
+        return self.summary
+
+    def _fixed(self) -> None:
+        """Somebody has seen to the cameras that were moved."""
+        self.controller.cameras.accept_moved()
+        self.tick()
+
+    def _masking(self, on: bool) -> None:
+        self.wall.set_masking(on)
+        self._show_masks()
+
+    def _show_masks(self) -> None:
+        masks = self.project.masks if self.project is not None else ()
+        text = self.tr("Draw rectangles over what is no target, then press the button again.")
+        if not self.draw.isChecked():
+            text = self.tr("Masks: {count}").format(count=len(masks)) if masks else ""
+        self.message.setText(text)
+        idle = self.controller.runner.running is None
+        busy, none = self.tr("Work is running."), self.tr("There are no masks.")
+        connected = self.controller.cameras.connection is not None
+        enable(self.expose, idle and connected, busy)
+        enable(self.format, idle and connected, busy)
+        formats = self.controller.tuning.pixel_formats()
+        self.format.setCurrentIndex(self.format.findText(formats.pop()) if len(formats) == 1 else -1)
+        enable(self.draw, idle and self.controller.cameras.connection is not None, busy)
+        for one in (self.undo, self.clear):
+            enable(one, idle and bool(masks), none if idle else busy)
+
+    def leave(self) -> None:
+        """Masks are drawn only while this page is seen."""
+        self.draw.setChecked(False)
+
+    def enter(self, step: Step) -> None:
+        """Show the ball's first place, where nobody moves it by hand."""
+        super().enter(step)
+        poses = self.controller.cameras.staged_poses
+        if poses:
+            self.controller.staging.show_pose(poses[0])
+
+    def refresh(self) -> None:
+        """Show the cameras that are open."""
+        self.show_cameras()
+        self._show_masks()
+        self.tick()
+        self.action_changed.emit()
+
+    def tick(self) -> None:
+        """Follow the cameras."""
+        states = self.follow()
+        live = self.controller.cameras.live
+        self.fixed.setVisible(live is not None and bool(live.watch.bumped))
+        if not states:
+            return
+        self._show_warm_up()
+        have_images = all(tile.has_image for tile in self.wall.tiles.values())
+        text, level = summary(states, have_images)
+        if moved := self.controller.cameras.moved():
+            text, level = moved_text(moved), "bad"
+        self._level = level
+        self.say(text, level)
+        seen = not any(state.level == "none" for state in states)
+        if (seen, have_images) != (self._seen_all, self._have_images):
+            self._seen_all, self._have_images = seen, have_images
+            self.action_changed.emit()
+
+    def _show_warm_up(self) -> None:
+        live, connection = self.controller.cameras.live, self.controller.cameras.connection
+        rates = live.warm_up.unsteady() if live is not None else {}
+        names = connection.names if connection is not None else {}
+        text = warm_up_text({names[serial]: rate for serial, rate in rates.items() if serial in names})
+        self.warm_up.setText(text)
+        self.warm_up.setVisible(bool(text))
+
+    def action(self) -> PageAction:
+        """Accept what is seen."""
+        state = self.state
+        done = state is not None and state.status is Status.DONE
+        level = self._level
+        text = self.tr("The images are good") if level in ("good", "none") else self.tr("Use the images as they are")
+        if done and level != "bad":
+            return PageAction(text, False, self.tr("They were accepted already."), done=True)
+        if done:
+            return PageAction(text, False, self.tr("See to the cameras that are named above."), done=True)
+        if not self._seen_all and self._have_images:
+            why = self.tr("Targets are being looked for. On a new computer the first time takes a minute or two.")
+            return PageAction(text, False, why)
+        if not self._seen_all:
+            return PageAction(text, False, self.tr("Not every camera has sent an image yet."))
+        return PageAction(text, accepts=True)
+
+    def act(self) -> None:
+        """Accept."""
+        self.controller.cameras.accept_look()

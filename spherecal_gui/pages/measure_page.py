@@ -1,0 +1,253 @@
+"""Measure: the rig as a live ruler between chosen points; a bar's deviation while it is carried; a series recorded."""
+
+from datetime import datetime
+from pathlib import Path
+
+import numpy as np
+import pyqtgraph as pg
+from PySide6.QtCore import Qt
+from PySide6.QtWidgets import QAbstractItemView, QHBoxLayout, QListWidget, QVBoxLayout, QWidget
+
+from spherecal.base.arrays import FloatArray
+from spherecal.base.errors import SpherecalError
+from spherecal_gui import theme
+from spherecal_gui.controllers.controller import Controller
+from spherecal_gui.pages.wizard_page import Page, PageAction
+from spherecal_gui.presenters.measure_presenter import (
+    pace_text,
+    point_names,
+    rate_of,
+    ruler_hint,
+    rulers_of,
+    trust_of,
+    value_rows,
+)
+from spherecal_gui.tasks.measuring_loop import LiveMeasurement
+from spherecal_gui.texts import error_text
+from spherecal_gui.widgets.basic import Card, label, set_level
+from spherecal_gui.widgets.charts import Chart
+from spherecal_gui.widgets.table import Cell, Table
+from spherecal_gui.workflow import Step
+from spherecal_measuring.measured_sets import MeasuredSet
+from spherecal_measuring.measuring_task import Task
+
+
+class DeviationChart(Chart):
+    """A value over the newest sets with its expanded uncertainty: the deviation from nominal, or from its mean."""
+
+    def show_values(self, times: FloatArray, off: FloatArray, expanded: FloatArray, unit: str) -> None:
+        """Show deviations with their expanded uncertainties.
+
+        `times`: of the sets, (n,) s; `off`, `expanded` (n,).
+        """
+        c = theme.now()
+        self.clear()
+        self.dress()
+        if not len(times):
+            return
+        reach = float(max(np.abs(off).max(), expanded.max())) * 1.15 or 1.0
+        self.span((float(times[0]), float(max(times[-1], times[0] + 1.0))), (-reach, reach))
+        band = [pg.PlotDataItem(times, side * expanded, pen=pg.mkPen(c.border, width=1)) for side in (-1, 1)]
+        for line in band:
+            self.addItem(line)
+        self.addItem(pg.FillBetweenItem(*band, brush=pg.mkBrush(c.raised)))
+        self.addItem(pg.InfiniteLine(0.0, angle=0, pen=pg.mkPen(c.soft, width=1)))
+        self.addItem(pg.PlotDataItem(times, off, pen=pg.mkPen(c.accent, width=2)))
+        self.names(self.tr("s"), unit)
+
+
+class MeasurePage(Page):
+    """Points to choose on the left, values and their course on the right."""
+
+    def __init__(self, controller: Controller, parent: QWidget | None = None) -> None:
+        super().__init__(controller, parent)
+        self._run: LiveMeasurement | None = None
+        self._shown: MeasuredSet | None = None
+        self._names: tuple[str, ...] = ()
+        self._chosen: list[str] = []
+        self._said = ""
+        column = QVBoxLayout(self)
+        self.trust, self.pace = label("", "big"), label("", "soft")
+        column.addWidget(self.trust)
+        column.addWidget(self.pace)
+        row = QHBoxLayout()
+        column.addLayout(row, 1)
+        row.addWidget(self._points(), 1)
+        row.addLayout(self._values(), 3)
+        self.recording = label("", "soft")
+        column.addWidget(self.recording)
+
+    def _points(self) -> Card:
+        card = Card(self.tr("Points"))
+        self.points = QListWidget()
+        self.points.setObjectName("measured-points")
+        self.points.setAccessibleName(self.tr("Points that are seen now"))
+        self.points.setSelectionMode(QAbstractItemView.SelectionMode.MultiSelection)
+        self.points.itemSelectionChanged.connect(self._choose)
+        self.hint = label(ruler_hint(()), "soft")
+        card.body.addWidget(self.points, 1)
+        card.body.addWidget(self.hint)
+        return card
+
+    def _values(self) -> QVBoxLayout:
+        column = QVBoxLayout()
+        self.large = label("", "huge", wrap=False)
+        column.addWidget(self.large)
+        headings = [self.tr("Value"), self.tr("measured"), self.tr("± (k = 2)"), self.tr("off its nominal value")]
+        self.table = Table(headings, sortable=False)
+        column.addWidget(self.table, 1)
+        self.chart = DeviationChart()
+        column.addWidget(self.chart, 1)
+        return column
+
+    # --- the measurement ---------------------------------------------------------------------------------------------
+
+    def enter(self, step: Step) -> None:
+        """Begin to measure."""
+        super().enter(step)
+        self._begin()
+
+    def leave(self) -> None:
+        """End it; a series that is being recorded is written."""
+        self._end()
+        if self.controller.cameras.live is not None:
+            self.controller.cameras.live.start(self.controller.cameras.live_hz)
+
+    def close_page(self) -> None:
+        """The program ends."""
+        self._end()
+
+    def _begin(self) -> None:
+        connection, result = self.controller.cameras.connection, self.controller.result
+        if self._run is not None or connection is None or result is None or connection.plan.target_set is None:
+            return
+        if self.controller.cameras.live is not None:
+            self.controller.cameras.live.stop()  # its detection would take the time that measuring needs
+        by_hardware = all(
+            self.controller.tuning.settings_of(serial).trigger == "hardware" for serial in connection.names
+        )
+        task = Task(
+            connection.plan.target_set,
+            bars=tuple(connection.plan.bars),
+            temperature_c=self.controller.bars.celsius(),
+            exposure_sd_s=0.0 if by_hardware else None,
+        )
+        self._run = LiveMeasurement(connection.source, dict(connection.names), result.rig, task)
+        self._run.ask(rulers_of(self._chosen))
+
+    def _end(self) -> None:
+        run, self._run = self._run, None
+        if run is not None:
+            try:
+                run.stop()
+            except SpherecalError as error:
+                self.controller.tell("bad", *error_text(error))
+
+    def refresh(self) -> None:
+        """The large button may have changed; cameras may have come or gone."""
+        if self._run is not None and self.controller.cameras.connection is None:
+            self._end()
+        self.action_changed.emit()
+
+    def tick(self) -> None:
+        """Show the newest set."""
+        run = self._run
+        if run is None:
+            self._begin()
+            return
+        if run.problem is not None:
+            text = " ".join(error_text(run.problem))
+            if text != self._said:
+                self._said = text
+                self.trust.setText(text)
+                set_level(self.trust, "bad")
+            return
+        measured = run.latest
+        if measured is None or measured is self._shown:
+            return
+        self._shown = measured
+        self._show(run, measured)
+
+    def _show(self, run: LiveMeasurement, measured: MeasuredSet) -> None:
+        history = list(run.history)
+        trust = trust_of(measured, run.moved)
+        self.trust.setText(trust.text)
+        set_level(self.trust, trust.level)
+        self.pace.setText(pace_text(measured, rate_of([at for at, _ in history])))
+        self._show_points(point_names(measured))
+        rows = value_rows(measured)
+        cells: list[list[tuple[str, Cell, str]]] = [
+            [
+                (one.name, one.name, ""),
+                (one.value, one.value, ""),
+                (one.uncertainty, one.uncertainty, ""),
+                (one.deviation, one.deviation, one.level),
+            ]
+            for one in rows
+        ]
+        self.table.fill(cells)
+        self.large.setText("" if not rows else rows[0].deviation or rows[0].value)
+        set_level(self.large, rows[0].level if rows else "none")
+        self._show_course(history, measured.values[0].name if measured.values else "")
+        count = run.recorded
+        self.recording.setText("" if count is None else self.tr("Recording: {sets} sets").format(sets=count))
+
+    def _show_points(self, names: tuple[str, ...]) -> None:
+        """All points seen now, and those that are chosen."""
+        names = tuple(dict.fromkeys((*names, *self._chosen)))
+        if names == self._names:
+            return
+        self._names = names
+        self.points.blockSignals(True)
+        self.points.clear()
+        self.points.addItems(list(names))
+        for name in self._chosen:
+            for item in self.points.findItems(name, Qt.MatchFlag.MatchExactly):
+                item.setSelected(True)
+        self.points.blockSignals(False)
+
+    def _show_course(self, history: list[tuple[float, MeasuredSet]], name: str) -> None:
+        found = [(at, v) for at, one in history for v in one.values if v.name == name]
+        times = np.array([at for at, _ in found])
+        values = np.array([v.value if v.deviation is None else v.deviation for _, v in found])
+        expanded = np.array([2 * (v.u if v.u_deviation is None else v.u_deviation) for _, v in found])
+        middle = float(np.mean(values)) if found and found[-1][1].deviation is None else 0.0
+        unit = f"{name} [{found[-1][1].unit}]" if found else ""
+        self.chart.show_values(times, values - middle, expanded, unit)
+
+    def _choose(self) -> None:
+        """Points in the order in which they were chosen."""
+        now = [item.text() for item in self.points.selectedItems()]
+        self._chosen = [name for name in self._chosen if name in now] + [n for n in now if n not in self._chosen]
+        self.hint.setText(ruler_hint(self._chosen))
+        if self._run is not None:
+            self._run.ask(rulers_of(self._chosen))
+
+    # --- the series --------------------------------------------------------------------------------------------------
+
+    def action(self) -> PageAction | None:
+        """Record a series, or end it."""
+        run = self._run
+        if run is not None and run.recorded is not None:
+            return PageAction(self.tr("Stop recording"))
+        ready = run is not None and run.problem is None
+        return PageAction(self.tr("Record"), ready, "" if ready else self.tr("Nothing is measured now."))
+
+    def act(self) -> None:
+        """Begin or end a series; it lies in the project's folder."""
+        run = self._run
+        if run is None:
+            return
+        if run.recorded is None:
+            self._folder = Path(self.open_project.folder) / f"series-{datetime.now():%Y%m%d-%H%M%S}"
+            run.record(self._folder)
+        else:
+            try:
+                count = run.end_recording()
+            except SpherecalError as error:
+                self.controller.tell("bad", *error_text(error))
+            else:
+                text = self.tr("{sets} sets recorded in {folder}.").format(sets=count, folder=self._folder)
+                self.controller.tell("good", text)
+                self.recording.setText(text)
+        self.action_changed.emit()

@@ -1,0 +1,336 @@
+"""Results: verdict first, then the rig, the cameras worst first, residuals, and what the findings advise."""
+
+from PySide6.QtCore import QBuffer, QByteArray, QIODevice
+from PySide6.QtGui import QImage, QPixmap
+from PySide6.QtWidgets import QComboBox, QHBoxLayout, QLabel, QTabWidget, QVBoxLayout, QWidget
+
+from spherecal_gui import theme
+from spherecal_gui.controllers.controller import Controller
+from spherecal_gui.pages.wizard_page import Page, PageAction
+from spherecal_gui.presenters.results_presenter import (
+    CameraResiduals,
+    CameraRow,
+    advice,
+    camera_rows,
+    compared_text,
+    culprit,
+    residual_text,
+    residuals_of,
+    verdict,
+)
+from spherecal_gui.project import usable
+from spherecal_gui.rig_scenes import outcome_scene
+from spherecal_gui.widgets.basic import button, enable, label, set_level
+from spherecal_gui.widgets.charts import HistogramChart
+from spherecal_gui.widgets.findings_list import FindingsList
+from spherecal_gui.widgets.residual_view import ResidualView
+from spherecal_gui.widgets.scene_panel import ScenePanel, SceneSplit
+from spherecal_gui.widgets.table import Cell, Table
+from spherecal_gui.workflow import Status
+
+# A camera this much worse than the middle one stands out: rig A's differ by a tenth, a blurred one is 2 times worse.
+_STANDS_OUT = 1.5
+_THUMBNAIL_PX = (640, 480)
+
+
+class ResultsPage(Page):
+    """The result of the last calibration."""
+
+    def __init__(self, controller: Controller, parent: QWidget | None = None) -> None:
+        super().__init__(controller, parent)
+        self._shown: object = None
+        self._camera: str | None = None
+        controller.saving.draw_rig = self._rig_png
+        column = QVBoxLayout(self)
+        head = QHBoxLayout()
+        self.word = label("", "huge", wrap=False)
+        self.sentence = label("", "big")
+        head.addWidget(self.word)
+        head.addSpacing(theme.PAD)
+        head.addWidget(self.sentence, 1)
+        column.addLayout(head)
+        self.since = label("", "soft")
+        column.addWidget(self.since)
+        column.addWidget(SceneSplit(self._left(), self._right(), (620, 600)), 1)
+
+    def _left(self) -> QWidget:
+        self.panel = ScenePanel()
+        self.scene = self.panel.view
+        self.panel.camera_chosen.connect(self.show_camera)
+        self.panel.said.connect(self.controller.tell)
+        self.map, self.links = self.panel.layers["map"], self.panel.layers["links"]
+        return self.panel
+
+    def _right(self) -> QWidget:
+        self.tabs = QTabWidget()
+        self.findings = FindingsList()
+        self.findings.asked.connect(self._do)
+        self.findings.taken_back.connect(self.controller.computation.take_back)
+        self.table = Table(
+            [
+                self.tr("Camera"),
+                self.tr("rms\npx"),
+                self.tr("dots"),
+                self.tr("left\nout"),
+                self.tr("place ±\nmm"),
+                self.tr("turn ±\ndeg"),
+                self.tr("focal\npx"),
+                self.tr("change\nmm"),
+            ],
+            spare=(6, 5, 3),
+        )
+        self.table.itemSelectionChanged.connect(self._selected)
+        self.table.itemDoubleClicked.connect(lambda _: self.tabs.setCurrentIndex(2))
+        residuals = QWidget()
+        column = QVBoxLayout(residuals)
+        self.residuals = ResidualView()
+        self.residuals.image_chosen.connect(self._dot_chosen)
+        self.histogram = HistogramChart()
+        column.addLayout(self._image_row())
+        self.residual_size = label("")
+        column.addWidget(self.residual_size)
+        column.addWidget(self.residuals, 3)
+        column.addWidget(self.histogram, 2)
+        self.histogram.setVisible(not theme.is_far())  # large text needs its room
+        self.tabs.addTab(self.findings, self.tr("What to do"))
+        self.tabs.addTab(self.table, self.tr("Cameras"))
+        self.tabs.addTab(residuals, self.tr("Residuals"))
+        return self.tabs
+
+    def _image_row(self) -> QVBoxLayout:
+        """One image of the camera that is shown, and what can be done about it."""
+        # below each other: beside each other they are too wide for large text in German
+        column, row = QVBoxLayout(), QHBoxLayout()
+        self.image = QComboBox()
+        self.image.setAccessibleName(self.tr("Which image"))
+        self.image.setObjectName("which-image")
+        self.image.currentIndexChanged.connect(self._image_chosen)
+        self.leave_image = button(self.tr("Leave this image out"), "leave-image")
+        self.leave_image.clicked.connect(self._leave_image)
+        self.leave_camera = button(self.tr("Leave the camera out"), "leave-camera")
+        self.leave_camera.clicked.connect(self._leave_camera)
+        column.addWidget(self.image)
+        row.addWidget(self.leave_image)
+        row.addWidget(self.leave_camera)
+        row.addStretch(1)
+        column.addLayout(row)
+        return column
+
+    @property
+    def headline(self) -> QLabel:
+        """The label with the state of the page."""
+        return self.word
+
+    def refresh(self) -> None:
+        """There may be another result."""
+        result = self.controller.result
+        if self.project is None or result is None:
+            self.say(self.tr("Reading the result") if self.controller.runner.running else "", "none")
+            self.action_changed.emit()
+            return
+        message = verdict(result)
+        state = self.state
+        stale = state is not None and state.status is Status.STALE
+        self.say(*((self.tr("OUT OF DATE"), "caution") if stale else (message.word, message.level)))
+        self.sentence.setText(message.sentence)
+        self.findings.show_advice(advice(result, self.project.placements), self.project.repairs_now)
+        outcome = self.controller.outcome
+        since, level = compared_text(outcome.compared if outcome is not None else None)
+        self.since.setText(since)
+        self.since.setVisible(bool(since))
+        set_level(self.since, level)
+        if result is not self._shown:
+            self._shown = result
+            self._fill()
+        self.action_changed.emit()
+
+    def _fill(self) -> None:
+        outcome = self.controller.outcome
+        if outcome is None:
+            return
+        rows = camera_rows(outcome.result, outcome.compared)
+        usual = sorted(row.rms_px for row in rows if row.rms_px is not None)
+        middle = usual[len(usual) // 2] if usual else 1.0
+        accused = culprit(outcome.result)
+        guilty = accused[0] if accused is not None else None
+        self.table.fill([_cells(row, middle, self.tr("not placed"), row.camera == guilty) for row in rows], sort_by=1)
+        self.table.setColumnHidden(7, outcome.compared is None)
+        self.panel.show_scene(outcome_scene(outcome))
+        if rows:
+            self._show_worst(culprit(outcome.result), rows[0].camera)
+
+    def _show_worst(self, accused: tuple[str, str | None] | None, largest: str) -> None:
+        """The camera that the findings accuse, in the image they name; else the one with the largest residuals."""
+        name, placement = accused or (largest, None)
+        self.table.blockSignals(True)
+        if not self.table.select_name(name):
+            self.table.selectRow(0)
+        self.table.blockSignals(False)
+        self.show_camera(name, placement)
+
+    def dress(self) -> None:
+        """Draw in the new colours."""
+        self.panel.dress()
+        self.histogram.setVisible(not theme.is_far())
+        if self.controller.result is not None and self._shown is not None:
+            camera, placement = self._camera, self.image.currentData()
+            self._fill()
+            if camera is not None:  # what was chosen stays
+                self.table.select_name(camera)
+                self.show_camera(camera, placement)
+        self.refresh()
+
+    def show_camera(self, camera: str, placement: str | None = None) -> None:
+        """Show a camera's residuals and mark it in the scene.
+
+        `placement` None for those of all placements.
+        """
+        result = self.controller.result
+        if result is None:
+            return
+        shown = residuals_of(result, camera, placement)
+        self._camera = camera
+        self._list_images(shown)
+        self.residuals.show_camera(shown, self._picture(shown))
+        self.residual_size.setText(residual_text(result, shown) if shown is not None else "")
+        if shown is not None:
+            used = shown.du_dv[shown.used].ravel()
+            limit = 4 * max(float((used**2).mean() ** 0.5) if len(used) else 0.1, 1e-3)
+            self.histogram.show_values(used, limit)
+        if self.scene.marked != camera:
+            self.scene.mark(camera)
+        if self.sender() is self.panel:
+            self.table.select_name(camera)
+            self.tabs.setCurrentIndex(2)
+        self._show_repairs(shown)
+
+    def _list_images(self, shown: CameraResiduals | None) -> None:
+        """The camera's images, the one that is shown chosen."""
+        self.image.blockSignals(True)
+        self.image.clear()
+        if shown is not None:
+            self.image.addItem(self.tr("{camera}: all images").format(camera=shown.camera), None)
+            for name in shown.placements:
+                self.image.addItem(f"{shown.camera} · {name}", name)
+            self.image.setCurrentIndex(max(self.image.findData(shown.placement), 0))
+        self.image.blockSignals(False)
+
+    def _show_repairs(self, shown: CameraResiduals | None) -> None:
+        """What can be left out of what is shown."""
+        stale = self.tr("It is already requested: calibrate again.")
+        asked = self.open_project.repairs_now
+        one = shown.placement if shown is not None else None
+        why = stale if one is not None else self.tr("Choose one image on the left first.")
+        there = one is not None and ("--leave-out", f"{self._camera}@{one}") not in asked
+        enable(self.leave_image, there, why)
+        enable(self.leave_camera, ("--leave-out", f"camera:{self._camera}") not in asked, stale)
+
+    def _picture(self, shown: CameraResiduals | None) -> QImage | None:
+        """The image behind the residuals of one placement."""
+        if shown is None or shown.placement is None:
+            return None
+        path = self.controller.recording.image_path(shown.placement, shown.camera)
+        if path is None or not path.is_file():
+            return None
+        image = QImage(str(path))
+        return None if image.isNull() else image.scaledToWidth(min(image.width(), 1600))
+
+    def _image_chosen(self) -> None:
+        if self._camera is not None:
+            self.show_camera(self._camera, self.image.currentData())
+
+    def _dot_chosen(self, placement: str) -> None:
+        if self._camera is not None:
+            self.show_camera(self._camera, placement)
+
+    def _leave_image(self) -> None:
+        placement = self.image.currentData()
+        if self._camera is not None and placement is not None:
+            self.controller.computation.repair("--leave-out", f"{self._camera}@{placement}")
+            self.show_camera(self._camera, placement)
+
+    def _leave_camera(self) -> None:
+        if self._camera is not None:
+            self.controller.computation.repair("--leave-out", f"camera:{self._camera}")
+            self.show_camera(self._camera, self.image.currentData())
+
+    def _selected(self) -> None:
+        rows = self.table.selectionModel().selectedRows()
+        if rows:
+            self.show_camera(self.table.name_of(rows[0].row()))
+
+    def _do(self, kind: str, target: str) -> None:
+        """Do what a finding advises."""
+        if kind == "add placement":
+            self.controller.sets.add_placement()
+        elif kind == "retake":
+            self.controller.go(f"placement:{target}")
+        elif kind == "show camera":
+            self.show_camera(target)
+            self.tabs.setCurrentIndex(2)
+        elif kind == "bench":
+            self.controller.go("connect")
+        elif kind == "calibrate":
+            self._calibrate_again()
+        elif kind.startswith("--"):
+            self.controller.computation.repair(kind, target)
+
+    def action(self) -> PageAction:
+        """Accept the result, valid or not; the technician decides."""
+        state, text = self.state, self.tr("Accept the result")
+        if self.controller.result is None:
+            return PageAction(text, False, self.tr("The result is being read."))
+        if state is not None and state.status is Status.STALE:
+            again, idle = self.tr("Calibrate again"), self.controller.runner.running is None
+            return PageAction(again, idle, "" if idle else self.tr("Work is running."))
+        calibrated = self.open_project.calibrated
+        if self.open_project.accepted == calibrated:
+            return PageAction(text, False, self.tr("It was accepted already."), done=True)
+        if state is not None and calibrated is not None and not usable(calibrated.verdict):
+            return PageAction(text, False, self.tr("It is not valid: do what the findings advise."))
+        return PageAction(text, accepts=True)
+
+    def act(self) -> None:
+        """Accept, or calibrate again where something was changed."""
+        state = self.state
+        if state is not None and state.status is Status.STALE:
+            self._calibrate_again()
+        else:
+            self.controller.computation.accept_results()
+
+    def _calibrate_again(self) -> None:
+        self.controller.go("calibrate")
+        self.controller.computation.calibrate()
+
+    def _rig_png(self) -> bytes:
+        """The scene as a PNG file; empty where nothing is shown."""
+        if self.scene.data is None:
+            return b""
+        data = QByteArray()
+        buffer = QBuffer(data)
+        buffer.open(QIODevice.OpenModeFlag.WriteOnly)
+        QPixmap.fromImage(self.scene.thumbnail(*_THUMBNAIL_PX)).save(buffer, "PNG")
+        return bytes(data.data())
+
+    def close_page(self) -> None:
+        """Let go of the 3-D view."""
+        self.panel.close_view()
+
+
+def _cells(row: CameraRow, middle: float, not_placed: str, guilty: bool = False) -> list[tuple[str, Cell, str]]:
+    def cell(value: float | None, digits: int, level: str = "") -> tuple[str, Cell, str]:
+        return ("-" if value is None else f"{value:.{digits}f}", value if value is not None else float("inf"), level)
+
+    if not row.placed:
+        return [(row.camera, row.camera, "bad"), (not_placed, float("inf"), "bad"), *[("-", 0.0, "")] * 6]
+    level = "caution" if (row.rms_px or 0.0) > _STANDS_OUT * middle else ""
+    return [
+        (row.camera, row.camera, "bad" if guilty else level),
+        cell(row.rms_px, 3, level),
+        (str(row.observations), row.observations, ""),
+        (str(row.left_out), row.left_out, ""),
+        cell(row.sd_centre_mm, 3),
+        cell(row.sd_turn_deg, 4),
+        cell(row.focal_px, 1),
+        cell(row.change_mm, 3, "caution" if row.moved else ""),
+    ]

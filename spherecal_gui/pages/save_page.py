@@ -1,0 +1,384 @@
+"""Save and report: where the result is, the report, the rig's profile, exports, the command lines."""
+
+from pathlib import Path
+
+from PySide6.QtCore import Qt
+from PySide6.QtGui import QGuiApplication
+from PySide6.QtWidgets import (
+    QComboBox,
+    QFileDialog,
+    QHBoxLayout,
+    QLabel,
+    QLineEdit,
+    QPlainTextEdit,
+    QVBoxLayout,
+    QWidget,
+)
+
+from spherecal_documents.export.write_export import FORMATS
+from spherecal_gui import limits_in_force as limits
+from spherecal_gui import theme
+from spherecal_gui.controllers.controller import Controller
+from spherecal_gui.pages.frame_dialog import FrameDialog
+from spherecal_gui.pages.wizard_page import Page, PageAction
+from spherecal_gui.presenters.frame_presenter import FrameChoice, frame_words
+from spherecal_gui.presenters.start_presenter import next_check_text, number_in_use
+from spherecal_gui.project import VERIFIED
+from spherecal_gui.project_folder import profile_of
+from spherecal_gui.rig_scenes import outcome_scene
+from spherecal_gui.standing import Level
+from spherecal_gui.widgets.basic import Card, button, details_button, enable, label, open_file, option, set_level
+from spherecal_gui.widgets.scene_view import make_scene_view
+from spherecal_gui.workflow import Status, Step
+
+
+class SavePage(Page):
+    """What is done with the result."""
+
+    def __init__(self, controller: Controller, parent: QWidget | None = None) -> None:
+        super().__init__(controller, parent)
+        column = QVBoxLayout(self)
+        self.word = label("", "huge")
+        column.addWidget(self.word)
+        self.end = label("", "")
+        column.addWidget(self.end)
+        self._opens = False  # the report, once it is written
+        self._opened: bool | None = None
+        column.addWidget(self._profile())
+        column.addWidget(self._files())
+        self._for_the_desk = self._commands()
+        column.addWidget(self._for_the_desk)
+        self.scene = make_scene_view()
+        self.scene.setMinimumHeight(0)
+        self._drawn: object = None
+        column.addWidget(self.scene, 1)
+        self._room = QWidget()  # in its place, where there is nothing to show
+        column.addWidget(self._room, 1)
+        self._compared: tuple[object, bool] = (None, False)
+        self.dialog: FrameDialog | None = None
+
+    def _profile(self) -> QWidget:
+        card = Card(self.tr("The rig's profile"))
+        self.keeps = label("", "soft")
+        card.body.addWidget(self.keeps)
+        row = QHBoxLayout()
+        self.apply = option(self.tr("Put it to use now"))
+        self.apply.setChecked(True)
+        self.profile = button(self.tr("Save in the profile"), "save-profile")
+        self.profile.clicked.connect(self._save_profile)
+        self.note = QLineEdit()
+        self.note.setObjectName("note")
+        self.note.setAccessibleName(self.tr("Note: by whom, and why"))
+        self.note.setPlaceholderText(self.tr("Note: by whom, and why"))
+        self.note.textChanged.connect(self._enable)
+        self.note.editingFinished.connect(lambda: self.controller.saving.set_note(self.note.text().strip()))
+        self.apply.toggled.connect(self._enable)
+        self.discard = button(self.tr("Discard"), "discard")
+        self.discard.setToolTip(
+            self.tr("The calibration in use stays as it is; this one stays in its folder, and nothing is deleted.")
+        )
+        self.discard.clicked.connect(self.controller.discard)
+        row.addWidget(self.profile)
+        row.addWidget(self.apply)
+        row.addWidget(self.note, 1)
+        row.addWidget(self.discard)
+        card.body.addLayout(row)
+        self.why_not = label("", "")
+        set_level(self.why_not, "caution")
+        card.body.addWidget(self.why_not)
+        return card
+
+    @property
+    def is_kept(self) -> bool:
+        """Whether the profile holds this very calibration."""
+        rig, history = self.open_project.result_folder / "rig.json", self.profile_path / "history"
+        if not rig.is_file() or not history.is_dir():
+            return False
+        entries = sorted(history.glob("*/rig.json"))
+        key = (rig, rig.stat().st_mtime_ns, tuple(entries))
+        if key != self._compared[0]:  # the page is drawn again more often than anything is saved
+            whole = rig.read_bytes()
+            self._compared = (key, any(one.read_bytes() == whole for one in entries))
+        return self._compared[1]
+
+    @property
+    def _saves_first(self) -> bool:
+        """Whether the large button saves: what is not in the profile, or not as it is now."""
+        stale = self.state is not None and self.state.status is Status.STALE
+        return (stale or not self.is_kept) and not self._why_not_saved()
+
+    def _why_not_saved(self) -> str:
+        """What is in the way of saving in the profile; empty where nothing is."""
+        if self._is_stale:
+            return self.tr("The calibration is out of date.")
+        if self.apply.isChecked() and self._calibration == "not valid":
+            return self.tr("The calibration is not valid: it cannot be put to use. Save it without.")
+        if self._doubtful and self.apply.isChecked() and not limits.now().unverified_use:
+            return self.tr("It was not verified, and the limits forbid its use: verify it, or save it without.")
+        if self._doubtful and self.apply.isChecked() and not self.note.text().strip():
+            return self.tr("It was not verified: write in the note why it is put to use.")
+        if self._calibration == "use with care" and self.apply.isChecked() and not self.note.text().strip():
+            return self.tr("It is to be used with care: write in the note why it is put to use.")
+        return ""
+
+    @property
+    def _is_stale(self) -> bool:
+        """Whether the calibration itself is out of date."""
+        state = self.state
+        reason = state.reason if state is not None and state.status is Status.STALE else None
+        return reason is not None and reason.code == "calibration stale"
+
+    @property
+    def _doubtful(self) -> bool:
+        """Whether it is not known to be good: that it is put to use all the same needs a reason."""
+        project = self.open_project
+        return project.verified is None or project.verified.verdict not in VERIFIED
+
+    @property
+    def _calibration(self) -> str:
+        """The verdict on the calibration."""
+        return self.open_project.calibrated.verdict if self.open_project.calibrated is not None else "not valid"
+
+    def _enable(self) -> None:
+        """What can be saved now, and why not."""
+        if self.project is None:
+            return
+        idle, why = self.controller.runner.running is None, self._why_not_saved()
+        busy = self.tr("Work is running.")
+        enable(self.profile, idle and not why, why or busy)
+        stale = self.tr("The calibration is out of date.") if self._is_stale else ""
+        problem = self.controller.user_frame.problem
+        enable(self.export, idle and not stale and not problem, stale or problem if idle else busy)
+        shown = idle and not stale and self.controller.outcome is not None
+        enable(self.axes, shown, stale or self.tr("There is no calibration yet.") if idle else busy)
+        self._tell_frame(problem)
+        self.discard.setEnabled(idle)
+        self.why_not.setText(why if idle and not self.is_kept else "")
+        self.why_not.setVisible(bool(self.why_not.text()))
+        self.action_changed.emit()
+
+    def _files(self) -> QWidget:
+        card = Card(self.tr("Files"))
+        self.folder = label("", "soft")
+        card.body.addWidget(self.folder)
+        row = QHBoxLayout()
+        self.open = button(self.tr("Open the folder"), "open-folder")
+        self.open.clicked.connect(self._open)
+        self.report = button(self.tr("Open the report"), "open-report")
+        self.report.clicked.connect(self._open_report)
+        self.form = QComboBox()
+        self.form.setAccessibleName(self.tr("Format of the export"))
+        self.form.addItems(sorted(FORMATS))
+        self.export = button(self.tr("Export"), "export")
+        self.export.clicked.connect(self._export)
+        row.addWidget(self.open)
+        row.addWidget(self.report)
+        row.addStretch(1)
+        row.addWidget(label(self.tr("For another program:"), wrap=False))
+        row.addWidget(self.form)
+        row.addWidget(self.export)
+        card.body.addLayout(row)
+        row = QHBoxLayout()
+        self.given_in = label("")
+        self.axes = button(self.tr("Origin and axes"), "origin-and-axes")
+        self.axes.clicked.connect(self._choose_axes)
+        row.addWidget(self.given_in, 1)
+        row.addWidget(self.axes)
+        card.body.addLayout(row)
+        return card
+
+    def _commands(self) -> QWidget:
+        inner = QWidget()
+        column = QVBoxLayout(inner)
+        column.setContentsMargins(0, 0, 0, 0)
+        column.addWidget(label(self.tr("The same on the command line"), "soft"))
+        self.commands = QPlainTextEdit()
+        self.commands.setReadOnly(True)
+        self.commands.setAccessibleName(self.tr("The same on the command line"))
+        self.commands.setMaximumHeight(66)
+        column.addWidget(self.commands)
+        copy = button(self.tr("Copy as command"), "copy-command")
+        copy.clicked.connect(self._copy)
+        column.addWidget(copy, 0, Qt.AlignmentFlag.AlignLeft)
+        whole = QWidget()
+        outer = QVBoxLayout(whole)
+        outer.setContentsMargins(0, 0, 0, 0)
+        outer.addWidget(details_button(inner), 0, Qt.AlignmentFlag.AlignLeft)
+        outer.addWidget(inner)
+        return whole
+
+    @property
+    def report_path(self) -> Path:
+        """Where the report goes: beside the result, which stays as the command line writes it."""
+        return self.open_project.folder / "report.pdf"
+
+    @property
+    def profile_path(self) -> Path:
+        """The rig's profile: beside the projects, one for each place where projects are kept."""
+        return profile_of(self.open_project)
+
+    def enter(self, step: Step) -> None:
+        """Nothing was opened yet."""
+        self._opens, self._opened = False, None
+        self.note.setText(self.open_project.note)
+        super().enter(step)
+
+    def refresh(self) -> None:
+        """Show what there is."""
+        if self.project is None:
+            return
+        self.keeps.setText(
+            self.tr("A simulated rig has a profile of its own: it never counts as the calibration of a real one.")
+            if self.project.simulated
+            else self.tr("Keeps every calibration of this rig; the one in use changes only when you say so.")
+        )
+        self._for_the_desk.setVisible(not theme.is_far())
+        self._show_rig()
+        state = self.state
+        done = state is not None and state.status in (Status.DONE, Status.CARE, Status.FAILED)
+        stale = state is not None and state.status is Status.STALE
+        if self.controller.runner.running == "save":
+            self.say(self.tr("Writing"), "none")
+        elif done and not self.is_kept:
+            self.say(self.tr("The calibration is not saved yet"), "caution")
+        elif done:
+            self.say(*self._saved_words())
+        elif stale:
+            self.say(self.tr("What was saved is out of date"), "caution")
+        else:
+            self.say(
+                *(
+                    (self.tr("Not saved yet"), "none")
+                    if not self._doubtful
+                    else (self.tr("Not saved yet; not verified"), "caution")
+                )
+            )
+        if self._opens and self.controller.runner.running is None:
+            self._opens = False
+            if self.report_path.is_file() and "save" not in self.project.failures:
+                self._open_report()
+        self._show_end()
+        self.folder.setText(str(self.project.result_folder))
+        commands = "\n".join(self.controller.saving.commands())
+        if commands != self.commands.toPlainText():
+            self.commands.setPlainText(commands)
+        self._enable()
+        enable(self.report, self.report_path.is_file(), self.tr("It is not written yet."))
+        self.action_changed.emit()
+
+    def _show_rig(self) -> None:
+        """What is saved."""
+        outcome = self.controller.outcome
+        if outcome is not self._drawn:
+            self._drawn = outcome
+            self.scene.show_scene(outcome_scene(outcome) if outcome is not None else None)
+        shown = outcome is not None and not theme.is_far()  # large text needs its room
+        self.scene.setVisible(shown)
+        self._room.setVisible(not shown)
+
+    def dress(self) -> None:
+        """Draw in the new colours."""
+        self.scene.dress()
+        self.refresh()
+
+    def close_page(self) -> None:
+        """Let go of the 3-D view."""
+        self.scene.close_view()
+
+    def _saved_words(self) -> tuple[str, Level]:
+        """Saved, and how good that is: never greener than what was saved."""
+        if self._calibration == "not valid":
+            return self.tr("Saved; it is not valid"), "bad"
+        if self._doubtful:
+            return self.tr("Saved; not verified"), "caution"
+        if self._calibration != "valid":
+            return self.tr("Saved; to be used with care"), "caution"
+        return self.tr("Saved"), "good"
+
+    @property
+    def headline(self) -> QLabel:
+        """The label with the state of the page."""
+        return self.word
+
+    def _save_profile(self) -> None:
+        self.controller.saving.set_note(self.note.text().strip())
+        self.controller.saving.save_profile(self.profile_path, self.apply.isChecked(), self.note.text().strip())
+
+    def _export(self) -> None:
+        name = self.form.currentText()
+        named = f"SIMULATED-rig-{name}" if self.open_project.simulated else f"rig-{name}"
+        path, _ = QFileDialog.getSaveFileName(self, self.tr("Export"), str(self.open_project.folder / named))
+        if path:
+            self.controller.saving.export(name, Path(path))
+
+    def _tell_frame(self, problem: str) -> None:
+        """In which frame exports are given."""
+        result, frame = self.controller.result, self.controller.user_frame.frame
+        given = frame_words(frame.definition if frame else None, result.rig.reference_camera if result else None)
+        self.given_in.setText(problem or self.tr("Exports are given in: {frame}.").format(frame=given))
+        set_level(self.given_in, "bad" if problem else "none")
+
+    def _choose_axes(self) -> None:
+        """Origin and axes, by a dialog."""
+        outcome = self.controller.outcome
+        if outcome is None:
+            return
+        choice = FrameChoice(outcome.result, outcome.places, self.controller.user_frame.definition)
+        if self.dialog is not None:  # not deleted on close: PySide crashes where its page goes at that very moment
+            self.dialog.deleteLater()
+        self.dialog = FrameDialog(choice, self)
+        self.dialog.accepted.connect(lambda: self.controller.user_frame.choose(choice.definition))
+        self.dialog.open()
+
+    def _open(self) -> None:
+        open_file(self.open_project.result_folder)
+
+    def _open_report(self) -> None:
+        self._opened = open_file(self.report_path)
+        self._show_end()
+
+    def _show_end(self) -> None:
+        """What was saved where, and when the next check is due: a run that is finished says so."""
+        lines = []
+        number = number_in_use(self.profile_path) if self.is_kept else None
+        if number is not None:
+            lines.append(
+                self.tr("In use: calibration {number}, in {folder}.").format(number=number, folder=self.profile_path)
+            )
+            lines.append(next_check_text(self.profile_path))
+        if self.report_path.is_file():
+            lines.append(self.tr("Report: {path}").format(path=self.report_path))
+        if self._opened is False:
+            lines.append(self.tr("No program was found here that opens it: copy the file, or open it elsewhere."))
+        self.end.setText("\n".join(line for line in lines if line))
+        self.end.setVisible(bool(lines))
+        self.folder.setVisible(not lines)
+
+    def _copy(self) -> None:
+        QGuiApplication.clipboard().setText("\n".join(self.controller.saving.commands()))
+        self.controller.tell("info", self.tr("Copied."))
+
+    def action(self) -> PageAction:
+        """Save what is not in the profile yet; then the report."""
+        text = self.tr("Write the report")
+        if self.controller.runner.running:
+            return PageAction(text, False, self.tr("Work is running."))
+        if self._is_stale:
+            return PageAction(text, False, self.tr("The calibration is out of date."))
+        if self._saves_first:
+            text = self.tr("Save and put to use") if self.apply.isChecked() else self.profile.text()
+            return PageAction(text, accepts=self.apply.isChecked())
+        state = self.state
+        done = state is not None and state.status in (Status.DONE, Status.CARE) and self.report_path.is_file()
+        return PageAction(self.tr("Finish"), accepts=True) if done else PageAction(text)
+
+    def act(self) -> None:
+        """Save, write the report, or end."""
+        if self._saves_first:
+            self._save_profile()
+        elif self.report_path.is_file() and self.state is not None and self.state.status in (Status.DONE, Status.CARE):
+            self.finished.emit()
+        else:
+            self._opens = True
+            self.controller.saving.set_note(self.note.text().strip())
+            self.controller.saving.write_report(self.report_path)

@@ -1,0 +1,400 @@
+"""Verify: the check bars in poses that the engine plans, then the errors of their lengths, limits and budget."""
+
+import time
+from datetime import date
+
+from PySide6.QtWidgets import (
+    QDoubleSpinBox,
+    QGridLayout,
+    QHBoxLayout,
+    QLabel,
+    QLineEdit,
+    QTabWidget,
+    QWidget,
+)
+
+from spherecal_gui import limits_in_force as limits
+from spherecal_gui import theme
+from spherecal_gui.controllers.controller import Controller
+from spherecal_gui.pages.bars_page import ScalePage
+from spherecal_gui.pages.wizard_page import PageAction
+from spherecal_gui.presenters.bar_guide import BarGuide, lay_text, pose_columns
+from spherecal_gui.presenters.certificates import reminder
+from spherecal_gui.presenters.connect_presenter import bars_with_nominal, lengths_texts
+from spherecal_gui.presenters.placement_presenter import HOLD_S
+from spherecal_gui.project import Artefacts
+from spherecal_gui.rig_scenes import verified_scene
+from spherecal_gui.tasks.outcome import Outcome
+from spherecal_gui.widgets.bar_view import BarView
+from spherecal_gui.widgets.basic import MARKS, button, clear, enable, label, option, plain, set_level
+from spherecal_gui.widgets.verification_view import VerificationView
+from spherecal_gui.workflow import Status, Step
+
+_NOT_READ_C = -10.0  # no bar is measured with in the frost: this means a temperature that nobody has read
+_LIMIT_PX = 130  # in two lines: in one it would push the field out of 1280 px
+_LOOK_S = 0.4  # between two looks at the bar; one takes 20 ms beside the window (6 cameras, 4 marks)
+
+
+class VerifyPage(ScalePage):
+    """Poses of the check bars, guided and accepted as they are laid; then what was measured."""
+
+    def __init__(self, controller: Controller, parent: QWidget | None = None) -> None:
+        super().__init__(controller, parent)
+        self._chosen: str | None = None
+        self._looked_s = 0.0
+        self._accepted_s: float | None = None
+        self._again = False  # measured, and more poses are asked for
+        self._staged: str | None = None  # what a simulated rig was asked to show
+        self._was_taking = False
+        self._drawn: Outcome | None = None  # the outcome whose bars the scene shows
+        controller.bars.seen.connect(self._bar_seen)
+        self.column.removeWidget(self.wall)
+        self.pose_box = QWidget()
+        self.grid = QGridLayout(self.pose_box)
+        self.grid.setContentsMargins(0, 0, 0, 0)
+        self.poses.addWidget(self.pose_box)
+        self.poses.addStretch(1)
+        self.tabs = QTabWidget()
+        self.view = BarView()
+        self.tabs.addTab(self.view, self.tr("Where"))
+        self.tabs.addTab(self.wall, self.tr("Images"))
+        self.column.insertWidget(2, self.tabs, 1)
+        self.outcome = VerificationView()
+        self.outcome.panel.said.connect(self.controller.tell)
+        self.column.insertWidget(3, self.outcome, 1)
+        self._add_buttons()
+        self.lengths = label("", "soft")
+        self.column.insertWidget(1, self.lengths)
+        self.certificates = label("")
+        self.certificates.hide()
+        self.column.insertWidget(2, self.certificates)
+
+    def _add_buttons(self) -> None:
+        self.automatic = option(self.tr("Capture by itself when it lies right"))
+        self.automatic.setObjectName("automatic-bar")
+        self.as_it_lies = button(self.tr("Capture it as it lies"), "take-anyway")
+        self.as_it_lies.clicked.connect(self._take)
+        self.enough = button(self.tr("Enough: measure now"), "measure-now")
+        self.enough.clicked.connect(self._measure)
+        self.more = button(self.tr("More poses"), "more-poses")
+        self.more.clicked.connect(self._more_poses)
+        limit = QHBoxLayout()
+        self.limit_label = label(self.tr("Permitted length error (mm)"))
+        self.limit_label.setFixedWidth(_LIMIT_PX)
+        self.limit = QLineEdit()
+        self.limit.setObjectName("limit")
+        self.limit.setPlaceholderText(self.tr("e.g. 0.03+L/20000"))
+        self.limit.setMinimumWidth(150)
+        self.limit.setMaximumWidth(220)
+        self.limit.setAccessibleName(self.tr("Limit of the length errors: A + L/K in mm"))
+        self._limit_tip = self.tr(
+            "The largest error that is allowed, such as 0.03+L/20000; empty: judged by its own uncertainty."
+        )
+        self.limit.editingFinished.connect(self._limit_given)
+        self.celsius = QDoubleSpinBox()
+        self.celsius.setObjectName("bar-celsius")
+        self.celsius.setRange(_NOT_READ_C, 60.0)
+        self.celsius.setDecimals(1)
+        self.celsius.setSuffix(" °C")
+        self.celsius.setSpecialValueText(self.tr("not read"))
+        self.celsius.setAccessibleName(self.tr("Temperature of the bar"))
+        self.celsius.setToolTip(self.tr("Read it on the bar: a steel bar of 500 mm grows by 0.006 mm for each degree."))
+        self.celsius.editingFinished.connect(self._celsius_given)
+        self.celsius_label = label(self.tr("Bar"), wrap=False)
+        limit.addWidget(self.celsius_label)
+        limit.addWidget(self.celsius)
+        limit.addSpacing(14)
+        limit.addWidget(self.limit_label)
+        limit.addWidget(self.limit)
+        self.poses.addLayout(limit)
+        self.row.insertWidget(0, self.automatic)
+        for one in (self.as_it_lies, self.enough, self.more):
+            self.row.addWidget(one)
+
+    # --- poses -------------------------------------------------------------------------------------------------------
+
+    def pose_ids(self) -> tuple[str, ...]:
+        """The poses of the check bars."""
+        return self.project.check_poses if self.project is not None else ()
+
+    @property
+    def current(self) -> str | None:
+        """The pose that was chosen, else the next one that is missing."""
+        return self._chosen if self._chosen in self.pose_ids() else super().current
+
+    @property
+    def guided(self) -> bool:
+        """Whether the engine says where the bar goes."""
+        return self.current is not None and self.controller.bars.planned_pose(self.current) is not None
+
+    @property
+    def guide(self) -> BarGuide | None:
+        """What was last seen of the bar in the pose that is asked for."""
+        guide = self.controller.bars.guide
+        return guide if guide is not None and guide.pose == self.current else None
+
+    @property
+    def headline(self) -> QLabel:
+        """The label with the state of the page: where the bar goes, or what was measured."""
+        return self.outcome.word if self.shows_outcome else self.message
+
+    @property
+    def is_taking_pose(self) -> bool:
+        """Whether images of a pose are being taken, and nothing is computed."""
+        return self.is_taking and self.controller.sets.taking is not None
+
+    @property
+    def shows_outcome(self) -> bool:
+        """Whether what was measured is shown, and not where the bar goes."""
+        result = self.controller.result
+        measured = result is not None and result.bars is not None and self.open_project.verified is not None
+        return measured and not self._again and self._chosen is None
+
+    def enter(self, step: Step) -> None:
+        """Show the first pose that is missing."""
+        self._chosen, self._again, self._accepted_s, self._staged = None, False, None, None
+        self.limit.setText(self.open_project.limit)
+        warm = self.controller.bars.celsius()
+        self.celsius.setValue(_NOT_READ_C if warm is None else warm)
+        super().enter(step)
+
+    def _show_poses(self) -> None:
+        clear(self.grid)
+        for column, poses in enumerate(pose_columns(self.pose_ids())):
+            for row, pose in enumerate(poses):
+                there = pose in self.open_project.taken
+                mark = MARKS["good"] if there else "\u25b8" if pose == self.current else MARKS["none"]
+                one = button(f"{mark} {pose}", f"pose-{pose}", "pose")
+                one.setProperty("pose", pose)
+                one.setProperty("level", "good" if there else "none")
+                one.setCheckable(True)
+                one.setChecked(pose == self.current)
+                one.setToolTip(self.tr("Captured; a click retakes it.") if there else self.tr("Not captured yet."))
+                one.clicked.connect(self._choose)
+                self.grid.addWidget(one, row, column)
+
+    def _choose(self) -> None:
+        sender = self.sender()
+        if sender is not None and self.controller.runner.running is None:
+            self._chosen, self._accepted_s = str(sender.property("pose")), None
+            self._stage()
+            self.refresh()
+
+    def _more_poses(self) -> None:
+        self._again = True
+        self._stage()
+        self.refresh()
+
+    def _take(self) -> None:
+        """Whatever lies there."""
+        super().act()
+
+    def _celsius_given(self) -> None:
+        value = self.celsius.value()
+        if value != self.controller.bars.celsius():
+            self.controller.bars.set_celsius(None if value == _NOT_READ_C else value)
+        self.setFocus()
+
+    def _measure(self) -> None:
+        """Measure with the poses that are there, and show what comes out."""
+        self._again, self._chosen = False, None
+        self.controller.computation.verify()
+
+    def _limit_given(self) -> None:
+        wrong = self.controller.bars.set_limit(self.limit.text().strip())
+        if wrong:
+            self.controller.tell("bad", wrong)
+        self.setFocus()
+
+    # --- what is shown -----------------------------------------------------------------------------------------------
+
+    def refresh(self) -> None:
+        """A pose was taken, or the lengths were measured."""
+        if self.project is None:
+            return
+        if self._chosen in self.project.taken and not self.is_taking and self._was_taking:
+            self._chosen = None
+        self._was_taking = self.is_taking
+        super().refresh()
+        shown = self.shows_outcome
+        if self.isVisible() and not shown and not self.is_taking and self.current != self._staged:
+            self._stage()  # the plan came after the page: the result was still being read
+        self.outcome.setVisible(shown)
+        for part in (self.tabs, self.message, self.pose_box, self.enough):
+            part.setVisible(not shown)
+        self.again.setVisible(not self.guided)  # else a click on the pose does it
+        self.automatic.setVisible(not shown and self.guided)
+        self.as_it_lies.setVisible(not shown and self.guided)
+        self.more.setVisible(shown and any(pose not in self.project.taken for pose in self.pose_ids()))
+        taken = sum(pose in self.project.taken for pose in self.pose_ids())
+        idle = self.controller.runner.running is None
+        busy = self.tr("Work is running.")
+        enable(self.enough, idle and taken > 0, busy if not idle else self.tr("No pose is captured yet."))
+        ready = idle and self.controller.cameras.connection is not None and self.current is not None
+        enable(self.as_it_lies, ready, busy)
+        self._show_limit(idle)
+        self.celsius.setEnabled(idle)
+        for part in (self.celsius, self.celsius_label):
+            part.setVisible(not shown)
+        for part in (self.limit, self.limit_label):  # beside the poses there is no room for it from afar
+            part.setVisible(shown or not theme.is_far())
+        bars = self.controller.result.bars if self.controller.result is not None else None
+        if shown and bars is not None:
+            state = self.state
+            measuring = self.controller.runner.running == "verify" and not self.is_taking_pose
+            stale = state is not None and state.status is Status.STALE
+            self.outcome.show_bars(bars, stale)
+            if self.controller.outcome is not self._drawn:
+                self._drawn = self.controller.outcome
+                self.outcome.show_rig(verified_scene(self._drawn) if self._drawn is not None else None)
+            self.say(*((self.tr("Measuring"), "none") if measuring else self.outcome.words))
+        self._show_lengths()
+        self._show_guide()
+
+    def _show_limit(self, idle: bool) -> None:
+        may = limits.now().verification_limit_open
+        if not self.limit.hasFocus() and self.limit.text().strip() != self.open_project.limit:
+            self.limit.setText(self.open_project.limit)
+        self.limit.setEnabled(idle and may)
+        locked = self.tr("Locked: the responsible person sets this limit (Menu, Limits).")
+        self.limit.setToolTip(plain(self._limit_tip if may else locked))
+        self.limit.setAccessibleDescription("" if may else locked)
+
+    def _show_lengths(self) -> None:
+        """What the check bars are called by, where the bench's description has it."""
+        artefacts = self.open_project.artefacts
+        known = bars_with_nominal(
+            self.controller.cameras.connection, artefacts.check_bars if artefacts is not None else ()
+        )
+        self._show_certificates(artefacts)
+        self.lengths.setText("\n".join(f"{bar.id} (mm): {'; '.join(lengths_texts(bar))}" for bar in known))
+        self.lengths.setVisible(bool(known))
+
+    def _show_certificates(self, artefacts: Artefacts | None) -> None:
+        """A reminder of certificates that have expired or soon will, before anything is measured."""
+        connection = self.controller.cameras.connection
+        checks = artefacts.check_bars if artefacts is not None else ()
+        bars = [bar for bar in connection.plan.bars if bar.id in checks] if connection is not None else []
+        found = reminder(bars, date.today())
+        self.certificates.setText(found.text)
+        set_level(self.certificates, found.level)
+        self.certificates.setVisible(bool(found.text))
+
+    def _stage(self) -> None:
+        self._staged = (
+            self.current if self.current is not None and self.controller.staging.can_show(self.current) else None
+        )
+        super()._stage()
+
+    def tick(self) -> None:
+        """Follow the cameras, and look where the bar lies."""
+        if self.project is None or self.shows_outcome:
+            return
+        if self.guided:
+            if self.wall.isVisible():
+                self.follow()
+                self._show_ghosts()
+            self._show_guide()
+            self._look()
+        else:
+            super().tick()
+
+    def _show_ghosts(self) -> None:
+        """The bar where it should lie, in every image."""
+        pose = self.current if not self.is_taking else None
+        found = self.controller.bars.ghosts(pose) if pose is not None else {}
+        accepted = self.guide is not None and self.guide.accepted
+        for tile in self.wall.tiles.values():
+            tile.show_ghost(found.get(tile.name), accepted)
+
+    def _look(self) -> None:
+        now, pose = time.monotonic(), self.current
+        if pose is None or self.is_taking or now - self._looked_s < _LOOK_S:
+            return
+        if self.controller.bars.look_at(pose, self.sights()):
+            self._looked_s = now
+
+    def _bar_seen(self) -> None:
+        """The bar was looked at: take it, where that is asked for and it has lain right for a while."""
+        if self.project is None or not self.isVisible() or self.shows_outcome:
+            return
+        self._show_guide()
+        self.action_changed.emit()
+        ready = self.guide is not None and self.guide.level == "good" and self.automatic.isChecked()
+        if not ready or self.is_taking:
+            self._accepted_s = None
+        elif self._accepted_s is None:
+            self._accepted_s = time.monotonic()
+        elif time.monotonic() - self._accepted_s > HOLD_S:
+            self._accepted_s = None
+            self._take()
+
+    def _show_guide(self) -> None:
+        """The picture and the one sentence."""
+        if not self.guided or self.current is None:
+            self.view.show_guide(None)
+            at = self.tabs.indexOf(self.view)
+            if at >= 0:
+                self.tabs.removeTab(at)
+            return
+        if self.tabs.indexOf(self.view) < 0:
+            self.tabs.insertTab(0, self.view, self.tr("Where"))
+            self.tabs.setCurrentIndex(0)
+        guide, planned = self.guide, self.controller.bars.planned_pose(self.current)
+        self.view.show_guide(guide)
+        text, level = (guide.text, guide.level) if guide is not None else ("", "none")
+        if self.is_taking:
+            text, level = self.tr("Hold still: images are being captured"), "caution"
+        elif guide is None and planned is not None:
+            text = lay_text(planned)
+        if not self.shows_outcome:
+            self.say(f"{self.current} · {text}", level)
+
+    def dress(self) -> None:
+        """Draw in the new colours."""
+        self.refresh()
+        self.view.update()
+        self.outcome.panel.dress()
+
+    def close_page(self) -> None:
+        """Let go of the 3-D view."""
+        self.outcome.panel.close_view()
+
+    # --- the large button --------------------------------------------------------------------------------------------
+
+    def action(self) -> PageAction | None:
+        """Take poses, then measure."""
+        running, state = self.controller.runner.running, self.state
+        measured = state is not None and (
+            state.status is Status.DONE or (self.open_project.verified is not None and state.status is Status.FAILED)
+        )
+        if self.current is not None and not (self.shows_outcome and (measured or running is not None)):
+            if self.shows_outcome:  # out of date: the limit or a pose is another
+                return PageAction(self.tr("Measure the bar"), running is None, self.tr("Work is running."))
+            return self._take_action()
+        if running == "verify":
+            return PageAction(self.tr("Measuring"), False, self.tr("The lengths are being measured."))
+        text = self.tr("Measure the bar")
+        if running:
+            return PageAction(text, False, self.tr("Work is running."))
+        if measured:
+            return PageAction(text, False, self.tr("It is measured; retake a pose to measure again."), done=True)
+        return PageAction(text)
+
+    def _take_action(self) -> PageAction | None:
+        """Take the pose, where it lies as asked."""
+        plain = super().action()
+        if plain is None or not plain.enabled or not self.guided:
+            return plain
+        guide = self.guide
+        if guide is None or not guide.accepted:
+            why = guide.text if guide is not None else self.tr("The bar is being looked for.")
+            return PageAction(plain.text, False, why)
+        return plain
+
+    def act(self) -> None:
+        """Take the next pose, or measure."""
+        if self.current is not None and not self.shows_outcome:
+            self._take()
+        else:
+            self._measure()

@@ -1,0 +1,201 @@
+"""The limits as the technician sees them and the responsible person changes them: the words, the checks."""
+
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+from PySide6.QtCore import QCoreApplication
+
+from spherecal.base.errors import InputError, SpherecalError
+from spherecal.verify.limit import parse_limit
+from spherecal_gui import limits_in_force as in_use
+from spherecal_gui.texts import error_text
+from spherecal_rigs.limits_file import (
+    DOTS,
+    HOURS,
+    KELVIN,
+    PAIRS,
+    Limits,
+    Value,
+    limits_path,
+    read_limits,
+    write_limits,
+)
+
+translate = QCoreApplication.translate
+
+
+@dataclass(frozen=True)
+class LimitField:
+    """One limit as it is shown: its words, its unit, why it is what it is, and how far it goes (None: no number)."""
+
+    name: str
+    title: str
+    unit: str
+    why: str
+    span: tuple[float, float] | None = None
+    digits: int = 0
+
+
+def limit_fields() -> list[LimitField]:
+    """All limits, in the order in which they are shown."""
+    hours, kelvin = translate("Limits", "h"), "K"
+    aged = translate("Limits", "The chip turns amber. Comparable systems warn after 5 h as well.")
+    stale = translate("Limits", "The chip turns red. Comparable systems refuse to measure after 12 h.")
+    warm = translate(
+        "Limits",
+        "Between calibrating and now. A rig 1.3 m wide on aluminium grows by 0.03 mm per kelvin.",
+    )
+    dots = translate(
+        "Limits",
+        "Green from this count on. Cameras see 270 to 420; a quarter of that doubles all standard deviations.",
+    )
+    formula = translate(
+        "Limits", "A in mm, such as 0.03+L/20000: what the measuring task allows. Empty: judged by its own uncertainty."
+    )
+    unverified = translate(
+        "Limits",
+        "Only with a reason in the note. Without a bar nothing shows a wrong scale: no residual depends on it.",
+    )
+    return [
+        LimitField(
+            "needed_dots",
+            translate("Limits", "Dots that each camera needs at a placement"),
+            translate("Limits", "dots"),
+            dots,
+            DOTS,
+        ),
+        LimitField("ageing_hours", translate("Limits", "Ageing after"), hours, aged, HOURS, 1),
+        LimitField("stale_hours", translate("Limits", "Out of date after"), hours, stale, HOURS, 1),
+        LimitField(
+            "ageing_kelvin", translate("Limits", "Ageing from a temperature change of"), kelvin, warm, KELVIN, 1
+        ),
+        LimitField(
+            "stale_kelvin", translate("Limits", "Out of date from a temperature change of"), kelvin, warm, KELVIN, 1
+        ),
+        LimitField(
+            "verification_limit",
+            translate("Limits", "Limit of the length errors in new projects, A+L/K"),
+            "mm",
+            formula,
+        ),
+        LimitField(
+            "verification_limit_open",
+            translate("Limits", "The technician may give a project another limit"),
+            "",
+            translate("Limits", "Without this, nobody passes a rig by widening the limit at Verify."),
+        ),
+        LimitField(
+            "unverified_use",
+            translate("Limits", "A calibration that was not verified may be put to use"),
+            "",
+            unverified,
+        ),
+    ]
+
+
+def limit_problems(limits: Limits) -> dict[str, str]:
+    """What cannot be saved and why, by the limit's name."""
+    found = {}
+    for ageing, stale in PAIRS:
+        if getattr(limits, ageing) > getattr(limits, stale):
+            found[stale] = translate("Limits", "A calibration ages before it is out of date: give this one more.")
+    try:
+        if limits.verification_limit:
+            parse_limit(limits.verification_limit)
+    except InputError as error:
+        found["verification_limit"] = " ".join(error_text(error)).strip()
+    return found
+
+
+def value_text(name: str, value: Value | None) -> str:
+    """A limit's value with its unit, for people.
+
+    `value` None or empty text: no limit.
+    """
+    if isinstance(value, bool):
+        return translate("Limits", "yes") if value else translate("Limits", "no")
+    unit = next((one.unit for one in limit_fields() if one.name == name), "")
+    if value is None or value == "":
+        return translate("Limits", "none")
+    return f"{value:g} {unit}".strip() if isinstance(value, int | float) else f"{value} {unit}".strip()
+
+
+def changes_text(before: Limits, after: Limits) -> list[str]:
+    """What differs, each limit on a line."""
+    pairs = [(one, getattr(before, one.name), getattr(after, one.name)) for one in limit_fields()]
+    return [f"{one.title}: {value_text(one.name, a)} → {value_text(one.name, b)}" for one, a, b in pairs if a != b]
+
+
+def load_limits(path: Path | None = None) -> str:
+    """Use the limits of the file; what is wrong with it, where the delivered ones are used. Empty: all is well."""
+    try:
+        in_use.use(read_limits(path))
+    except InputError as error:
+        in_use.use(Limits())
+        return _damage_text(" ".join(error_text(error)).strip())
+    return ""
+
+
+def _damage_text(problem: str) -> str:
+    message = translate(
+        "Limits", "{problem} Until then the delivered limits are used. Restore the file, or delete it to start again."
+    )
+    return message.format(problem=problem)
+
+
+class LimitsDesk:
+    """The limits' file while the dialog is open."""
+
+    def __init__(self, profile: Path, path: Path | None = None) -> None:
+        """`profile` is the rig's profile, which keeps ages of its own and takes them over from here."""
+        self.path, self._profile = path or limits_path(), profile
+        self.kept, self.damage = Limits(), ""
+        try:
+            self.kept = read_limits(self.path)
+        except InputError as error:
+            self.damage = " ".join(error_text(error)).strip()
+
+    def state_text(self) -> str:
+        """Whose the limits are and where they are kept, or why they cannot be changed."""
+        if self.damage:
+            return _damage_text(self.damage)
+        message = translate("Limits", "The responsible person of the rig sets these. They are kept in {path}.")
+        return message.format(path=self.path)
+
+    def save(self, limits: Limits) -> tuple[list[str], str]:
+        """Keep other limits and use them: the changes in words, and what is in the way (empty: nothing)."""
+        problems = limit_problems(limits)
+        if self.damage or problems:
+            return [], next(iter(problems.values()), self.state_text())
+        said: list[str] = []
+        try:
+            write_limits(limits, self.path)
+            said, self.kept = changes_text(self.kept, limits), limits
+            in_use.use(limits)
+            self._into_profile(limits)
+        except SpherecalError as error:
+            return said, " ".join(error_text(error)).strip()
+        return said, ""
+
+    def _into_profile(self, limits: Limits) -> None:
+        from spherecal_rigs.store import set_limits  # imports scipy
+
+        if self.differs_in_profile(limits):
+            set_limits(self._profile, **asdict(limits.validity))
+
+    def differs_in_profile(self, limits: Limits) -> bool:
+        """Whether the rig's profile has other ages or temperatures; InputError where it cannot be read."""
+        if not (self._profile / "profile.json").is_file():
+            return False
+        from spherecal_rigs.store import open_profile  # imports scipy
+
+        return open_profile(self._profile).limits != limits.validity
+
+    def profile_text(self) -> str:
+        """That the rig's profile has other ages or temperatures; empty where it has not, or there is none."""
+        try:
+            if not self.differs_in_profile(self.kept):
+                return ""
+        except SpherecalError as error:
+            return " ".join(error_text(error)).strip()
+        return translate("Limits", "The rig's profile still has others; saving here gives it these.")

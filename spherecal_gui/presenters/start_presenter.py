@@ -1,0 +1,328 @@
+"""The projects there are, and the validity of the calibration in use."""
+
+from dataclasses import dataclass, replace
+from datetime import UTC, datetime, timedelta
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from PySide6.QtCore import QCoreApplication
+
+from spherecal.base.errors import SpherecalError
+from spherecal_gui.coverage import Level
+from spherecal_gui.last_verification import last_verification
+from spherecal_gui.project import VERIFIED, Project, usable
+from spherecal_gui.project_folder import FILE, TRAINING_PROFILE, load_project, recent_projects
+from spherecal_gui.standing import worst
+from spherecal_gui.texts import error_line, verdict_word
+from spherecal_rigs.kept_checks import last_check
+
+if TYPE_CHECKING:
+    from spherecal_rigs.entry import Entry
+    from spherecal_rigs.store import Profile
+
+translate = QCoreApplication.translate
+
+
+@dataclass(frozen=True)
+class ProjectLine:
+    """One project in the list: when it was touched last, how far it came, where its images come from."""
+
+    folder: Path
+    title: str
+    where: str
+    source: str
+    level: Level
+    calibrated: bool
+    simulated: bool = False
+
+
+def picture_of(profile: Path, number: str | None) -> Path:
+    """The picture of the rig as one of its calibrations has it, in the profile's folder.
+
+    `number` None: none is in use.
+    """
+    own = profile / picture_name(number or "")
+    return own if own.is_file() else profile / "picture.png"  # profiles saved before each had its own
+
+
+def picture_name(number: str) -> str:
+    """The name of a calibration's picture."""
+    return f"picture-{number}.png"
+
+
+# What can go wrong on the simulated demo rig, for training: the fault as simulated/camera_faults.py reads it.
+SURPRISE = "surprise"
+FAULTS = ("", "bump:C03:0.3@3", "lose:C04@2-2", "blur:C05:3", "dim:C02:0.05", "delay:C06@2-3")
+
+
+@dataclass(frozen=True)
+class ProfileRow:
+    """One calibration of the rig's profile."""
+
+    number: str
+    made: str
+    state: str
+    level: Level
+    verdict: str
+    verdict_level: Level
+    rms_px: float | None
+    in_use: bool
+    valid: bool = True
+
+    @property
+    def verified(self) -> bool:
+        """Whether it is known to be good."""
+        return self.level == "good" and self.verdict_level == "good"
+
+
+def source_word(source: str) -> str:
+    """LIVE, REPLAY or SIMULATED."""
+    kind = source.partition(":")[0]
+    return {"simulated": translate("Source", "SIMULATED"), "replay": translate("Source", "REPLAY")}.get(
+        kind, translate("Source", "LIVE")
+    )
+
+
+def project_lines(parent: Path) -> list[ProjectLine]:
+    """The projects in a folder, the newest first; one that cannot be read says so."""
+    return [_line(folder) for folder in recent_projects(parent)]
+
+
+def _line(folder: Path) -> ProjectLine:
+    moment = datetime.fromtimestamp((folder / FILE).stat().st_mtime)
+    title = f"{moment:%Y-%m-%d %H:%M}  {folder.name}"
+    try:
+        project = load_project(folder)
+    except (SpherecalError, ValueError, KeyError) as error:
+        return ProjectLine(folder, title, error_line(error), "", "bad", calibrated=False)
+    where, level = progress_text(project)
+    calibrated = project.purpose == "calibrate" and project.calibrated is not None
+    return ProjectLine(folder, title, where, source_word(project.source), level, calibrated, project.simulated)
+
+
+def progress_text(project: Project) -> tuple[str, Level]:
+    """How far a project came."""
+    if project.purpose == "check":
+        return _checked_text(project)
+    if project.verified is not None:
+        return _verified_text(project.verified.verdict)
+    if project.calibrated is not None and not usable(project.calibrated.verdict):
+        return translate("Start", "calibrated, not valid"), "bad"
+    if project.calibrated is not None:
+        return translate("Start", "calibrated, not verified"), "caution"
+    taken = sum(name in project.taken for name in project.placements)
+    text = translate("Start", "{taken} of {planned} placements captured")
+    return text.format(taken=taken, planned=len(project.placements)), "none"
+
+
+def _verified_text(verdict: str) -> tuple[str, Level]:
+    if verdict in VERIFIED:
+        return translate("Start", "verified"), "good"
+    if verdict in ("undecided", "no data"):
+        return translate("Start", "verified, undecided"), "caution"
+    return translate("Start", "the check bar contradicts it"), "bad"
+
+
+def _checked_text(project: Project) -> tuple[str, Level]:
+    if project.checked is None:
+        return translate("Start", "check begun"), "none"
+    levels: dict[str, Level] = {"ok": "good", "watch": "caution"}
+    text = translate("Start", "checked: {verdict}").format(verdict=verdict_word(project.checked.verdict))
+    return text, levels.get(project.checked.verdict, "bad")
+
+
+def validity_of(profile: Path) -> tuple[str, Level, str]:
+    """The chip of the rig's profile: word, colour, details; heavy imports only where there is a profile."""
+    none = translate("Validity", "no calibration in use")
+    if not (profile / "profile.json").is_file():
+        return none, "none", ""
+    from spherecal_rigs.store import open_profile  # imports scipy
+
+    try:
+        kept = open_profile(profile)
+    except SpherecalError as error:
+        return translate("Validity", "profile cannot be read"), "bad", error_line(error)
+    if kept.active is None:
+        return none, "none", "; ".join(kept.validity().reasons)
+    found = kept.validity()
+    judged = _judged(kept, kept.active)
+    level = worst(one for one, _ in judged)
+    word = next(text for one, text in judged if one == level)
+    word = f"{word} · {_short_age(kept.active.calibrated_at)}"
+    if profile.name == TRAINING_PROFILE and kept.active is not None:
+        # green would pass for a calibration of the real rig from three metres
+        simulated = translate("Source", "SIMULATED")
+        word, level = f"{simulated} · {word}", "caution" if level == "good" else level
+    made = f"{kept.active.calibrated_at.astimezone():%Y-%m-%d %H:%M}"
+    when = translate("Validity", "Calibration {number} of {made}").format(number=kept.active_id, made=made)
+    return word, level, "; ".join(one for one in (when, kept.active.note, *found.reasons) if one)
+
+
+def _short_age(calibrated: datetime) -> str:
+    """How long ago, for the chip."""
+    hours = max((datetime.now(UTC) - calibrated).total_seconds() / 3600, 0.0)
+    if hours < 1:
+        return translate("Validity", "{minutes} min old").format(minutes=round(60 * hours))
+    if hours < 48:
+        return translate("Validity", "{hours} h old").format(hours=round(hours))
+    return translate("Validity", "{days} days old").format(days=round(hours / 24))
+
+
+def _judged(kept: "Profile", entry: "Entry") -> list[tuple[Level, str]]:
+    """What there is to say of the calibration in use, what was measured of it before how old it is."""
+    from spherecal_rigs.calibration_age import validity  # imports scipy
+
+    verdict = _last_verdict(kept, entry)
+    check = last_check(kept.folder, kept.active_id)
+    of_check: dict[str, tuple[Level, str]] = {
+        "recalibrate": ("bad", translate("Validity", "check: recalibrate")),
+        "watch": ("caution", translate("Validity", "check: watch it")),
+    }
+    of_age: dict[str, tuple[Level, str]] = {
+        "fresh": ("good", translate("Validity", "calibration fresh")),
+        "ageing": ("caution", translate("Validity", "calibration ageing")),
+    }
+    old: tuple[Level, str] = ("bad", translate("Validity", "calibration out of date"))
+    judged: list[tuple[Level, str]] = []
+    if not entry.valid:
+        judged.append(("bad", translate("Validity", "calibration not valid")))
+    if check is not None and check.verdict in of_check:
+        judged.append(of_check[check.verdict])
+    if verdict is None:
+        judged.append(("caution", translate("Validity", "calibration not verified")))
+    elif verdict in ("undecided", "no data"):
+        judged.append(("caution", translate("Validity", "verification undecided")))
+    elif verdict not in VERIFIED:
+        judged.append(("bad", translate("Validity", "the check bar contradicts it")))
+    if entry.care:
+        judged.append(("caution", translate("Validity", "to be used with care")))
+    age = validity(replace(entry, valid=True, care="", verdict=None), kept.limits)
+    return [*judged, of_age.get(age.state, old)]
+
+
+def _last_verdict(kept: "Profile", entry: "Entry") -> str | None:
+    """The verdict of the last verification of the calibration in use; None where there was none."""
+    last = last_verification(kept.folder, kept.active_id)
+    return last.verdict if last is not None else entry.verdict
+
+
+def number_in_use(profile: Path) -> str | None:
+    """The number of the calibration in use; None where there is none."""
+    from spherecal_rigs.store import is_profile, open_profile  # imports scipy
+
+    try:
+        return open_profile(profile).active_id if is_profile(profile) else None
+    except SpherecalError:
+        return None
+
+
+def next_check_text(profile: Path) -> str:
+    """When the calibration in use begins to age, by the profile's limits; empty where there is none."""
+    from spherecal_rigs.store import is_profile, open_profile  # imports scipy
+
+    try:
+        kept = open_profile(profile) if is_profile(profile) else None
+    except SpherecalError:
+        return ""
+    if kept is None or kept.active is None:
+        return ""
+    due = kept.active.calibrated_at + timedelta(hours=kept.limits.ageing_hours)
+    return translate("Start", "Check the rig again by {at}.").format(at=f"{due.astimezone():%Y-%m-%d %H:%M}")
+
+
+def verified_text(profile: Path) -> str:
+    """When and how the calibration in use was verified last."""
+    from spherecal_rigs.store import is_profile, open_profile  # imports scipy
+
+    if not is_profile(profile):
+        return ""
+    try:
+        kept = open_profile(profile)
+    except SpherecalError:
+        return ""
+    number, last = kept.active_id, last_verification(profile, kept.active_id)
+    if kept.active is None:
+        return ""
+    if last is not None:
+        text = translate("Start", "Calibration {number}, verified {at}: {verdict}")
+        at = f"{last.at.astimezone():%Y-%m-%d %H:%M}"
+        return text.format(number=number, at=at, verdict=verdict_word(last.verdict))
+    if kept.active.verdict is None:
+        return translate("Start", "Calibration {number}, not verified yet").format(number=number)
+    text = translate("Start", "Calibration {number}: {verdict}")
+    return text.format(number=number, verdict=verdict_word(kept.active.verdict))
+
+
+def fault_text(fault: str) -> str:
+    """A fault to train with, in words that do not give the camera away."""
+    return {
+        "": translate("Faults", "nothing goes wrong"),
+        "bump": translate("Faults", "a camera is moved"),
+        "lose": translate("Faults", "a camera drops out"),
+        "blur": translate("Faults", "a camera is out of focus"),
+        "dim": translate("Faults", "a camera is dark"),
+        "delay": translate("Faults", "a camera is late"),
+    }[fault.partition(":")[0]]
+
+
+def profile_rows(folder: Path) -> list[ProfileRow]:
+    """The calibrations of the rig's profile, newest first; empty where there is none that can be read."""
+    from spherecal_rigs.store import is_profile, open_profile  # imports scipy
+
+    if not is_profile(folder):
+        return []
+    try:
+        kept = open_profile(folder)
+    except SpherecalError:
+        return []
+    rows = []
+    for number, entry in reversed(kept.entries.items()):
+        verdict, level = _verified(entry.verdict)
+        rows.append(
+            ProfileRow(
+                number,
+                f"{entry.calibrated_at.astimezone():%Y-%m-%d %H:%M}",
+                *_calibration_word(entry.calibration_verdict),
+                verdict,
+                level,
+                entry.rms_px,
+                number == kept.active_id,
+                entry.valid,
+            )
+        )
+    return rows
+
+
+def _calibration_word(verdict: str) -> tuple[str, Level]:
+    """The verdict on a calibration in the profile, and its colour."""
+    words: dict[str, tuple[str, Level]] = {
+        "valid": (translate("Profile", "valid"), "good"),
+        "use-with-care": (translate("Profile", "use with care"), "caution"),
+    }
+    return words.get(verdict, (translate("Profile", "not valid"), "bad"))
+
+
+def _verified(verdict: str | None) -> tuple[str, Level]:
+    if verdict is None:
+        return translate("Profile", "not verified"), "caution"
+    return verdict_word(verdict), "good" if verdict in VERIFIED else "bad"
+
+
+def age_text(profile: Path) -> str:
+    """How old the calibration in use is; empty where there is none."""
+    from spherecal_rigs.store import is_profile, open_profile  # imports scipy
+
+    if not is_profile(profile):
+        return ""
+    try:
+        entry = open_profile(profile).active
+    except SpherecalError:
+        return ""
+    if entry is None:
+        return ""
+    hours = (datetime.now(UTC) - entry.calibrated_at).total_seconds() / 3600
+    if hours < 1:
+        return translate("Start", "Calibrated {minutes} minutes ago").format(minutes=max(round(60 * hours), 0))
+    if hours < 48:
+        return translate("Start", "Calibrated {hours} hours ago").format(hours=round(hours))
+    return translate("Start", "Calibrated {days} days ago").format(days=round(hours / 24))

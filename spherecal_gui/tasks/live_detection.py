@@ -1,0 +1,244 @@
+"""The open cameras and the targets in their live images, found and followed in threads of their own."""
+
+import threading
+from collections import deque
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+
+import numpy as np
+
+from spherecal.base.arrays import IntArray
+from spherecal.targets.detection import Detections, DetectionSettings, Detector
+from spherecal.targets.family import make_target_set
+from spherecal.targets.following import Follower
+from spherecal.targets.images import balance_mosaic
+from spherecal.targets.masks import Rectangle
+from spherecal_boards.board_detector import BoardDetector
+from spherecal_cameras.averaging import STILL_PX, stillness
+from spherecal_cameras.camera_network import WireCamera
+from spherecal_cameras.camera_settings import CameraProfile
+from spherecal_cameras.capture import SessionCamera
+from spherecal_cameras.new_recording import RigCameras
+from spherecal_cameras.plan import CapturePlan
+from spherecal_cameras.protocol import CameraInfo, CameraSource, Discovery, Frame, SetupReport
+from spherecal_gui.coverage import Dots
+from spherecal_gui.tasks.bump_watch import BumpWatch
+from spherecal_gui.tasks.jobs import detector_of
+from spherecal_gui.tasks.warm_up import WarmUp
+
+_PAUSE_S = 0.02
+# Detections of all cameras together while their dots are followed, for targets that come into sight and for the focus:
+# with twelve cameras a quarter of a core, as much as following takes.
+_DETECTIONS_HZ = 12.0
+_REMEMBERED = 3  # images of a camera that must agree for it to count as still
+_BRIGHT = 0.98  # of full scale: the sensor clips
+_STRIDE = 8
+
+
+@dataclass(frozen=True, eq=False)
+class Sight:
+    """What is known of a camera's newest examined image.
+
+    `blur_px` is the median standard deviation of the dots' edges (None without dots). `saturated` is the share of
+    pixels at full scale, `brightness` the mean over full scale, `histogram` (64,) counts grey values. `motion_px` says
+    how much the scene moved over the last images.
+    """
+
+    frame: Frame
+    dots: Dots
+    blur_px: float | None
+    saturated: float
+    brightness: float
+    motion_px: float | None
+    histogram: IntArray
+
+    @property
+    def still(self) -> bool:
+        """Whether the scene stood still over the last images."""
+        return self.motion_px is not None and self.motion_px <= STILL_PX
+
+
+@dataclass(frozen=True, eq=False)
+class Connection:
+    """What connecting gave: the open source, its cameras and what the bench holds.
+
+    `names` are the rig's cameras, which `cameras` has as session.json will; `rig` says why others are not among them.
+    """
+
+    source: CameraSource
+    discovery: Discovery
+    reports: tuple[SetupReport, ...]
+    cameras: tuple[SessionCamera, ...]
+    plan: CapturePlan
+    names: Mapping[str, str]
+    profile: CameraProfile = field(default_factory=CameraProfile)
+    rig: RigCameras = field(default_factory=lambda: RigCameras((), {}))
+    wire: tuple[WireCamera, ...] = ()
+
+    @property
+    def answering_again(self) -> tuple[str, ...]:
+        """The cameras of the rig that could not be used when they were opened, and send images now."""
+        states = self.source.statuses()
+        back = (serial for serial in self.rig.problems if serial in states and states[serial].state.usable)
+        return tuple(serial for serial in back if self.source.latest(serial) is not None)
+
+    def detector(self) -> Detector | BoardDetector:
+        """What finds in images what calibrates; before a bench is described, the targets that SphereCal prints."""
+        return detector_of(self.plan) or Detector(make_target_set())
+
+    def info(self, serial: str) -> CameraInfo | None:
+        """What was found about a camera."""
+        return self.discovery.camera(serial)
+
+
+class LiveView:
+    """Looks for targets in the newest images, camera after camera, and keeps the newest answer of each.
+
+    One thread detects the targets. Another one follows their dots into the images that arrive meanwhile: twelve
+    cameras of 3.2 MP take detection 0.2 to 0.7 s.
+    """
+
+    def __init__(self, connection: Connection) -> None:
+        self.connection = connection
+        self._source = connection.source
+        self._serials = [camera.serial for camera in connection.cameras]
+        self.masks: Mapping[str, tuple[Rectangle, ...]] = {}  # by serial; exchanged whole, so no lock is needed
+        self._known = {camera.serial: _known(camera) for camera in connection.cameras}
+        self._sights: dict[str, Sight] = {}
+        self._history: dict[str, deque[Detections]] = {}
+        self._seen: dict[str, float] = {}
+        self._followers: dict[str, Follower] = {}
+        self._told = threading.Lock()  # sights and history are of both threads
+        self._scene = 0
+        self._end = threading.Event()
+        self._threads: list[threading.Thread] = []
+        self.problem: BaseException | None = None
+        self.watch, self.warm_up = BumpWatch(), WarmUp()
+        self.rounds = 0
+
+    def start(self, rate_hz: float = 5.0) -> None:
+        """Begin: images at this rate, detection as fast as it goes."""
+        self._source.start_live(rate_hz)
+        if not self._threads:
+            self._end.clear()
+            for name, work in (("detection", self._detect), ("following", self._follow)):
+                self._threads.append(threading.Thread(target=self._run, args=(work,), name=name, daemon=True))
+                self._threads[-1].start()
+
+    def stop(self) -> None:
+        """End detection and live images."""
+        self._end.set()
+        for thread in self._threads:
+            thread.join()
+        self._threads = []
+        self._source.stop_live()
+
+    def frame(self, serial: str) -> Frame | None:
+        """The camera's newest image."""
+        return self._source.latest(serial)
+
+    def sight(self, serial: str) -> Sight | None:
+        """The camera's newest examined image; it may be a little older than `frame`."""
+        return self._sights.get(serial)
+
+    def forget(self) -> None:
+        """The scene was changed: what was seen before says nothing about stillness."""
+        with self._told:
+            self._scene += 1
+            self._history.clear()
+            self._followers.clear()
+        self.watch.forget_scene()
+
+    def _run(self, work: Callable[[], bool]) -> None:
+        """Repeat a thread's work; without any it rests."""
+        try:
+            while not self._end.is_set():
+                if not work():
+                    self._end.wait(_PAUSE_S)
+        except Exception as error:
+            self.problem = error
+
+    @cached_property
+    def _detector(self) -> Detector | BoardDetector | None:
+        return self.connection.detector()
+
+    def _detect(self) -> bool:
+        """Detect in each camera's newest image; whether there was a new one."""
+        worked = False
+        for serial in self._serials:
+            if self._end.is_set():
+                return worked
+            frame, seen = self._source.latest(serial), self._seen.get(serial, -np.inf)
+            if frame is None or seen == frame.arrived_s:
+                continue
+            if serial in self._followers and frame.arrived_s - seen < len(self._serials) / _DETECTIONS_HZ:
+                continue
+            self._seen[serial] = frame.arrived_s
+            self.warm_up.feed(serial, frame.arrived_s, frame.temperature_c)
+            self._examine(serial, frame)
+            worked = True
+        self.rounds += worked
+        return worked
+
+    def _examine(self, serial: str, frame: Frame) -> None:
+        detector, scene = self._detector, self._scene
+        if detector is None:
+            self._tell(serial, frame, None)
+            return
+        known = replace(self._known[serial], ignore=self.masks.get(serial, ()))
+        found = detector.detect(balance_mosaic(frame.image), known)
+        self.watch.feed(serial, found.target, found.point, found.uv, frame.arrived_s)
+        # a board's points all look alike: followed ones would be taken for those beside them
+        follower = Follower(frame.image, frame.bits, found) if isinstance(detector, Detector) and len(found) else None
+        with self._told:
+            self._followers.pop(serial, None)
+            if follower is not None and scene == self._scene:
+                self._followers[serial] = follower
+        self._tell(serial, frame, found)
+
+    def _follow(self) -> bool:
+        """Follow the dots into each camera's newest image; whether there was a new one."""
+        worked = False
+        for serial in self._serials:
+            frame, follower, sight = self._source.latest(serial), self._followers.get(serial), self._sights.get(serial)
+            if self._end.is_set() or frame is None or follower is None or sight is None:
+                continue
+            if frame.arrived_s <= sight.frame.arrived_s:
+                continue
+            worked = True
+            found = follower.follow(frame.image, frame.bits, self.masks.get(serial, ()))
+            if found is not None:
+                self._tell(serial, frame, found, follower)
+            elif self._followers.get(serial) is follower:
+                self._followers.pop(serial, None)
+        return worked
+
+    def _tell(self, serial: str, frame: Frame, found: Detections | None, by: Follower | None = None) -> None:
+        """Keep what was found in a camera's image, unless a newer one has been followed meanwhile."""
+        blur, motion = None, None
+        dots = Dots(np.empty(0, np.int64), np.empty(0, np.int64), np.empty((0, 2)), frame.image.shape[::-1])
+        if found is not None:
+            dots = Dots(found.target, found.point, found.uv, frame.image.shape[::-1])
+            known_blur = found.blur_px[~np.isnan(found.blur_px)]  # a board's points tell none
+            blur = float(np.median(known_blur)) if len(known_blur) else None
+        full, sample = float(2**frame.bits - 1), frame.image[::_STRIDE, ::_STRIDE]
+        histogram = np.bincount((sample.ravel() >> max(frame.bits - 6, 0)).clip(0, 63), minlength=64)
+        saturated, brightness = float((sample >= _BRIGHT * full).mean()), float(sample.mean() / full)
+        with self._told:
+            newest = self._sights.get(serial)
+            if newest is not None and newest.frame.arrived_s > frame.arrived_s and serial in self._followers:
+                return
+            if by is not None and self._followers.get(serial) is not by:  # detected anew, or of another scene
+                return
+            if found is not None:
+                past = self._history.setdefault(serial, deque(maxlen=_REMEMBERED))
+                past.append(found)
+                motion = stillness(serial, list(past)).motion_px if len(past) == _REMEMBERED else None
+            self._sights[serial] = Sight(frame, dots, blur, saturated, brightness, motion, histogram)
+
+
+def _known(camera: SessionCamera) -> DetectionSettings:
+    """What session.json knows of the camera, for detection."""
+    pitch, focal = camera.entry.get("pixel_pitch_um"), camera.entry.get("focal_length_mm")
+    return DetectionSettings(focal_px=focal / pitch * 1e3 if pitch and focal else None)

@@ -1,0 +1,162 @@
+"""The engine's advice after each placement, from the dots that were found already: no image is read."""
+
+import json
+import tempfile
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from spherecal.base.context import Context
+from spherecal.base.filesystem import create
+from spherecal.data.observations import Observations
+from spherecal.files.observations_file import COLUMNS
+from spherecal.files.target_set_file import write_target_set
+from spherecal.targets.family import DOTS
+from spherecal.targets.marker_set import CORNERS
+from spherecal.targets.target_set import TargetSet
+from spherecal_gui import limits_in_force as limits
+from spherecal_gui.coverage import SetDots
+from spherecal_gui.placement_view import GuidanceView, guidance_of
+from spherecal_gui.project_folder import Document
+from spherecal_gui.rig_scenes import next_scene
+
+if TYPE_CHECKING:
+    from spherecal.data.rig import Calibration
+    from spherecal.data.session import Session
+    from spherecal_rigs.next_placement import Guidance as Advised
+
+# Imported inside functions: the calibration with scipy and the kernels, for which the window does not wait.
+
+# Dots of a camera from which the first answer is worked out: with 80 the cameras are known to some px (demo rig).
+_COARSE_DOTS = 160
+
+
+def plan_coarse(
+    document: Document, target_set: TargetSet | None, dots: Mapping[str, SetDots], context: Context
+) -> GuidanceView | None:
+    """A first answer, from a few dots and by geometry alone; None where they give nothing to plan with.
+
+    `target_set` None where the session has none.
+    """
+    from spherecal.calibrate import calibrate
+    from spherecal.steps.settings import CalibrationSettings
+    from spherecal_gui.tasks.ghost import thinned
+    from spherecal_rigs.next_placement import first_guess
+
+    few = {name: thinned(one, _COARSE_DOTS) for name, one in dots.items()}
+    share = _dots_in(few) / max(_dots_in(dots), 1)
+    session = session_of_dots(document, target_set, few)
+    # held: a quarter of the time, and 10 px of an outline for some seconds (benchmarks/studies/ghost.py)
+    quick = CalibrationSettings(method="free", repair_by_itself=False, intrinsics="fixed")
+    calibration = calibrate(session, quick, context)
+    found = first_guess(session, calibration, round(share * limits.now().needed_dots))
+    return _shown(session, calibration, found, coarse=True)
+
+
+def _dots_in(sets: Mapping[str, SetDots]) -> int:
+    return sum(len(dots) for one in sets.values() for dots in one.values())
+
+
+def plan_next(
+    document: Document, target_set: TargetSet | None, dots: Mapping[str, SetDots], context: Context
+) -> GuidanceView | None:
+    """Where to put the ball next; None where the placements so far give nothing to plan with.
+
+    `target_set` None where the session has none.
+    """
+    from spherecal.calibrate import calibrate
+    from spherecal_rigs.next_placement import advise
+
+    session = session_of_dots(document, target_set, dots)
+    calibration = calibrate(session, None, context)
+    return _shown(session, calibration, advise(session, calibration, context, limits.now().needed_dots))
+
+
+def _shown(
+    session: "Session", calibration: "Calibration", found: "Advised | None", coarse: bool = False
+) -> GuidanceView | None:
+    """The engine's answer as the window shows it, with the ghost of the ball at the proposed place."""
+    from spherecal_gui.tasks.ghost import Ghost, Lenses, body_of, turn_of
+
+    best = found.best if found is not None else None
+    if found is None or best is None:
+        return None
+    order = {placement.id: i for i, placement in enumerate(session.placements)}
+    spheres = [sphere for sphere in calibration.spheres if sphere.placement in order]
+    spheres.sort(key=lambda sphere: order[sphere.placement])
+    guidance = guidance_of(found, calibration.rig, spheres)
+    if guidance is None:
+        return None
+    guidance = replace(guidance, scene=next_scene(calibration.rig, spheres, best.centre_mm))
+    body = body_of(calibration, guidance.taken_names[-1], guidance.up)
+    ghost = None
+    if body is not None:
+        ghost = Ghost(Lenses.of(calibration.rig), body, best.centre_mm, turn_of(best.axis, best.turn_deg))
+    return replace(guidance, ghost=ghost, coarse=coarse)
+
+
+def session_of_dots(document: Document, target_set: TargetSet | None, dots: Mapping[str, SetDots]) -> "Session":
+    """A session with these dots as its observations; the reader of sessions checks all the rest.
+
+    `target_set` None where the session has none.
+    """
+    placements = [one["id"] for one in document["placements"] if one["id"] in dots]
+    cameras = [camera["id"] for camera in document["cameras"]]
+    bare = {key: value for key, value in document.items() if key not in ("bars", "bar_poses", "target_set")}
+    if (bare.get("scale") or {}).get("kind") != "target_spacing":  # the bar's poses come after the placements
+        bare["scale"] = printed_scale(target_set) if target_set is not None else None
+        bare = {key: value for key, value in bare.items() if value is not None}
+    bare["placements"] = [{"id": name} for name in placements]
+    session = _read(bare, target_set)
+    return replace(session, observations=observations_of(placements, cameras, dots, target_set))
+
+
+def observations_of(
+    placements: list[str], cameras: list[str], dots: Mapping[str, SetDots], target_set: TargetSet | None
+) -> Observations:
+    """The dots of these placements and cameras, or the corners of markers, as one table.
+
+    `target_set` None counts as targets of dots.
+    """
+    shots = [(p, c, dots[name].get(camera)) for p, name in enumerate(placements) for c, camera in enumerate(cameras)]
+    found = [(p, c, one) for p, c, one in shots if one is not None and len(one)]
+    count = [len(one) for _, _, one in found]
+
+    return Observations(
+        tuple(placements),
+        tuple(cameras),
+        DOTS if target_set is None or target_set.dictionary is None else CORNERS,
+        np.repeat(np.array([p for p, _, _ in found], dtype=np.int64), count),
+        np.repeat(np.array([c for _, c, _ in found], dtype=np.int64), count),
+        np.concatenate([np.empty(0, np.int64), *(one.target for *_, one in found)]).astype(np.int64),
+        np.concatenate([np.empty(0, np.int64), *(one.point for *_, one in found)]).astype(np.int64),
+        np.concatenate([np.empty((0, 2)), *(one.uv for *_, one in found)]).astype(np.float64),
+    )
+
+
+def printed_scale(target_set: TargetSet) -> Document | None:
+    """The scale as the targets were printed, good to a percent or so: enough to say what a length will be worth.
+
+    None where no two dots of all targets have the same distance.
+    """
+    widest = target_set.widest()
+    if widest is None:
+        return None
+    first, second, distance_mm = widest
+    return {"kind": "target_spacing", "from": first, "to": second, "distance_mm": distance_mm, "surface": "sphere"}
+
+
+def _read(document: Document, target_set: TargetSet | None) -> "Session":
+    from spherecal.files.read_session import read_session
+
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        if target_set is not None:
+            write_target_set(folder / "targets.json", target_set)
+            document = {**document, "target_set": "targets.json"}
+        create(folder / "session.json", json.dumps(document).encode())
+        create(folder / "observations.csv", (",".join(COLUMNS) + "\n").encode())
+        return read_session(folder)

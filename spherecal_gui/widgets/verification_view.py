@@ -1,0 +1,129 @@
+"""What a verification found: word, sentence, errors with limits and guard bands, lengths, budget."""
+
+from typing import TYPE_CHECKING
+
+from PySide6.QtCore import Qt
+from PySide6.QtWidgets import QHBoxLayout, QSplitter, QTabWidget, QWidget
+
+from spherecal_documents.scene.model import SceneData
+from spherecal_gui import theme
+from spherecal_gui.presenters.bars_presenter import (
+    budget_cells,
+    camera_cells,
+    camera_levels,
+    errors_of,
+    length_cells,
+    rule_text,
+)
+from spherecal_gui.presenters.results_presenter import bar_verdict
+from spherecal_gui.standing import Level
+from spherecal_gui.widgets.basic import Card, label
+from spherecal_gui.widgets.charts import ErrorChart
+from spherecal_gui.widgets.scene_panel import ScenePanel
+from spherecal_gui.widgets.table import Table
+
+if TYPE_CHECKING:  # imports scipy
+    from spherecal.verify.verification_file import BarReport
+
+_MOST, _MOST_CAMERAS, _MOST_FROM_AFAR = 4, 8, 1  # rows in sight at 1280 x 800; the plot gives way to the cameras
+
+
+class VerificationView(QSplitter):
+    """Above the verdict and the plot, below the tables."""
+
+    def __init__(self, parent: QWidget | None = None) -> None:
+        super().__init__(Qt.Orientation.Vertical, parent)
+        self.words = ("", "none")  # verdict and level
+        outcome = Card()
+        self.word = label("", "huge")
+        self.word.setMinimumWidth(240)
+        self.sentence = label("", "big")
+        self.rule = label("", "soft")
+        words = QHBoxLayout()
+        words.addWidget(self.word)
+        words.addSpacing(14)
+        words.addWidget(self.sentence, 1)
+        outcome.body.addLayout(words)
+        self.errors = ErrorChart()
+        self.panel = ScenePanel()
+        self.pictures = QTabWidget()
+        self.pictures.addTab(self.errors, self.tr("Errors"))
+        self.pictures.addTab(self.panel, self.tr("In space"))
+        outcome.body.addWidget(self.pictures, 1)
+        outcome.body.addWidget(self.rule)
+        self.tables = QTabWidget()
+        self.table = Table(
+            [
+                self.tr("Length"),
+                self.tr("n"),
+                self.tr("mean E, mm"),
+                self.tr("sd, mm"),
+                self.tr("largest, mm"),
+                self.tr("U, mm"),
+                self.tr("limit, mm"),
+                self.tr("decision"),
+            ]
+        )
+        self.budget = Table(
+            [
+                self.tr("Length"),
+                self.tr("contribution"),
+                self.tr("u, mm"),
+                self.tr("share"),
+                self.tr("what would help most"),
+            ],
+            sortable=False,
+        )
+        self.cameras = Table(
+            [self.tr("Camera"), self.tr("views of marks"), self.tr("used"), self.tr("rms, px"), self.tr("state")]
+        )
+        self.tables.addTab(self.table, self.tr("Lengths"))
+        self.tables.addTab(self.cameras, self.tr("Cameras"))
+        self.tables.addTab(self.budget, self.tr("Budget"))
+        self.tables.currentChanged.connect(self._fit_tables)
+        self.addWidget(outcome)
+        self.addWidget(self.tables)
+        self.setStretchFactor(0, 3)
+        self.setStretchFactor(1, 2)
+
+    def show_rig(self, data: SceneData | None) -> None:
+        """The bars in the rig."""
+        self.pictures.setTabEnabled(1, data is not None)
+        self.panel.show_scene(data)
+
+    def show_bars(self, bars: "BarReport", stale: bool) -> None:
+        """Show a verification."""
+        verdict = bar_verdict(bars)
+        word = "  ".join([verdict.word, self.tr("(out of date)")]) if stale else verdict.word
+        self.words: tuple[str, Level] = (word, "caution" if stale else verdict.level)
+        self.sentence.setText(verdict.sentence)
+        self.errors.show_errors(errors_of(bars))
+        self.rule.setText(rule_text(bars))
+        self.table.fill([[(cell, _value(cell), "") for cell in row] for row in length_cells(bars)])
+        levels = camera_levels(bars)
+        self.cameras.fill(
+            [
+                [*((cell, _value(cell), "") for cell in row[:-1]), (row[-1], row[-1], level)]
+                for row, level in zip(camera_cells(bars), levels, strict=True)
+            ]
+        )
+        self.budget.fill([[(cell, cell, "") for cell in row] for row in budget_cells(bars)])
+        self._fit_tables()
+
+    def _fit_tables(self) -> None:
+        """Room for the rows of the table that is shown, as far as the plot can spare it."""
+        most = _MOST_FROM_AFAR if theme.is_far() else _MOST_CAMERAS if self.tables.currentIndex() == 1 else _MOST
+        rows = min(self.cameras.rowCount() if self.tables.currentIndex() == 1 else self.table.rowCount(), most)
+        low = 60 if most == _MOST_CAMERAS else 100  # the tables need room at 800 px
+        self.errors.setMinimumHeight(low)
+        self.panel.view.setMinimumSize(200, low)
+        self.rule.setVisible(low == 100)
+        row, head = self.table.verticalHeader().defaultSectionSize(), self.table.horizontalHeader().sizeHint().height()
+        self.tables.setMinimumHeight(self.tables.tabBar().sizeHint().height() + head + rows * row + 6)
+
+
+def _value(cell: str) -> float | str:
+    try:
+        return float(cell)
+    except ValueError:
+        return cell

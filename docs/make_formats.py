@@ -1,6 +1,6 @@
 """Writes docs/schemas/*.schema.json and the tables of docs/formats.md: `python docs/make_formats.py`.
 
-The schemas are those of the formats (spherecal/files/codec.py) and of docs/file_formats; tests/test_schemas.py
+The schemas are those of the formats (spherecal/files/codec.py) and of docs/file_formats; tests/method/test_schemas.py
 compares them with readers and writers.
 """
 

@@ -42,7 +42,7 @@ class Colours:
 
 
 # Contrast (WCAG 2) of text and state colours on every ground where they appear: at least 4.5:1, `text` 7:1; large
-# letters and marks 3:1. tests/test_design.py computes all pairs.
+# letters and marks 3:1. tests/gui/test_design.py computes all pairs.
 LIGHT = Colours(
     dark=False,
     window="#f2f4f6",

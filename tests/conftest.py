@@ -25,6 +25,16 @@ ROOT = Path(__file__).resolve().parents[1]
 # and of some fixtures of modules: without these, what one test leaves out the next would have to make.
 DURATIONS = Path(__file__).with_name("durations.json")
 QUICK_S = 0.1
+# What only `--all` (and the CI) runs: other packages' suites, matrices of faults and of hostile files, and what needs
+# processes of its own. They are half of the time and a tenth of the tests.
+ONLY_WITH_ALL = (
+    "gentl/", "study/", "boards/test_baselines_", "cameras/test_cameras_genicam", "cameras/test_odd_cameras",
+    "cameras/test_camera_identity", "cameras/test_network", "gui/test_gui_faults", "gui/test_gui_agreement",
+    "gui/test_gui_end_to_end", "gui/test_gui_real_walks", "installer/test_environments", "installer/test_kernels_ahead",
+    "installer/test_packaging", "installer/test_promises", "app/test_working_folder", "app/test_examples",
+    "app/test_docs_commands", "method/test_valid_means_right", "method/test_trust_", "method/test_disk_faults",
+    "method/test_atomic_kills", "method/test_session_fuzz", "method/test_schemas",
+)  # fmt: skip
 
 # A shell that starts the tests in the background has them ignore Ctrl-C, and so would the programs that tests start.
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
@@ -37,6 +47,7 @@ hypothesis.settings.load_profile("spherecal")
 def pytest_addoption(parser: pytest.Parser) -> None:
     group = parser.getgroup("spherecal")
     group.addoption("--fast", action="store_true", help=f"only test functions that take less than {QUICK_S} s")
+    group.addoption("--all", action="store_true", help="all tests, as the CI runs them")
     group.addoption("--write-durations", action="store_true", help=f"merge the seconds taken into {DURATIONS.name}")
 
 
@@ -56,7 +67,10 @@ def _is_slow(item: pytest.Item, durations: dict[str, float]) -> bool:
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    """Long files first, so that no worker is left with one at the end; with --fast only the quick functions."""
+    """Long files first, so that no worker is left with one at the end; with --fast only the quick functions.
+
+    Without `--all` or the name of a file, what is ONLY_WITH_ALL stays out.
+    """
     durations = _durations()
     files: defaultdict[str, float] = defaultdict(float)
     for name, seconds in durations.items():
@@ -66,6 +80,10 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
         slow = [item for item in items if _is_slow(item, durations)]
         config.hook.pytest_deselected(items=slow)
         items[:] = [item for item in items if item not in set(slow)]
+    elif not config.getoption("--all") and config.args_source is not pytest.Config.ArgsSource.ARGS:
+        rest = [item for item in items if item.nodeid.removeprefix("tests/").startswith(ONLY_WITH_ALL)]
+        config.hook.pytest_deselected(items=rest)
+        items[:] = [item for item in items if item not in set(rest)]
 
 
 def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter, config: pytest.Config) -> None:

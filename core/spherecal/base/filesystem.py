@@ -3,7 +3,7 @@
 A folder that came from outside may hold links, pipes and names that lead elsewhere. The functions `..._below` take a
 root folder that the user chose and a relative name. They walk to it without following a link: by `dir_fd` and
 `O_NOFOLLOW` where the system has them, by a check of every part on Windows. What is not plain they refuse.
-tests/test_house.py keeps all other modules from writing or removing files on their own.
+tests/installer/test_house.py keeps all other modules from writing or removing files on their own.
 """
 
 import errno

@@ -1,0 +1,365 @@
+"""The verification's procedure: budget, decision, pose plan, departures, and what casts doubt on it."""
+
+import json
+import math
+from dataclasses import replace
+from datetime import date
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.stats import t as student
+
+from spherecal.base.errors import InputError
+from spherecal.base.messages.values import Phrase
+from spherecal.data.rig import Rig
+from spherecal.data.session import BarLength, Certificate, Session
+from spherecal.files.bar_registry import RegisteredBar, bar_entry
+from spherecal.files.rig_file import rig_bytes
+from spherecal.verify.budget import Contribution, certificate_freedom, combine, resolution_mm
+from spherecal.verify.departures import lengths_on_lines
+from spherecal.verify.limit import LengthLimit, judge_against, parse_limit
+from spherecal.verify.live_pose import measured_ends
+from spherecal.verify.pose_plan import (
+    LINES,
+    BarMarks,
+    MeasuringVolume,
+    cameras_that_see,
+    judge_pose,
+    plan_poses,
+    volume_box,
+)
+from spherecal.verify.verification import LengthBudget, MeasuredLength, Verification
+from spherecal.verify.verify_bars import VerifySettings, verify
+from spherecal.verify.write_verification import write_verification
+from spherecal_sim.simulate_session import simulate_session
+from spherecal_sim.truth import CameraMove, SimulationOptions, Truth
+from tests.export_rigs import make_rig
+from tests.method.test_verify import codes, simulate, true_rig
+
+KEY = ("A", "A1", "A2")
+
+
+def measured(error_mm: float, length_mm: float = 500.0, pose: str = "A-01") -> MeasuredLength:
+    budget = LengthBudget(0.01, 0.0, 0.0, 0.0, 0.0)
+    return MeasuredLength("A", pose, "A1", "A2", length_mm + error_mm, length_mm, budget, 4)
+
+
+@pytest.fixture(scope="module")
+def two_bars() -> tuple[Session, Truth]:
+    return simulate_session("rigA", 5, SimulationOptions(bar_poses=8, placements=1, targets=40))
+
+
+def test_budget_follows_the_gum() -> None:
+    """Two parts, 3 and 4 um, the second of 7 degrees of freedom: by hand, with Student's t of another library."""
+    parts = (Contribution("scale", "B", "normal", 0.003), Contribution("repeatability", "A", "normal", 0.004, 7))
+    budget = combine(KEY, parts)
+    assert budget.combined_mm == pytest.approx(0.005)
+    freedom = 7 * (5 / 4) ** 4
+    assert budget.freedom == pytest.approx(freedom)
+    assert budget.coverage_factor == pytest.approx(student.ppf(0.97725, freedom))
+    assert budget.expanded_mm == pytest.approx(budget.coverage_factor * 0.005)
+    assert budget.shares() == [("repeatability", pytest.approx(0.64)), ("scale", pytest.approx(0.36))]
+    assert budget.remedy() == Phrase("remedy-repeatability")
+    assert combine(KEY, parts[:1]).coverage_factor == pytest.approx(2.0, abs=1e-4)
+
+
+def test_a_negligible_contribution_leaves_the_degrees_of_freedom_infinite() -> None:
+    """A repeatability of 1e-17 mm gave 3e66 of them, which no reader of the file accepts."""
+    exact = Contribution("certificate", "B", "normal", 0.01)
+    budget = combine(("A", "1", "2"), [exact, Contribution("repeatability", "A", "normal", 1e-17, 5)])
+    assert math.isinf(budget.freedom) and budget.coverage_factor == pytest.approx(2.0, abs=1e-3)
+
+
+@pytest.mark.parametrize("freedom", [3.0, 7.0, 30.0])
+def test_a_certificates_k_tells_its_degrees_of_freedom(freedom: float) -> None:
+    assert certificate_freedom(float(student.ppf(0.97725, freedom))) == pytest.approx(freedom, rel=1e-3)
+    assert certificate_freedom(2.0) == math.inf
+    assert certificate_freedom(14.0) == 1.0
+
+
+def test_resolution_is_the_last_digit_stated() -> None:
+    assert resolution_mm(BarLength("1", "2", 412.345, 0.004, 2)) == pytest.approx(1e-3)
+    assert resolution_mm(BarLength("1", "2", 500.0, 0.0015, 2)) == pytest.approx(1e-4)
+    assert resolution_mm(BarLength("1", "2", 500.0, 0.0, 2)) == 0.0
+
+
+@pytest.mark.parametrize(
+    ("text", "limit"),
+    [
+        ("0.03+L/20000", LengthLimit(0.03, 20000)),
+        ("0.05", LengthLimit(0.05)),
+        ("50 um", LengthLimit(0.05)),
+        ("30µm + L/2e4", LengthLimit(0.03, 20000)),
+        (".1mm", LengthLimit(0.1)),
+    ],
+)
+def test_limits_are_read(text: str, limit: LengthLimit) -> None:
+    read = parse_limit(text)
+    assert (read.constant_mm, read.divisor) == (pytest.approx(limit.constant_mm), limit.divisor)
+
+
+@pytest.mark.parametrize("text", ["", "L/20000", "-0.1", "0", "0.1+L/0", "nan", "0.1+K/5", "1e99", "0.1 cm", "9" * 500])
+def test_nonsense_is_no_limit(text: str) -> None:
+    with pytest.raises(InputError, match="is not a limit"):
+        parse_limit(text)
+
+
+def test_decision_leaves_the_doubt_on_both_sides() -> None:
+    """Limit 0.1 mm, U 0.02 mm: proven to 0.08, refuted above 0.12, between them nobody knows."""
+    budget = combine(KEY, (Contribution("scale", "B", "normal", 0.01),))
+    u = budget.expanded_mm
+    limit = LengthLimit(0.05, 10000.0)
+    assert limit.at(500.0) == pytest.approx(0.1)
+    for error, verdict in (
+        (0.1 - u - 1e-9, "pass"),
+        (0.1 - u + 1e-9, "cannot tell"),
+        (0.1 + u - 1e-9, "cannot tell"),
+        (0.1 + u + 1e-9, "fail"),
+    ):
+        for sign in (1, -1):
+            rows = [measured(0.001), measured(sign * error, pose="A-02")]
+            decided = judge_against(limit, rows, [budget], True)
+            assert decided.verdict == verdict
+            assert decided.lengths[0].worst_pose == "A-02"
+    assert judge_against(limit, [measured(0.0)], [budget], False).verdict is None
+
+
+def test_verification_decides_and_explains(two_bars: tuple[Session, Truth], tmp_path: Path) -> None:
+    session, truth = two_bars
+    rig = true_rig(truth)
+    corners = truth.volume_mm[0], truth.volume_mm[1]
+    done = verify(session, rig, None, VerifySettings(parse_limit("0.2+L/20000"), None, corners))
+    assert done.findings == ()
+    procedure = done.procedure
+    assert procedure is not None and procedure.acceptance is not None
+    assert procedure.acceptance.verdict == "pass"
+    assert {"departure-longest", "departure-corners"} <= {one.key for one in procedure.departures}
+    tight = verify(session, rig, None, VerifySettings(parse_limit("0.02")))
+    assert tight.procedure and tight.procedure.acceptance
+    assert tight.procedure.acceptance.verdict == "cannot tell"
+    wrong = verify(session, true_rig(truth, scale=1.001), None, VerifySettings(parse_limit("0.1")))
+    assert wrong.procedure and wrong.procedure.acceptance
+    assert wrong.procedure.acceptance.verdict == "fail"
+
+    (tmp_path / "rig.json").write_bytes(rig_bytes(rig))
+    write_verification(done, tmp_path / "result", tmp_path / "rig.json")
+    written = json.loads((tmp_path / "result" / "verification.json").read_bytes())["procedure"]
+    assert "reduced" in written["title"] and written["acceptance"]["verdict"] == "pass"
+    first = written["budgets"][0]
+    assert sum(c["share"] for c in first["contributions"]) == pytest.approx(1.0)
+    assert math.hypot(*(c["standard_uncertainty_mm"] for c in first["contributions"])) == pytest.approx(
+        first["combined_mm"]
+    )
+    assert len(written["poses"]) == 16
+
+
+def test_repeatability_is_what_the_poses_scatter(two_bars: tuple[Session, Truth]) -> None:
+    session, truth = two_bars
+    budgets = verify(session, true_rig(truth)).procedure.budgets  # type: ignore[union-attr]
+    for budget in budgets:
+        part = {c.name: c for c in budget.contributions}
+        noise = part["centring"].contained_mm
+        assert part["centring"].standard_mm == 0 and noise is not None
+        assert part["repeatability"].freedom == 6 * 7
+        assert 0.6 < part["repeatability"].standard_mm / noise < 1.5  # 42 degrees of freedom: 1 within 0.33 (3 sigma)
+    single = replace(session, bar_poses=session.bar_poses[:1])
+    (budget, *_) = verify(single, true_rig(truth)).procedure.budgets  # type: ignore[union-attr]
+    part = {c.name: c for c in budget.contributions}
+    assert part["centring"].standard_mm > 0 and part["repeatability"].standard_mm == 0
+
+
+def moved_ends(verification: Verification) -> set[str]:
+    return {place for f in verification.findings if f.code == "camera-moved" for place in f.where}
+
+
+def test_a_wrong_certificate_is_named(two_bars: tuple[Session, Truth]) -> None:
+    session, truth = two_bars
+    lengths = tuple(
+        replace(x, length_mm=x.length_mm + (0.15 if x.length_mm > 450 else 0.0)) for x in session.bars[0].lengths
+    )
+    wrong = replace(session, bars=(replace(session.bars[0], lengths=lengths), *session.bars[1:]))
+    done = verify(wrong, true_rig(truth), None, VerifySettings(parse_limit("1")))
+    (finding,) = (f for f in done.findings if f.code == "length-doubtful")
+    assert finding.where == ("A",) and "A1 to A4" in finding.message
+    acceptance = done.procedure.acceptance  # type: ignore[union-attr]
+    assert acceptance is not None
+    assert acceptance.verdict == "cannot tell" and acceptance.doubts == ("length-doubtful",)
+
+
+def test_a_length_that_contradicts_its_bar_fails_no_rig(two_bars: tuple[Session, Truth]) -> None:
+    """0.5 mm are far beyond the limit, and no error of the rig; where another length fails too, the rig does."""
+    session, truth = two_bars
+    longest = max(session.bars[0].lengths, key=lambda x: x.length_mm)
+    lengths = tuple(replace(x, length_mm=x.length_mm + 0.5 * (x is longest)) for x in session.bars[0].lengths)
+    wrong = replace(session, bars=(replace(session.bars[0], lengths=lengths), *session.bars[1:]))
+    for scale, verdict in ((1.0, "cannot tell"), (1.001, "fail")):
+        done = verify(wrong, true_rig(truth, scale=scale), None, VerifySettings(parse_limit("0.1")))
+        acceptance = done.procedure.acceptance  # type: ignore[union-attr]
+        assert acceptance is not None and acceptance.verdict == verdict
+        assert "fail" in {x.verdict for x in acceptance.lengths}
+
+
+def test_a_bar_that_is_wrong_as_a_whole_is_named(two_bars: tuple[Session, Truth]) -> None:
+    session, truth = two_bars
+    lengths = tuple(replace(x, length_mm=x.length_mm * 1.0004) for x in session.bars[1].lengths)
+    wrong = replace(session, bars=(session.bars[0], replace(session.bars[1], lengths=lengths)))
+    (finding,) = (f for f in verify(wrong, true_rig(truth)).findings if f.code == "bars-disagree")
+    assert finding.where == ("B",)
+
+
+def test_a_thermometer_5_kelvin_off_is_named(two_bars: tuple[Session, Truth]) -> None:
+    session, truth = two_bars
+    poses = tuple(
+        replace(p, temperature_c=(p.temperature_c or 0) + 5.0) if p.bar == "A" else p for p in session.bar_poses
+    )
+    done = verify(replace(session, bar_poses=poses), true_rig(truth), None, VerifySettings(parse_limit("0.5")))
+    assert "temperatures-differ" in codes(done)
+    acceptance = done.procedure.acceptance  # type: ignore[union-attr]
+    assert acceptance is not None and acceptance.verdict == "cannot tell"
+
+
+def test_a_drifted_camera_is_named_and_no_other() -> None:
+    """0.05 degrees or 0.5 mm since the calibration: the bars' few marks are enough to tell."""
+    for move in (CameraMove("C03", 0, 0.5), CameraMove("C07", 0, 0.0, math.radians(0.05))):
+        options = SimulationOptions(bar_poses=8, placements=1, targets=40, moved=move)
+        session, truth = simulate_session("rigA", 6, options)
+        done = verify(session, true_rig(truth), None, VerifySettings(parse_limit("1")))
+        assert moved_ends(done) == {move.camera}
+        assert done.procedure.acceptance.verdict == "cannot tell"  # type: ignore[union-attr]
+
+
+@pytest.mark.parametrize(
+    ("certificate", "code"),
+    [
+        (Certificate("K-1", valid_until=date(2026, 1, 1)), "certificate-expired"),
+        (Certificate("K-1", valid_until=date(2026, 12, 1)), "certificate-expires-soon"),
+        (Certificate("K-1", valid_until=date(2027, 12, 1)), None),
+        (Certificate("K-1", date=date(2026, 12, 1)), "certificate-not-yet"),
+    ],
+)
+def test_expired_certificates_are_named(
+    two_bars: tuple[Session, Truth], certificate: Certificate, code: str | None
+) -> None:
+    session, truth = two_bars
+    bars = (replace(session.bars[0], certificate=certificate), *session.bars[1:])
+    done = verify(replace(session, bars=bars), true_rig(truth), None, VerifySettings(today=date(2026, 11, 21)))
+    assert codes(done) == ({code} if code else set())
+
+
+# the plan
+
+
+def planned(preset: str) -> tuple[Rig, Truth, Session]:
+    session, truth = simulate_session(preset, 1, SimulationOptions(placements=1, targets=20, bar_poses=1))
+    return true_rig(truth), truth, session
+
+
+@pytest.mark.parametrize("preset", ["rigA", "rigB"])
+def test_the_plan_covers_seven_lines_where_the_bars_are_seen(preset: str) -> None:
+    rig, truth, session = planned(preset)
+    low, high = truth.volume_mm
+    marks = [BarMarks.of(bar.id, bar.lengths) for bar in session.bars]
+    plan = plan_poses(rig, marks, (low, high))
+    assert plan.missing == ()
+    assert min(plan.lengths_on_line) >= 5
+    assert len({pose.id for pose in plan.poses}) == len(plan.poses)
+    directions = plan.box.directions()
+    corners = directions @ plan.box.axes.T / plan.box.half
+    assert (np.count_nonzero(abs(corners) > 1e-9, axis=1) == [1, 1, 1, 3, 3, 3, 3]).all()
+    assert np.allclose(np.ptp(abs(corners[3:]), axis=1), 0)  # from corner to corner
+    parallel = abs(directions @ directions.T) > 1 - 1e-6
+    assert (parallel == np.eye(7, dtype=bool)).all()  # seven lines, none of them twice
+    for pose in plan.poses:
+        along = pose.end_mm - pose.start_mm
+        assert np.linalg.norm(along) == pytest.approx(500.0, abs=0.5)
+        assert abs(along @ directions[pose.line]) == pytest.approx(np.linalg.norm(along))
+        assert abs(pose.facing @ along) < 1e-6
+        middle = (pose.start_mm + pose.end_mm) / 2
+        assert ((middle > low - 1) & (middle < high + 1)).all()
+        # each end in two cameras or more, by the truth's own projection of the rig
+        for end in (pose.start_mm, pose.end_mm):
+            seen = 0
+            for c in truth.cameras:
+                x = c.rotation @ end + c.translation_mm
+                u = c.intrinsics[0] * x[0] / x[2] + c.intrinsics[2], c.intrinsics[1] * x[1] / x[2] + c.intrinsics[3]
+                seen += x[2] > 0 and -20 < u[0] < c.kind.image_size[0] + 20 and -20 < u[1] < c.kind.image_size[1] + 20
+            assert seen >= 2
+    middles = np.array([(pose.start_mm + pose.end_mm) / 2 for pose in plan.poses])
+    assert np.ptp(middles, axis=0).max() > 300  # spread
+    assert json.dumps(plan.as_json())
+
+
+def test_marks_lie_where_the_lengths_put_them() -> None:
+    lengths = (
+        BarLength("1", "2", 100.0, 0.01, 2),
+        BarLength("3", "4", 200.0, 0.01, 2),
+        BarLength("1", "4", 500.0, 0.01, 2),
+        BarLength("8", "9", 10.0, 0.01, 2),
+    )
+    marks = BarMarks.of("A", lengths)
+    assert marks.names == ("1", "2", "3", "4")
+    assert marks.along_mm.tolist() == [0.0, 100.0, 300.0, 500.0]
+
+
+def test_a_wide_lens_sees_what_it_shows_near_its_corners() -> None:
+    """Beyond 1.3 times the corner's distance, of which 1.8 is seen here; a lens that folds shows nothing there."""
+    rig = make_rig(4, 1)
+    size, shown = (1280, 1024), np.array([[1.8 * 640, 1.8 * 512, 819.6], [0.0, 0.0, 819.6]])
+    for barrel, seen in (((-0.15, 0.02), True), ((-0.4, 0.02), False)):
+        lens = np.zeros(16)
+        lens[:6] = 600.0, 600.0, 639.5, 511.5, *barrel
+        camera = replace(rig.cameras[0], intrinsics=lens, image_size=size)
+        camera = replace(camera, rotation=np.eye(3), translation_mm=np.zeros(3))
+        assert cameras_that_see(replace(rig, cameras=(camera,)), shown).tolist() == [[seen, True]]
+
+
+def test_a_bar_is_accepted_where_it_was_asked_either_way_round() -> None:
+    rig, truth, session = planned("rigA")
+    plan = plan_poses(rig, [BarMarks.of("A", session.bars[0].lengths)], (truth.volume_mm[0], truth.volume_mm[1]))
+    first = plan.next_pose(())
+    assert first is not None and first.id == "L1-1"
+    ends = np.stack([first.start_mm, first.end_mm])
+    assert judge_pose(first, ends + 20).accepted
+    assert judge_pose(first, ends[::-1]).accepted
+    off = judge_pose(first, ends + np.array([0, 400, 0]))
+    assert not off.accepted and off.off_mm == pytest.approx(400) and off.off_deg == pytest.approx(0)
+    turned = ends.mean(axis=0) + np.array([[0, -250, 0], [0, 250, 0]])
+    across = judge_pose(first, turned)
+    assert not across.accepted and across.off_deg == pytest.approx(90) and across.off_mm == pytest.approx(0)
+    assert not judge_pose(first, None).accepted
+    assert plan.next_pose({"L1-1"}) is plan.poses[1]
+    assert plan.next_pose({pose.id for pose in plan.poses}) is None
+
+
+@pytest.mark.parametrize("mark_points", ["centre", "dots"])
+def test_the_bars_ends_are_measured_live(mark_points: str) -> None:
+    session, rig = simulate(poses=2, mark_points=mark_points)
+    _, truth = simulate_session("rigA", 1, SimulationOptions(bar_poses=2, placements=1, mark_points=mark_points))  # type: ignore[arg-type]
+    assert session.observations is not None
+    pose = truth.bar_poses[0]
+    found = measured_ends(rig, session.bars[0], session.target_set, session.observations, len(session.placements))
+    bar = truth.bar(pose.bar)
+    true = pose.place_mm + np.outer(bar.x_mm[[0, -1]], pose.rotation[:, 0])
+    assert found is not None
+    np.testing.assert_allclose(found, true, atol=0.15)
+    assert measured_ends(rig, session.bars[1], session.target_set, session.observations, 1) is None
+
+
+def test_lengths_are_counted_on_their_lines() -> None:
+    box = MeasuringVolume(np.zeros(3), np.eye(3), np.array([500.0, 400.0, 300.0]))
+    ends = [np.array([-d, d]) * 100.0 for d in (np.array([1.0, 0, 0]), np.array([5.0, 4, 3]), np.array([-5.0, -4, -3]))]
+    rows = [replace(measured(0.0), ends_mm=pair) for pair in ends]
+    assert lengths_on_lines(rows, box).tolist() == [1, 0, 0, 2, 0, 0, 0]
+    assert len(box.directions()) == LINES
+
+
+def test_the_box_lies_as_the_cameras_do() -> None:
+    _, rig = simulate()
+    corners = np.array([-1.0, -2, -3]), np.array([1.0, 2, 3])
+    assert volume_box(rig, corners).half.tolist() == [1, 2, 3]
+
+
+def test_a_registered_bar_keeps_what_it_is() -> None:
+    bar = RegisteredBar("S", {}, (), 1e-5, certificate=Certificate("K", "lab", date(2026, 1, 2), None))
+    assert bar_entry(bar)["certificate"] == {"number": "K", "laboratory": "lab", "date": "2026-01-02"}

@@ -44,7 +44,7 @@ RUN_STAMP = VENV / "spherecal-setup-run.txt"  # the same where only ENGINE and R
 INSTALLED_LOCK = VENV / "spherecal-requirements.lock"  # what the environment was last made from
 KERNELS = VENV / "spherecal-kernels.txt"  # which kernels were compiled last, and where from
 LOCK = ROOT / "requirements.lock"
-# What the kernels' trial loads (tests/installer/test_house.py compares): installed first, the kernels compile beside the rest.
+# What the kernels trial loads (tests/installer/test_house.py compares): installed first, to compile beside the rest.
 ENGINE = (
     "filelock", "llvmlite", "markdown-it-py", "mdurl", "numba", "numpy", "opencv-python-headless", "pillow",
     "platformdirs", "pygments", "pyyaml", "rich", "scipy", "threadpoolctl",
@@ -88,7 +88,7 @@ SYSTEM_LIBRARIES = {
 }
 
 
-# Program -> Debian package: for the one test that clicks in a real window (tests/gui/test_gui_end_to_end.py), and fonts for
+# Program -> Debian package: for the test that clicks in a real window (gui/test_gui_end_to_end.py), and fonts for
 # the pictures of the window in Chinese. Without them that test is skipped and says so.
 TEST_PROGRAMS = {"Xvfb": "xvfb", "xdotool": "xdotool", "nft": "nftables", "tc": "iproute2", "pkg-config": "pkg-config"}
 TEST_HEADERS = {"/usr/include/aravis-0.8/arv.h": "libaravis-dev"}

@@ -1,4 +1,4 @@
-"""Pixel pitches by camera model, from the makers' data sheets, for cameras that have no feature SensorPixelWidth."""
+"""Pixel pitches by camera model, from the makers' data sheets: start values for cameras without SensorPixelWidth."""
 
 import re
 
@@ -12,11 +12,11 @@ _BY_MODEL: tuple[tuple[float, str], ...] = (
     (3.45, r"(Blackfly S |Oryx )?(BFS|ORX)-\w+-(16S2|23S3|31S4|32S4|50S5|51S5|88S6|89S6|122S6|123S6)"),
     (5.86, r"(Blackfly S )?BFS-\w+-23S6"),
     (2.4, r"(Blackfly S )?BFS-\w+-(63S4|200S[67])"),
-    (2.74, r"(Blackfly S )?BFS-\w+-(161S7|163S7|244S8|246S[78])"),  # IMX540, 542
+    (2.74, r"(Blackfly S )?BFS-\w+-(161S7|163S7|244S8)"),  # IMX540, 542
     (3.45, r"((AVT|Allied Vision) )?((Mako|Manta) )?G-(158|319|507|895|1236)[BC]"),
     (5.86, r"((AVT|Allied Vision) )?((Mako|Manta) )?G-(234|235)[BC]"),
     (2.74, r"(Allied Vision )?(Alvium )?1800 U-811"),  # IMX546
-    (3.45, r"MV-C[AS](016-10|032-10|050-[12]0)"),  # IMX273, 265, 264
+    (3.45, r"MV-C[AS](016-10|032-10|050-10)"),  # IMX273, 265, 264
     (2.4, r"MV-C[AES](060-1|200-10)"),  # IMX178, 183
 )
 

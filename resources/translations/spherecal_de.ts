@@ -1177,6 +1177,10 @@ px</translation>
         <translation>Kameras werden gesucht</translation>
     </message>
     <message>
+        <source>Cameras that answer, but cannot be used yet: {count}</source>
+        <translation>Kameras, die antworten, aber noch nicht benutzbar sind: {count}</translation>
+    </message>
+    <message>
         <source>No cameras yet</source>
         <translation>Noch keine Kameras</translation>
     </message>
@@ -2235,6 +2239,14 @@ px</translation>
     <message>
         <source>Pixel format of all cameras</source>
         <translation>Pixelformat aller Kameras</translation>
+    </message>
+    <message>
+        <source>different gains</source>
+        <translation>verschieden</translation>
+    </message>
+    <message>
+        <source>Gain of all cameras</source>
+        <translation>Verstärkung aller Kameras</translation>
     </message>
     <message>
         <source>Mask reflections</source>

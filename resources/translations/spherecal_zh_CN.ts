@@ -1177,6 +1177,10 @@ px</translation>
         <translation>正在查找相机</translation>
     </message>
     <message>
+        <source>Cameras that answer, but cannot be used yet: {count}</source>
+        <translation>有应答但尚不能使用的相机：{count}</translation>
+    </message>
+    <message>
         <source>No cameras yet</source>
         <translation>尚无相机</translation>
     </message>
@@ -2235,6 +2239,14 @@ px</translation>
     <message>
         <source>Pixel format of all cameras</source>
         <translation>所有相机的像素格式</translation>
+    </message>
+    <message>
+        <source>different gains</source>
+        <translation>各不相同</translation>
+    </message>
+    <message>
+        <source>Gain of all cameras</source>
+        <translation>所有相机的增益</translation>
     </message>
     <message>
         <source>Mask reflections</source>

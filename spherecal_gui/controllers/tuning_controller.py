@@ -108,6 +108,15 @@ class TuningController(ControllerPart):
         """Have all cameras send this pixel format; kept in the camera profile."""
         return self._set_all(lambda source, of_all, _: _apply(source, _each(of_all, pixel_format=name)))
 
+    def set_gain(self, gain_db: float) -> bool:
+        """Have all cameras amplify by this, dB; kept in the camera profile."""
+        return self._set_all(lambda source, of_all, _: _apply(source, _each(of_all, gain_db=gain_db)))
+
+    def gains_db(self) -> set[float]:
+        """The gains that the cameras were set to, dB."""
+        names = self._cameras.connection.names if self._cameras.connection is not None else {}
+        return {self.settings_of(serial).gain_db for serial in names}
+
     def pixel_formats(self) -> set[str]:
         """The pixel formats that the cameras were set to."""
         names = self._cameras.connection.names if self._cameras.connection is not None else {}

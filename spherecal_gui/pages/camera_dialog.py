@@ -20,7 +20,7 @@ from spherecal_gui.widgets.basic import button, enable, label, plain, set_level
 from spherecal_gui.widgets.tile import CameraTile
 
 _TICK_MS = 100
-_MOST_EXPOSURE_MS, _MOST_GAIN_DB = 10_000.0, 48.0
+_MOST_EXPOSURE_MS, MOST_GAIN_DB = 10_000.0, 48.0
 
 
 class CameraDialog(QDialog):
@@ -74,7 +74,7 @@ class CameraDialog(QDialog):
         self.exposure.setDecimals(2)
         self.exposure.setSuffix(" ms")
         self.exposure.setValue(settings.exposure_us / 1e3)
-        self.gain.setRange(0.0, _MOST_GAIN_DB)
+        self.gain.setRange(0.0, MOST_GAIN_DB)
         self.gain.setSuffix(" dB")
         self.gain.setValue(settings.gain_db)
         for text, field in (

@@ -1,8 +1,10 @@
 """Look: the wall of all cameras."""
 
-from PySide6.QtWidgets import QComboBox, QHBoxLayout, QLabel, QVBoxLayout, QWidget
+from PySide6.QtCore import QSignalBlocker
+from PySide6.QtWidgets import QComboBox, QDoubleSpinBox, QHBoxLayout, QLabel, QVBoxLayout, QWidget
 
 from spherecal_gui.controllers.controller import Controller
+from spherecal_gui.pages.camera_dialog import MOST_GAIN_DB
 from spherecal_gui.pages.live_page import LivePage
 from spherecal_gui.pages.wizard_page import PageAction
 from spherecal_gui.presenters.look_presenter import summary, warm_up_text
@@ -12,6 +14,7 @@ from spherecal_gui.widgets.basic import button, enable, label, set_level
 from spherecal_gui.widgets.tile import Wall
 from spherecal_gui.workflow import Status, Step
 
+_STEP_DB = 0.5
 # GenICam's names; a camera that lacks one takes the nearest. More bits than eight are of use in dim light.
 _FORMATS = ("Mono8", "Mono10", "Mono12", "Mono12p", "Mono16", "BayerRG8", "BayerRG12")
 
@@ -52,9 +55,24 @@ class LookPage(LivePage):
         self.format.setAccessibleName(self.tr("Pixel format of all cameras"))
         self.format.textActivated.connect(self.controller.tuning.set_pixel_format)
         self.format.setToolTip(self.format.accessibleName())
+        self.gain = QDoubleSpinBox()
+        self.gain.setObjectName("gain-all")
+        self.gain.setRange(-_STEP_DB, MOST_GAIN_DB)
+        self.gain.setSingleStep(_STEP_DB)
+        self.gain.setSuffix(" dB")
+        self.gain.setSpecialValueText(self.tr("different gains"))
+        self.gain.setKeyboardTracking(False)
+        self.gain.setAccessibleName(self.tr("Gain of all cameras"))
+        self.gain.setToolTip(self.gain.accessibleName())
+        self.gain.valueChanged.connect(self._set_gain)
         row.addWidget(self.format)
+        row.addWidget(self.gain)
         row.addWidget(self.expose)
         return row
+
+    def _set_gain(self, gain_db: float) -> None:
+        if gain_db >= 0:
+            self.controller.tuning.set_gain(gain_db)
 
     def _mask_row(self) -> QHBoxLayout:
         """Reflections and strange targets are covered with the mouse."""
@@ -108,6 +126,11 @@ class LookPage(LivePage):
         enable(self.format, idle and connected, busy)
         formats = self.controller.tuning.pixel_formats()
         self.format.setCurrentIndex(self.format.findText(formats.pop()) if len(formats) == 1 else -1)
+        gains = self.controller.tuning.gains_db()
+        enable(self.gain, idle and connected, busy)
+        if not self.gain.hasFocus():
+            with QSignalBlocker(self.gain):
+                self.gain.setValue(gains.pop() if len(gains) == 1 else self.gain.minimum())
         enable(self.draw, idle and self.controller.cameras.connection is not None, busy)
         for one in (self.undo, self.clear):
             enable(one, idle and bool(masks), none if idle else busy)

@@ -167,7 +167,7 @@ def test_boards_that_cannot_be(text: str, problem: str) -> None:
 
 @pytest.mark.parametrize("name", BOARDS)
 def test_boards_are_printed(name: str, tmp_path: Path) -> None:
-    from test_targets_sheet import MM_PER_POINT, circles, pages
+    from tests.documents.test_targets_sheet import MM_PER_POINT, circles, pages
 
     board = pattern(BOARDS[name])
     assert main(["targets", "sheet", "--board", BOARDS[name], "--page", "A3", "-o", str(tmp_path / "board.pdf")]) == 0
@@ -196,7 +196,7 @@ def test_all_of_a_board_is_on_its_page(rows: int, columns: int, pitch_mm: float,
     """Every rectangle and the rulers; a page is turned only where the board needs it."""
     board = pattern(f"chessboard,rows={rows},columns={columns},pitch_mm={pitch_mm:.3f}")
     across, down = figure(board).size_mm
-    from test_targets_sheet import pages
+    from tests.documents.test_targets_sheet import pages
 
     with TemporaryDirectory() as folder:
         file = Path(folder, "board.pdf")
@@ -231,7 +231,7 @@ def test_all_of_a_board_is_on_its_page(rows: int, columns: int, pitch_mm: float,
 )
 def test_a_board_calibrates_as_well_as_opencv_does(text: str, tmp_path: Path) -> None:
     """A small set of the study (benchmarks/studies/boards.md), from a folder of images, by the example program."""
-    from test_examples import run
+    from tests.app.test_examples import run
 
     import spherecal
     from benchmarks.studies.boards import BASELINE_MM, opencv, render_set

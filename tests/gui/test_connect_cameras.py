@@ -183,6 +183,8 @@ def test_a_listed_camera_in_another_subnet_offers_an_address() -> None:
     (line,) = camera_lines(connection, (), (seen,))
     assert (line.name, line.cured_at, line.level) == ("left", seen, "bad")
     assert connect_summary([line], False, "")[1] == "bad"
+    said = connect_summary([line], False, "No camera was found. Plug the cameras in.")
+    assert said == ("Cameras that answer, but cannot be used yet: 1", "bad")
 
 
 @pytest.mark.parametrize(
@@ -192,7 +194,7 @@ def test_a_listed_camera_in_another_subnet_offers_an_address() -> None:
         ("acA1920-40gc", 5.86),
         ("Blackfly S BFS-U3-31S4M", 3.45),
         ("Mako G-319B", 3.45),
-        ("MV-CA050-20GM", 3.45),
+        ("MV-CA050-10GM", 3.45),
         ("Fake", None),
     ],
 )

@@ -355,6 +355,16 @@ def test_exposures_and_pixel_formats_of_all_cameras_are_set_by_one_click(qtbot, 
     pump(lambda: all((s := wizard.cameras.live.sight(one)) is not None and s.frame.bits == 12 for one in names))
     page.refresh()
     assert page.format.currentText() == "Mono12"
+    page.gain.setValue(3.0)
+    settle(wizard)
+    assert wizard.tuning.gains_db() == {3.0}
+    wizard.tuning.set_camera("SIM-C03", names["SIM-C03"], 10_000.0, 0.0)
+    settle(wizard)
+    page.gain.clearFocus()
+    page.refresh()
+    assert page.gain.text() == page.gain.specialValueText()
+    wizard.tuning.set_gain(0.0)
+    settle(wizard)
     sight = wizard.cameras.live.sight("SIM-C03")
     assert sight.histogram.sum() == np.ceil(np.array(sight.frame.image.shape) / 8).prod()
     assert sight.saturated < 0.001 and sight.histogram[40:].sum() > 0, "bright dots that do not clip"

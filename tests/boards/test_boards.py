@@ -231,10 +231,9 @@ def test_all_of_a_board_is_on_its_page(rows: int, columns: int, pitch_mm: float,
 )
 def test_a_board_calibrates_as_well_as_opencv_does(text: str, tmp_path: Path) -> None:
     """A small set of the study (benchmarks/studies/boards.md), from a folder of images, by the example program."""
-    from tests.app.test_examples import run
-
     import spherecal
     from benchmarks.studies.boards import BASELINE_MM, opencv, render_set
+    from tests.app.test_examples import run
 
     made = render_set(tmp_path / "images", text, 7, 8, (640, 480))
     said = run("board_on_the_wall", made.folder, tmp_path / "session", tmp_path / "result", text)

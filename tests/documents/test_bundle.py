@@ -15,7 +15,7 @@ from PIL import Image
 from spherecal.base.errors import InputError
 from spherecal.files.read_session import read_session
 from spherecal_app.cli.main import main
-from spherecal_documents.support.support_bundle import BundleContents, BundleOptions, session_of, write_bundle
+from spherecal_documents.support.support_bundle import BundleContents, BundleOptions, unpacked_session, write_bundle
 from spherecal_sim.session_folder import write_session
 from spherecal_sim.simulate_session import simulate_session
 from spherecal_sim.truth import SimulationOptions
@@ -51,14 +51,14 @@ def test_calibrating_a_bundle_gives_the_same_bits(recording: Path, tmp_path: Pat
 def test_images_come_along_only_when_asked(recording: Path, tmp_path: Path) -> None:
     files = write_bundle(recording, tmp_path / "with.zip", BundleOptions(images=True))
     assert "session/P1.png" in files
-    with session_of(tmp_path / "with.zip") as folder:
+    with unpacked_session(tmp_path / "with.zip") as folder:
         assert read_session(folder).input_sha256 == read_session(recording).input_sha256
     assert "session/P1.png" not in write_bundle(recording, tmp_path / "without.zip")
 
 
 def test_a_bundle_that_was_changed_counts_as_itself(recording: Path, tmp_path: Path) -> None:
     write_bundle(recording, tmp_path / "b.zip")
-    with session_of(tmp_path / "b.zip") as folder:
+    with unpacked_session(tmp_path / "b.zip") as folder:
         same = read_session(folder).input_sha256
         lines = (folder / "observations.csv").read_text().splitlines()
         (folder / "observations.csv").write_text("\n".join(lines[:-1]) + "\n")
@@ -76,7 +76,7 @@ def test_bars_of_the_registry_are_filled_in(tmp_path: Path, monkeypatch: pytest.
     original = read_session(named)
     write_bundle(named, tmp_path / "b.zip", BundleOptions(names=True))
     assert main(["bars", "remove", "B-1"]) == 0
-    with session_of(tmp_path / "b.zip") as folder:
+    with unpacked_session(tmp_path / "b.zip") as folder:
         session = read_session(folder)
     assert session.input_sha256 == original.input_sha256
     assert session.bars == original.bars and session.bars[0].lengths[0].length_mm == 412.345
@@ -91,7 +91,7 @@ def test_a_session_of_images_brings_its_observations(tmp_path: Path) -> None:
     Image.fromarray(np.zeros((1544, 2064), np.uint8)).save(session / "a.png")
     files = write_bundle(session, tmp_path / "b.zip")
     assert "session/observations.csv" in files and "session/a.png" not in files
-    with session_of(tmp_path / "b.zip") as folder:
+    with unpacked_session(tmp_path / "b.zip") as folder:
         assert read_session(folder).input_sha256 == read_session(session).input_sha256
 
 
@@ -132,7 +132,7 @@ def test_names_of_people_computers_and_serials_are_replaced_the_same_everywhere(
     assert serial.startswith("serial-") and json.loads(packed["session/capture.json"])["cameras"][0]["serial"] == serial
     assert serial in packed["logs/1-a.log"] and "host=host-" in packed["logs/1-a.log"]
     assert any("serial numbers" in one for one in told[0].redacted) and "session/session.json" in told[0].files
-    with session_of(out) as folder:
+    with unpacked_session(out) as folder:
         assert read_session(folder).input_sha256 == read_session(session).input_sha256
     write_bundle(session, out, BundleOptions(names=True))
     with zipfile.ZipFile(out) as bundle:
@@ -169,7 +169,7 @@ def test_archives_that_leave_their_folder_are_refused(tmp_path: Path, name: str)
     path = tmp_path / "b.zip"
     with zipfile.ZipFile(path, "w") as bundle:
         bundle.writestr(name, "x")
-    with pytest.raises(InputError, match="outside itself"), session_of(path):
+    with pytest.raises(InputError, match="outside itself"), unpacked_session(path):
         pass
     assert not (tmp_path.parent / "evil.txt").exists()
 
@@ -180,36 +180,36 @@ def test_links_bombs_and_broken_archives_are_refused(tmp_path: Path, monkeypatch
         info = zipfile.ZipInfo("session/session.json")
         info.external_attr = (stat.S_IFLNK | 0o777) << 16
         bundle.writestr(info, "/etc/passwd")
-    with pytest.raises(InputError, match="outside itself"), session_of(link):
+    with pytest.raises(InputError, match="outside itself"), unpacked_session(link):
         pass
     monkeypatch.setattr("spherecal_documents.support.support_bundle._MOST_UNPACKED", 1 << 20)
     bomb = tmp_path / "bomb.zip"
     with zipfile.ZipFile(bomb, "w", zipfile.ZIP_DEFLATED) as bundle:
         bundle.writestr("session/session.json", b"\0" * (4 << 20))
-    with pytest.raises(InputError, match="would unpack"), session_of(bomb):
+    with pytest.raises(InputError, match="would unpack"), unpacked_session(bomb):
         pass
     for text in ("no archive", ""):
         (tmp_path / "b.zip").write_text(text)
-        with pytest.raises(InputError) as raised, session_of(tmp_path / "b.zip"):
+        with pytest.raises(InputError) as raised, unpacked_session(tmp_path / "b.zip"):
             pass
         assert raised.value.code == "error-not-unpacked"
     other = io.BytesIO()
     with zipfile.ZipFile(other, "w") as bundle:
         bundle.writestr("readme", "x")
     (tmp_path / "b.zip").write_bytes(other.getvalue())
-    with pytest.raises(InputError, match=r"contains no session/session\.json"), session_of(tmp_path / "b.zip"):
+    with pytest.raises(InputError, match=r"contains no session/session\.json"), unpacked_session(tmp_path / "b.zip"):
         pass
     with zipfile.ZipFile(tmp_path / "b.zip", "w", zipfile.ZIP_DEFLATED) as bundle:
         bundle.writestr("session/session.json", bytes(range(256)) * 100)
     packed = bytearray((tmp_path / "b.zip").read_bytes())
     packed[60:100] = b"\xff" * 40  # no longer what deflate writes
     (tmp_path / "b.zip").write_bytes(packed)
-    with pytest.raises(InputError, match="is not a bundle"), session_of(tmp_path / "b.zip"):
+    with pytest.raises(InputError, match="is not a bundle"), unpacked_session(tmp_path / "b.zip"):
         pass
     (tmp_path / "cut.zip").write_bytes(bomb.read_bytes()[:100])
-    with pytest.raises(InputError, match="is not a bundle"), session_of(tmp_path / "cut.zip"):
+    with pytest.raises(InputError, match="is not a bundle"), unpacked_session(tmp_path / "cut.zip"):
         pass
-    with pytest.raises(InputError, match="no such file"), session_of(tmp_path / "none.zip"):
+    with pytest.raises(InputError, match="no such file"), unpacked_session(tmp_path / "none.zip"):
         pass
 
 
@@ -221,7 +221,7 @@ def test_archives_packed_otherwise_are_refused(tmp_path: Path, compression: int)
     packed = bytearray((tmp_path / "b.zip").read_bytes())
     packed[70:90] = b"\xff" * 20
     (tmp_path / "b.zip").write_bytes(packed)
-    with pytest.raises(InputError, match="is not a bundle"), session_of(tmp_path / "b.zip"):
+    with pytest.raises(InputError, match="is not a bundle"), unpacked_session(tmp_path / "b.zip"):
         pass
 
 

@@ -20,7 +20,7 @@ from spherecal_app.cli.main import main
 from spherecal_cameras.genicam.messages import Live
 from spherecal_cameras.genicam.wire import WireError, pack, unpack
 from spherecal_documents.support.redact import Redactor
-from spherecal_documents.support.support_bundle import BundleOptions, session_of, write_bundle
+from spherecal_documents.support.support_bundle import BundleOptions, unpacked_session, write_bundle
 from spherecal_gui.project_folder import load_project, recent_projects
 from spherecal_sim.session_folder import write_session
 from spherecal_sim.simulate_session import simulate_session
@@ -81,7 +81,7 @@ def test_cameras_called_by_their_serial_numbers_stay_the_same_in_a_bundle(record
     captured = {"format": "spherecal/capture", "version": 1, "cameras": [{"id": serial, "serial": serial}], "sets": []}
     (folder / "capture.json").write_text(json.dumps(captured))
     write_bundle(folder, tmp_path / "b.zip", BundleOptions())
-    with session_of(tmp_path / "b.zip") as opened:
+    with unpacked_session(tmp_path / "b.zip") as opened:
         ids = {camera.id for camera in read_session(opened).cameras}  # reads the observations too
         assert serial not in ids
         assert len(ids) == len(read_session(folder).cameras)

@@ -2,6 +2,7 @@
 
 import argparse
 import time
+from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
 
 import numpy as np
@@ -30,7 +31,6 @@ from spherecal_app.cli.output import check_output_folder
 from spherecal_app.cli.parsers.shared import search_of
 from spherecal_app.cli.print_findings import log_findings, show_findings
 from spherecal_app.cli.progress import shown_progress
-from spherecal_documents.support.support_bundle import session_of
 
 
 def calibrate(options: argparse.Namespace) -> int:
@@ -57,7 +57,7 @@ def calibrate(options: argparse.Namespace) -> int:
     began = time.perf_counter()
     with shown_progress() as context:
         context.report("reading the session", 0.0)
-        with session_of(options.session) as folder:
+        with _session_of(options.session) as folder:
             calibration = run(read_session(folder), settings, context)
         context.report("writing the result", 0.0)
         write_result(calibration, options.output, {"method": calibration.method, "seed": options.seed})
@@ -65,6 +65,15 @@ def calibrate(options: argparse.Namespace) -> int:
     answer(options, calibration_summary(calibration))
     show_calibration(calibration, options.output, time.perf_counter() - began)
     return DONE if calibration.rig.quality.valid else NOT_VALID
+
+
+def _session_of(path: Path) -> AbstractContextManager[Path]:
+    """The session folder at `path`, or that inside a support bundle, which few commands need to know of."""
+    if path.is_dir() or path.suffix.lower() != ".zip":
+        return nullcontext(path)
+    from spherecal_documents.support.support_bundle import unpacked_session
+
+    return unpacked_session(path)
 
 
 def _check_forms(options: argparse.Namespace) -> None:

@@ -241,11 +241,8 @@ def versions() -> dict[str, Any]:
 
 
 @contextmanager
-def session_of(path: Path) -> Iterator[Path]:
-    """The session folder at `path`, or that inside a bundle, unpacked for as long as the context lasts."""
-    if path.is_dir() or path.suffix.lower() != ".zip":
-        yield path
-        return
+def unpacked_session(path: Path) -> Iterator[Path]:
+    """The session folder inside a bundle, unpacked for as long as the context lasts."""
     with tempfile.TemporaryDirectory(prefix="spherecal-bundle-") as made:
         unpack(path, Path(made))
         yield Path(made) / SESSION_FOLDER

@@ -24,10 +24,11 @@ def at_call(number: int, happens: Callable[[], None], after: bool = False) -> It
             made.append(name)
             if not after and len(made) == number:
                 happens()
-            given = real[name](*args, **kwargs)
-            if after and len(made) == number:
-                happens()
-            return given
+            try:
+                return real[name](*args, **kwargs)
+            finally:
+                if after and len(made) == number:
+                    happens()
 
         return call
 

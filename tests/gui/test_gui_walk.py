@@ -141,7 +141,10 @@ SECTIONS = {
     "Connect": ("connect",), "Camera check": ("look",), "Placements": ("placement",), "Scale bar": ("scale",),
     "Calibrate": ("calibrate", "results"), "Verify": ("verify",), "Save": ("save",),
 }  # fmt: skip
-SELDOM = {"Fixed again", "Cancel", "Stop here", "Measure the bar", "Write the report", "The rig's profile"}
+SELDOM = {
+    "Fixed again", "Cancel", "Stop here", "Measure the bar", "Write the report", "The rig's profile",
+    "Give it an address", "Use the built-in driver",
+}  # fmt: skip
 
 
 def test_each_step_shows_what_the_guide_says_of_it(walk):

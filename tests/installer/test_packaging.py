@@ -242,7 +242,7 @@ def test_menu_entry_and_file_types() -> None:
     named = {one.attrib["type"]: one for one in types}
     assert set(desktop["MimeType"].strip(";").split(";")) <= set(named)
     formats = {match.attrib["value"] for one in types for match in one.iter(f"{space}match")}
-    written = "".join(p.read_text(encoding="utf-8") for p in ROOT.glob("core/spherecal/**/*.py"))
+    written = "".join(p.read_text(encoding="utf-8") for p in ROOT.glob("core/**/*.py"))
     written += (ROOT / "spherecal_gui" / "project_folder.py").read_text(encoding="utf-8")
     assert all(f'"{name}"' in written for name in formats)
     ElementTree.parse(folder / "org.spherecal.SphereCal.metainfo.xml")

@@ -193,7 +193,7 @@ def connect_summary(lines: list[CameraLine], searching: bool, failure: str) -> t
     if searching:
         return translate("Connect", "Looking for cameras"), "none"
     answering = sum(bool(line.about) or line.listed for line in lines)
-    if failure and answering and all(line.level == "bad" for line in lines):  # not "plug them in": each row says what it lacks
+    if failure and answering and all(line.level == "bad" for line in lines):  # each row says what it lacks
         text = translate("Connect", "Cameras that answer, but cannot be used yet: {count}")
         return text.format(count=answering), "bad"
     if failure:

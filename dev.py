@@ -55,7 +55,7 @@ RUN = (
     "editables", "fonttools", "genicam", "harvesters", "hatchling", "idna", "kiwisolver", "matplotlib", "packaging",
     "pathspec", "pluggy", "pooch", "pyparsing", "pyqtgraph", "pyside6-essentials", "python-dateutil", "pyvista",
     "pyvista-validation", "requests", "rich-rst", "scooby", "shiboken6", "tomlkit", "trove-classifiers",
-    "typing-extensions", "tzdata", "urllib3", "vtk",
+    "typing-extensions", "typst", "tzdata", "urllib3", "vtk",
 )  # fmt: skip
 BIN = VENV / ("Scripts" if os.name == "nt" else "bin")
 PYTHON = BIN / ("python.exe" if os.name == "nt" else "python")

@@ -59,7 +59,7 @@ def _session_readers(folder: Path) -> list[Reader]:
     from spherecal.files.target_set_file import read_target_set
     from spherecal_boards.pattern_entry import read_board_pattern
     from spherecal_cameras.plan import read_plan
-    from spherecal_documents.support.support_bundle import session_of, write_bundle
+    from spherecal_documents.support.support_bundle import unpacked_session, write_bundle
 
     session = folder / "session"
     session.mkdir()
@@ -68,11 +68,11 @@ def _session_readers(folder: Path) -> list[Reader]:
     shutil.copytree(session, board)
     write_bundle(session, folder / "bundle.zip")
     bundle = folder / "bundled"
-    with session_of(folder / "bundle.zip") as inside:
+    with unpacked_session(folder / "bundle.zip") as inside:
         shutil.copytree(inside, bundle)
 
     def unpacked() -> object:
-        with session_of(folder / "bundle.zip") as inner:
+        with unpacked_session(folder / "bundle.zip") as inner:
             return read_session(inner)
 
     small = zipped({"session/session.json": json.dumps(VALID).encode(), "session/observations.csv": b"x"})

@@ -200,7 +200,9 @@ def connect_summary(lines: list[CameraLine], searching: bool, failure: str) -> t
         return failure, "bad"
     if not lines:
         return translate("Connect", "No cameras yet"), "bad"
-    rig = [line for line in lines if line.in_rig]
+    chosen = [line for line in lines if line.in_rig]
+    # one that only answers on the network, as a code reader may, is not of this rig and hinders nobody
+    rig = [line for line in chosen if line.listed or not line.about] or chosen
     good = sum(line.level == "good" for line in rig)
     text = translate("Connect", "{good} of {all} cameras ready").format(good=good, all=len(rig))
     without = [line.name for line in rig if line.level == "bad"]

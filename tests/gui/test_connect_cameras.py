@@ -28,7 +28,7 @@ from spherecal_cameras.sensors import pitch_of_model
 from spherecal_gentl.producer.producer_control import ProducerControl, SimulatedCamera
 from spherecal_gui.controllers.controller import Controller
 from spherecal_gui.pages.connect_page import ConnectPage
-from spherecal_gui.presenters.connect_presenter import camera_lines, connect_summary
+from spherecal_gui.presenters.connect_presenter import CameraLine, camera_lines, connect_summary
 from spherecal_gui.workflow import Step
 from tests.built_producer import built_producer
 from tests.gui_walking import pump, settle
@@ -204,3 +204,12 @@ def test_the_pixel_pitch_is_the_cameras_own_else_its_data_sheets(model: str, pit
     assert pixel_pitch_um(info, None) == pitch
     said = SetupReport("S1", (FeatureReport("pixel pitch", "SensorPixelWidth", got="2.74"),))
     assert pixel_pitch_um(info, said) == 2.74
+
+
+def test_a_camera_that_no_driver_lists_hinders_nobody() -> None:
+    """As a code reader on the same network: it has its row, and the rig is ready without it."""
+    usable = CameraLine("C01", "Viky", "0", "ready", "good", "0 · 800 × 800", listed=True)
+    reader = CameraLine("GV01", "Aravis Fake", "GV01", "It answers.", "bad", "GV01 · 192.168.77.11")
+    assert connect_summary([usable, reader], False, "") == ("1 of 1 cameras ready", "good")
+    missing = CameraLine("C02", "", "", "Not found.", "bad")
+    assert connect_summary([usable, reader, missing], False, "")[0] == "1 of 2 cameras ready, without C02"

@@ -121,6 +121,8 @@ def checked(connected: Controller) -> Iterator[Controller]:
     folder = connected.project.folder
     connected.saving.save_profile(folder.parent / TRAINING_PROFILE, True)
     settle(connected)
+    # the rig's picture is drawn by a process of its own, which may take longer than the saving
+    pump(lambda: any((folder.parent / TRAINING_PROFILE).rglob("*.png")))
     again = Controller()
     again.new_check(replace(load_project(folder), source="simulated:demo+bump:C03:0.3"))
     settle(again)

@@ -130,6 +130,14 @@ def camera_cofactors(problem: Problem, state: State, places: Places | None) -> F
         return None if found is None else Covariance(np.zeros(0), np.zeros(0), None, found[1], found[0]).all_cameras()
 
 
+def inverted(problem: Problem, state: State, places: Places | None) -> Inverted | None:
+    """The network before the S-transformation; None where it is singular."""
+    try:
+        return _inverted(problem, state, places)
+    except (LinAlgError, np.linalg.LinAlgError):
+        return None
+
+
 def _factors(problem: Problem, state: State, places: Places | None) -> tuple[CovarianceFactors, float] | None:
     """The factors and the condition number; None where the network is singular."""
     try:

@@ -1,10 +1,11 @@
 """The network an adjustment works on: which camera observes what, and what is known about each camera."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from spherecal.adjust.ball_model import FREE, BallModel, Free, Stored, as_rigid
+from spherecal.adjust.camera_effects import Corrections
 from spherecal.adjust.problem import Problem, sorted_problem
 from spherecal.adjust.rows import NO_LENGTHS, NO_PRIORS, LengthRows, Priors
 from spherecal.adjust.state import State
@@ -13,7 +14,7 @@ from spherecal.geometry.consensus import agreeing_views
 from spherecal.geometry.posed import PosedCameras
 from spherecal.geometry.triangulation import Triangulation, ray_angles, triangulate
 
-_OF_OBSERVATIONS = ("feature", "camera", "uv", "sigma")
+_OF_OBSERVATIONS = ("feature", "camera", "uv", "sigma", "correction", "placement")
 
 
 @dataclass(frozen=True)
@@ -25,7 +26,10 @@ class Network:
     shape they are its dots, each seen at several placements; `free, group`: the intrinsics to estimate (c,16), and
     which cameras share them (c,); `noise`: multiplies the standard deviations of each camera's observations, (c,);
     `locked`: cameras whose pose is known and stays, (c,); `ball`: how the ball joins the observations; `priors,
-    lengths`: what is known of the intrinsics, and distances between features; NO_PRIORS and NO_LENGTHS without any.
+    lengths`: what is known of the intrinsics, and distances between features; NO_PRIORS and NO_LENGTHS without any;
+    `sizes, placement`: of the cameras' images (c,2) px, and which placement each observation is from (n,), for fields
+    of lenses and motions of images; None and (0,) where neither is to be estimated; `correction`: what these take from
+    the measured image points to make `uv`, (n,2) px; (0,2) for nothing.
     """
 
     feature: IntArray
@@ -40,11 +44,35 @@ class Network:
     ball: BallModel = FREE
     priors: Priors = NO_PRIORS
     lengths: LengthRows = NO_LENGTHS
+    sizes: FloatArray | None = None
+    placement: IntArray = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
+    correction: FloatArray = field(default_factory=lambda: np.zeros((0, 2)))
+    corrections: Corrections | None = None
 
     def only(self, rows: IntArray | slice) -> "Network":
         """The same features and cameras with some of the observations."""
-        each = {name: getattr(self, name)[rows] for name in _OF_OBSERVATIONS}
-        return replace(self, ball=self.ball.select(rows), **each)
+        each = {name: getattr(self, name) for name in _OF_OBSERVATIONS}
+        some = {name: values[rows] if len(values) else values for name, values in each.items()}
+        return replace(self, ball=self.ball.select(rows), **some)
+
+    @property
+    def measured(self) -> FloatArray:
+        """The image points (n,2) px as they were measured."""
+        return self.uv + self.correction if len(self.correction) else self.uv
+
+    def corrected(self, corrections: Corrections | None, intrinsics: FloatArray) -> "Network":
+        """The same with other corrections of the measured image points, or none, by intrinsics (c,16)."""
+        measured = self.measured
+        if corrections is None:
+            return replace(self, uv=measured, correction=np.zeros((0, 2)), corrections=None)
+        correction = corrections.of(measured, self.camera, self.placement, intrinsics)
+        return replace(self, uv=measured - correction, correction=correction, corrections=corrections)
+
+    def corrected_as(self, other: "Network") -> "Network":
+        """The same with the corrections of a network of the same observations."""
+        correction = other.correction
+        uv = self.measured - correction if len(correction) else self.measured
+        return replace(self, uv=uv, correction=correction, corrections=other.corrections)
 
     def with_sigma(self, sigma: FloatArray | None) -> "Network":
         """The same with standard deviations (n,2) px of the observations; unchanged where these state none."""

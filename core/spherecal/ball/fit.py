@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from spherecal.adjust.bundle import Adjustment, refine, robust_start
+from spherecal.adjust.corrections import corrected
 from spherecal.adjust.covariance import Covariance, covariance
 from spherecal.adjust.intrinsic_priors import LEAST_NOISE, poorly_determined, poorly_observed, with_intrinsic_priors
 from spherecal.adjust.network import Network
@@ -116,6 +117,10 @@ def finished_solution(
     """
     if not run.plain:
         network, adjusted = weighted(network, adjusted, placed, run.context)
+        places = None if rigid is None else rigid.places
+        network, adjusted = corrected(network, adjusted, placed, places, run.context)
+        if network.corrections is not None:
+            network, adjusted = weighted(network, adjusted, placed, run.context)
     adjusted = replace(adjusted, state=adjusted.state.seen_from(run.reference_in(adjusted)))
     run.context.report("uncertainty", 0.0)
     release_freed()

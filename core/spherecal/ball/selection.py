@@ -12,6 +12,7 @@ from typing import Literal
 import numpy as np
 
 from spherecal.adjust.bundle import Adjustment, refine, robust_start
+from spherecal.adjust.corrections import corrected
 from spherecal.adjust.intrinsic_priors import LEAST_NOISE
 from spherecal.adjust.network import Network
 from spherecal.adjust.rows import NO_PRIORS
@@ -124,9 +125,11 @@ def choose_ball_model(
     if not alignment.moved.any():
         return free, ModelChoice("free", _nothing_shared(alignment, ball.n_ball), alignment=alignment)
     # with the free form's weights, so that the two variances are of one unit
-    again = replace(ball.network, noise=free.network.noise, priors=free.network.priors)
+    again = replace(ball.network, noise=free.network.noise, priors=free.network.priors).corrected_as(free.network)
     rigid, start = share_shape(again, ball.features, free.adjusted.state, alignment)
     first = _first_rigid(rigid.network, start, free, run)
+    network, first = corrected(rigid.network, first, free.placed, rigid.places, run.context)
+    rigid = replace(rigid, network=network)
     first, sizes = _of_several_sizes(rigid, first, free, requested, run)
     choice = replace(_judged(first, [free], alignment, requested.name, rigid.feature), sizes=sizes)
     if choice.form == "soft":

@@ -51,6 +51,7 @@ def build_result(recording: Recording, local: LocalNetwork, fit: MetricFit, meth
     solved, choice, solution = fit.solved, fit.choice, fit.solution
     reference = run.reference_in(solved.adjusted)
     adjusted = solved.adjusted
+    measured, observations = observations, replace(observations, uv=solved.network.uv)
     placed = solved.placed & (np.bincount(observations.camera[adjusted.used], minlength=len(solved.placed)) > 0)
     residual = _residuals(observations, features, placed, solution)
     evidence = Evidence(
@@ -121,7 +122,7 @@ def build_result(recording: Recording, local: LocalNetwork, fit: MetricFit, meth
         sigma = np.sqrt(np.maximum(variance, 0.0)) * solution.factor * factor.max(initial=1.0)
     done = Calibration(
         rig,
-        observations,
+        measured,
         features,
         solution.state.points,
         sigma,

@@ -1,6 +1,6 @@
 """The sphere's start values: its network, the local reconstruction, and points as in the paper."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -30,9 +30,11 @@ def describe_network(recording: Recording, settings: CalibrationSettings) -> Net
         estimated = np.tile(estimated_mask("tao2021") & free, (len(estimated), 1))
     names = [(c.earlier_pose_of or c.id) if settings.own_intrinsics else c.intrinsics_group for c in cameras]
     group = np.unique(names, return_inverse=True)[1].reshape(-1)
-    return free_network(
+    network = free_network(
         features.of_observation, observations.camera, observations.uv, len(features), estimated, group
     ).with_sigma(observations.sigma)
+    sizes = np.array([camera.image_size for camera in cameras], dtype=float)
+    return replace(network, sizes=sizes, placement=observations.placement)
 
 
 def local_network(recording: Recording, settings: CalibrationSettings, context: Context) -> LocalNetwork:

@@ -1,0 +1,218 @@
+"""Fields of lenses and motions of images: what the cameras do beyond the lens model and one pose each.
+
+A network's observations are corrected by them (`Network.correction`), so that everything else works with the lens model
+and one pose a camera. Both are random effects, with amplitudes by restricted maximum likelihood (`variance_components`)
+in one adjustment with all other unknowns, and each is taken only where the data ask for it beside the other.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+
+from spherecal.adjust.ball_model import Deformable
+from spherecal.adjust.bundle import Adjustment, refine
+from spherecal.adjust.camera_effects import FIELD, MOTION, Corrections, Design
+from spherecal.adjust.covariance import inverted
+from spherecal.adjust.covariance_factors import Inverted
+from spherecal.adjust.datum import Places
+from spherecal.adjust.lens_field import FieldBasis, field_basis
+from spherecal.adjust.network import Network
+from spherecal.adjust.parameter_layout import POSE
+from spherecal.adjust.problem import Problem
+from spherecal.adjust.variance_components import Effects, estimated
+from spherecal.base.arrays import BoolArray, FloatArray, IntArray
+from spherecal.base.context import Context
+from spherecal.base.threads import one_blas_thread
+
+# -2 log of the likelihood must fall by more than this for the effects to be taken; noise gave 0 to 2.
+LEAST_EVIDENCE = 30.0
+# A lens' field begins with this amplitude, px; a turn with that which moves its images by this.
+FIRST_PX = 0.05
+# Lenses seen by fewer observations have no field of their own.
+LEAST_OBSERVATIONS = 60
+# All fields together have at most so many coefficients, 30 functions a coordinate: large rigs have stiffer fields.
+MOST_COEFFICIENTS, MOST_FUNCTIONS = 2000, 80
+_MOST_ENTRIES = 8_000_000  # numbers (64 MB) in the derivatives of the points that are eliminated at a time
+ROUNDS = 4
+SETTLED_PX = 1e-3
+
+
+def design_of(network: Network, adjusted: Adjustment) -> Design:
+    """The effects that a network may have."""
+    problem, state = adjusted.problem, adjusted.state
+    assert network.sizes is not None
+    lens = np.unique(network.group, return_inverse=True)[1].reshape(-1)
+    seen = np.bincount(lens[problem.camera], minlength=lens.max() + 1)
+    most = min(MOST_FUNCTIONS, MOST_COEFFICIENTS // (2 * max(int((seen >= LEAST_OBSERVATIONS).sum()), 1)))
+    observed = np.bincount(problem.camera, minlength=len(lens))
+    bases: list[FieldBasis | None] = []
+    for number, count in enumerate(seen):
+        first = int(np.flatnonzero((lens == number) & ((observed > 0) | (count == 0)))[0])
+        free = network.free[first] | (np.arange(16) < 4)
+        enough = count >= LEAST_OBSERVATIONS
+        bases.append(field_basis(network.sizes[first], state.intrinsics[first], free, most) if enough else None)
+    start = np.concatenate([[0], np.cumsum([0 if basis is None else basis.count for basis in bases])])
+    n_placements = int(network.placement.max()) + 1
+    images = np.unique(network.camera * n_placements + network.placement)
+    return Design(tuple(bases), lens, start, *np.divmod(images, n_placements))
+
+
+@dataclass(frozen=True)
+class EffectSystem:
+    """The effects of a network with all else eliminated, and the other columns' equations by them, (e,m).
+    """
+
+    quadratic: Effects
+    by_columns: FloatArray
+
+
+def effects_of(
+    network: Network, adjusted: Adjustment, design: Design, system: Inverted, start: FloatArray | None
+) -> EffectSystem:
+    """The quadratic form of the effects at an adjusted network, all other unknowns eliminated.
+
+    `start` (m,): the coefficients that the network is corrected by; None for none.
+    """
+    problem = adjusted.problem
+    m, e = design.count, problem.layout.expanded
+    own, by_columns, gradient = np.zeros((m, m)), np.zeros((e, m)), np.zeros(m)
+    for part in _parts(network, adjusted, design, system):
+        own += part.own
+        by_columns += part.by_columns
+        gradient += part.gradient
+    matrix = own - by_columns.T @ (system.inverse @ by_columns)
+    before = np.zeros(m) if start is None else start
+    squares = 2 * adjusted.minimum.cost - 2 * before @ gradient + before @ matrix @ before
+    quadratic = Effects(
+        matrix, gradient - matrix @ before, squares, adjusted.redundancy, design.part, design.kind
+    )
+    return EffectSystem(quadratic, by_columns)
+
+
+@dataclass(frozen=True)
+class _Part:
+    """What some points add: own (m,m), by_columns (e,m), gradient (m,); `shifts` (3k,m) of the points from `first`."""
+
+    first: int
+    own: FloatArray
+    by_columns: FloatArray
+    gradient: FloatArray
+    shifts: FloatArray
+
+
+def _parts(network: Network, adjusted: Adjustment, design: Design, system: Inverted) -> Iterator[_Part]:
+    problem, start = adjusted.problem, adjusted.problem.point_start
+    measured = network.measured[adjusted.rows]
+    image = design.images(problem.camera, network.placement[adjusted.rows])
+    at_once = max(int(_MOST_ENTRIES // (3 * (design.count + problem.layout.expanded))), 1)
+    for first in range(0, problem.n_points, at_once):
+        last = min(first + at_once, problem.n_points)
+        rows = slice(int(start[first]), int(start[last]))
+        if rows.start < rows.stop:
+            yield _part(problem, design, system, measured[rows], image[rows], rows, first, last)
+
+
+def _part(
+    problem: Problem,
+    design: Design,
+    system: Inverted,
+    uv: FloatArray,
+    image: IntArray,
+    rows: slice,
+    first: int,
+    last: int,
+) -> _Part:
+    m, e, width = design.count, problem.layout.expanded, system.linear.width
+    linear, camera, point = system.linear.at(rows), problem.camera[rows], problem.point[rows] - first
+    own, by_columns, gradient = np.zeros((m, m)), np.zeros((e, m)), np.zeros(m)
+    points, effects = np.zeros((last - first, 3, e)), np.zeros((last - first, 3, m))
+    order = np.argsort(image, kind="stable")
+    bounds = np.flatnonzero(np.diff(image[order], prepend=-1, append=-2))
+    for begin, end in pairwise(bounds.tolist()):
+        k = order[begin:end]
+        c = int(camera[k[0]])
+        columns = design.columns(int(image[k[0]]))
+        values = design.derivatives(c, uv[k], problem.weight[rows][k], linear.by_camera[k])  # (k,2,r)
+        ours = np.arange(c * width, (c + 1) * width)
+        theirs = linear.by_camera[k]
+        if problem.n_placements:
+            placement = problem.n_cameras * width + POSE * int(problem.placement[rows][k[0]])
+            ours = np.concatenate([ours, placement + np.arange(POSE)])
+            theirs = np.concatenate([theirs, linear.by_placement[k]], axis=2)
+        flat, flat_x = values.reshape(-1, len(columns)), theirs.reshape(-1, len(ours))
+        own[np.ix_(columns, columns)] += flat.T @ flat
+        by_columns[np.ix_(ours, columns)] += flat_x.T @ flat
+        gradient[columns] += flat.T @ linear.residual[k].ravel()
+        by_point = linear.by_point[k].transpose(0, 2, 1)
+        effects[point[k][:, None], :, columns] += (by_point @ values).transpose(0, 2, 1)
+        points[point[k][:, None], :, ours] += (by_point @ theirs).transpose(0, 2, 1)
+    shifts = -(system.point_inverse[first:last] @ effects).reshape(-1, m)
+    own += effects.reshape(-1, m).T @ shifts
+    by_columns += points.reshape(-1, e).T @ shifts
+    kept = np.flatnonzero((problem.kept_points >= first) & (problem.kept_points < last))
+    for number in kept:
+        at = e - 3 * (len(problem.kept_points) - number)
+        by_columns[at : at + 3] += effects[problem.kept_points[number] - first]
+    return _Part(first, own, by_columns, gradient, shifts)
+
+
+def corrected(
+    network: Network, adjusted: Adjustment, placed: BoolArray, places: Places | None, context: Context
+) -> tuple[Network, Adjustment]:
+    """The network with its lenses' fields and images' motions, where the data ask for them, adjusted with them.
+
+    `placed`: cameras that have a pose, (c,); `places` None in the free form.
+    """
+    if network.sizes is None or adjusted.redundancy <= 0 or isinstance(network.ball, Deformable):
+        return network, adjusted
+    found = network.corrections
+    design = design_of(network, adjusted) if found is None else found.design
+    for _ in range(ROUNDS):
+        found = _estimated(network, adjusted, places, design, found)
+        again = network.corrected(found, adjusted.state.intrinsics)
+        change = np.abs(again.uv - network.uv).max(initial=0.0)
+        if change == 0.0:
+            break
+        network = again
+        adjusted = refine(network, adjusted.state, adjusted.used, placed, context)
+        if change < SETTLED_PX:
+            break
+    return network, adjusted
+
+
+def _estimated(
+    network: Network, adjusted: Adjustment, places: Places | None, design: Design, before: Corrections | None
+) -> Corrections | None:
+    with one_blas_thread():
+        system = inverted(adjusted.problem, adjusted.state, places)
+        if system is None:
+            return before
+        start = None if before is None else before.coefficients
+        effects = effects_of(network, adjusted, design, system, start).quadratic
+        first = _first_variances(design, adjusted) if before is None else before.variances
+        return chosen(design, effects, first)
+
+
+def chosen(design: Design, effects: Effects, first: FloatArray) -> Corrections | None:
+    """The effects that the data ask for: each beside the other, or the likelier alone; None for neither."""
+    none = effects.redundancy * float(np.log(effects.squares / effects.redundancy))
+    both, field, motion = (
+        estimated(effects, np.where(np.isin(design.kind, kinds), first, 0.0))
+        for kinds in ((FIELD, MOTION), (FIELD,), (MOTION,))
+    )
+    by_field, by_motion = motion.deviance - both.deviance, field.deviance - both.deviance
+    if by_field > LEAST_EVIDENCE and by_motion > LEAST_EVIDENCE:
+        best = both
+    else:
+        best = min(field, motion, key=lambda one: one.deviance)
+        if none - best.deviance <= LEAST_EVIDENCE:
+            return None
+    return Corrections(design, best.coefficients, best.variances, by_field, by_motion)
+
+
+def _first_variances(design: Design, adjusted: Adjustment) -> FloatArray:
+    noise = max(float(np.sqrt(adjusted.variance)), 1e-6) / float(np.median(adjusted.problem.weight))
+    turns = FIRST_PX / adjusted.state.intrinsics[:, 0]
+    return np.concatenate([np.full(len(design.basis), FIRST_PX / noise), turns / noise]) ** 2

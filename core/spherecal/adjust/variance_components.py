@@ -1,0 +1,112 @@
+"""Amplitudes of random effects by restricted maximum likelihood (H. Patterson and R. Thompson, 1971).
+
+All other unknowns are eliminated: what is left is a quadratic form in the effects' coefficients b, of which each class
+has a variance of its own. A class that the data do not ask for gets the variance 0.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.linalg import LinAlgError, cho_factor, cho_solve
+
+from spherecal.base.arrays import BoolArray, FloatArray, IntArray
+
+ROUNDS = 30
+SETTLED = 0.02  # relative change of the amplitudes
+MOST_GROWTH = 4.0  # of an amplitude in a round
+OWN_WEIGHT = 4.0  # coefficients' worth of the common amplitude in a class's own
+
+
+@dataclass(frozen=True)
+class Effects:
+    """The quadratic form of random effects: b'Mb/2 + b'g and the squares of all residuals without them.
+
+    `matrix` (m,m), `gradient` (m,), `squares` and their `redundancy`; `part` (m,): what may differ in amplitude from
+    what else (a camera's field, its turns), `kind` (parts,): which of these share a typical amplitude.
+    """
+
+    matrix: FloatArray
+    gradient: FloatArray
+    squares: float
+    redundancy: int
+    part: IntArray
+    kind: IntArray
+
+    def without(self, kinds: tuple[int, ...]) -> "Effects":
+        """The same without some kinds."""
+        keep = ~np.isin(self.kind[self.part], kinds)
+        return Effects(
+            self.matrix[np.ix_(keep, keep)],
+            self.gradient[keep],
+            self.squares,
+            self.redundancy,
+            self.part[keep],
+            self.kind,
+        )
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """The effects' coefficients (m,), the variances (parts,) of each part's relative to sigma0 squared, and sigma0^2.
+
+    `deviance`: -2 log of the restricted likelihood, but for a constant of the data.
+    """
+
+    coefficients: FloatArray
+    variances: FloatArray
+    sigma0_squared: float
+    deviance: float
+
+
+def estimated(effects: Effects, start: FloatArray) -> Estimate:
+    """The amplitudes of greatest restricted likelihood from start variances (parts,), and the coefficients by them."""
+    variances = start.copy()
+    count = np.bincount(effects.part, minlength=len(effects.kind)).astype(float)
+    best = _solve(effects, variances)
+    for _ in range(ROUNDS):
+        b, freedom, sigma2 = best.coefficients, best.freedom, best.sigma0_squared
+        squares = np.bincount(effects.part, b**2, len(effects.kind)) / sigma2
+        new = np.zeros_like(variances)
+        for kind in np.unique(effects.kind):
+            own = (effects.kind == kind) & (count > 0) & (variances > 0)
+            if not own.any():
+                continue
+            common = squares[own].sum() / max(freedom[own].sum(), 1e-12)
+            new[own] = (squares[own] + OWN_WEIGHT * common) / (freedom[own] + OWN_WEIGHT)
+        new = np.clip(new, variances / MOST_GROWTH**2, variances * MOST_GROWTH**2)
+        change = np.abs(np.log(np.where(new > 0, new, 1.0) / np.where(new > 0, variances, 1.0))).max(initial=0.0)
+        variances = new
+        best = _solve(effects, variances)
+        if change < 2 * SETTLED:
+            break
+    return Estimate(best.coefficients, variances, best.sigma0_squared, best.deviance)
+
+
+@dataclass(frozen=True)
+class _Solved:
+    coefficients: FloatArray
+    freedom: FloatArray
+    sigma0_squared: float
+    deviance: float
+
+
+def _solve(effects: Effects, variances: FloatArray) -> _Solved:
+    """Coefficients for given variances, the number (parts,) that the data determine, sigma0^2 and the deviance."""
+    used = variances[effects.part] > 0
+    b = np.zeros(len(effects.part))
+    freedom = np.zeros(len(effects.kind))
+    squares, log_det = effects.squares, 0.0
+    if used.any():
+        root = np.sqrt(variances[effects.part[used]])
+        scaled = effects.matrix[np.ix_(used, used)] * root[:, None] * root
+        scaled[np.diag_indices(len(root))] += 1.0
+        factor = cho_factor(scaled, lower=True)
+        inverse = cho_solve(factor, np.eye(len(root)))
+        pull = root * effects.gradient[used]
+        taken = -inverse @ pull
+        b[used] = root * taken
+        squares += float(pull @ taken)
+        log_det = 2 * float(np.log(np.diag(factor[0])).sum())
+        freedom = np.bincount(effects.part[used], 1.0 - np.diag(inverse), len(effects.kind))
+    sigma2 = max(squares, 1e-30) / effects.redundancy
+    return _Solved(b, freedom, sigma2, effects.redundancy * float(np.log(sigma2)) + log_det)

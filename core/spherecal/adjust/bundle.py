@@ -201,6 +201,8 @@ def refine(network: Network, state: State, used: BoolArray, placed: BoolArray, c
         state = replace(minimum.state, points=np.where(lost[:, None], np.nan, minimum.state.points))
         if (gated == used).all() or rounds == GATE_ROUNDS:
             redundancy = problem.rows - problem.unknowns + datum_defect(problem) if gated.any() else 0
+            if network.corrections is not None:
+                redundancy -= round(network.corrections.freedom)
             return Adjustment(state, problem, rows, gated, minimum, redundancy)
         used = gated
 

@@ -69,12 +69,14 @@ class Design:
 class Corrections:
     """Estimated fields and motions: coefficients (m,) and variances (parts,) over sigma0 squared.
 
+    `freedom`: how many coefficients' worth the data determine, which the redundancy lacks.
     `field_evidence, motion_evidence`: by how much -2 log of the likelihood falls by each beside the other.
     """
 
     design: Design
     coefficients: FloatArray
     variances: FloatArray
+    freedom: float
     field_evidence: float
     motion_evidence: float
 

@@ -10,18 +10,19 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
+from scipy import sparse
 
 from spherecal.adjust.ball_model import Deformable
 from spherecal.adjust.bundle import Adjustment, refine
 from spherecal.adjust.camera_effects import FIELD, MOTION, Corrections, Design
-from spherecal.adjust.covariance import inverted
-from spherecal.adjust.covariance_factors import Inverted
+from spherecal.adjust.covariance import Covariance, inverted, with_effects
+from spherecal.adjust.covariance_factors import CovarianceFactors, Inverted
 from spherecal.adjust.datum import Places
 from spherecal.adjust.lens_field import FieldBasis, field_basis
 from spherecal.adjust.network import Network
 from spherecal.adjust.parameter_layout import POSE
 from spherecal.adjust.problem import Problem
-from spherecal.adjust.variance_components import Effects, estimated
+from spherecal.adjust.variance_components import Effects, effect_cofactors, estimated
 from spherecal.base.arrays import BoolArray, FloatArray, IntArray
 from spherecal.base.context import Context
 from spherecal.base.threads import one_blas_thread
@@ -61,15 +62,15 @@ def design_of(network: Network, adjusted: Adjustment) -> Design:
 
 @dataclass(frozen=True)
 class EffectSystem:
-    """The effects of a network with all else eliminated, and the other columns' equations by them, (e,m).
-    """
+    """The effects of a network with all else eliminated, the other columns' equations by them (e,m), points' shifts (3p,m)."""
 
     quadratic: Effects
     by_columns: FloatArray
+    shifts: sparse.csr_array
 
 
 def effects_of(
-    network: Network, adjusted: Adjustment, design: Design, system: Inverted, start: FloatArray | None
+    network: Network, adjusted: Adjustment, design: Design, system: Inverted | CovarianceFactors, start: FloatArray | None
 ) -> EffectSystem:
     """The quadratic form of the effects at an adjusted network, all other unknowns eliminated.
 
@@ -78,17 +79,19 @@ def effects_of(
     problem = adjusted.problem
     m, e = design.count, problem.layout.expanded
     own, by_columns, gradient = np.zeros((m, m)), np.zeros((e, m)), np.zeros(m)
+    shifts = []
     for part in _parts(network, adjusted, design, system):
+        shifts.append(sparse.csr_array(part.shifts))
         own += part.own
         by_columns += part.by_columns
         gradient += part.gradient
     matrix = own - by_columns.T @ (system.inverse @ by_columns)
     before = np.zeros(m) if start is None else start
     squares = 2 * adjusted.minimum.cost - 2 * before @ gradient + before @ matrix @ before
-    quadratic = Effects(
-        matrix, gradient - matrix @ before, squares, adjusted.redundancy, design.part, design.kind
-    )
-    return EffectSystem(quadratic, by_columns)
+    taken = 0 if network.corrections is None else round(network.corrections.freedom)
+    redundancy = adjusted.redundancy + taken
+    quadratic = Effects(matrix, gradient - matrix @ before, squares, redundancy, design.part, design.kind)
+    return EffectSystem(quadratic, by_columns, sparse.vstack(shifts, format="csr"))
 
 
 @dataclass(frozen=True)
@@ -102,7 +105,7 @@ class _Part:
     shifts: FloatArray
 
 
-def _parts(network: Network, adjusted: Adjustment, design: Design, system: Inverted) -> Iterator[_Part]:
+def _parts(network: Network, adjusted: Adjustment, design: Design, system: Inverted | CovarianceFactors) -> Iterator[_Part]:
     problem, start = adjusted.problem, adjusted.problem.point_start
     measured = network.measured[adjusted.rows]
     image = design.images(problem.camera, network.placement[adjusted.rows])
@@ -110,14 +113,13 @@ def _parts(network: Network, adjusted: Adjustment, design: Design, system: Inver
     for first in range(0, problem.n_points, at_once):
         last = min(first + at_once, problem.n_points)
         rows = slice(int(start[first]), int(start[last]))
-        if rows.start < rows.stop:
-            yield _part(problem, design, system, measured[rows], image[rows], rows, first, last)
+        yield _part(problem, design, system, measured[rows], image[rows], rows, first, last)
 
 
 def _part(
     problem: Problem,
     design: Design,
-    system: Inverted,
+    system: Inverted | CovarianceFactors,
     uv: FloatArray,
     image: IntArray,
     rows: slice,
@@ -182,6 +184,18 @@ def corrected(
     return network, adjusted
 
 
+def with_corrections(given: Covariance, network: Network, adjusted: Adjustment) -> Covariance:
+    """The covariance of an adjusted network with its corrections estimated, from that in which they are known."""
+    found = network.corrections
+    if found is None or isinstance(network.ball, Deformable):
+        return given
+    with one_blas_thread():
+        system = effects_of(network, adjusted, found.design, given.factors, found.coefficients)
+        used = np.flatnonzero(found.variances[found.design.part] > 0)
+        own = effect_cofactors(system.quadratic, found.variances)[np.ix_(used, used)]
+        return with_effects(given, system.by_columns[:, used], system.shifts[:, used], own)
+
+
 def _estimated(
     network: Network, adjusted: Adjustment, places: Places | None, design: Design, before: Corrections | None
 ) -> Corrections | None:
@@ -209,7 +223,7 @@ def chosen(design: Design, effects: Effects, first: FloatArray) -> Corrections |
         best = min(field, motion, key=lambda one: one.deviance)
         if none - best.deviance <= LEAST_EVIDENCE:
             return None
-    return Corrections(design, best.coefficients, best.variances, by_field, by_motion)
+    return Corrections(design, best.coefficients, best.variances, best.freedom, by_field, by_motion)
 
 
 def _first_variances(design: Design, adjusted: Adjustment) -> FloatArray:

@@ -6,6 +6,7 @@ Where length rows give the scale, the datum removes it as well; `stretch` says h
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy import sparse
 from scipy.linalg import LinAlgError
 
 from spherecal.adjust import engine
@@ -15,7 +16,7 @@ from spherecal.adjust.datum import Places, datum_motions
 from spherecal.adjust.deformable_factors import deformable_factors
 from spherecal.adjust.least_squares import normal_equations
 from spherecal.adjust.parameter_layout import symmetric
-from spherecal.adjust.point_factors import point_factors
+from spherecal.adjust.point_factors import PointFactors, point_factors, widened
 from spherecal.adjust.problem import Problem
 from spherecal.adjust.state import State
 from spherecal.base.arrays import FloatArray, IntArray
@@ -39,6 +40,17 @@ class Covariance:
     stretch: float | None
     condition: float
     _parts: CovarianceFactors
+    _given_effects: "Covariance | None" = None
+
+    @property
+    def given_effects(self) -> "Covariance":
+        """The same with the fields of lenses and the motions of images taken as known."""
+        return self._given_effects or self
+
+    @property
+    def factors(self) -> CovarianceFactors:
+        """What it is made of."""
+        return self._parts
 
     @property
     def point_noise(self) -> FloatArray:
@@ -116,11 +128,28 @@ def covariance(problem: Problem, state: State, places: Places | None = None) -> 
         found = _factors(problem, state, places)
         if found is None:
             return None
-        parts, condition = found
-        cameras = Covariance(np.zeros(0), np.zeros(0), None, condition, parts).all_cameras()
-        width, own = parts.linear.width, np.arange(problem.n_cameras)
-        diagonal = cameras.reshape(len(own), width, len(own), width)[own, :, own, :]
-        return Covariance(diagonal, parts.place_cofactors(), _stretch(parts), condition, parts)
+        return _covariance_of(*found)
+
+
+def _covariance_of(parts: CovarianceFactors, condition: float, given: Covariance | None = None) -> Covariance:
+    cameras = Covariance(np.zeros(0), np.zeros(0), None, condition, parts).all_cameras()
+    width, own = parts.linear.width, np.arange(parts.problem.n_cameras)
+    diagonal = cameras.reshape(len(own), width, len(own), width)[own, :, own, :]
+    return Covariance(diagonal, parts.place_cofactors(), _stretch(parts), condition, parts, given)
+
+
+def with_effects(given: Covariance, by_columns: FloatArray, shifts: sparse.csr_array, own: FloatArray) -> Covariance:
+    """The covariance where effects are unknown too.
+
+    `by_columns` (e,m): equations of the columns by the effects, points eliminated; `shifts` (3p,m): of the points by
+    the effects; `own` (m,m): cofactors of the effects.
+    """
+    parts = given.factors
+    assert isinstance(parts, PointFactors)
+    taken = parts.inverse @ by_columns
+    cross = -taken @ own
+    inverse = np.block([[parts.inverse - cross @ taken.T, cross], [cross.T, own]])
+    return _covariance_of(widened(parts, inverse, shifts), given.condition, given)
 
 
 def camera_cofactors(problem: Problem, state: State, places: Places | None) -> FloatArray | None:

@@ -78,12 +78,15 @@ class PointFactors(CovarianceFactors):
         observed = np.diff(self.problem.point_start) > 0
         if self.places is None:
             out = self.point_inverse.copy()
-            _add_camera_share(out, self)
-            kept = self.problem.kept_points
-            after = self.n_camera_columns
-            for position, p in enumerate(kept):
-                own = slice(after + 3 * position, after + 3 * position + 3)
-                out[p] = self.inverse[own, own]
+            if self.shifts is not None:
+                _add_share(out, self.shifts, self.inverse)
+            else:
+                _add_camera_share(out, self)
+                kept = self.problem.kept_points
+                after = self.n_camera_columns
+                for position, p in enumerate(kept):
+                    own = slice(after + 3 * position, after + 3 * position + 3)
+                    out[p] = self.inverse[own, own]
             gauge_cross = _carried_points(self) + self.point_inverse @ self.datum_points
         else:
             out, gauge_cross = _carried_places(self)
@@ -94,7 +97,7 @@ class PointFactors(CovarianceFactors):
 
     def to_unknowns(self, gradient: FloatArray) -> tuple[FloatArray, FloatArray]:
         """A gradient by places (f,3) as gradients by points (p,3) and by columns (e,)."""
-        columns = np.zeros(self.problem.layout.expanded)
+        columns = np.zeros(len(self.inverse))
         if self.places is None:
             return gradient, columns
         points = np.zeros((self.problem.n_points, 3))
@@ -110,7 +113,7 @@ class PointFactors(CovarianceFactors):
         problem, m = self.problem, len(gradients)
         if self.shifts is not None:
             rows = [gradient.ravel() @ self.shifts for gradient in gradients]
-            return np.array(rows).reshape(m, problem.layout.expanded)
+            return np.array(rows).reshape(m, len(self.inverse))
         cameras = np.zeros((m, problem.n_cameras, self.linear.width))
         poses = np.zeros((m, problem.n_placements, POSE))
         for rows in blocks(len(problem.uv)):
@@ -169,9 +172,23 @@ def point_factors(inverted: Inverted, state: State, places: Places | None) -> Po
     return replace(parts, shifts=shifts, datum_points=datum_points, datum_columns=datum_columns)
 
 
+def widened(parts: PointFactors, inverse: FloatArray, shifts: sparse.csr_array) -> PointFactors:
+    """The factors with more columns, which the datum leaves alone: cofactors (e+m,e+m) and points' shifts (3p,m)."""
+    more = ((0, len(inverse) - len(parts.inverse)), (0, 0))
+    return replace(
+        parts,
+        inverse=inverse,
+        shifts=sparse.hstack([shift_matrix(parts), shifts], format="csr"),
+        gauge_columns=np.pad(parts.gauge_columns, more),
+        datum_columns=np.pad(parts.datum_columns, more),
+    )
+
+
 def _carried_points(parts: PointFactors) -> FloatArray:
     """K C A' (p,3,g)."""
     problem = parts.problem
+    if parts.shifts is not None:
+        return np.asarray(parts.shifts @ parts.gauge_cross).reshape(problem.n_points, 3, -1)
     out = np.zeros((problem.n_points, 3, parts.gauge_cross.shape[1]))
     by_camera = parts.gauge_cross[: parts.n_camera_columns].reshape(problem.n_cameras, parts.linear.width, out.shape[2])
     for own in blocks(len(problem.uv)):
@@ -197,7 +214,7 @@ def _carried_places(parts: PointFactors) -> tuple[FloatArray, FloatArray]:
     order = np.argsort(places.point, kind="stable")
     for first in range(0, problem.n_points, _CHUNK):
         rows = shifts[3 * first : 3 * (first + _CHUNK)].toarray()
-        moved = (rows @ parts.inverse).reshape(-1, 3, problem.layout.expanded)  # K C
+        moved = (rows @ parts.inverse).reshape(-1, 3, len(parts.inverse))  # K C
         own = moved @ rows.reshape(moved.shape).transpose(0, 2, 1) + parts.point_inverse[first : first + _CHUNK]
         begin, end = np.searchsorted(places.point[order], [first, first + _CHUNK])
         some = order[begin:end]
@@ -209,9 +226,13 @@ def _carried_places(parts: PointFactors) -> tuple[FloatArray, FloatArray]:
 
 def shift_matrix(parts: PointFactors) -> sparse.csr_array:
     """K: shifts of all points by all columns (3p, e)."""
-    problem = parts.problem
     if parts.shifts is not None:
         return parts.shifts
+    return _plain_shifts(parts)
+
+
+def _plain_shifts(parts: PointFactors) -> sparse.csr_array:
+    problem = parts.problem
     pieces = [_shifts(parts, first, last) for first, last in blocks_of_groups(problem.point_start)]
     count = np.concatenate([[0], *(np.diff(piece.indptr) for piece in pieces)])
     start = np.cumsum(count, dtype=np.int32)
@@ -253,6 +274,14 @@ def _add_camera_share(out: FloatArray, parts: PointFactors) -> None:
     for begin, end in _runs_of_points(parts.problem):
         by_camera = parts.shifts_of(slice(begin, end))[0]
         _add_share_of(out, parts, begin, by_camera, *_pairs(parts.problem, begin, end))
+
+
+def _add_share(out: FloatArray, shifts: sparse.csr_array, inverse: FloatArray) -> None:
+    """Add K C K' of each point to (p,3,3), by kept shifts (3p,e)."""
+    for first in range(0, len(out), _CHUNK):
+        rows = shifts[3 * first : 3 * (first + _CHUNK)].toarray()
+        moved = (rows @ inverse).reshape(-1, 3, len(inverse))
+        out[first : first + _CHUNK] += moved @ rows.reshape(moved.shape).transpose(0, 2, 1)
 
 
 def _runs_of_points(problem: Problem) -> Iterator[tuple[int, int]]:

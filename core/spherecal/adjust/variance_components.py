@@ -7,9 +7,9 @@ has a variance of its own. A class that the data do not ask for gets the varianc
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg import LinAlgError, cho_factor, cho_solve
+from scipy.linalg import cho_factor, cho_solve
 
-from spherecal.base.arrays import BoolArray, FloatArray, IntArray
+from spherecal.base.arrays import FloatArray, IntArray
 
 ROUNDS = 30
 SETTLED = 0.02  # relative change of the amplitudes
@@ -56,6 +56,7 @@ class Estimate:
     variances: FloatArray
     sigma0_squared: float
     deviance: float
+    freedom: float
 
 
 def estimated(effects: Effects, start: FloatArray) -> Estimate:
@@ -79,7 +80,15 @@ def estimated(effects: Effects, start: FloatArray) -> Estimate:
         best = _solve(effects, variances)
         if change < 2 * SETTLED:
             break
-    return Estimate(best.coefficients, variances, best.sigma0_squared, best.deviance)
+    return Estimate(best.coefficients, variances, best.sigma0_squared, best.deviance, float(best.freedom.sum()))
+
+
+def effect_cofactors(effects: Effects, variances: FloatArray) -> FloatArray:
+    """Cofactors (m,m) of the coefficients for given variances (parts,); 0 where there is none."""
+    root = np.sqrt(variances[effects.part])
+    scaled = effects.matrix * root[:, None] * root
+    scaled[np.diag_indices(len(root))] += 1.0
+    return np.linalg.inv(scaled) * root[:, None] * root
 
 
 @dataclass(frozen=True)

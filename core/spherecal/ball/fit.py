@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from spherecal.adjust.bundle import Adjustment, refine, robust_start
-from spherecal.adjust.corrections import corrected
+from spherecal.adjust.corrections import corrected, with_corrections
 from spherecal.adjust.covariance import Covariance, covariance
 from spherecal.adjust.intrinsic_priors import LEAST_NOISE, poorly_determined, poorly_observed, with_intrinsic_priors
 from spherecal.adjust.network import Network
@@ -126,6 +126,8 @@ def finished_solution(
     release_freed()
     places = None if rigid is None else rigid.places
     cofactors = covariance(adjusted.problem, adjusted.state, places)
+    if cofactors is not None:
+        cofactors = with_corrections(cofactors, network, adjusted)
     release_freed()
     return BallFit(network, adjusted, cofactors, np.zeros(len(placed), dtype=bool), placed, rigid)
 

@@ -315,7 +315,8 @@ def _ball_shape(observations: Observations, features: Features, fit: BallFit, so
 def _for_diagnosis(fit: BallFit) -> BallFit:
     """The form in which faults are visible: the solution itself, or the free form instead of the soft one."""
     if fit.free is None:
-        return fit
+        cofactors = None if fit.cofactors is None else fit.cofactors.given_effects
+        return replace(fit, cofactors=cofactors)
     free = fit.free.adjusted
     converged = free.minimum.converged and fit.adjusted.minimum.converged
     return replace(fit.free, adjusted=replace(free, minimum=replace(free.minimum, converged=converged)))

@@ -6,7 +6,7 @@ in one adjustment with all other unknowns, and each is taken only where the data
 """
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
@@ -14,15 +14,15 @@ from scipy import sparse
 
 from spherecal.adjust.ball_model import Deformable
 from spherecal.adjust.bundle import Adjustment, refine
-from spherecal.adjust.camera_effects import FIELD, MOTION, Corrections, Design
+from spherecal.adjust.camera_effects import OWN_FIELD, SHARED_FIELD, Corrections, Design, Field
 from spherecal.adjust.covariance import Covariance, inverted, with_effects
 from spherecal.adjust.covariance_factors import CovarianceFactors, Inverted
 from spherecal.adjust.datum import Places
-from spherecal.adjust.lens_field import FieldBasis, field_basis
+from spherecal.adjust.lens_field import field_basis
 from spherecal.adjust.network import Network
 from spherecal.adjust.parameter_layout import POSE
 from spherecal.adjust.problem import Problem
-from spherecal.adjust.variance_components import Effects, effect_cofactors, estimated
+from spherecal.adjust.variance_components import Effects, Estimate, effect_cofactors, estimated
 from spherecal.base.arrays import BoolArray, FloatArray, IntArray
 from spherecal.base.context import Context
 from spherecal.base.threads import one_blas_thread
@@ -42,22 +42,23 @@ SETTLED_PX = 1e-3
 
 def design_of(network: Network, adjusted: Adjustment) -> Design:
     """The effects that a network may have."""
-    problem, state = adjusted.problem, adjusted.state
+    problem, intrinsics = adjusted.problem, adjusted.state.intrinsics
     assert network.sizes is not None
-    lens = np.unique(network.group, return_inverse=True)[1].reshape(-1)
-    seen = np.bincount(lens[problem.camera], minlength=lens.max() + 1)
-    most = min(MOST_FUNCTIONS, MOST_COEFFICIENTS // (2 * max(int((seen >= LEAST_OBSERVATIONS).sum()), 1)))
-    observed = np.bincount(problem.camera, minlength=len(lens))
-    bases: list[FieldBasis | None] = []
-    for number, count in enumerate(seen):
-        first = int(np.flatnonzero((lens == number) & ((observed > 0) | (count == 0)))[0])
-        free = network.free[first] | (np.arange(16) < 4)
-        enough = count >= LEAST_OBSERVATIONS
-        bases.append(field_basis(network.sizes[first], state.intrinsics[first], free, most) if enough else None)
-    start = np.concatenate([[0], np.cumsum([0 if basis is None else basis.count for basis in bases])])
+    seen = np.bincount(problem.camera, minlength=problem.n_cameras)
+    shared = [np.flatnonzero((network.group == group) & (seen > 0)) for group in np.unique(network.group)]
+    groups = [(own, SHARED_FIELD) for own in shared if len(own) > 1]
+    groups += [(np.array([c]), OWN_FIELD) for c in np.flatnonzero(seen > 0)]
+    groups = [(own, kind) for own, kind in groups if seen[own].sum() >= LEAST_OBSERVATIONS]
+    most = min(MOST_FUNCTIONS, MOST_COEFFICIENTS // (2 * max(len(groups), 1)))
+    fields, first = [], 0
+    for own, kind in groups:
+        free = network.free[own[0]] | (np.arange(16) < 4)
+        basis = field_basis(network.sizes[own[0]], intrinsics[own[0]], free, most)
+        fields.append(Field(basis, first, own, kind))
+        first += basis.count
     n_placements = int(network.placement.max()) + 1
     images = np.unique(network.camera * n_placements + network.placement)
-    return Design(tuple(bases), lens, start, *np.divmod(images, n_placements))
+    return Design(tuple(fields), *np.divmod(images, n_placements), problem.n_cameras)
 
 
 @dataclass(frozen=True)
@@ -203,30 +204,50 @@ def _estimated(
         system = inverted(adjusted.problem, adjusted.state, places)
         if system is None:
             return before
-        start = None if before is None else before.coefficients
-        effects = effects_of(network, adjusted, design, system, start).quadratic
-        first = _first_variances(design, adjusted) if before is None else before.variances
-        return chosen(design, effects, first)
+        if before is None:
+            effects = effects_of(network, adjusted, design, system, None).quadratic
+            return chosen(design, effects, _first_variances(design, adjusted))
+        effects = effects_of(network, adjusted, design, system, before.coefficients).quadratic
+        found = estimated(effects, before.variances)
+        return replace(
+            before, coefficients=found.coefficients, variances=found.variances, freedom=found.freedom
+        )
 
 
 def chosen(design: Design, effects: Effects, first: FloatArray) -> Corrections | None:
-    """The effects that the data ask for: each beside the other, or the likelier alone; None for neither."""
-    none = effects.redundancy * float(np.log(effects.squares / effects.redundancy))
-    both, field, motion = (
-        estimated(effects, np.where(np.isin(design.kind, kinds), first, 0.0))
-        for kinds in ((FIELD, MOTION), (FIELD,), (MOTION,))
-    )
-    by_field, by_motion = motion.deviance - both.deviance, field.deviance - both.deviance
-    if by_field > LEAST_EVIDENCE and by_motion > LEAST_EVIDENCE:
-        best = both
-    else:
-        best = min(field, motion, key=lambda one: one.deviance)
-        if none - best.deviance <= LEAST_EVIDENCE:
-            return None
-    return Corrections(design, best.coefficients, best.variances, best.freedom, by_field, by_motion)
+    """The effects that the data ask for beside the others, taken one kind after the other; None for none.
+
+    `first` (parts,): variances to begin with, over sigma0 squared.
+    """
+
+    def of(kinds: frozenset[int]) -> Estimate:
+        return estimated(effects, np.where(np.isin(design.kind, list(kinds)), first, 0.0))
+
+    taken: frozenset[int] = frozenset()
+    tried = {taken: of(taken)}
+    every = frozenset(design.kind.tolist())
+    while taken != every:
+        for kind in every - taken:
+            tried[taken | {kind}] = of(taken | {kind})
+        best = min((taken | {kind} for kind in sorted(every - taken)), key=lambda kinds: tried[kinds].deviance)
+        if tried[taken].deviance - tried[best].deviance <= LEAST_EVIDENCE:
+            break
+        taken = best
+    evidence: dict[int, float] = {}
+    for kind in sorted(taken):  # one that came later may explain all that an earlier one did
+        less = taken - {kind}
+        tried[less] = tried[less] if less in tried else of(less)
+        evidence[kind] = tried[less].deviance - tried[taken].deviance
+        if evidence[kind] <= LEAST_EVIDENCE:
+            taken = less
+    found = tried[taken]
+    if not taken:
+        return None
+    kept = {kind: size for kind, size in evidence.items() if kind in taken}
+    return Corrections(design, found.coefficients, found.variances, found.freedom, kept)
 
 
 def _first_variances(design: Design, adjusted: Adjustment) -> FloatArray:
     noise = max(float(np.sqrt(adjusted.variance)), 1e-6) / float(np.median(adjusted.problem.weight))
     turns = FIRST_PX / adjusted.state.intrinsics[:, 0]
-    return np.concatenate([np.full(len(design.basis), FIRST_PX / noise), turns / noise]) ** 2
+    return np.concatenate([np.full(len(design.fields), FIRST_PX / noise), turns / noise]) ** 2

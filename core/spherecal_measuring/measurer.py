@@ -10,7 +10,7 @@ from spherecal.base.arrays import BoolArray, FloatArray, IntArray
 from spherecal.base.context import Context
 from spherecal.base.threads import on_one_blas_thread
 from spherecal.data.rig import Rig
-from spherecal.data.rig_camera import posed
+from spherecal.data.rig_camera import lens_corrected, posed
 from spherecal.verify.outlying_views import LEAST_REDUNDANCY, CheckedPoints, Views
 from spherecal.verify.uncertainty import PointErrors, point_errors
 from spherecal_measuring.health import RigHealth
@@ -71,8 +71,9 @@ class Measurer:
         camera, target, point = in_rig[o.camera[rows]], o.target[rows], o.point[rows]
         key, feature = np.unique(target * _POINTS + point, return_inverse=True)
         sigma = np.ones((len(rows), 2)) if o.sigma is None else o.sigma[rows]
-        plain = Views(feature, camera, o.uv[rows], sigma, len(key), self._cameras)
         expected = self._expected_noise(observed)
+        uv, sigma = lens_corrected(self.rig.cameras, camera, o.uv[rows], sigma, expected)
+        plain = Views(feature, camera, uv, sigma, len(key), self._cameras)
         checked, errors, velocity = self._checked(plain, key, observed, expected)
         if o.points != self._layouts.points:
             self._layouts = Layouts(self.task.target_set, o.points)

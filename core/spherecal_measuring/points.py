@@ -10,7 +10,7 @@ from spherecal.base.arrays import BoolArray, ByValue, FloatArray, IntArray
 from spherecal.base.errors import InputError
 from spherecal.base.messages.values import Phrase
 from spherecal.data.rig import Rig
-from spherecal.data.rig_camera import last_axis, posed
+from spherecal.data.rig_camera import last_axis, lens_corrected, posed
 from spherecal.geometry.user_frame import UserFrame
 from spherecal.verify.outlying_views import Views, triangulate_checked
 from spherecal.verify.uncertainty import PointErrors, point_errors
@@ -111,8 +111,7 @@ def triangulate_points(
     views = Views(
         feature,
         camera,
-        uv,
-        np.full(uv.shape, sigma_px),
+        *lens_corrected(rig.cameras, camera, uv, np.full(uv.shape, sigma_px)),
         n,
         posed(rig.cameras),
     )

@@ -117,6 +117,7 @@ def _map(rig: Rig, before: Rig) -> LengthMap | None:
         np.array([c.image_size for c in rig.cameras], dtype=float),
         rig.covariance.matrix,
         rig.covariance.intrinsics,
+        tuple(c.field for c in rig.cameras),
     )
     return length_map(cameras, Volume(box.middle, box.axes, box.half), before.length_map.sigma_px)
 

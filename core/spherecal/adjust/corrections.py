@@ -63,7 +63,7 @@ def design_of(network: Network, adjusted: Adjustment) -> Design:
 
 @dataclass(frozen=True)
 class EffectSystem:
-    """The effects of a network with all else eliminated, the other columns' equations by them (e,m), points' shifts (3p,m)."""
+    """The effects, all else eliminated; the other columns' equations by them (e,m), points' shifts by them (3p,m)."""
 
     quadratic: Effects
     by_columns: FloatArray
@@ -71,7 +71,11 @@ class EffectSystem:
 
 
 def effects_of(
-    network: Network, adjusted: Adjustment, design: Design, system: Inverted | CovarianceFactors, start: FloatArray | None
+    network: Network,
+    adjusted: Adjustment,
+    design: Design,
+    system: Inverted | CovarianceFactors,
+    start: FloatArray | None,
 ) -> EffectSystem:
     """The quadratic form of the effects at an adjusted network, all other unknowns eliminated.
 
@@ -88,11 +92,11 @@ def effects_of(
         gradient += part.gradient
     matrix = own - by_columns.T @ (system.inverse @ by_columns)
     before = np.zeros(m) if start is None else start
-    squares = 2 * adjusted.minimum.cost - 2 * before @ gradient + before @ matrix @ before
+    squares = 2 * adjusted.minimum.cost + float(before @ (matrix @ before - 2 * gradient))
     taken = 0 if network.corrections is None else round(network.corrections.freedom)
     redundancy = adjusted.redundancy + taken
     quadratic = Effects(matrix, gradient - matrix @ before, squares, redundancy, design.part, design.kind)
-    return EffectSystem(quadratic, by_columns, sparse.vstack(shifts, format="csr"))
+    return EffectSystem(quadratic, by_columns, sparse.csr_array(sparse.vstack(shifts)))
 
 
 @dataclass(frozen=True)
@@ -106,7 +110,9 @@ class _Part:
     shifts: FloatArray
 
 
-def _parts(network: Network, adjusted: Adjustment, design: Design, system: Inverted | CovarianceFactors) -> Iterator[_Part]:
+def _parts(
+    network: Network, adjusted: Adjustment, design: Design, system: Inverted | CovarianceFactors
+) -> Iterator[_Part]:
     problem, start = adjusted.problem, adjusted.problem.point_start
     measured = network.measured[adjusted.rows]
     image = design.images(problem.camera, network.placement[adjusted.rows])
@@ -209,9 +215,7 @@ def _estimated(
             return chosen(design, effects, _first_variances(design, adjusted))
         effects = effects_of(network, adjusted, design, system, before.coefficients).quadratic
         found = estimated(effects, before.variances)
-        return replace(
-            before, coefficients=found.coefficients, variances=found.variances, freedom=found.freedom
-        )
+        return replace(before, coefficients=found.coefficients, variances=found.variances, freedom=found.freedom)
 
 
 def chosen(design: Design, effects: Effects, first: FloatArray) -> Corrections | None:

@@ -53,6 +53,14 @@ class Covariance:
         return self._parts
 
     @property
+    def of_effects(self) -> FloatArray | None:
+        """Cofactors (m,m) of the effects that the data ask for; None without any."""
+        if self._given_effects is None:
+            return None
+        first = len(self._given_effects.factors.inverse)
+        return self._parts.inverse[first:, first:]
+
+    @property
     def point_noise(self) -> FloatArray:
         """The part of the points' cofactors that is their own image noise, V^-1 (f,3,3), without the cameras' share."""
         return self._parts.own_noise

@@ -6,7 +6,7 @@ Processes for Machine Learning, 2006, 4.3), each scaled so that its coefficient 
 the lens model or a turn of the camera can do as well is taken out, so that the field says only what they cannot.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -73,7 +73,9 @@ def field_basis(size: FloatArray, intrinsics: FloatArray, free: BoolArray, most:
     order = np.argsort(-product, axis=None, kind="stable")[:most]
     order = order[product.ravel()[order] >= LEAST_SHARE]
     pairs = np.stack(np.unravel_index(order, product.shape), axis=1)
-    plain = FieldBasis(size, np.stack([nodes, nodes]), *functions, lengths, pairs, np.eye(2 * len(pairs)))
+    along_u, along_v = functions
+    both = np.stack([nodes, nodes])
+    plain = FieldBasis(size, both, along_u, along_v, lengths, pairs, np.eye(2 * len(pairs)))
     across = (np.stack(np.meshgrid(*[np.arange(_GRID)] * 2), axis=-1).reshape(-1, 2) + 0.5) / _GRID * size
     own = _lens_and_turns(across, intrinsics, free)
     seen = np.isfinite(own).all(axis=(1, 2))
@@ -81,7 +83,7 @@ def field_basis(size: FloatArray, intrinsics: FloatArray, free: BoolArray, most:
     basis = np.linalg.svd(own / np.linalg.norm(own, axis=0).clip(min=1e-30), full_matrices=False)
     held = basis[0][:, basis[1] > 1e-6 * basis[1][0]].T @ values
     mixture = np.linalg.svd(held)[2][len(held) :].T
-    return FieldBasis(size, plain.nodes, *functions, lengths, pairs, mixture)
+    return replace(plain, mixture=mixture)
 
 
 def _eigenfunctions(nodes: FloatArray, weights: FloatArray, length: float) -> tuple[FloatArray, FloatArray]:

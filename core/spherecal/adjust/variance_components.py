@@ -75,7 +75,7 @@ def effect_cofactors(effects: Effects, variances: FloatArray) -> FloatArray:
     root = np.sqrt(variances[effects.part])
     scaled = effects.matrix * root[:, None] * root
     scaled[np.diag_indices(len(root))] += 1.0
-    return np.linalg.inv(scaled) * root[:, None] * root
+    return np.asarray(np.linalg.inv(scaled) * root[:, None] * root, dtype=np.float64)
 
 
 @dataclass(frozen=True)
@@ -105,6 +105,6 @@ def _solve(effects: Effects, variances: FloatArray) -> _Solved:
         inverse = dpotri(factor, lower=1, overwrite_c=1)[0]  # its lower triangle
         b[used] = root * taken
         squares += float(pull @ taken)
-        freedom = np.bincount(effects.part[used], 1.0 - np.diag(inverse), len(effects.kind))
+        freedom += np.bincount(effects.part[used], 1.0 - np.diag(inverse), len(effects.kind))
     sigma2 = max(squares, 1e-30) / effects.redundancy
     return _Solved(b, freedom, sigma2, effects.redundancy * float(np.log(sigma2)) + log_det)

@@ -291,12 +291,26 @@ class BallShape(ByValue):
 
 
 @dataclass(frozen=True, eq=False, repr=False)
+class ImageMotion(ByValue):
+    """How a camera was turned and shifted at one placement: `x = exp(turn) (R x_world + t) + shift`.
+
+    `rotation_deg` (3,) and `translation_mm` (3,); their mean over a camera's images is 0.
+    """
+
+    placement: str
+    camera: str
+    rotation_deg: FloatArray
+    translation_mm: FloatArray
+
+
+@dataclass(frozen=True, eq=False, repr=False)
 class Calibration(ByValue):
     """All that a calibration finds: the rig, the points, the residuals, the spheres.
 
     `points_mm` (m, 3), `points_sigma_mm` (m, 3) (NaN where unknown) and `views` (m,) belong to `features`; points that
     could not be found are NaN. `residuals_px` (n, 2) = predicted - observed (NaN where there is no prediction) and
     `used` (n,) belong to `observations`. `ball`: the shape of a ball that was taken as rigid and of known scale.
+    `motions` of images, where they were estimated.
     """
 
     rig: Rig
@@ -311,6 +325,7 @@ class Calibration(ByValue):
     method: str
     seconds: dict[str, float]
     ball: BallShape | None = None
+    motions: tuple[ImageMotion, ...] = ()
 
     def __repr__(self) -> str:
         points = int(np.isfinite(self.points_mm[:, 0]).sum())

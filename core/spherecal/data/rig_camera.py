@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from spherecal.base.arrays import ByValue, FloatArray, float_array
+from spherecal.base.arrays import ByValue, FloatArray, IntArray, float_array
 from spherecal.base.errors import InputError, Words
 from spherecal.base.filesystem import id_problem
 from spherecal.base.messages.values import Phrase
@@ -22,6 +22,7 @@ from spherecal.geometry.camera import (
     project,
     undistort,
 )
+from spherecal.geometry.field_table import FieldTable
 from spherecal.geometry.posed import PosedCameras
 from spherecal.geometry.rotation import log_rotation
 
@@ -46,7 +47,8 @@ class RigCamera(ByValue):
     """One placed camera: intrinsics (16,), pose `x_camera = rotation @ x_world + translation_mm`.
 
     `image_size` is (width, height) px. `rms_px` is that of its residuals, None where it is not known, and
-    `observations` is how many of its image points were used.
+    `observations` is how many of its image points were used. `field` is what the lens does beyond the lens model, None
+    for nothing: `K` and `dist` alone then predict `uv - field.at(uv)` of a measured pixel.
     """
 
     id: str
@@ -58,6 +60,7 @@ class RigCamera(ByValue):
     rms_px: float | None
     observations: int
     sigma: CameraSigma | None
+    field: FieldTable | None = None
 
     @property
     def centre_mm(self) -> FloatArray:
@@ -106,6 +109,7 @@ class RigCamera(ByValue):
         x = points.reshape(-1, 3) @ self.rotation.T + self.translation_mm
         with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
             uv = project(x, self.intrinsics)
+        uv = uv if self.field is None else self.field.measured(uv)
         return np.where(x[:, 2:] > 0, uv, np.nan).reshape(*points.shape[:-1], 2)
 
     def undistort(self, image_or_points: ArrayLike, K: ArrayLike | None = None) -> NDArray[Any]:
@@ -128,7 +132,7 @@ class RigCamera(ByValue):
         matrix = self.K if K is None else camera_matrix(opencv.lens_vector(K, None, False, self.id))
         given = np.asarray(image_or_points)
         if given.ndim in (2, 3) and given.shape[:2] == self.image_size[::-1]:
-            return opencv.undistort_image(given, self.intrinsics, matrix)
+            return opencv.undistort_image(given, self.intrinsics, matrix, self.field)
         if given.ndim < 1 or given.shape[-1] != 2:
             raise InputError(
                 Phrase(
@@ -142,8 +146,9 @@ class RigCamera(ByValue):
                 )
             )
         uv = last_axis(given, 2, "image points")
+        flat = uv.reshape(-1, 2)
         with np.errstate(invalid="ignore"):
-            ideal, _ = undistort(uv.reshape(-1, 2), self.intrinsics)
+            ideal, _ = undistort(flat if self.field is None else flat - self.field.at(flat), self.intrinsics)
         return (ideal * matrix[[0, 1], [0, 1]] + matrix[:2, 2]).reshape(uv.shape)
 
 
@@ -224,3 +229,21 @@ def posed(cameras: Sequence[RigCamera]) -> PosedCameras:
         np.array([c.rotation for c in cameras]).reshape(-1, 3, 3),
         np.array([c.translation_mm for c in cameras]).reshape(-1, 3),
     )
+
+
+def lens_corrected(
+    cameras: Sequence[RigCamera], camera: IntArray, uv: FloatArray, sigma: FloatArray, noise: float = 1.0
+) -> tuple[FloatArray, FloatArray]:
+    """Measured pixels (n,2) as the lens models alone predict them, and their sigmas (n,2) with those of the fields.
+
+    `camera`: which of the cameras each is from, (n,); `noise`: what one unit of sigma is in px.
+    """
+    if all(one.field is None for one in cameras):
+        return uv, sigma
+    uv, sigma = uv.copy(), np.array(np.broadcast_to(sigma, uv.shape))
+    for c, one in enumerate(cameras):
+        rows = np.flatnonzero(camera == c)
+        if one.field is not None and len(rows):
+            sigma[rows] = np.hypot(sigma[rows], one.field.sd_at(uv[rows])[:, None] / noise)
+            uv[rows] -= one.field.at(uv[rows])
+    return uv, sigma

@@ -141,6 +141,8 @@ RULES: dict[str, Rule] = {
     "swapped-back": Rule("information", "Put back where the names before and after are the same: right in every case."),
     "two-view-points": Rule("information", "Stated: 61 % of rig B's points; errors 0.96 to 1.08 of the stated."),
     "little-coverage": Rule("information", "Stated: normalised errors 0.96 to 1.08, small balls included."),
+    "lens-field": Rule("information", "Stated: fields are unknowns of the adjustment (studies/misfit.md)."),
+    "camera-drifts": Rule("information", "Stated: turns of images are unknowns, and widen the poses by themselves."),
     "scale-uncertainty": Rule("information", "Every calibration has it."),
     "target-contradicts": Rule("information", "Left out: bars 40 um with 5 % wrong matches, 42 without."),
     "poses-scatter": Rule("information", "Stated: widened by as much as the images' poses scatter."),

@@ -48,7 +48,7 @@ RESULT = Marker(
     frozenset({
         "rig.json", "findings.json", "covariance.npy", "ball.json", "points.csv", "residuals.csv", "spheres.csv",
         "observations.csv", "bars.csv", "verification.json", "report.pdf", "report.html", "report.json", "report.xml",
-        "frame.json",
+        "frame.json", "image_motions.csv",
     }),
 )  # fmt: skip
 SESSION = Marker(

@@ -66,6 +66,7 @@ from spherecal.geometry.camera import (
     intrinsics_vector,
     is_fisheye,
 )
+from spherecal.geometry.field_table import FieldTable
 from spherecal.geometry.opencv import FISHEYE_LENGTH, distortion_problem
 from spherecal.geometry.volume_map import LengthMap
 
@@ -113,11 +114,14 @@ def covariance_bytes(covariance: CameraCovariance) -> bytes:
     return file.getvalue()
 
 
-def distortion_entry(intrinsics: FloatArray) -> dict[str, Any]:
-    """The distortion of a lens (16,): `opencv` with 12 coefficients, or `opencv-fisheye` with 4."""
-    if is_fisheye(intrinsics):
-        return {"model": "opencv-fisheye", "coefficients": finite(intrinsics[4:8])}
-    return {"model": "opencv", "coefficients": finite(intrinsics[4:])}
+def _distortion_entry(camera: RigCamera) -> dict[str, Any]:
+    """The distortion of a camera: `opencv` with 12 coefficients or `opencv-fisheye` with 4, with a field if it has one."""
+    wide = is_fisheye(camera.intrinsics)
+    model = "opencv-fisheye" if wide else "opencv"
+    coefficients = finite(camera.intrinsics[4:8] if wide else camera.intrinsics[4:])
+    if camera.field is None:
+        return {"model": model, "coefficients": coefficients}
+    return {"model": model + _WITH_FIELD, "coefficients": coefficients, "field": _FIELD.entry(camera.field)}
 
 
 def read_rig(path: Path) -> Rig:
@@ -205,11 +209,11 @@ def _check_matrix(found: FloatArray, value: JsonValue) -> None:
         raise value.error(Phrase("problem-camera-matrix"))
 
 
-def _camera(matrix: FloatArray, distortion: tuple[bool, list[float]], **others: Any) -> RigCamera:
-    wide, coefficients = distortion
+def _camera(matrix: FloatArray, distortion: tuple[bool, list[float], FieldTable | None], **others: Any) -> RigCamera:
+    wide, coefficients, field = distortion
     intrinsics = (fisheye_vector if wide else intrinsics_vector)(matrix, coefficients)
     unknown = {"serial": None, "rms_px": None, "observations": 0, "sigma": None}
-    return RigCamera(intrinsics=intrinsics, **unknown | others)
+    return RigCamera(intrinsics=intrinsics, field=field, **unknown | others)
 
 
 def _check_sigma(camera: RigCamera, f: Mapping[str, JsonValue]) -> None:
@@ -219,13 +223,38 @@ def _check_sigma(camera: RigCamera, f: Mapping[str, JsonValue]) -> None:
         given.items(len(lens["coefficients"] if isinstance(lens, dict) else lens))
 
 
-def _read_lens(value: JsonValue) -> tuple[bool, list[float]]:
-    """Whether a lens is of the fisheye model, and its coefficients; a list alone is in OpenCV's order."""
+def _read_lens(value: JsonValue) -> tuple[bool, list[float], FieldTable | None]:
+    """Whether a lens is of the fisheye model, its coefficients, and its field; a list alone is in OpenCV's order."""
     if isinstance(value.value, list):
-        return False, read_distortion(value)
-    lens = value.fields(("model", "coefficients"))
-    wide = lens["model"].choice("opencv", "opencv-fisheye") == "opencv-fisheye"
-    return wide, lens["coefficients"].numbers(FISHEYE_LENGTH) if wide else read_distortion(lens["coefficients"])
+        return False, read_distortion(value), None
+    lens = value.fields(("model", "coefficients"), ("field",))
+    model = lens["model"].choice(
+        *(name + field for name in ("opencv", "opencv-fisheye") for field in ("", _WITH_FIELD))
+    )
+    if ("field" in lens) != model.endswith(_WITH_FIELD):
+        raise value.error(Phrase("problem-field", {"model": model}))
+    field = _FIELD.read(lens["field"]) if "field" in lens else None
+    wide = model.startswith("opencv-fisheye")
+    read = lens["coefficients"].numbers(FISHEYE_LENGTH) if wide else read_distortion(lens["coefficients"])
+    return wide, read, field
+
+
+def _check_field(found: FieldTable, f: Mapping[str, JsonValue]) -> None:
+    if not (found.du.size and all(t.shape == found.du.shape for t in (found.dv, found.sd_px) if t is not None)):
+        raise f["dv"].error(Phrase("problem-field-table"))
+
+
+def _table(about: str) -> Kind[FloatArray]:
+    """Rows of numbers, all of one length."""
+    row = items("", number(""))
+
+    def read(value: JsonValue) -> FloatArray:
+        rows = [[cell.number() for cell in one.items()] for one in value.items()]
+        if len({len(one) for one in rows}) > 1:
+            raise value.error(Phrase("problem-field-table"))
+        return np.array(rows, dtype=float).reshape(len(rows), -1)
+
+    return Kind(items(about, row).schema, read, lambda table: np.round(table, 6).tolist())
 
 
 def read_distortion(value: JsonValue) -> list[float]:
@@ -304,8 +333,9 @@ def distortion(about: str) -> Schema:
     return ({"description": about} if about else {}) | items("", number("")).schema | {"anyOf": lengths}
 
 
-def _lens(about: str, model: str, coefficients: Schema) -> Schema:
+def _lens(about: str, model: str, coefficients: Schema, field: Schema | None = None) -> Schema:
     properties = {"model": choice(about, (model,)).schema, "coefficients": coefficients}
+    properties |= {} if field is None else {"field": field}
     return {"type": "object", "properties": properties, "required": list(properties)}
 
 
@@ -313,6 +343,17 @@ LENS_MATRIX = Kind(
     lens_matrix("`[[fu, 0, u0], [0, fv, v0], [0, 0, 1]]` in px."),
     matrix("", 3, 3).mapped(np.array).checked(_check_matrix).read,
     lambda intrinsics: finite(camera_matrix(intrinsics)),
+)
+_WITH_FIELD = "+field"  # so that who does not know fields refuses the model
+_FIELD = record(
+    "What the lens does beyond its model, which predicts `uv - F(uv)` of the measured pixel uv.",
+    FieldTable,
+    field("pitch_px", positive("Distance of neighbouring entries in px.")),
+    field("origin_px", numbers("The pixel of the first entry.", 2).mapped(np.array)),
+    field("du", _table("F along u in px, a list a row; bilinear between the entries.")),
+    field("dv", _table("F along v in px.")),
+    optional("sd_px", _table("Standard uncertainty of a coordinate of F in px."), omit=None),
+    check=_check_field,
 )
 _DISTORTION = Kind(
     {
@@ -323,10 +364,17 @@ _DISTORTION = Kind(
                 "OpenCV's model.", "opencv", distortion("k1 k2 p1 p2 k3 k4 k5 k6 s1 s2 s3 s4; 4, 5, 8 or 12 of them.")
             ),
             _lens("The model of `cv2.fisheye`.", "opencv-fisheye", numbers("k1 k2 k3 k4.", FISHEYE_LENGTH).schema),
+            _lens("OpenCV's model and a field.", "opencv+field", distortion("As of `opencv`."), _FIELD.schema),
+            _lens(
+                "The model of `cv2.fisheye` and a field.",
+                "opencv-fisheye+field",
+                numbers("k1 k2 k3 k4.", FISHEYE_LENGTH).schema,
+                _FIELD.schema,
+            ),
         ],
     },
     _read_lens,
-    distortion_entry,
+    _distortion_entry,
 )
 _SIGMA = record(
     "Standard uncertainties.",
@@ -343,7 +391,7 @@ _CAMERA = record(
     optional("serial", serial("Its serial number.")),
     field("image_size", items("Width and height in px.", integer("", 1), length=2)),
     field("matrix", LENS_MATRIX, "intrinsics", "matrix"),
-    field("distortion", _DISTORTION, "intrinsics", "distortion"),
+    field("distortion", _DISTORTION, lambda camera: camera, "distortion"),
     field("rotation", rotation("World to camera: x_cam = R x_world + t.")),
     field("translation_mm", numbers("World to camera.", 3).mapped(np.array)),
     optional("rms_px", number("Root mean square of its residuals.", 0)),

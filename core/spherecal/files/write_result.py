@@ -9,7 +9,7 @@ import numpy as np
 
 from spherecal.base.arrays import FloatArray
 from spherecal.base.filesystem import create, new_file
-from spherecal.data.rig import Calibration, PlacedSphere
+from spherecal.data.rig import Calibration, ImageMotion, PlacedSphere
 from spherecal.files.atomic import RESULT, write_folder_whole
 from spherecal.files.ball_file import BALL_FILE, BallProfile, ball_bytes
 from spherecal.files.findings_file import FINDINGS_FILE, findings_document
@@ -37,6 +37,8 @@ def write_result(calibration: Calibration, folder: Path, software: Mapping[str, 
         write_table(new / "points.csv", POINT_COLUMNS, _point_rows(calibration))
         write_table(new / "residuals.csv", RESIDUAL_COLUMNS, _residual_rows(calibration))
         write_table(new / "spheres.csv", SPHERE_COLUMNS, map(_sphere_row, calibration.spheres))
+        if calibration.motions:
+            write_table(new / MOTIONS_FILE, MOTION_COLUMNS, map(_motion_row, calibration.motions))
         write_observations(new / "observations.csv", calibration.observations)
 
     write_folder_whole(folder, build, RESULT)
@@ -44,6 +46,8 @@ def write_result(calibration: Calibration, folder: Path, software: Mapping[str, 
 
 POINT_COLUMNS = "placement,target,point,x_mm,y_mm,z_mm,sigma_x_mm,sigma_y_mm,sigma_z_mm,views"
 RESIDUAL_COLUMNS = "placement,camera,target,point,du,dv,used"
+MOTIONS_FILE = "image_motions.csv"
+MOTION_COLUMNS = "placement,camera,rx_deg,ry_deg,rz_deg,tx_mm,ty_mm,tz_mm"
 SPHERE_COLUMNS = "placement,x_mm,y_mm,z_mm,radius_mm,radial_sd_mm"
 
 
@@ -95,6 +99,11 @@ def _residual_rows(calibration: Calibration) -> Iterable[tuple[object, ...]]:
 
 def _columns(values: FloatArray) -> list[list[float]]:
     return [column.tolist() for column in values.T]
+
+
+def _motion_row(motion: ImageMotion) -> tuple[object, ...]:
+    values = (*motion.rotation_deg, *motion.translation_mm)
+    return (motion.placement, motion.camera, *map(small_cell, values))
 
 
 def _sphere_row(sphere: PlacedSphere) -> tuple[object, ...]:

@@ -7,6 +7,7 @@ import numpy as np
 from spherecal.base import arrays
 from spherecal.base.arrays import BoolArray, FloatArray, IntArray
 from spherecal.geometry.camera import is_unfolded, project_with_derivatives
+from spherecal.geometry.field_table import FieldTable
 from spherecal.geometry.rotation import cross_matrix
 
 
@@ -14,7 +15,8 @@ from spherecal.geometry.rotation import cross_matrix
 class Cameras:
     """The cameras that see a length: intrinsics (c,16), poses (c,3,3), (c,3), image sizes (c,2) px.
 
-    `covariance` (c*w, c*w) of turn, shift and the `columns` of the intrinsics (rig.CameraCovariance).
+    `covariance` (c*w, c*w) of turn, shift and the `columns` of the intrinsics (rig.CameraCovariance); `fields` (c,) of
+    the lenses, () for none.
     """
 
     intrinsics: FloatArray
@@ -23,6 +25,7 @@ class Cameras:
     size: FloatArray
     covariance: FloatArray
     columns: IntArray
+    fields: tuple[FieldTable | None, ...] = ()
 
     @property
     def centres(self) -> FloatArray:
@@ -80,8 +83,9 @@ def _gradients(
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
         uv, by_x, by_intrinsics = project_with_derivatives(x.reshape(-1, 3), k)
     seen = _inside(x, uv.reshape(-1, c, 2), cameras)
-    by_x = np.where(seen.reshape(-1, 1, 1), by_x / sigma_px, 0.0)
-    by_intrinsics = np.where(seen.reshape(-1, 1, 1), by_intrinsics[:, :, cameras.columns] / sigma_px, 0.0)
+    sigma = _sigma(cameras, uv.reshape(-1, c, 2), sigma_px).reshape(-1, 1, 1)
+    by_x = np.where(seen.reshape(-1, 1, 1), by_x / sigma, 0.0)
+    by_intrinsics = np.where(seen.reshape(-1, 1, 1), by_intrinsics[:, :, cameras.columns] / sigma, 0.0)
     x_safe = np.where(seen[:, :, None], x, 0.0).reshape(-1, 3)
     by_camera = np.concatenate([-by_x @ cross_matrix(x_safe), by_x, by_intrinsics], axis=2)
     by_point = (by_x.reshape(-1, c, 2, 3) @ cameras.rotation).reshape(-1, 2 * c, 3)
@@ -97,6 +101,15 @@ def _gradients(
     gradient = gradient[:, 0] - gradient[:, 1]  # dX = -N^-1 J' J_c dc, and the length is X2 - X1 along itself
     both = enough.reshape(m, 2)
     return gradient, own, seen.sum(axis=1).reshape(m, 2).min(axis=1), both[:, 0] & both[:, 1]
+
+
+def _sigma(cameras: Cameras, uv: FloatArray, sigma_px: float) -> FloatArray:
+    """Standard deviations (p,c) px of image points (p,c,2): their noise, and that of the lenses' fields."""
+    sigma = np.full(uv.shape[:2], sigma_px)
+    for c, field in enumerate(cameras.fields):
+        if field is not None:
+            sigma[:, c] = np.hypot(sigma_px, np.nan_to_num(field.sd_at(uv[:, c])))
+    return sigma
 
 
 def _inside(x: FloatArray, uv: FloatArray, cameras: Cameras) -> BoolArray:

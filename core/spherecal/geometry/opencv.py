@@ -14,6 +14,7 @@ from spherecal.base.arrays import FloatArray, float_array
 from spherecal.base.errors import InputError, Words, advice
 from spherecal.base.messages.values import Phrase
 from spherecal.geometry.camera import distort, fisheye_vector, intrinsics_vector
+from spherecal.geometry.field_table import FieldTable
 from spherecal.geometry.rotation import exp_rotation, nearest_rotation
 
 DISTORTION_LENGTHS = (4, 5, 8, 12)
@@ -92,13 +93,15 @@ def _finite(values: ArrayLike, what: Words) -> FloatArray:
     return array
 
 
-def undistort_image(image: NDArray[Any], intrinsics: FloatArray, matrix: FloatArray) -> NDArray[Any]:
+def undistort_image(
+    image: NDArray[Any], intrinsics: FloatArray, matrix: FloatArray, field: FieldTable | None = None
+) -> NDArray[Any]:
     """The image as a camera without distortion and with the given matrix sees it, of the same shape and type.
 
     Bilinear, 0 where the recorded image has nothing.
 
     `image`: the image, (h, w) or (h, w, channels); `intrinsics`: the lens that it was taken with, (16,); `matrix`:
-    camera matrix (3, 3) of the result, in px.
+    camera matrix (3, 3) of the result, in px; `field`: what the lens does beyond its model, None for nothing.
     """
     height, width = image.shape[:2]
     channels = image.reshape(height, width, -1)
@@ -110,6 +113,7 @@ def undistort_image(image: NDArray[Any], intrinsics: FloatArray, matrix: FloatAr
         y = (rows - matrix[1, 2]) / matrix[1, 1]
         grid = np.stack(np.broadcast_arrays(x, y[:, None]), axis=-1).reshape(-1, 2)
         uv = distort(grid, intrinsics) * intrinsics[:2] + intrinsics[2:4]
+        uv = uv if field is None else field.measured(uv)
         for channel in range(channels.shape[2]):
             values = map_coordinates(channels[:, :, channel].astype(float), uv.T[::-1], order=1, cval=0.0)
             if np.issubdtype(image.dtype, np.integer):

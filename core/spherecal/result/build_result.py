@@ -6,6 +6,7 @@ import numpy as np
 
 from spherecal.adjust.ball_model import Rigid
 from spherecal.adjust.bundle import Adjustment
+from spherecal.adjust.camera_effects import Corrections
 from spherecal.adjust.parameter_layout import POSE
 from spherecal.ball.ball_shape import shape_cofactors
 from spherecal.ball.calibration_run import Run
@@ -42,6 +43,7 @@ from spherecal.geometry.length_uncertainty import Cameras
 from spherecal.geometry.sphere import fit_sphere
 from spherecal.geometry.volume_map import LengthMap, length_map, measured_volume
 from spherecal.initialise.local import LocalNetwork
+from spherecal.result.camera_effects import drifting, effects_findings, image_motions, lens_field, turn_sd
 from spherecal.scale.metric import MetricFit, Solution
 
 
@@ -52,6 +54,7 @@ def build_result(recording: Recording, local: LocalNetwork, fit: MetricFit, meth
     reference = run.reference_in(solved.adjusted)
     adjusted = solved.adjusted
     measured, observations = observations, replace(observations, uv=solved.network.uv)
+    corrections = solved.network.corrections
     placed = solved.placed & (np.bincount(observations.camera[adjusted.used], minlength=len(solved.placed)) > 0)
     residual = _residuals(observations, features, placed, solution)
     evidence = Evidence(
@@ -69,7 +72,10 @@ def build_result(recording: Recording, local: LocalNetwork, fit: MetricFit, meth
     )
     lasting = np.array([camera.earlier_pose_of is None for camera in session.cameras])
     cameras, earlier = (
-        tuple(_camera(session, int(c), residual, observations, adjusted, solution) for c in np.flatnonzero(some))
+        tuple(
+            _camera(session, int(c), residual, observations, adjusted, solution, corrections)
+            for c in np.flatnonzero(some)
+        )
         for some in (placed & lasting, placed & ~lasting)
     )
     covariance = _camera_covariance(placed & lasting, adjusted, solution)
@@ -85,6 +91,8 @@ def build_result(recording: Recording, local: LocalNetwork, fit: MetricFit, meth
     cameras = tuple(_wider(camera, f) for camera, f in zip(cameras, of_poses, strict=True))
     covariance = _wider_covariance(covariance, factor, cameras, solution.scale, scale)
     cameras, covariance = _either_pose(cameras, covariance, evidence)
+    turns = np.array([turn_sd(corrections, int(c), adjusted.variance) for c in np.flatnonzero(placed & lasting)])
+    cameras, covariance = drifting(cameras, covariance, turns)
     cameras, covariance = _either_lens(cameras, covariance, evidence, findings)
     if ball_size is not None:
         known = solution.state.points[np.isfinite(solution.state.points[:, 0])]
@@ -93,7 +101,8 @@ def build_result(recording: Recording, local: LocalNetwork, fit: MetricFit, meth
             cameras, covariance, ball_size.by_camera[:, placed & lasting], ball_size.largest * from_middle
         )
     lengths = _length_map(cameras, covariance, adjusted, solution, observations)
-    findings += _said_of(lengths)
+    motions = image_motions(session, observations.placements, corrections)
+    findings += (*_said_of(lengths), *effects_findings(cameras, motions))
     size = np.linalg.norm(residual[adjusted.used], axis=1)
     sigma0 = _sigma0(observations, residual, adjusted) if adjusted.redundancy > 0 else None
     quality = Quality(
@@ -133,6 +142,7 @@ def build_result(recording: Recording, local: LocalNetwork, fit: MetricFit, meth
         method,
         run.watch.seconds,
         _ball_shape(observations, features, solved, solution),
+        motions,
     )
     return stopped_early(done) if fit.stopped else done
 
@@ -381,7 +391,13 @@ def _ties(adjusted: Adjustment) -> float:
 
 
 def _camera(
-    session: Session, c: int, residual: FloatArray, observations: Observations, adjusted: Adjustment, solution: Solution
+    session: Session,
+    c: int,
+    residual: FloatArray,
+    observations: Observations,
+    adjusted: Adjustment,
+    solution: Solution,
+    corrections: Corrections | None,
 ) -> RigCamera:
     spec, state = session.cameras[c], solution.state
     own = adjusted.used & (observations.camera == c)
@@ -395,6 +411,7 @@ def _camera(
         rms_px=float(np.sqrt((residual[own] ** 2).sum(axis=1).mean())),
         observations=int(own.sum()),
         sigma=_camera_sigma(c, adjusted, solution),
+        field=lens_field(corrections, solution.covariance, c, spec.image_size, adjusted.variance),
     )
 
 
@@ -438,6 +455,7 @@ def _length_map(
         np.array([c.image_size for c in cameras], dtype=float),
         covariance.matrix,
         covariance.intrinsics,
+        tuple(c.field for c in cameras),
     )
     volume = measured_volume(solution.state.points[known], np.array([c.centre_mm for c in cameras]))
     return length_map(looking, volume, dot_noise_px(observations, adjusted))

@@ -14,7 +14,7 @@ from spherecal.base.threads import on_one_blas_thread
 from spherecal.data.findings import Finding
 from spherecal.data.observations import Features, Observations, find_features
 from spherecal.data.rig import Rig
-from spherecal.data.rig_camera import posed
+from spherecal.data.rig_camera import lens_corrected, posed
 from spherecal.data.session import Bar, BarLength, BarPose, Session
 from spherecal.data.verdict import care_phrases
 from spherecal.files.assumed import assumed_of_bars
@@ -228,10 +228,11 @@ def views_of(observations: Observations, features: Features, camera: IntArray, r
     `camera`: index in the rig of each observation's camera, (n,).
     """
     sigma, expected_noise = _sigmas(observations, rig)
+    uv, sigma = lens_corrected(rig.cameras, camera, observations.uv, sigma, expected_noise)
     views = Views(
         features.of_observation,
         camera,
-        observations.uv,
+        uv,
         sigma,
         len(features),
         posed(rig.cameras),

@@ -24,6 +24,7 @@ _IN_A_TABLE = 5  # distortion coefficients beside the other numbers
 _DETAILS = {"method": "report-method", "seed": "report-seed"}
 _FILES = (
     "rig.json", "findings.json", "covariance.npy", "points.csv", "residuals.csv", "spheres.csv", "bars.csv",
+    "image_motions.csv",
     "verification.json",
 )  # fmt: skip
 

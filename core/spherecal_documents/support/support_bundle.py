@@ -37,6 +37,7 @@ from spherecal_documents.support.redact import Redactor
 SESSION_FOLDER = "session"
 _RESULT_FILES = (
     "rig.json", "findings.json", "covariance.npy", "points.csv", "residuals.csv", "spheres.csv", "bars.csv",
+    "image_motions.csv",
     "verification.json",
 )  # fmt: skip
 _PACKAGES = ("numpy", "scipy", "numba", "opencv-python-headless", "matplotlib", "typst", "PySide6-Essentials")

@@ -1,0 +1,101 @@
+"""Fields of lenses and motions of images as the result has them: tables, drift of cameras, uncertainties."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from spherecal.adjust.camera_effects import MOTION, TURN, Corrections
+from spherecal.adjust.covariance import Covariance
+from spherecal.base.arrays import FloatArray
+from spherecal.data.findings import Finding
+from spherecal.data.rig import CameraCovariance, ImageMotion
+from spherecal.data.rig_camera import RigCamera
+from spherecal.data.session import Session
+from spherecal.geometry.field_table import FieldTable, table_nodes
+
+
+def lens_field(
+    corrections: Corrections | None, cofactors: Covariance | None, c: int, size: tuple[int, int], variance: float
+) -> FieldTable | None:
+    """The field of a camera's lens as a table, with its standard uncertainty; None where it has none."""
+    if corrections is None:
+        return None
+    fields = corrections.design.fields_of(c)
+    if not any(corrections.coefficients[field.columns].any() for field in fields):
+        return None
+    pitch, nodes, shape = table_nodes(size)
+    at, sd = corrections.field(c, nodes), None
+    if cofactors is not None and (own := cofactors.of_effects) is not None:
+        used = np.cumsum(corrections.variances[corrections.design.part] > 0) - 1
+        known = [f for f in fields if corrections.variances[corrections.design.part[f.first]] > 0]
+        columns = np.concatenate([used[f.columns] for f in known])
+        values = np.concatenate([f.basis.at(nodes) for f in known], axis=2)
+        square = np.einsum("nij,nij->n", values @ own[np.ix_(columns, columns)], values) / 2
+        sd = np.sqrt(np.maximum(square * variance, 0.0)).reshape(shape)
+    return FieldTable(pitch, np.zeros(2), at[:, 0].reshape(shape), at[:, 1].reshape(shape), sd)
+
+
+def turn_sd(corrections: Corrections | None, c: int, variance: float) -> float:
+    """The standard deviation in rad, about each axis, by which a camera's images turn; 0 where they do not."""
+    if corrections is None:
+        return 0.0
+    part = len(corrections.design.fields) + c
+    return float(np.sqrt(corrections.variances[part] * variance))
+
+
+def drifting(
+    cameras: tuple[RigCamera, ...], covariance: CameraCovariance | None, turns_rad: FloatArray
+) -> tuple[tuple[RigCamera, ...], CameraCovariance | None]:
+    """Cameras with the uncertainty of a pose at any one time, whose images turn with standard deviations (c,) rad."""
+    if not turns_rad.any():
+        return cameras, covariance
+    wider = []
+    for camera, turn in zip(cameras, turns_rad, strict=True):
+        if (s := camera.sigma) is not None:
+            s = replace(s, rotation_deg=np.hypot(s.rotation_deg, np.rad2deg(turn)))
+        wider.append(replace(camera, sigma=s))
+    if covariance is None:
+        return tuple(wider), None
+    width, matrix = len(covariance.matrix) // len(cameras), covariance.matrix.copy()
+    at = (np.arange(len(cameras))[:, None] * width + np.arange(TURN)).ravel()
+    matrix[at, at] += np.repeat(turns_rad**2, TURN)
+    return tuple(wider), CameraCovariance(matrix, covariance.intrinsics)
+
+
+def image_motions(
+    session: Session, placements: tuple[str, ...], corrections: Corrections | None
+) -> tuple[ImageMotion, ...]:
+    """How each image's camera is turned against its mean pose; () where no motions were estimated."""
+    if corrections is None or MOTION not in corrections.evidence:
+        return ()
+    design, turns = corrections.design, np.rad2deg(corrections.turns)
+    each = zip(design.placement_of_image.tolist(), design.camera_of_image.tolist(), turns, strict=True)
+    return tuple(
+        ImageMotion(placements[t], session.cameras[c].id, turn, np.zeros(3))
+        for t, c, turn in sorted(each, key=lambda one: one[:2])
+    )
+
+
+def effects_findings(cameras: tuple[RigCamera, ...], motions: tuple[ImageMotion, ...]) -> tuple[Finding, ...]:
+    """What is said of fields and drift: which lenses and cameras, and how much."""
+    found = []
+    fields = {camera.id: camera.field.rms_px for camera in cameras if camera.field is not None}
+    if fields:
+        worst = max(fields, key=lambda name: fields[name])
+        values = {"cameras": len(fields), "worst": worst, "rms_px": fields[worst]}
+        found.append(Finding("lens-field", "info", values, tuple(fields)))
+    size: dict[str, float] = {}
+    for camera in cameras:
+        own = [np.linalg.norm(motion.rotation_deg) for motion in motions if motion.camera == camera.id]
+        if own:
+            size[camera.id] = float(np.sqrt(np.mean(np.square(own))))
+    if size:
+        focal = {camera.id: float(camera.intrinsics[0]) for camera in cameras}
+        order = sorted(size, key=lambda name: -size[name])
+        most = order[0]
+        values = {
+            "worst": most, "turn_mdeg": 1e3 * size[most], "shift_px": float(np.deg2rad(size[most]) * focal[most]),
+            "median_mdeg": 1e3 * float(np.median(list(size.values()))),
+        }  # fmt: skip
+        found.append(Finding("camera-drifts", "info", values, tuple(order)))
+    return tuple(found)

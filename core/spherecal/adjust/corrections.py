@@ -14,7 +14,7 @@ from scipy import sparse
 
 from spherecal.adjust.ball_model import Deformable
 from spherecal.adjust.bundle import Adjustment, refine
-from spherecal.adjust.camera_effects import OWN_FIELD, SHARED_FIELD, Corrections, Design, Field
+from spherecal.adjust.camera_effects import MOTION, OWN_FIELD, SHARED_FIELD, Corrections, Design, Field
 from spherecal.adjust.covariance import Covariance, inverted, with_effects
 from spherecal.adjust.covariance_factors import CovarianceFactors, Inverted
 from spherecal.adjust.datum import Places
@@ -22,7 +22,14 @@ from spherecal.adjust.lens_field import field_basis
 from spherecal.adjust.network import Network
 from spherecal.adjust.parameter_layout import POSE
 from spherecal.adjust.problem import Problem
-from spherecal.adjust.variance_components import Effects, Estimate, effect_cofactors, estimated
+from spherecal.adjust.variance_components import (
+    Effects,
+    Estimate,
+    coefficients,
+    effect_cofactors,
+    estimated,
+    least_cost,
+)
 from spherecal.base.arrays import BoolArray, FloatArray, IntArray
 from spherecal.base.context import Context
 from spherecal.base.threads import one_blas_thread
@@ -83,14 +90,17 @@ def effects_of(
     """
     problem = adjusted.problem
     m, e = design.count, problem.layout.expanded
-    own, by_columns, gradient = np.zeros((m, m)), np.zeros((e, m)), np.zeros(m)
+    own, by_columns, gradient, of_columns = np.zeros((m, m)), np.zeros((e, m)), np.zeros(m), np.zeros(e)
     shifts = []
     for part in _parts(network, adjusted, design, system):
         shifts.append(sparse.csr_array(part.shifts))
         own += part.own
         by_columns += part.by_columns
         gradient += part.gradient
-    matrix = own - by_columns.T @ (system.inverse @ by_columns)
+        of_columns += part.of_columns
+    follow = system.inverse @ by_columns
+    matrix = own - by_columns.T @ follow
+    gradient -= follow.T @ of_columns
     before = np.zeros(m) if start is None else start
     squares = 2 * adjusted.minimum.cost + float(before @ (matrix @ before - 2 * gradient))
     taken = 0 if network.corrections is None else round(network.corrections.freedom)
@@ -101,12 +111,12 @@ def effects_of(
 
 @dataclass(frozen=True)
 class _Part:
-    """What some points add: own (m,m), by_columns (e,m), gradient (m,); `shifts` (3k,m) of the points from `first`."""
+    """What some points add: own (m,m), by_columns (e,m), gradients (m,) and (e,), and the points' shifts (3k,m)."""
 
-    first: int
     own: FloatArray
     by_columns: FloatArray
     gradient: FloatArray
+    of_columns: FloatArray
     shifts: FloatArray
 
 
@@ -136,6 +146,7 @@ def _part(
     m, e, width = design.count, problem.layout.expanded, system.linear.width
     linear, camera, point = system.linear.at(rows), problem.camera[rows], problem.point[rows] - first
     own, by_columns, gradient = np.zeros((m, m)), np.zeros((e, m)), np.zeros(m)
+    of_columns, of_points = np.zeros(e), np.zeros((last - first, 3))
     points, effects = np.zeros((last - first, 3, e)), np.zeros((last - first, 3, m))
     order = np.argsort(image, kind="stable")
     bounds = np.flatnonzero(np.diff(image[order], prepend=-1, append=-2))
@@ -153,18 +164,24 @@ def _part(
         flat, flat_x = values.reshape(-1, len(columns)), theirs.reshape(-1, len(ours))
         own[np.ix_(columns, columns)] += flat.T @ flat
         by_columns[np.ix_(ours, columns)] += flat_x.T @ flat
-        gradient[columns] += flat.T @ linear.residual[k].ravel()
+        residual = linear.residual[k]
+        gradient[columns] += flat.T @ residual.ravel()
+        of_columns[ours] += flat_x.T @ residual.ravel()
         by_point = linear.by_point[k].transpose(0, 2, 1)
+        np.add.at(of_points, point[k], np.einsum("kij,kj->ki", by_point, residual))
         effects[point[k][:, None], :, columns] += (by_point @ values).transpose(0, 2, 1)
         points[point[k][:, None], :, ours] += (by_point @ theirs).transpose(0, 2, 1)
-    shifts = -(system.point_inverse[first:last] @ effects).reshape(-1, m)
+    inverse = system.point_inverse[first:last]
+    shifts = -(inverse @ effects).reshape(-1, m)
     own += effects.reshape(-1, m).T @ shifts
     by_columns += points.reshape(-1, e).T @ shifts
+    gradient += shifts.T @ of_points.ravel()
+    of_columns -= points.reshape(-1, e).T @ (inverse @ of_points[:, :, None]).ravel()
     kept = np.flatnonzero((problem.kept_points >= first) & (problem.kept_points < last))
     for number in kept:
         at = e - 3 * (len(problem.kept_points) - number)
         by_columns[at : at + 3] += effects[problem.kept_points[number] - first]
-    return _Part(first, own, by_columns, gradient, shifts)
+    return _Part(own, by_columns, gradient, of_columns, shifts)
 
 
 def corrected(
@@ -212,16 +229,22 @@ def _estimated(
             return before
         if before is None:
             effects = effects_of(network, adjusted, design, system, None).quadratic
-            return chosen(design, effects, _first_variances(design, adjusted))
+            found = chosen(design, effects, _first_variances(design, adjusted))
+            if found is None or _predicts(network, adjusted, places, found):
+                return found
+            motions = frozenset(design.kind.tolist()) - {SHARED_FIELD, OWN_FIELD}
+            return chosen(design, effects, _first_variances(design, adjusted), motions)
         effects = effects_of(network, adjusted, design, system, before.coefficients).quadratic
         found = estimated(effects, before.variances)
         return replace(before, coefficients=found.coefficients, variances=found.variances, freedom=found.freedom)
 
 
-def chosen(design: Design, effects: Effects, first: FloatArray) -> Corrections | None:
+def chosen(
+    design: Design, effects: Effects, first: FloatArray, kinds: frozenset[int] | None = None
+) -> Corrections | None:
     """The effects that the data ask for beside the others, taken one kind after the other; None for none.
 
-    `first` (parts,): variances to begin with, over sigma0 squared.
+    `first` (parts,): variances to begin with, over sigma0 squared; `kinds`: those that may be taken, None for all.
     """
 
     def of(kinds: frozenset[int]) -> Estimate:
@@ -229,7 +252,7 @@ def chosen(design: Design, effects: Effects, first: FloatArray) -> Corrections |
 
     taken: frozenset[int] = frozenset()
     tried = {taken: of(taken)}
-    every = frozenset(design.kind.tolist())
+    every = frozenset(design.kind.tolist()) if kinds is None else kinds
     while taken != every:
         for kind in every - taken:
             tried[taken | {kind}] = of(taken | {kind})
@@ -249,6 +272,49 @@ def chosen(design: Design, effects: Effects, first: FloatArray) -> Corrections |
         return None
     kept = {kind: size for kind, size in evidence.items() if kind in taken}
     return Corrections(design, found.coefficients, found.variances, found.freedom, kept)
+
+
+def _predicts(network: Network, adjusted: Adjustment, places: Places | None, found: Corrections) -> bool:
+    """Whether fields that one half of the placements shows fit the other half better than none do, both ways together.
+
+    What the errors of neighbouring points have in common looks like a field in the placements that it is estimated
+    from: on dome15 the likelihood gained 260, and placements held out had residuals of 0.513 px instead of 0.504.
+    """
+    design = found.design
+    fields = np.isin(design.kind[design.part], (SHARED_FIELD, OWN_FIELD)) & (found.variances[design.part] > 0)
+    if not fields.any():
+        return True
+    halves = [_half(network, adjusted, places, design, number) for number in (0, 1)]
+    one, other = halves
+    if one is None or other is None:
+        return True  # too little is left of a half to say
+    turning = np.where(design.kind == MOTION, found.variances, 0.0)
+    gain = 0.0
+    for of, by in ((one, other), (other, one)):
+        learnt = np.where(fields, coefficients(by, found.variances), 0.0)
+        gain += least_cost(of, turning, np.zeros_like(learnt)) - least_cost(of, turning, learnt)
+    return gain > 0.0
+
+
+def _half(network: Network, adjusted: Adjustment, places: Places | None, design: Design, number: int) -> Effects | None:
+    """The effects by every other placement alone, at the same state; None where that says too little."""
+    problem, of_row = adjusted.problem, network.placement[adjusted.rows]
+    seen = np.unique(of_row)
+    mine = np.isin(of_row, seen[number::2])
+    mine &= (np.bincount(problem.point[mine], minlength=problem.n_points) >= 2)[problem.point]
+    if not mine.any():
+        return None
+    half = problem.select(mine)
+    looking = np.bincount(half.camera, minlength=half.n_cameras) > 0
+    half = replace(half, free_pose=half.free_pose & looking, free_intrinsics=half.free_intrinsics & looking[:, None])
+    if half.n_placements:
+        there = np.bincount(half.placement, minlength=half.n_placements) > 0
+        half = replace(half, ball=replace(half.ball, free_placement=half.ball.free_placement & there))
+    system = inverted(half, adjusted.state, places)
+    if system is None:
+        return None
+    own = replace(adjusted, problem=half, rows=adjusted.rows[mine])
+    return effects_of(network, own, design, system, None).quadratic
 
 
 def _first_variances(design: Design, adjusted: Adjustment) -> FloatArray:

@@ -4,7 +4,7 @@ All other unknowns are eliminated: what is left is a quadratic form in the effec
 has a variance of its own. A class that the data do not ask for gets the variance 0.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.linalg.lapack import dpotrf, dpotri, dpotrs  # pyright: ignore[reportAttributeAccessIssue]
@@ -76,6 +76,18 @@ def effect_cofactors(effects: Effects, variances: FloatArray) -> FloatArray:
     scaled = effects.matrix * root[:, None] * root
     scaled[np.diag_indices(len(root))] += 1.0
     return np.asarray(np.linalg.inv(scaled) * root[:, None] * root, dtype=np.float64)
+
+
+def coefficients(effects: Effects, variances: FloatArray) -> FloatArray:
+    """The coefficients (m,) for given variances (parts,)."""
+    return _solve(effects, variances).coefficients
+
+
+def least_cost(effects: Effects, variances: FloatArray, fixed: FloatArray) -> float:
+    """The least sum of squares, but for a constant, with some coefficients fixed (m,) and others of given variances."""
+    gradient = effects.gradient + effects.matrix @ fixed
+    free = _solve(replace(effects, gradient=gradient), variances).coefficients
+    return float(fixed @ (effects.gradient + gradient) + free @ gradient)
 
 
 @dataclass(frozen=True)

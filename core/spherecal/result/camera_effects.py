@@ -39,6 +39,8 @@ def turn_sd(corrections: Corrections | None, c: int, variance: float) -> float:
     """The standard deviation in rad, about each axis, by which a camera's images turn; 0 where they do not."""
     if corrections is None:
         return 0.0
+    if corrections.moved_once[c]:
+        return 0.0
     part = len(corrections.design.fields) + c
     return float(np.sqrt(corrections.variances[part] * variance))
 

@@ -103,7 +103,7 @@ def select_ball_model(
     fit, choice = chosen(wanted)
     if choice.refused and choice.limit is not None:
         most = choice.limit * free.adjusted.variance
-        weighted = replace(ball.network, noise=free.network.noise)
+        weighted = replace(ball.network, noise=free.network.noise).corrected_as(free.network)
         if explained_by_moves(weighted, ball.features, free, ball.n_ball, run.context, most):
             rigid, of_rigid = chosen("rigid")
             reason = Phrase("form-kept", {"facts": of_rigid.facts})

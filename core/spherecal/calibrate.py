@@ -15,7 +15,7 @@ from spherecal.data.verdict import with_findings
 from spherecal.detect.nothing_found import nothing_found
 from spherecal.detect.redetection import with_missed_targets
 from spherecal.detect.session_images import observed
-from spherecal.diagnose.lens_models import best_lens_model
+from spherecal.diagnose.lens_models import best_lens_model, may_differ
 from spherecal.diagnose.plausibility import implausible
 from spherecal.initialise.focal_length import with_seen_focal_lengths
 from spherecal.result.build_result import build_failed_result, build_result, stopped_early
@@ -123,7 +123,7 @@ def _adjust(session: Session, task: _Task) -> Calibration:
         run = run_of(recording, start, settings, context, watch)
         free = solve_free(start.network, start.poses, start.points, start.candidates, run)  # every dot at every place
         watch.lap("bundle adjustment")
-        if settings.lens == "auto" and lens is None and (lens := best_lens_model(free, run)) is not None:
+        if lens is None and may_differ(free, settings.lens) and (lens := best_lens_model(free, run)) is not None:
             session = lens.applied(session)
             continue
         fit = fit_ball_model(recording, start, free, settings, run)  # rigid, deformable, stored or free; millimetres

@@ -67,8 +67,8 @@ def misfitting_lenses(e: Evidence, anomalies: Anomalies, moved: Collection[str])
     None where the ball's shape explains that better. Another lens model is proposed where it fits better.
     """
     misfits = [m for m in anomalies.misfits if e.camera_ids[m.camera] not in moved]
-    if not misfits or anomalies.in_shape:
-        return []
+    if not misfits or anomalies.in_shape or e.solved.network.sizes is not None:
+        return []  # what all placements of a lens have in common is in its field then
     worst = max(misfits, key=lambda misfit: misfit.rms_px)
     limit = HARMFUL_RIGID_PX if e.choice.form == "rigid" else HARMFUL_FREE_PX
     names = tuple(e.camera_ids[m.camera] for m in misfits)

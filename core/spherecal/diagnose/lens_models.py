@@ -1,11 +1,13 @@
 """Other lens models on a solved network: how much better each of them fits, by a short adjustment from the solution."""
 
 from dataclasses import dataclass, replace
+from typing import Literal
 
 import numpy as np
 
 from spherecal.adjust.ball_model import Free, Rigid
-from spherecal.adjust.bundle import residual_size
+from spherecal.adjust.bundle import refine, residual_size
+from spherecal.adjust.camera_effects import OWN_FIELD, SHARED_FIELD
 from spherecal.adjust.intrinsic_priors import with_intrinsic_priors
 from spherecal.adjust.least_squares import minimise
 from spherecal.adjust.levenberg import Settings
@@ -82,11 +84,30 @@ class LensTrial:
         return replace(done, rig=replace(done.rig, quality=quality))
 
 
+def may_differ(fit: BallFit, wanted: LensModel | Literal["auto"] | None) -> bool:
+    """Whether another lens model is worth a trial: as the user says, or where the lenses have fields and he says nothing."""
+    fields = fit.network.corrections is not None and bool(
+        {SHARED_FIELD, OWN_FIELD} & set(fit.network.corrections.evidence)
+    )
+    return wanted == "auto" or (wanted is None and fields)
+
+
 def best_lens_model(fit: BallFit, run: Run) -> LensTrial | None:
     """The best of the models that are better for the lenses that were estimated; None where none is."""
+    fit = _without_fields(fit, run.context)
     best = _best([trial for trial in try_lenses(fit, run.context) if trial.model is not None])
     run.watch.lap("lens models")
     return best
+
+
+def _without_fields(fit: BallFit, context: Context) -> BallFit:
+    """The fit by the measured image points: a field would do for every model what it cannot."""
+    if fit.network.corrections is None:
+        return fit
+    network = fit.network.corrected(None, fit.adjusted.state.intrinsics)
+    return replace(
+        fit, network=network, adjusted=refine(network, fit.adjusted.state, fit.adjusted.used, fit.placed, context)
+    )
 
 
 def best_lenses(fit: BallFit, context: Context) -> LensTrial | None:

@@ -115,7 +115,7 @@ def covariance_bytes(covariance: CameraCovariance) -> bytes:
 
 
 def _distortion_entry(camera: RigCamera) -> dict[str, Any]:
-    """The distortion of a camera: `opencv` with 12 coefficients or `opencv-fisheye` with 4, with a field if it has one."""
+    """The distortion of a camera: `opencv` with 12 coefficients or `opencv-fisheye` with 4, and its field."""
     wide = is_fisheye(camera.intrinsics)
     model = "opencv-fisheye" if wide else "opencv"
     coefficients = finite(camera.intrinsics[4:8] if wide else camera.intrinsics[4:])

@@ -42,11 +42,6 @@ class FieldTable(ByValue):
             uv = predicted + self.at(uv)
         return uv
 
-    @property
-    def rms_px(self) -> float:
-        """Its root mean square over the image, per coordinate."""
-        return float(np.sqrt((self.du**2 + self.dv**2).mean() / 2))
-
     def _read(self, table: FloatArray, uv: FloatArray) -> FloatArray:
         """Bilinear values (n,) of a table; beyond its edge those of the edge, NaN at NaN."""
         at = (uv - self.origin_px) / self.pitch_px

@@ -101,8 +101,9 @@ def build_result(recording: Recording, local: LocalNetwork, fit: MetricFit, meth
             cameras, covariance, ball_size.by_camera[:, placed & lasting], ball_size.largest * from_middle
         )
     lengths = _length_map(cameras, covariance, adjusted, solution, observations)
+    uv = {session.cameras[c].id: measured.uv[adjusted.used & (measured.camera == c)] for c in np.flatnonzero(placed)}
     motions = image_motions(session, observations.placements, corrections)
-    findings += (*_said_of(lengths), *effects_findings(cameras, motions))
+    findings += (*_said_of(lengths), *effects_findings(cameras, motions, uv))
     size = np.linalg.norm(residual[adjusted.used], axis=1)
     sigma0 = _sigma0(observations, residual, adjusted) if adjusted.redundancy > 0 else None
     quality = Quality(

@@ -78,10 +78,19 @@ def image_motions(
     )
 
 
-def effects_findings(cameras: tuple[RigCamera, ...], motions: tuple[ImageMotion, ...]) -> tuple[Finding, ...]:
-    """What is said of fields and drift: which lenses and cameras, and how much."""
+def effects_findings(
+    cameras: tuple[RigCamera, ...], motions: tuple[ImageMotion, ...], uv: dict[str, FloatArray]
+) -> tuple[Finding, ...]:
+    """What is said of fields and drift: which lenses and cameras, and how much.
+
+    `uv`: used image points (n,2) px of each camera by its id.
+    """
     found = []
-    fields = {camera.id: camera.field.rms_px for camera in cameras if camera.field is not None}
+    fields = {
+        camera.id: float(np.sqrt((camera.field.at(uv[camera.id]) ** 2).mean()))
+        for camera in cameras
+        if camera.field is not None
+    }
     if fields:
         worst = max(fields, key=lambda name: fields[name])
         values = {"cameras": len(fields), "worst": worst, "rms_px": fields[worst]}

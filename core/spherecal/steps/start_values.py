@@ -33,6 +33,8 @@ def describe_network(recording: Recording, settings: CalibrationSettings) -> Net
     network = free_network(
         features.of_observation, observations.camera, observations.uv, len(features), estimated, group
     ).with_sigma(observations.sigma)
+    if settings.method == "tao2021":
+        return network
     sizes = np.array([camera.image_size for camera in cameras], dtype=float)
     return replace(network, sizes=sizes, placement=observations.placement)
 

@@ -58,7 +58,7 @@ def recalibrate(
     settings, context, watch = settings or CalibrationSettings(), context or Context(), Stopwatch()
     rig = _with_reference(rig, selection)
     _check(session, rig, selection)
-    session = _with_the_rigs_lens_models(observed(session, context), rig)
+    session = without_fields(_with_the_rigs_lens_models(observed(session, context), rig), rig)
     watch.lap("detection")
     selected = np.array([camera.id in selection.cameras for camera in session.cameras])
     before = _state(session, rig)
@@ -68,7 +68,8 @@ def recalibrate(
     if not local.triples:
         return build_failed_result(recording, local, settings.method, watch.seconds)
     reference = next(i for i, camera in enumerate(session.cameras) if camera.id == rig.reference_camera)
-    network = _locked(describe_network(recording, settings), selected, selection.what)
+    network = replace(describe_network(recording, settings), sizes=None)  # the rig's fields hold
+    network = _locked(network, selected, selection.what)
     start = _start(network, before, selected, selection.what, local)
     watch.lap("start values")
 
@@ -80,7 +81,35 @@ def recalibrate(
         fit, choice = select_ball_model(recording, fit, ball, settings, run)
     watch.lap("bundle adjustment")
     solution = _in_the_rigs_scale(session, rig, features.placement, fit)
-    return build_result(recording, local, MetricFit(fit, choice, solution), "selected", run)
+    return with_fields(build_result(recording, local, MetricFit(fit, choice, solution), "selected", run), rig)
+
+
+def without_fields(session: Session, rig: Rig) -> Session:
+    """The session with its image points as the lens models of the rig's cameras alone predict them."""
+    o = session.observations
+    fields = {camera.id: camera.field for camera in rig.cameras if camera.field is not None}
+    if o is None or not fields:
+        return session
+    uv = o.uv.copy()
+    for c, name in enumerate(o.cameras):
+        if name in fields:
+            uv[o.camera == c] -= fields[name].at(uv[o.camera == c])
+    return replace(session, observations=replace(o, uv=uv))
+
+
+def with_fields(done: Calibration, rig: Rig) -> Calibration:
+    """A calibration of such a session with the rig's fields, and with the image points as measured."""
+    fields = {camera.id: camera.field for camera in rig.cameras if camera.field is not None}
+    if not fields:
+        return done
+    cameras = tuple(replace(camera, field=fields.get(camera.id)) for camera in done.rig.cameras)
+    uv = done.observations.uv.copy()
+    for c, name in enumerate(done.observations.cameras):
+        if name in fields:
+            own = done.observations.camera == c
+            uv[own] = fields[name].measured(uv[own])
+    observations = replace(done.observations, uv=uv)
+    return replace(done, rig=replace(done.rig, cameras=cameras), observations=observations)
 
 
 def _with_reference(rig: Rig, selection: Selection) -> Rig:

@@ -16,7 +16,7 @@ TURN = 3  # columns of a motion
 
 
 # A step between two placements, or of one image alone, explains this share of the turns of a camera that was knocked
-# (0.89 to 0.99 of 0.05 to 1 mm on rigs A and B). Steady creep over four placements has 0.80, independent turns 0.5 to 0.85.
+# (0.89 to 0.99 of 0.05 to 1 mm on rigs A and B). Steady creep over four placements has 0.80, others 0.5 to 0.85.
 # (0.82 to 0.89 on rig B behind a misfit, where it alone has turns 5 times those of the others).
 MOST_OF_A_STEP, MOST_OF_ITS_STEP, STICKS_OUT = 0.9, 0.82, 5.0
 

@@ -85,7 +85,7 @@ class LensTrial:
 
 
 def may_differ(fit: BallFit, wanted: LensModel | Literal["auto"] | None) -> bool:
-    """Whether another lens model is worth a trial: as the user says, or where the lenses have fields and he says nothing."""
+    """Whether another lens model is worth a trial: as the user says, or else where the lenses have fields."""
     fields = fit.network.corrections is not None and bool(
         {SHARED_FIELD, OWN_FIELD} & set(fit.network.corrections.evidence)
     )

@@ -37,6 +37,7 @@ def export(options: argparse.Namespace) -> int:
             "unit": done.unit,
             "largest_difference_px": done.largest_difference_px,
             "losses": done.losses,
+            "fields_lost": done.fields_lost,
             "verdict": rig.quality.verdict,
         },
     )
@@ -59,6 +60,14 @@ def export(options: argparse.Namespace) -> int:
             f"The format has {done.format.coefficients} distortion coefficients: "
             f"{counted(len(done.losses), 'lens was', 'lenses were')} fitted to it, which costs at most "
             f"{' and '.join(_costs(done.losses))}{also}"
+        )
+    if done.fields_lost:
+        worst = max(done.fields_lost, key=lambda name: done.fields_lost[name].max_px)
+        loss = done.fields_lost[worst]
+        say(
+            f"The format cannot hold the {counted(len(done.fields_lost), 'correction field')} of the lenses: up to "
+            f"{loss.max_px:.2g} px is lost ({loss.max_mm:.2g} mm at the distance of the rig, camera {worst}). "
+            "The format maps holds them."
         )
     if frame is not None:
         say(f"Poses are given in the user's frame: {frame.definition.words()}.")

@@ -9,6 +9,7 @@ import numpy as np
 
 from spherecal.base.arrays import FloatArray
 from spherecal.geometry.camera import fisheye_vector, intrinsics_vector, is_fisheye, project
+from spherecal.geometry.field_table import FieldTable
 
 Unit = Literal["mm", "m"]
 # What Windows takes for devices, whatever the ending.
@@ -44,6 +45,7 @@ class FileCamera:
     intrinsics: FloatArray
     pose: Pose | None
     serial: str | None = None
+    field: FieldTable | None = None
 
     @property
     def fisheye(self) -> bool:

@@ -17,8 +17,8 @@ class Format:
 
     Its cameras are read back with lens and pose. What has no lenses is a `SceneFormat` (scene.py).
 
-    `coefficients`: how many of OpenCV's distortion numbers it keeps at most; `fisheye`: whether it holds lenses of the
-    fisheye model. `units`: those it may be written in, the usual one first.
+    `coefficients`: how many of OpenCV's distortion numbers it keeps at most; `fisheye, fields`: whether it holds
+    lenses of the fisheye model, and fields of lenses. `units`: those it may be written in, the usual one first.
 
     `write` returns the files' texts by name ("" for the one file of a format without a folder). `read` returns the
     cameras of such a file or folder. `ids` returns the ids under which the rig's cameras are found there.
@@ -28,8 +28,9 @@ class Format:
     title: str
     coefficients: int
     units: tuple[Unit, ...]
-    write: Callable[[FileRig], Mapping[str, str]]
+    write: Callable[[FileRig], Mapping[str, str | bytes]]
     read: Callable[[Path], Sequence[FileCamera]]
     folder: bool = False
     ids: Callable[[FileRig], Sequence[str]] = _same_ids
     fisheye: bool = False
+    fields: bool = False

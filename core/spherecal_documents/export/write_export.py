@@ -3,6 +3,7 @@
 import hashlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from dataclasses import field as dataclass_field
 from pathlib import Path
 
 import numpy as np
@@ -25,6 +26,7 @@ from spherecal_documents.export import (
     colmap,
     csv_table,
     kalibr,
+    maps,
     mc_calib,
     metashape,
     mrcal,
@@ -41,7 +43,7 @@ from spherecal_documents.export.scene_formats import largest_difference_px as sc
 from spherecal_rigs.frame_file import frame_entry
 from spherecal_rigs.framed_rig import in_frame
 
-_MODULES = (opencv_yaml, ros, kalibr, colmap, metashape, anipose, caliscope, mc_calib, multical, mrcal, csv_table)
+_MODULES = (opencv_yaml, ros, kalibr, colmap, metashape, anipose, caliscope, mc_calib, multical, mrcal, csv_table, maps)
 FORMATS: dict[str, Format] = {module.FORMAT.name: module.FORMAT for module in _MODULES}
 
 EXPORT = Marker("export.json", "spherecal/export", listed="files_sha256")
@@ -50,15 +52,25 @@ EXPORT = Marker("export.json", "spherecal/export", listed="files_sha256")
 # changes a projection hardly more than one dot's noise does.
 DEFAULT_MAX_LOSS_PX = 0.1
 
+# A field is known where its standard uncertainty is at most so many times the usual one in its image.
+KNOWN = 3.0
 _CHECK_POINTS = 1000
 _SEED = 1
+
+
+@dataclass(frozen=True)
+class FieldLoss:
+    """What is lost with a lens' field: the largest in its image where it is known, px, and at the rig's distance, mm."""
+
+    max_px: float
+    max_mm: float
 
 
 @dataclass(frozen=True)
 class Exported:
     """What was written: the cameras' ids there, largest difference after reading back, refits' costs by camera.
 
-    Of a scene, whose cameras have no distortion, the difference is that of its frusta's corners.
+    `fields_lost`: by camera, where the format cannot hold a field. Of a scene, whose cameras have no distortion, the difference is that of its frusta's corners.
     """
 
     format: Format | SceneFormat
@@ -66,6 +78,7 @@ class Exported:
     ids: Sequence[str]
     largest_difference_px: float
     losses: Mapping[str, Loss]
+    fields_lost: Mapping[str, FieldLoss] = dataclass_field(default_factory=dict)
 
 
 def export_rig(
@@ -95,15 +108,35 @@ def export_rig(
     if frame is not None:
         rig = in_frame(rig, frame)
     file_rig, losses = _file_rig(rig, chosen, lenses)
+    lost = {} if form.fields else _field_losses(rig)
     if frame is not None:
         source = f"{file_rig.source}, user's frame: {frame.definition.words()}"
         file_rig = replace(file_rig, source=source, first=first)
     _refuse_losses(form, losses, rig, max_loss_px)
     files = form.write(file_rig)
-    manifest = _manifest(form, files, file_rig, losses, rig.quality.verdict)
+    manifest = _manifest(form, files, file_rig, losses, lost, rig.quality.verdict)
     _write(form, files, output, manifest if frame is None else {**manifest, "frame": frame_entry(frame)})
     ids = form.ids(file_rig)
-    return Exported(form, chosen, ids, largest_difference_px(rig, ids, form.read(output), chosen), losses)
+    return Exported(
+        form, chosen, ids, largest_difference_px(rig, ids, form.read(output), chosen, form.fields), losses, lost
+    )
+
+
+def _field_losses(rig: Rig) -> dict[str, FieldLoss]:
+    """What each camera loses with its field; beyond where the ball was seen the field is not known, and not counted."""
+    lost = {}
+    middle = np.mean([camera.centre_mm for camera in rig.cameras], axis=0)
+    for camera in rig.cameras:
+        if (field := camera.field) is None:
+            continue
+        size = np.hypot(field.du, field.dv)
+        known = (
+            np.ones(size.shape, dtype=bool) if field.sd_px is None else field.sd_px <= KNOWN * np.median(field.sd_px)
+        )
+        most = float(size[known].max(initial=0.0))
+        distance = float(np.linalg.norm(camera.centre_mm - middle)) or 1000.0
+        lost[camera.id] = FieldLoss(most, most * distance / float(camera.intrinsics[0]))
+    return lost
 
 
 def format_named(name: str) -> Format:
@@ -157,7 +190,7 @@ def _file_rig(rig: Rig, unit: Unit, lenses: _Lenses) -> tuple[FileRig, dict[str,
     for camera in rig.cameras:
         lens, rotation, _ = lenses.get(camera.id, (camera.intrinsics, np.eye(3), None))
         pose = Pose(rotation @ camera.rotation, rotation @ camera.translation_mm / MM_PER[unit])
-        cameras.append(FileCamera(camera.id, camera.image_size, lens, pose, camera.serial))
+        cameras.append(FileCamera(camera.id, camera.image_size, lens, pose, camera.serial, camera.field))
     source = f"SphereCal {__version__}, input sha256 {rig.input_sha256[:16]}, scale from {rig.scale.source}"
     if rig.quality.verdict != "valid":
         concerned = f" for {named(rig.quality.affected)}" if rig.quality.valid else ""
@@ -205,21 +238,30 @@ def _refuse_losses(form: Format, losses: Mapping[str, Loss], rig: Rig, max_loss_
     )
 
 
-def _write(form: Format, files: Mapping[str, str], output: Path, manifest: Mapping[str, object]) -> None:
+def _bytes(content: str | bytes) -> bytes:
+    return content if isinstance(content, bytes) else content.encode()
+
+
+def _write(form: Format, files: Mapping[str, str | bytes], output: Path, manifest: Mapping[str, object]) -> None:
     if not form.folder:
-        write_file_whole(output, files[""].encode())
+        write_file_whole(output, _bytes(files[""]))
         return
 
     def build(folder: Path) -> None:
         for name, text in files.items():
-            write_new(folder, name, text.encode())
+            write_new(folder, name, _bytes(text))
         write_new(folder, EXPORT.file, json_bytes(manifest))
 
     write_folder_whole(output, build, EXPORT)
 
 
 def _manifest(
-    form: Format, files: Mapping[str, str], rig: FileRig, losses: Mapping[str, Loss], verdict: Verdict
+    form: Format,
+    files: Mapping[str, str | bytes],
+    rig: FileRig,
+    losses: Mapping[str, Loss],
+    lost: Mapping[str, FieldLoss],
+    verdict: Verdict,
 ) -> dict[str, object]:
     """export.json: by it the folder is known again as an export that may be replaced, and says what it holds."""
     return {
@@ -230,7 +272,8 @@ def _manifest(
         "source": rig.source,
         "verdict": verdict,
         "cameras": dict(zip((camera.id for camera in rig.cameras), form.ids(rig), strict=True)),
-        "files_sha256": {name: hashlib.sha256(text.encode()).hexdigest() for name, text in files.items()},
+        "files_sha256": {name: hashlib.sha256(_bytes(text)).hexdigest() for name, text in files.items()},
+        "fields_lost": {name: {"max_px": one.max_px, "max_mm": one.max_mm} for name, one in lost.items()},
         "refit": {name: _refit_entry(loss) for name, loss in losses.items()},
         "software": software_entry(None),
     }
@@ -257,15 +300,21 @@ def check_points(camera: RigCamera, rig: Rig) -> tuple[FloatArray, FloatArray]:
     return (points - camera.translation_mm) @ camera.rotation, project(points, camera.intrinsics)
 
 
-def largest_difference_px(rig: Rig, ids: Sequence[str], cameras: Sequence[FileCamera], unit: Unit) -> float:
+def largest_difference_px(
+    rig: Rig, ids: Sequence[str], cameras: Sequence[FileCamera], unit: Unit, fields: bool = False
+) -> float:
     """Largest difference in px between the rig's projections and those of cameras that were read.
 
-    It is infinite where a camera that was read has no image of a point.
+    It is infinite where a camera that was read has no image of a point. With `fields` the lenses' fields count, and
+    points that such a camera does not hold do not.
     """
     by_id = {camera.id: camera for camera in cameras}
     largest = 0.0
     for camera, name in zip(rig.cameras, ids, strict=True):
         world, uv = check_points(camera, rig)
+        if fields and camera.field is not None:
+            uv = camera.field.measured(uv)
         difference = np.linalg.norm(by_id[name].project(world / MM_PER[unit]) - uv, axis=1)
+        difference = difference[np.isfinite(difference)] if fields else difference
         largest = max(largest, float(difference.max()) if np.isfinite(difference).all() else np.inf)
     return largest

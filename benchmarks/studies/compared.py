@@ -1,12 +1,13 @@
 """One recording calibrated in every form, and what each makes of the bars."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from benchmarks.studies.simulated import BarErrors, Bars, bar_errors
 from spherecal.base.arrays import FloatArray
 from spherecal.calibrate import calibrate
+from spherecal.data.rig import Calibration
 from spherecal.data.session import Session
 from spherecal.steps.settings import CalibrationSettings, Method
 from spherecal_sim.truth import Truth
@@ -14,12 +15,16 @@ from spherecal_sim.truth import Truth
 
 @dataclass(frozen=True)
 class Measured:
-    """A calibration's bars, its variance of unit weight over the simulated one, and the form it was made in."""
+    """A calibration's bars, its variance of unit weight over the simulated one, and the form it was made in.
+
+    `normalised` (n,): absolute errors of the bars over their standard uncertainties as the rig states them.
+    """
 
     bars: BarErrors
     chi2: float
     form: str
     shape_sd_mm: float | None = None
+    normalised: FloatArray = field(default_factory=lambda: np.zeros(0))
 
 
 def measured(session: Session, truth: Truth, bars: Bars, noise: FloatArray, method: Method) -> Measured:
@@ -32,7 +37,14 @@ def measured(session: Session, truth: Truth, bars: Bars, noise: FloatArray, meth
         np.nan if sigma0 is None else (sigma0 / truth.options.sigma_px) ** 2,
         "free" if form is None else form.name,
         None if form is None else form.shape_sd_mm,
+        _normalised(calibration, truth, bars, noise),
     )
+
+
+def _normalised(calibration: Calibration, truth: Truth, bars: Bars, noise: FloatArray) -> FloatArray:
+    if calibration.rig.covariance is None or len(calibration.rig.cameras) < len(truth.cameras):
+        return np.full(len(bars.lengths_mm), np.inf)
+    return np.abs(bars.errors_of_rig(calibration, noise)) / bars.stated_of_rig(calibration, truth)
 
 
 def in_every_form(

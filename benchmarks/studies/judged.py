@@ -20,7 +20,7 @@ from spherecal.calibrate import calibrate
 from spherecal.data.findings import Finding
 from spherecal.data.observations import Features, Observations
 from spherecal.data.rig import Calibration, Quality, Rig, RigCamera
-from spherecal.data.rig_camera import posed
+from spherecal.data.rig_camera import lens_corrected, posed
 from spherecal.data.session import Session
 from spherecal.geometry.camera import project
 from spherecal.geometry.length_uncertainty import Cameras, predict_lengths
@@ -314,7 +314,7 @@ def _lengths(rig: Rig, reference: Reference) -> tuple[FloatArray, FloatArray]:
     found = triangulate(
         lengths.end[keep],
         own[keep],
-        lengths.uv[keep],
+        lens_corrected(cameras, own[keep], lengths.uv[keep], np.ones((int(keep.sum()), 2)))[0],
         np.ones(int(keep.sum())),
         count,
         looking_from,
@@ -326,7 +326,7 @@ def _lengths(rig: Rig, reference: Reference) -> tuple[FloatArray, FloatArray]:
         return error, np.full(len(error), np.inf)
     sizes = np.array([c.image_size for c in cameras], dtype=float)
     each = looking_from.intrinsics, looking_from.rotation, looking_from.translation
-    looking = Cameras(*each, sizes, rig.covariance.matrix, rig.covariance.intrinsics)
+    looking = Cameras(*each, sizes, rig.covariance.matrix, rig.covariance.intrinsics, tuple(c.field for c in cameras))
     noise = rig.length_map.sigma_px if rig.length_map is not None else 0.0
     expanded = COVERAGE_FACTOR * predict_lengths(looking, ends, max(noise, 1e-4)).standard_mm()
     stated = np.isfinite(expanded)  # seen by too few by the rig's own account: nothing is claimed of it

@@ -20,7 +20,9 @@ from spherecal.base.context import Context
 from spherecal.data.observations import Features, Observations
 from spherecal.data.recording import Recording, calibration_observations
 from spherecal.data.rig import Calibration
+from spherecal.data.rig_camera import lens_corrected, posed
 from spherecal.data.session import Bar, BarLength, Session
+from spherecal.geometry.length_uncertainty import Cameras, predict_lengths
 from spherecal.geometry.posed import PosedCameras
 from spherecal.geometry.triangulation import triangulate
 from spherecal.scale.metric import Solution, in_millimetres
@@ -266,28 +268,41 @@ class Bars:
         """Image points (rows, 2) px; noise (rows, 2) standard normal."""
         return self.uv if noise is None else self.uv + noise * self.sigma_px[self.camera, None]
 
-    def measure(
-        self, intrinsics: FloatArray, rotation: FloatArray, translation: FloatArray, noise: FloatArray | None
-    ) -> FloatArray:
-        """Lengths (n,) by triangulation, in the cameras' units; noise (rows, 2) standard normal."""
-        uv = self.noisy_uv(noise)
-        weight = np.ones(len(uv))
+    def measure(self, cameras: PosedCameras, uv: FloatArray) -> FloatArray:
+        """Lengths (n,) by triangulation of image points (rows, 2) px, in the cameras' units."""
         count = 2 * len(self.lengths_mm)
-        cameras = PosedCameras(intrinsics, rotation, translation)
-        ends = triangulate(self.end, self.camera, uv, weight, count, cameras).points
+        ends = triangulate(self.end, self.camera, uv, np.ones(len(uv)), count, cameras).points
         return np.linalg.norm(ends[1::2] - ends[::2], axis=1)
 
     def errors_of(self, state: State, noise: FloatArray | None) -> FloatArray:
         """Measured minus true lengths (n,) for a network in mm."""
-        return self.measure(state.intrinsics, state.rotation, state.translation, noise) - self.lengths_mm
+        return self.measure(state.cameras, self.noisy_uv(noise)) - self.lengths_mm
 
     def errors_of_rig(self, calibration: Calibration, noise: FloatArray | None) -> FloatArray:
         """Measured minus true lengths (n,) with a calibrated rig that has all cameras."""
-        cameras = calibration.rig.cameras
-        intrinsics, rotation, translation = (
-            np.array([getattr(c, name) for c in cameras]) for name in ("intrinsics", "rotation", "translation_mm")
+        cameras, uv = calibration.rig.cameras, self.noisy_uv(noise)
+        uv, _ = lens_corrected(cameras, self.camera, uv, self.sigma_px[self.camera, None])
+        return self.measure(posed(cameras), uv) - self.lengths_mm
+
+    def stated_of_rig(self, calibration: Calibration, truth: Truth) -> FloatArray:
+        """The standard uncertainties (n,) mm of these lengths by a rig that has all cameras, their own noise included."""
+        rig = calibration.rig
+        assert rig.covariance is not None
+        first = next(camera for camera in truth.cameras if camera.id == rig.reference_camera)
+        ends = self.study.ends_mm @ first.rotation.T + first.translation_mm
+        cameras, sizes = posed(rig.cameras), np.array([c.image_size for c in rig.cameras], dtype=float)
+        fields = tuple(c.field for c in rig.cameras)
+        covariance = rig.covariance
+        looking = Cameras(
+            cameras.intrinsics,
+            cameras.rotation,
+            cameras.translation,
+            sizes,
+            covariance.matrix,
+            covariance.intrinsics,
+            fields,
         )
-        return self.measure(intrinsics, rotation, translation, noise) - self.lengths_mm
+        return predict_lengths(looking, ends, float(np.median(self.sigma_px))).standard_mm()
 
 
 def make_bars(truth: Truth, seed: int) -> Bars:

@@ -93,8 +93,8 @@ class Design:
 class Corrections:
     """Estimated fields and motions: coefficients (m,) and variances (parts,) over sigma0 squared.
 
-    `freedom`: how many coefficients' worth the data determine, which the redundancy lacks; `evidence`: by how much
-    -2 log of the likelihood falls by each kind beside the others, of those that are taken.
+    `freedom`: how many coefficients' worth the data determine, which the redundancy lacks, `field_freedom` those of
+    fields; `evidence`: by how much -2 log of the likelihood falls by each kind beside the others, of those taken.
     """
 
     design: Design
@@ -102,6 +102,7 @@ class Corrections:
     variances: FloatArray
     freedom: float
     evidence: dict[int, float]
+    field_freedom: float
 
     @property
     def turns(self) -> FloatArray:

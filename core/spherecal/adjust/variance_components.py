@@ -37,14 +37,15 @@ class Effects:
 class Estimate:
     """The effects' coefficients (m,), the variances (parts,) of each part's relative to sigma0 squared, and sigma0^2.
 
-    `deviance`: -2 log of the restricted likelihood, but for a constant of the data.
+    `deviance`: -2 log of the restricted likelihood, but for a constant of the data; `freedom` (parts,): how many
+    coefficients' worth the data determine.
     """
 
     coefficients: FloatArray
     variances: FloatArray
     sigma0_squared: float
     deviance: float
-    freedom: float
+    freedom: FloatArray
 
 
 def estimated(effects: Effects, start: FloatArray) -> Estimate:
@@ -67,7 +68,7 @@ def estimated(effects: Effects, start: FloatArray) -> Estimate:
         best = _solve(effects, variances)
         if before.deviance - best.deviance < SETTLED:
             break
-    return Estimate(best.coefficients, variances, best.sigma0_squared, best.deviance, float(best.freedom.sum()))
+    return Estimate(best.coefficients, variances, best.sigma0_squared, best.deviance, best.freedom)
 
 
 def effect_cofactors(effects: Effects, variances: FloatArray) -> FloatArray:

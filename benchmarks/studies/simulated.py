@@ -285,7 +285,7 @@ class Bars:
         return self.measure(posed(cameras), uv) - self.lengths_mm
 
     def stated_of_rig(self, calibration: Calibration, truth: Truth) -> FloatArray:
-        """The standard uncertainties (n,) mm of these lengths by a rig that has all cameras, their own noise included."""
+        """The standard uncertainties (n,) mm of these lengths by a rig with all cameras, own noise included."""
         rig = calibration.rig
         assert rig.covariance is not None
         first = next(camera for camera in truth.cameras if camera.id == rig.reference_camera)

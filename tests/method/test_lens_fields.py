@@ -33,7 +33,7 @@ def misfitting() -> tuple[Calibration, Truth, Bars]:
 
 
 def test_a_field_has_nothing_that_the_lens_model_or_a_turn_can_do() -> None:
-    basis = field_basis(SIZE, LENS, estimated_mask("brown"), 80)
+    basis = field_basis(SIZE, LENS, estimated_mask("brown"), 80, 1e-4)
     grid = np.stack(np.meshgrid(*[np.arange(30)] * 2), axis=-1).reshape(-1, 2)
     uv = (grid + 0.5) / 30 * SIZE
     xy, _ = undistort(uv, LENS)
@@ -41,7 +41,7 @@ def test_a_field_has_nothing_that_the_lens_model_or_a_turn_can_do() -> None:
     own = by_lens[:, :, estimated_mask("brown")].reshape(2 * len(uv), -1)
     values = basis.at(uv).reshape(2 * len(uv), -1)
     cosine = (own / np.linalg.norm(own, axis=0)).T @ (values / np.linalg.norm(values, axis=0))
-    assert np.abs(cosine).max() < 0.02
+    assert np.abs(cosine).max() < 0.1
     variance = (basis.at(uv) ** 2).sum(axis=2)
     assert 0.5 < variance.mean() < 1.01  # of 1, less what was taken out
 
@@ -53,7 +53,9 @@ def test_amplitudes_are_found_by_restricted_likelihood_and_vanish_without_effect
     for amplitudes in ((3.0, 1.0, 0.5), (0.0, 0.0, 0.0)):
         b = rng.normal(size=120) * np.array(amplitudes)[part]
         residual = design @ b + rng.normal(size=900)
-        effects = Effects(design.T @ design, design.T @ residual, float(residual @ residual), 900, part, np.zeros(3, int))
+        effects = Effects(
+            design.T @ design, design.T @ residual, float(residual @ residual), 900, part, np.zeros(3, int)
+        )
         found = estimated(effects, np.ones(3))
         # the parts' own amplitudes are drawn a little towards the common one
         if any(amplitudes):

@@ -17,8 +17,6 @@ from spherecal.geometry.rotation import cross_matrix
 # Correlation length over half the image's width. 0.8 is too stiff (rig A, 0.1 px: 35 um against 18); 0.3 and 0.5 differ
 # by less than a tenth, and 0.5 needs half the coefficients.
 LENGTH = 0.5
-# Eigenfunctions that hold less of the variance than this are left out.
-LEAST_SHARE = 1e-4
 _NODES = 40  # of the quadrature along an axis
 _GRID = 14  # points along each axis at which the lens model's own derivatives are compared
 
@@ -60,10 +58,11 @@ class FieldBasis:
         return np.stack([scalars @ self.mixture[:s], scalars @ self.mixture[s:]], axis=1)
 
 
-def field_basis(size: FloatArray, intrinsics: FloatArray, free: BoolArray, most: int) -> FieldBasis:
+def field_basis(size: FloatArray, intrinsics: FloatArray, free: BoolArray, most: int, least_share: float) -> FieldBasis:
     """The basis of a lens' field, at most `most` functions a coordinate, without what the lens model itself can do.
 
-    `size` (2,) px; `intrinsics` (16,); `free`: those that the lens model has, (16,).
+    `least_share`: of the variance, below which functions are left out; `size` (2,) px; `intrinsics` (16,); `free`:
+    those that the lens model has, (16,).
     """
     half = size / size.max()
     lengths = LENGTH / half
@@ -71,7 +70,7 @@ def field_basis(size: FloatArray, intrinsics: FloatArray, free: BoolArray, most:
     shares, functions = zip(*(_eigenfunctions(nodes, weights / 2, length) for length in lengths), strict=True)
     product = np.outer(*shares)
     order = np.argsort(-product, axis=None, kind="stable")[:most]
-    order = order[product.ravel()[order] >= LEAST_SHARE]
+    order = order[product.ravel()[order] >= least_share]
     pairs = np.stack(np.unravel_index(order, product.shape), axis=1)
     along_u, along_v = functions
     both = np.stack([nodes, nodes])

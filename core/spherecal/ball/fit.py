@@ -126,10 +126,15 @@ def finished_solution(
     release_freed()
     places = None if rigid is None else rigid.places
     cofactors = covariance(adjusted.problem, adjusted.state, places)
-    if cofactors is not None:
-        cofactors = with_corrections(cofactors, network, adjusted)
     release_freed()
     return BallFit(network, adjusted, cofactors, np.zeros(len(placed), dtype=bool), placed, rigid)
+
+
+def with_effects_unknown(fit: BallFit) -> BallFit:
+    """The fit with the covariance in which fields of lenses and motions of images are unknown too: of the one taken."""
+    if fit.cofactors is None or fit.network.corrections is None or fit.cofactors.of_effects is not None:
+        return fit
+    return replace(fit, cofactors=with_corrections(fit.cofactors, fit.network, fit.adjusted))
 
 
 def solve_with_priors(

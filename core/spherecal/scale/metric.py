@@ -8,7 +8,7 @@ from spherecal.adjust.covariance import Covariance
 from spherecal.adjust.parameter_layout import POSE
 from spherecal.adjust.state import State
 from spherecal.ball.calibration_run import Run
-from spherecal.ball.fit import BallFit, with_lengths
+from spherecal.ball.fit import BallFit, with_effects_unknown, with_lengths
 from spherecal.ball.selection import ModelChoice
 from spherecal.base.arrays import BoolArray, FloatArray, IntArray
 from spherecal.data.findings import Finding
@@ -56,13 +56,14 @@ class MetricFit:
 def in_millimetres(recording: Recording, fit: BallFit, run: Run) -> tuple[BallFit, Solution]:
     """The network in millimetres; a bar that gives the scale becomes part of the adjustment."""
     session, features = recording.session, recording.features
+    fit = with_effects_unknown(fit)
     solution, scale = metric_solution(recording, fit, literal=run.plain), session.scale
     if run.plain or solution.scale.source != "bar" or scale is None or scale.bar is None:
         return fit, solution
     rows = length_rows(recording, scale.bar, solution.state.points)
     if rows is None:
         return fit, solution
-    again = with_lengths(fit, rows, solution.factor, run)
+    again = with_effects_unknown(with_lengths(fit, rows, solution.factor, run))
     if again.cofactors is None or again.cofactors.stretch is None:
         return fit, solution
     state = again.by_features.state

@@ -4,7 +4,7 @@ import numpy as np
 
 from spherecal.ball.ball_shape import KnownDots
 from spherecal.ball.calibration_run import Run
-from spherecal.ball.fit import BallFit
+from spherecal.ball.fit import BallFit, with_effects_unknown
 from spherecal.ball.rigid import BallNetwork
 from spherecal.ball.selection import ModelChoice
 from spherecal.ball.stored_shape import solve_on_ball
@@ -33,10 +33,11 @@ def on_known_ball(
     called = _profile_phrase(profile)
     if found.solved is None:
         return Finding("ball-profile-refused", "warning", {"profile": called, "reason": found.reason})
-    solution, longer = by_stored_ball(recording, found.solved, profile.shape.scale)
+    solved = with_effects_unknown(found.solved)
+    solution, longer = by_stored_ball(recording, solved, profile.shape.scale)
     reason = Phrase("form-profile", {"profile": called, "fit": found.reason})
     said = _scale_conflict(profile, solution, longer, session)
-    return MetricFit(found.solved, ModelChoice("rigid", reason), solution, tuple(said))
+    return MetricFit(solved, ModelChoice("rigid", reason), solution, tuple(said))
 
 
 def _known_dots(shape: BallShape, names: tuple[str, ...]) -> KnownDots:

@@ -60,7 +60,7 @@ _SEED = 1
 
 @dataclass(frozen=True)
 class FieldLoss:
-    """What is lost with a lens' field: the largest in its image where it is known, px, and at the rig's distance, mm."""
+    """What is lost with a lens' field: its largest where it is known, in px, and in mm at the rig's distance."""
 
     max_px: float
     max_mm: float
@@ -70,7 +70,8 @@ class FieldLoss:
 class Exported:
     """What was written: the cameras' ids there, largest difference after reading back, refits' costs by camera.
 
-    `fields_lost`: by camera, where the format cannot hold a field. Of a scene, whose cameras have no distortion, the difference is that of its frusta's corners.
+    `fields_lost`: by camera, where the format cannot hold a field. Of a scene, whose cameras have no distortion, the
+    difference is that of its frusta's corners.
     """
 
     format: Format | SceneFormat

@@ -43,7 +43,7 @@ def test_a_field_has_nothing_that_the_lens_model_or_a_turn_can_do() -> None:
     cosine = (own / np.linalg.norm(own, axis=0)).T @ (values / np.linalg.norm(values, axis=0))
     assert np.abs(cosine).max() < 0.1
     variance = (basis.at(uv) ** 2).sum(axis=2)
-    assert 0.5 < variance.mean() < 1.01  # of 1, less what was taken out
+    assert 0.15 < variance.mean() < 0.5  # of 1: three quarters are what the lens model can do
 
 
 def test_amplitudes_are_found_by_restricted_likelihood_and_vanish_without_effects() -> None:
@@ -147,6 +147,6 @@ def test_the_cameras_of_dome15_drift(shared_data: Path) -> None:
     codes = {finding.code: finding for finding in done.rig.quality.findings}
     assert done.rig.quality.rms_px is not None
     assert done.rig.quality.rms_px < 0.52  # 0.84 with one pose a camera
-    assert set(codes["camera-drifts"].where[:2]) == {"C01", "C07"}
+    assert {"C01", "C07"} <= set(codes["camera-drifts"].where[:3])
     assert "lens-misfit" not in codes
     assert len(done.motions) > 100

@@ -26,6 +26,10 @@ def calibration_verdict(result: Result) -> Verdict:
     """The verdict on the calibration."""
     rig, quality = result.rig, result.rig.quality
     title, placed, seen = label("report-calibration"), len(rig.cameras), len(result.camera_ids)
+    if quality.valid and result.bars is not None and result.bars.failed:  # whatever the calibration says of itself
+        override = override_words(result.bars)
+        sentence = label("report-contradicted", override=override or label("report-must-not-be-put-to-use"))
+        return Verdict(title, label("report-verification-failed"), BAD, sentence)
     if quality.verdict == "use-with-care":
         care = care_words(quality.affected)
         sentence = label("report-placed-with-care", placed=placed, seen=cameras_in_words(seen), affected=care)
@@ -38,6 +42,14 @@ def calibration_verdict(result: Result) -> Verdict:
     if not reason:
         reason = label("report-the-findings-below-say-why") if placed else label("report-no-camera-is-placed")
     return Verdict(title, label(_WORDS["not-valid"]), BAD, label("report-must-not-be-used", reason=reason))
+
+
+def override_words(bars: BarReport) -> str:
+    """Who uses the rig although its verification failed, and why; empty where nobody does."""
+    o = bars.override
+    return (
+        "" if o is None else label("report-used-all-the-same", by=o.by, date=o.at.date().isoformat(), reason=o.reason)
+    )
 
 
 def cameras_in_words(n: int) -> str:
@@ -56,8 +68,11 @@ def care_words(some: Sequence[Affected]) -> str:
 
 
 def verification_verdict(result: Result) -> Verdict:
-    """The verdict on the verification."""
-    return Verdict(label("report-verification-with-reference-bars"), *_of_bars(result.bars))
+    """The verdict on the verification, and who uses the rig in spite of it."""
+    word, level, sentence = _of_bars(result.bars)
+    if result.bars is not None and result.bars.failed and (override := override_words(result.bars)):
+        sentence = f"{sentence} {override}"
+    return Verdict(label("report-verification-with-reference-bars"), word, level, sentence)
 
 
 def _of_bars(bars: BarReport | None) -> tuple[str, str, str]:

@@ -134,6 +134,7 @@ def new_session(
     board: Mapping[str, object] | str | None = None,
     targets: TargetSet | AnyPath | None = None,
     sphere_diameter_mm: float | None = None,
+    spacing_mm: tuple[float, float] | None = None,
     focal_length_mm: float | None = None,
     pixel_pitch_um: float | None = None,
     lens_model: LensModel | None = None,
@@ -160,6 +161,9 @@ def new_session(
         The target set, or its targets.json; None where there is none.
     sphere_diameter_mm
         The ball's diameter; None where it is not known.
+    spacing_mm
+        What the targets' widest spacing measures on the print, and its expanded uncertainty (k = 2); None: as they
+        should be printed, to 0.3 %.
     focal_length_mm, pixel_pitch_um
         Of all cameras; None: EXIF's, else a start value is assumed.
     lens_model
@@ -185,10 +189,12 @@ def new_session(
     ):
         if value is not None and not 0 < value < 1e6:
             raise InputError(Phrase("error-above-zero", {"name": name, "value": value}))
+    if spacing_mm is not None and not (0 < spacing_mm[0] < 1e6 and 0 <= spacing_mm[1] < spacing_mm[0]):
+        raise InputError(Phrase("error-above-zero", {"name": "spacing_mm", "value": spacing_mm[0]}))
     if frames < 1:
         raise InputError(Phrase("error-frames-needed", {"frames": frames}))
     shown = targets if targets is None or isinstance(targets, TargetSet) else load_targets(targets)
-    contents = Contents(None if board is None else board_entry(board), shown, sphere_diameter_mm)
+    contents = Contents(None if board is None else board_entry(board), shown, sphere_diameter_mm, spacing_mm)
     known = StatedCameras(focal_length_mm, pixel_pitch_um, lens_model)
     return make_session(Path(folder), Path(images), pattern, contents, known, frames, context or Context())
 

@@ -149,7 +149,7 @@ def _bar_temperature(session: Session | None) -> float | None:
 def _artefact(session: Session | None) -> str | None:
     """What gave the scale, in words."""
     scale = session.scale if session else None
-    if scale is None:
+    if scale is None or scale.kind == "none":
         return None
     if scale.kind == "bar":
         bar = next((bar for bar in session.bars if bar.id == scale.bar), None) if session else None

@@ -14,6 +14,7 @@ from spherecal.base.messages.values import Phrase
 from spherecal.data.findings import Finding, Severity
 from spherecal.data.session import Bar, BarPose
 from spherecal.files.bar_registry import expiry
+from spherecal.verify.bar_temperature import temperature_findings
 from spherecal.verify.budget import pooled_scatter
 from spherecal.verify.consistency import Consistency
 from spherecal.verify.limit import Acceptance
@@ -105,7 +106,7 @@ def temperature_doubts(poses: Sequence[BarPose], bars: Mapping[str, Bar]) -> lis
         for p in own
         if p.temperature_c is not None and abs(p.temperature_c - middle[bar]) > _TEMPERATURE_RANGE_K
     ]
-    found = []
+    found = temperature_findings(poses, bars)
     if odd:
         limit = {"limit_kelvin": _TEMPERATURE_RANGE_K}
         found.append(Finding("temperatures-differ", "warning", limit, tuple(odd), kind="one-bar"))

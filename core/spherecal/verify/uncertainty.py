@@ -101,7 +101,7 @@ def length_budget(
         calibration_mm=math.sqrt(calibration),
         scale_mm=scale,
         certificate_mm=certified.expanded_uncertainty_mm / certified.coverage_factor,
-        temperature_mm=_temperature_part(certified.length_mm, bar, temperature_c),
+        temperature_mm=temperature_part(certified.length_mm, bar, temperature_c),
     )
 
 
@@ -148,7 +148,8 @@ def reference_length(certified: BarLength, bar: Bar, temperature_c: float | None
     return certified.length_mm * (1 + bar.expansion_per_kelvin * warmer_k)
 
 
-def _temperature_part(length_mm: float, bar: Bar, temperature_c: float | None) -> float:
+def temperature_part(length_mm: float, bar: Bar, temperature_c: float | None) -> float:
+    """The standard uncertainty of a length in mm by the thermometer and the coefficient of expansion."""
     warmer_k = 0.0 if temperature_c is None else temperature_c - bar.reference_temperature_c
     sd_k = temperature_sd(temperature_c)
     return length_mm * abs(bar.expansion_per_kelvin) * math.hypot(sd_k, expansion_kelvin(bar, warmer_k, sd_k))

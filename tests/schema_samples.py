@@ -202,7 +202,8 @@ _VERIFICATION = _document(
         },
         "budgets": [{
             **_ENDS, "combined_mm": 0.01, "effective_degrees_of_freedom": 12.0, "coverage_factor": 2.0,
-            "expanded_uncertainty_mm": 0.02, "remedy": "r", "remedy_phrase": {"phrase": "remedy-certificate", "values": {}},
+            "expanded_uncertainty_mm": 0.02, "remedy": "r",
+            "remedy_phrase": {"phrase": "remedy-certificate", "values": {}},
             "contributions": [{
                 "name": "n", "evaluation": "A", "distribution": "normal", "standard_uncertainty_mm": 0.01,
                 "degrees_of_freedom": 5.0, "share": 1.0, "contained_in_repeatability_mm": 0.0,

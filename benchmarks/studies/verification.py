@@ -242,9 +242,9 @@ def _verdicts(page: Report, found: Sequence[Run], faults: Sequence[Faults]) -> N
     n = len(found)
     page.heading("Verdicts, rig A")
     page.text(
-        f"Limit {LIMIT.words()}, decided by ISO 14253-1:2017. Faults, one at a time on the same rig: bar A's longest length "
-        f"certified {CERTIFICATE_MM:g} mm too long; bar A's thermometer {THERMOMETER_K:g} K too warm; a camera shifted "
-        f"by {SHIFT_MM:g} mm and turned by {TURN_DEG:g} degrees (any way) after the calibration."
+        f"Limit {LIMIT.words()}, decided by ISO 14253-1:2017. Faults, one at a time on the same rig: bar A's longest "
+        f"length certified {CERTIFICATE_MM:g} mm too long; bar A's thermometer {THERMOMETER_K:g} K too warm; a camera "
+        f"shifted by {SHIFT_MM:g} mm and turned by {TURN_DEG:g} degrees (any way) after the calibration."
     )
     cases = (
         ("nothing", [run.intact for run in found], sum(not doubts(run.intact) for run in found)),

@@ -138,8 +138,9 @@ def _odd_ones(
     ends = [(a, max(b for b in range(a, n) if agree[b, a])) for a in range(n)]
     first, last = max(ends, key=lambda one: one[1] - one[0])
     middle = float(sorted_ratio[first : last + 1].mean())
+    off = ratio - middle
     return {
-        group[k].pose: ((ratio[k] - middle) * group[k].reference_mm, (ratio[k] - middle) / own[k])
+        group[k].pose: (float(off[k]) * group[k].reference_mm, float(off[k] / own[k]))
         for k in [*order[:first].tolist(), *order[last + 1 :].tolist()]
     }
 

@@ -175,11 +175,15 @@ def _agreement(page: Report, found: Sequence[Said]) -> None:
     page.verdict(
         f"a right rig is INCONSISTENT at most once in {1 / promised:g} times", wrong <= most, f"{wrong} of {len(right)}"
     )
-    for kind in ("10 times", "wrong scale"):
-        own = [x for x in found if x.kind == kind]
-        told = sum(not x.consistent for x in own)
-        page.verdict(f"{kind}: INCONSISTENT in 95 % or more", told >= 0.95 * len(own), f"{told} of {len(own)}")
-    page.text("")
+    page.text("", "How often a wrong rig is told, by the number of its lengths:")
+    rows = []
+    for kind, *_ in KINDS:
+        shares = []
+        for poses in POSES:
+            own = [x for x in found if x.kind == kind and 6 * (poses // 2) < x.lengths <= 6 * poses]
+            shares.append(sum(not x.consistent for x in own) / len(own) if own else float("nan"))
+        rows.append((kind, *shares))
+    page.table(("INCONSISTENT", *(f"up to {6 * poses} lengths" for poses in POSES)), rows)
 
 
 def _conformity(page: Report, found: Sequence[Said]) -> None:

@@ -79,12 +79,12 @@ def _of_bars(bars: BarReport | None) -> tuple[str, str, str]:
     if bars is None:
         return label("report-not-done"), NEUTRAL, label("report-no-reference-bars-were-measured")
     largest = number(bars.max_abs_error_mm, 3)
-    errors = [finding_words(finding)[0] for finding in bars.findings if finding.severity == "error"]
+    errors = {f.code: finding_words(f)[0] for f in bars.findings if f.severity == "error"}
+    exceeded = errors.pop("limit-exceeded", "")
     acceptance = bars.procedure.acceptance if bars.procedure is not None else None
-    passed = acceptance is not None and acceptance.verdict == "pass"
-    contradicted = bars.contradicting or (passed and bars.verdict == "inconsistent")
-    if acceptance is not None and not errors and (acceptance.verdict == "fail" or not contradicted):
-        return _against_limit(acceptance, bars)
+    if acceptance is not None and (acceptance.verdict == "fail" or not (errors or bars.failed)):
+        word, level, sentence = _against_limit(acceptance, bars)
+        return word, level, " ".join([exceeded or sentence, *errors.values()])
     if bars.verdict == "consistent" and not errors:
         key = "report-lengths-agree" if bars.coverage_factor is None else "report-lengths-agree-k"
         agree = label(key, lengths=_all_lengths(bars), k=bars.coverage_factor, largest=largest)
@@ -92,7 +92,7 @@ def _of_bars(bars: BarReport | None) -> tuple[str, str, str]:
     if bars.verdict != "inconsistent" and not errors:
         return verdict_word(bars.verdict).upper(), CAUTION, label("report-bars-not-judged")
     if errors:
-        reason = errors[0]
+        reason = " ".join(errors.values())
     elif bars.contradicting:
         reason = label("report-cameras-contradict", names=some_of(bars.contradicting))
     else:

@@ -224,3 +224,32 @@ def test_session_new_takes_what_the_print_measures(tmp_path: Path, capsys: pytes
         scale = json.loads((new / "session.json").read_text())["scale"]
         assert scale.get("expanded_uncertainty_mm") == stated
         assert ("0.3 %" in capsys.readouterr().out) == (stated is None)
+
+
+def spoilt_stickers(session: Session, shrink: float = 0.0, outward_px: float = 0.0) -> Session:
+    """Stickers that shrink steadily over the recording by `shrink`, or whose dots are blurred outward."""
+    o = session.observations
+    assert o is not None
+    count = len(session.placements)
+    of = np.unique(np.stack([o.placement, o.camera, o.target]), axis=1, return_inverse=True)[1].reshape(-1)
+    middle = np.stack([np.bincount(of, o.uv[:, i]) / np.bincount(of) for i in (0, 1)], axis=1)[of]
+    out, ball = o.uv - middle, (o.placement < count)[:, None]
+    factor = np.where(ball, 1 - shrink * o.placement[:, None] / (count - 1), 1.0)
+    size = np.maximum(np.linalg.norm(out, axis=1, keepdims=True), 1e-9)
+    uv = middle + out * factor + np.where(ball, outward_px * out / size, 0.0)
+    return replace(session, observations=replace(o, uv=uv))
+
+
+@pytest.mark.parametrize(("shrink", "outward_px"), [(2e-3, 0.0), (0.0, 0.1)])
+def test_stickers_that_change_make_the_scale_doubtful(shrink: float, outward_px: float) -> None:
+    """VALID, lengths 7.4 and 4.6 U off, before."""
+    session, _ = by_print()
+    assert "stickers-change" not in codes(calibrate(session))
+    done = calibrate(spoilt_stickers(session, shrink, outward_px))
+    assert done.rig.quality.verdict == "use-with-care" and any(one.scale for one in done.rig.quality.affected)
+    assert codes(done)["stickers-change"] == "warning"
+    found = verify(session, done.rig)
+    assert found.decision.verdict == "consistent"
+    assert all(abs(x.mean_error_mm) < x.expanded_uncertainty_mm for x in found.lengths)
+    by = calibrate(spoilt_stickers(by_bar(), shrink, outward_px))  # whose scale the stickers do not touch
+    assert "stickers-change" not in codes(by) and by.rig.quality.verdict == "valid"

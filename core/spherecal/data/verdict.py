@@ -162,6 +162,11 @@ RULES: dict[str, Rule] = {
         "scale",
         "Stated: widened by what it did to the cameras. Over 0.1 %: 0.5 mm on 500 mm, and no ball's warmth.",
     ),
+    "stickers-change": _care(
+        "scale",
+        "Stated, widened by the change. Stickers that shrank by 0.2 %: lengths 7.4 U off; dots blurred "
+        "outward by 0.1 px: 4.6 U.",
+    ),
     "print-stretched": _care("scale", "Stated, as ball-diameter. Printers differ by up to 0.3 % between directions."),
     "parts-disagree": Rule(
         "information",

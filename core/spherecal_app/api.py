@@ -73,7 +73,7 @@ from spherecal_rigs.frame_file import read_frame, write_frame
 from spherecal_rigs.framed_rig import define_frame as _define_frame
 from spherecal_rigs.next_placement import Guidance, advise
 from spherecal_rigs.recalibrate import Selection, What, recalibrate
-from spherecal_rigs.rig_source import Source, corners_beside, points_file, read_source, volume_of
+from spherecal_rigs.rig_source import Source, corners_beside, points_file, read_source, refuse_failed_rig, volume_of
 from spherecal_rigs.save_entry import SaveOptions, prepare
 from spherecal_rigs.store import Profile, add_entry, create_profile, open_profile
 from spherecal_rigs.store import apply as put_to_use
@@ -1153,7 +1153,7 @@ def export_rig(
     ------
     InputError
         For a rig without cameras, an unknown format, a unit or a lens that the format does not have.
-        Also for a frame of a rig with another reference camera.
+        Also for a frame of a rig with another reference camera, and for a file or folder whose verification failed.
     OutputError
         Where it cannot be written.
     """
@@ -1162,7 +1162,8 @@ def export_rig(
         box = np.asarray(low, dtype=float), np.asarray(high, dtype=float)
     else:
         box = None if isinstance(rig, Rig) else corners_beside(Path(rig))
-    return _export_rig(rig_of(rig), format_name, Path(output), unit, max_loss_px, frame, box)
+    override = None if isinstance(rig, Rig) else refuse_failed_rig(Path(rig))
+    return _export_rig(rig_of(rig), format_name, Path(output), unit, max_loss_px, frame, box, override)
 
 
 def import_rig(path: AnyPath, format_name: str, unit: Unit | None = None, ids: Sequence[str] | None = None) -> Rig:

@@ -7,6 +7,7 @@ from xml.etree import ElementTree
 
 import pytest
 
+import spherecal
 from spherecal.base.errors import InputError
 from spherecal.data.rig import RigScale
 from spherecal.files.rig_file import rig_bytes
@@ -66,6 +67,8 @@ def test_a_failed_rig_goes_nowhere(tmp_path: Path, scale: float, limit: str | No
             apply(open_profile(profile.folder), number, "because", despite_findings=despite)
         assert refused.value.code == "error-not-put-to-use-failed"
     assert main(["export", str(folder / "rig.json"), "--to", "csv", "-o", str(tmp_path / "rig.csv")]) == BAD_INPUT
+    with pytest.raises(InputError):
+        spherecal.export_rig(folder, "csv", tmp_path / "rig.csv")
     assert not (tmp_path / "rig.csv").exists()
     (tmp_path / "issuer.json").write_text(json.dumps(ISSUER))
     with pytest.raises(InputError) as refused:

@@ -180,10 +180,10 @@ _VERIFICATION = _document(
             "repeatability": 0.01, "calibration": 0.01, "scale": 0.01, "certificate": 0.01, "temperature": None,
         },
     }],
-    overall={"n": 1, **_STATISTICS, "rms_error_mm": 0.01},
+    overall={"n": 1, **_STATISTICS, "rms_error_mm": 0.01, "expanded_uncertainty_mm": 0.01},
     decision={
         "rule": "r", "rule_phrase": {"phrase": "decision-nothing", "values": {"k": 1}},
-        "verdict": "consistent", "coverage_factor": 2.0,
+        "verdict": "consistent", "coverage_factor": 2.0, "chi_square": 40.0, "most_chi_square": 84.0,
         "exceeding": [{"pose": "A-01", "from": "A1", "to": "A2"}], "cameras": ["C01"],
     },
     cameras=[{"id": "C01", "views": 4, "used": 4, "rms_px": 0.05, "state": "verified"}], findings=[FINDING],
@@ -202,7 +202,8 @@ _VERIFICATION = _document(
         },
         "budgets": [{
             **_ENDS, "combined_mm": 0.01, "effective_degrees_of_freedom": 12.0, "coverage_factor": 2.0,
-            "expanded_uncertainty_mm": 0.02, "remedy": "r", "remedy_phrase": {"phrase": "remedy-scale", "values": {}},
+            "expanded_uncertainty_mm": 0.02, "remedy": "r",
+            "remedy_phrase": {"phrase": "remedy-certificate", "values": {}},
             "contributions": [{
                 "name": "n", "evaluation": "A", "distribution": "normal", "standard_uncertainty_mm": 0.01,
                 "degrees_of_freedom": 5.0, "share": 1.0, "contained_in_repeatability_mm": 0.0,
@@ -210,7 +211,7 @@ _VERIFICATION = _document(
         }],
         "cameras_moved": ["C01"],
     },
-    software={},
+    override={"by": "n", "reason": "r", "at": TIME}, software={},
 )  # fmt: skip
 
 
@@ -304,7 +305,7 @@ _ENTRY = _document(
     "profile-entry", saved_at=TIME, calibrated_at=TIME, note="n",
     quality={"valid": True, "verdict": "valid", "care": "", "rms_px": 0.05, "sigma0": 1.0},
     scale={"source": "bar", "artefact": "B", "relative_uncertainty": 1e-5}, sphere_diameter_mm=500.0, temperature_c=20.0,  # noqa: E501
-    volume_mm=[[0, 0, 0], [1, 1, 1]], verification={"verdict": "consistent", "mean_error_mm": -0.01, "max_abs_error_mm": 0.1},  # noqa: E501
+    volume_mm=[[0, 0, 0], [1, 1, 1]], verification={"verdict": "consistent", "mean_error_mm": -0.01, "max_abs_error_mm": 0.1, "failed": True, "override": {"by": "n", "reason": "r", "at": TIME}},  # noqa: E501
     cameras=[{
         "id": "C01", "serial": "S1", "model": "m", "pixel_pitch_um": 3.45, "focal_length_mm": 8.0, "temperature_c": 41.0,  # noqa: E501
         "settings": {"gain": 1.5, "format": "Mono8", "on": True, "region": [0, 0, 1, 1]},

@@ -133,7 +133,7 @@ class World:
             tuple(Placement(p) for p in observations.placements),
             (),
             (),
-            Scale("target_spacing", "A", "E", distance, "sphere"),
+            Scale("target_spacing", "A", "E", distance, "sphere", expanded_uncertainty_mm=0.0),
             None,
             2 * round(self.ball.radius_mm),
             targets,

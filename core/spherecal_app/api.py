@@ -73,7 +73,7 @@ from spherecal_rigs.frame_file import read_frame, write_frame
 from spherecal_rigs.framed_rig import define_frame as _define_frame
 from spherecal_rigs.next_placement import Guidance, advise
 from spherecal_rigs.recalibrate import Selection, What, recalibrate
-from spherecal_rigs.rig_source import Source, corners_beside, points_file, read_source, volume_of
+from spherecal_rigs.rig_source import Source, corners_beside, points_file, read_source, refuse_failed_rig, volume_of
 from spherecal_rigs.save_entry import SaveOptions, prepare
 from spherecal_rigs.store import Profile, add_entry, create_profile, open_profile
 from spherecal_rigs.store import apply as put_to_use
@@ -134,6 +134,7 @@ def new_session(
     board: Mapping[str, object] | str | None = None,
     targets: TargetSet | AnyPath | None = None,
     sphere_diameter_mm: float | None = None,
+    spacing_mm: tuple[float, float] | None = None,
     focal_length_mm: float | None = None,
     pixel_pitch_um: float | None = None,
     lens_model: LensModel | None = None,
@@ -160,6 +161,9 @@ def new_session(
         The target set, or its targets.json; None where there is none.
     sphere_diameter_mm
         The ball's diameter; None where it is not known.
+    spacing_mm
+        What the targets' widest spacing measures on the print, and its expanded uncertainty (k = 2); None: as they
+        should be printed, to 0.3 %.
     focal_length_mm, pixel_pitch_um
         Of all cameras; None: EXIF's, else a start value is assumed.
     lens_model
@@ -185,10 +189,12 @@ def new_session(
     ):
         if value is not None and not 0 < value < 1e6:
             raise InputError(Phrase("error-above-zero", {"name": name, "value": value}))
+    if spacing_mm is not None and not (0 < spacing_mm[0] < 1e6 and 0 <= spacing_mm[1] < spacing_mm[0]):
+        raise InputError(Phrase("error-above-zero", {"name": "spacing_mm", "value": spacing_mm[0]}))
     if frames < 1:
         raise InputError(Phrase("error-frames-needed", {"frames": frames}))
     shown = targets if targets is None or isinstance(targets, TargetSet) else load_targets(targets)
-    contents = Contents(None if board is None else board_entry(board), shown, sphere_diameter_mm)
+    contents = Contents(None if board is None else board_entry(board), shown, sphere_diameter_mm, spacing_mm)
     known = StatedCameras(focal_length_mm, pixel_pitch_um, lens_model)
     return make_session(Path(folder), Path(images), pattern, contents, known, frames, context or Context())
 
@@ -1147,7 +1153,7 @@ def export_rig(
     ------
     InputError
         For a rig without cameras, an unknown format, a unit or a lens that the format does not have.
-        Also for a frame of a rig with another reference camera.
+        Also for a frame of a rig with another reference camera, and for a file or folder whose verification failed.
     OutputError
         Where it cannot be written.
     """
@@ -1156,7 +1162,8 @@ def export_rig(
         box = np.asarray(low, dtype=float), np.asarray(high, dtype=float)
     else:
         box = None if isinstance(rig, Rig) else corners_beside(Path(rig))
-    return _export_rig(rig_of(rig), format_name, Path(output), unit, max_loss_px, frame, box)
+    override = None if isinstance(rig, Rig) else refuse_failed_rig(Path(rig))
+    return _export_rig(rig_of(rig), format_name, Path(output), unit, max_loss_px, frame, box, override)
 
 
 def import_rig(path: AnyPath, format_name: str, unit: Unit | None = None, ids: Sequence[str] | None = None) -> Rig:

@@ -16,6 +16,8 @@ from spherecal.files.target_set_file import write_target_set
 from spherecal_rigs.ball_registry import RegisteredBall
 
 FILE, TARGETS = "bench.json", "targets.json"
+# What is measured on a sticker is read on a calliper: +-0.02 mm at each end.
+CALLIPER_MM = 0.04
 FORMAT, VERSION = "spherecal/session", 1  # a bench is a session without images (read_session.py)
 
 
@@ -52,7 +54,7 @@ def bench_document(bench: Bench) -> dict[str, Any]:
     elif spacing is not None:
         document["scale"] = {
             "kind": "target_spacing", "from": spacing.from_point, "to": spacing.to_point,
-            "distance_mm": spacing.distance_mm, "surface": "sphere",
+            "distance_mm": spacing.distance_mm, "surface": "sphere", "expanded_uncertainty_mm": CALLIPER_MM,
         }  # fmt: skip
     document["bars"] = [{"id": bar.id, "role": bar.role, "serial": bar.serial} for bar in bench.bars]
     document["placements"] = [{"id": f"P{number + 1}"} for number in range(bench.placements)]

@@ -70,7 +70,9 @@ def validity(
         judged.append(("stale", "the calibration is marked as not valid"))
     elif entry.care:
         judged.append(("ageing", f"it is to be used with care: {entry.care}"))
-    if entry.verdict == "inconsistent":
+    if entry.contradicted and (override := entry.override) is not None:
+        judged.append(("ageing", f"its verification failed; used all the same by {override.by}: {override.reason}"))
+    elif entry.contradicted:
         judged.append(("stale", "the reference bars contradicted it"))
     if checked is not None and checked.verdict != "ok":
         state = "stale" if checked.verdict == "recalibrate" else "ageing"

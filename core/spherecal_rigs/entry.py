@@ -34,6 +34,7 @@ from spherecal.files.codec import (
 )
 from spherecal.files.json_file import JsonValue, software_entry
 from spherecal.files.rig_file import read_rig
+from spherecal.verify.verification_file import OVERRIDE, Override
 
 ENTRY_FILE = "entry.json"
 RIG_FILE = "rig.json"
@@ -63,7 +64,8 @@ class CameraEntry:
 class Entry:
     """A saved calibration; times are in UTC, `volume_mm` the low and high corner of its points in the rig's world.
 
-    `care`: what it is to be used with care for, in words; empty where nothing is. `verdict` is that of the bars.
+    `care`: what it is to be used with care for, in words; empty where nothing is. `verdict` is that of the bars;
+    `failed` says that they show the rig to be wrong, `override` who uses it all the same.
     """
 
     saved_at: datetime
@@ -86,11 +88,18 @@ class Entry:
     bar_max_error_mm: float | None = None
     written_by: str = ""
     care: str = ""
+    failed: bool = False
+    override: Override | None = None
 
     @property
     def calibration_verdict(self) -> Verdict:
         """One of the three words on the calibration."""
         return "not-valid" if not self.valid else "use-with-care" if self.care else "valid"
+
+    @property
+    def contradicted(self) -> bool:
+        """Whether its verification failed; entries of older versions say it by the verdict alone."""
+        return self.failed or self.verdict == "inconsistent"
 
 
 def _check_corners(volume: tuple[tuple[float, ...], ...], value: JsonValue) -> None:
@@ -141,6 +150,8 @@ _VERIFICATION = group(
     field("verdict", text("The verdict.")),
     optional("mean_error_mm", number("Mean error."), "bar_mean_error_mm"),
     optional("max_abs_error_mm", number("Largest error, without its sign.", 0), "bar_max_error_mm"),
+    optional("failed", boolean("Whether it shows the rig to be wrong."), omit=False),
+    optional("override", OVERRIDE, omit=None),
     is_needed=False,
 )
 _FILES = record(

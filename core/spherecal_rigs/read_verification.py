@@ -1,15 +1,21 @@
-"""bars.csv and verification.json of a result folder, read and checked."""
+"""bars.csv and verification.json of a result folder, read and checked; what a failed verification forbids."""
 
+import json
 from dataclasses import replace
+from datetime import UTC, datetime
 from math import isnan
 from pathlib import Path
 
 from spherecal.base.errors import InputError
+from spherecal.base.filesystem import read_file, write_below
 from spherecal.base.messages.values import Phrase
 from spherecal.files.findings_file import with_values
-from spherecal.verify.verification_file import VERIFICATION, BarReport, BarRow
+from spherecal.files.json_file import json_bytes
+from spherecal.verify.verification_file import VERIFICATION, BarReport, BarRow, Override
 from spherecal.verify.write_verification import BAR_COLUMNS
 from spherecal_rigs.result_table import read_csv
+
+_MOST_BYTES = 1 << 30
 
 
 def read_bar_report(folder: Path) -> BarReport | None:
@@ -37,3 +43,27 @@ def _read_rows(path: Path) -> tuple[BarRow, ...]:
             strict=True,
         )
     )
+
+
+def refuse_failed(folder: Path) -> Override | None:
+    """Refuse the rig of a folder whose verification failed, unless somebody answers for it: then the override."""
+    path = folder / VERIFICATION.file
+    if not path.is_file():
+        return None
+    found = VERIFICATION.read(path)
+    if found.failed and found.override is None:
+        raise InputError(Phrase("error-verification-failed", {"file": path, "folder": folder}))
+    return found.override if found.failed else None
+
+
+def answer_for(folder: Path, by: str, reason: str) -> None:
+    """Write into a failed verification who uses its rig all the same, and why; every later headline says so."""
+    path = folder / VERIFICATION.file
+    if not path.is_file() or not VERIFICATION.read(path).failed:
+        raise InputError(Phrase("error-nothing-to-override", {"file": path}))
+    by, reason = " ".join(by.split()), " ".join(reason.split())
+    if not by or not reason:
+        raise InputError(Phrase("error-override-needs-name"))
+    at = datetime.now(UTC).replace(microsecond=0).isoformat()
+    document = json.loads(read_file(path, _MOST_BYTES)) | {"override": {"by": by, "reason": reason, "at": at}}
+    write_below(folder, VERIFICATION.file, json_bytes(document))

@@ -10,8 +10,10 @@ from spherecal.base.errors import InputError
 from spherecal.base.messages.values import Phrase
 from spherecal.data.rig import Rig
 from spherecal.files.rig_file import read_rig
+from spherecal.verify.verification_file import Override
 from spherecal_rigs.compare_rigs import ComparisonVolume, seen_volume
 from spherecal_rigs.entry import ENTRY_FILE, RIG_FILE, Entry, checked_rig, read_entry
+from spherecal_rigs.read_verification import refuse_failed
 from spherecal_rigs.save_entry import points_box
 from spherecal_rigs.store import is_profile, open_profile
 
@@ -46,6 +48,12 @@ def points_file(path: Path) -> Path:
         profile = open_profile(path)
         return profile.path_of(profile.active_id) / "points.csv" if profile.active_id else path / "points.csv"
     return (path if path.is_dir() else path.parent) / "points.csv"
+
+
+def refuse_failed_rig(path: Path) -> Override | None:
+    """As `refuse_failed`, for a rig.json, a result folder or a profile: of that the calibration in use."""
+    folder = path if path.is_dir() else path.parent
+    return refuse_failed(points_file(folder).parent if is_profile(folder) else folder)
 
 
 def corners_beside(path: Path) -> tuple[FloatArray, FloatArray] | None:

@@ -60,7 +60,7 @@ def prepare(result: Path, options: SaveOptions | None = None) -> tuple[Entry, di
         raise InputError(Phrase("error-nothing-to-save", {"file": rig_path}))
     session = _session_of(o.session, rig)
     captured = () if o.session is None else read_captured_sets(o.session)
-    verdict, mean_mm, most_mm = _verification(result / "verification.json")
+    bars = VERIFICATION.read(result / VERIFICATION.file) if (result / VERIFICATION.file).is_file() else None
     now = datetime.now(UTC).replace(microsecond=0)
     entry = Entry(
         saved_at=now,
@@ -79,9 +79,11 @@ def prepare(result: Path, options: SaveOptions | None = None) -> tuple[Entry, di
         scale_artefact=_artefact(session),
         scale_relative_uncertainty=rig.scale.relative_uncertainty,
         volume_mm=points_box(result / "points.csv"),
-        verdict=verdict,
-        bar_mean_error_mm=mean_mm,
-        bar_max_error_mm=most_mm,
+        verdict=None if bars is None else bars.verdict,
+        bar_mean_error_mm=None if bars is None else bars.mean_error_mm,
+        bar_max_error_mm=None if bars is None else bars.max_abs_error_mm,
+        failed=bars is not None and bars.failed,
+        override=None if bars is None else bars.override,
     )
     return entry, _files(result, session)
 
@@ -147,24 +149,13 @@ def _bar_temperature(session: Session | None) -> float | None:
 def _artefact(session: Session | None) -> str | None:
     """What gave the scale, in words."""
     scale = session.scale if session else None
-    if scale is None:
+    if scale is None or scale.kind == "none":
         return None
     if scale.kind == "bar":
         bar = next((bar for bar in session.bars if bar.id == scale.bar), None) if session else None
         lengths = ", ".join(f"{length.length_mm:g} mm" for length in bar.lengths) if bar else ""
         return f"bar {scale.bar}" + (f" ({lengths})" if lengths else "")
     return f"{scale.from_point} to {scale.to_point} of a target, {scale.distance_mm:g} mm ({scale.surface})"
-
-
-def _verification(path: Path) -> tuple[str | None, float | None, float | None]:
-    """Verdict, mean and largest error in mm of a verification.json; nothing where there is none."""
-    if not path.is_file():
-        return None, None, None
-    f = read_json(path, VERIFICATION.name, VERIFICATION.version).fields(("overall", "decision"))
-    overall = f["overall"].fields((), ("mean_error_mm", "max_abs_error_mm"))
-    verdict = f["decision"].fields(("verdict",))["verdict"].text()
-    mean, most = (overall[key].number() if key in overall else None for key in ("mean_error_mm", "max_abs_error_mm"))
-    return verdict, mean, most
 
 
 def points_box(path: Path) -> tuple[tuple[float, ...], tuple[float, ...]] | None:

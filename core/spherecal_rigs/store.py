@@ -108,7 +108,8 @@ class Profile:
     def last_good_id(self) -> str | None:
         """The last valid calibration that was in use before the present one."""
         earlier = [event.calibration for event in self.applied if event.calibration != self.active_id]
-        return next((one for one in reversed(earlier) if one in self.entries and self.entries[one].valid), None)
+        good = (one for one in reversed(earlier) if one in self.entries and self.entries[one].valid)
+        return next((one for one in good if not self.entries[one].contradicted), None)
 
     def rig(self, calibration: str | None = None) -> Rig:
         """The rig of a calibration; without an id of the one in use.
@@ -356,6 +357,8 @@ def _apply(profile: Profile, calibration: str, note: str, despite_findings: bool
         raise InputError(Phrase("error-copy-of-rig", {"file": profile.folder / RIG_FILE}))
     if not entry.valid and not despite_findings:
         raise InputError(Phrase("error-not-put-to-use", {"calibration": calibration}))
+    if entry.contradicted and entry.override is None:
+        raise InputError(Phrase("error-not-put-to-use-failed", {"calibration": calibration}))
     if entry.care and not note.strip():
         raise InputError(Phrase("error-with-care", {"calibration": calibration, "care": entry.care}))
     event = Applied(calibration, datetime.now(UTC).replace(microsecond=0), note)

@@ -405,7 +405,8 @@ def _session(
         )
     layout = targets.layouts[1]
     distance = round(float(np.linalg.norm(layout["E"] - layout["A"])), 9)
-    scale = Scale("target_spacing", "A", "E", distance, "flat" if o.body == "plane" else "sphere")
+    surface = "flat" if o.body == "plane" else "sphere"
+    scale = Scale("target_spacing", "A", "E", distance, surface, expanded_uncertainty_mm=0.0)  # no common error
     bars: tuple[Bar, ...] = ()
     poses: tuple[BarPose, ...] = ()
     if o.bar_scale:

@@ -226,6 +226,7 @@ def write_sticker_session(
             "to": second[0],
             "surface": "sphere",
             "distance_mm": float(np.linalg.norm(first[1] - second[1])),
+            "expanded_uncertainty_mm": 0.0,  # as rendered
         },
     }
     (folder / "session.json").write_text(json.dumps(document), encoding="utf-8")

@@ -134,7 +134,7 @@ def _scale(options: SimulationOptions, layout: dict[str, FloatArray]) -> Scale:
     if options.scale == "bar":
         return Scale("bar", bar="B")
     distance = round(float(np.linalg.norm(layout["E"] - layout["A"])), 9)
-    return Scale("target_spacing", "A", "E", distance, "sphere")
+    return Scale("target_spacing", "A", "E", distance, "sphere", expanded_uncertainty_mm=0.0)  # no common error
 
 
 def _recorded(

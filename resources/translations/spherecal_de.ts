@@ -2819,6 +2819,10 @@ px</translation>
         <translation>Sie ist nicht verifiziert, und die Grenzwerte verbieten ihren Gebrauch.</translation>
     </message>
     <message>
+        <source>Its verification failed: it cannot be put to use.</source>
+        <translation>Ihre Verifizierung ist fehlgeschlagen: Sie kann nicht in Gebrauch genommen werden.</translation>
+    </message>
+    <message>
         <source>It is not valid: it cannot be put to use.</source>
         <translation>Sie ist nicht gültig: Sie kann nicht in Gebrauch genommen werden.</translation>
     </message>
@@ -2829,6 +2833,10 @@ px</translation>
     <message>
         <source>It is to be used with care. Why may it be put to use?</source>
         <translation>Sie ist mit Vorsicht zu verwenden. Warum darf sie in Gebrauch genommen werden?</translation>
+    </message>
+    <message>
+        <source>Its verification failed. Why may it be put to use?</source>
+        <translation>Ihre Verifizierung ist fehlgeschlagen. Warum darf sie in Gebrauch genommen werden?</translation>
     </message>
     <message>
         <source>It was not verified. Why may it be put to use?</source>
@@ -3295,8 +3303,16 @@ mm</translation>
         <translation>Die benutzte bleibt, wie sie ist; diese bleibt in ihrem Ordner, nichts wird gelöscht.</translation>
     </message>
     <message>
+        <source>Its verification failed: it cannot be put to use. Find the cause, or save it without.</source>
+        <translation>Verifizierung fehlgeschlagen: nicht in Gebrauch zu nehmen. Die Ursache suchen oder nur sichern.</translation>
+    </message>
+    <message>
         <source>It was not verified, and the limits forbid its use: verify it, or save it without.</source>
         <translation>Nicht verifiziert, und die Grenzwerte verbieten den Gebrauch: verifizieren oder nur sichern.</translation>
+    </message>
+    <message>
+        <source>Its verification failed: write in the note why it is put to use all the same.</source>
+        <translation>Verifizierung fehlgeschlagen: In der Notiz angeben, warum sie trotzdem in Gebrauch genommen wird.</translation>
     </message>
     <message>
         <source>It was not verified: write in the note why it is put to use.</source>
@@ -3305,6 +3321,10 @@ mm</translation>
     <message>
         <source>It is to be used with care: write in the note why it is put to use.</source>
         <translation>Sie ist mit Vorsicht zu benutzen: In der Notiz angeben, warum sie in Gebrauch genommen wird.</translation>
+    </message>
+    <message>
+        <source>Its verification failed: it cannot be exported.</source>
+        <translation>Ihre Verifizierung ist fehlgeschlagen: Sie kann nicht exportiert werden.</translation>
     </message>
     <message>
         <source>There is no calibration yet.</source>
@@ -3363,6 +3383,10 @@ mm</translation>
         <translation>Gesichert; sie ist nicht gültig</translation>
     </message>
     <message>
+        <source>Saved; its verification failed</source>
+        <translation>Gesichert; Verifizierung fehlgeschlagen</translation>
+    </message>
+    <message>
         <source>Saved; not verified</source>
         <translation>Gesichert; nicht verifiziert</translation>
     </message>
@@ -3373,6 +3397,10 @@ mm</translation>
     <message>
         <source>Saved</source>
         <translation>Gesichert</translation>
+    </message>
+    <message>
+        <source>Not saved yet; its verification failed</source>
+        <translation>Noch nicht gesichert; Verifizierung fehlgeschlagen</translation>
     </message>
     <message>
         <source>Finish</source>
@@ -4358,6 +4386,10 @@ mm</translation>
     <message>
         <source>Not where the calibration has them: {cameras}.</source>
         <translation>Nicht an ihrem kalibrierten Ort: {cameras}.</translation>
+    </message>
+    <message>
+        <source>Used all the same by {by}: {reason}</source>
+        <translation>Trotzdem in Gebrauch durch {by}: {reason}</translation>
     </message>
     <message>
         <source>INCONSISTENT</source>

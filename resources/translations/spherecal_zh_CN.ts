@@ -2819,6 +2819,10 @@ px</translation>
         <translation>未经验证，限值不允许启用。</translation>
     </message>
     <message>
+        <source>Its verification failed: it cannot be put to use.</source>
+        <translation>其验证未通过：不能投入使用。</translation>
+    </message>
+    <message>
         <source>It is not valid: it cannot be put to use.</source>
         <translation>该标定无效，不能启用。</translation>
     </message>
@@ -2829,6 +2833,10 @@ px</translation>
     <message>
         <source>It is to be used with care. Why may it be put to use?</source>
         <translation>它须谨慎使用。为什么可以启用？</translation>
+    </message>
+    <message>
+        <source>Its verification failed. Why may it be put to use?</source>
+        <translation>其验证未通过。为何可以投入使用？</translation>
     </message>
     <message>
         <source>It was not verified. Why may it be put to use?</source>
@@ -3295,8 +3303,16 @@ mm</translation>
         <translation>启用中的标定保持不变；本次标定保留在其文件夹中，不会删除任何内容。</translation>
     </message>
     <message>
+        <source>Its verification failed: it cannot be put to use. Find the cause, or save it without.</source>
+        <translation>验证未通过：不能投入使用。请查找原因，或仅保存。</translation>
+    </message>
+    <message>
         <source>It was not verified, and the limits forbid its use: verify it, or save it without.</source>
         <translation>未经验证，限值不允许启用：请先验证，或只保存而不启用。</translation>
+    </message>
+    <message>
+        <source>Its verification failed: write in the note why it is put to use all the same.</source>
+        <translation>验证未通过：请在备注中写明为何仍投入使用。</translation>
     </message>
     <message>
         <source>It was not verified: write in the note why it is put to use.</source>
@@ -3305,6 +3321,10 @@ mm</translation>
     <message>
         <source>It is to be used with care: write in the note why it is put to use.</source>
         <translation>需谨慎使用：请在备注中写明启用原因。</translation>
+    </message>
+    <message>
+        <source>Its verification failed: it cannot be exported.</source>
+        <translation>其验证未通过：不能导出。</translation>
     </message>
     <message>
         <source>There is no calibration yet.</source>
@@ -3363,6 +3383,10 @@ mm</translation>
         <translation>已保存；无效</translation>
     </message>
     <message>
+        <source>Saved; its verification failed</source>
+        <translation>已保存；验证未通过</translation>
+    </message>
+    <message>
         <source>Saved; not verified</source>
         <translation>已保存；未验证</translation>
     </message>
@@ -3373,6 +3397,10 @@ mm</translation>
     <message>
         <source>Saved</source>
         <translation>已保存</translation>
+    </message>
+    <message>
+        <source>Not saved yet; its verification failed</source>
+        <translation>尚未保存；验证未通过</translation>
     </message>
     <message>
         <source>Finish</source>
@@ -4358,6 +4386,10 @@ mm</translation>
     <message>
         <source>Not where the calibration has them: {cameras}.</source>
         <translation>位置与标定不符：{cameras}。</translation>
+    </message>
+    <message>
+        <source>Used all the same by {by}: {reason}</source>
+        <translation>由 {by} 负责继续使用：{reason}</translation>
     </message>
     <message>
         <source>INCONSISTENT</source>

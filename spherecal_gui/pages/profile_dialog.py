@@ -85,6 +85,7 @@ class ProfileDialog(QDialog):
         self.details.setText(details)
         rows = profile_rows(self._folder)
         self._verified = {row.number for row in rows if row.verified}
+        self._refused = {row.number for row in rows if row.refused}
         self._valid = {row.number for row in rows if row.valid}
         self._active = next((row.number for row in rows if row.in_use), None)
         self.table.fill(
@@ -120,6 +121,8 @@ class ProfileDialog(QDialog):
         enable(self.compare, other and self._active is not None, self.tr("Choose one that is not in use."))
         allowed = limits.now().unverified_use or self.chosen in self._verified
         forbidden = self.tr("It was not verified, and the limits forbid its use.")
+        if self.chosen in self._refused:
+            allowed, forbidden = False, self.tr("Its verification failed: it cannot be put to use.")
         if self.chosen not in self._valid:
             allowed, forbidden = False, self.tr("It is not valid: it cannot be put to use.")
         enable(self.use, other and allowed, forbidden if other else self.tr("It is in use already."))
@@ -155,6 +158,8 @@ class ProfileDialog(QDialog):
         asked = ""
         if care:
             asked = "\n".join([care, self.tr("It is to be used with care. Why may it be put to use?")])
+        elif kept.entry(number).contradicted:
+            asked = self.tr("Its verification failed. Why may it be put to use?")
         elif number not in self._verified:
             asked = self.tr("It was not verified. Why may it be put to use?")
         if asked:

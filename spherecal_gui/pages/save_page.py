@@ -111,13 +111,25 @@ class SavePage(Page):
         """What is in the way of saving in the profile; empty where nothing is."""
         if self._is_stale:
             return self.tr("The calibration is out of date.")
-        if self.apply.isChecked() and self._calibration == "not valid":
+        return self._why_not_used() if self.apply.isChecked() else ""
+
+    def _why_not_used(self) -> str:
+        """What is in the way of putting it to use; empty where nothing is."""
+        if self._calibration == "not valid":
             return self.tr("The calibration is not valid: it cannot be put to use. Save it without.")
-        if self._doubtful and self.apply.isChecked() and not limits.now().unverified_use:
+        if self._refused:
+            return self.tr("Its verification failed: it cannot be put to use. Find the cause, or save it without.")
+        if self._doubtful and not limits.now().unverified_use:
             return self.tr("It was not verified, and the limits forbid its use: verify it, or save it without.")
-        if self._doubtful and self.apply.isChecked() and not self.note.text().strip():
+        return "" if self.note.text().strip() else self._why_a_note()
+
+    def _why_a_note(self) -> str:
+        """Why a reason is needed to put it to use; empty where none is."""
+        if self._failed:
+            return self.tr("Its verification failed: write in the note why it is put to use all the same.")
+        if self._doubtful:
             return self.tr("It was not verified: write in the note why it is put to use.")
-        if self._calibration == "use with care" and self.apply.isChecked() and not self.note.text().strip():
+        if self._calibration == "use with care":
             return self.tr("It is to be used with care: write in the note why it is put to use.")
         return ""
 
@@ -132,7 +144,19 @@ class SavePage(Page):
     def _doubtful(self) -> bool:
         """Whether it is not known to be good: that it is put to use all the same needs a reason."""
         project = self.open_project
-        return project.verified is None or project.verified.verdict not in VERIFIED
+        return not self._failed and (project.verified is None or project.verified.verdict not in VERIFIED)
+
+    @property
+    def _failed(self) -> bool:
+        """Whether its verification failed: that is never the same as a missing one."""
+        verified = self.open_project.verified
+        return verified is not None and verified.verdict == "inconsistent"
+
+    @property
+    def _refused(self) -> bool:
+        """Whether it failed and nobody answers for its use (`spherecal override`)."""
+        result = self.controller.result
+        return self._failed and (result is None or result.bars is None or result.bars.override is None)
 
     @property
     def _calibration(self) -> str:
@@ -148,10 +172,12 @@ class SavePage(Page):
         enable(self.profile, idle and not why, why or busy)
         stale = self.tr("The calibration is out of date.") if self._is_stale else ""
         problem = self.controller.user_frame.problem
+        if self._refused:
+            problem = problem or self.tr("Its verification failed: it cannot be exported.")
         enable(self.export, idle and not stale and not problem, stale or problem if idle else busy)
         shown = idle and not stale and self.controller.outcome is not None
         enable(self.axes, shown, stale or self.tr("There is no calibration yet.") if idle else busy)
-        self._tell_frame(problem)
+        self._tell_frame(self.controller.user_frame.problem)
         self.discard.setEnabled(idle)
         self.why_not.setText(why if idle and not self.is_kept else "")
         self.why_not.setVisible(bool(self.why_not.text()))
@@ -246,13 +272,7 @@ class SavePage(Page):
         elif stale:
             self.say(self.tr("What was saved is out of date"), "caution")
         else:
-            self.say(
-                *(
-                    (self.tr("Not saved yet"), "none")
-                    if not self._doubtful
-                    else (self.tr("Not saved yet; not verified"), "caution")
-                )
-            )
+            self.say(*self._unsaved_words())
         if self._opens and self.controller.runner.running is None:
             self._opens = False
             if self.report_path.is_file() and "save" not in self.project.failures:
@@ -289,11 +309,22 @@ class SavePage(Page):
         """Saved, and how good that is: never greener than what was saved."""
         if self._calibration == "not valid":
             return self.tr("Saved; it is not valid"), "bad"
+        if self._failed:
+            return self.tr("Saved; its verification failed"), "bad"
         if self._doubtful:
             return self.tr("Saved; not verified"), "caution"
         if self._calibration != "valid":
             return self.tr("Saved; to be used with care"), "caution"
         return self.tr("Saved"), "good"
+
+    def _unsaved_words(self) -> tuple[str, Level]:
+        if self._failed:
+            return self.tr("Not saved yet; its verification failed"), "bad"
+        return (
+            (self.tr("Not saved yet; not verified"), "caution")
+            if self._doubtful
+            else (self.tr("Not saved yet"), "none")
+        )
 
     @property
     def headline(self) -> QLabel:

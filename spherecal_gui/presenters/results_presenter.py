@@ -140,10 +140,12 @@ def bar_verdict(bars: "BarReport") -> VerdictText:
     if bars.contradicting:
         text = translate("Verify", "Not where the calibration has them: {cameras}.")
         sentence = f"{text.format(cameras=', '.join(bars.contradicting))} {sentence}"
+    if bars.override is not None:
+        text = translate("Verify", "Used all the same by {by}: {reason}")
+        sentence = f"{sentence} {text.format(by=bars.override.by, reason=bars.override.reason)}"
     if acceptance is not None and acceptance.verdict == "fail":
         return VerdictText(translate("Verify", "FAIL"), "bad", sentence)
-    unsure = acceptance is not None and acceptance.verdict == "cannot tell" and not bars.contradicting
-    if (bars.verdict == "inconsistent" and not unsure) or any(f.severity == "error" for f in bars.findings):
+    if bars.failed:
         return VerdictText(translate("Verify", "INCONSISTENT"), "bad", sentence)
     if acceptance is not None and acceptance.verdict == "cannot tell":
         return VerdictText(translate("Verify", "UNDECIDED"), "caution", sentence)

@@ -68,6 +68,7 @@ class ProfileRow:
     rms_px: float | None
     in_use: bool
     valid: bool = True
+    refused: bool = False
 
     @property
     def verified(self) -> bool:
@@ -196,14 +197,19 @@ def _judged(kept: "Profile", entry: "Entry") -> list[tuple[Level, str]]:
         judged.append(("bad", translate("Validity", "the check bar contradicts it")))
     if entry.care:
         judged.append(("caution", translate("Validity", "to be used with care")))
-    age = validity(replace(entry, valid=True, care="", verdict=None), kept.limits)
+    age = validity(replace(entry, valid=True, care="", verdict=None, failed=False), kept.limits)
     return [*judged, of_age.get(age.state, old)]
 
 
 def _last_verdict(kept: "Profile", entry: "Entry") -> str | None:
     """The verdict of the last verification of the calibration in use; None where there was none."""
     last = last_verification(kept.folder, kept.active_id)
-    return last.verdict if last is not None else entry.verdict
+    return last.verdict if last is not None else _entry_verdict(entry)
+
+
+def _entry_verdict(entry: "Entry") -> str | None:
+    """The verdict of a calibration's verification, as projects have it: a limit that is exceeded is no agreement."""
+    return "inconsistent" if entry.contradicted else entry.verdict
 
 
 def number_in_use(profile: Path) -> str | None:
@@ -250,7 +256,7 @@ def verified_text(profile: Path) -> str:
     if kept.active.verdict is None:
         return translate("Start", "Calibration {number}, not verified yet").format(number=number)
     text = translate("Start", "Calibration {number}: {verdict}")
-    return text.format(number=number, verdict=verdict_word(kept.active.verdict))
+    return text.format(number=number, verdict=verdict_word(_entry_verdict(kept.active) or ""))
 
 
 def fault_text(fault: str) -> str:
@@ -277,7 +283,7 @@ def profile_rows(folder: Path) -> list[ProfileRow]:
         return []
     rows = []
     for number, entry in reversed(kept.entries.items()):
-        verdict, level = _verified(entry.verdict)
+        verdict, level = _verified(_entry_verdict(entry))
         rows.append(
             ProfileRow(
                 number,
@@ -288,6 +294,7 @@ def profile_rows(folder: Path) -> list[ProfileRow]:
                 entry.rms_px,
                 number == kept.active_id,
                 entry.valid,
+                entry.contradicted and entry.override is None,
             )
         )
     return rows

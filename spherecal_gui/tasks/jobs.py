@@ -365,14 +365,12 @@ def verify(folder: Path, result: Path, limit: str, context: Context, seen: Obser
 
 def _verified_word(bars: "BarReport") -> Verdict:
     """The verdict on a verification (report.verification_file) as projects keep it; bar_verdict's word is the same."""
+    if bars.failed:
+        return "inconsistent"
     acceptance = bars.procedure.acceptance if bars.procedure is not None else None
     decided = acceptance.verdict if acceptance is not None else None
-    if decided == "fail" or any(finding.severity == "error" for finding in bars.findings):
-        return "inconsistent"
-    if decided == "cannot tell" and not bars.contradicting:
+    if decided == "cannot tell":
         return "undecided"
-    if bars.verdict == "inconsistent":
-        return "inconsistent"
     return "pass" if decided == "pass" else "consistent" if bars.verdict == "consistent" else "no data"
 
 
@@ -442,6 +440,7 @@ def save_profile(result: Path, session: Path, profile: Path, put_to_use: bool, n
     """Add the result to a rig profile's history and, if asked, put it to use; the calibration's number."""
     from spherecal.files.read_session import read_session
     from spherecal.files.rig_file import read_rig
+    from spherecal_rigs.read_verification import refuse_failed
     from spherecal_rigs.save_entry import SaveOptions, save_result
     from spherecal_rigs.store import apply, create_profile, open_profile, saying_what_is_in_use
 
@@ -449,6 +448,8 @@ def save_profile(result: Path, session: Path, profile: Path, put_to_use: bool, n
     rig = read_rig(result / "rig.json")
     if put_to_use and not rig.quality.valid:  # before anything is stored: else it would be half done
         raise InputError(Phrase("error-not-stored"))
+    if put_to_use:
+        refuse_failed(result)
     try:
         own = read_session(session).input_sha256 == rig.input_sha256
     except InputError:
@@ -477,9 +478,11 @@ def export(result: Path, form: str, output: Path, context: Context, frame: "User
     """
     from spherecal.files.rig_file import read_rig
     from spherecal_documents.export.write_export import export_rig
+    from spherecal_rigs.read_verification import refuse_failed
 
     context.report("exporting", 0.0, form)
-    export_rig(read_rig(result / "rig.json"), form, output, frame=frame)
+    override = refuse_failed(result)
+    export_rig(read_rig(result / "rig.json"), form, output, frame=frame, override=override)
     return output
 
 

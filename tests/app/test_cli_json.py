@@ -33,7 +33,7 @@ ELSEWHERE = {
     ("measure",): "test_measure_command.py",
 }
 
-# What follows the command; S: a session, R: its result, P: a profile, W: a folder to work in.
+# What follows the command; S: a session, R: its result, F: one that failed, P: a profile, W: a folder to work in.
 RUNS: dict[str, str] = {
     "demo": "-o W/demo",
     "simulate": "hall6 --observations-only -o W/simulated",
@@ -42,6 +42,7 @@ RUNS: dict[str, str] = {
     "detect": "W/grey.png --targets W/three.json --csv W/dots.csv",
     "calibrate": "S -o W/calibrated",
     "verify": "S --rig R -o W/verified",
+    "override": "F --by Someone --reason shapes",
     "report": "R -o W/report.html",
     "ball export": "R -o W/ball.json",
     "ball show": "R",
@@ -117,10 +118,14 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Run:
     ):
         assert main([str(word) for word in line]) == DONE
     shutil.copy(work / "bars.json", work / "removed.json")
-    places = {"S": session, "R": result, "P": profile, "W": work}
+    shutil.copytree(result, work / "failed")
+    assert main(["verify", str(session), "--rig", str(result / "rig.json"), "-o", str(work / "failed")]) == DONE
+    failed = work / "failed" / "verification.json"
+    failed.write_text(failed.read_text().replace('"consistent"', '"inconsistent"'))
+    places = {"S": session, "R": result, "F": work / "failed", "P": profile, "W": work}
 
     def of(name: str) -> list[str]:
-        words = [re.sub(r"^([SRPW])(?=/|$)", lambda m: str(places[m[1]]), word) for word in RUNS[name].split()]
+        words = [re.sub(r"^([SRFPW])(?=/|$)", lambda m: str(places[m[1]]), word) for word in RUNS[name].split()]
         return [*name.split(), *words]
 
     return of

@@ -111,7 +111,8 @@ def test_all_forms_say_the_same(result: Path, tmp_path: Path, monkeypatch: pytes
     for name in ("Assessed by", "Date", "Signature"):
         assert name in joined and name in shown
     budget = next(s for s in document["sections"] if s["key"] == "budget")
-    assert {row[0] for row in budget["tables"][0]["rows"]} >= {"certificate", "calibration", "repeatability"}
+    parts = {"certificate", "thermometer", "expansion", "centring", "resolution"}
+    assert {row[0] for row in budget["tables"][0]["rows"]} == parts
 
 
 def test_the_style_sheet_is_whole() -> None:

@@ -15,9 +15,19 @@ pytest.importorskip("PySide6.QtWidgets", reason="Qt cannot be loaded here", exc_
 
 from PySide6.QtCore import QCoreApplication, Qt
 from PySide6.QtTest import QTest
-from PySide6.QtWidgets import QAbstractSpinBox, QDoubleSpinBox, QLineEdit, QMenu, QPushButton, QScrollArea, QWidget
+from PySide6.QtWidgets import (
+    QAbstractSpinBox,
+    QDoubleSpinBox,
+    QLabel,
+    QLineEdit,
+    QMenu,
+    QPushButton,
+    QScrollArea,
+    QWidget,
+)
 
 from spherecal.base.context import Context
+from spherecal.base.errors import InputError
 from spherecal.data.session import Bar, BarLength
 from spherecal.files.write_result import write_result
 from spherecal_gui import languages, theme
@@ -35,8 +45,10 @@ from spherecal_gui.presenters.placement_presenter import Scene
 from spherecal_gui.project import Artefacts, Project
 from spherecal_gui.tasks import jobs
 from spherecal_gui.wizard.window import WizardWindow
+from spherecal_gui.workflow import Step
 from spherecal_rigs.calibration_age import ValidityLimits
 from spherecal_rigs.limits_file import Limits, read_limits, write_limits
+from spherecal_rigs.read_verification import answer_for, read_bar_report
 from spherecal_rigs.save_entry import SaveOptions, save_result
 from spherecal_rigs.store import apply, create_profile, open_profile
 from tests.method.test_results import example_calibration
@@ -265,6 +277,48 @@ def test_an_unverified_calibration_is_put_to_use_only_where_that_is_allowed(qtbo
     limits.use(Limits())
     dialog._selected()
     assert dialog.use.isEnabled()
+
+
+def test_a_failed_verification_is_never_called_missing(qtbot, home, tmp_path):
+    """After INCONSISTENT the page asked for a note "not verified", took the letter x, and the rig was in use."""
+    from tests.gui.test_gui_workflow import taken_project
+    from tests.rigs.test_failed_verification import verified
+
+    controller = Controller()
+    page = SavePage(controller)
+    qtbot.addWidget(page)
+    project = replace(taken_project(), folder=home / "projects" / "one")
+    project = changes.with_accepted(changes.with_calibration(project, "valid"))
+    project = changes.with_set(project, "A-01", "t9")
+    result = verified(project.result_folder, 1.005, "0.05")
+    bars = read_bar_report(result)
+    assert bars is not None and jobs._verified_word(bars) == "inconsistent"
+    controller.project = changes.with_verification(project, "inconsistent")
+    page.enter(Step("save", "save"))
+    page.note.setText("x")
+    assert "verification failed" in page._why_not_saved() and not page.profile.isEnabled()
+    assert "verification failed" in page.word.text() and page.word.property("level") == "bad"
+    assert not page.export.isEnabled() and "failed" in page.export.toolTip()
+    assert "not verified" not in " ".join(one.text() for one in page.findChildren(QLabel))
+    for forbidden in (
+        lambda: jobs.save_profile(result, home, home / "rig-profile", True, "x", Context()),
+        lambda: jobs.export(result, "csv", home / "rig.csv", Context()),
+    ):
+        with pytest.raises(InputError) as refused:
+            forbidden()
+        assert refused.value.code == "error-verification-failed"
+    assert not (home / "rig-profile").exists() and not (home / "rig.csv").exists(), "nothing was half done"
+    page.apply.setChecked(False)
+    assert page._why_not_saved() == "", "kept in the profile it may be"
+    jobs.save_profile(result, home, home / "rig-profile", False, "", Context())
+    dialog = ProfileDialog(home / "rig-profile")
+    qtbot.addWidget(dialog)
+    assert not dialog.use.isEnabled() and "verification failed" in dialog.use.toolTip()
+    answer_for(result, "B. Responsible", "only shapes matter")
+    with pytest.raises(InputError):
+        apply(open_profile(home / "rig-profile"), str(dialog.chosen), "x")  # as it was saved before
+    number = jobs.save_profile(result, home, home / "rig-profile", True, "as agreed", Context())
+    assert open_profile(home / "rig-profile").active_id == number
 
 
 def test_the_chip_follows_the_limits(home, result, desk, tmp_path):

@@ -340,6 +340,8 @@ def bars(verdict: str = "consistent", exceeding: frozenset = frozenset()) -> Any
         cameras=(),
         contradicting=(),
         findings=(),
+        failed=verdict == "inconsistent",
+        override=None,
     )
 
 

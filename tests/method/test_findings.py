@@ -131,6 +131,11 @@ def unseen(session: Session) -> Session:
 
 
 # code -> a session that must be told so
+def of_unmeasured_print(session: Session) -> Session:
+    assert session.scale is not None
+    return replace(session, scale=replace(session.scale, expanded_uncertainty_mm=None))
+
+
 DESERVED: dict[str, Callable[[], Session]] = {
     "cameras-unlinked": lambda: unseen(small_rig()),
     "nothing-reconstructed": lambda: session_of_points("demo", cloud(15)[None])[0],
@@ -144,6 +149,7 @@ DESERVED: dict[str, Callable[[], Session]] = {
     "outliers-removed": lambda: simulated("rigA", 3, outlier_fraction=0.02, targets=50)[0],
     "no-scale": lambda: replace(small_rig(), scale=None),
     "scale-uncertainty": lambda: simulated("rigA", 3, targets=50)[0],
+    "print-unmeasured": lambda: of_unmeasured_print(simulated("rigA", 3, targets=50)[0]),
     "length-uncertainty": small_rig,
 }
 WHOM = {"intrinsics-held": ("C08",), "little-coverage": ("C04",)}
@@ -295,7 +301,8 @@ def test_scale_uncertainty_is_in_millimetres(evidence: Evidence) -> None:
     printed = calibrated("rigA", 3)[0]
     found = of(printed.rig.quality.findings, "scale-uncertainty")
     assert found.severity == "info"
-    assert "0.1 to 0.5 %" in found.message and "0.5 to 2.5 mm on 500 mm" in found.message
+    unmeasured = of(deserved("print-unmeasured").rig.quality.findings, "print-unmeasured")
+    assert "0.3 % is assumed" in unmeasured.message and "1.50 mm on 500 mm" in unmeasured.message
 
 
 def test_fixed_intrinsics_are_never_weak() -> None:

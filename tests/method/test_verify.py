@@ -13,10 +13,11 @@ from spherecal.base.context import Context
 from spherecal.base.errors import Cancelled, InputError, OutputError
 from spherecal.data.observations import Observations
 from spherecal.data.rig import CameraSigma, Quality, Rig, RigCamera, RigScale
-from spherecal.data.session import Session
+from spherecal.data.session import Bar, BarLength, Session
 from spherecal.files.rig_file import rig_bytes
 from spherecal.files.write_result import write_result
-from spherecal.verify.uncertainty import decide, length_statistics
+from spherecal.verify.agreement import decide
+from spherecal.verify.uncertainty import length_statistics
 from spherecal.verify.verification import LengthBudget, MeasuredLength, Verification
 from spherecal.verify.verify_bars import verify
 from spherecal.verify.write_verification import write_verification
@@ -233,15 +234,18 @@ def test_statistics_follow_the_gum() -> None:
     assert single.expanded_uncertainty_mm == pytest.approx(2 * math.hypot(0.01, 0.005), rel=1e-3)
 
 
+BAR = Bar("A", "check", {}, (BarLength("A1", "A2", 400.0, 0.008),), 1.15e-5)
+
+
 def test_decision_allows_for_many_errors() -> None:
-    """Normal errors of the stated size: k grows with n, so that 99 % of all verifications are consistent."""
+    """Normal errors of the stated size: k grows with n, so that 99.1 % of all verifications are consistent."""
     u = math.sqrt(0.01**2 + 0.005**2)
     rng = np.random.default_rng(1)
-    verdicts = [decide(measured(list(rng.normal(0, u, 100))), True).verdict for _ in range(2000)]
-    assert 0.983 < verdicts.count("consistent") / 2000 < 0.997  # three standard errors
-    decision = decide(measured([0.0, 0.1, 0.0]), True)
+    decided = [decide(measured(list(rng.normal(0, u, 100))), {"A": BAR}, None, 0.0, True) for _ in range(2000)]
+    assert 0.984 < [one.verdict for one in decided].count("consistent") / 2000 < 0.998  # three standard errors
+    decision = decide(measured([0.0, 0.1, 0.0]), {"A": BAR}, None, 0.0, True)
     assert (decision.verdict, decision.exceeding) == ("inconsistent", (("A-1", "A1", "A2"),))
-    assert decide([], True).verdict == "no data"
+    assert decide([], {}, None, 0.0, True).verdict == "no data"
 
 
 def test_files(tmp_path: Path) -> None:

@@ -8,11 +8,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.stats import chi2
 from scipy.stats import t as student
 
 from spherecal.base.errors import InputError
+from spherecal.base.messages.catalogue import phrase
 from spherecal.base.messages.values import Phrase
-from spherecal.data.rig import Rig
+from spherecal.data.rig import Rig, RigScale
 from spherecal.data.session import BarLength, Certificate, Session
 from spherecal.files.bar_registry import RegisteredBar, bar_entry
 from spherecal.files.rig_file import rig_bytes
@@ -52,15 +54,15 @@ def two_bars() -> tuple[Session, Truth]:
 
 def test_budget_follows_the_gum() -> None:
     """Two parts, 3 and 4 um, the second of 7 degrees of freedom: by hand, with Student's t of another library."""
-    parts = (Contribution("scale", "B", "normal", 0.003), Contribution("repeatability", "A", "normal", 0.004, 7))
+    parts = (Contribution("thermometer", "B", "normal", 0.003), Contribution("certificate", "A", "normal", 0.004, 7))
     budget = combine(KEY, parts)
     assert budget.combined_mm == pytest.approx(0.005)
     freedom = 7 * (5 / 4) ** 4
     assert budget.freedom == pytest.approx(freedom)
     assert budget.coverage_factor == pytest.approx(student.ppf(0.97725, freedom))
     assert budget.expanded_mm == pytest.approx(budget.coverage_factor * 0.005)
-    assert budget.shares() == [("repeatability", pytest.approx(0.64)), ("scale", pytest.approx(0.36))]
-    assert budget.remedy() == Phrase("remedy-repeatability")
+    assert budget.shares() == [("certificate", pytest.approx(0.64)), ("thermometer", pytest.approx(0.36))]
+    assert budget.remedy() == Phrase("remedy-certificate")
     assert combine(KEY, parts[:1]).coverage_factor == pytest.approx(2.0, abs=1e-4)
 
 
@@ -106,16 +108,17 @@ def test_nonsense_is_no_limit(text: str) -> None:
 
 
 def test_decision_leaves_the_doubt_on_both_sides() -> None:
-    """Limit 0.1 mm, U 0.02 mm: proven to 0.08, refuted above 0.12, between them nobody knows."""
+    """Limit 0.1 mm, u 0.01 mm, two lengths: proven to 0.0836, refuted above 0.1196 (95 %), else nobody knows."""
     budget = combine(KEY, (Contribution("scale", "B", "normal", 0.01),))
-    u = budget.expanded_mm
+    within, beyond = budget.guard_mm(), budget.guard_mm(2)
+    assert (within, beyond) == (pytest.approx(0.01645, abs=1e-5), pytest.approx(0.01960, abs=1e-5))
     limit = LengthLimit(0.05, 10000.0)
     assert limit.at(500.0) == pytest.approx(0.1)
     for error, verdict in (
-        (0.1 - u - 1e-9, "pass"),
-        (0.1 - u + 1e-9, "cannot tell"),
-        (0.1 + u - 1e-9, "cannot tell"),
-        (0.1 + u + 1e-9, "fail"),
+        (0.1 - within - 1e-9, "pass"),
+        (0.1 - within + 1e-9, "cannot tell"),
+        (0.1 + beyond - 1e-9, "cannot tell"),
+        (0.1 + beyond + 1e-9, "fail"),
     ):
         for sign in (1, -1):
             rows = [measured(0.001), measured(sign * error, pose="A-02")]
@@ -154,19 +157,34 @@ def test_verification_decides_and_explains(two_bars: tuple[Session, Truth], tmp_
     assert len(written["poses"]) == 16
 
 
-def test_repeatability_is_what_the_poses_scatter(two_bars: tuple[Session, Truth]) -> None:
+def test_the_limit_is_judged_by_the_test_alone(two_bars: tuple[Session, Truth]) -> None:
+    """A rig that knows its scale to 0.5 % only, and is 0.5 % wrong, had U 2.7 mm and "cannot tell" at a limit of 75 um.
+
+    Its errors agree with what it states, which is the other question.
+    """
     session, truth = two_bars
-    budgets = verify(session, true_rig(truth)).procedure.budgets  # type: ignore[union-attr]
-    for budget in budgets:
-        part = {c.name: c for c in budget.contributions}
-        noise = part["centring"].contained_mm
-        assert part["centring"].standard_mm == 0 and noise is not None
-        assert part["repeatability"].freedom == 6 * 7
-        assert 0.6 < part["repeatability"].standard_mm / noise < 1.5  # 42 degrees of freedom: 1 within 0.33 (3 sigma)
-    single = replace(session, bar_poses=session.bar_poses[:1])
-    (budget, *_) = verify(single, true_rig(truth)).procedure.budgets  # type: ignore[union-attr]
-    part = {c.name: c for c in budget.contributions}
-    assert part["centring"].standard_mm > 0 and part["repeatability"].standard_mm == 0
+    rig = replace(true_rig(truth, scale=1.005), scale=RigScale("target_spacing", 0.005))
+    done = verify(session, rig, None, VerifySettings(parse_limit("0.05+L/20000")))
+    assert done.procedure and done.procedure.acceptance
+    assert done.procedure.acceptance.verdict == "fail" and done.decision.verdict == "consistent"
+    assert "limit-exceeded" in codes(done) and "lengths-contradict" not in codes(done)
+    for budget in done.procedure.budgets:
+        names = [c.name for c in budget.contributions]
+        assert names == ["certificate", "thermometer", "expansion", "centring", "resolution"]
+        assert budget.expanded_mm < 0.05
+
+
+def test_errors_that_agree_one_by_one_may_contradict_together(two_bars: tuple[Session, Truth]) -> None:
+    """A scale 40 ppm too large, stated as exact: 20 um on 500 mm, where a length's own noise is 15 um."""
+    session, truth = two_bars
+    right = verify(session, true_rig(truth)).decision
+    assert right.verdict == "consistent" and right.chi_square is not None
+    assert right.most_chi_square == pytest.approx(chi2.isf(0.001, 48)) and right.chi_square < 70
+    done = verify(session, true_rig(truth, scale=1.00004))
+    assert not done.decision.exceeding and done.decision.verdict == "inconsistent" and done.failed
+    (finding,) = (f for f in done.findings if f.code == "lengths-contradict")
+    assert finding.severity == "error" and finding.kind == "together"
+    assert "every" not in phrase(done.decision.rule)
 
 
 def moved_ends(verification: Verification) -> set[str]:

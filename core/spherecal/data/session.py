@@ -53,16 +53,33 @@ class Placement:
     images: dict[str, Path] = field(default_factory=dict)
 
 
+# Printers err by 0.1 to 0.5 % in size, all targets alike: twice this covers it. Targets printed 0.5 % too large, with
+# no share of it stated, gave lengths 68 times U off.
+UNMEASURED_PRINT = 0.003
+
+
 @dataclass(frozen=True)
 class Scale:
-    """Where millimetres come from: the distance of two named points of a target, or a bar."""
+    """Where millimetres come from: the distance of two named points of a target, a bar, or by choice nowhere.
 
-    kind: Literal["target_spacing", "bar"]
+    `expanded_uncertainty_mm`: that of the distance on the print, where it was measured.
+    """
+
+    kind: Literal["target_spacing", "bar", "none"]
     from_point: str | None = None
     to_point: str | None = None
     distance_mm: float | None = None
     surface: Literal["sphere", "flat"] = "flat"
     bar: str | None = None
+    expanded_uncertainty_mm: float | None = None
+    coverage_factor: float = 2.0
+
+    @property
+    def print_sd(self) -> float:
+        """The relative standard uncertainty that all targets of a print have in common, measured or not."""
+        if self.expanded_uncertainty_mm is None or not self.distance_mm:
+            return UNMEASURED_PRINT
+        return self.expanded_uncertainty_mm / self.coverage_factor / self.distance_mm
 
 
 @dataclass(frozen=True)
@@ -149,7 +166,8 @@ class Session(ByValue):
 
     `observations` rows name placements and bar poses, in the order of `placements` then `bar_poses`, and cameras in
     the order of `cameras`. `input_sha256` covers session.json and every file it names. `recorded_at`: when its last
-    placement was taken, where the cameras noted it.
+    placement was taken, where the cameras noted it. `sphere_sd_mm`: standard uncertainty of the diameter, over the
+    targets, where it was measured. `struck`: sources of scale (`print`, `ball`) that say nothing, by the user's wish.
     """
 
     folder: Path
@@ -164,6 +182,8 @@ class Session(ByValue):
     observations: Observations | None
     input_sha256: str
     recorded_at: datetime.datetime | None = None
+    sphere_sd_mm: float | None = None
+    struck: tuple[str, ...] = ()
 
     @classmethod
     def from_arrays(

@@ -86,6 +86,17 @@ RULES: dict[str, Rule] = {
     "fixed-intrinsics-contradicted": Rule("not-valid", "Data-sheet values 1.5 % off: lengths 3.8 to 11.8 mm, U 0.5."),
     # millimetres that are not
     "scale-conflict": Rule("not-valid", "A certificate 480 for 400 mm: all lengths 20 % off, U(500) 0.05 mm."),
+    "scale-sources": _care(
+        "scale",
+        "Print and ball agree against the bar. From 0.5 % on not valid: certificates mistyped by 0.2 to 7 mm "
+        "on 800 mm left lengths 3.7 to 132 U off.",
+    ),
+    "bar-poses-disagree": _care(
+        "scale",
+        "Odd poses are left out; not valid where the rest is no majority that agrees. A mark that shifted by "
+        "0.2 to 3 mm in some of six poses: lengths up to 8.6 U off.",
+    ),
+    "bar-temperature": Rule("not-valid", "70 or 120 typed in Fahrenheit: lengths 8 to 17 U off."),
     "ball-profile-scale": Rule("not-valid", "As scale-conflict."),
     "target-distance": Rule("not-valid", "14.0 typed for 28.28 mm: all lengths 50 % off."),
     "ball-diameter": Rule(
@@ -95,6 +106,9 @@ RULES: dict[str, Rule] = {
         "scale",
     ),
     "no-scale": _care("scale", "Shapes are right, lengths arbitrary."),
+    "print-unmeasured": _care(
+        "scale", "Stated: 0.3 %. Printed 0.5 % too large: lengths 68 times U off where it was not."
+    ),
     "board-shape": _care("scale", "A board 0.1 % larger than stated makes all lengths so."),
     # one lens, camera or part of the volume is worse than the others
     "lens-misfit": _care(
@@ -149,6 +163,11 @@ RULES: dict[str, Rule] = {
     "ball-size-changed": _care(
         "scale",
         "Stated: widened by what it did to the cameras. Over 0.1 %: 0.5 mm on 500 mm, and no ball's warmth.",
+    ),
+    "stickers-change": _care(
+        "scale",
+        "Stated, widened by the change. Stickers that shrank by 0.2 %: lengths 7.4 U off; dots blurred "
+        "outward by 0.1 px: 4.6 U.",
     ),
     "print-stretched": _care("scale", "Stated, as ball-diameter. Printers differ by up to 0.3 % between directions."),
     "parts-disagree": Rule(

@@ -22,6 +22,7 @@ from spherecal.diagnose.motion_findings import mixed_up_images, motion_findings,
 from spherecal.diagnose.rejected_edges import edge_findings
 from spherecal.diagnose.scale_findings import scale_conflict, stretched_print
 from spherecal.diagnose.shape_findings import changed_shape, contradicting_placements
+from spherecal.diagnose.sticker_size import sticker_findings
 from spherecal.diagnose.swapped_cameras import swapped_cameras
 from spherecal.diagnose.target_findings import wrong_targets
 
@@ -35,7 +36,7 @@ def diagnose(e: Evidence) -> list[Finding]:
     release_freed()
     found = [*_faults(e), *dependent_parts(e)]
     e.context.report(STAGE, 1.0)
-    return [*found, *weak_places(e), *weak_links(e), *scale_conflict(e), *stretched_print(e)]
+    return [*found, *weak_places(e), *weak_links(e), *scale_conflict(e), *stretched_print(e), *sticker_findings(e)]
 
 
 def _faults(e: Evidence) -> list[Finding]:

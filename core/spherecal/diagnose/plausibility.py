@@ -18,6 +18,7 @@ from spherecal.data.findings import Finding, leave_out
 from spherecal.data.observations import Observations
 from spherecal.data.session import Session
 from spherecal.files.capture_file import CapturedSet, read_captured_sets
+from spherecal.verify.bar_temperature import temperature_findings
 
 # Printers err by 0.1 to 0.5 % in size; beyond twice that the distance is another one, or another set.
 MOST_PRINT_ERROR = 0.01
@@ -38,6 +39,7 @@ def implausible(session: Session) -> tuple[Finding, ...]:
     repeated = _repeated(session)
     return (
         *_target_distance(session),
+        *_bar_temperatures(session),
         *repeated,
         *_one_image_of_two_cameras(session),
         *_same_files(session, repeated),
@@ -67,6 +69,12 @@ def _target_distance(session: Session) -> list[Finding]:
         "percent": 100 * (scale.distance_mm / far - 1),
     }  # fmt: skip
     return [Finding("target-distance", "error", values)]
+
+
+def _bar_temperatures(session: Session) -> list[Finding]:
+    """Temperatures of the bar that gives the scale which no workshop has."""
+    scale = session.scale
+    return [] if scale is None or scale.bar is None else temperature_findings(session.bar_poses, (scale.bar,))
 
 
 def _sizes(o: Observations) -> IntArray:

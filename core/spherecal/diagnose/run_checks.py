@@ -29,9 +29,6 @@ COVERAGE_CELLS, LITTLE_COVERAGE = 10, 0.6
 # Stated for a length of this size, as the user thinks in millimetres on his bar.
 STATED_LENGTH_MM = 500.0
 
-# What printers err by in size, all stickers alike.
-PRINT_ERROR_PERCENT = (0.1, 0.5)
-
 STOPPED = Finding("stopped-early", "error")
 
 
@@ -243,17 +240,17 @@ def _outliers(e: Evidence) -> list[Finding]:
 def _scale(e: Evidence) -> list[Finding]:
     scale = e.solution.scale
     if scale.source == "none":
+        if e.session.scale is not None and e.session.scale.kind == "none":
+            return [Finding("no-scale", "info", kind="chosen")]
         asked = e.session.scale is not None
         return [Finding("no-scale", "error", kind="asked") if asked else Finding("no-scale", "warning", kind="unnamed")]
     if scale.relative_uncertainty is None:
         return [Finding("scale-uncertainty", "info", kind="unknown")]
     values = {"mm": scale.relative_uncertainty * STATED_LENGTH_MM, "length_mm": STATED_LENGTH_MM}
     if scale.source != "target_spacing":
-        return [Finding("scale-uncertainty", "info", values, kind="ball" if scale.source == "ball" else "bar")]
-    low, high = PRINT_ERROR_PERCENT
-    print_error = {
-        "low_percent": low, "high_percent": high,
-        "low_mm": 1e-2 * low * STATED_LENGTH_MM, "high_mm": 1e-2 * high * STATED_LENGTH_MM,
-    }  # fmt: skip
-    scatter = {"scatter_ppm": e.solution.scatter * 1e6}
-    return [Finding("scale-uncertainty", "info", values | scatter | print_error, kind="spacing")]
+        odd = [] if e.solution.odd is None else [e.solution.odd.finding]
+        return [*odd, Finding("scale-uncertainty", "info", values, kind="ball" if scale.source == "ball" else "bar")]
+    stated = e.session.scale
+    if stated is not None and stated.expanded_uncertainty_mm is None:
+        return [Finding("print-unmeasured", "warning", values | {"percent": 100 * stated.print_sd})]
+    return [Finding("scale-uncertainty", "info", values | {"scatter_ppm": e.solution.scatter * 1e6}, kind="spacing")]

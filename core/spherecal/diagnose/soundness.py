@@ -120,7 +120,7 @@ def ball_diameter(e: Evidence) -> list[Finding]:
 def diameter_error(e: Evidence) -> float | None:
     """The relative excess of the ball over its nominal diameter; None where that cannot be decided."""
     nominal = e.session.sphere_diameter_mm
-    if nominal is None or e.solution.scale.source in ("none", "ball"):
+    if nominal is None or e.solution.scale.source in ("none", "ball") or "ball" in e.session.struck:
         return None
     radii = [s.radius for s in e.solution.spheres.values() if s.radial_sd < ROUND * s.radius]
     return 2 * float(np.median(radii)) / nominal - 1 if radii else None

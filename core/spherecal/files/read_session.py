@@ -60,6 +60,7 @@ def read_session(folder: Path) -> Session:
     if scale is not None:
         _check_bar(scale, f["scale"], {bar.id: bar.role for bar in bars})
         _check_spacing_points(f["scale"], target_set, observations)
+    diameter, sphere_sd = SPHERE.read(f["sphere"]) if "sphere" in f else (None, None)
     return Session(
         folder=folder if folder.parts else folder.absolute(),  # Path() is that of sessions in memory
         cameras=cameras,
@@ -68,11 +69,12 @@ def read_session(folder: Path) -> Session:
         bar_poses=bar_poses,
         scale=scale,
         board=_read_board(f["board"]) if "board" in f else None,
-        sphere_diameter_mm=SPHERE.read(f["sphere"]) if "sphere" in f else None,
+        sphere_diameter_mm=diameter,
         target_set=target_set,
         observations=observations,
         input_sha256=files.sha256(),
         recorded_at=_recorded_at(folder, placements),
+        sphere_sd_mm=sphere_sd,
     )
 
 

@@ -24,7 +24,6 @@ from spherecal.files.codec import (
     number,
     numbers,
     one_of,
-    only,
     optional,
     positive,
     record,
@@ -158,8 +157,24 @@ BAR_POSE = record(
     optional("temperature_c", celsius("The bar's temperature in degrees Celsius.")),
     optional("images", _IMAGES),
 )
+
+
+def _sphere(
+    nominal_diameter_mm: float, expanded_uncertainty_mm: float | None = None, coverage_factor: float = 2.0
+) -> tuple[float, float | None]:
+    """The ball's diameter and its standard uncertainty in mm."""
+    u = expanded_uncertainty_mm
+    return nominal_diameter_mm, None if u is None else u / coverage_factor
+
+
 BAR_POSES = items("The poses of the bars.", BAR_POSE)
-SPHERE = only("nominal_diameter_mm", positive("Its diameter.", "mm")).described("The ball.")
+SPHERE = record(
+    "The ball.",
+    _sphere,
+    field("nominal_diameter_mm", positive("Its diameter; over the targets where it was measured.", "mm")),
+    optional("expanded_uncertainty_mm", positive("Of the measured diameter; absent: not measured.", "mm")),
+    optional("coverage_factor", positive("The factor k of that; 2 where absent.")),
+)
 
 # --- scale -----------------------------------------------------------------------------------------------------------
 
@@ -183,16 +198,19 @@ _SPACING = record(
     field("to", name("The second dot."), "to_point"),
     field("distance_mm", positive("Their distance as printed.", "mm")),
     field("surface", choice("`sphere`: bent onto the ball, so that the distance is an arc.", ("sphere", "flat"))),
+    optional("expanded_uncertainty_mm", number("Of the distance as measured on the print; absent: not measured.", 0)),
+    optional("coverage_factor", positive("The factor k of that; 2 where absent.")),
     check=_check_spacing,
 )
+_NO_SCALE = record("", Scale, field("kind", choice("Lengths do not matter, by choice.", ("none",))))
 
 
 def _read_scale(value: JsonValue) -> Scale:
-    kind = value.fields(("kind",))["kind"].choice("target_spacing", "bar")
-    return (_BAR_SCALE if kind == "bar" else _SPACING).read(value)
+    kind = value.fields(("kind",))["kind"].choice("target_spacing", "bar", "none")
+    return {"bar": _BAR_SCALE, "none": _NO_SCALE}.get(kind, _SPACING).read(value)
 
 
-SCALE = replace(one_of("Where the scale comes from.", _BAR_SCALE, _SPACING), read=_read_scale)
+SCALE = replace(one_of("Where the scale comes from.", _BAR_SCALE, _SPACING, _NO_SCALE), read=_read_scale)
 
 
 # --- board -----------------------------------------------------------------------------------------------------------

@@ -28,6 +28,8 @@ def session_json(session: Session, folder: Path) -> dict[str, Any]:
         document["target_set"] = "targets.json"
     if session.sphere_diameter_mm is not None:
         document["sphere"] = {"nominal_diameter_mm": session.sphere_diameter_mm}
+        if session.sphere_sd_mm is not None:
+            document["sphere"]["expanded_uncertainty_mm"] = 2 * session.sphere_sd_mm
     if session.scale is not None:
         document["scale"] = _scale(session.scale)
     return document
@@ -72,12 +74,17 @@ def _bar(bar: Bar) -> dict[str, Any]:
 def _scale(scale: Scale) -> dict[str, Any]:
     if scale.kind == "bar":
         return {"kind": "bar", "bar": scale.bar}
+    if scale.kind == "none":
+        return {"kind": "none"}
+    u, k = scale.expanded_uncertainty_mm, scale.coverage_factor
+    measured = {} if u is None else {"expanded_uncertainty_mm": u, "coverage_factor": k}
     return {
         "kind": scale.kind,
         "from": scale.from_point,
         "to": scale.to_point,
         "distance_mm": scale.distance_mm,
         "surface": scale.surface,
+        **measured,
     }
 
 

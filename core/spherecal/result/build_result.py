@@ -37,6 +37,7 @@ from spherecal.diagnose.evidence import Evidence
 from spherecal.diagnose.rejected_edges import rejected_edges
 from spherecal.diagnose.run_checks import STOPPED, run_checks, unlinked
 from spherecal.diagnose.soundness import further_scale_uncertainty
+from spherecal.diagnose.sticker_size import sticker_doubt
 from spherecal.diagnose.unconfirmed_poses import unconfirmed_poses
 from spherecal.geometry.camera import N_INTRINSICS, project
 from spherecal.geometry.length_uncertainty import Cameras
@@ -85,9 +86,8 @@ def build_result(recording: Recording, local: LocalNetwork, fit: MetricFit, meth
     names = [camera.id for camera in cameras]
     factor, of_poses = widening(findings, names, choice.form)
     ball_size = ball_size or possible_sizes(evidence, float(factor.max(initial=1.0)))
-    scale = _doubted(
-        solution.scale, float(np.hypot(further_scale_uncertainty(evidence), ball_size.largest if ball_size else 0.0))
-    )
+    further = [further_scale_uncertainty(evidence), ball_size.largest if ball_size else 0.0, sticker_doubt(findings)]
+    scale = _doubted(solution.scale, float(np.linalg.norm(further)))
     cameras = tuple(_wider(camera, f) for camera, f in zip(cameras, of_poses, strict=True))
     covariance = _wider_covariance(covariance, factor, cameras, solution.scale, scale)
     cameras, covariance = _either_pose(cameras, covariance, evidence)

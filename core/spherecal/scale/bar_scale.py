@@ -1,5 +1,6 @@
 """Millimetres from the certified lengths of bars whose role is `scale`."""
 
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -7,18 +8,22 @@ import numpy as np
 from spherecal.adjust.covariance import Covariance
 from spherecal.adjust.rows import LengthRows
 from spherecal.base.arrays import FloatArray, IntArray
+from spherecal.data.findings import Finding
 from spherecal.data.recording import Recording
 from spherecal.data.session import Bar, BarLength, Mark
 from spherecal.geometry.transform import fit_similarity
 from spherecal.scale.spacing import FoundScale
 from spherecal.targets.centre import target_centre
 from spherecal.verify.marks import centre_by_point
-from spherecal.verify.uncertainty import reference_length
+from spherecal.verify.uncertainty import reference_length, temperature_part
 
 # What keeps the lengths of one bar in different poses from being exactly proportional: the thermometer's last digit,
 # and how well a mark sits on the bar's line (1e-6 of the length: 0.5 um on 500 mm).
 TEMPERATURE_RESOLUTION_K = 0.1
 LEAST_OWN = 1e-6
+# Poses of a bar disagree where the longest and the shortest ratio are so many of their standard uncertainties apart: of
+# 6 right poses once in 3000 times, of 20 once in 300.
+ODD = 4.0
 
 
 @dataclass(frozen=True)
@@ -58,19 +63,112 @@ class _Sample:
     second: _Mark
     reference_mm: float
     certified: BarLength
+    pose: str
+    temperature_mm: float
 
 
-def scale_from_bars(
+@dataclass(frozen=True)
+class OddPoses:
+    """Poses of a bar whose lengths differ from the others', the largest difference, and how many poses agree."""
+
+    poses: tuple[str, ...]
+    worst_mm: float
+    times: float
+    rest: int
+    majority: bool
+
+    @property
+    def finding(self) -> Finding:
+        """What a calibration says of them."""
+        values = {"worst_mm": self.worst_mm, "times": self.times}
+        if not self.majority:
+            return Finding("bar-poses-disagree", "error", values, self.poses, kind="no-majority")
+        return Finding("bar-poses-disagree", "warning", values | {"rest": self.rest}, self.poses, kind="left-out")
+
+
+def odd_poses(
     recording: Recording, bar_id: str, points: FloatArray, covariance: Covariance, variance: float
-) -> FoundScale | None:
-    """The scale from all poses of a bar, weighted by measurement noise; None where no length could be measured.
+) -> OddPoses | None:
+    """Poses of a bar that are no part of the largest group that agrees; None where all agree.
 
-    The relative uncertainty holds noise and calibration with all correlations, and the certificate, which more poses do
-    not average. See docs/formulation.md, Scale.
+    Each certified length is compared with itself in the other poses: its certificate errs alike in all of them. Against
+    the mean of the others the network's own warp counts, with all correlations.
 
     `points`: places of the features in network units, (f,3).
     """
     samples = _samples(recording, bar_id, np.isfinite(covariance.points[:, 0, 0]))
+    by_length: dict[tuple[str, str], list[_Sample]] = {}
+    for sample in samples:
+        by_length.setdefault((sample.certified.from_mark, sample.certified.to_mark), []).append(sample)
+    found: dict[str, tuple[float, float]] = {}
+    for group in by_length.values():
+        found |= _odd_ones(group, points, _first_factor(group, points), covariance, variance)
+    if not found:
+        return None
+    every = {sample.pose for sample in samples}
+    worst = max(found.values(), key=lambda one: abs(one[1]))
+    rest = len(every) - len(found)
+    names = tuple(pose for pose in dict.fromkeys(s.pose for s in samples) if pose in found)
+    return OddPoses(names, worst[0], abs(worst[1]), rest, rest > len(every) / 2 and rest > 1)
+
+
+def _odd_ones(
+    group: Sequence[_Sample], points: FloatArray, factor: float, covariance: Covariance, variance: float
+) -> dict[str, tuple[float, float]]:
+    """Poses of one length off the largest group that agrees: their difference in mm, and in standard deviations."""
+    n = len(group)
+    if n < 2:
+        return {}
+    gradients, ratio = [], np.empty(n)
+    for i, sample in enumerate(group):
+        along = _along(sample, points, factor)
+        ratio[i] = (sample.second.place(points, factor) - sample.first.place(points, factor)) @ along
+        gradients.append(_length_gradient(sample, points, along, factor) / sample.reference_mm)
+        ratio[i] /= sample.reference_mm
+    mean, total = float(ratio.mean()), np.sum(gradients, axis=0)
+    own = np.empty(n)
+    for i, gradient in enumerate(gradients):
+        contrast = (gradient - (total - gradient) / (n - 1)) / mean
+        own[i] = np.sqrt(variance * covariance.functional(contrast) + LEAST_OWN**2)
+    ratio = ratio / mean
+    order = np.argsort(ratio)
+    sorted_ratio, sd = ratio[order], own[order]
+    apart = sorted_ratio[:, None] - sorted_ratio[None, :]
+    agree = apart <= ODD * np.hypot(sd[:, None], sd[None, :])
+    ends = [(a, max(b for b in range(a, n) if agree[b, a])) for a in range(n)]
+    first, last = max(ends, key=lambda one: one[1] - one[0])
+    middle = float(sorted_ratio[first : last + 1].mean())
+    off = ratio - middle
+    return {
+        group[k].pose: (float(off[k]) * group[k].reference_mm, float(off[k] / own[k]))
+        for k in [*order[:first].tolist(), *order[last + 1 :].tolist()]
+    }
+
+
+def _length_gradient(sample: _Sample, points: FloatArray, along: FloatArray, factor: float) -> FloatArray:
+    """How a length in network units follows the features' places, (f,3)."""
+    gradient = np.zeros_like(points)
+    for mark, sign in ((sample.first, -1.0), (sample.second, 1.0)):
+        np.add.at(gradient, mark.dots, sign * np.einsum("i,kij->kj", along, mark.by_point(points, factor)))
+    return gradient
+
+
+def scale_from_bars(
+    recording: Recording,
+    bar_id: str,
+    points: FloatArray,
+    covariance: Covariance,
+    variance: float,
+    without: Collection[str] = (),
+) -> FoundScale | None:
+    """The scale from all poses of a bar, weighted by measurement noise; None where no length could be measured.
+
+    The relative uncertainty holds noise and calibration with all correlations, and the certificate and the bar's
+    temperature, which more poses do not average. See docs/formulation.md, Scale.
+
+    `points`: places of the features in network units, (f,3).
+    """
+    samples = _samples(recording, bar_id, np.isfinite(covariance.points[:, 0, 0]), without)
     if not samples:
         return None
     mean, weight = _mean_ratio(samples, points, _first_factor(samples, points), covariance)
@@ -78,28 +176,30 @@ def scale_from_bars(
         mean, weight = _mean_ratio(samples, points, 1.0 / mean, covariance)
     factor = 1.0 / mean
     gradient = np.zeros_like(points)
-    certificate = 0.0
+    certificate = temperature = 0.0
     for sample, w in zip(samples, weight, strict=True):
         along = _along(sample, points, factor) * (w / (sample.reference_mm * mean))
-        for mark, sign in ((sample.first, -1.0), (sample.second, 1.0)):
-            by_point = mark.by_point(points, factor)
-            np.add.at(gradient, mark.dots, sign * np.einsum("i,kij->kj", along, by_point))
+        gradient += _length_gradient(sample, points, along, factor)
         standard = sample.certified.expanded_uncertainty_mm / sample.certified.coverage_factor
         certificate += w * standard / sample.certified.length_mm
-    uncertainty = np.sqrt(variance * covariance.functional(gradient) + certificate**2)
+        temperature += w * sample.temperature_mm / sample.certified.length_mm
+    uncertainty = np.sqrt(variance * covariance.functional(gradient) + certificate**2 + temperature**2)
     return FoundScale(factor, float(uncertainty), len(samples), gradient)
 
 
-def length_rows(recording: Recording, bar_id: str, points_mm: FloatArray) -> LengthRows | None:
+def length_rows(
+    recording: Recording, bar_id: str, points_mm: FloatArray, without: Collection[str] = ()
+) -> LengthRows | None:
     """The certified lengths of a bar in all its poses as rows of an adjustment, ends as sums of features' points.
 
-    A certificate errs alike in all poses; between poses only the resolution of the temperature is free. None where no
+    A certificate errs alike in all poses, and so do the thermometer and the coefficient of expansion; between poses
+    only the resolution of the temperature is free. None where no
     length could be measured.
 
     `points_mm`: places of the features in mm (f,3), NaN where unknown.
     """
     bar = _bar(recording, bar_id)
-    samples = _samples(recording, bar_id, np.isfinite(points_mm[:, 0]))
+    samples = _samples(recording, bar_id, np.isfinite(points_mm[:, 0]), without)
     if not samples:
         return None
     widest = max(len(s.first.dots) + len(s.second.dots) for s in samples)
@@ -114,7 +214,12 @@ def length_rows(recording: Recording, bar_id: str, points_mm: FloatArray) -> Len
     _, of = np.unique([f"{s.certified.from_mark} {s.certified.to_mark}" for s in samples], return_inverse=True)
     same = of.reshape(-1)[:, None] == of.reshape(-1)
     own = bar.expansion_per_kelvin * reference * TEMPERATURE_RESOLUTION_K
-    covariance = np.outer(certificate, certificate) * same + np.diag(np.maximum(own, LEAST_OWN * reference) ** 2)
+    warm = np.array([s.temperature_mm for s in samples])
+    covariance = (
+        np.outer(certificate, certificate) * same
+        + np.outer(warm, warm)
+        + np.diag(np.maximum(own, LEAST_OWN * reference) ** 2)
+    )
     return LengthRows(points, coefficient, reference, covariance)
 
 
@@ -122,16 +227,17 @@ def _bar(recording: Recording, bar_id: str) -> Bar:
     return next(b for b in recording.session.bars if b.id == bar_id)
 
 
-def _samples(recording: Recording, bar_id: str, known: np.ndarray) -> list[_Sample]:
+def _samples(recording: Recording, bar_id: str, known: np.ndarray, without: Collection[str] = ()) -> list[_Sample]:
     session, bar, samples = recording.session, _bar(recording, bar_id), []
-    for pose in (p for p in session.bar_poses if p.bar == bar.id):
+    for pose in (p for p in session.bar_poses if p.bar == bar.id and p.id not in without):
         index = recording.observations.placements.index(pose.id)
         marks = {name: _mark(recording, mark, index, known) for name, mark in bar.marks.items()}
         for certified in bar.lengths:
             first, second = marks[certified.from_mark], marks[certified.to_mark]
             if first is not None and second is not None:
                 reference = reference_length(certified, bar, pose.temperature_c)
-                samples.append(_Sample(first, second, reference, certified))
+                warm = temperature_part(certified.length_mm, bar, pose.temperature_c)
+                samples.append(_Sample(first, second, reference, certified, pose.id, warm))
     return samples
 
 

@@ -1,6 +1,6 @@
 """From an adjusted network to millimetres: reference frame, covariance, spheres and scale."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -16,7 +16,7 @@ from spherecal.data.recording import Recording
 from spherecal.data.rig import RigScale
 from spherecal.data.session import Session
 from spherecal.geometry.sphere import Sphere, fit_sphere
-from spherecal.scale.bar_scale import length_rows, scale_from_bars
+from spherecal.scale.bar_scale import OddPoses, length_rows, odd_poses, scale_from_bars
 from spherecal.scale.spacing import FoundScale, Spacing, scale_from_mean_distance, scale_from_spacing
 
 
@@ -26,7 +26,7 @@ class Solution:
 
     `covariance` is that of the unscaled network: `factor` brings its lengths to millimetres. `cameras` is the
     covariance of all cameras' parameters in millimetres, scale included (rig.CameraCovariance). `stretch`: of the print
-    that gives the scale, relative.
+    that gives the scale, relative. `odd`: poses of the bar that gives it which disagree with the others.
     """
 
     state: State
@@ -37,6 +37,7 @@ class Solution:
     spheres: dict[int, Sphere]
     cameras: FloatArray | None = None
     stretch: float = 0.0
+    odd: OddPoses | None = None
 
 
 @dataclass(frozen=True)
@@ -60,7 +61,8 @@ def in_millimetres(recording: Recording, fit: BallFit, run: Run) -> tuple[BallFi
     solution, scale = metric_solution(recording, fit, literal=run.plain), session.scale
     if run.plain or solution.scale.source != "bar" or scale is None or scale.bar is None:
         return fit, solution
-    rows = length_rows(recording, scale.bar, solution.state.points)
+    without = solution.odd.poses if solution.odd is not None and solution.odd.majority else ()
+    rows = length_rows(recording, scale.bar, solution.state.points, without)
     if rows is None:
         return fit, solution
     again = with_effects_unknown(with_lengths(fit, rows, solution.factor, run))
@@ -70,7 +72,7 @@ def in_millimetres(recording: Recording, fit: BallFit, run: Run) -> tuple[BallFi
     spheres = fit_spheres(state.points, features.placement, len(session.placements))
     known = float(np.sqrt(again.adjusted.variance * again.cofactors.stretch))
     cameras = again.adjusted.variance * again.cofactors.with_size().all_cameras()
-    return again, Solution(state, again.cofactors, 1.0, RigScale("bar", known), 0.0, spheres, cameras)
+    return again, Solution(state, again.cofactors, 1.0, RigScale("bar", known), 0.0, spheres, cameras, odd=solution.odd)
 
 
 def by_stored_ball(recording: Recording, fit: BallFit, ball: RigScale) -> tuple[Solution, float | None]:
@@ -115,11 +117,14 @@ def metric_solution(recording: Recording, fit: BallFit, literal: bool = False) -
         state.scaled(factor),
         cofactors,
         factor,
-        RigScale(session.scale.kind, found.relative_uncertainty) if found and session.scale else RigScale("none", None),
+        RigScale(found.source or session.scale.kind, found.relative_uncertainty)
+        if found and session.scale
+        else RigScale("none", None),
         found.scatter if found else 0.0,
         {p: Sphere(s.centre * factor, s.radius * factor, s.radial_sd * factor) for p, s in spheres.items()},
         cameras,
         found.stretch if found else 0.0,
+        found.odd if found else None,
     )
 
 
@@ -177,9 +182,14 @@ def _find_scale(
     session, observations, features = recording.session, recording.observations, recording.features
     scale = session.scale
     assert scale is not None
+    if scale.kind == "none":
+        return None
     if scale.kind == "bar":
         assert scale.bar is not None
-        return scale_from_bars(recording, scale.bar, state.points, cofactors, variance)
+        odd = None if literal else odd_poses(recording, scale.bar, state.points, cofactors, variance)
+        without = odd.poses if odd is not None and odd.majority else ()
+        by_bar = scale_from_bars(recording, scale.bar, state.points, cofactors, variance, without)
+        return None if by_bar is None else replace(by_bar, odd=odd)
     assert scale.from_point is not None and scale.to_point is not None and scale.distance_mm is not None
     names = observations.points
     if scale.from_point not in names or scale.to_point not in names:
@@ -195,7 +205,40 @@ def _find_scale(
     for placement, sphere in spheres.items():
         radius[placement] = sphere.radius
     scale_from = scale_from_mean_distance if literal else scale_from_spacing
-    return scale_from(spacing, features, state.points, radius, cofactors, variance)
+    found = scale_from(spacing, features, state.points, radius, cofactors, variance)
+    if found is None:
+        return None
+    known = float(np.hypot(found.relative_uncertainty, scale.print_sd))
+    return with_ball(replace(found, relative_uncertainty=known), session, spheres)
+
+
+def ball_scale(session: Session, spheres: dict[int, Sphere]) -> tuple[float, float] | None:
+    """The factor by a ball of measured diameter and its relative standard uncertainty; None where it is not measured.
+
+    How far the ball is from round counts in full: what its visible side shows of its diameter is no better.
+    """
+    if session.sphere_sd_mm is None or session.sphere_diameter_mm is None or not spheres or "ball" in session.struck:
+        return None
+    radius = float(np.median([s.radius for s in spheres.values()]))
+    shape = float(np.median([s.radial_sd for s in spheres.values()])) / radius
+    return session.sphere_diameter_mm / 2 / radius, float(
+        np.hypot(session.sphere_sd_mm / session.sphere_diameter_mm, shape)
+    )
+
+
+def with_ball(found: FoundScale, session: Session, spheres: dict[int, Sphere]) -> FoundScale:
+    """The print's scale and that of a measured ball, weighted by their uncertainties."""
+    ball = ball_scale(session, spheres)
+    if ball is None:
+        return found
+    factor, own = ball
+    print_weight = found.relative_uncertainty**-2 / (found.relative_uncertainty**-2 + own**-2)
+    mean = print_weight * found.factor + (1 - print_weight) * factor
+    known = float((found.relative_uncertainty**-2 + own**-2) ** -0.5)
+    source = "target_spacing" if print_weight > 0.5 else "ball"
+    return replace(
+        found, factor=mean, relative_uncertainty=known, gradient=print_weight * found.gradient, source=source
+    )
 
 
 def _patterns(session: Session, names: tuple[str, ...]) -> dict[int, FloatArray] | None:

@@ -7,12 +7,16 @@ printed distance d, an arc, into the chord 2 R sin(d / 2R). That is 3e-4 shorter
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from spherecal.adjust.covariance import Covariance
 from spherecal.base.arrays import BoolArray, FloatArray, IntArray
 from spherecal.data.observations import Features
+
+if TYPE_CHECKING:
+    from spherecal.scale.bar_scale import OddPoses
 
 # A pattern needs as many dots as a target's centre does.
 LEAST_DOTS = 4
@@ -27,7 +31,8 @@ class FoundScale:
 
     `scatter` is the relative standard deviation between stickers that measurement noise does not explain: the print.
     `gradient` (f,3): how the measured size follows the features' places, relatively. `stretch`: by how much longer the
-    stickers are in one direction of the print than across it, relatively; 0 where that is not certain.
+    stickers are in one direction of the print than across it, relatively; 0 where that is not certain. `source`:
+    what it comes from, where that is not what the session asks for. `odd`: poses of the bar that disagree.
     """
 
     factor: float
@@ -36,6 +41,8 @@ class FoundScale:
     gradient: FloatArray
     scatter: float = 0.0
     stretch: float = 0.0
+    source: str = ""
+    odd: "OddPoses | None" = None
 
 
 @dataclass(frozen=True)

@@ -16,17 +16,24 @@ from spherecal.base.messages.values import Phrase
 from spherecal.data.findings import Finding
 from spherecal.data.observations import Observations
 from spherecal.data.rig import Calibration, Repair, Rig, RigCamera
-from spherecal.data.session import BarPose, Placement, Session
+from spherecal.data.session import BarPose, Placement, Scale, Session
 from spherecal.data.verdict import with_findings
 from spherecal.geometry.rotation import log_rotation
+
+# Sources of scale that can be struck out by hand.
+SCALE_SOURCES = {
+    "scale:bar": Phrase("source-bar"),
+    "scale:print": Phrase("source-print"),
+    "scale:ball": Phrase("source-ball"),
+}
 
 
 @dataclass(frozen=True)
 class Repairs:
     """What is asked for, as on the command line.
 
-    `leave_out`: `camera:C05`, `placement:P3` or `C05@P3`; `split`: `C05@P3` (another pose from there on); `swap`:
-    `C05,C06` or `C05,C06@P3` (exchange their images). Placements are bar poses too.
+    `leave_out`: `camera:C05`, `placement:P3`, `C05@P3` or a source of scale (`scale:bar`); `split`: `C05@P3` (another
+    pose from there on); `swap`: `C05,C06` or `C05,C06@P3` (exchange their images). Placements are bar poses too.
     """
 
     leave_out: tuple[str, ...] = ()
@@ -169,11 +176,15 @@ def _what(session: Session, value: str) -> Phrase:
         return Phrase("camera-out", {"camera": name})
     if kind == "placement" and ids == [name]:
         return Phrase("placement-out", {"place": name})
+    if value in SCALE_SOURCES:
+        return Phrase("scale-source-out", {"source": SCALE_SOURCES[value]})
     return Phrase("image-out", {"camera": ids[0], "place": ids[1]})
 
 
 def _ids(session: Session, value: str) -> list[str]:
     """The ids that a --leave-out names; InputError where there are none."""
+    if value in SCALE_SOURCES:
+        return []
     kind, colon, name = value.partition(":")
     if colon and kind == "camera":
         return [session.cameras[_camera_index(session, name, value)].id]
@@ -188,6 +199,8 @@ def _ids(session: Session, value: str) -> list[str]:
 def _left_out(session: Session, value: str) -> Session:
     ids = _ids(session, value)
     o = session.observations
+    if value in SCALE_SOURCES:
+        return _without_source(session, value.partition(":")[2])
     if value == f"camera:{ids[0]}":
         index = _camera_index(session, ids[0], value)
         keep = [c for c in range(len(session.cameras)) if c != index]
@@ -212,6 +225,15 @@ def _left_out(session: Session, value: str) -> Session:
     if camera is not None:
         out &= o.camera == _camera_index(session, camera, value)
     return replace(there, observations=o.select(~out))
+
+
+def _without_source(session: Session, source: str) -> Session:
+    """The session without one of its sources of scale; without the bar, the print gives it, as far as it is known."""
+    if source != "bar" or session.scale is None or session.scale.kind != "bar":
+        return replace(session, struck=(*session.struck, source))
+    widest = None if session.target_set is None else session.target_set.widest()
+    surface = "flat" if session.sphere_diameter_mm is None else "sphere"
+    return replace(session, scale=None if widest is None else Scale("target_spacing", *widest, surface))
 
 
 def _swapped(session: Session, a: int, b: int, placement: int | None) -> Session:

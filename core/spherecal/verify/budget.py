@@ -1,4 +1,4 @@
-"""The GUM budget of a single measured length's error: contributions, effective degrees of freedom, k, Pareto."""
+"""The GUM budget of the test value of a certified length: contributions, effective degrees of freedom, k, Pareto."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -11,42 +11,37 @@ from scipy.special import ndtri, stdtrit
 
 from spherecal.base.messages.values import Phrase
 from spherecal.data.session import Bar, BarLength
-from spherecal.verify.uncertainty import COVERAGE, PointErrors, expansion_kelvin, temperature_sd
+from spherecal.verify.uncertainty import COVERAGE, expansion_kelvin, temperature_sd
 from spherecal.verify.verification import MeasuredLength
 
 # Below this k no certificate means Student's t: 2.0 and 1.96 are the normal distribution's.
 _NORMAL_FACTOR = 2.05
 _AS_GOOD_AS_EXACT = 1e6  # degrees of freedom
+# Of conformance and of nonconformance alike: the default of ISO 14253-1:2017.
+CONFORMANCE = 0.95
 _REMEDY = {
     "certificate": Phrase("remedy-certificate"),
     "thermometer": Phrase("remedy-thermometer"),
     "expansion": Phrase("remedy-expansion"),
-    "calibration": Phrase("remedy-calibration"),
-    "scale": Phrase("remedy-scale"),
     "centring": Phrase("remedy-centring"),
-    "repeatability": Phrase("remedy-repeatability"),
     "resolution": Phrase("remedy-resolution"),
 }
 
 
 @dataclass(frozen=True)
 class Contribution:
-    """One contribution: name, evaluation (GUM type), standard uncertainty, degrees of freedom (inf where exact).
-
-    `contained_mm` is the value of one that another contribution holds already, so that it does not count twice.
-    """
+    """One contribution: name, evaluation (GUM type), standard uncertainty, degrees of freedom (inf where exact)."""
 
     name: str
     evaluation: Literal["A", "B"]
     distribution: str
     standard_mm: float
     freedom: float = math.inf
-    contained_mm: float | None = None
 
 
 @dataclass(frozen=True)
 class Budget:
-    """The uncertainty of a single measured error of one certified length (95.45 %), in mm.
+    """The uncertainty of the test value of one certified length (ISO 14253-5, 95.45 %), in mm.
 
     `freedom` are the effective degrees of freedom; `expanded_mm` is `coverage_factor` times `combined_mm`.
     """
@@ -65,6 +60,14 @@ class Budget:
         """Bar and marks."""
         return self.bar, self.from_mark, self.to_mark
 
+    def guard_mm(self, n: int = 1) -> float:
+        """By how much n errors must all be within (n = 1), or one of n beyond its limit, to be so with 95 %.
+
+        That all are within needs no allowance for their number; that one of n is beyond does (Bonferroni).
+        """
+        level = 1 - (1 - CONFORMANCE) / n
+        return self.combined_mm * float(stdtrit(self.freedom, level) if math.isfinite(self.freedom) else ndtri(level))
+
     def shares(self) -> list[tuple[str, float]]:
         """The Pareto: contributions that count with their share of the variance, largest first."""
         total = self.combined_mm**2
@@ -78,64 +81,39 @@ class Budget:
 
 
 def length_budgets(
-    measured: Sequence[MeasuredLength], bars: Mapping[str, Bar], errors: PointErrors | None = None
+    measured: Sequence[MeasuredLength], bars: Mapping[str, Bar], noise_share: float = 1.0
 ) -> tuple[Budget, ...]:
-    """A budget for each certified length, in the order they were first measured.
+    """The test value's uncertainty (ISO 14253-5) of each certified length, in the order they were first measured.
 
-    The scatter between poses is pooled over all lengths in units of what the image noise explains (GUM 4.2.4): one
-    length's few poses would estimate it badly. It holds the image noise; without repeated poses that is used.
+    It holds what the test adds: the bar, its temperature, how well its marks are found. What the rig errs by is what
+    is tested: a worse rig must not be harder to fail.
 
-    `errors` None: nothing is taken off.
+    `noise_share`: of the marks' image noise, what a rig as good as calibrated would have.
     """
     groups: dict[tuple[str, str, str], list[MeasuredLength]] = {}
     for m in measured:
         groups.setdefault(m.key, []).append(m)
-    ratio, freedom = pooled_scatter(list(groups.values()), errors)
-    return tuple(_budget(group, bars[group[0].bar], ratio, freedom) for group in groups.values())
+    return tuple(_budget(group, bars[group[0].bar], noise_share) for group in groups.values())
 
 
-def pooled_scatter(
-    groups: Sequence[Sequence[MeasuredLength]], errors_of: PointErrors | None = None
-) -> tuple[float | None, int]:
-    """Scatter about each length's mean over the image noise's standard uncertainty, and its degrees of freedom.
-
-    `errors_of` None: nothing is taken off.
-    """
-    squares, by_cameras, freedom = 0.0, 0.0, 0
+def pooled_scatter(groups: Sequence[Sequence[MeasuredLength]]) -> tuple[float | None, int]:
+    """Scatter about each length's mean over the image noise's standard uncertainty, and its degrees of freedom."""
+    squares, freedom = 0.0, 0
     for group in groups:
         if len(group) < 2 or any(m.budget.noise_mm <= 0 for m in group):
             continue
         errors = np.array([m.error_mm for m in group])
-        noise = np.array([m.budget.noise_mm for m in group])
-        weight = noise**-2.0
-        mean = float((weight * errors).sum() / weight.sum())
-        squares += float((weight * (errors - mean) ** 2).sum())
+        weight = np.array([m.budget.noise_mm for m in group]) ** -2.0
+        squares += float((weight * (errors - weight @ errors / weight.sum()) ** 2).sum())
         freedom += len(group) - 1
-        gradients = [m.by_cameras for m in group if m.by_cameras is not None]
-        if errors_of is not None and len(gradients) == len(group):
-            root = np.sqrt(weight)[:, None] * (np.array(gradients) - weight @ np.array(gradients) / weight.sum())
-            by_cameras += float(np.einsum("ni,ij,nj->", root, errors_of.cameras, root))
-    # a covariance that explains more than the scatter is itself in doubt
-    own = max(squares - by_cameras, squares / 4)
-    return (math.sqrt(own / freedom), freedom) if freedom else (None, 0)
+    return (math.sqrt(squares / freedom), freedom) if freedom else (None, 0)
 
 
-def _budget(group: Sequence[MeasuredLength], bar: Bar, ratio: float | None, freedom: int) -> Budget:
+def _budget(group: Sequence[MeasuredLength], bar: Bar, noise_share: float) -> Budget:
     first = group[0]
     certified = next(x for x in bar.lengths if (x.from_mark, x.to_mark) == (first.from_mark, first.to_mark))
-
-    def mean_square(part: str) -> float:
-        return math.sqrt(float(np.mean([getattr(m.budget, part) ** 2 for m in group])))
-
-    noise = mean_square("noise_mm")
+    marks = noise_share * math.sqrt(float(np.mean([m.budget.noise_mm**2 for m in group])))
     thermometer, expansion = _temperature(group, bar, certified)
-    if ratio is None:
-        image = (Contribution("centring", "B", "normal", noise), Contribution("repeatability", "A", "normal", 0.0))
-    else:
-        image = (
-            Contribution("centring", "B", "normal", 0.0, contained_mm=noise),
-            Contribution("repeatability", "A", "normal", ratio * noise, freedom),
-        )
     contributions = (
         Contribution(
             "certificate",
@@ -146,9 +124,7 @@ def _budget(group: Sequence[MeasuredLength], bar: Bar, ratio: float | None, free
         ),
         Contribution("thermometer", "B", "rectangular", thermometer),
         Contribution("expansion", "B", "rectangular", expansion),
-        Contribution("calibration", "B", "normal", mean_square("calibration_mm")),
-        Contribution("scale", "B", "normal", mean_square("scale_mm")),
-        *image,
+        Contribution("centring", "B", "normal", marks),
         Contribution("resolution", "B", "rectangular", resolution_mm(certified) / math.sqrt(12)),
     )
     return combine(first.key, contributions)

@@ -14,8 +14,10 @@ from spherecal.base.messages.values import Phrase
 from spherecal.data.findings import Finding, Severity
 from spherecal.data.session import Bar, BarPose
 from spherecal.files.bar_registry import expiry
+from spherecal.verify.bar_temperature import temperature_findings
 from spherecal.verify.budget import pooled_scatter
 from spherecal.verify.consistency import Consistency
+from spherecal.verify.limit import Acceptance
 from spherecal.verify.verification import Decision, MeasuredLength
 
 # Findings under which no rig passes: what was measured, or what it was measured with, is in doubt.
@@ -44,6 +46,27 @@ def contradicted(decision: Decision, findings: Sequence[Finding]) -> Decision:
     if not cameras:
         return decision
     return replace(decision, verdict="inconsistent", cameras=cameras)
+
+
+def failures(measured: Sequence[MeasuredLength], decision: Decision, acceptance: Acceptance | None) -> list[Finding]:
+    """Findings that say that the rig fails: its errors contradict what it states, or exceed the user's limit."""
+    found = []
+    if decision.verdict == "inconsistent":
+        worst = max((m for m in measured if m.certified), key=lambda m: abs(m.error_mm) / m.budget.combined_mm)
+        values = {
+            "exceeding": len(decision.exceeding), "n": sum(m.certified for m in measured), "worst_mm": worst.error_mm,
+            "times": abs(worst.error_mm) / worst.budget.combined_mm, "k": decision.coverage_factor,
+            "chi": decision.chi_square or 0.0, "chi_limit": decision.most_chi_square or 0.0,
+        }  # fmt: skip
+        places = tuple(dict.fromkeys(pose for pose, _, _ in decision.exceeding))
+        found.append(Finding("lengths-contradict", "error", values, places, kind="each" if places else "together"))
+    if acceptance is not None and acceptance.verdict == "fail":
+        failed = [x for x in acceptance.lengths if x.verdict == "fail"]
+        worst_length = max(failed, key=lambda x: abs(x.worst_error_mm) - x.limit_mm)
+        values = {"worst_mm": worst_length.worst_error_mm, "limit_mm": worst_length.limit_mm}
+        places = tuple(dict.fromkeys(x.worst_pose for x in failed))
+        found.append(Finding("limit-exceeded", "error", values | {"limit": acceptance.limit.words()}, places))
+    return found
 
 
 def certificate_doubts(bars: Sequence[Bar], today: date) -> list[Finding]:
@@ -83,7 +106,7 @@ def temperature_doubts(poses: Sequence[BarPose], bars: Mapping[str, Bar]) -> lis
         for p in own
         if p.temperature_c is not None and abs(p.temperature_c - middle[bar]) > _TEMPERATURE_RANGE_K
     ]
-    found = []
+    found = temperature_findings(poses, bars)
     if odd:
         limit = {"limit_kelvin": _TEMPERATURE_RANGE_K}
         found.append(Finding("temperatures-differ", "warning", limit, tuple(odd), kind="one-bar"))

@@ -1,4 +1,4 @@
-"""The user's limit of length errors, E = A + L/K, and the decision against it after ISO 14253-1."""
+"""The user's limit of length errors, E = A + L/K, and the decision against it after ISO 14253-1:2017."""
 
 import re
 from collections.abc import Collection, Sequence
@@ -17,8 +17,9 @@ Conformity = Literal["pass", "fail", "cannot tell"]
 _NUMBER = r"([0-9]*\.?[0-9]+(?:[eE][-+]?[0-9]+)?)"
 _LIMIT = re.compile(rf"{_NUMBER}(mm|um|µm)?(?:\+L/{_NUMBER})?")
 RULE = (
-    "ISO 14253-1: pass where |E| + U <= limit for every measured length, fail where |E| - U > limit for one, "
-    "cannot tell between"
+    "ISO 14253-1:2017, default rule (95 %), test value uncertainty u after ISO 14253-5:2015 (bar, temperature, marks; "
+    "not the rig): pass where |E| + 1.65 u <= limit for every measured length, fail where |E| - k u > limit for one, "
+    "with k for all lengths together, cannot tell between"
 )
 
 
@@ -53,7 +54,7 @@ def parse_limit(text: str) -> LengthLimit:
 
 @dataclass(frozen=True)
 class LengthConformity:
-    """One certified length against the limit: its pose with the largest |E|, the limit there and U of a single E."""
+    """One certified length against the limit: the pose with the largest |E|, the limit there, U of the test value."""
 
     bar: str
     from_mark: str
@@ -86,13 +87,13 @@ class Acceptance:
 def judge_against(
     limit: LengthLimit, measured: "Sequence[MeasuredLength]", budgets: "Sequence[Budget]", comparable: bool
 ) -> Acceptance:
-    """Whether all measured errors keep the limit, with the uncertainty on either side: ISO 14253-1 (see RULE)."""
-    rows = []
+    """Whether all measured errors keep the limit, with a guard band on either side: ISO 14253-1 (see RULE)."""
+    rows, n = [], len(measured)
     for budget in budgets if comparable else ():
         own = [m for m in measured if m.key == budget.key]
         if not own:
             continue
-        verdicts = [(_verdict(m, limit, budget.expanded_mm), m) for m in own]
+        verdicts = [(_verdict(m, limit, budget.guard_mm(), budget.guard_mm(n)), m) for m in own]
         # the pose that comes nearest to its limit or exceeds it most
         worst = max(own, key=lambda m: abs(m.error_mm) - limit.at(m.reference_mm))
         said = {verdict for verdict, _ in verdicts}
@@ -120,11 +121,11 @@ def with_doubts(
     return acceptance
 
 
-def _verdict(m: "MeasuredLength", limit: LengthLimit, expanded_mm: float) -> Conformity:
+def _verdict(m: "MeasuredLength", limit: LengthLimit, within_mm: float, beyond_mm: float) -> Conformity:
     size, most = abs(m.error_mm), limit.at(m.reference_mm)
-    if size + expanded_mm <= most:
+    if size + within_mm <= most:
         return "pass"
-    return "fail" if size - expanded_mm > most else "cannot tell"
+    return "fail" if size - beyond_mm > most else "cannot tell"
 
 
 def _overall(verdicts: Sequence[Conformity]) -> Conformity | None:

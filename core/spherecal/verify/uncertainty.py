@@ -7,21 +7,17 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import ndtri, stdtrit
 
-from spherecal.base.arrays import FloatArray
-from spherecal.base.messages.values import Phrase
+from spherecal.base.arrays import FloatArray, IntArray
 from spherecal.data.rig import Rig
 from spherecal.data.session import Bar, BarLength
 from spherecal.geometry.camera import project_with_derivatives
 from spherecal.geometry.rotation import cross_matrix
 from spherecal.verify.marks import MarkPlace
 from spherecal.verify.outlying_views import CheckedPoints
-from spherecal.verify.verification import Decision, LengthBudget, LengthStatistics, MeasuredLength, Overall
+from spherecal.verify.verification import LengthBudget, LengthStatistics, MeasuredLength, Overall
 
 # k = 2 for a normal distribution, as certificates are stated.
 COVERAGE = 0.9545
-# Of all errors of a verification together: INCONSISTENT turns a technician away (exit code 3), so on a right rig
-# it may come once in 100 times. With 95.45 % it came in 6 of 200 and 4 of 90 (benchmarks/studies/verification.md).
-JOINT_CONFIDENCE = 0.99
 # A hand-held thermometer and a bar not quite at the air's temperature: +-0.5 K, evenly distributed. Unmeasured, a
 # workshop is within +-5 K of the reference temperature.
 _MEASURED_TEMPERATURE_SD_K = 0.5 / math.sqrt(3)
@@ -94,11 +90,8 @@ def length_budget(
 
     `temperature_c` None where it was not measured.
     """
-    between = ends[1].place_mm - ends[0].place_mm
-    length = float(np.linalg.norm(between))
-    direction = between / length
-    features = np.concatenate([ends[0].features, ends[1].features])
-    by_point = np.concatenate([-direction @ ends[0].by_point, direction @ ends[1].by_point])  # dL/dX, (k, 3)
+    length = float(np.linalg.norm(ends[1].place_mm - ends[0].place_mm))
+    features, by_point = length_by_points(ends)
     noise = np.einsum("ki,kij,kj->", by_point, errors.covariance[features], by_point)
     calibration, scale = calibration_variance(features, by_point, errors), scale_relative * length
     if errors.with_scale:
@@ -108,7 +101,7 @@ def length_budget(
         calibration_mm=math.sqrt(calibration),
         scale_mm=scale,
         certificate_mm=certified.expanded_uncertainty_mm / certified.coverage_factor,
-        temperature_mm=_temperature_part(certified.length_mm, bar, temperature_c),
+        temperature_mm=temperature_part(certified.length_mm, bar, temperature_c),
     )
 
 
@@ -121,13 +114,12 @@ def calibration_variance(features: np.ndarray, by_point: FloatArray, errors: Poi
     return float(gradient @ errors.cameras @ gradient)
 
 
-def length_gradient(ends: tuple[MarkPlace, MarkPlace], errors: PointErrors) -> FloatArray:
-    """How the length between two marks follows the parameters, as `camera_gradient` has it, (c*w + q,)."""
+def length_by_points(ends: tuple[MarkPlace, MarkPlace]) -> tuple[IntArray, FloatArray]:
+    """The points (k,) that the length between two marks rests on, and its derivatives by them, (k, 3)."""
     between = ends[1].place_mm - ends[0].place_mm
     direction = between / float(np.linalg.norm(between))
     features = np.concatenate([ends[0].features, ends[1].features])
-    by_point = np.concatenate([-direction @ ends[0].by_point, direction @ ends[1].by_point])
-    return camera_gradient(features, by_point, errors)
+    return features, np.concatenate([-direction @ ends[0].by_point, direction @ ends[1].by_point])
 
 
 def camera_gradient(features: np.ndarray, by_point: FloatArray, errors: PointErrors) -> FloatArray:
@@ -156,7 +148,8 @@ def reference_length(certified: BarLength, bar: Bar, temperature_c: float | None
     return certified.length_mm * (1 + bar.expansion_per_kelvin * warmer_k)
 
 
-def _temperature_part(length_mm: float, bar: Bar, temperature_c: float | None) -> float:
+def temperature_part(length_mm: float, bar: Bar, temperature_c: float | None) -> float:
+    """The standard uncertainty of a length in mm by the thermometer and the coefficient of expansion."""
     warmer_k = 0.0 if temperature_c is None else temperature_c - bar.reference_temperature_c
     sd_k = temperature_sd(temperature_c)
     return length_mm * abs(bar.expansion_per_kelvin) * math.hypot(sd_k, expansion_kelvin(bar, warmer_k, sd_k))
@@ -241,22 +234,3 @@ def overall_statistics(measured: Sequence[MeasuredLength]) -> Overall:
     sd = float(errors.std(ddof=1)) if len(errors) > 1 else None
     rms = float(np.sqrt((errors**2).mean()))
     return Overall(len(errors), float(errors.mean()), sd, rms, float(np.abs(errors).max()))
-
-
-def decide(measured: Sequence[MeasuredLength], comparable: bool) -> Decision:
-    """Whether every single error agrees with its uncertainty; "no data" where nothing can be compared.
-
-    Lengths whose own uncertainty is not stated decide nothing. Of many errors some exceed k = 2 by chance. The factor
-    is therefore the one that all n together keep with `JOINT_CONFIDENCE` (Bonferroni's bound, which holds for
-    correlated errors too).
-    """
-    measured = [m for m in measured if m.certified]
-    if not measured or not comparable:
-        return Decision(Phrase("decision-nothing"), "no data", None, ())
-    n = len(measured)
-    factor = float(ndtri(1 - (1 - JOINT_CONFIDENCE) / (2 * n)))
-    exceeding = tuple(
-        (m.pose, m.from_mark, m.to_mark) for m in measured if abs(m.error_mm) > factor * m.budget.combined_mm
-    )
-    rule = Phrase("decision-rule", {"k": factor, "n": n, "percent": 100 * JOINT_CONFIDENCE})
-    return Decision(rule, "inconsistent" if exceeding else "consistent", factor, exceeding)

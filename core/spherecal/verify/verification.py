@@ -1,10 +1,11 @@
 """The result of a verification: measured lengths with their uncertainty budgets, statistics and a decision."""
 
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Literal
 
-from spherecal.base.arrays import ByValue, FloatArray
+from spherecal.base.arrays import ByValue, FloatArray, IntArray
 from spherecal.base.messages.values import Phrase
 from spherecal.data.findings import Finding
 
@@ -42,7 +43,7 @@ class MeasuredLength:
 
     `certified`: the reference's uncertainty is stated; otherwise the error decides nothing. `views` counts the cameras
     of that mark which fewer of them see. `ends_mm` (2, 3) are the marks in the rig's world. `by_cameras` (c*w,) is how
-    the length follows the cameras' parameters.
+    the length follows the cameras' parameters, `by_point` (k, 3) how it follows its points, `features` (k,).
     """
 
     bar: str
@@ -57,6 +58,8 @@ class MeasuredLength:
     ends_mm: FloatArray | None = field(default=None, compare=False)
     by_cameras: FloatArray | None = field(default=None, compare=False)
     certified: bool = True
+    features: IntArray | None = field(default=None, compare=False)
+    by_point: FloatArray | None = field(default=None, compare=False)
 
     @property
     def key(self) -> tuple[str, str, str]:
@@ -92,20 +95,25 @@ class LengthStatistics:
 
 @dataclass(frozen=True)
 class Overall:
-    """All measured lengths together; None where there are too few."""
+    """All measured lengths together; None where there are too few.
+
+    `expanded_uncertainty_mm` is that of the mean error, with what the lengths have in common.
+    """
 
     n: int
     mean_error_mm: float | None
     sd_mm: float | None
     rms_error_mm: float | None
     max_abs_error_mm: float | None
+    expanded_uncertainty_mm: float | None = None
 
 
 @dataclass(frozen=True)
 class Decision:
     """Whether the errors agree with their uncertainties; `exceeding` names the lengths (pose, from, to) that do not.
 
-    `cameras` are those that contradict the others, which makes it inconsistent too.
+    `cameras` are those that contradict the others, which makes it inconsistent too. `chi_square` is that of all errors
+    together with their covariance, on as many degrees of freedom as there are errors; at most `most_chi_square`.
     """
 
     rule: Phrase
@@ -113,6 +121,8 @@ class Decision:
     coverage_factor: float | None
     exceeding: tuple[tuple[str, str, str], ...]
     cameras: tuple[str, ...] = ()
+    chi_square: float | None = None
+    most_chi_square: float | None = None
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -135,6 +145,9 @@ class Verification(ByValue):
     def failed(self) -> bool:
         """Whether the rig is shown to be wrong: exit code 3."""
         acceptance = None if self.procedure is None else self.procedure.acceptance
-        if acceptance is not None and acceptance.verdict == "fail":
-            return True
-        return self.decision.verdict == "inconsistent" or any(f.severity == "error" for f in self.findings)
+        return is_failed(self.decision.verdict, None if acceptance is None else acceptance.verdict, self.findings)
+
+
+def is_failed(agreement: str, conformity: str | None, findings: Iterable[Finding]) -> bool:
+    """Whether a rig is shown to be wrong: by its stated uncertainties, by its limit, or by an error found."""
+    return agreement == "inconsistent" or conformity == "fail" or any(f.severity == "error" for f in findings)

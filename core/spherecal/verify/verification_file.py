@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from datetime import datetime
 from operator import itemgetter
 from typing import Any, Literal, get_args
 
@@ -26,6 +27,7 @@ from spherecal.files.codec import (
     serial,
     software,
     text,
+    time,
     unread,
 )
 from spherecal.files.findings_file import FINDING
@@ -34,7 +36,7 @@ from spherecal.files.written_phrase import PHRASE, Sentence, sentence, sentence_
 from spherecal.verify.budget import Budget
 from spherecal.verify.limit import RULE, Conformity, LengthConformity
 from spherecal.verify.participation import CameraViews, State
-from spherecal.verify.verification import MeasuredLength, Verification
+from spherecal.verify.verification import MeasuredLength, Verification, is_failed
 
 BUDGET_PARTS = ("repeatability", "calibration", "scale", "certificate", "temperature")
 _MOST_MM = 1e9
@@ -165,6 +167,15 @@ class LengthRow:
 
 
 @dataclass(frozen=True)
+class Override:
+    """Who uses a rig although its verification failed, why, and since when (UTC)."""
+
+    by: str
+    reason: str
+    at: datetime
+
+
+@dataclass(frozen=True)
 class BarReport:
     """A verification as read from its files; `exceeding` names the lengths (pose, from, to) that break the rule.
 
@@ -185,6 +196,13 @@ class BarReport:
     contradicting: tuple[str, ...] = ()
     cameras: tuple[CameraViews, ...] = ()
     measured: tuple[BarRow, ...] = ()
+    override: Override | None = None
+
+    @property
+    def failed(self) -> bool:
+        """Whether the rig is shown to be wrong, as `Verification.failed`."""
+        acceptance = None if self.procedure is None else self.procedure.acceptance
+        return is_failed(self.verdict, None if acceptance is None else acceptance.verdict, self.findings)
 
 
 def _exceeding(pose: str, start: str, end: str) -> tuple[str, str, str]:
@@ -231,9 +249,7 @@ def _budget(remedy: str = "", remedy_phrase: Mapping[str, Any] | None = None, **
 def _contributions(budget: Budget) -> list[ContributionRow]:
     shares = dict(budget.shares())
     return [
-        ContributionRow(
-            c.name, c.evaluation, c.distribution, c.standard_mm, c.freedom, shares.get(c.name, 0.0), c.contained_mm
-        )
+        ContributionRow(c.name, c.evaluation, c.distribution, c.standard_mm, c.freedom, shares.get(c.name, 0.0), None)
         for c in budget.contributions
     ]
 
@@ -299,6 +315,11 @@ _OVERALL = group(
     optional("sd_mm", number("Standard deviation of the errors.", 0), "overall.sd_mm"),
     unread("rms_error_mm", "Root mean square error.", lambda of: finite(of.overall.rms_error_mm)),
     optional("max_abs_error_mm", number("Largest error, without its sign.", 0), "overall.max_abs_error_mm"),
+    unread(
+        "expanded_uncertainty_mm",
+        "That of the mean error, with what the lengths have in common (95.45 %).",
+        lambda of: finite(of.overall.expanded_uncertainty_mm),
+    ),
 )
 _BROKEN = record(
     "",
@@ -313,6 +334,8 @@ _DECISION = group(
     *sentence_fields("rule", "The rule in words.", lambda of: of.decision.rule),
     field("verdict", prose("`consistent`, `inconsistent` ..."), "decision.verdict"),
     optional("coverage_factor", number("The factor k.", 0), "decision.coverage_factor"),
+    unread("chi_square", "Of all errors together, on `n` degrees of freedom.", lambda of: of.decision.chi_square),
+    unread("most_chi_square", "The most that agrees (99.9 %).", lambda of: of.decision.most_chi_square),
     optional("exceeding", items("Lengths that break the rule.", _BROKEN), "decision.exceeding"),
     optional(
         "cameras",
@@ -450,6 +473,13 @@ PROCEDURE = record(
     field("budgets", items("A budget for each length.", _BUDGET), "procedure.budgets"),
     optional("cameras_moved", items("Cameras that moved since the calibration.", name("")), _moved, "cameras_moved"),
 )
+OVERRIDE = record(
+    "Who uses the rig although this verification failed; `spherecal override` writes it.",
+    Override,
+    field("by", text("The name.")),
+    field("reason", text("The reason.")),
+    field("at", time("Since when.")),
+)
 VERIFICATION = FileFormat(
     "spherecal/verification",
     "verification.json",
@@ -463,6 +493,7 @@ VERIFICATION = FileFormat(
         optional("cameras", items("The cameras.", _CAMERA)),
         optional("findings", items("What was found.", FINDING)),
         optional("procedure", PROCEDURE, lambda of: None if of.procedure is None else of, "procedure", omit=None),
+        optional("override", OVERRIDE, lambda _: None, "override", omit=None),
         software(),
     ),
     more="verification.md",

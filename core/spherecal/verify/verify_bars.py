@@ -18,6 +18,7 @@ from spherecal.data.rig_camera import lens_corrected, posed
 from spherecal.data.session import Bar, BarLength, BarPose, Session
 from spherecal.data.verdict import care_phrases
 from spherecal.files.assumed import assumed_of_bars
+from spherecal.verify.agreement import decide, mean_uncertainty
 from spherecal.verify.budget import length_budgets
 from spherecal.verify.consistency import examine_cameras, noise_alone
 from spherecal.verify.departures import TITLE, departures
@@ -28,6 +29,7 @@ from spherecal.verify.doubts import (
     certificate_doubts,
     contradicted,
     doubtful_lengths,
+    failures,
     temperature_doubts,
 )
 from spherecal.verify.limit import LengthLimit, judge_against, with_doubts
@@ -39,10 +41,10 @@ from spherecal.verify.procedure import Procedure
 from spherecal.verify.rig_cameras import cameras_in_rig
 from spherecal.verify.uncertainty import (
     PointErrors,
-    decide,
+    camera_gradient,
     focal_sigmas,
     length_budget,
-    length_gradient,
+    length_by_points,
     length_statistics,
     overall_statistics,
     point_errors,
@@ -120,13 +122,21 @@ def verify(
     ]
     for finding in doubts:
         findings.add(finding)
+    scale, comparable = rig.scale.relative_uncertainty or 0.0, rig.scale.source != "none"
+    decision = decide(measured, bars, errors, scale, comparable)
+    together = mean_uncertainty(measured, bars, errors, scale) if comparable else None
+    share = min(1.0, expected_noise / max(errors.checked.noise, 1e-9))
+    procedure = _procedure(measured, bars, rig, share, findings.all(), settings)
+    for finding in failures(measured, decision, procedure.acceptance):
+        findings.add(finding)
+    decision = contradicted(decision, findings.all())
     return Verification(
         measured=tuple(measured),
         lengths=tuple(length_statistics(group, errors) for group in by_length.values()),
-        overall=overall_statistics(measured),
-        decision=contradicted(decide(measured, rig.scale.source != "none"), findings.all()),
+        overall=replace(overall_statistics(measured), expanded_uncertainty_mm=together),
+        decision=decision,
         findings=findings.all(),
-        procedure=_procedure(measured, bars, rig, errors, findings.all(), settings),
+        procedure=procedure,
         consistency=consistency,
         cameras=cameras,
     )
@@ -136,12 +146,12 @@ def _procedure(
     measured: list[MeasuredLength],
     bars: dict[str, Bar],
     rig: Rig,
-    errors: PointErrors,
+    noise_share: float,
     findings: tuple[Finding, ...],
     settings: VerifySettings,
 ) -> Procedure:
     """The budgets, the decision against the limit, and the departures from the guideline."""
-    budgets = length_budgets(measured, bars, errors)
+    budgets = length_budgets(measured, bars, noise_share)
     acceptance = None
     doubts = tuple(dict.fromkeys(f.code for f in findings if f.code in DOUBTS and f.severity != "info"))
     if settings.limit is not None:
@@ -300,6 +310,7 @@ def _measure(
     rig: Rig,
 ) -> MeasuredLength:
     scale_relative = rig.scale.relative_uncertainty or 0.0
+    features, by_point = length_by_points(ends)
     return MeasuredLength(
         bar.id,
         pose.id,
@@ -311,6 +322,8 @@ def _measure(
         views=min(end.views for end in ends),
         temperature_c=pose.temperature_c,
         ends_mm=np.stack([end.place_mm for end in ends]),
-        by_cameras=length_gradient(ends, errors),
+        by_cameras=camera_gradient(features, by_point, errors),
         certified=certified.certified,
+        features=features,
+        by_point=by_point,
     )

@@ -13,6 +13,7 @@ COMMANDS = {
     "detect": "detect_command:detect",
     "calibrate": "calibrate_command:calibrate",
     "verify": "verify_command:verify",
+    "override": "verify_command:override",
     "report": "report_command:report",
     "ball export": "ball_command:export",
     "ball show": "ball_command:show",

@@ -16,7 +16,7 @@ from spherecal_documents.export.refit import Loss
 from spherecal_documents.export.scene_formats import SceneFormat
 from spherecal_documents.export.write_export import DEFAULT_MAX_LOSS_PX, export_rig
 from spherecal_rigs.frame_file import read_frame
-from spherecal_rigs.rig_source import corners_beside
+from spherecal_rigs.rig_source import corners_beside, refuse_failed_rig
 
 
 def export(options: argparse.Namespace) -> int:
@@ -25,9 +25,10 @@ def export(options: argparse.Namespace) -> int:
     if not most >= 0:
         raise InputError(Phrase("error-max-loss"))
     rig = read_rig(options.rig)
+    override = refuse_failed_rig(options.rig)
     frame = None if options.frame is None else read_frame(options.frame)
     with output_file(options.output) as place:
-        done = export_rig(rig, options.to, place, options.unit, most, frame, corners_beside(options.rig))
+        done = export_rig(rig, options.to, place, options.unit, most, frame, corners_beside(options.rig), override)
     answer(
         options,
         {
@@ -79,6 +80,10 @@ def export(options: argparse.Namespace) -> int:
     if rig.quality.verdict != "valid":
         concerned = f": {named(rig.quality.affected)}" if rig.quality.valid else ", and the export says so"
         say(f"The calibration is {WORDS[rig.quality.verdict]}{concerned}. See its findings.")
+    if override is not None:
+        say(
+            f"Its verification FAILED; it is used all the same by {override.by}: {override.reason}. The export says so."
+        )
     return DONE
 
 

@@ -21,15 +21,15 @@ from spherecal_app.cli.parsers.session_options import add_session, add_support_b
 from spherecal_app.cli.parsers.simulate_options import add_demo, add_simulate
 from spherecal_app.cli.parsers.study_options import add_study
 from spherecal_app.cli.parsers.targets_options import add_detect, add_targets
-from spherecal_app.cli.parsers.verify_options import add_check, add_report, add_verify
+from spherecal_app.cli.parsers.verify_options import add_check, add_override, add_report, add_verify
 from spherecal_app.cli.parsing import Parser, add_common, commands_below, main_parser
 
 # in the order of the help
 _COMMANDS = (
-    add_help, add_demo, add_simulate, add_targets, add_detect, add_calibrate, add_verify, add_report, add_ball,
-    add_bars, add_check, add_measure, add_support_bundle, add_batch, add_export, add_import, add_import_priors,
-    add_frame, add_limits, add_profile, add_recalibrate, add_guide, add_cross_validate, add_session, add_study,
-    add_licences, add_manual, add_completion, add_compile_kernels, add_doctor, add_cameras,
+    add_help, add_demo, add_simulate, add_targets, add_detect, add_calibrate, add_verify, add_override, add_report,
+    add_ball, add_bars, add_check, add_measure, add_support_bundle, add_batch, add_export, add_import,
+    add_import_priors, add_frame, add_limits, add_profile, add_recalibrate, add_guide, add_cross_validate,
+    add_session, add_study, add_licences, add_manual, add_completion, add_compile_kernels, add_doctor, add_cameras,
 )  # fmt: skip
 
 

@@ -107,6 +107,11 @@ def show(options: argparse.Namespace) -> int:
         warm = "" if entry.temperature_c is None else f", {entry.temperature_c:.1f} °C"
         verdict = entry.calibration_verdict
         valid = "" if verdict == "valid" else f", {WORDS[verdict]}{f' ({entry.care})' if entry.care else ''}"
+        if entry.contradicted:
+            by = (
+                "" if entry.override is None else f", used all the same by {entry.override.by}: {entry.override.reason}"
+            )
+            valid += f", VERIFICATION FAILED{by}"
         say(
             f"{mark} {key}  {entry.calibrated_at:%Y-%m-%d %H:%M} UTC  {counted(len(entry.cameras), 'camera')}, "
             f"rms {rms}{bars}{warm}{valid}  {entry.note}".rstrip()

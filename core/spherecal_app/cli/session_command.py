@@ -25,6 +25,7 @@ def new(options: argparse.Namespace) -> int:
             board=options.board,
             targets=options.targets,
             sphere_diameter_mm=options.sphere,
+            spacing_mm=options.spacing,
             focal_length_mm=options.focal_length,
             pixel_pitch_um=options.pixel_pitch,
             lens_model=options.lens,

@@ -20,10 +20,11 @@ from spherecal.verify.verify_bars import verify as run
 from spherecal.verify.write_verification import write_verification
 from spherecal_app.cli.answer import answer
 from spherecal_app.cli.console import number, out, say
-from spherecal_app.cli.exit_codes import DONE, NOT_VALID
+from spherecal_app.cli.exit_codes import BOTH, CANNOT_TELL, DONE, LIMIT_EXCEEDED, NOT_VALID
 from spherecal_app.cli.output import check_output_folder
 from spherecal_app.cli.print_findings import log_findings, show_findings
 from spherecal_app.cli.progress import shown_progress
+from spherecal_rigs.read_verification import answer_for
 from spherecal_rigs.rig_source import corners_beside
 
 
@@ -40,7 +41,28 @@ def verify(options: argparse.Namespace) -> int:
     log_findings(verification.findings)
     answer(options, _verification_summary(verification))
     show_verification(verification, options.output)
-    return NOT_VALID if verification.failed else DONE
+    return _code(verification)
+
+
+def _code(verification: Verification) -> int:
+    """3: not as the rig states; 4: beyond its limit; 5: both; 6: neither, and nothing proves the limit."""
+    judged = _accepted(verification)
+    own = any(f.severity == "error" and f.code != "limit-exceeded" for f in verification.findings)
+    wrong = own or verification.decision.verdict == "inconsistent"
+    if judged == "fail":
+        return BOTH if wrong else LIMIT_EXCEEDED
+    if wrong:
+        return NOT_VALID
+    has_limit = verification.procedure is not None and verification.procedure.acceptance is not None
+    return CANNOT_TELL if has_limit and judged != "pass" else DONE
+
+
+def override(options: argparse.Namespace) -> int:
+    """`spherecal override`."""
+    answer_for(options.result, options.by, options.reason)
+    answer(options, {"result": options.result, "by": options.by, "reason": options.reason})
+    say(f"{options.result}: its verification failed, and it is used all the same by {options.by}: {options.reason}")
+    return DONE
 
 
 def show_verification(verification: Verification, folder: Path) -> None:
@@ -64,10 +86,9 @@ def show_verification(verification: Verification, folder: Path) -> None:
         )
     out.print(table)
     overall = verification.overall
-    out.print(
-        f"{counted(overall.n, 'length')}: mean error {number(overall.mean_error_mm, 4)} mm, "
-        f"sd {number(overall.sd_mm, 4)} mm, largest {number(overall.max_abs_error_mm, 4)} mm."
-    )
+    mean, u = number(overall.mean_error_mm, 4), number(overall.expanded_uncertainty_mm, 4)
+    sd, largest = number(overall.sd_mm, 4), number(overall.max_abs_error_mm, 4)
+    out.print(f"{counted(overall.n, 'length')}: mean error {mean} mm (U {u} mm), sd {sd} mm, largest {largest} mm.")
     show_cameras_verified(verification)
     show_procedure(verification)
     show_findings(verification.findings)
@@ -98,7 +119,7 @@ def show_procedure(verification: Verification) -> None:
     if acceptance is not None:
         colour = {"pass": "bold green", "fail": "bold red"}.get(acceptance.verdict or "", "bold yellow")
         word = (acceptance.verdict or "no data").upper()
-        out.print(f"[{colour}]{word}[/] against {escape(acceptance.limit.words())} (ISO 14253-1)")
+        out.print(f"[{colour}]{word}[/] against {escape(acceptance.limit.words())} (ISO 14253-1:2017)")
         if acceptance.doubts:
             out.print(f"  not a pass because of: {', '.join(acceptance.doubts)}")
         for x in acceptance.lengths:
@@ -111,8 +132,9 @@ def show_procedure(verification: Verification) -> None:
     shares = ", ".join(f"{name} {100 * share:.0f} %" for name, share in budget.shares()[:4])
     remedy = budget.remedy()
     out.print(
-        f"U of one {escape(budget.bar)} {budget.from_mark}-{budget.to_mark}: {budget.expanded_mm:.4f} mm "
-        f"(k = {budget.coverage_factor:.2f}): {shares}. To lessen it: {'' if remedy is None else phrase(remedy)}."
+        f"Test value uncertainty U of {escape(budget.bar)} {budget.from_mark}-{budget.to_mark}: "
+        f"{budget.expanded_mm:.4f} mm (k = {budget.coverage_factor:.2f}): {shares}. "
+        f"To lessen it: {'' if remedy is None else phrase(remedy)}."
     )
     out.print(f"{procedure.title}. Departures:")
     for departure in procedure.departures:
@@ -122,6 +144,9 @@ def show_procedure(verification: Verification) -> None:
 def _verification_summary(verification: Verification) -> dict[str, object]:
     return {
         "verdict": verification.decision.verdict,
+        "failed": verification.failed,
+        "chi_square": verification.decision.chi_square,
+        "most_chi_square": verification.decision.most_chi_square,
         "n": verification.overall.n,
         "mean_error_mm": verification.overall.mean_error_mm,
         "sd_mm": verification.overall.sd_mm,

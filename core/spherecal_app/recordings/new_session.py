@@ -13,7 +13,7 @@ from spherecal.base.errors import InputError, OutputError
 from spherecal.base.filesystem import read_file, write_new
 from spherecal.base.messages.values import Phrase
 from spherecal.data.findings import counted
-from spherecal.data.session import Session
+from spherecal.data.session import UNMEASURED_PRINT, Session
 from spherecal.files.atomic import SESSION, WRITTEN_FILE, check_folder, write_folder_whole, written_bytes
 from spherecal.files.json_file import MOST_CAMERAS, json_bytes
 from spherecal.files.read_session import FORMAT, SESSION_FILE, VERSION, read_session
@@ -44,11 +44,15 @@ class StatedCameras:
 
 @dataclass(frozen=True)
 class Contents:
-    """What the session holds besides images: the entry `board` of session.json, targets, the ball's diameter."""
+    """What the session holds besides images: the entry `board` of session.json, targets, the ball's diameter.
+
+    `spacing_mm`: what the targets' widest spacing measures on the print, and its expanded uncertainty (k = 2).
+    """
 
     board: Mapping[str, Any] | None = None
     targets: TargetSet | None = None
     sphere_diameter_mm: float | None = None
+    spacing_mm: tuple[float, float] | None = None
 
 
 @dataclass(frozen=True)
@@ -229,7 +233,10 @@ def _document(
     elif (scale := _printed_scale(contents)) is not None:
         document["scale"] = scale
         spacing = f"{scale['from']} to {scale['to']}, {scale['distance_mm']:.3f} mm"
-        assumed[f"the scale by the targets as they should be printed ({spacing}); state what they measure"] = []
+        if contents.spacing_mm is None:
+            percent = 100 * UNMEASURED_PRINT
+            what = f"the scale by the targets as they should be printed ({spacing}), good to {percent:g} % (k = 1)"
+            assumed[f"{what}; state what they measure: --spacing MM,U"] = []
     document["placements"] = [{"id": place} for place in maker.places]
     said = tuple(f"{one} ({', '.join(who)})" if who else one for one, who in assumed.items())
     return document, tuple(cameras), said
@@ -241,7 +248,10 @@ def _printed_scale(contents: Contents) -> dict[str, Any] | None:
     if widest is None:
         return None
     surface = "flat" if contents.sphere_diameter_mm is None else "sphere"
-    return {"kind": "target_spacing", "from": widest[0], "to": widest[1], "distance_mm": widest[2], "surface": surface}
+    scale = {"kind": "target_spacing", "from": widest[0], "to": widest[1], "distance_mm": widest[2], "surface": surface}
+    if contents.spacing_mm is None:
+        return scale
+    return scale | {"distance_mm": contents.spacing_mm[0], "expanded_uncertainty_mm": contents.spacing_mm[1]}
 
 
 def _camera(

@@ -20,6 +20,7 @@ from spherecal.files.atomic import Marker, write_file_whole, write_folder_whole
 from spherecal.files.json_file import json_bytes, software_entry
 from spherecal.geometry.camera import is_fisheye, project, undistort
 from spherecal.geometry.user_frame import UserFrame
+from spherecal.verify.verification_file import Override
 from spherecal_documents.export import (
     anipose,
     caliscope,
@@ -54,6 +55,7 @@ DEFAULT_MAX_LOSS_PX = 0.1
 
 # A field is known where its standard uncertainty is at most so many times the usual one in its image.
 KNOWN = 3.0
+_FAILED = "VERIFICATION FAILED"
 _CHECK_POINTS = 1000
 _SEED = 1
 
@@ -90,17 +92,19 @@ def export_rig(
     max_loss_px: float = DEFAULT_MAX_LOSS_PX,
     frame: UserFrame | None = None,
     volume_mm: Box | None = None,
+    override: Override | None = None,
 ) -> Exported:
     """Write the rig whole to `output` and compare what is read back over 1,000 points in every image.
 
     A lens with more coefficients than the format has is replaced by the nearest one that fits (see refit.py).
 
-    `unit` None: the format's usual one; `frame` None: the world of rig; `volume_mm` None: always over the whole image.
+    `unit` None: the format's usual one; `frame` None: the world of rig; `volume_mm` None: always over the whole image;
+    `override`: who exports a rig whose verification failed.
     """
     if not rig.cameras:
         raise InputError(Phrase("error-nothing-to-export"))
     if name in SCENES:
-        return _write_scene(SCENES[name], rig, output, unit, frame)
+        return _write_scene(SCENES[name], rig, output, unit, frame, override)
     form = format_named(name)
     chosen = chosen_unit(form, unit)
     _refuse_fisheye(form, rig)
@@ -108,13 +112,16 @@ def export_rig(
     lenses = _lenses(rig, form, max_loss_px, volume_mm)
     if frame is not None:
         rig = in_frame(rig, frame)
-    file_rig, losses = _file_rig(rig, chosen, lenses)
+    file_rig, losses = _file_rig(rig, chosen, lenses, override)
     lost = {} if form.fields else _field_losses(rig)
     if frame is not None:
         source = f"{file_rig.source}, user's frame: {frame.definition.words()}"
         file_rig = replace(file_rig, source=source, first=first)
     _refuse_losses(form, losses, rig, max_loss_px)
     files = form.write(file_rig)
+    said = any(_FAILED in text for text in files.values() if isinstance(text, str))
+    if override is not None and not form.folder and not said:
+        raise InputError(Phrase("error-override-not-said", {"format": form.title}))
     manifest = _manifest(form, files, file_rig, losses, lost, rig.quality.verdict)
     _write(form, files, output, manifest if frame is None else {**manifest, "frame": frame_entry(frame)})
     ids = form.ids(file_rig)
@@ -186,7 +193,7 @@ def _lenses(rig: Rig, form: Format, max_loss_px: float, volume: Box | None) -> _
     return found
 
 
-def _file_rig(rig: Rig, unit: Unit, lenses: _Lenses) -> tuple[FileRig, dict[str, Loss]]:
+def _file_rig(rig: Rig, unit: Unit, lenses: _Lenses, override: Override | None) -> tuple[FileRig, dict[str, Loss]]:
     cameras = []
     for camera in rig.cameras:
         lens, rotation, _ = lenses.get(camera.id, (camera.intrinsics, np.eye(3), None))
@@ -196,16 +203,25 @@ def _file_rig(rig: Rig, unit: Unit, lenses: _Lenses) -> tuple[FileRig, dict[str,
     if rig.quality.verdict != "valid":
         concerned = f" for {named(rig.quality.affected)}" if rig.quality.valid else ""
         source = f"{source}, {WORDS[rig.quality.verdict]}{concerned}"
+    if override is not None:
+        source = f"{source}, {_FAILED}, used all the same by {override.by}: {override.reason}"
     return FileRig(tuple(cameras), rig.reference_camera, unit, source), {c: one[2] for c, one in lenses.items()}
 
 
-def _write_scene(form: SceneFormat, rig: Rig, output: Path, unit: Unit | None, frame: UserFrame | None) -> Exported:
+def _write_scene(
+    form: SceneFormat,
+    rig: Rig,
+    output: Path,
+    unit: Unit | None,
+    frame: UserFrame | None,
+    override: Override | None,
+) -> Exported:
     """Write the rig as a scene and read its frusta back."""
     if unit not in (None, form.unit):
         raise InputError(Phrase("error-fixed-unit", {"format": form.title, "unit": form.unit}))
     first = rig.reference_camera
     placed = rig if frame is None else in_frame(rig, frame)
-    file_rig, _ = _file_rig(placed, form.unit, {})
+    file_rig, _ = _file_rig(placed, form.unit, {}, override)
     if frame is not None:
         file_rig = replace(file_rig, first=first)
     write_file_whole(output, form.write(file_rig).encode())

@@ -24,6 +24,7 @@ from spherecal.files.json_file import JsonValue
 from spherecal.geometry.camera import INTRINSIC_NAMES, is_fisheye, lens_names
 from spherecal.verify.verification_file import ArtefactRow
 from spherecal_documents.report.verdicts import calibration_verdict, verification_verdict
+from spherecal_rigs.read_verification import refuse_failed
 from spherecal_rigs.result_folder import Result
 
 DCC, SI, XSI = "https://ptb.de/dcc", "https://ptb.de/si", "http://www.w3.org/2001/XMLSchema-instance"
@@ -117,6 +118,7 @@ def dcc_bytes(result: Result, issuer: Issuer) -> bytes:
     """
     if not result.rig.cameras or not result.has_scale:
         raise InputError(Phrase("error-certificate-needs", {"folder": result.folder}))
+    refuse_failed(result.folder)
     for prefix, name in (("dcc", DCC), ("si", SI), ("xsi", XSI)):
         Xml.register_namespace(prefix, name)
     where = f"{DCC} https://ptb.de/dcc/v{SCHEMA}/dcc.xsd"
@@ -369,7 +371,7 @@ def _verification(results: Xml.Element, result: Result) -> None:
         about = _add(_add(found, "measurementMetaData"), "metaData")
         _name(about, "Conformity with the user's limit")
         _rich(about, "description", f"{procedure.acceptance.words}: {procedure.acceptance.verdict}")
-        _add(about, "norm", "ISO 14253-1")
+        _add(about, "norm", "ISO 14253-1:2017")
         _rich(about, "declaration", procedure.acceptance.rule)
         _add(about, "conformity", _CONFORMITY[procedure.acceptance.verdict])
 

@@ -26,6 +26,10 @@ def calibration_verdict(result: Result) -> Verdict:
     """The verdict on the calibration."""
     rig, quality = result.rig, result.rig.quality
     title, placed, seen = label("report-calibration"), len(rig.cameras), len(result.camera_ids)
+    if quality.valid and result.bars is not None and result.bars.failed:  # whatever the calibration says of itself
+        override = override_words(result.bars)
+        sentence = label("report-contradicted", override=override or label("report-must-not-be-put-to-use"))
+        return Verdict(title, label("report-verification-failed"), BAD, sentence)
     if quality.verdict == "use-with-care":
         care = care_words(quality.affected)
         sentence = label("report-placed-with-care", placed=placed, seen=cameras_in_words(seen), affected=care)
@@ -38,6 +42,14 @@ def calibration_verdict(result: Result) -> Verdict:
     if not reason:
         reason = label("report-the-findings-below-say-why") if placed else label("report-no-camera-is-placed")
     return Verdict(title, label(_WORDS["not-valid"]), BAD, label("report-must-not-be-used", reason=reason))
+
+
+def override_words(bars: BarReport) -> str:
+    """Who uses the rig although its verification failed, and why; empty where nobody does."""
+    o = bars.override
+    return (
+        "" if o is None else label("report-used-all-the-same", by=o.by, date=o.at.date().isoformat(), reason=o.reason)
+    )
 
 
 def cameras_in_words(n: int) -> str:
@@ -56,20 +68,23 @@ def care_words(some: Sequence[Affected]) -> str:
 
 
 def verification_verdict(result: Result) -> Verdict:
-    """The verdict on the verification."""
-    return Verdict(label("report-verification-with-reference-bars"), *_of_bars(result.bars))
+    """The verdict on the verification, and who uses the rig in spite of it."""
+    word, level, sentence = _of_bars(result.bars)
+    if result.bars is not None and result.bars.failed and (override := override_words(result.bars)):
+        sentence = f"{sentence} {override}"
+    return Verdict(label("report-verification-with-reference-bars"), word, level, sentence)
 
 
 def _of_bars(bars: BarReport | None) -> tuple[str, str, str]:
     if bars is None:
         return label("report-not-done"), NEUTRAL, label("report-no-reference-bars-were-measured")
     largest = number(bars.max_abs_error_mm, 3)
-    errors = [finding_words(finding)[0] for finding in bars.findings if finding.severity == "error"]
+    errors = {f.code: finding_words(f)[0] for f in bars.findings if f.severity == "error"}
+    exceeded = errors.pop("limit-exceeded", "")
     acceptance = bars.procedure.acceptance if bars.procedure is not None else None
-    passed = acceptance is not None and acceptance.verdict == "pass"
-    contradicted = bars.contradicting or (passed and bars.verdict == "inconsistent")
-    if acceptance is not None and not errors and (acceptance.verdict == "fail" or not contradicted):
-        return _against_limit(acceptance, bars)
+    if acceptance is not None and (acceptance.verdict == "fail" or not (errors or bars.failed)):
+        word, level, sentence = _against_limit(acceptance, bars)
+        return word, level, " ".join([exceeded or sentence, *errors.values()])
     if bars.verdict == "consistent" and not errors:
         key = "report-lengths-agree" if bars.coverage_factor is None else "report-lengths-agree-k"
         agree = label(key, lengths=_all_lengths(bars), k=bars.coverage_factor, largest=largest)
@@ -77,7 +92,7 @@ def _of_bars(bars: BarReport | None) -> tuple[str, str, str]:
     if bars.verdict != "inconsistent" and not errors:
         return verdict_word(bars.verdict).upper(), CAUTION, label("report-bars-not-judged")
     if errors:
-        reason = errors[0]
+        reason = " ".join(errors.values())
     elif bars.contradicting:
         reason = label("report-cameras-contradict", names=some_of(bars.contradicting))
     else:

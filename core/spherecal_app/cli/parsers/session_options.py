@@ -6,6 +6,11 @@ from spherecal_app.cli.parsers.shared import BALL_METHODS, choice, flag, number,
 from spherecal_app.cli.parsing import Add, commands_below
 
 
+def _spacing(text: str) -> tuple[float, float]:
+    length, _, u = text.partition(",")
+    return float(length), float(u)
+
+
 def add_session(add: Add) -> None:
     """`spherecal session new`."""
     action = commands_below(add("session", "Session folders: make one from images or videos that you have."))
@@ -25,6 +30,8 @@ def add_session(add: Add) -> None:
     word(new, "--board", "BOARD", text)
     path(new, "--targets", "targets.json", "the coded targets that they show")
     number(new, "--sphere", "MM", "the ball's nominal diameter")
+    text = "what the targets' widest spacing measures on the print, and its expanded uncertainty (k = 2)"
+    new.add_argument("--spacing", metavar="MM,U", type=_spacing, help=text)
     number(new, "--focal-length", "MM", "focal length of all lenses, instead of that in EXIF")
     number(new, "--pixel-pitch", "UM", "pixel pitch of all sensors, instead of that in EXIF")
     choice(new, "--lens", ("brown", "rational", "fisheye"), "the lens model (default brown)")

@@ -10,8 +10,20 @@ def add_verify(add: Add) -> None:
     session(verify, "the session folder with poses of check bars")
     rig(verify)
     output(verify, "RESULT", "the folder to write to, best the rig's result folder")
-    text = "the limit of the length error, A in mm: 0.03+L/20000; decided by ISO 14253-1"
+    text = "the limit of the length error, A in mm: 0.03+L/20000; decided by ISO 14253-1:2017"
     word(verify, "--limit", "A+L/K", text)
+
+
+def add_override(add: Add) -> None:
+    """`spherecal override`."""
+    override = add(
+        "override",
+        "Use a rig all the same although its verification failed. Who does so and why is written into the "
+        "verification; the profile, exports, report and certificate say it.",
+    )
+    result(override)
+    word(override, "--by", "NAME", "who answers for it", required=True)
+    word(override, "--reason", "TEXT", "why it may be used all the same", required=True)
 
 
 def add_report(add: Add) -> None:

@@ -83,7 +83,11 @@ RULES: dict[str, Rule] = {
         "cameras sagged by 2 mm: 16 mm. Neither lens, ball nor a camera explains it.",
     ),
     "fits-badly": Rule("not-valid", "Thirty points a camera, 9 times the stated noise: a wrong minimum, 543 mm off."),
-    "fixed-intrinsics-contradicted": Rule("not-valid", "Data-sheet values 1.5 % off: lengths 3.8 to 11.8 mm, U 0.5."),
+    "fixed-intrinsics-contradicted": _care(
+        "cameras",
+        "Stated: widened by what other intrinsics would change; not valid where lengths change by more than U. "
+        "Data-sheet values 1.5 % off: lengths 3.8 to 11.8 mm, U 0.5.",
+    ),
     # millimetres that are not
     "scale-conflict": Rule("not-valid", "A certificate 480 for 400 mm: all lengths 20 % off, U(500) 0.05 mm."),
     "ball-profile-scale": Rule("not-valid", "As scale-conflict."),
@@ -226,6 +230,9 @@ def widening(findings: Sequence[Finding], cameras: Sequence[str], form: str) -> 
         if finding.code == "parts-disagree" and finding.values:
             factor = np.maximum(factor, finding.values["lengths"])
             poses = np.maximum(poses, finding.values["poses"])
+        if finding.code == "fixed-intrinsics-contradicted" and finding.values:
+            factor = np.maximum(factor, finding.values["grow_lengths"])
+            poses = np.maximum(poses, finding.values["grow_poses"])
         rule = RULES.get(finding.code)
         if rule is None or effect(finding) != "care":
             continue

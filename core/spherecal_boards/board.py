@@ -27,13 +27,14 @@ from spherecal_boards.board_adjustment import (
     residuals_px,
 )
 from spherecal_boards.board_chain import BoardStart, Links, chain, find_links, whole
-from spherecal_boards.board_findings import common_findings, scale_finding, unlinked
+from spherecal_boards.board_findings import common_findings, diagnosed, scale_finding, unlinked
 from spherecal_boards.board_images import BoardImages, find_boards
 from spherecal_boards.board_model import BoardViews, board_views
 from spherecal_boards.board_result import Fit, assemble_fit, assemble_nothing, groups_of
 from spherecal_boards.board_shape import BoardSolution, estimated_solution, nominal_solution, shape_finding
 from spherecal_boards.board_start import LEAST_POINTS, poses, start_intrinsics, usable_views
 from spherecal_boards.eccentricity import eccentricity
+from spherecal_boards.frames_evidence import FrameAdjustment, frame_evidence
 from spherecal_boards.pattern_entry import board_uncertainty, read_board_pattern, shape_estimated
 
 METHOD = "board"
@@ -84,7 +85,7 @@ def calibrate_board(
     findings += _linking(session, start.poses, placed, views)
     findings += [*about_shape, *_groups_finding(session, groups)]
     session = replace(session, observations=observations)
-    return _result(session, solution, network, placed, findings, watch.seconds)
+    return _result(session, solution, network, placed, findings, watch, context)
 
 
 def _on_board(session: Session) -> tuple[Observations, IntArray, int]:
@@ -192,7 +193,8 @@ def _result(
     network: BoardNetwork,
     placed: BoolArray,
     findings: list[Finding],
-    seconds: dict[str, float],
+    watch: Stopwatch,
+    context: Context,
 ) -> Calibration:
     observations, state, views, used = session.observations, solution.state, network.views, solution.used
     assert observations is not None
@@ -226,6 +228,9 @@ def _result(
         solution.converged,
         solution.has_prior,
         solution.joint,
+        FrameAdjustment(
+            solution.rows, solution.minimum, solution.redundancy, solution.tested, network.free, network.group
+        ),
     )
     scale = RigScale("board", None)
     if solution.covariance is not None and np.isfinite(solution.variance):
@@ -236,8 +241,10 @@ def _result(
         relative = float(np.hypot(noise, own or 0.0))
         scale = RigScale("board", relative)
         findings = [*findings, scale_finding("board" if own is None else "certified-board", relative)]
-    findings = [*findings, *common_findings(session, fit, "board")]
-    return assemble_fit(session, fit, scale, findings, METHOD, seconds)
+    evidence = frame_evidence(session, fit, scale, context)
+    findings = [*findings, *common_findings(session, fit, "board"), *diagnosed(evidence, "board")]
+    watch.lap("diagnosis")
+    return assemble_fit(session, fit, scale, findings, METHOD, watch.seconds)
 
 
 def _nothing(

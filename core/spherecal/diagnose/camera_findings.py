@@ -72,7 +72,7 @@ def misfitting_lenses(e: Evidence, anomalies: Anomalies, moved: Collection[str])
     names = tuple(e.camera_ids[m.camera] for m in misfits)
     # no model can take away more than all smooth fields together
     share = sum(m.statistic - m.dof for m in misfits) / (2 * len(e.adjusted.rows))
-    other = best_lenses(e.solved, e.context) if share > WORTH else None
+    other = best_lenses(e.solved, e.context) if share > WORTH and not e.has_own_scale else None
     values = {
         "worst": e.camera_ids[worst.camera],
         "rms_px": worst.rms_px,

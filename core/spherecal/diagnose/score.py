@@ -171,7 +171,7 @@ class ScoreTest:
         point, local = np.unique(of_row, return_inverse=True)
         pulled = spread(by_own, q * local, (len(both), q * len(point)))
         by_point = _full(pulled.T @ flat)
-        weighted = self.cofactors_of_points[point] @ by_point.reshape(len(point), 3, -1)
+        weighted = self.cofactors_of_points[point] @ by_point.reshape(len(point), q, -1)
         a = own - by_point.T @ weighted.reshape(by_point.shape)
         if self.shift is not None:
             following = (q * point[:, None] + np.arange(q)).ravel()

@@ -134,7 +134,7 @@ def further_scale_uncertainty(e: Evidence) -> float:
 
 def locked(e: Evidence) -> bool:
     """Whether cameras are locked at the poses of another calibration: their errors then appear as other faults."""
-    return not e.adjusted.problem.free_pose[e.placed].all()
+    return (~e.adjusted.problem.free_pose[e.placed]).sum() > 1  # one is the frame of a board's or bar's network
 
 
 def _contradicting(e: Evidence, reported: Sequence[Finding]) -> list[Finding]:

@@ -17,6 +17,7 @@ from spherecal.data.lens_model import estimated_intrinsics
 from spherecal.data.observations import Features, Observations
 from spherecal.data.rig import Calibration, RigScale
 from spherecal.data.session import Session
+from spherecal.diagnose.plausibility import implausible
 from spherecal.steps.settings import CalibrationSettings
 from spherecal_boards.board_adjustment import (
     BoardNetwork,
@@ -26,16 +27,25 @@ from spherecal_boards.board_adjustment import (
     leave_chained,
     residuals_px,
 )
-from spherecal_boards.board_chain import BoardStart, Links, chain, find_links, whole
+from spherecal_boards.board_chain import (
+    BoardStart,
+    Links,
+    chain,
+    common_placements,
+    compare_views,
+    find_links,
+    whole,
+)
 from spherecal_boards.board_findings import common_findings, diagnosed, scale_finding, unlinked
 from spherecal_boards.board_images import BoardImages, find_boards
 from spherecal_boards.board_model import BoardViews, board_views
 from spherecal_boards.board_result import Fit, assemble_fit, assemble_nothing, groups_of
 from spherecal_boards.board_shape import BoardSolution, estimated_solution, nominal_solution, shape_finding
 from spherecal_boards.board_start import LEAST_POINTS, poses, start_intrinsics, usable_views
+from spherecal_boards.camera_lag import find_lags, in_step, lag_findings
 from spherecal_boards.eccentricity import eccentricity
 from spherecal_boards.frames_evidence import FrameAdjustment, frame_evidence
-from spherecal_boards.pattern_entry import board_uncertainty, read_board_pattern, shape_estimated
+from spherecal_boards.pattern_entry import board_shape, board_uncertainty, read_board_pattern
 
 METHOD = "board"
 
@@ -60,10 +70,13 @@ def calibrate_board(
         session = replace(session, observations=images.observations)
         watch.lap("detection")
     observations, point, foreign = _on_board(session)
+    recorded = observations
     points_mm = np.array([p.xyz_mm for p in board])
     views = board_views(observations, points_mm, point)
     free = estimated_intrinsics(session, settings.intrinsics == "free")
     start = _start(session, views, free, context)
+    observations, views, start, late = _in_step(observations, views, start)
+    point = views.point
     if images is not None and np.isfinite(images.diameter):
         pattern = read_board_pattern(session)
         radius = (pattern.dot_diameter_mm or images.diameter * pattern.pitch_mm) / 2
@@ -74,7 +87,7 @@ def calibrate_board(
 
     names = [c.id if settings.own_intrinsics else c.intrinsics_group for c in session.cameras]
     group = np.unique(names, return_inverse=True)[1].reshape(-1)
-    findings = _about_observations(images, foreign)
+    findings = [*_about_observations(images, foreign), *late, *implausible(replace(session, observations=recorded))]
     if not start.poses:
         features = _features(observations, session, point, np.zeros(0, dtype=np.int64))[0]
         return _nothing(session, observations, features, findings, watch.seconds)
@@ -103,6 +116,25 @@ def _on_board(session: Session) -> tuple[Observations, IntArray, int]:
     if not keep.any():
         raise InputError(Phrase("error-no-board-points", {"folder": session.where}))
     return o.select(keep), point[keep], int((on_placement & (point < 0)).sum())
+
+
+def _in_step(
+    observations: Observations, views: BoardViews, start: BoardStart
+) -> tuple[Observations, BoardViews, BoardStart, list[Finding]]:
+    """The same with the placements of cameras that are behind or ahead of the others put back, and what was."""
+    common = common_placements(start.poses, views.n_cameras, views.n_placements)
+    lags = find_lags(common, lambda a, b, any_: compare_views(views, start.poses, start.intrinsics, a, b, any_))
+    if not lags:
+        return observations, views, start, []
+    found = lag_findings(observations, lags, observations.placements)
+    placement, keep = in_step(lags, views.camera, views.placement)
+    observations = replace(observations.select(keep), placement=placement)
+    views = replace(views, placement=placement, camera=views.camera[keep], point=views.point[keep], uv=views.uv[keep],
+                    sigma=None if views.sigma is None else views.sigma[keep])  # fmt: skip
+    by = {lag.camera: lag.frames for lag in lags}
+    poses = {(c, t - int(by[c][t]) if c in by else t): own for (c, t), own in start.poses.items()}
+    poses = {view: own for view, own in poses.items() if 0 <= view[1] < views.n_placements}
+    return observations, views, replace(start, candidates=start.candidates[keep], poses=poses), found
 
 
 def _start(session: Session, views: BoardViews, free: BoolArray, context: Context) -> BoardStart:
@@ -150,10 +182,15 @@ def _adjusted(
     if not joint:
         return nominal_solution(leave_chained(network, whole(state), candidates & linked, context)), []
     adjusted = adjust_boards(network, whole(state), candidates & linked, linked, context)
-    if not shape_estimated(session):
-        return nominal_solution(adjusted), shape_finding(adjusted)
+    stated = board_shape(session)
+    doubts = [] if stated == "estimated" else shape_finding(adjusted)
+    if stated == "nominal" or (stated is None and not doubts):
+        return nominal_solution(adjusted), doubts
     solution = estimated_solution(network, adjusted, linked, context)
-    return solution, [Finding("board-shape-estimated", "info", {"off_mm": solution.print_mm})]
+    if stated is None and not (solution.tested and solution.converged and solution.variance < adjusted.variance):
+        return nominal_solution(adjusted), doubts
+    kind = "asked" if stated else "by-itself"
+    return solution, [Finding("board-shape-estimated", "info", {"off_mm": solution.print_mm}, kind=kind)]
 
 
 def _reference(links: Links, found: ViewPoses, views: BoardViews) -> int:

@@ -183,7 +183,9 @@ def frame_evidence(session: Session, fit: "Fit", scale: RigScale, context: Conte
         session,
         o,
         features,
-        LocalNetwork(np.ones(len(o), dtype=bool), counts, [], CameraGraph((), np.zeros(n, dtype=np.int64), np.zeros(n)), {}),
+        LocalNetwork(
+            np.ones(len(o), dtype=bool), counts, [], CameraGraph((), np.zeros(n, dtype=np.int64), np.zeros(n)), {}
+        ),
         fit.placed,
         solved,
         ModelChoice("rigid", Phrase("as-asked")),

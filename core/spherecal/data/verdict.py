@@ -91,6 +91,9 @@ RULES: dict[str, Rule] = {
     # millimetres that are not
     "scale-conflict": Rule("not-valid", "A certificate 480 for 400 mm: all lengths 20 % off, U(500) 0.05 mm."),
     "ball-profile-scale": Rule("not-valid", "As scale-conflict."),
+    "size-implausible": Rule(
+        "not-valid", "A pitch in metres: cameras 0.37 mm apart, all lengths 1000 times too short."
+    ),
     "target-distance": Rule("not-valid", "14.0 typed for 28.28 mm: all lengths 50 % off."),
     "ball-diameter": Rule(
         "care",
@@ -134,6 +137,9 @@ RULES: dict[str, Rule] = {
         "Knocked for one image by 30 mm and back again, at the last that it had: 30 mm off, 323 times U. "
         "Late by 0.05 mm at each placement, and split as moved: 5.1 times U. "
         "Binned from its last image on, of 4 dots: all its lengths wrong.",
+    ),
+    "camera-late": _care(
+        "cameras", "Put back: with 24 placements, one camera 1 to 3 behind, errors were those of clean recordings."
     ),
     "few-frames": _care("cameras", "Stated, as few-placements."),
     "linked-by-a-thread": _care("cameras", "Stated, but one wrong camera turns half of the rig unseen."),

@@ -110,7 +110,11 @@ def _tested(
     at = np.searchsorted(_BROWN, probe.problem.intrinsic_columns)
     known = np.isin(probe.problem.intrinsic_columns, _BROWN)
     step[:, POSE + at[known]] += followed[:, POSE:][:, known]
-    focal = change.value[0] if len(change.value) == 1 else step[cameras[0], POSE] / e.adjusted.state.intrinsics[cameras[0], 0]
+    focal = (
+        change.value[0]
+        if len(change.value) == 1
+        else step[cameras[0], POSE] / e.adjusted.state.intrinsics[cameras[0], 0]
+    )
     return _Contradiction(
         tuple(e.camera_ids[c] for c in cameras), change, limit, *_effect(e, probe, step), float(focal)
     )

@@ -10,6 +10,7 @@ from spherecal.data.findings import Finding, leave_out
 from spherecal.diagnose.evidence import Evidence
 from spherecal.diagnose.fixed_lenses import contradicted_lenses
 from spherecal.diagnose.image_findings import LEAST_POINTS, MOST_LEFT_OUT
+from spherecal.diagnose.plausibility import implausible_size
 
 # On clean rigs A, B, halls and domes a camera keeps 96 to 100 % of its observations, with 5 % wrong matches 88 %.
 LEAST_USED = 0.6
@@ -36,8 +37,19 @@ def unsound(e: Evidence, reported: Sequence[Finding]) -> list[Finding]:
     blamed = {name for finding in reported for name in finding.where if finding.code in _BLAMES}
     moved = {name for f in reported if f.code in ("camera-moved", "cameras-moved") for name in f.where}
     lenses = [] if locked(e) else contradicted_lenses(e, moved)
-    found = [*_rejected(e, blamed), *ball_diameter(e), *lenses, *_fits_badly(e)]
+    found = [*_size(e), *_rejected(e, blamed), *ball_diameter(e), *lenses, *_fits_badly(e)]
     return [*found, *_contradicting(e, [*reported, *found])]
+
+
+def _size(e: Evidence) -> list[Finding]:
+    """The finding on lengths in another unit."""
+    if e.solution.scale.source == "none":
+        return []
+    o, state, used = e.observations, e.solution.state, np.flatnonzero(e.used)
+    camera, points = o.camera[used], state.points[e.features.of_observation[used]]
+    depth = np.einsum("nj,nj->n", state.rotation[camera, 2], points) + state.translation[camera, 2]
+    centres = -np.einsum("cji,cj->ci", state.rotation, state.translation)[e.placed & ~e.is_earlier_pose]
+    return implausible_size(depth, state.intrinsics[camera, 0], centres)
 
 
 # Findings that explain why a camera's observations were left out.

@@ -27,7 +27,7 @@ from spherecal_boards.bar_model import Lengths
 from spherecal_boards.bar_start import LEAST_COMMON, BarStart, lags_of, start_from_pairs
 from spherecal_boards.board_findings import common_findings, diagnosed, scale_finding, unlinked
 from spherecal_boards.board_result import Fit, assemble_fit, assemble_nothing
-from spherecal_boards.camera_lag import in_step, lag_findings
+from spherecal_boards.camera_lag import in_step, lag_findings, unmirrored
 from spherecal_boards.frames_evidence import FrameAdjustment, Tested, frame_evidence, frame_test
 
 METHOD = "bar"
@@ -145,13 +145,15 @@ def _in_step(
     """The recording with the frames of cameras that are behind or ahead of the others put back, and what was."""
     o = recording.observations
     every = known_lengths(session, recording, np.ones(recording.n_points, dtype=bool))
-    lags = lags_of(recording, every, known, seed)
+    widths = np.array([camera.image_size[0] for camera in session.cameras])
+    lags = lags_of(recording, every, known, widths, seed)
     if not lags:
         return recording, []
     frame, slot = np.divmod(recording.point, recording.slots)
     found = lag_findings(o, lags, tuple(o.placements[i] for i in recording.pose))
+    uv = unmirrored(lags, o.camera, o.uv, widths)
     frame, keep = in_step(lags, o.camera, frame)
-    o = replace(o.select(keep), placement=recording.pose[frame])
+    o = replace(o.select(keep), placement=recording.pose[frame], uv=uv[keep])
     return replace(recording, observations=o, point=frame * recording.slots + slot[keep]), found
 
 

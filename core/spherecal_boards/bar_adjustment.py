@@ -4,7 +4,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from spherecal.adjust.bundle import GATE_ROUNDS, START_INTRINSICS, usable_features
+from spherecal.adjust.bundle import GATE_ROUNDS, PAIR_GATES, START_INTRINSICS, usable_features
 from spherecal.adjust.levenberg import Minimum, Settings
 from spherecal.adjust.network import Network
 from spherecal.adjust.problem import sorted_problem
@@ -21,6 +21,7 @@ from spherecal_boards.frame_network import minimise, redundancy
 from spherecal_boards.frames_adjustment import (
     Adjusted,
     camera_residuals,
+    gates_px,
     progress,
     robust_steps,
     sizes,
@@ -167,7 +168,7 @@ def _gated(
     network, rounds = work.network, 0
     while True:
         rounds += 1
-        state = _located(network, state, work.placed) if locate else state
+        state = _located(network, state, work.placed, used) if locate else state
         gated = _gate(network, state, work.placed, used)
         seen = network.views(gated) >= 2
         lengths = known_lengths(work.session, work.recording, seen)
@@ -205,14 +206,23 @@ def _model(
     return BarModel(problem, work.recording.slots, lengths), rows[order]
 
 
-def _located(network: Network, state: State, placed: BoolArray) -> State:
-    """The state with points for features that had none, where the cameras as they now are agree on them."""
+def _located(network: Network, state: State, placed: BoolArray, used: BoolArray) -> State:
+    """The state with points for features that had none, where most of the cameras as they now are agree on them.
+
+    One camera that was knocked would leave all points that it sees without a place, and so without a contradiction.
+    """
     missing = np.isnan(state.points[:, 0])
     rows = placed[network.camera] & missing[network.feature]
     rows &= (network.views(rows) >= 2)[network.feature]
-    if not rows.any():
+    size = sizes(residuals_px(network, state))
+    known = used & np.isfinite(size)
+    if not rows.any() or not known.any():
         return state
-    points, good = usable_features(network, state, rows)
+    take = np.flatnonzero(rows)
+    limit = gates_px(size, network.camera, known, len(network.group))
+    agree = np.zeros_like(rows)
+    agree[take] = network.agreeing(state, take, PAIR_GATES * limit[network.camera[take]])
+    points, good = usable_features(network, state, agree)
     return replace(state, points=np.where((missing & good)[:, None], points, state.points))
 
 

@@ -15,7 +15,7 @@ from spherecal.geometry.triangulation import triangulate
 from spherecal_boards.bar_marks import BarRecording
 from spherecal_boards.bar_model import Lengths
 from spherecal_boards.board_result import groups_of
-from spherecal_boards.camera_lag import MOST_FRAMES, Compared, Lag, find_lags
+from spherecal_boards.camera_lag import AGREE_PX, MOST_FRAMES, Compared, Lag, find_lags
 
 LEAST_COMMON = 20
 # As in initialise/two_view.py: nominal intrinsics bend epipolar lines by up to this.
@@ -77,15 +77,21 @@ def start_from_pairs(
     return _chain(pairs, common, n)
 
 
-def lags_of(recording: BarRecording, lengths: Lengths, intrinsics: FloatArray, seed: int) -> list[Lag]:
-    """Cameras whose frames are some behind or ahead of the others', by the pairs that agree only when shifted.
+def lags_of(
+    recording: BarRecording, lengths: Lengths, intrinsics: FloatArray, widths: IntArray, seed: int
+) -> list[Lag]:
+    """Cameras whose frames are behind or ahead of the others', or mirrored, by the pairs that agree only then.
 
-    `intrinsics`: what is known of the cameras, (c,16).
+    `intrinsics`, `widths`: what is known of the cameras, (c,16), and of their images, (c,) px.
     """
     xy, table, common = _seen(recording, intrinsics)
 
+    o = recording.observations
+    turned = np.column_stack([widths[o.camera] - 1 - o.uv[:, 0], o.uv[:, 1]])
+    mirrored = undistort(turned, intrinsics[o.camera])[0]
+
     def compare(a: int, b: int, shifted: bool) -> Compared:
-        best: Compared = np.inf, np.zeros(recording.n_frames, dtype=np.int64)
+        best: Compared = np.inf, np.zeros(recording.n_frames, dtype=np.int64), False
         seen = np.flatnonzero(table[b] >= 0)
         for lag in sorted(range(-MOST_FRAMES, MOST_FRAMES + 1), key=abs) if shifted else (0,):
             first = seen - lag * recording.slots
@@ -97,7 +103,15 @@ def lags_of(recording: BarRecording, lengths: Lengths, intrinsics: FloatArray, s
             focal = float(intrinsics[[a, b], 0].mean())
             pair = _solve_pair(recording, lengths, _Common(first[both], xy[rows[0]], xy[rows[1]], focal), seed)
             if pair is not None and pair.weight < best[0]:
-                best = pair.weight, np.full(recording.n_frames, lag)
+                best = pair.weight, np.full(recording.n_frames, lag), False
+            if best[0] <= AGREE_PX:
+                return best
+        both = np.flatnonzero((table[a] >= 0) & (table[b] >= 0)) if shifted else np.zeros(0, dtype=np.int64)
+        if len(both) >= LEAST_COMMON:
+            common_points = _Common(both, xy[table[a, both]], mirrored[table[b, both]], float(intrinsics[[a, b], 0].mean()))
+            pair = _solve_pair(recording, lengths, common_points, seed)
+            if pair is not None and pair.weight < best[0]:
+                best = pair.weight, np.zeros(recording.n_frames, dtype=np.int64), True
         return best
 
     return find_lags(np.where(common >= LEAST_COMMON, common, 0), compare)

@@ -42,7 +42,7 @@ from spherecal_boards.board_model import BoardViews, board_views
 from spherecal_boards.board_result import Fit, assemble_fit, assemble_nothing, groups_of
 from spherecal_boards.board_shape import BoardSolution, estimated_solution, nominal_solution, shape_finding
 from spherecal_boards.board_start import LEAST_POINTS, poses, start_intrinsics, usable_views
-from spherecal_boards.camera_lag import find_lags, in_step, lag_findings
+from spherecal_boards.camera_lag import AGREE_PX, Compared, find_lags, in_step, lag_findings, unmirrored
 from spherecal_boards.eccentricity import eccentricity
 from spherecal_boards.frames_evidence import FrameAdjustment, frame_evidence
 from spherecal_boards.pattern_entry import board_shape, board_uncertainty, read_board_pattern
@@ -75,7 +75,7 @@ def calibrate_board(
     views = board_views(observations, points_mm, point)
     free = estimated_intrinsics(session, settings.intrinsics == "free")
     start = _start(session, views, free, context)
-    observations, views, start, late = _in_step(observations, views, start)
+    observations, views, start, late = _in_step(session, observations, views, start, free, context)
     point = views.point
     if images is not None and np.isfinite(images.diameter):
         pattern = read_board_pattern(session)
@@ -119,22 +119,35 @@ def _on_board(session: Session) -> tuple[Observations, IntArray, int]:
 
 
 def _in_step(
-    observations: Observations, views: BoardViews, start: BoardStart
+    session: Session, observations: Observations, views: BoardViews, start: BoardStart, free: BoolArray, context: Context
 ) -> tuple[Observations, BoardViews, BoardStart, list[Finding]]:
-    """The same with the placements of cameras that are behind or ahead of the others put back, and what was."""
-    common = common_placements(start.poses, views.n_cameras, views.n_placements)
-    lags = find_lags(common, lambda a, b, any_: compare_views(views, start.poses, start.intrinsics, a, b, any_))
+    """The same with what cameras that are behind, ahead or mirrored saw put back, and what was."""
+    widths = np.array([camera.image_size[0] for camera in session.cameras])
+
+    def compare(a: int, b: int, shifted: bool) -> Compared:
+        found = compare_views(views, (start.poses, start.poses), start.intrinsics, a, b, shifted)
+        if not shifted or found[0] <= AGREE_PX:
+            return found
+        rows = np.flatnonzero(views.camera == b)
+        turned = views.uv.copy()
+        turned[rows, 0] = widths[b] - 1 - turned[rows, 0]
+        as_seen = replace(views, uv=turned)
+        seen = {view: poses(as_seen, views.of(*view), start.intrinsics[b]) for view in start.poses if view[0] == b}
+        mirrored = compare_views(views, (start.poses, {v: p for v, p in seen.items() if p}), start.intrinsics, a, b, False)
+        return (*mirrored[:2], True) if mirrored[0] < found[0] else found
+
+    lags = find_lags(common_placements(start.poses, views.n_cameras, views.n_placements), compare)
     if not lags:
         return observations, views, start, []
-    found = lag_findings(observations, lags, observations.placements)
+    findings = lag_findings(observations, lags, observations.placements)
+    uv = unmirrored(lags, views.camera, views.uv, widths)
     placement, keep = in_step(lags, views.camera, views.placement)
-    observations = replace(observations.select(keep), placement=placement)
-    views = replace(views, placement=placement, camera=views.camera[keep], point=views.point[keep], uv=views.uv[keep],
-                    sigma=None if views.sigma is None else views.sigma[keep])  # fmt: skip
-    by = {lag.camera: lag.frames for lag in lags}
-    poses = {(c, t - int(by[c][t]) if c in by else t): own for (c, t), own in start.poses.items()}
-    poses = {view: own for view, own in poses.items() if 0 <= view[1] < views.n_placements}
-    return observations, views, replace(start, candidates=start.candidates[keep], poses=poses), found
+    observations = replace(observations.select(keep), placement=placement, uv=uv[keep])
+    sigma = None if views.sigma is None else views.sigma[keep]
+    views = replace(
+        views, placement=placement, camera=views.camera[keep], point=views.point[keep], uv=uv[keep], sigma=sigma
+    )
+    return observations, views, _start(session, views, free, context), findings
 
 
 def _start(session: Session, views: BoardViews, free: BoolArray, context: Context) -> BoardStart:

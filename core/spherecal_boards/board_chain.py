@@ -72,14 +72,14 @@ def find_links(views: BoardViews, found: ViewPoses, intrinsics: FloatArray, cont
 
 
 def compare_views(
-    views: BoardViews, found: ViewPoses, intrinsics: FloatArray, a: int, b: int, shifted: bool
+    views: BoardViews, found: tuple[ViewPoses, ViewPoses], intrinsics: FloatArray, a: int, b: int, shifted: bool
 ) -> Compared:
-    """How well two cameras agree about where the board was, as recorded or with the second one's frames shifted.
+    """How well two cameras agree about where the board was, each with its own poses `found`, shifted or not.
 
     By the corners of the board in the second camera's image, each camera alone having told where the board is.
     """
     count = views.n_placements
-    poses = [_first_poses(found, camera, count) for camera in (a, b)]
+    poses = [_first_poses(own, camera, count) for own, camera in zip(found, (a, b), strict=True)]
     extent = views.points_mm[[*views.points_mm.argmin(axis=0), *views.points_mm.argmax(axis=0)]]
     corners = [np.einsum("tij,pj->tpi", rotation, extent) + shift[:, None] for rotation, shift in poses]
     seen = [np.isfinite(shift[:, 0]) for _, shift in poses]

@@ -1,4 +1,4 @@
-"""Cameras that are some frames behind the others, throughout or from a frame on: found before anything is adjusted.
+"""Cameras some frames behind the others, throughout or from a frame on, or mirrored: found before any adjustment.
 
 A shutter that missed its first trigger, or a lost frame, stores each image one number early. Two cameras then never saw
 the board or bar at one place, whatever the lenses; shifted by the right number of frames they agree everywhere.
@@ -24,18 +24,19 @@ AGREE_PX, BETTER = 5.0, 3.0
 SHARE = 0.8
 PARTNERS, LEAST_FRAMES = 3, 4
 
-# Error in px of two cameras' agreement, and by how many frames the second is late at each frame (f,), for a choice of
-# lags; NaN and zeros where they have too little in common.
-Compared = tuple[float, IntArray]
+# Error in px of two cameras' agreement, by how many frames the second is late at each frame (f,), and whether its images
+# are mirrored; infinite where they have too little in common.
+Compared = tuple[float, IntArray, bool]
 
 
 @dataclass(frozen=True)
 class Lag:
-    """A camera (index) whose images show what another one saw `frames` (f,) frames before; then they agree in px."""
+    """A camera (index) whose images show what another one saw `frames` (f,) frames before, or are `mirrored`."""
 
     camera: int
     partner: int
     frames: IntArray
+    mirrored: bool
     after_px: float
 
 
@@ -63,11 +64,11 @@ def find_lags(common: IntArray, compare: Callable[[int, int, bool], Compared]) -
     label = connected_components(csr_array(linked), directed=False)[1]
     largest = np.argmax(np.bincount(label))  # of equals that with the first camera
     lags: dict[int, Lag] = {}
-    for (a, b), (after, frames) in late.items():
+    for (a, b), (after, frames, mirrored) in late.items():
         as_first = -frames[np.clip(np.arange(len(frames)) + frames[-1], 0, len(frames) - 1)]
         for partner, camera, own in ((a, b, frames), (b, a, as_first)):
             if label[partner] == largest and label[camera] != largest and camera not in lags:
-                lags[camera] = Lag(camera, partner, own, after)
+                lags[camera] = Lag(camera, partner, own, mirrored, after)
     return list(lags.values())
 
 
@@ -84,11 +85,20 @@ def in_step(lags: list[Lag], camera: IntArray, frame: IntArray) -> tuple[IntArra
     return moved[inside], inside
 
 
+def unmirrored(lags: list[Lag], camera: IntArray, uv: FloatArray, widths: IntArray) -> FloatArray:
+    """The image points (n,2) px with those of mirrored cameras turned back. `widths` of the images (c,)."""
+    mirrored = np.isin(camera, [lag.camera for lag in lags if lag.mirrored])
+    return np.column_stack([np.where(mirrored, widths[camera] - 1 - uv[:, 0], uv[:, 0]), uv[:, 1]])
+
+
 def lag_findings(observations: Observations, lags: list[Lag], names: tuple[str, ...]) -> list[Finding]:
     """What was put back, camera by camera. `names` of the frames."""
     found = []
     for lag in lags:
         camera, partner = (observations.cameras[c] for c in (lag.camera, lag.partner))
+        if lag.mirrored:
+            found.append(Finding("mirrored", "error", where=(camera,), kind="camera"))
+            continue
         number = int(lag.frames[-1])
         changed = np.flatnonzero(np.diff(lag.frames) != 0)
         by = Phrase("frames-late" if number > 0 else "frames-early", {"frames": abs(number)})
@@ -111,11 +121,11 @@ def least_error(by_frame: dict[int, FloatArray], shifted: bool) -> Compared:
     frames = next(iter(by_frame.values())).shape[1]
     nothing = np.zeros(frames, dtype=np.int64)
     if not shifted:
-        return _quantile(by_frame[0]), nothing
-    best: Compared = np.inf, nothing
+        return _quantile(by_frame[0]), nothing, False
+    best: Compared = np.inf, nothing, False
     for lag in sorted(by_frame, key=abs):  # the larger, the fewer frames are left to contradict it
         if (error := _quantile(by_frame[lag])) < best[0]:
-            best = error, np.full(frames, lag)
+            best = error, np.full(frames, lag), False
         if best[0] <= AGREE_PX:
             return best
     for lag in sorted(by_frame, key=abs)[1:]:
@@ -127,7 +137,7 @@ def least_error(by_frame: dict[int, FloatArray], shifted: bool) -> Compared:
             whole.append((float(off.min()), first, _quantile(errors)))
         _, first, error = min(whole, default=(np.inf, 0, np.inf))
         if error < best[0]:
-            best = error, np.where(np.arange(frames) < first, 0, lag)
+            best = error, np.where(np.arange(frames) < first, 0, lag), False
         if best[0] <= AGREE_PX:
             return best
     return best

@@ -147,8 +147,10 @@ class FrameEvidence(Evidence):
 
     @cached_property
     def candidates(self) -> BoolArray:
-        """Observations (n,) of which it is known where they should be."""
-        return np.isfinite(self.residual_px[:, 0])
+        """Observations (n,) of placed cameras of which it is known where they should be, or that two cameras see."""
+        placed = self.placed[self.observations.camera]
+        seen_by_two = (self.solved.network.views(placed) >= 2)[self.solved.network.feature]
+        return np.isfinite(self.residual_px[:, 0]) | (placed & seen_by_two)
 
     @cached_property
     def contradicting(self) -> BoolArray:

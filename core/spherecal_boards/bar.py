@@ -121,7 +121,7 @@ def _result(
     findings = [*findings, *common_findings(session, fit, "bar"), *_about_frames(adjusted, recording)]
     cut = _in_stretches(session, recording)
     assert cut.observations is not None
-    evidence = frame_evidence(cut, replace(fit, observations=cut.observations), scale, context)
+    evidence = frame_evidence(cut, replace(fit, observations=cut.observations), scale, "free", context)
     findings += diagnosed(evidence, "bar")
     watch.lap("diagnosis")
     if scale.relative_uncertainty is not None:

@@ -291,7 +291,7 @@ def _result(
         relative = float(np.hypot(noise, own or 0.0))
         scale = RigScale("board", relative)
         findings = [*findings, scale_finding("board" if own is None else "certified-board", relative)]
-    evidence = frame_evidence(session, fit, scale, context)
+    evidence = frame_evidence(session, fit, scale, "rigid", context)
     findings = [*findings, *common_findings(session, fit, "board"), *diagnosed(evidence, "board")]
     watch.lap("diagnosis")
     return assemble_fit(session, fit, scale, findings, METHOD, watch.seconds)

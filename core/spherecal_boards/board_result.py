@@ -52,7 +52,7 @@ def assemble_fit(
 ) -> Calibration:
     """The calibration of a session from its fit."""
     names = [session.cameras[c].id for c in np.flatnonzero(fit.placed)]
-    lengths, poses = widening(ruled(findings), names, "rigid")
+    lengths, poses = widening(ruled(findings), names, "free" if method == "bar" else "rigid")
     most = float(lengths.max(initial=1.0))
     scale = _wider_scale(fit, scale, most)
     ordered = ruled(

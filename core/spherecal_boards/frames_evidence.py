@@ -19,7 +19,7 @@ from spherecal.adjust.linear import Linearisation
 from spherecal.adjust.network import free_network
 from spherecal.adjust.state import State
 from spherecal.ball.fit import BallFit
-from spherecal.ball.selection import ModelChoice
+from spherecal.ball.selection import FormName, ModelChoice
 from spherecal.base.arrays import BoolArray, FloatArray, IntArray
 from spherecal.base.context import Context
 from spherecal.base.messages.values import Phrase
@@ -167,8 +167,13 @@ class FrameEvidence(Evidence):
         return np.sqrt(fitted * square / np.where(count > 0, 2.0 * count, np.nan))
 
 
-def frame_evidence(session: Session, fit: "Fit", scale: RigScale, context: Context) -> FrameEvidence | None:
-    """The evidence of a fit; None where cameras were only chained. `session` has the fit's observations."""
+def frame_evidence(
+    session: Session, fit: "Fit", scale: RigScale, form: FormName, context: Context
+) -> FrameEvidence | None:
+    """The evidence of a fit; None where cameras were only chained. `session` has the fit's observations.
+
+    `form`: the ball's that is most alike: a bar's marks are free, a board is rigid.
+    """
     done = fit.adjustment
     if done is None or not fit.joint:
         return None
@@ -190,7 +195,7 @@ def frame_evidence(session: Session, fit: "Fit", scale: RigScale, context: Conte
         ),
         fit.placed,
         solved,
-        ModelChoice("rigid", Phrase("as-asked")),
+        ModelChoice(form, Phrase("as-asked")),
         Solution(state, None, 1.0, scale, 0.0, {}),
         fit.residual,
         fit.used,

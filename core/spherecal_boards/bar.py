@@ -18,8 +18,8 @@ from spherecal.data.lens_model import estimated_intrinsics
 from spherecal.data.observations import Features, find_features
 from spherecal.data.rig import Calibration, RigScale
 from spherecal.data.session import Placement, Session
-from spherecal.diagnose.plausibility import implausible
 from spherecal.detect.session_images import observed
+from spherecal.diagnose.plausibility import implausible
 from spherecal.steps.settings import CalibrationSettings
 from spherecal_boards.bar_adjustment import BarAdjusted, BarNetwork, adjust_bar, chain_pairs, residuals_px
 from spherecal_boards.bar_marks import BarRecording, bar_recording, known_lengths, scale_bar, standard_uncertainty

@@ -5,7 +5,7 @@ the board or bar at one place, whatever the lenses; shifted by the right number 
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.sparse import csr_array

@@ -378,11 +378,12 @@ class Mischief:
     methods: tuple[str, ...] = ("ball",)
 
 
-_ALL, _FRAMES, _BOARD, _BAR = ("ball", "board", "bar"), ("board", "bar"), ("board",), ("bar",)
+_ALL, _FRAMES, _SHOWN = ("ball", "board", "bar"), ("board", "bar"), ("ball", "board")
+_BOARD, _BAR = ("board",), ("bar",)
 
 KINDS: tuple[Mischief, ...] = (
     Mischief("nothing", nothing, (0, 1), "bar"),
-    Mischief("stale image", stale, (1, 2), "placements", "A", methods=("ball", "board")),
+    Mischief("stale image", stale, (1, 2), "placements", "A", methods=_SHOWN),
     Mischief("distance typed wrong", typed_distance, (0.495, 0.8, 0.97), "x", "B"),
     Mischief("stickers printed small", printed_small, (0.9, 0.97), "x", "C"),
     Mischief("bar's certificate wrong", bar_certificate, (1.2, 1.05, 1.02), "x", "D"),
@@ -394,24 +395,24 @@ KINDS: tuple[Mischief, ...] = (
     Mischief("the same, one placement", fixed_one_placement, (0.015,), "x", "H"),
     Mischief("copies of one placement", copies, (0, 1), "noise", "I"),
     Mischief("skew", skew, (0.2, 2, 8), "px", "J", methods=_ALL),
-    Mischief("fisheye lenses", fisheye, (0.0, 0.3), "k1", "J", methods=("ball", "board")),
+    Mischief("fisheye lenses", fisheye, (0.0, 0.3), "k1", "J", methods=_SHOWN),
     Mischief("mirrored", mirrored, (1, 0), "camera", "mirrored"),
-    Mischief("camera elsewhere once", moved_once, (0.1, 1, 30), "mm and mrad", methods=("ball", "board")),
+    Mischief("camera elsewhere once", moved_once, (0.1, 1, 30), "mm and mrad", methods=_SHOWN),
     Mischief("two cameras moved", two_moved, (0.1, 1, 10), "mm and mrad", methods=_ALL),
     Mischief("all cameras drift", drifting, (0.02, 0.2, 1), "mm", methods=_ALL),
     Mischief("one camera late", late_camera, (0.05, 0.3, 3), "mm", methods=_ALL),
     Mischief("ball rolls", rolling_ball, (0.005, 0.05, 1), "deg"),
     Mischief("frame lost", shifted_frames, (1,)),
     Mischief("cameras exchanged", exchanged_halfway, (1, 0), "halfway", methods=_ALL),
-    Mischief("image of another camera", image_of_another, (1,), methods=("ball", "board")),
+    Mischief("image of another camera", image_of_another, (1,), methods=_SHOWN),
     Mischief("images binned", binned, (1, 0), "from a placement on", methods=_ALL),
     Mischief("region of interest shifted", shifted_roi, (0.2, 2, 8, 64), "px", methods=_ALL),
     Mischief("focus changed", refocused, (0.0001, 0.001, 0.01), "x", methods=_ALL),
     Mischief("stickers with one number", two_stickers, (1, 3, 10), "pairs"),
     Mischief("another ball at one placement", other_ball, (1.0, 0.8), "x"),
     Mischief("ball bent", bent_ball, (0.02, 0.2, 2), "mm"),
-    Mischief("placement of an older session", older_placement, (0.05, 0.5, 5), "mm and mrad", methods=("ball", "board")),
-    Mischief("pixel pitch wrong", wrong_pitch, (1.39, 0.72), "x", methods=("ball", "board")),
+    Mischief("placement of an older session", older_placement, (0.05, 0.5, 5), "mm and mrad", methods=_SHOWN),
+    Mischief("pixel pitch wrong", wrong_pitch, (1.39, 0.72), "x", methods=_SHOWN),
     Mischief("ball grows", growing_ball, (50, 300, 1500), "ppm"),
     Mischief("prints stretched", stretched_print, (0.001, 0.003, 0.02), "x"),
     Mischief("rig warms", warming, (20, 100), "ppm"),

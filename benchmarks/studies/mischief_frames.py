@@ -80,7 +80,7 @@ def make_frame_world(rig: str, method: str, seed: int) -> FrameWorld:
     )  # fmt: skip
     return FrameWorld(
         world.cameras, world.lenses, figure, turns, places, world.volume_mm, seed,
-        settings=CalibrationSettings(method=method),
+        settings=CalibrationSettings(method="board" if method == "board" else "bar"),
     )  # fmt: skip
 
 

@@ -164,9 +164,10 @@ def page_of(rows: list[Row], command: str) -> Report:
     page = Report("Wrong recordings", command)
     page.text(
         "Recordings with mischief, in sizes from invisible to gross, on rigs A and B, a hall of 12 cameras and random "
-        "rigs, by the ball, a board and a waved bar, through the production calibration; noise 0.04 px, perfect prints. Wrong is a camera's centre or angle "
-        "or one of 40 lengths beyond 3 times its stated expanded uncertainty, against the rig as it is after the "
-        "recording. Told: the right thing is named in a finding. Rows A to J are those of the issue."
+        "rigs, by the ball, a board and a waved bar, through the production calibration; noise 0.04 px, perfect "
+        "prints. Wrong is a camera's centre or angle or one of 40 lengths beyond 3 times its stated expanded "
+        "uncertainty, against the rig as it is after the recording. Told: the right thing is named in a finding. "
+        "Rows A to J are those of the issue."
     )
     cells: dict[tuple[str, float], Cell] = {}
     by_name = {m.name: m for m in KINDS}

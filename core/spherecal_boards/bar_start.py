@@ -108,8 +108,9 @@ def lags_of(
                 return best
         both = np.flatnonzero((table[a] >= 0) & (table[b] >= 0)) if shifted else np.zeros(0, dtype=np.int64)
         if len(both) >= LEAST_COMMON:
-            common_points = _Common(both, xy[table[a, both]], mirrored[table[b, both]], float(intrinsics[[a, b], 0].mean()))
-            pair = _solve_pair(recording, lengths, common_points, seed)
+            focal = float(intrinsics[[a, b], 0].mean())
+            turned_back = _Common(both, xy[table[a, both]], mirrored[table[b, both]], focal)
+            pair = _solve_pair(recording, lengths, turned_back, seed)
             if pair is not None and pair.weight < best[0]:
                 best = pair.weight, np.zeros(recording.n_frames, dtype=np.int64), True
         return best

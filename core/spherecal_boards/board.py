@@ -119,7 +119,12 @@ def _on_board(session: Session) -> tuple[Observations, IntArray, int]:
 
 
 def _in_step(
-    session: Session, observations: Observations, views: BoardViews, start: BoardStart, free: BoolArray, context: Context
+    session: Session,
+    observations: Observations,
+    views: BoardViews,
+    start: BoardStart,
+    free: BoolArray,
+    context: Context,
 ) -> tuple[Observations, BoardViews, BoardStart, list[Finding]]:
     """The same with what cameras that are behind, ahead or mirrored saw put back, and what was."""
     widths = np.array([camera.image_size[0] for camera in session.cameras])
@@ -133,7 +138,8 @@ def _in_step(
         turned[rows, 0] = widths[b] - 1 - turned[rows, 0]
         as_seen = replace(views, uv=turned)
         seen = {view: poses(as_seen, views.of(*view), start.intrinsics[b]) for view in start.poses if view[0] == b}
-        mirrored = compare_views(views, (start.poses, {v: p for v, p in seen.items() if p}), start.intrinsics, a, b, False)
+        seen = {view: own for view, own in seen.items() if own}
+        mirrored = compare_views(views, (start.poses, seen), start.intrinsics, a, b, False)
         return (*mirrored[:2], True) if mirrored[0] < found[0] else found
 
     lags = find_lags(common_placements(start.poses, views.n_cameras, views.n_placements), compare)

@@ -11,11 +11,13 @@ from spherecal.data.findings import Finding
 from spherecal.data.session import Session
 from spherecal.diagnose.anomalies import Anomalies, beyond_the_lens
 from spherecal.diagnose.camera_findings import (
+    fixed_focal_lengths,
     misfitting_lenses,
     noisy_cameras,
     scattering_poses,
     wrong_focal_lengths,
 )
+from spherecal.diagnose.epipolar import swapped_images
 from spherecal.diagnose.evidence import STAGE
 from spherecal.diagnose.image_findings import wrong_images
 from spherecal.diagnose.influence import dependent_parts
@@ -77,6 +79,9 @@ def diagnosed(e: FrameEvidence | None, what: Shown) -> list[Finding]:
         return []
     e.context.report(STAGE, 0.0)
     wrong = wrong_images(e)
+    exchanged = swapped_images(e) if wrong and what == "board" else []
+    if exchanged:  # the network is bent by them: what else it shows is judged once they are where they belong
+        return mixed_up_images(e, exchanged)
     found = [*mixed_up_images(e, wrong), *swapped_cameras(e)]
     anomalies = _anomalies(e)
     moves = motion_findings(e, anomalies, wrong)
@@ -96,7 +101,8 @@ def _anomalies(e: FrameEvidence) -> Anomalies:
     tests = prepare(e.probe, e.observations.placement[e.adjusted.rows], e.context)
     if tests is None:
         return Anomalies(misfits=tuple(misfits(e.probe, sizes, e.noise_px, {}, e.context)))
-    moves = find_moves(e.probe, tests)
+    fixed = fixed_focal_lengths(e).statistic
+    moves = [move for move in find_moves(e.probe, tests) if move.statistic > fixed[move.camera]]
     moves = moves if credible(moves, len(sizes)) else []
     known = {}
     for move in moves:
@@ -114,7 +120,7 @@ def _anomalies(e: FrameEvidence) -> Anomalies:
 def _of_all_lenses(finding: Finding) -> Finding:
     """What depends on single parts, where most lenses deviate from their model alike: leaving out one shows a part."""
     both = {name: ALL_LENSES * finding.values[name] for name in ("lengths", "poses")}
-    return replace(finding, values=finding.values | both)
+    return replace(finding, values={**finding.values, **both})
 
 
 def _of_single_frames(finding: Finding) -> Finding:

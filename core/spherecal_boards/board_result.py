@@ -56,7 +56,10 @@ def assemble_fit(
     most = float(lengths.max(initial=1.0))
     scale = _wider_scale(fit, scale, most)
     ordered = ruled(
-        [replace(f, values=f.values | _on_a_length(scale)) if f.code == "scale-uncertainty" else f for f in findings]
+        [
+            replace(f, values={**f.values, **_on_a_length(scale)}) if f.code == "scale-uncertainty" else f
+            for f in findings
+        ]
     )
     size = np.linalg.norm(fit.residual[fit.used], axis=1)
     quality = Quality(

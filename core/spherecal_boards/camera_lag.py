@@ -24,8 +24,8 @@ AGREE_PX, BETTER = 5.0, 3.0
 SHARE = 0.8
 PARTNERS, LEAST_FRAMES = 3, 4
 
-# Error in px of two cameras' agreement, by how many frames the second is late at each frame (f,), and whether its images
-# are mirrored; infinite where they have too little in common.
+# Error in px of two cameras' agreement, by how many frames the second is late at each frame (f,), and whether its
+# images are mirrored; infinite where they have too little in common.
 Compared = tuple[float, IntArray, bool]
 
 
@@ -116,7 +116,7 @@ def lag_findings(observations: Observations, lags: list[Lag], names: tuple[str, 
 def least_error(by_frame: dict[int, FloatArray], shifted: bool) -> Compared:
     """The best agreement of a pair from its errors (k,f) in px, for k relative poses and each lag of the second camera.
 
-    By the second camera's frames; NaN where one is missing. As it is, with one lag, or with one before and another after some frame.
+    By the second camera's frames; NaN where one is missing. `shifted`: with one lag, or with one from some frame on.
     """
     frames = next(iter(by_frame.values())).shape[1]
     nothing = np.zeros(frames, dtype=np.int64)

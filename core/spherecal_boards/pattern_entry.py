@@ -120,7 +120,7 @@ def board_uncertainty(session: Session) -> float | None:
 
 
 def board_shape(session: Session) -> str | None:
-    """Whether the board's points are to be `estimated` or are `nominal`; None where the session leaves it to the data."""
+    """Whether the board's points are to be `estimated` or are `nominal`; None where that is not said."""
     board = _board(session)
     return None if board is None else BOARD.read(board).get("shape")
 

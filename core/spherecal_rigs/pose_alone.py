@@ -54,16 +54,16 @@ def refuse_unless_moved(
     """
     for name in cameras:
         if (other := _in_place_of(rig, name, posed)) is not None:
-            raise _error("exchanged", name, {"other": other})
+            raise _refused(Phrase("error-repair-exchanged", {"camera": name, "other": other}))
     for name in cameras:
         before, fit = rig.camera(name), _fit(posed, name)
         if before is None:
             continue
         binned = None if fit is not None and fit.share > SHARE else _binned(posed, name, before)
         if binned is not None:
-            raise _error("binned", name, {"factor": binned})
+            raise _refused(Phrase("error-repair-binned", {"camera": name, "factor": binned}))
         if fit is None:
-            raise _error("unknown", name, {})
+            raise _refused(Phrase("error-repair-unknown", {"camera": name}))
     whole = recalibrate(session, rig, Selection(cameras, "all"), None, context)
     lenses = recalibrate(session, rig, Selection(cameras, "intrinsics"), None, context)
     for name in cameras:
@@ -71,28 +71,29 @@ def refuse_unless_moved(
         if before is None or by_pose is None:
             continue
         usual = max(before.rms_px or 0.0, 1e-6)
-        if by_both is not None and by_pose.is_worse(by_both) and (by_pose.rms_px > WORSE * usual or by_pose.share < SHARE):
-            raise _error(*_change(before, by_both))
+        unlike = by_pose.rms_px > WORSE * usual or by_pose.share < SHARE
+        if by_both is not None and unlike and by_pose.is_worse(by_both):
+            raise _refused(_change(before, by_both) or Phrase("error-repair-lens", {"camera": name}))
         if by_lens is not None and by_lens.rms_px <= AS_WELL * by_pose.rms_px and by_lens.share >= 0.95 * by_pose.share:
             change = _change(before, by_lens)
-            if change[0] != "lens":
-                raise _error(*change)
+            if change is not None:
+                raise _refused(change)
 
 
-def _error(what: str, camera: str, values: dict[str, object]) -> InputError:
-    return InputError(Phrase(f"error-repair-{what}", {"camera": camera, **values}), Phrase("error-repair-hint"))
+def _refused(why: Phrase) -> InputError:
+    return InputError(why, Phrase("error-repair-hint"))
 
 
-def _change(before: RigCamera, now: _Fit) -> tuple[str, str, dict[str, object]]:
-    """What has changed of a camera's lens or image, the camera, and by how much."""
+def _change(before: RigCamera, now: _Fit) -> Phrase | None:
+    """What has changed of a camera's image or focal length; None for neither."""
     ratio = float((now.intrinsics[:2] / before.intrinsics[:2]).mean())
     if any(abs(ratio / factor - 1) < BINNED_WITHIN for factor in BINNED):
-        return "binned", before.id, {"factor": 1 / ratio}
+        return Phrase("error-repair-binned", {"camera": before.id, "factor": 1 / ratio})
     shift = float(np.abs(now.intrinsics[2:4] - before.intrinsics[2:4]).max())
     focal = float(np.abs(now.intrinsics[:2] / before.intrinsics[:2] - 1).max())
     if shift >= REGION_PX and shift > focal * float(max(before.image_size)):
-        return "region", before.id, {}
-    return ("focus" if focal > REFOCUSED else "lens"), before.id, {}
+        return Phrase("error-repair-region", {"camera": before.id})
+    return Phrase("error-repair-focus", {"camera": before.id}) if focal > REFOCUSED else None
 
 
 def _fit(done: Calibration, name: str) -> _Fit | None:
@@ -115,7 +116,8 @@ def _in_place_of(rig: Rig, name: str, posed: Calibration) -> str | None:
         way = np.linalg.norm(other.centre_mm - before.centre_mm)
         turn = np.linalg.norm(log_rotation(other.rotation @ before.rotation.T))
         near = np.linalg.norm(other.centre_mm - after.centre_mm) < NEARER * way
-        if other.id != name and near and np.linalg.norm(log_rotation(after.rotation @ other.rotation.T)) < NEARER * turn:
+        alike = np.linalg.norm(log_rotation(after.rotation @ other.rotation.T)) < NEARER * turn
+        if other.id != name and near and alike:
             return other.id
     return None
 

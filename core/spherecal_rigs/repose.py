@@ -42,7 +42,8 @@ def repose(session: Session, rig: Rig, cameras: tuple[str, ...], context: Contex
         earlier_poses=rig.earlier_poses,
         quality=without_map(done.rig.quality),
     )
-    covariance = None if rig.covariance is None else followed_covariance(session, mended, rig.covariance, cameras, "pose")
+    before = rig.covariance
+    covariance = None if before is None else followed_covariance(session, mended, before, cameras, "pose")
     mended = replace(mended, covariance=covariance)
     mended = replace(mended, cameras=tuple(with_sigma(mended, i, cameras) for i in range(len(merged))))
     return replace(done, rig=replace(mended, length_map=map_as_before(mended, rig)))

@@ -134,7 +134,7 @@ def test_a_points_covariance_is_its_own(rig: spherecal.Rig) -> None:
 def test_two_points_have_a_covariance_together(rig: spherecal.Rig) -> None:
     """Of a short length most of what cameras err by cancels."""
     place = centre_of_view(rig)
-    ends = np.stack([place, place + [20.0, 0.0, 0.0]])
+    ends = np.stack([place, place + np.array([20.0, 0.0, 0.0])])
     measured = spherecal.triangulate_points(rig, spherecal.project_points(rig, ends), sigma_px=1e-6)
     joint = measured.joint_covariance_mm2(0, 1)
     assert joint.shape == (6, 6) and joint == pytest.approx(joint.T)

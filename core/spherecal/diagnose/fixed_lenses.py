@@ -77,7 +77,7 @@ def _focal(e: Evidence, values: FloatArray, c: int) -> FloatArray:
 
 
 def _structure(e: Evidence, probe: ScoreTest, rows: IntArray, values: FloatArray) -> float:
-    """What a number of a camera's smooth fields explains beyond its intrinsics, over what noise makes of it; least 1."""
+    """What a number of a camera's smooth fields explains beyond its intrinsics, over noise; at least 1."""
     if len(rows) < LEAST_FOR_FIELDS:
         return 1.0
     size = np.array(e.session.cameras[int(probe.problem.camera[rows[0]])].image_size, dtype=float)
@@ -158,5 +158,5 @@ def _by_intrinsics(probe: ScoreTest, intrinsics: FloatArray, rows: IntArray) -> 
     predicted = problem.uv[rows] + probe.linear.residual[rows] / problem.weight[rows]
     xy = np.nan_to_num(undistort(predicted, intrinsics[c])[0])
     x = np.column_stack([xy, np.ones(len(rows))])
-    by_all = project_with_derivatives(x, np.broadcast_to(intrinsics[c], (len(x), 16)))[2]
+    by_all = project_with_derivatives(x, intrinsics[c])[2]
     return by_all[:, :, _BROWN] * problem.weight[rows][:, :, None]

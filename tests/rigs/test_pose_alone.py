@@ -40,7 +40,7 @@ def seen_through(made: tuple[Session, Truth, Rig], intrinsics: np.ndarray) -> Se
      ("k1", "lens"), ("binned", "binned"), ("exchanged", "exchanged")],
 )  # fmt: skip
 def test_what_no_pose_explains_is_named(made: tuple[Session, Truth, Rig], what: str, code: str) -> None:
-    session, truth, rig = made
+    _, truth, rig = made
     lens = truth.cameras[C].intrinsics.copy()
     if what.startswith("focus"):
         lens[:2] *= 1 + float(what.split()[1]) / 100

@@ -144,10 +144,11 @@ def _finding(e: Evidence, one: _Contradiction) -> Finding:
         "times": one.change.statistic / one.limit, "lengths": one.lengths / 2,
         "grow_lengths": float(np.hypot(1, one.lengths)), "grow_poses": float(np.hypot(1, one.poses)),
     }  # fmt: skip
-    if len(one.cameras) > 1:
+    camera, *others = one.cameras
+    if others:
         values |= {"worst": Phrase("all-focal-lengths")}
         return Finding("fixed-intrinsics-contradicted", severity, values, one.cameras, kind="all")
-    prior = e.session.cameras[e.camera_ids.index(one.cameras[0])].prior[:2].mean()
+    prior = e.session.cameras[e.camera_ids.index(camera)].prior[:2].mean()
     values |= {"fixed_px": prior, "fitting_px": prior * (1 + one.focal)}
     return Finding("fixed-intrinsics-contradicted", severity, values, one.cameras, kind="one")
 

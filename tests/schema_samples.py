@@ -20,7 +20,7 @@ from spherecal.files.json_file import JsonValue
 from spherecal.files.read_session import read_session
 from spherecal.files.rig_file import read_rig
 from spherecal.files.target_set_file import read_target_set
-from spherecal_boards.pattern_entry import board_pattern, board_uncertainty, shape_estimated
+from spherecal_boards.pattern_entry import board_pattern, board_shape, board_uncertainty
 from spherecal_cameras.camera_settings import read_profile as read_cameras
 from spherecal_cameras.capture import SessionCamera, SessionFolder
 from spherecal_cameras.genicam.trust import TrustStore
@@ -88,7 +88,7 @@ def _read_session(folder: Path, document: dict[str, Any]) -> object:
     board = document.get("board")
     if board is not None:
         board_uncertainty(session)
-        shape_estimated(session)
+        board_shape(session)
         if board.get("kind") is not None and board.get("points") is None:
             board_pattern(JsonValue(board, folder / "session.json", "board"))
     return session

@@ -21,6 +21,16 @@ from benchmarks.studies.mischief_case import (
     sees_ball,
     spoilt,
 )
+from benchmarks.studies.mischief_frames import (
+    bent_board,
+    frame_lost,
+    loose_mark,
+    out_of_step,
+    turned_ids,
+    twins,
+    wobbling_board,
+    wrong_unit,
+)
 from benchmarks.studies.mischief_motions import (
     beam,
     drifting,
@@ -34,7 +44,6 @@ from benchmarks.studies.mischief_motions import (
 )
 from benchmarks.studies.mischief_world import Pose, World
 from spherecal.data.observations import Observations
-from spherecal.steps.settings import CalibrationSettings
 from spherecal.targets.family import make_target_set
 from spherecal_sim.lens_errors import TrueLens
 from spherecal_sim.recording_faults import shape_changes
@@ -111,14 +120,14 @@ def fixed_intrinsics(world: World, size: float, rng: np.random.Generator) -> Cas
         prior[:2] *= 1 + size
         cameras.append(replace(spec, prior=prior))
     session = replace(case.session, cameras=tuple(cameras))
-    return replace(case, session=session, settings=CalibrationSettings(intrinsics="fixed"))
+    return replace(case, session=session, settings=replace(case.settings, intrinsics="fixed"))
 
 
 def fixed_data_sheet(world: World, size: float, rng: np.random.Generator) -> Case:
     """Fixed intrinsics from the data sheet: no distortion, centred, each focal length wrong by up to a share."""
     world = replace(world, prior_error=size)
     case = make_case(world, rng, ("fixed-intrinsics", "prior-focal", "intrinsics", "lens"))
-    return replace(case, settings=CalibrationSettings(intrinsics="fixed"))
+    return replace(case, settings=replace(case.settings, intrinsics="fixed"))
 
 
 def fixed_one_placement(world: World, size: float, rng: np.random.Generator) -> Case:
@@ -356,48 +365,65 @@ def wrong_pitch(world: World, size: float, rng: np.random.Generator) -> Case:
 
 @dataclass(frozen=True)
 class Mischief:
-    """A kind of mischief and its sizes; `row` is that of the issue's table, empty for those thought up here."""
+    """A kind of mischief and its sizes; `row` is that of the issue's table, empty for those thought up here.
+
+    `methods` by which it is recorded and calibrated.
+    """
 
     name: str
     make: Make
     sizes: tuple[float, ...]
     unit: str = ""
     row: str = ""
+    methods: tuple[str, ...] = ("ball",)
 
+
+_ALL, _FRAMES, _SHOWN = ("ball", "board", "bar"), ("board", "bar"), ("ball", "board")
+_BOARD, _BAR = ("board",), ("bar",)
 
 KINDS: tuple[Mischief, ...] = (
     Mischief("nothing", nothing, (0, 1), "bar"),
-    Mischief("stale image", stale, (1, 2), "placements", "A"),
+    Mischief("stale image", stale, (1, 2), "placements", "A", methods=_SHOWN),
     Mischief("distance typed wrong", typed_distance, (0.495, 0.8, 0.97), "x", "B"),
     Mischief("stickers printed small", printed_small, (0.9, 0.97), "x", "C"),
     Mischief("bar's certificate wrong", bar_certificate, (1.2, 1.05, 1.02), "x", "D"),
-    Mischief("camera moved", moved, (0.01, 0.1, 0.3, 3, 30), "mm and mrad", "E"),
-    Mischief("beam sags", beam, (0.02, 0.2, 2), "mm and mrad", "F"),
+    Mischief("camera moved", moved, (0.01, 0.1, 0.3, 3, 30), "mm and mrad", "E", methods=_ALL),
+    Mischief("beam sags", beam, (0.02, 0.2, 2), "mm and mrad", "F", methods=_ALL),
     Mischief("ball moved between trigger groups", trigger_groups, (0.01, 0.05, 0.2, 1, 5), "mm", "G"),
-    Mischief("fixed focal lengths wrong", fixed_intrinsics, (0.001, 0.015), "x", "H"),
-    Mischief("fixed data-sheet intrinsics", fixed_data_sheet, (0.015,), "x", "H"),
+    Mischief("fixed focal lengths wrong", fixed_intrinsics, (0.001, 0.015), "x", "H", methods=_ALL),
+    Mischief("fixed data-sheet intrinsics", fixed_data_sheet, (0.015,), "x", "H", methods=_ALL),
     Mischief("the same, one placement", fixed_one_placement, (0.015,), "x", "H"),
     Mischief("copies of one placement", copies, (0, 1), "noise", "I"),
-    Mischief("skew", skew, (0.2, 2, 8), "px", "J"),
-    Mischief("fisheye lenses", fisheye, (0.0, 0.3), "k1", "J"),
+    Mischief("skew", skew, (0.2, 2, 8), "px", "J", methods=_ALL),
+    Mischief("fisheye lenses", fisheye, (0.0, 0.3), "k1", "J", methods=_SHOWN),
     Mischief("mirrored", mirrored, (1, 0), "camera", "mirrored"),
-    Mischief("camera elsewhere once", moved_once, (0.1, 1, 30), "mm and mrad"),
-    Mischief("two cameras moved", two_moved, (0.1, 1, 10), "mm and mrad"),
-    Mischief("all cameras drift", drifting, (0.02, 0.2, 1), "mm"),
-    Mischief("one camera late", late_camera, (0.05, 0.3, 3), "mm"),
+    Mischief("camera elsewhere once", moved_once, (0.1, 1, 30), "mm and mrad", methods=_SHOWN),
+    Mischief("two cameras moved", two_moved, (0.1, 1, 10), "mm and mrad", methods=_ALL),
+    Mischief("all cameras drift", drifting, (0.02, 0.2, 1), "mm", methods=_ALL),
+    Mischief("one camera late", late_camera, (0.05, 0.3, 3), "mm", methods=_ALL),
     Mischief("ball rolls", rolling_ball, (0.005, 0.05, 1), "deg"),
     Mischief("frame lost", shifted_frames, (1,)),
-    Mischief("cameras exchanged", exchanged_halfway, (1, 0), "halfway"),
-    Mischief("image of another camera", image_of_another, (1,)),
-    Mischief("images binned", binned, (1, 0), "from a placement on"),
-    Mischief("region of interest shifted", shifted_roi, (0.2, 2, 8, 64), "px"),
-    Mischief("focus changed", refocused, (0.0001, 0.001, 0.01), "x"),
+    Mischief("cameras exchanged", exchanged_halfway, (1, 0), "halfway", methods=_ALL),
+    Mischief("image of another camera", image_of_another, (1,), methods=_SHOWN),
+    Mischief("images binned", binned, (1, 0), "from a placement on", methods=_ALL),
+    Mischief("region of interest shifted", shifted_roi, (0.2, 2, 8, 64), "px", methods=_ALL),
+    Mischief("focus changed", refocused, (0.0001, 0.001, 0.01), "x", methods=_ALL),
     Mischief("stickers with one number", two_stickers, (1, 3, 10), "pairs"),
     Mischief("another ball at one placement", other_ball, (1.0, 0.8), "x"),
     Mischief("ball bent", bent_ball, (0.02, 0.2, 2), "mm"),
-    Mischief("placement of an older session", older_placement, (0.05, 0.5, 5), "mm and mrad"),
-    Mischief("pixel pitch wrong", wrong_pitch, (1.39, 0.72), "x"),
+    Mischief("placement of an older session", older_placement, (0.05, 0.5, 5), "mm and mrad", methods=_SHOWN),
+    Mischief("pixel pitch wrong", wrong_pitch, (1.39, 0.72), "x", methods=_SHOWN),
     Mischief("ball grows", growing_ball, (50, 300, 1500), "ppm"),
     Mischief("prints stretched", stretched_print, (0.001, 0.003, 0.02), "x"),
     Mischief("rig warms", warming, (20, 100), "ppm"),
+    Mischief("nothing with frames", nothing, (0,), methods=_FRAMES),
+    Mischief("camera mirrored", mirrored, (1,), methods=_FRAMES),  # of a whole rig nothing shows it
+    Mischief("camera out of step", out_of_step, (1, 2), "frames", methods=_FRAMES),
+    Mischief("frames lost", frame_lost, (1,), "frames", methods=_FRAMES),
+    Mischief("two cameras, one file", twins, (1,), methods=_ALL),
+    Mischief("lengths in another unit", wrong_unit, (0.001, 1000), "x", methods=_FRAMES),
+    Mischief("board bent", bent_board, (0.1, 0.8), "mm", methods=_BOARD),
+    Mischief("board bends", wobbling_board, (0.05, 0.3, 1), "mm", methods=_BOARD),
+    Mischief("figure half turned", turned_ids, (1, 5), "images", methods=_FRAMES),
+    Mischief("mark of the bar loose", loose_mark, (0.1, 0.5, 3), "mm", methods=_BAR),
 )

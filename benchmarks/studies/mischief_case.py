@@ -39,6 +39,9 @@ class Case:
         )
 
 
+# Frames of a board or bar, of which a few at the end tell nothing of a camera.
+MANY = 15
+
 Make = Callable[[World, float, np.random.Generator], Case]
 
 IMAGE = ("wrong-placement", "image-contradicts", "stale", "swapped", "exchanged", "left-out", "identical", "image")
@@ -108,10 +111,11 @@ def seen_placement(world: World, rng: np.random.Generator) -> tuple[int, int]:
 
 
 def sees_ball(world: World, camera: int, placement: int) -> bool:
-    normals = world.ball.normals @ world.turns[placement].T
+    normals = world.normals(world.ball, world.turns[placement])
     return len(world.image(camera, placement, world.points_mm(placement), normals)[0]) > 0
 
 
 def later_placement(world: World, rng: np.random.Generator) -> int:
-    """A placement index from the second on."""
-    return int(rng.integers(1, len(world.turns)))
+    """A placement index from the second on; of many frames one that has a fifth of them on either side."""
+    frames = len(world.turns)
+    return int(rng.integers(*((1, frames) if frames < MANY else (frames // 5, frames - frames // 5))))

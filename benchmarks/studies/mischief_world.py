@@ -91,6 +91,22 @@ class World:
         inside = ((uv > -0.5) & (uv < size - 0.5)).all(axis=1)
         return rows[inside], uv[inside]
 
+    def normals(self, ball: Ball, turn: FloatArray) -> FloatArray | None:
+        """Which way the dots face; None for marks that are seen from all around."""
+        return ball.normals @ turn.T if len(ball.normals) else None
+
+    def specs(self, rng: np.random.Generator) -> tuple[CameraSpec, ...]:
+        """The cameras as the session knows them: priors from data sheets, a little wrong."""
+        specs = []
+        for camera in self.cameras:
+            prior = nominal_intrinsics(camera.kind)
+            prior[:2] *= 1 + self.prior_error * rng.uniform(-1, 1)
+            size, pitch, focal = camera.kind.image_size, camera.kind.pixel_pitch_um, camera.kind.focal_length_mm
+            specs.append(
+                CameraSpec(camera.id, size, prior, True, camera.id, pixel_pitch_um=pitch, focal_length_mm=focal)
+            )
+        return tuple(specs)
+
     def record(self, rng: np.random.Generator) -> Observations:
         """All placements with noise."""
         parts, images = [], []
@@ -98,7 +114,7 @@ class World:
             ball = self.ball if self.shape_of is None else self.shape_of(t)
             for c in range(len(self.cameras)):
                 turn, place = (self.turns[t], self.places_mm[t]) if self.ball_of is None else self.ball_of(c, t)
-                rows, uv = self.image(c, t, ball.dots_mm @ turn.T + place, ball.normals @ turn.T)
+                rows, uv = self.image(c, t, ball.dots_mm @ turn.T + place, self.normals(ball, turn))
                 n = len(rows)
                 parts.append(np.stack([np.full(n, t), np.full(n, c), ball.dot_target[rows], ball.dot_point[rows]]))
                 images.append(uv)
@@ -110,26 +126,11 @@ class World:
     def session(self, observations: Observations, rng: np.random.Generator) -> Session:
         """The session of a recording, scale by target spacing; priors from data sheets, a little wrong."""
         targets = make_target_set(_TARGETS + 2)
-        specs = []
-        for camera in self.cameras:
-            prior = nominal_intrinsics(camera.kind)
-            prior[:2] *= 1 + self.prior_error * rng.uniform(-1, 1)
-            specs.append(
-                CameraSpec(
-                    camera.id,
-                    camera.kind.image_size,
-                    prior,
-                    True,
-                    camera.id,
-                    pixel_pitch_um=camera.kind.pixel_pitch_um,
-                    focal_length_mm=camera.kind.focal_length_mm,
-                )
-            )
         layout = targets.layouts[1]
         distance = round(float(np.linalg.norm(layout["E"] - layout["A"])), 9)
         return Session(
             Path(),
-            tuple(specs),
+            self.specs(rng),
             tuple(Placement(p) for p in observations.placements),
             (),
             (),

@@ -5,7 +5,7 @@ import json
 import sys
 import time
 from collections import Counter
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from typing import Literal
 
 import numpy as np
@@ -13,14 +13,19 @@ from threadpoolctl import threadpool_limits
 
 from benchmarks.studies.judged import Judged, calibrated_and_judged, words
 from benchmarks.studies.mischief import KINDS, Mischief
+from benchmarks.studies.mischief_frames import make_frame_world
 from benchmarks.studies.mischief_world import RIGS, make_world
 from benchmarks.studies.realistic import ACCUSATIONS
 from benchmarks.studies.report import Report
 from benchmarks.studies.workers import Job, spread
 from benchmarks.studies.wrong_verified import LIMIT_MM, Said, said_of
 
+# The rig, and by what it is calibrated where that is not the ball.
+FRAMED = tuple(f"{rig}, {method}" for method in ("board", "bar") for rig in ("rigA", "random"))
+WORLDS = (*RIGS, *FRAMED)
 RUNS = 50
 CLEAN = 400
+CLEAN_KINDS = ("nothing", "nothing with frames")
 FIRST_SEED = 2001
 FALSE_ALARM = 0.01
 
@@ -57,8 +62,12 @@ class Row:
 def one(kind: str, size: float, rig: str, seed: int) -> Row:
     """One recording with mischief through the production calibration."""
     mischief = next(m for m in KINDS if m.name == kind)
-    rng = np.random.default_rng([seed, RIGS.index(rig), list(KINDS).index(mischief), int(1e6 * abs(size))])
-    case = mischief.make(make_world(rig, seed), size, rng)
+    rng = np.random.default_rng([seed, WORLDS.index(rig), list(KINDS).index(mischief), int(1e6 * abs(size))])
+    name, _, method = rig.partition(", ")
+    world = make_frame_world(name, method, seed) if method else make_world(rig, seed)
+    case = mischief.make(world, size, rng)
+    if method:
+        case = replace(case, world=None)
     result = calibrated_and_judged(case.session, case.reference, case.settings)
     told = case.blamed(result.findings)
     said = said_of(case, result, np.random.default_rng([seed, 11]))
@@ -99,7 +108,7 @@ def outcome_of(result: Judged, told: bool, kind: str) -> Outcome:
         if result.verdict == "use-with-care":
             return "right, told" if within and result.affected else "wrong with care"
         return "wrong and VALID"
-    return "right, told" if told and kind != "nothing" else "right, not told"
+    return "right, told" if told and kind not in CLEAN_KINDS else "right, not told"
 
 
 @dataclass
@@ -135,8 +144,9 @@ def _tasks(
     for i in range(max(runs, *(len(m.sizes) for m in kinds), clean)):
         for mischief in kinds:
             sizes = mischief.sizes
-            if i < (clean if mischief.name == "nothing" else max(runs, len(sizes))):
-                out.append((mischief.name, sizes[i % len(sizes)], rigs[i // len(sizes) % len(rigs)], FIRST_SEED + i))
+            own = [rig for rig in rigs if (rig.partition(", ")[2] or "ball") in mischief.methods]
+            if own and i < (clean if mischief.name in CLEAN_KINDS else max(runs, len(sizes))):
+                out.append((mischief.name, sizes[i % len(sizes)], own[i // len(sizes) % len(own)], FIRST_SEED + i))
     return out
 
 
@@ -154,9 +164,10 @@ def page_of(rows: list[Row], command: str) -> Report:
     page = Report("Wrong recordings", command)
     page.text(
         "Recordings with mischief, in sizes from invisible to gross, on rigs A and B, a hall of 12 cameras and random "
-        "rigs, through the production calibration; noise 0.04 px, perfect prints. Wrong is a camera's centre or angle "
-        "or one of 40 lengths beyond 3 times its stated expanded uncertainty, against the rig as it is after the "
-        "recording. Told: the right thing is named in a finding. Rows A to J are those of the issue."
+        "rigs, by the ball, a board and a waved bar, through the production calibration; noise 0.04 px, perfect "
+        "prints. Wrong is a camera's centre or angle or one of 40 lengths beyond 3 times its stated expanded "
+        "uncertainty, against the rig as it is after the recording. Told: the right thing is named in a finding. "
+        "Rows A to J are those of the issue."
     )
     cells: dict[tuple[str, float], Cell] = {}
     by_name = {m.name: m for m in KINDS}
@@ -185,10 +196,10 @@ def page_of(rows: list[Row], command: str) -> Report:
             for c in cells.values()
         ],
     )
-    total = Counter(row.outcome for row in rows if row.kind != "nothing")
+    total = Counter(row.outcome for row in rows if row.kind not in CLEAN_KINDS)
     page.table(("all mischief", "recordings"), [(o, total[o]) for o in OUTCOMES])
     page.heading("Recordings with nothing done")
-    clean = [row for row in rows if row.kind == "nothing"]
+    clean = [row for row in rows if row.kind in CLEAN_KINDS]
     alarms: Counter[str] = Counter(code for row in clean for code in row.accused)
     page.table(
         ("accusation", "recordings"), [(c, f"{n} of {len(clean)}") for c, n in alarms.most_common()] or [("none", 0)]
@@ -251,7 +262,7 @@ def page_of(rows: list[Row], command: str) -> Report:
     return page
 
 
-def report(runs: int | None, rigs: tuple[str, ...] = RIGS, processes: int | None = None) -> Report:
+def report(runs: int | None, rigs: tuple[str, ...] = WORLDS, processes: int | None = None) -> Report:
     """The study's page."""
     runs = runs or RUNS
     clean = CLEAN if runs >= RUNS else max(8, CLEAN * runs // RUNS)
@@ -264,20 +275,21 @@ def main() -> int:
     parser = argparse.ArgumentParser(prog="benchmarks.studies.wrong", description=__doc__)
     parser.add_argument("--kinds", nargs="+", choices=[m.name for m in KINDS], default=[m.name for m in KINDS])
     parser.add_argument("--sizes", nargs="+", type=float)
-    parser.add_argument("--rigs", nargs="+", choices=RIGS, default=list(RIGS[:1]))
+    parser.add_argument("--rigs", nargs="+", choices=WORLDS, default=list(RIGS[:1]))
     parser.add_argument("--seeds", nargs="+", type=int, default=[FIRST_SEED])
     parser.add_argument("--turns", action="store_true", help="each size once, rigs in turn")
     parser.add_argument("--json", help="file that every row is appended to")
     options = parser.parse_args()
     kinds = tuple(m for m in KINDS if m.name in options.kinds)
     if options.turns:
-        tasks = _tasks(1, RIGS, kinds, 8)
+        tasks = _tasks(1, tuple(options.rigs), kinds, 8)
     else:
         tasks = [
             (m.name, size, rig, seed)
             for m in kinds
             for size in (options.sizes or m.sizes)
             for rig in options.rigs
+            if (rig.partition(", ")[2] or "ball") in m.methods
             for seed in options.seeds
         ]
     begin = time.monotonic()

@@ -30,7 +30,7 @@ from spherecal.files.ball_file import BallProfile, ball_bytes, read_ball
 from spherecal.files.bar_registry import BAR_REGISTRY, RegisteredBar
 from spherecal.files.json_file import JsonValue
 from spherecal.files.read_session import read_session
-from spherecal.files.rig_file import COVARIANCE_FILE, covariance_bytes, read_rig, rig_bytes
+from spherecal.files.rig_file import COVARIANCE_FILE, check_rig_bytes, covariance_bytes, read_rig, rig_bytes
 from spherecal.files.target_set_file import read_target_set, write_target_set
 from spherecal.files.write_result import write_result
 from spherecal.geometry.camera import LensModel
@@ -609,12 +609,15 @@ def save_rig(rig: Rig, path: AnyPath, details: Mapping[str, object] | None = Non
 
     Raises
     ------
+    InputError
+        For a rig that could not be read again, such as one with a rotation that is none.
     OutputError
         Where it cannot be written, or where the covariance of another rig is in the folder.
     """
     path = Path(path)
     path = path / "rig.json" if path.is_dir() else path
     content = rig_bytes(rig, details)
+    check_rig_bytes(content, path)
     if rig.covariance is None:
         write_file_whole(path, content)
         return

@@ -5,28 +5,36 @@ together with the bar's lengths as rows; the cameras' intrinsics are known or fr
 with whose methods [Tao21] compares.
 """
 
+from dataclasses import replace
+
 import numpy as np
 
 from spherecal.adjust.network import free_network
 from spherecal.adjust.state import State
-from spherecal.base.arrays import IntArray
+from spherecal.base.arrays import FloatArray, IntArray
 from spherecal.base.context import Context, Stopwatch
 from spherecal.data.findings import Finding
 from spherecal.data.lens_model import estimated_intrinsics
 from spherecal.data.observations import Features, find_features
 from spherecal.data.rig import Calibration, RigScale
-from spherecal.data.session import Session
+from spherecal.data.session import Placement, Session
 from spherecal.detect.session_images import observed
+from spherecal.diagnose.plausibility import implausible
 from spherecal.steps.settings import CalibrationSettings
 from spherecal_boards.bar_adjustment import BarAdjusted, BarNetwork, adjust_bar, chain_pairs, residuals_px
 from spherecal_boards.bar_marks import BarRecording, bar_recording, known_lengths, scale_bar, standard_uncertainty
-from spherecal_boards.bar_start import LEAST_COMMON, BarStart, start_from_pairs
-from spherecal_boards.board_findings import common_findings, scale_finding, unlinked
+from spherecal_boards.bar_model import Lengths
+from spherecal_boards.bar_start import LEAST_COMMON, BarStart, lags_of, start_from_pairs
+from spherecal_boards.board_findings import common_findings, diagnosed, scale_finding, unlinked
 from spherecal_boards.board_result import Fit, assemble_fit, assemble_nothing
+from spherecal_boards.camera_lag import in_step, lag_findings, unmirrored
+from spherecal_boards.frames_evidence import FrameAdjustment, Tested, frame_evidence, frame_test
 
 METHOD = "bar"
 # With fewer frames in which both ends were measured the scale and the focal lengths hang on single images.
 FEW_FRAMES = 50
+# A camera that moves is told by stretches of frames: few enough to be fast, short enough to say when.
+STRETCHES, LEAST_FRAMES = 24, 8
 
 
 def calibrate_bar(
@@ -44,17 +52,18 @@ def calibrate_bar(
         session = observed(session, context, bar_poses_only=True)
         watch.lap("detection")
     recording = bar_recording(session, bar)
-    o = recording.observations
     known = np.array([camera.prior for camera in session.cameras])
     free = estimated_intrinsics(session, settings.intrinsics == "free")
+    about = list(implausible(_in_stretches(session, recording)))
+    recording, late = _in_step(session, recording, known, settings.seed)
+    o = recording.observations
     names = [c.id if settings.own_intrinsics else c.intrinsics_group for c in session.cameras]
     group = np.unique(names, return_inverse=True)[1].reshape(-1)
     network = free_network(recording.point, o.camera, o.uv, recording.n_points, free, group).with_sigma(o.sigma)
-    every = known_lengths(session, recording, np.bincount(recording.point, minlength=recording.n_points) >= 2)
-    start = start_from_pairs(recording, every, known, settings.seed, context)
+    start = start_from_pairs(recording, _all_lengths(session, recording), known, settings.seed, context)
     watch.lap("pairs of cameras")
     features = find_features(o)
-    linking = unlinked(o.cameras, start.linked, start.placed, "bar", LEAST_COMMON)
+    linking = [*about, *late, *unlinked(o.cameras, start.linked, start.placed, "bar", LEAST_COMMON)]
     if not start.placed.any():
         lost = Finding("nothing-reconstructed", "error", {"least": LEAST_COMMON}, kind="bar")
         return assemble_nothing(session, o, features, [lost, *linking], METHOD, watch.seconds)
@@ -64,7 +73,7 @@ def calibrate_bar(
     state = State(rotation, translation, known.copy(), np.full((recording.n_points, 3), np.nan))
     adjusted = adjust_bar(work, state, context) if settings.joint else chain_pairs(work, state, start.parents, context)
     watch.lap("joint adjustment")
-    return _result(work, start, adjusted, features, linking, watch.seconds)
+    return _result(work, start, adjusted, features, linking, watch, context)
 
 
 def _result(
@@ -73,7 +82,8 @@ def _result(
     adjusted: BarAdjusted,
     features: Features,
     findings: list[Finding],
-    seconds: dict[str, float],
+    watch: Stopwatch,
+    context: Context,
 ) -> Calibration:
     recording, network, session = work.recording, work.network, work.session
     o = recording.observations
@@ -100,15 +110,70 @@ def _result(
         adjusted.minimum.converged,
         adjusted.has_prior,
         adjusted.joint,
+        FrameAdjustment(
+            adjusted.rows, adjusted.minimum, adjusted.redundancy, _tested(work, adjusted), network.free, network.group
+        ),
     )
     scale = RigScale("none", None)
     if adjusted.covariance is not None and np.isfinite(adjusted.variance):
         noise = np.sqrt(adjusted.variance) * adjusted.covariance.relative_scale
         scale = RigScale("bar", float(np.hypot(noise, _certificate(adjusted, recording))))
     findings = [*findings, *common_findings(session, fit, "bar"), *_about_frames(adjusted, recording)]
+    cut = _in_stretches(session, recording)
+    assert cut.observations is not None
+    evidence = frame_evidence(cut, replace(fit, observations=cut.observations), scale, "free", context)
+    findings += diagnosed(evidence, "bar")
+    watch.lap("diagnosis")
     if scale.relative_uncertainty is not None:
         findings.append(scale_finding("waved-bar", scale.relative_uncertainty))
-    return assemble_fit(session, fit, scale, findings, METHOD, seconds)
+    return assemble_fit(session, fit, scale, findings, METHOD, watch.seconds)
+
+
+def _tested(work: BarNetwork, adjusted: BarAdjusted) -> Tested | None:
+    state = adjusted.state
+    whole = replace(state, points=np.where(np.isfinite(state.points), state.points, 0.0))
+    return frame_test(adjusted.model, whole, adjusted.minimum, adjusted.redundancy) if adjusted.joint else None
+
+
+def _all_lengths(session: Session, recording: BarRecording) -> Lengths:
+    return known_lengths(session, recording, np.bincount(recording.point, minlength=recording.n_points) >= 2)
+
+
+def _in_step(
+    session: Session, recording: BarRecording, known: FloatArray, seed: int
+) -> tuple[BarRecording, list[Finding]]:
+    """The recording with the frames of cameras that are behind or ahead of the others put back, and what was."""
+    o = recording.observations
+    every = known_lengths(session, recording, np.ones(recording.n_points, dtype=bool))
+    widths = np.array([camera.image_size[0] for camera in session.cameras])
+    lags = lags_of(recording, every, known, widths, seed)
+    if not lags:
+        return recording, []
+    frame, slot = np.divmod(recording.point, recording.slots)
+    found = lag_findings(o, lags, tuple(o.placements[i] for i in recording.pose))
+    uv = unmirrored(lags, o.camera, o.uv, widths)
+    frame, keep = in_step(lags, o.camera, frame)
+    o = replace(o.select(keep), placement=recording.pose[frame], uv=uv[keep])
+    return replace(recording, observations=o, point=frame * recording.slots + slot[keep]), found
+
+
+def _in_stretches(session: Session, recording: BarRecording) -> Session:
+    """The frames as a few stretches, named by their first ones: as placements, with the marks of all their frames.
+
+    A frame has too few marks to say anything of a camera's pose; a camera that moves stays where it is for many.
+    """
+    frame, slot = np.divmod(recording.point, recording.slots)
+    size = max(-(-recording.n_frames // STRETCHES), LEAST_FRAMES)
+    stretch, inside = np.divmod(frame, size)
+    names = tuple(recording.observations.placements[i] for i in recording.pose[::size])
+    o = replace(
+        recording.observations,
+        placements=names,
+        placement=stretch,
+        points=tuple(str(i) for i in range(size * recording.slots)),
+        point=inside * recording.slots + slot,
+    )
+    return replace(session, placements=tuple(Placement(name) for name in names), bar_poses=(), observations=o)
 
 
 def _points_of(features: Features, recording: BarRecording) -> IntArray:

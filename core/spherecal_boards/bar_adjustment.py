@@ -4,7 +4,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from spherecal.adjust.bundle import GATE_ROUNDS, START_INTRINSICS, usable_features
+from spherecal.adjust.bundle import GATE_ROUNDS, PAIR_GATES, START_INTRINSICS, usable_features
 from spherecal.adjust.levenberg import Minimum, Settings
 from spherecal.adjust.network import Network
 from spherecal.adjust.problem import sorted_problem
@@ -21,6 +21,7 @@ from spherecal_boards.frame_network import minimise, redundancy
 from spherecal_boards.frames_adjustment import (
     Adjusted,
     camera_residuals,
+    gates_px,
     progress,
     robust_steps,
     sizes,
@@ -44,10 +45,11 @@ class BarNetwork:
 
 @dataclass(frozen=True)
 class BarAdjusted(Adjusted):
-    """An adjusted network; `covariance` has the cofactors of `points` (p,)."""
+    """An adjusted network; `covariance` has the cofactors of `points` (p,); `rows`: the observation of each row."""
 
     model: BarModel
     points: IntArray = field(kw_only=True)
+    rows: IntArray = field(kw_only=True)
 
 
 def adjust_bar(work: BarNetwork, state: State, context: Context) -> BarAdjusted:
@@ -92,14 +94,14 @@ def chain_pairs(work: BarNetwork, state: State, parents: tuple[tuple[int, int], 
     used = _gate(work.network, state, work.placed, used)
     seen = work.network.views(used) >= 2
     lengths = known_lengths(work.session, work.recording, seen)
-    model = _model(work, used, np.zeros_like(work.network.free), lengths, NO_PRIORS, True)
+    model, rows = _model(work, used, np.zeros_like(work.network.free), lengths, NO_PRIORS, True)
     whole = replace(state, points=np.where(seen[:, None], state.points, 0.0))
     cost = 0.5 * float((model.residuals(whole) ** 2).sum())
     state = replace(state, points=np.where(seen[:, None], state.points, np.nan))
     nobody = np.zeros(len(work.placed), dtype=bool)
     minimum = Minimum(state, cost, 0, True, (cost,))
     count, points = redundancy(model, whole), np.flatnonzero(seen)
-    return BarAdjusted(state, model, used, minimum, count, None, nobody, joint=False, points=points)
+    return BarAdjusted(state, model, used, minimum, count, None, nobody, joint=False, points=points, rows=rows)
 
 
 def _adjusted_pair(work: BarNetwork, state: State, context: Context) -> State:
@@ -121,7 +123,7 @@ def _robust_start(work: BarNetwork, state: State, candidates: BoolArray, context
         free = network.free if names is None else network.free & np.isin(INTRINSIC_NAMES, names)
         state = replace(state, points=np.where(good[:, None], points, 0.0))
         lengths = known_lengths(work.session, work.recording, good)
-        model = _model(work, candidates & good[network.feature], free, lengths, NO_PRIORS, False)
+        model, _ = _model(work, candidates & good[network.feature], free, lengths, NO_PRIORS, False)
         state = robust_steps(model, state, context)
         points, good = usable_features(network, state, candidates)
     return replace(state, points=np.where(good[:, None], points, np.nan)), good
@@ -142,14 +144,14 @@ def _refine(
     noise: float,
     context: Context,
 ) -> BarAdjusted:
-    state, model, gated, minimum = _gated(work, state, used, priors, noise, context, Settings(), True)
+    state, model, rows, gated, minimum = _gated(work, state, used, priors, noise, context, Settings(), True)
     context.report("uncertainty", 0.0)
     points = np.flatnonzero(work.network.views(gated) >= 2)
     covariance = None
     if len(points) and len(model.lengths.frame):
         covariance = frame_covariance(model, minimum.state, model.point_rows(minimum.state, points))
     count = redundancy(model, minimum.state)
-    return BarAdjusted(state, model, gated, minimum, count, covariance, has_prior, points=points)
+    return BarAdjusted(state, model, gated, minimum, count, covariance, has_prior, points=points, rows=rows)
 
 
 def _gated(
@@ -161,35 +163,36 @@ def _gated(
     context: Context,
     settings: Settings,
     locate: bool,
-) -> tuple[State, BarModel, BoolArray, Minimum]:
+) -> tuple[State, BarModel, IntArray, BoolArray, Minimum]:
     """Gate and least squares in turns until the gate stays; `locate` points that have none before each."""
     network, rounds = work.network, 0
     while True:
         rounds += 1
-        state = _located(network, state, work.placed) if locate else state
+        state = _located(network, state, work.placed, used) if locate else state
         gated = _gate(network, state, work.placed, used)
         seen = network.views(gated) >= 2
         lengths = known_lengths(work.session, work.recording, seen)
         # certificates and dots are to weigh against each other as both really scatter
         lengths = replace(lengths, sigma=lengths.sigma / noise)
-        model = _model(work, gated, network.free, lengths, priors, True)
+        model, rows = _model(work, gated, network.free, lengths, priors, True)
         whole = replace(state, points=np.where(seen[:, None], state.points, 0.0))
         minimum = minimise(model, whole, settings, progress(context, "joint adjustment", 20))
         state = replace(minimum.state, points=np.where(seen[:, None], minimum.state.points, np.nan))
         if (gated == used).all() or rounds == GATE_ROUNDS:
-            return state, model, gated, minimum
+            return state, model, rows, gated, minimum
         used = gated
 
 
 def _model(
     work: BarNetwork, used: BoolArray, free: BoolArray, lengths: Lengths, priors: Priors, weighted: bool
-) -> BarModel:
+) -> tuple[BarModel, IntArray]:
+    """The adjustment of the used observations, and which observation each of its rows is."""
     network = work.network
     rows = np.flatnonzero(used)
     seen = work.placed & (np.bincount(network.camera[rows], minlength=len(work.placed)) > 0)
     sigma = network.sigma[rows] if weighted else None
     pose = seen & (np.arange(len(seen)) != work.reference)
-    problem, _ = sorted_problem(
+    problem, order = sorted_problem(
         network.camera[rows],
         network.feature[rows],
         network.uv[rows],
@@ -200,17 +203,26 @@ def _model(
         group=network.group,
         priors=priors,
     )
-    return BarModel(problem, work.recording.slots, lengths)
+    return BarModel(problem, work.recording.slots, lengths), rows[order]
 
 
-def _located(network: Network, state: State, placed: BoolArray) -> State:
-    """The state with points for features that had none, where the cameras as they now are agree on them."""
+def _located(network: Network, state: State, placed: BoolArray, used: BoolArray) -> State:
+    """The state with points for features that had none, where most of the cameras as they now are agree on them.
+
+    One camera that was knocked would leave all points that it sees without a place, and so without a contradiction.
+    """
     missing = np.isnan(state.points[:, 0])
     rows = placed[network.camera] & missing[network.feature]
     rows &= (network.views(rows) >= 2)[network.feature]
-    if not rows.any():
+    size = sizes(residuals_px(network, state))
+    known = used & np.isfinite(size)
+    if not rows.any() or not known.any():
         return state
-    points, good = usable_features(network, state, rows)
+    take = np.flatnonzero(rows)
+    limit = gates_px(size, network.camera, known, len(network.group))
+    agree = np.zeros_like(rows)
+    agree[take] = network.agreeing(state, take, PAIR_GATES * limit[network.camera[take]])
+    points, good = usable_features(network, state, agree)
     return replace(state, points=np.where((missing & good)[:, None], points, state.points))
 
 

@@ -15,6 +15,7 @@ from spherecal.geometry.triangulation import triangulate
 from spherecal_boards.bar_marks import BarRecording
 from spherecal_boards.bar_model import Lengths
 from spherecal_boards.board_result import groups_of
+from spherecal_boards.camera_lag import AGREE_PX, MOST_FRAMES, Compared, Lag, find_lags
 
 LEAST_COMMON = 20
 # As in initialise/two_view.py: nominal intrinsics bend epipolar lines by up to this.
@@ -59,12 +60,8 @@ def start_from_pairs(
 
     `intrinsics`: what is known of the cameras, (c,16).
     """
-    o, n = recording.observations, len(recording.observations.cameras)
-    xy, usable = undistort(o.uv, intrinsics[o.camera])
-    table = np.full((n, recording.n_points), -1)
-    table[o.camera[usable], recording.point[usable]] = np.flatnonzero(usable)
-    seen = (table >= 0).astype(np.float32)
-    common = np.rint(seen @ seen.T).astype(np.int64)
+    n = len(recording.observations.cameras)
+    xy, table, common = _seen(recording, intrinsics)
     pairs: dict[tuple[int, int], CameraPair] = {}
     todo = np.argwhere(np.triu(common >= LEAST_COMMON, 1)).tolist()
     for number, (a, b) in enumerate(todo):
@@ -78,6 +75,57 @@ def start_from_pairs(
             back = pair.rotation.T
             pairs[b, a] = CameraPair(back, -back @ pair.translation, pair.weight)
     return _chain(pairs, common, n)
+
+
+def lags_of(
+    recording: BarRecording, lengths: Lengths, intrinsics: FloatArray, widths: IntArray, seed: int
+) -> list[Lag]:
+    """Cameras whose frames are behind or ahead of the others', or mirrored, by the pairs that agree only then.
+
+    `intrinsics`, `widths`: what is known of the cameras, (c,16), and of their images, (c,) px.
+    """
+    xy, table, common = _seen(recording, intrinsics)
+
+    o = recording.observations
+    turned = np.column_stack([widths[o.camera] - 1 - o.uv[:, 0], o.uv[:, 1]])
+    mirrored = undistort(turned, intrinsics[o.camera])[0]
+
+    def compare(a: int, b: int, shifted: bool) -> Compared:
+        best: Compared = np.inf, np.zeros(recording.n_frames, dtype=np.int64), False
+        seen = np.flatnonzero(table[b] >= 0)
+        for lag in sorted(range(-MOST_FRAMES, MOST_FRAMES + 1), key=abs) if shifted else (0,):
+            first = seen - lag * recording.slots
+            both = (first >= 0) & (first < recording.n_points)
+            both[both] &= table[a, first[both]] >= 0
+            if both.sum() < LEAST_COMMON:
+                continue
+            rows = table[a, first[both]], table[b, seen[both]]
+            focal = float(intrinsics[[a, b], 0].mean())
+            pair = _solve_pair(recording, lengths, _Common(first[both], xy[rows[0]], xy[rows[1]], focal), seed)
+            if pair is not None and pair.weight < best[0]:
+                best = pair.weight, np.full(recording.n_frames, lag), False
+            if best[0] <= AGREE_PX:
+                return best
+        both = np.flatnonzero((table[a] >= 0) & (table[b] >= 0)) if shifted else np.zeros(0, dtype=np.int64)
+        if len(both) >= LEAST_COMMON:
+            focal = float(intrinsics[[a, b], 0].mean())
+            turned_back = _Common(both, xy[table[a, both]], mirrored[table[b, both]], focal)
+            pair = _solve_pair(recording, lengths, turned_back, seed)
+            if pair is not None and pair.weight < best[0]:
+                best = pair.weight, np.zeros(recording.n_frames, dtype=np.int64), True
+        return best
+
+    return find_lags(np.where(common >= LEAST_COMMON, common, 0), compare)
+
+
+def _seen(recording: BarRecording, intrinsics: FloatArray) -> tuple[FloatArray, IntArray, IntArray]:
+    """Normalised image points (n,2), the observation of each camera and point (c,p) or -1, common points (c,c)."""
+    o = recording.observations
+    xy, usable = undistort(o.uv, intrinsics[o.camera])
+    table = np.full((len(o.cameras), recording.n_points), -1)
+    table[o.camera[usable], recording.point[usable]] = np.flatnonzero(usable)
+    seen = (table >= 0).astype(np.float32)
+    return xy, table, np.rint(seen @ seen.T).astype(np.int64)
 
 
 @dataclass(frozen=True)

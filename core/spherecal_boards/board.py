@@ -17,6 +17,7 @@ from spherecal.data.lens_model import estimated_intrinsics
 from spherecal.data.observations import Features, Observations
 from spherecal.data.rig import Calibration, RigScale
 from spherecal.data.session import Session
+from spherecal.diagnose.plausibility import implausible
 from spherecal.steps.settings import CalibrationSettings
 from spherecal_boards.board_adjustment import (
     BoardNetwork,
@@ -26,15 +27,25 @@ from spherecal_boards.board_adjustment import (
     leave_chained,
     residuals_px,
 )
-from spherecal_boards.board_chain import BoardStart, Links, chain, find_links, whole
-from spherecal_boards.board_findings import common_findings, scale_finding, unlinked
+from spherecal_boards.board_chain import (
+    BoardStart,
+    Links,
+    chain,
+    common_placements,
+    compare_views,
+    find_links,
+    whole,
+)
+from spherecal_boards.board_findings import common_findings, diagnosed, scale_finding, unlinked
 from spherecal_boards.board_images import BoardImages, find_boards
 from spherecal_boards.board_model import BoardViews, board_views
 from spherecal_boards.board_result import Fit, assemble_fit, assemble_nothing, groups_of
 from spherecal_boards.board_shape import BoardSolution, estimated_solution, nominal_solution, shape_finding
 from spherecal_boards.board_start import LEAST_POINTS, poses, start_intrinsics, usable_views
+from spherecal_boards.camera_lag import AGREE_PX, Compared, find_lags, in_step, lag_findings, unmirrored
 from spherecal_boards.eccentricity import eccentricity
-from spherecal_boards.pattern_entry import board_uncertainty, read_board_pattern, shape_estimated
+from spherecal_boards.frames_evidence import FrameAdjustment, frame_evidence
+from spherecal_boards.pattern_entry import board_shape, board_uncertainty, read_board_pattern
 
 METHOD = "board"
 
@@ -59,10 +70,13 @@ def calibrate_board(
         session = replace(session, observations=images.observations)
         watch.lap("detection")
     observations, point, foreign = _on_board(session)
+    recorded = observations
     points_mm = np.array([p.xyz_mm for p in board])
     views = board_views(observations, points_mm, point)
     free = estimated_intrinsics(session, settings.intrinsics == "free")
     start = _start(session, views, free, context)
+    observations, views, start, late = _in_step(session, observations, views, start, free, context)
+    point = views.point
     if images is not None and np.isfinite(images.diameter):
         pattern = read_board_pattern(session)
         radius = (pattern.dot_diameter_mm or images.diameter * pattern.pitch_mm) / 2
@@ -73,7 +87,7 @@ def calibrate_board(
 
     names = [c.id if settings.own_intrinsics else c.intrinsics_group for c in session.cameras]
     group = np.unique(names, return_inverse=True)[1].reshape(-1)
-    findings = _about_observations(images, foreign)
+    findings = [*_about_observations(images, foreign), *late, *implausible(replace(session, observations=recorded))]
     if not start.poses:
         features = _features(observations, session, point, np.zeros(0, dtype=np.int64))[0]
         return _nothing(session, observations, features, findings, watch.seconds)
@@ -84,7 +98,7 @@ def calibrate_board(
     findings += _linking(session, start.poses, placed, views)
     findings += [*about_shape, *_groups_finding(session, groups)]
     session = replace(session, observations=observations)
-    return _result(session, solution, network, placed, findings, watch.seconds)
+    return _result(session, solution, network, placed, findings, watch, context)
 
 
 def _on_board(session: Session) -> tuple[Observations, IntArray, int]:
@@ -102,6 +116,44 @@ def _on_board(session: Session) -> tuple[Observations, IntArray, int]:
     if not keep.any():
         raise InputError(Phrase("error-no-board-points", {"folder": session.where}))
     return o.select(keep), point[keep], int((on_placement & (point < 0)).sum())
+
+
+def _in_step(
+    session: Session,
+    observations: Observations,
+    views: BoardViews,
+    start: BoardStart,
+    free: BoolArray,
+    context: Context,
+) -> tuple[Observations, BoardViews, BoardStart, list[Finding]]:
+    """The same with what cameras that are behind, ahead or mirrored saw put back, and what was."""
+    widths = np.array([camera.image_size[0] for camera in session.cameras])
+
+    def compare(a: int, b: int, shifted: bool) -> Compared:
+        found = compare_views(views, (start.poses, start.poses), start.intrinsics, a, b, shifted)
+        if not shifted or found[0] <= AGREE_PX:
+            return found
+        rows = np.flatnonzero(views.camera == b)
+        turned = views.uv.copy()
+        turned[rows, 0] = widths[b] - 1 - turned[rows, 0]
+        as_seen = replace(views, uv=turned)
+        seen = {view: poses(as_seen, views.of(*view), start.intrinsics[b]) for view in start.poses if view[0] == b}
+        seen = {view: own for view, own in seen.items() if own}
+        mirrored = compare_views(views, (start.poses, seen), start.intrinsics, a, b, False)
+        return (*mirrored[:2], True) if mirrored[0] < found[0] else found
+
+    lags = find_lags(common_placements(start.poses, views.n_cameras, views.n_placements), compare)
+    if not lags:
+        return observations, views, start, []
+    findings = lag_findings(observations, lags, observations.placements)
+    uv = unmirrored(lags, views.camera, views.uv, widths)
+    placement, keep = in_step(lags, views.camera, views.placement)
+    observations = replace(observations.select(keep), placement=placement, uv=uv[keep])
+    sigma = None if views.sigma is None else views.sigma[keep]
+    views = replace(
+        views, placement=placement, camera=views.camera[keep], point=views.point[keep], uv=uv[keep], sigma=sigma
+    )
+    return observations, views, _start(session, views, free, context), findings
 
 
 def _start(session: Session, views: BoardViews, free: BoolArray, context: Context) -> BoardStart:
@@ -149,10 +201,15 @@ def _adjusted(
     if not joint:
         return nominal_solution(leave_chained(network, whole(state), candidates & linked, context)), []
     adjusted = adjust_boards(network, whole(state), candidates & linked, linked, context)
-    if not shape_estimated(session):
-        return nominal_solution(adjusted), shape_finding(adjusted)
+    stated = board_shape(session)
+    doubts = [] if stated == "estimated" else shape_finding(adjusted)
+    if stated == "nominal" or (stated is None and not doubts):
+        return nominal_solution(adjusted), doubts
     solution = estimated_solution(network, adjusted, linked, context)
-    return solution, [Finding("board-shape-estimated", "info", {"off_mm": solution.print_mm})]
+    if stated is None and not (solution.tested and solution.converged and solution.variance < adjusted.variance):
+        return nominal_solution(adjusted), doubts
+    kind = "asked" if stated else "by-itself"
+    return solution, [Finding("board-shape-estimated", "info", {"off_mm": solution.print_mm}, kind=kind)]
 
 
 def _reference(links: Links, found: ViewPoses, views: BoardViews) -> int:
@@ -192,7 +249,8 @@ def _result(
     network: BoardNetwork,
     placed: BoolArray,
     findings: list[Finding],
-    seconds: dict[str, float],
+    watch: Stopwatch,
+    context: Context,
 ) -> Calibration:
     observations, state, views, used = session.observations, solution.state, network.views, solution.used
     assert observations is not None
@@ -226,6 +284,9 @@ def _result(
         solution.converged,
         solution.has_prior,
         solution.joint,
+        FrameAdjustment(
+            solution.rows, solution.minimum, solution.redundancy, solution.tested, network.free, network.group
+        ),
     )
     scale = RigScale("board", None)
     if solution.covariance is not None and np.isfinite(solution.variance):
@@ -236,8 +297,10 @@ def _result(
         relative = float(np.hypot(noise, own or 0.0))
         scale = RigScale("board", relative)
         findings = [*findings, scale_finding("board" if own is None else "certified-board", relative)]
-    findings = [*findings, *common_findings(session, fit, "board")]
-    return assemble_fit(session, fit, scale, findings, METHOD, seconds)
+    evidence = frame_evidence(session, fit, scale, "rigid", context)
+    findings = [*findings, *common_findings(session, fit, "board"), *diagnosed(evidence, "board")]
+    watch.lap("diagnosis")
+    return assemble_fit(session, fit, scale, findings, METHOD, watch.seconds)
 
 
 def _nothing(

@@ -17,6 +17,7 @@ from spherecal.geometry.rotation import nearest_rotation
 from spherecal_boards.board_adjustment import BoardNetwork, ViewPoses, place_boards, robust_start
 from spherecal_boards.board_model import BoardViews
 from spherecal_boards.board_start import BoardPose
+from spherecal_boards.camera_lag import MOST_FRAMES, Compared, lagged, least_error
 
 GROUP_SIZE = 4
 # Placements that a pair's relative pose is taken from, and is tried on: more gain nothing and cost time squared.
@@ -68,6 +69,49 @@ def find_links(views: BoardViews, found: ViewPoses, intrinsics: FloatArray, cont
             back = link.rotation.T
             links[b, a] = Link(back, -back @ link.translation, link.weight)
     return links
+
+
+def compare_views(
+    views: BoardViews, found: tuple[ViewPoses, ViewPoses], intrinsics: FloatArray, a: int, b: int, shifted: bool
+) -> Compared:
+    """How well two cameras agree about where the board was, each with its own poses `found`, shifted or not.
+
+    By the corners of the board in the second camera's image, each camera alone having told where the board is.
+    """
+    count = views.n_placements
+    poses = [_first_poses(own, camera, count) for own, camera in zip(found, (a, b), strict=True)]
+    extent = views.points_mm[[*views.points_mm.argmin(axis=0), *views.points_mm.argmax(axis=0)]]
+    corners = [np.einsum("tij,pj->tpi", rotation, extent) + shift[:, None] for rotation, shift in poses]
+    seen = [np.isfinite(shift[:, 0]) for _, shift in poses]
+    lags = range(-MOST_FRAMES, MOST_FRAMES + 1) if shifted else (0,)
+    pairs = {}
+    for lag in lags:
+        first, second = lagged(np.flatnonzero(seen[1]), lag, count)
+        both = seen[0][first]
+        pairs[lag] = first[both], second[both]
+    relative = []  # each is tried with all lags
+    for first, second in pairs.values():
+        for i in _spread(len(second), _DRAWN):
+            rotation = poses[1][0][second[i]] @ poses[0][0][first[i]].T
+            relative.append((rotation, poses[1][1][second[i]] - rotation @ poses[0][1][first[i]]))
+    by_frame = {lag: np.full((max(len(relative), 1), count), np.nan) for lag in lags}
+    for row, (rotation, shift) in enumerate(relative):
+        x = corners[0] @ rotation.T + shift
+        for lag, (first, second) in pairs.items():
+            with np.errstate(all="ignore"):
+                off = x[first, :, :2] / x[first, :, 2:] - corners[1][second][..., :2] / corners[1][second][..., 2:]
+            size = intrinsics[b, 0] * np.sqrt((off**2).sum(axis=2).mean(axis=1))
+            by_frame[lag][row, second] = np.where((x[first, :, 2] > 0).all(axis=1), size, np.inf)
+    return least_error(by_frame, shifted)
+
+
+def _first_poses(found: ViewPoses, camera: int, count: int) -> tuple[FloatArray, FloatArray]:
+    """The likelier pose of the board at each placement in a camera's frame, (t,3,3) and (t,3), NaN where not seen."""
+    rotation, shift = np.full((count, 3, 3), np.nan), np.full((count, 3), np.nan)
+    for (c, placement), poses in found.items():
+        if c == camera:
+            rotation[placement], shift[placement] = poses[0].rotation, poses[0].translation
+    return rotation, shift
 
 
 def _link(views: BoardViews, found: ViewPoses, intrinsics: FloatArray, a: int, b: int) -> Link | None:

@@ -1,6 +1,6 @@
 """The results of the other methods put together: cameras with uncertainties, points, residuals and findings."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -12,11 +12,13 @@ from spherecal.data.findings import Finding
 from spherecal.data.observations import Features, Observations
 from spherecal.data.rig import Calibration, CameraCovariance, CameraSigma, Quality, Rig, RigCamera, RigScale
 from spherecal.data.session import Session
-from spherecal.data.verdict import affected, is_valid, ruled
+from spherecal.data.verdict import affected, is_valid, ruled, widening
+from spherecal.diagnose.run_checks import STATED_LENGTH_MM
 from spherecal.geometry.camera import N_INTRINSICS
 from spherecal.geometry.length_uncertainty import Cameras
 from spherecal.geometry.volume_map import LengthMap, length_map, measured_volume
 from spherecal_boards.frames_covariance import FrameCovariance
+from spherecal_boards.frames_evidence import FrameAdjustment
 
 
 @dataclass(frozen=True)
@@ -42,13 +44,23 @@ class Fit:
     converged: bool
     has_prior: BoolArray
     joint: bool = True
+    adjustment: FrameAdjustment | None = None
 
 
 def assemble_fit(
     session: Session, fit: Fit, scale: RigScale, findings: list[Finding], method: str, seconds: dict[str, float]
 ) -> Calibration:
     """The calibration of a session from its fit."""
-    ordered = ruled(findings)
+    names = [session.cameras[c].id for c in np.flatnonzero(fit.placed)]
+    lengths, poses = widening(ruled(findings), names, "free" if method == "bar" else "rigid")
+    most = float(lengths.max(initial=1.0))
+    scale = _wider_scale(fit, scale, most)
+    ordered = ruled(
+        [
+            replace(f, values={**f.values, **_on_a_length(scale)}) if f.code == "scale-uncertainty" else f
+            for f in findings
+        ]
+    )
     size = np.linalg.norm(fit.residual[fit.used], axis=1)
     quality = Quality(
         valid=is_valid(ordered),
@@ -56,10 +68,12 @@ def assemble_fit(
         mean_px=float(size.mean()) if len(size) else None,
         sigma0=float(np.sqrt(fit.variance)) if np.isfinite(fit.variance) else None,
         findings=ordered,
-        affected=affected(ordered, [session.cameras[c].id for c in np.flatnonzero(fit.placed)]),
+        affected=affected(ordered, names),
     )
-    cameras = tuple(_camera(session, fit, int(c)) for c in np.flatnonzero(fit.placed))
-    covariance = _covariance(fit, scale)
+    cameras = tuple(
+        _camera(session, fit, int(c), factor) for c, factor in zip(np.flatnonzero(fit.placed), poses, strict=True)
+    )
+    covariance = _covariance(fit, scale, lengths)
     rig = Rig(
         session.cameras[fit.reference].id,
         cameras,
@@ -70,7 +84,7 @@ def assemble_fit(
         _length_map(cameras, covariance, fit),
         recorded_at=session.recorded_at,
     )
-    variance = fit.variance * np.einsum("pii->pi", fit.points_cofactor)
+    variance = most**2 * fit.variance * np.einsum("pii->pi", fit.points_cofactor)
     return Calibration(
         rig,
         fit.observations,
@@ -111,7 +125,19 @@ def assemble_nothing(
     )
 
 
-def _camera(session: Session, fit: Fit, c: int) -> RigCamera:
+def _wider_scale(fit: Fit, scale: RigScale, factor: float) -> RigScale:
+    """The scale with the share of noise in its uncertainty times a factor."""
+    if scale.relative_uncertainty is None or fit.covariance is None:
+        return scale
+    more = np.sqrt((factor**2 - 1) * fit.variance) * fit.covariance.relative_scale
+    return replace(scale, relative_uncertainty=float(np.hypot(scale.relative_uncertainty, more)))
+
+
+def _on_a_length(scale: RigScale) -> dict[str, float]:
+    return {} if scale.relative_uncertainty is None else {"mm": scale.relative_uncertainty * STATED_LENGTH_MM}
+
+
+def _camera(session: Session, fit: Fit, c: int, wider: float) -> RigCamera:
     spec, state = session.cameras[c], fit.state
     own = fit.used & (fit.observations.camera == c)
     return RigCamera(
@@ -123,14 +149,14 @@ def _camera(session: Session, fit: Fit, c: int) -> RigCamera:
         state.translation[c],
         rms_px=float(np.sqrt((fit.residual[own] ** 2).sum(axis=1).mean())) if own.any() else None,
         observations=int(own.sum()),
-        sigma=_sigma(fit, c),
+        sigma=_sigma(fit, c, wider),
     )
 
 
-def _sigma(fit: Fit, c: int) -> CameraSigma | None:
+def _sigma(fit: Fit, c: int, wider: float) -> CameraSigma | None:
     if fit.covariance is None or not np.isfinite(fit.variance):
         return None
-    cofactors = fit.covariance.cameras[c] * fit.variance
+    cofactors = fit.covariance.cameras[c] * fit.variance * wider**2
     rotation = fit.state.rotation[c]
     centre = rotation.T @ cofactors[3:POSE, 3:POSE] @ rotation
     diagonal = np.sqrt(np.maximum(np.diag(cofactors), 0.0))
@@ -140,14 +166,18 @@ def _sigma(fit: Fit, c: int) -> CameraSigma | None:
     return CameraSigma(np.rad2deg(diagonal[:3]), np.sqrt(np.maximum(np.diag(centre), 0.0)), intrinsics)
 
 
-def _covariance(fit: Fit, scale: RigScale) -> CameraCovariance | None:
-    """The covariance of all placed cameras together, including the scale's share; None without one."""
+def _covariance(fit: Fit, scale: RigScale, wider: FloatArray) -> CameraCovariance | None:
+    """The covariance of all placed cameras together, including the scale's share; None without one.
+
+    `wider`: of the placed cameras (k,), by how much the part of the noise grows.
+    """
     if fit.covariance is None or not np.isfinite(fit.variance) or scale.relative_uncertainty is None:
         return None
     stretch = fit.covariance.stretch * scale.relative_uncertainty
-    matrix = fit.variance * fit.covariance.all_cameras + np.outer(stretch, stretch)
-    keep = np.repeat(fit.placed, POSE + len(fit.problem.intrinsic_columns))
-    return CameraCovariance(matrix[np.ix_(keep, keep)], fit.problem.intrinsic_columns)
+    width = POSE + len(fit.problem.intrinsic_columns)
+    keep, each = np.repeat(fit.placed, width), np.repeat(wider, width)
+    noise = fit.variance * fit.covariance.all_cameras[np.ix_(keep, keep)] * np.outer(each, each)
+    return CameraCovariance(noise + np.outer(stretch[keep], stretch[keep]), fit.problem.intrinsic_columns)
 
 
 def _length_map(cameras: tuple[RigCamera, ...], covariance: CameraCovariance | None, fit: Fit) -> LengthMap | None:

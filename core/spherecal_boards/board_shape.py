@@ -10,18 +10,21 @@ from spherecal.adjust.bundle import GATE_ROUNDS, datum_defect
 from spherecal.adjust.covariance import Covariance, covariance
 from spherecal.adjust.datum import Places
 from spherecal.adjust.least_squares import minimise as minimise_points
-from spherecal.adjust.levenberg import Settings
+from spherecal.adjust.levenberg import Minimum, Settings
 from spherecal.adjust.problem import Problem, sorted_problem
+from spherecal.adjust.rows import Priors
 from spherecal.adjust.state import State
-from spherecal.base.arrays import BoolArray, FloatArray
+from spherecal.base.arrays import BoolArray, FloatArray, IntArray
 from spherecal.base.context import Context
 from spherecal.data.findings import Finding
+from spherecal.diagnose.score import make_score_test
 from spherecal.geometry.transform import fit_similarity
 from spherecal_boards.board_adjustment import BoardAdjusted, BoardNetwork, board_points, gate
 from spherecal_boards.board_intrinsic_priors import priors_of
 from spherecal_boards.frame_network import cameras_only
 from spherecal_boards.frames_adjustment import progress
 from spherecal_boards.frames_covariance import FrameCovariance
+from spherecal_boards.frames_evidence import Tested, frame_test
 
 # Shifts of points that noise alone makes up explain their own number's worth of residuals: 1.0 +- 0.1 for 80 points.
 # The laser print of the shared recording has 11 in each camera alone.
@@ -30,7 +33,10 @@ _REPEATS = 2.0
 
 @dataclass(frozen=True)
 class BoardSolution:
-    """The result of a board's adjustment with fixed or estimated points; covariance.points are board_points'."""
+    """The result of a board's adjustment with fixed or estimated points; covariance.points are board_points'.
+
+    `rows`: the observation of each row; `test` and `cofactors`: the network prepared for tests, None where singular.
+    """
 
     state: State
     problem: Problem
@@ -39,6 +45,10 @@ class BoardSolution:
     converged: bool
     has_prior: BoolArray
     covariance: FrameCovariance | None
+    minimum: Minimum
+    redundancy: int
+    rows: IntArray
+    tested: Tested | None
     print_mm: float | None = None
     print_relative: float = 0.0
     joint: bool = True
@@ -54,6 +64,10 @@ def nominal_solution(adjusted: BoardAdjusted) -> BoardSolution:
         adjusted.minimum.converged,
         adjusted.has_prior,
         adjusted.covariance,
+        adjusted.minimum,
+        adjusted.redundancy,
+        adjusted.rows,
+        frame_test(adjusted.model, adjusted.state, adjusted.minimum, adjusted.redundancy) if adjusted.joint else None,
         joint=adjusted.joint,
     )
 
@@ -101,7 +115,7 @@ def estimated_solution(
     while True:
         rounds += 1
         priors = priors_of(network.group, network.known, adjusted.has_prior, noise)
-        problem, seen = _problem(network, used, priors)
+        problem, rows, seen = _problem(network, used, priors)
         state = _world_is_first_board(state, problem)
         settings = Settings(max_iterations=200)
         minimum = minimise_points(problem, state, settings, progress(context, "points of the board", 40))
@@ -119,7 +133,11 @@ def estimated_solution(
     per_coordinate = float(np.sqrt((off**2).sum() / max(3 * len(off) - 7, 1)))
     spread = float(np.sqrt(((nominal[seen] - nominal[seen].mean(axis=0)) ** 2).sum()))
     placement, point, _ = board_points(views, used)
-    cofactors = covariance(problem, _world_is_first_board(state, problem), Places(point, placement))
+    at_first = _world_is_first_board(state, problem)
+    cofactors = covariance(problem, at_first, Places(point, placement))
+    tested = None
+    if cofactors is not None and redundancy > 0:
+        tested = Tested(make_score_test(problem, at_first, cofactors, minimum.cost, redundancy), cofactors)
     return BoardSolution(
         replace(state, points=np.where(seen[:, None], state.points, nominal)),
         cameras_only(problem),
@@ -128,13 +146,17 @@ def estimated_solution(
         minimum.converged,
         adjusted.has_prior,
         _as_frames(cofactors, problem, state, placement, point),
+        minimum,
+        redundancy,
+        rows,
+        tested,
         per_coordinate,
         per_coordinate / spread,
     )
 
 
-def _problem(network: BoardNetwork, used: BoolArray, priors) -> tuple[Problem, BoolArray]:
-    """All cameras free, the first placement as the world, points seen twice estimated; and which these are."""
+def _problem(network: BoardNetwork, used: BoolArray, priors: Priors) -> tuple[Problem, IntArray, BoolArray]:
+    """All cameras free, the first placement as the world, points seen twice estimated; its rows, and these points."""
     views = network.views
     twice = np.bincount(views.point[used], minlength=len(views.points_mm)) >= 2
     rows = np.flatnonzero(used & twice[views.point])
@@ -142,7 +164,7 @@ def _problem(network: BoardNetwork, used: BoolArray, priors) -> tuple[Problem, B
     shown = np.bincount(views.placement[rows], minlength=views.n_placements) > 0
     free_placement = shown.copy()
     free_placement[np.argmax(shown)] = False
-    problem, _ = sorted_problem(
+    problem, order = sorted_problem(
         views.camera[rows],
         views.point[rows],
         views.uv[rows],
@@ -154,7 +176,7 @@ def _problem(network: BoardNetwork, used: BoolArray, priors) -> tuple[Problem, B
         priors=priors,
         ball=Rigid(views.placement[rows], free_placement),
     )
-    return problem, twice
+    return problem, rows[order], twice
 
 
 def _world_is_first_board(state: State, problem: Problem) -> State:

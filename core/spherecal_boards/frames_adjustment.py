@@ -83,11 +83,16 @@ def within_gate(size: FloatArray, camera: IntArray, used: BoolArray, n_cameras: 
 
     Of a camera of which none is used only what is within 0.15 px (docs/formulation.md, section Adjustment).
     """
+    return size <= gates_px(size, camera, used, n_cameras)[camera]
+
+
+def gates_px(size: FloatArray, camera: IntArray, used: BoolArray, n_cameras: int) -> FloatArray:
+    """The gate (c,) px of each camera, by the residuals of its used observations (n,)."""
     limit = np.full(n_cameras, GATE_LEAST_PX)
     for c in np.unique(camera[used]):
         noise = float(np.median(size[used & (camera == c)])) / 1.1774  # Rayleigh's median
         limit[c] = max(GATE_SIGMAS * noise, GATE_LEAST_PX)
-    return size <= limit[camera]
+    return limit
 
 
 def camera_residuals(state: State, world: FloatArray, camera: IntArray, uv: FloatArray) -> FloatArray:

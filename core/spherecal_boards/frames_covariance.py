@@ -52,14 +52,22 @@ class FrameCovariance:
 def frame_covariance(model: FrameModel, state: State, points: PointRows) -> FrameCovariance | None:
     """Cofactors at the minimum, for a standard deviation of unit weight of 1; None where the network is singular."""
     with one_blas_thread():
-        try:
-            normal = reduce(model, state, model.linearise(state, None), 0.0)
-            inverse = _inverse(symmetric(normal.matrix))
-        except (LinAlgError, np.linalg.LinAlgError):
-            return None
-        layout = model.problem.layout
-        expanded = layout.expand_rows(layout.expand_rows(inverse).T)
-        return _transformed(model, state, points, normal, expanded)
+        found = frame_factors(model, state)
+        return None if found is None else _transformed(model, state, points, *found)
+
+
+def frame_factors(model: FrameModel, state: State) -> tuple[ReducedFrames, FloatArray] | None:
+    """The reduced normal equations and the cofactors (e,e) of all cameras' columns, the reference camera's pose fixed.
+
+    None where the network is singular.
+    """
+    try:
+        normal = reduce(model, state, model.linearise(state, None), 0.0)
+        inverse = _inverse(symmetric(normal.matrix))
+    except (LinAlgError, np.linalg.LinAlgError):
+        return None
+    layout = model.problem.layout
+    return normal, layout.expand_rows(layout.expand_rows(inverse).T)
 
 
 def _inverse(matrix: FloatArray) -> FloatArray:

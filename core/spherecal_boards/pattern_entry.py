@@ -119,10 +119,10 @@ def board_uncertainty(session: Session) -> float | None:
     return None if board is None else BOARD.read(board).get("relative_uncertainty")
 
 
-def shape_estimated(session: Session) -> bool:
-    """Whether the board's points are to be estimated."""
+def board_shape(session: Session) -> str | None:
+    """Whether the board's points are to be `estimated` or are `nominal`; None where that is not said."""
     board = _board(session)
-    return board is not None and BOARD.read(board).get("shape") == "estimated"
+    return None if board is None else BOARD.read(board).get("shape")
 
 
 def _board(session: Session) -> JsonValue | None:

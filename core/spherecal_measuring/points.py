@@ -1,18 +1,18 @@
 """Points measured with a calibrated rig, and projected into its cameras (docs/api.md)."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from spherecal.base.arrays import BoolArray, ByValue, FloatArray, IntArray
+from spherecal.base.arrays import BoolArray, FloatArray, IntArray, ReadOnly
 from spherecal.base.errors import InputError
 from spherecal.base.messages.values import Phrase
 from spherecal.data.rig import Rig
 from spherecal.data.rig_camera import last_axis, lens_corrected, posed
 from spherecal.geometry.user_frame import UserFrame
-from spherecal.verify.outlying_views import Views, triangulate_checked
+from spherecal.verify.outlying_views import Views, triangulate_checked, weighted_noise
 from spherecal.verify.uncertainty import PointErrors, point_errors
 from spherecal_rigs.framed_rig import in_frame
 
@@ -23,13 +23,14 @@ _AT_ONCE = 500  # points: 100 cameras with 15 parameters each take 18 MB
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class MeasuredPoints(ByValue):
+class MeasuredPoints(ReadOnly):
     """Points measured with a rig: `points_mm` (..., 3) in the world of rig.json or the user's frame, NaN for none.
 
     `covariance_mm2` (..., 3, 3): cameras (if the rig's covariance is there) and image noise, scale included; NaN
     without a point. `views` (...) counts the cameras that a point rests on, 0 without a point. `used` says of each
     camera which of its image points took part, (...). `contradicting` (...) marks points given up because their views
-    do not meet. `residuals_px` of each camera (..., 2) is predicted - observed.
+    do not meet. `residuals_px` of each camera (..., 2) is predicted - observed. `noise_ratio`: the scatter of the
+    residuals over the stated `sigma_px`, None with fewer than 30 redundant observations; the covariances are as stated.
     """
 
     points_mm: FloatArray
@@ -38,6 +39,49 @@ class MeasuredPoints(ByValue):
     contradicting: BoolArray
     used: Mapping[str, BoolArray]
     residuals_px: Mapping[str, FloatArray]
+    noise_ratio: float | None = None
+    _errors: PointErrors | None = field(default=None, repr=False)
+
+    def joint_covariance_mm2(self, *points: int | tuple[int, ...]) -> FloatArray:
+        """The covariance (3k, 3k) of k points together, in the order given: what cameras err by they have in common.
+
+        Parameters
+        ----------
+        points
+            Indices of the points, as of `views`: numbers, or tuples for more than one dimension.
+
+        Raises
+        ------
+        InputError
+            For a point that was not found.
+        """
+        flat = [int(np.ravel_multi_index(np.atleast_1d(i), self.views.shape)) for i in points]
+        if self._errors is None or not all(self.views.ravel()[flat]):
+            raise InputError(Phrase("error-point-not-found", {"points": [str(i) for i in points]}))
+        g = _by_cameras(self._errors, np.array(flat)).reshape(3 * len(flat), -1)
+        joint = g @ self._errors.cameras @ g.T
+        for k, i in enumerate(flat):
+            joint[3 * k : 3 * k + 3, 3 * k : 3 * k + 3] += self._errors.covariance[i]
+        return joint
+
+    def length_mm(self, first: int | tuple[int, ...], second: int | tuple[int, ...]) -> tuple[float, float]:
+        """The distance of two points and its standard uncertainty, in mm.
+
+        Parameters
+        ----------
+        first, second
+            Indices of the points, as of `views`.
+
+        Raises
+        ------
+        InputError
+            For a point that was not found.
+        """
+        joint = self.joint_covariance_mm2(first, second)
+        between = self.points_mm[second] - self.points_mm[first]
+        length = float(np.linalg.norm(between))
+        gradient = np.concatenate([-between, between]) / max(length, 1e-300)
+        return length, float(np.sqrt(max(gradient @ joint @ gradient, 0.0)))
 
     def __repr__(self) -> str:
         n, found = self.views.size, int((self.views > 0).sum())
@@ -88,7 +132,8 @@ def triangulate_points(
         all arrays is the same point, NaN where it is not seen. (2,) of each camera gives one point (3,), (n, 2) gives
         (n, 3), (n, 2, 2) the two ends of n bars (n, 2, 3).
     sigma_px
-        Standard uncertainty of an image coordinate, px; from 30 redundant observations on, the residuals correct it.
+        Standard uncertainty of an image coordinate, px. Covariances are proportional to its square; what the residuals
+        say of it is `noise_ratio` of the result.
     frame
         The user's frame to give points and covariances in, without the frame's own uncertainty; None for the rig's
         world.
@@ -116,7 +161,9 @@ def triangulate_points(
         posed(rig.cameras),
     )
     checked = triangulate_checked(views, 1.0)
-    covariance = _point_covariance(rig, point_errors(checked, rig))
+    ratio = weighted_noise(views, checked.points, checked.kept, np.nan)
+    errors = point_errors(replace(checked, noise=1.0), rig)
+    covariance = _point_covariance(errors)
     found = np.isfinite(checked.points.points[:, 0]) & ~checked.contradicting
     points = np.where(found[:, None], checked.points.points, np.nan)
     used: dict[str, BoolArray] = {}
@@ -135,21 +182,31 @@ def triangulate_points(
         checked.contradicting.reshape(shape),
         used,
         residuals,
+        None if np.isnan(ratio) else ratio,
+        errors,
     )
 
 
-def _point_covariance(rig: Rig, errors: PointErrors) -> FloatArray:
+def _point_covariance(errors: PointErrors) -> FloatArray:
     """Covariance (n, 3, 3): image noise, and the cameras' share G C G' with all their correlations."""
-    views = errors.checked.views
-    width, covariance = errors.by_camera.shape[2], errors.covariance.copy()
-    for first in range(0, views.n_features, _AT_ONCE):
-        n = min(_AT_ONCE, views.n_features - first)
-        rows = np.flatnonzero((views.feature >= first) & (views.feature < first + n))
-        by_parameter = np.zeros((n, 3, len(rig.cameras), width))
-        by_parameter[views.feature[rows] - first, :, views.camera[rows]] = errors.by_camera[rows]
-        g = by_parameter.reshape(n, 3, len(rig.cameras) * width)
-        covariance[first : first + n] += np.einsum("nip,njp->nij", g @ errors.cameras, g)
+    count, covariance = errors.checked.views.n_features, errors.covariance.copy()
+    for first in range(0, count, _AT_ONCE):
+        some = np.arange(first, min(first + _AT_ONCE, count))
+        g = _by_cameras(errors, some)
+        covariance[some] += np.einsum("nip,njp->nij", g @ errors.cameras, g)
     return covariance
+
+
+def _by_cameras(errors: PointErrors, points: IntArray) -> FloatArray:
+    """How some points (k,) follow all cameras' parameters, (k, 3, c*w)."""
+    views, width = errors.checked.views, errors.by_camera.shape[2]
+    n_cameras = len(errors.cameras) // width
+    place = {int(i): k for k, i in enumerate(points)}
+    rows = np.flatnonzero(np.isin(views.feature, points))
+    at = np.array([place[int(i)] for i in views.feature[rows]], dtype=np.int64)
+    by_parameter = np.zeros((len(points), 3, n_cameras, width))
+    by_parameter[at, :, views.camera[rows]] = errors.by_camera[rows]
+    return by_parameter.reshape(len(points), 3, n_cameras * width)
 
 
 def _image_points(

@@ -37,6 +37,8 @@ _LEAST_FOR_NOISE = 30
 # A bar's single length: once in 2000 by chance.
 _BAR_SIGMAS = 3.5
 _LEAST_CAMERAS = 3
+# A small move is computed; beyond this it is a number without meaning (941326252 deg of two cameras exchanged).
+MOST_TURNED_DEG = 30.0
 
 
 @dataclass(frozen=True)
@@ -227,7 +229,8 @@ def camera_state(test: CameraTest, rig: Rig, tolerance_mm: float | None) -> Chec
             "rotation_deg": float(np.degrees(np.linalg.norm(test.turn_rad))),
             "move_px": test.move_px,
         }
-        reason = Phrase("check-moved", values)
+        far = values["rotation_deg"] > MOST_TURNED_DEG or not np.isfinite(values["shift_mm"])
+        reason = Phrase("check-elsewhere" if far else "check-moved", values)
         return CheckedCamera(test, "recalibrate" if large else "watch", before, reason)
     if before and test.points >= _LEAST_FOR_NOISE and test.rms_px > _NOISIER * before:
         reason = Phrase("check-noisier", {"ratio": test.rms_px / before})

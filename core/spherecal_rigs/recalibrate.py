@@ -4,7 +4,6 @@ The locked cameras give the frame and the scale; the ball needs only to be seen 
 """
 
 from dataclasses import dataclass, replace
-from typing import Literal
 
 import numpy as np
 
@@ -31,8 +30,7 @@ from spherecal.scale.metric import MetricFit, Solution, fit_spheres
 from spherecal.steps.fit_ball import ball_network, select_ball_model
 from spherecal.steps.settings import CalibrationSettings
 from spherecal.steps.start_values import describe_network
-
-What = Literal["all", "pose", "intrinsics"]
+from spherecal_rigs.followed_covariance import What, followed_covariance, map_as_before, with_sigma, without_map
 
 
 @dataclass(frozen=True)
@@ -81,7 +79,24 @@ def recalibrate(
         fit, choice = select_ball_model(recording, fit, ball, settings, run)
     watch.lap("bundle adjustment")
     solution = _in_the_rigs_scale(session, rig, features.placement, fit)
-    return with_fields(build_result(recording, local, MetricFit(fit, choice, solution), "selected", run), rig)
+    done = build_result(recording, local, MetricFit(fit, choice, solution), "selected", run)
+    done = replace(done, rig=_with_uncertainties(session, done.rig, rig, selection))
+    return with_fields(done, rig)
+
+
+def _with_uncertainties(session: Session, now: Rig, before: Rig, selection: Selection) -> Rig:
+    """The rig with the locked cameras' uncertainties as they were, which the selected ones inherit."""
+    kept = {camera.id: camera for camera in before.cameras if camera.id not in selection.cameras}
+    cameras = tuple(replace(c, sigma=kept[c.id].sigma) if c.id in kept else c for c in now.cameras)
+    now = replace(now, cameras=cameras, covariance=None, length_map=None, quality=without_map(now.quality))
+    placed = [camera.id for camera in before.cameras]
+    if before.covariance is None or [camera.id for camera in cameras] != placed:
+        return now
+    mended = tuple(name for name in placed if name in selection.cameras)
+    covariance = followed_covariance(session, now, before.covariance, mended, selection.what)
+    now = replace(now, covariance=covariance)
+    now = replace(now, cameras=tuple(with_sigma(now, i, mended) for i in range(len(cameras))))
+    return replace(now, length_map=map_as_before(now, before))
 
 
 def without_fields(session: Session, rig: Rig) -> Session:

@@ -6,6 +6,7 @@ import inspect
 import subprocess
 import sys
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from types import ModuleType
 
@@ -117,6 +118,41 @@ def test_covariance_of_points_grows_with_the_noise_and_holds_it(rig: spherecal.R
     cameras = spherecal.triangulate_points(rig, {n: uv[:1] for n, uv in exact.items()}, 1e-6).covariance_mm2[0]
     assert np.trace(stated - cameras) == pytest.approx(np.trace(scatter), rel=0.15)
     assert np.trace(cameras) > 0
+
+
+def test_a_points_covariance_is_its_own(rig: spherecal.Rig) -> None:
+    """What is stated of image points stays, whatever other points there are, and is tested."""
+    place, random = centre_of_view(rig), np.random.default_rng(5)
+    exact = spherecal.project_points(rig, place + random.uniform(-40, 40, (60, 3)))
+    noisy = {name: uv + random.normal(0, 0.02, uv.shape) for name, uv in exact.items()}
+    many = spherecal.triangulate_points(rig, noisy, sigma_px=0.2)
+    few = spherecal.triangulate_points(rig, {name: uv[:2] for name, uv in noisy.items()}, sigma_px=0.2)
+    assert many.covariance_mm2[:2] == pytest.approx(few.covariance_mm2, rel=1e-9)
+    assert many.noise_ratio == pytest.approx(0.1, rel=0.15) and few.noise_ratio is None
+
+
+def test_two_points_have_a_covariance_together(rig: spherecal.Rig) -> None:
+    """Of a short length most of what cameras err by cancels."""
+    place = centre_of_view(rig)
+    ends = np.stack([place, place + np.array([20.0, 0.0, 0.0])])
+    measured = spherecal.triangulate_points(rig, spherecal.project_points(rig, ends), sigma_px=1e-6)
+    joint = measured.joint_covariance_mm2(0, 1)
+    assert joint.shape == (6, 6) and joint == pytest.approx(joint.T)
+    assert joint[:3, :3] == pytest.approx(measured.covariance_mm2[0]) and np.linalg.eigvalsh(joint).min() > -1e-12
+    length, standard = measured.length_mm(0, 1)
+    apart = np.sqrt(measured.covariance_mm2[0, 0, 0] + measured.covariance_mm2[1, 0, 0])
+    assert length == pytest.approx(20.0) and 0 < standard < 0.7 * apart
+    with pytest.raises(spherecal.InputError):
+        spherecal.triangulate_points(rig, {"C01": np.zeros((2, 2))}).joint_covariance_mm2(0, 1)
+
+
+def test_what_is_frozen_is_not_written_to(rig: spherecal.Rig, tmp_path: Path) -> None:
+    with pytest.raises(ValueError, match="read-only"):
+        rig.cameras[0].rotation[0, 0] = 2.0
+    wrong = replace(rig.cameras[0], rotation=1.1 * rig.cameras[0].rotation)
+    with pytest.raises(spherecal.InputError):
+        spherecal.save_rig(replace(rig, cameras=(wrong, *rig.cameras[1:])), tmp_path / "rig.json")
+    assert not (tmp_path / "rig.json").exists()
 
 
 def test_a_wrong_view_is_left_out_and_two_that_disagree_give_none(rig: spherecal.Rig) -> None:

@@ -278,12 +278,15 @@ def test_refused_sessions(recording, tmp_path):
 
 def test_a_badly_printed_board_is_noticed_and_estimated(tmp_path):
     recording = simulate_board("demo", 6, 24, rows=6, columns=8, print_sd_mm=0.08)
-    nominal = calibrate_board(recording.session)
+    nominal = calibrate_board(read_session(write(recording, tmp_path / "nominal", shape="nominal")))
     assert "board-shape" in codes(nominal)
     assert nominal.rig.quality.sigma0 > 0.05
     session = read_session(write(recording, tmp_path / "session", shape="estimated"))
     estimated = calibrate_board(session)
     assert "board-shape-estimated" in codes(estimated)
+    by_itself = calibrate_board(recording.session)  # says nothing of the shape
+    assert by_itself.rig.cameras[0].translation_mm == pytest.approx(estimated.rig.cameras[0].translation_mm)
+    assert next(f for f in by_itself.rig.quality.findings if f.code == "board-shape-estimated").kind == "by-itself"
     assert estimated.rig.quality.sigma0 == pytest.approx(0.04, rel=0.03)
     (printed,) = (f for f in estimated.rig.quality.findings if f.code == "board-shape-estimated")
     # two of three coordinates are off by 0.08 mm; 48 points tell that to 7 %
@@ -349,16 +352,20 @@ def baseline(result: Calibration) -> float:
     return float(np.linalg.norm(result.rig.cameras[0].centre_mm - result.rig.cameras[1].centre_mm))
 
 
-def test_real_pair(dotboard):
-    result = calibrate_board(replace(dotboard, folder=Path()))
+def test_real_pair(dotboard, tmp_path):
+    document = json.loads((dotboard.folder / "session.json").read_text())
+    document["board"]["shape"] = "nominal"
+    (tmp_path / "session.json").write_text(json.dumps(document))
+    result = calibrate_board(replace(dotboard, folder=tmp_path))
     assert result.rig.quality.valid
     assert result.rig.quality.rms_px <= 0.60
     assert result.used.mean() > 0.98
     assert "board-shape" in codes(result)  # a laser print on paper
 
 
-def test_real_pair_with_the_print_estimated(dotboard):
-    result = calibrate_board(dotboard)
+@pytest.mark.parametrize("stated", [True, False])
+def test_real_pair_with_the_print_estimated(dotboard, stated):
+    result = calibrate_board(dotboard if stated else replace(dotboard, folder=Path()))
     assert result.rig.quality.valid
     assert result.rig.quality.rms_px < 0.05
     assert result.used.mean() > 0.98

@@ -183,6 +183,34 @@ def test_a_print_that_is_too_small() -> None:
     assert calibrate(printed_at(0.997)[0]).rig.quality.verdict == "valid"
 
 
+def test_images_turned_by_half_are_that_cameras() -> None:
+    """From a placement on one camera's images are upside down: neither the ball nor the camera turned over."""
+    session, _ = recording("rigA", 1)
+    o, (width, height) = session.observations, session.cameras[2].image_size
+    assert o is not None
+    turned = (o.camera == 2) & (o.placement >= 2) & (o.placement < len(session.placements))
+    uv = np.where(turned[:, None], np.array([width - 1, height - 1]) - o.uv, o.uv)
+    found = calibrate(replace(session, observations=replace(o, uv=uv))).rig.quality.findings
+    errors_of = [f for f in found if f.severity == "error"]
+    assert [(f.kind, f.where) for f in errors_of if f.code == "mirrored"] == [("turned", ("C03",))]
+    assert all(f.where[0] == "C03" for f in errors_of)
+
+
+@pytest.mark.parametrize(("camera_off", "k3"), [((1, 3, 4), 0.05), ((1, 3, 4), 1.0)])
+def test_fixed_lenses_that_are_off_are_named(camera_off: tuple[int, ...], k3: float) -> None:
+    """A traceback before: no intrinsics are estimated that could follow a rejected edge."""
+    session, truth = recording("rigA", 3)
+    cameras = []
+    for i, (camera, true) in enumerate(zip(session.cameras, truth.cameras, strict=True)):
+        prior = true.intrinsics.copy()
+        prior[8] += k3 if i in camera_off else 0.0
+        cameras.append(replace(camera, prior=prior))
+    done = calibrate(replace(session, cameras=tuple(cameras)), CalibrationSettings(intrinsics="fixed"))
+    named = {f.where for f in done.rig.quality.findings if f.code == "fixed-intrinsics-contradicted"}
+    assert done.rig.quality.verdict == "not-valid" and named >= {("C02",), ("C04",), ("C05",)}
+    assert named <= {("C02",), ("C04",), ("C05",)}
+
+
 def test_sources_of_scale_that_contradict_each_other() -> None:
     """Case D."""
     done = calibrate(wrong_certificate())

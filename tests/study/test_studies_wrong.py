@@ -10,6 +10,7 @@ import pytest
 from benchmarks.studies.alignment import Similarity
 from benchmarks.studies.judged import CameraError, Judged, Lengths, Reference, camera_error, verdict_of
 from benchmarks.studies.mischief import KINDS, Mischief
+from benchmarks.studies.mischief_frames import make_frame_world
 from benchmarks.studies.mischief_world import World, make_world
 from benchmarks.studies.wrong import outcome_of
 from spherecal.data.findings import as_written
@@ -22,9 +23,19 @@ def rig_a() -> World:
     return make_world("rigA", 1)
 
 
-@pytest.mark.parametrize("mischief", KINDS, ids=lambda m: m.name)
-def test_every_mischief_is_a_recording(mischief: Mischief) -> None:
-    case = mischief.make(rig_a(), mischief.sizes[-1], np.random.default_rng(3))
+@cache
+def frames(method: str) -> World:
+    return make_frame_world("rigA", method, 1)
+
+
+EVERY = [(mischief, method) for mischief in KINDS for method in mischief.methods]
+
+
+@pytest.mark.parametrize(("mischief", "method"), EVERY, ids=[f"{m.name}, {method}" for m, method in EVERY])
+def test_every_mischief_is_a_recording(mischief: Mischief, method: str) -> None:
+    world = rig_a() if method == "ball" else frames(method)
+    case = mischief.make(world, mischief.sizes[-1], np.random.default_rng(3))
+    assert case.settings.method == world.settings.method
     o = case.session.observations
     assert o is not None
     keys = np.stack([o.placement, o.camera, o.target, o.point], axis=1)

@@ -64,6 +64,19 @@ class ByValue:
         return f"{type(self).__name__}({', '.join(shown)})"
 
 
+class ReadOnly(ByValue):
+    """The same, whose arrays cannot be written to: what a frozen record holds stays as it was computed."""
+
+    def __post_init__(self) -> None:
+        assert is_dataclass(self)
+        for f in fields(self):
+            value = getattr(self, f.name)
+            if isinstance(value, np.ndarray) and value.flags.writeable:
+                value = value.view()  # who made it may go on writing, into his own
+                value.flags.writeable = False
+                object.__setattr__(self, f.name, value)
+
+
 def same_value(a: object, b: object) -> bool:
     """Whether two values, records, lists or mappings are equal, arrays by their shapes and numbers."""
     if a is b:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
-from spherecal.base.arrays import BoolArray, ByValue, FloatArray, IntArray
+from spherecal.base.arrays import BoolArray, ByValue, FloatArray, IntArray, ReadOnly
 from spherecal.base.errors import InputError, needing
 from spherecal.base.messages.values import Phrase
 from spherecal.data.findings import Finding, counted
@@ -36,7 +36,7 @@ class RigScale:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class CameraCovariance(ByValue):
+class CameraCovariance(ReadOnly):
     """Covariance (c*w, c*w) of all cameras' parameters together, camera by camera in the rig's order, scale included.
 
     Of each camera (w,): turn in rad and shift in mm of its frame (docs/conventions.md), then those `intrinsics`
@@ -266,7 +266,7 @@ def unknown_quality(cameras: Sequence[RigCamera]) -> Quality:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class PlacedSphere(ByValue):
+class PlacedSphere(ReadOnly):
     """The sphere fitted to one placement's points."""
 
     placement: str
@@ -291,7 +291,7 @@ class BallShape(ByValue):
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class ImageMotion(ByValue):
+class ImageMotion(ReadOnly):
     """How a camera was turned and shifted at one placement: `x = exp(turn) (R x_world + t) + shift`.
 
     `rotation_deg` (3,) and `translation_mm` (3,); their mean over a camera's images is 0.
@@ -304,7 +304,7 @@ class ImageMotion(ByValue):
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Calibration(ByValue):
+class Calibration(ReadOnly):
     """All that a calibration finds: the rig, the points, the residuals, the spheres.
 
     `points_mm` (m, 3), `points_sigma_mm` (m, 3) (NaN where unknown) and `views` (m,) belong to `features`; points that

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from spherecal.base.arrays import ByValue, FloatArray, IntArray, float_array
+from spherecal.base.arrays import FloatArray, IntArray, ReadOnly, float_array
 from spherecal.base.errors import InputError, Words
 from spherecal.base.filesystem import id_problem
 from spherecal.base.messages.values import Phrase
@@ -31,7 +31,7 @@ ImageSize = tuple[int, int] | Mapping[str, tuple[int, int]]
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class CameraSigma(ByValue):
+class CameraSigma(ReadOnly):
     """Standard uncertainties of one camera: about and along which axes, see docs/conventions.md.
 
     rotation_deg (3,) about the camera's axes, centre_mm (3,) in the world's axes, intrinsics (16,), 0 where fixed.
@@ -43,7 +43,7 @@ class CameraSigma(ByValue):
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class RigCamera(ByValue):
+class RigCamera(ReadOnly):
     """One placed camera: intrinsics (16,), pose `x_camera = rotation @ x_world + translation_mm`.
 
     `image_size` is (width, height) px. `rms_px` is that of its residuals, None where it is not known, and

@@ -83,7 +83,11 @@ RULES: dict[str, Rule] = {
         "cameras sagged by 2 mm: 16 mm. Neither lens, ball nor a camera explains it.",
     ),
     "fits-badly": Rule("not-valid", "Thirty points a camera, 9 times the stated noise: a wrong minimum, 543 mm off."),
-    "fixed-intrinsics-contradicted": Rule("not-valid", "Data-sheet values 1.5 % off: lengths 3.8 to 11.8 mm, U 0.5."),
+    "fixed-intrinsics-contradicted": _care(
+        "cameras",
+        "Stated: widened by what other intrinsics would change; not valid where lengths change by more than U. "
+        "Data-sheet values 1.5 % off: lengths 3.8 to 11.8 mm, U 0.5.",
+    ),
     # millimetres that are not
     "scale-conflict": Rule("not-valid", "A certificate 480 for 400 mm: all lengths 20 % off, U(500) 0.05 mm."),
     "scale-sources": _care(
@@ -98,6 +102,9 @@ RULES: dict[str, Rule] = {
     ),
     "bar-temperature": Rule("not-valid", "70 or 120 typed in Fahrenheit: lengths 8 to 17 U off."),
     "ball-profile-scale": Rule("not-valid", "As scale-conflict."),
+    "size-implausible": Rule(
+        "not-valid", "A pitch in metres: cameras 0.37 mm apart, all lengths 1000 times too short."
+    ),
     "target-distance": Rule("not-valid", "14.0 typed for 28.28 mm: all lengths 50 % off."),
     "ball-diameter": Rule(
         "care",
@@ -144,6 +151,9 @@ RULES: dict[str, Rule] = {
         "Knocked for one image by 30 mm and back again, at the last that it had: 30 mm off, 323 times U. "
         "Late by 0.05 mm at each placement, and split as moved: 5.1 times U. "
         "Binned from its last image on, of 4 dots: all its lengths wrong.",
+    ),
+    "camera-late": _care(
+        "cameras", "Put back: with 24 placements, one camera 1 to 3 behind, errors were those of clean recordings."
     ),
     "few-frames": _care("cameras", "Stated, as few-placements."),
     "linked-by-a-thread": _care("cameras", "Stated, but one wrong camera turns half of the rig unseen."),
@@ -247,6 +257,9 @@ def widening(findings: Sequence[Finding], cameras: Sequence[str], form: str) -> 
         if finding.code == "parts-disagree" and finding.values:
             factor = np.maximum(factor, finding.values["lengths"])
             poses = np.maximum(poses, finding.values["poses"])
+        if finding.code == "fixed-intrinsics-contradicted" and finding.values:
+            factor = np.maximum(factor, finding.values["grow_lengths"])
+            poses = np.maximum(poses, finding.values["grow_poses"])
         rule = RULES.get(finding.code)
         if rule is None or effect(finding) != "care":
             continue

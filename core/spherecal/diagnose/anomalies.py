@@ -111,7 +111,7 @@ def find_anomalies(e: Evidence, contradicting: bool = False) -> Anomalies:
         if found.moves:
             small = all(move.image_change_px <= SMALL_PX for move in found.moves)
             fields = _fields(e, main, list(found.moves), sizes) if small else []
-            beyond = tuple(_beyond_the_lens(found.moves, fields))
+            beyond = tuple(beyond_the_lens(found.moves, fields))
             return Anomalies(beyond, None, tuple(fields), explained=bool(beyond), least_shift=shifts)
     in_shape = False
     if (moves or fields) and e.solved.rigid is not None:  # may be the ball's shape, which the free form does not know
@@ -121,11 +121,11 @@ def find_anomalies(e: Evidence, contradicting: bool = False) -> Anomalies:
             moves = confirmed(free.probe, free.placement, moves)
             fields = _fields(e, free, moves, sizes)
             in_shape = len(fields) + len(moves) <= before / 2
-    moves = _beyond_the_lens(moves, fields) if credible(moves, probe.problem.n_cameras) else []
+    moves = beyond_the_lens(moves, fields) if credible(moves, probe.problem.n_cameras) else []
     return Anomalies(tuple(moves), None, tuple(fields), in_shape, least_shift=shifts, scatter=scatter)
 
 
-def _beyond_the_lens(moves: Sequence[Move], fields: Sequence[Misfit]) -> list[Move]:
+def beyond_the_lens(moves: Sequence[Move], fields: Sequence[Misfit]) -> list[Move]:
     """The moves that shift image points by more than their cameras' lenses deviate from the model."""
     lens = {m.camera: m.rms_px for m in fields}
     return [move for move in moves if move.image_change_px > MORE_THAN_LENS * lens.get(move.camera, 0.0)]

@@ -12,7 +12,7 @@ from spherecal.data.findings import Finding, leave_out
 from spherecal.diagnose.anomalies import Anomalies
 from spherecal.diagnose.evidence import Evidence
 from spherecal.diagnose.lens_models import WORTH, best_lenses
-from spherecal.diagnose.score import change_of, make_score_test
+from spherecal.diagnose.score import change_of
 from spherecal.geometry.camera import undistort
 from spherecal.geometry.resection import resect
 
@@ -30,8 +30,6 @@ WRONG_FOCAL = 0.05
 # Farther from the prior than data sheets and guesses are, and poorly known too: eight cameras about one placement, in a
 # wrong minimum, ended with focal lengths 64 % too short to 22 % too long, 62 times their uncertainty off.
 ASTRAY_BY, ASTRAY_SD = 0.2, 0.01
-# A fixed focal length that noise alone contradicts so much in one of 10 million cases.
-CONTRADICTED = 30.0
 # An unplaced camera is tried with other focal lengths; points within this of their place count (unknown distortion).
 TRIED_FACTORS = np.geomspace(1 / 3, 3.0, 24)
 TRIED_PX, TRIED_SHARE, TRIED_POINTS = 12.0, 0.7, 30
@@ -74,7 +72,7 @@ def misfitting_lenses(e: Evidence, anomalies: Anomalies, moved: Collection[str])
     names = tuple(e.camera_ids[m.camera] for m in misfits)
     # no model can take away more than all smooth fields together
     share = sum(m.statistic - m.dof for m in misfits) / (2 * len(e.adjusted.rows))
-    other = best_lenses(e.solved, e.context) if share > WORTH else None
+    other = best_lenses(e.solved, e.context) if share > WORTH and not e.has_own_scale else None
     values = {
         "worst": e.camera_ids[worst.camera],
         "rms_px": worst.rms_px,
@@ -125,9 +123,9 @@ def fixed_focal_lengths(e: Evidence) -> FixedFocal:
     out = FixedFocal(np.zeros(len(e.placed)), np.zeros(len(e.placed)))
     a, problem = e.adjusted, e.adjusted.problem
     fixed = np.flatnonzero(e.placed & ~problem.free_intrinsics[:, 0])
-    if not len(fixed) or e.solved.cofactors is None or a.redundancy <= 0 or not a.variance > 0:
+    probe = e.probe if len(fixed) else None
+    if probe is None:
         return out
-    probe = make_score_test(problem, a.state, e.solved.cofactors, a.minimum.cost, a.redundancy)
     for c in fixed:
         rows = np.flatnonzero(problem.camera == c)
         if not len(rows):
@@ -139,8 +137,8 @@ def fixed_focal_lengths(e: Evidence) -> FixedFocal:
     return out
 
 
-def wrong_focal_lengths(e: Evidence, fixed: FixedFocal) -> list[Finding]:
-    """Priors that the data contradict: estimated focal lengths off by more than 5 %, fixed ones that do not fit.
+def wrong_focal_lengths(e: Evidence) -> list[Finding]:
+    """Priors that the data contradict: estimated focal lengths off by more than 5 %.
 
     Cameras without a pose that another focal length, or a mirrored image, would place are among them.
     """
@@ -148,17 +146,7 @@ def wrong_focal_lengths(e: Evidence, fixed: FixedFocal) -> list[Finding]:
     ratio = e.solution.state.intrinsics[:, :2].mean(axis=1) / prior
     free = e.adjusted.problem.free_intrinsics[:, 0] & e.placed
     off = free & ~e.solved.has_prior & (np.abs(ratio - 1) > WRONG_FOCAL)
-    found = _estimated_otherwise(e, off, prior, ratio) + _unplaced(e, prior)
-    for c in np.flatnonzero(fixed.statistic > CONTRADICTED):
-        name = e.camera_ids[c]
-        values = {
-            "fixed_px": prior[c],
-            "fitting_px": prior[c] * (1 + fixed.change[c]),
-            "chi_square": fixed.statistic[c],
-            "limit": CONTRADICTED,
-        }
-        found.append(Finding("fixed-intrinsics-contradicted", "warning", values, (name,), kind="one"))
-    return found
+    return _estimated_otherwise(e, off, prior, ratio) + _unplaced(e, prior)
 
 
 def _estimated_otherwise(e: Evidence, off: BoolArray, prior: FloatArray, ratio: FloatArray) -> list[Finding]:

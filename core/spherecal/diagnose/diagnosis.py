@@ -49,7 +49,7 @@ def _faults(e: Evidence) -> list[Finding]:
     fixed = fixed_focal_lengths(e)
     if any(image.kind in ("other-camera", "other-placement") for image in wrong):
         # the rest of the network may be bent by them: what it shows is judged once they are where they belong
-        return [*found, *wrong_focal_lengths(e, fixed)]
+        return [*found, *wrong_focal_lengths(e)]
     anomalies = find_anomalies(e, bool(wrong))
     release_freed()
     # what looks like a move may be a focal length that is fixed at a wrong value, if that explains more
@@ -72,7 +72,7 @@ def _faults(e: Evidence) -> list[Finding]:
         found += wrong_targets(e, moved)
     e.context.report(STAGE, 0.9)
     found += scattering_poses(e, anomalies)
-    focal = [finding for finding in wrong_focal_lengths(e, fixed) if not moved & set(finding.where)]
+    focal = [finding for finding in wrong_focal_lengths(e) if not moved & set(finding.where)]
     return [*found, *focal, *noisy_cameras(e, moved)]
 
 

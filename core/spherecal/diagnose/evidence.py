@@ -13,6 +13,7 @@ from spherecal.base.arrays import BoolArray, FloatArray, IntArray
 from spherecal.base.context import Context
 from spherecal.data.observations import Features, Observations
 from spherecal.data.session import Session
+from spherecal.diagnose.score import ScoreTest, make_score_test
 from spherecal.initialise.local import LocalNetwork
 from spherecal.scale.metric import Solution
 
@@ -47,6 +48,19 @@ class Evidence:
     def camera_ids(self) -> tuple[str, ...]:
         """Ids of all cameras of the session."""
         return self.observations.cameras
+
+    @cached_property
+    def probe(self) -> ScoreTest | None:
+        """The solved network, prepared for tests; None where it is singular."""
+        a, cofactors = self.adjusted, self.solved.cofactors
+        if cofactors is None or a.redundancy <= 0 or not a.variance > 0:
+            return None
+        return make_score_test(a.problem, a.state, cofactors, a.minimum.cost, a.redundancy)
+
+    @property
+    def has_own_scale(self) -> bool:
+        """Whether millimetres are part of the adjustment, and not given to it afterwards."""
+        return False
 
     @cached_property
     def is_earlier_pose(self) -> BoolArray:

@@ -16,7 +16,7 @@ from spherecal.adjust.parameter_layout import POSE
 from spherecal.base.arrays import FloatArray, IntArray
 from spherecal.data.findings import Finding
 from spherecal.diagnose.evidence import Evidence
-from spherecal.diagnose.score import ScoreTest, make_score_test
+from spherecal.diagnose.score import ScoreTest
 from spherecal.geometry.length_uncertainty import Cameras, length_gradients
 from spherecal.geometry.volume_map import LENGTH_MM, measured_volume
 
@@ -59,16 +59,16 @@ def dependent_parts(e: Evidence) -> list[Finding]:
 
 def influence(e: Evidence) -> Influence | None:
     """The growth of uncertainties that single parts of a recording require; None where it cannot be computed."""
-    a, cofactors = e.adjusted, e.solved.cofactors
-    if cofactors is None or a.redundancy <= 0 or not a.variance > 0 or len(a.rows) > MOST_OBSERVATIONS:
+    cofactors = e.solved.cofactors
+    if cofactors is None or len(e.adjusted.rows) > MOST_OBSERVATIONS:
         return None
     if e.choice.form == "soft":  # its dots have their own shape noise, stated by its size
         return None
-    probe = make_score_test(a.problem, a.state, cofactors, a.minimum.cost, a.redundancy)
-    if probe.shift is None:
+    probe = e.probe
+    if probe is None or probe.shift is None:
         return None
     image, groupings = _groupings(e, probe)
-    functions = _lengths(e, probe), _poses(e, probe)
+    functions = length_functions(e, probe.problem.intrinsic_columns)[0], _poses(e, probe)
     covariance = probe.variance * cofactors.all_cameras()
     variances = [np.einsum("mi,mi->m", f @ covariance, f) for f in functions]
     noise = np.random.default_rng(0).normal(0.0, np.sqrt(probe.variance), (len(probe.residual), DRAWS))
@@ -99,26 +99,25 @@ def _groupings(e: Evidence, probe: ScoreTest) -> tuple[IntArray, tuple[IntArray,
     return image.reshape(-1), (by_placement, by_camera, np.arange(len(pairs)))
 
 
-def _lengths(e: Evidence, probe: ScoreTest) -> FloatArray:
-    """Derivatives (m, c*w) of lengths in the volume by all cameras' parameters, in network units."""
-    state, placed, width = e.adjusted.state, np.flatnonzero(e.placed), probe.linear.width
+def length_functions(e: Evidence, columns: IntArray) -> tuple[FloatArray, float]:
+    """Derivatives (m, c*w) of lengths in the volume by all cameras' poses and intrinsics, and these lengths' size.
+
+    In network units. `columns`: the intrinsics, (k,); w is 6 + k.
+    """
+    state, placed, width = e.adjusted.state, np.flatnonzero(e.placed), POSE + len(columns)
     size = np.array([e.session.cameras[c].image_size for c in placed], dtype=float)
     cameras = Cameras(
-        state.intrinsics[placed],
-        state.rotation[placed],
-        state.translation[placed],
-        size,
-        np.zeros((0, 0)),
-        probe.problem.intrinsic_columns,
+        state.intrinsics[placed], state.rotation[placed], state.translation[placed], size, np.zeros((0, 0)), columns
     )
     places = e.solution.state.points / e.solution.factor
     volume = measured_volume(places[np.isfinite(places[:, 0])], cameras.centres)
-    middle, half = volume.grid(GRID), LENGTH_MM / e.solution.factor / 2 * volume.axes
+    length = LENGTH_MM / e.solution.factor
+    middle, half = volume.grid(GRID), length / 2 * volume.axes
     ends = np.stack([middle[:, None] - half, middle[:, None] + half], axis=2).reshape(-1, 2, 3)
     of_placed = length_gradients(cameras, ends)
     gradient = np.zeros((len(of_placed), len(e.placed), width))
     gradient[:, placed] = of_placed.reshape(len(of_placed), len(placed), width)
-    return gradient.reshape(len(of_placed), len(e.placed) * width)
+    return gradient.reshape(len(of_placed), len(e.placed) * width), length
 
 
 def _poses(e: Evidence, probe: ScoreTest) -> FloatArray:

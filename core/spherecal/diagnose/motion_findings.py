@@ -15,6 +15,8 @@ from spherecal.diagnose.two_poses import TwoPoseFit, resect_two_poses
 
 # Moves larger than this are measured by resection: linear tests are good for small ones.
 FAR_PX = 3.0
+# Nothing turns over between two placements; images do, by a setting (180 degrees to 1 in the cases tried).
+HALF_TURN_RAD = 0.1
 _TINY_RAD = 1.7e-4  # 0.01 degrees: smaller turns are said in microradians
 
 
@@ -39,6 +41,8 @@ def motion_findings(e: Evidence, anomalies: Anomalies, wrong: Sequence[WrongImag
 def _group_motion(e: Evidence, found: GroupMotion) -> Finding:
     """The finding on cameras that moved together, on a ball that moved between exposures, or on another rig."""
     at = tuple(e.observations.placements[t] for t in found.placements)
+    if len(found.cameras) == 1 and abs(found.rotation_rad - np.pi) < HALF_TURN_RAD:
+        return Finding("mirrored", "error", where=(e.camera_ids[found.cameras[0]],), kind="turned")
     size = _degrees(e, found.translation * e.solution.factor, found.rotation_rad)
     sure = Phrase(
         "shows-group",

@@ -22,6 +22,10 @@ from spherecal.verify.bar_temperature import temperature_findings
 
 # Printers err by 0.1 to 0.5 % in size; beyond twice that the distance is another one, or another set.
 MOST_PRINT_ERROR = 0.01
+# What a pixel shows of an object: 3 um at a magnification of one third on pixels of 1 um, the least that no microscope
+# needs; beyond 50 mm no board, ball or mark is seen. Recordings here and shared ones have 0.04 to 2 mm. The two lenses
+# of a stereo endoscope are 4 mm apart.
+LEAST_PIXEL_MM, MOST_PIXEL_MM, LEAST_APART_MM, AT_ONE_PLACE = 3e-3, 50.0, 1.0, 1e-4
 # The same dots of the same camera lie within this in two images of a ball that was not moved (noise 0.02 to 0.1 px);
 # placements of rigs A, B and of halls differ by hundreds of pixels, the least turn of the ball by tens. Targets
 # that rest in the background are fewer than most of an image's dots.
@@ -45,6 +49,23 @@ def implausible(session: Session) -> tuple[Finding, ...]:
         *_same_files(session, repeated),
         *_capture_times(session),
     )
+
+
+def implausible_size(depth_mm: FloatArray, focal_px: FloatArray, centres_mm: FloatArray) -> list[Finding]:
+    """The finding on lengths that are off by a factor of a thousand or so: metres or micrometres for millimetres.
+
+    `depth_mm`, `focal_px`: of what was seen, (n,), and of the cameras that saw it, (n,); `centres_mm`: the cameras'
+    projection centres, (c,3).
+    """
+    if len(centres_mm) < 2 or not len(depth_mm):
+        return []
+    pixel = float(np.median(depth_mm / focal_px))
+    gaps = np.linalg.norm(centres_mm[:, None] - centres_mm, axis=2) + np.diag(np.full(len(centres_mm), np.inf))
+    apart = float(gaps.min())
+    at_one_place = apart < AT_ONE_PLACE * float(np.median(depth_mm))  # one camera under two names
+    if LEAST_PIXEL_MM <= pixel <= MOST_PIXEL_MM and (apart >= LEAST_APART_MM or at_one_place):
+        return []
+    return [Finding("size-implausible", "error", {"pixel_um": 1e3 * pixel, "apart_mm": apart})]
 
 
 def _target_distance(session: Session) -> list[Finding]:
@@ -147,11 +168,20 @@ def _one_image_of_two_cameras(session: Session) -> list[Finding]:
     """Two cameras that show the same dots at the same places: one image stored under two names."""
     o = _of_ball(session)
     size = _sizes(o)
-    return [
-        _two_names(o.cameras[c], o.cameras[d], o.placements[t])
-        for (t, c, d), n in sorted(_coincidences(o, o.placement, o.camera, len(o.cameras)).items())
-        if n >= max(LEAST_COMMON, MOSTLY * min(size[c, t], size[d, t]))
-    ]
+    same: dict[tuple[int, int], list[int]] = {}
+    for (t, c, d), n in sorted(_coincidences(o, o.placement, o.camera, len(o.cameras)).items()):
+        if n >= max(LEAST_COMMON, MOSTLY * min(size[c, t], size[d, t])):
+            same.setdefault((c, d), []).append(t)
+    found = []
+    for (c, d), at in same.items():
+        both = int(((size[c] >= LEAST_COMMON) & (size[d] >= LEAST_COMMON)).sum())
+        names = o.cameras[c], o.cameras[d]
+        if len(at) > 1 and len(at) >= MOST_CAMERAS * both:
+            values = {"first": names[0], "second": names[1], "count": len(at)}
+            found.append(Finding("image-repeated", "error", values, names, kind="twins"))
+        else:
+            found += [_two_names(*names, o.placements[t]) for t in at]
+    return found
 
 
 def _two_names(a: str, b: str, placement: str) -> Finding:

@@ -69,6 +69,8 @@ def _change(e: Evidence, c: int, edge: IntArray, used: IntArray) -> FloatArray:
     rows = np.concatenate([edge, used])
     x = state.points[e.features.of_observation[rows]] @ state.rotation[c].T + state.translation[c]
     free = e.adjusted.problem.free_intrinsics[c, columns]
+    if not free.any():  # the given lens is taken as it is
+        return np.zeros(len(columns))
     design = project_with_derivatives(x, state.intrinsics[c])[2][:, :, columns] * free
     off = np.zeros((len(rows), 2))
     off[: len(edge)] = -e.residual_px[edge]

@@ -53,8 +53,6 @@ def run_checks(evidence: Evidence) -> tuple[Finding, ...]:
         *_scale(evidence),
         *_faults(evidence),
     ]
-    if locked(evidence):  # what the locked cameras err by looks like intrinsics that do not fit
-        found = [replace(f, severity="info") if f.code == "fixed-intrinsics-contradicted" else f for f in found]
     return ruled([*found, *unsound(evidence, found)])
 
 

@@ -60,11 +60,12 @@ class ScoreTest:
     """A solved network, prepared for tests.
 
     Its derivatives are taken by the expanded columns, the points following. They are those of the rows themselves plus
-    those by their points times `shift` (3p, e), None where the reduced unknowns are left out. All but `shift` is
+    those by their points times `shift` (q*p, e), None where the reduced unknowns are left out. All but `shift` is
     computed for the rows that are asked for.
 
     `residual` (2n,) is weighted, `inverse` (e,e) holds the cofactors of the expanded columns, `cofactors_of_points`
-    (p,3,3) those of each point alone. `squares` is v'Pv.
+    (p,q,q) those of each point alone. `squares` is v'Pv. A point is what its rows alone depend on: three coordinates,
+    or a frame of another method (`by_own`).
     """
 
     problem: Problem
@@ -91,15 +92,16 @@ class ScoreTest:
 
     def past_unknowns(self, columns: FloatArray) -> FloatArray:
         """Columns (2n,m), or one column (2n,), of all rows, projected past the estimated unknowns."""
-        n, p, more = len(self.problem.uv), self.problem.n_points, columns.shape[1:]
-        pulled, force = np.zeros((3 * p, *more)), np.zeros((self.problem.layout.expanded, *more))
+        (p, q, _), more = self.cofactors_of_points.shape, columns.shape[1:]
+        n = len(self.problem.uv)
+        pulled, force = np.zeros((q * p, *more)), np.zeros((self.problem.layout.expanded, *more))
         for some in blocks(n):
             both = slice(2 * some.start, 2 * some.stop)
             linear = self.linear.at(some)
             pulled += self._by_point(linear, some).T @ columns[both]
             if self.shift is not None:
                 force += self._direct(linear, some).T @ columns[both]
-        following = spread(self.cofactors_of_points, 3 * np.arange(p), (3 * p, 3 * p)) @ pulled
+        following = spread(self.cofactors_of_points, q * np.arange(p), (q * p, q * p)) @ pulled
         step = None if self.shift is None else self.inverse @ (force + self.shift.T @ pulled)
         moved = None if self.shift is None else self.shift @ step
         left = np.empty_like(columns)
@@ -112,10 +114,15 @@ class ScoreTest:
                 left[both] -= self._direct(linear, some) @ step + by_point @ moved
         return left
 
-    def _by_point(self, linear: Linearisation, rows: slice) -> Sparse:
-        """Derivatives (2k, 3p) of some rows by the points."""
-        count = len(linear.residual)
-        return spread(linear.by_point, 3 * self.problem.point[rows], (2 * count, 3 * self.problem.n_points))
+    def by_own(self, linear: Linearisation, rows: slice | IntArray) -> tuple[FloatArray, IntArray]:
+        """Derivatives (k,2,q) of some rows by the unknowns of their points, and these points (k,)."""
+        return linear.by_point, self.problem.point[rows]
+
+    def _by_point(self, linear: Linearisation, rows: slice | IntArray) -> Sparse:
+        """Derivatives (2k, q*p) of some rows by the points."""
+        p, q, _ = self.cofactors_of_points.shape
+        values, point = self.by_own(linear, rows)
+        return spread(values, q * point, (2 * len(values), q * p))
 
     def _direct(self, linear: Linearisation, rows: slice | IntArray) -> Sparse:
         """Derivatives (2k, e) of some rows by the expanded columns."""
@@ -134,10 +141,9 @@ class ScoreTest:
         `rows`: the rows, (m,) indices; `residuals`: k sets of weighted residuals of these rows, (2m,k).
         """
         assert self.shift is not None
-        linear, count = self.linear.at(rows), 3 * self.problem.n_points
-        pulled = spread(linear.by_point, 3 * self.problem.point[rows], (2 * len(rows), count))
-        by_points = pulled.T @ residuals
-        following = (3 * np.unique(self.problem.point[rows])[:, None] + np.arange(3)).ravel()
+        linear, q = self.linear.at(rows), self.cofactors_of_points.shape[1]
+        by_points = self._by_point(linear, rows).T @ residuals
+        following = (q * np.unique(self.by_own(linear, rows)[1])[:, None] + np.arange(q)).ravel()
         force = self._direct(linear, rows).T @ residuals + self.shift[following].T @ by_points[following]
         return force.T, by_points.T
 
@@ -160,14 +166,15 @@ class ScoreTest:
         flat = values if sparse.issparse(values) else values.reshape(-1, values.shape[2])
         both = (2 * rows[:, None] + np.arange(2)).ravel()
         own = _full(flat.T @ flat)
-        point, local = np.unique(self.problem.point[rows], return_inverse=True)
-        linear = self.linear.at(rows)
-        pulled = spread(linear.by_point, 3 * local, (len(both), 3 * len(point)))
+        linear, q = self.linear.at(rows), self.cofactors_of_points.shape[1]
+        by_own, of_row = self.by_own(linear, rows)
+        point, local = np.unique(of_row, return_inverse=True)
+        pulled = spread(by_own, q * local, (len(both), q * len(point)))
         by_point = _full(pulled.T @ flat)
-        weighted = self.cofactors_of_points[point] @ by_point.reshape(len(point), 3, -1)
+        weighted = self.cofactors_of_points[point] @ by_point.reshape(len(point), q, -1)
         a = own - by_point.T @ weighted.reshape(by_point.shape)
         if self.shift is not None:
-            following = (3 * point[:, None] + np.arange(3)).ravel()
+            following = (q * point[:, None] + np.arange(q)).ravel()
             force = _full(self._direct(linear, rows).T @ flat) + _fast(self.shift[following]).T @ by_point
             a -= force.T @ self.inverse @ force
         return flat.T @ self.residual[both], a, own

@@ -4,16 +4,13 @@ from collections.abc import Sequence
 
 import numpy as np
 from scipy.spatial import KDTree
-from scipy.special import chdtri
 
-from spherecal.adjust.state import State
-from spherecal.base.arrays import BoolArray, FloatArray, IntArray
-from spherecal.base.messages.values import Phrase
+from spherecal.base.arrays import BoolArray
 from spherecal.data.findings import Finding, leave_out
 from spherecal.diagnose.evidence import Evidence
+from spherecal.diagnose.fixed_lenses import contradicted_lenses
 from spherecal.diagnose.image_findings import LEAST_POINTS, MOST_LEFT_OUT
-from spherecal.diagnose.score import ScoreTest, change_of, make_score_test
-from spherecal.geometry.camera import estimated_mask, project_with_derivatives, undistort
+from spherecal.diagnose.plausibility import implausible_size
 
 # On clean rigs A, B, halls and domes a camera keeps 96 to 100 % of its observations, with 5 % wrong matches 88 %.
 LEAST_USED = 0.6
@@ -24,9 +21,6 @@ MANY_OUTLIERS, SURE = 0.05, 3.0
 DOUBTFUL_DIAMETER, WRONG_DIAMETER = 0.005, 0.02
 # What is not round within this share of its radius is no ball, whatever the session calls it.
 ROUND = 0.05
-# Fixed intrinsics that noise alone contradicts so much in one of a million recordings. 0.15 % of the focal length of
-# all cameras is found on the demo rig.
-FALSE_ALARM = 1e-6
 # Cameras with 30 points each ended 543 mm off, all in one wrong minimum, at 9 times the stated noise; lenses beyond the
 # model reach twice to three times.
 FEW_POINTS, FITS_BADLY = 60, 5.0
@@ -41,8 +35,21 @@ CHANGED_BY_LENSES = 2.0
 def unsound(e: Evidence, reported: Sequence[Finding]) -> list[Finding]:
     """Findings on the calibration as a whole, beside those reported already."""
     blamed = {name for finding in reported for name in finding.where if finding.code in _BLAMES}
-    found = [*_rejected(e, blamed), *ball_diameter(e), *_given_intrinsics(e, reported), *_fits_badly(e)]
+    moved = {name for f in reported if f.code in ("camera-moved", "cameras-moved") for name in f.where}
+    lenses = [] if locked(e) else contradicted_lenses(e, moved)
+    found = [*_size(e), *_rejected(e, blamed), *ball_diameter(e), *lenses, *_fits_badly(e)]
     return [*found, *_contradicting(e, [*reported, *found])]
+
+
+def _size(e: Evidence) -> list[Finding]:
+    """The finding on lengths in another unit."""
+    if e.solution.scale.source == "none":
+        return []
+    o, state, used = e.observations, e.solution.state, np.flatnonzero(e.used)
+    camera, points = o.camera[used], state.points[e.features.of_observation[used]]
+    depth = np.einsum("nj,nj->n", state.rotation[camera, 2], points) + state.translation[camera, 2]
+    centres = -np.einsum("cji,cj->ci", state.rotation, state.translation)[e.placed & ~e.is_earlier_pose]
+    return implausible_size(depth, state.intrinsics[camera, 0], centres)
 
 
 # Findings that explain why a camera's observations were left out.
@@ -137,56 +144,9 @@ def further_scale_uncertainty(e: Evidence) -> float:
     return abs(off) / 2
 
 
-def _given_intrinsics(e: Evidence, reported: Sequence[Finding]) -> list[Finding]:
-    """The finding where the data contradict the given intrinsics of all cameras together.
-
-    One camera alone may hide behind its pose; that all focal lengths are off by one factor shows sooner.
-    """
-    if any(f.code == "fixed-intrinsics-contradicted" for f in reported):
-        return []
-    problem, a = e.adjusted.problem, e.adjusted
-    fixed = e.placed & ~problem.free_intrinsics[:, 0]
-    if locked(e) or not fixed.any() or e.solved.cofactors is None or a.redundancy <= 0 or not a.variance > 0:
-        return []
-    probe = make_score_test(problem, a.state, e.solved.cofactors, a.minimum.cost, a.redundancy)
-    tests = [(Phrase("all-focal-lengths"), np.flatnonzero(fixed[problem.camera]))]
-    for c in np.flatnonzero(fixed):
-        tests.append((Phrase("camera", {"camera": e.camera_ids[c]}), np.flatnonzero(problem.camera == c)))
-    best: tuple[float, Phrase, float, int] | None = None
-    for number, (name, rows) in enumerate(tests):
-        if len(rows) < LEAST_POINTS:
-            continue
-        values = _by_intrinsics(probe, a.state, rows, common_focal=number == 0)
-        change = change_of(*probe.block(rows, values), probe.variance)
-        limit = float(chdtri(change.dof, FALSE_ALARM / len(tests))) if change.dof else np.inf
-        if change.statistic > limit and (best is None or change.statistic / limit > best[0]):
-            best = change.statistic / limit, name, change.statistic, change.dof
-    if best is None:
-        return []
-    values = {"times": best[0], "worst": best[1], "chi_square": best[2], "dof": best[3]}
-    where = tuple(e.camera_ids[c] for c in np.flatnonzero(fixed))
-    return [Finding("fixed-intrinsics-contradicted", "warning", values, where, kind="all")]
-
-
 def locked(e: Evidence) -> bool:
     """Whether cameras are locked at the poses of another calibration: their errors then appear as other faults."""
-    return not e.adjusted.problem.free_pose[e.placed].all()
-
-
-def _by_intrinsics(probe: ScoreTest, state: State, rows: IntArray, common_focal: bool) -> FloatArray:
-    """Derivatives (k,2,m) of some rows by Brown's intrinsics, or by one factor of all focal lengths."""
-    problem = probe.problem
-    intrinsics = state.intrinsics[problem.camera[rows]]
-    predicted = problem.uv[rows] + probe.linear.residual[rows] / problem.weight[rows]
-    xy = np.empty((len(rows), 2))
-    for c in np.unique(problem.camera[rows]):
-        own = problem.camera[rows] == c
-        xy[own] = undistort(predicted[own], state.intrinsics[c])[0]
-    x = np.column_stack([np.nan_to_num(xy), np.ones(len(rows))])
-    derivatives = project_with_derivatives(x, intrinsics)[2] * problem.weight[rows][:, :, None]
-    if common_focal:
-        return (derivatives[:, :, :2] * intrinsics[:, None, :2]).sum(axis=2, keepdims=True)
-    return derivatives[:, :, np.flatnonzero(estimated_mask("brown"))]
+    return (~e.adjusted.problem.free_pose[e.placed]).sum() > 1  # one is the frame of a board's or bar's network
 
 
 def _contradicting(e: Evidence, reported: Sequence[Finding]) -> list[Finding]:

@@ -55,6 +55,7 @@ from spherecal.files.json_file import (
     MOST_CAMERAS,
     JsonValue,
     finite,
+    parse_json,
     read_bytes,
     read_json,
     software_entry,
@@ -90,6 +91,11 @@ def rig_bytes(rig: Rig, software: Mapping[str, Any] | None = None) -> bytes:
     `software` None: no more.
     """
     return RIG.bytes(rig, software=software_entry(software))
+
+
+def check_rig_bytes(content: bytes, path: Path) -> None:
+    """Raise what reading the contents of a rig.json would raise, before they are written."""
+    RIG.kind.read(JsonValue(parse_json(content), path))
 
 
 def affected_entries(quality: Quality) -> list[dict[str, Any]]:

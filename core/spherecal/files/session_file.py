@@ -248,7 +248,13 @@ _BOARD = record(
     optional("legacy", boolean("Whether a ChArUco board was printed before OpenCV 4.6.")),
     optional("border_bits", integer("Black bits around a tag.", 1, 2)),
     optional("relative_uncertainty", number("Relative standard uncertainty of the pitch.", 0, 0.05)),
-    optional("shape", choice("Whether the points are estimated; `nominal` where absent.", ("nominal", "estimated"))),
+    optional(
+        "shape",
+        choice(
+            "Whether the points are estimated; where absent, if the data show that they are not where they should be.",
+            ("nominal", "estimated"),
+        ),
+    ),
 )
 _WITHOUT_TAGS = {"enum": [*sorted(set(BOARD_KINDS) - {"charuco", "aprilgrid"}), None]}
 _BOARD_FORMS = [

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from spherecal.base.arrays import ByValue, FloatArray
+from spherecal.base.arrays import ByValue, FloatArray, ReadOnly
 from spherecal.geometry.length_uncertainty import Cameras, predict_lengths
 
 LENGTH_MM = 500.0
@@ -31,7 +31,7 @@ class Volume(ByValue):
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class LengthMap(ByValue):
+class LengthMap(ReadOnly):
     """Expanded uncertainties (places, directions) in mm of a length centred at places (n,3), NaN where it is not seen.
 
     `sigma_px` is the noise of one dot's image that was assumed.

@@ -1,0 +1,144 @@
+"""Boards and bars have the ball's diagnosis: what is wrong is named with camera and placement, or covered by U."""
+
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from benchmarks.studies.judged import judged
+from benchmarks.studies.mischief import exchanged_halfway, fixed_intrinsics, mirrored, skew, twins, wrong_unit
+from benchmarks.studies.mischief_case import Case
+from benchmarks.studies.mischief_frames import FrameWorld, frame_lost, make_frame_world, out_of_step
+from benchmarks.studies.mischief_motions import moved
+from spherecal.calibrate import calibrate
+from spherecal.data.rig import Calibration
+from spherecal.files.read_session import read_session
+from spherecal.steps.settings import CalibrationSettings
+from spherecal_boards.camera_lag import AGREE_PX, least_error
+from tests.networks import one_thread
+
+__all__ = ["one_thread"]
+
+METHODS = ("board", "bar")
+
+
+@cache
+def world(method: str) -> FrameWorld:
+    return make_frame_world("rigA", method, 7)
+
+
+def spoilt(make, method: str, size: float, seed: int = 3) -> tuple[Case, Calibration]:
+    case = make(world(method), size, np.random.default_rng(seed))
+    return case, calibrate(case.session, case.settings)
+
+
+def codes(done: Calibration) -> dict[str, tuple[str, ...]]:
+    return {f.code: f.where for f in done.rig.quality.findings if f.severity != "info"}
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_nothing_is_said_of_a_clean_recording(method: str) -> None:
+    case = world(method)
+    rng = np.random.default_rng(1)
+    done = calibrate(case.session(case.record(rng), rng), case.settings)
+    assert done.rig.quality.verdict == "valid"
+    assert not {"poses-scatter", "parts-disagree", "lens-misfit"} & {f.code for f in done.rig.quality.findings}
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_two_cameras_with_one_file_are_named(method: str) -> None:
+    case, done = spoilt(twins, method, 1)
+    assert done.rig.quality.verdict == "not-valid" and set(codes(done)["image-repeated"]) == set(case.names)
+
+
+@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("size", [1e-3, 1e3])
+def test_lengths_in_another_unit_are_not_valid(method: str, size: float) -> None:
+    done = spoilt(wrong_unit, method, size)[1]
+    assert done.rig.quality.verdict == "not-valid" and "size-implausible" in codes(done)
+
+
+@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("frames", [1, -2])
+def test_a_camera_out_of_step_is_named_and_put_back(method: str, frames: int) -> None:
+    case, done = spoilt(out_of_step, method, frames)
+    assert done.rig.quality.verdict == "use-with-care" and case.names[0] in codes(done)["camera-late"]
+    assert not judged(done, case.reference).wrong
+
+
+@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("seed", [3, 4])
+def test_a_camera_that_lost_a_frame_is_named(method: str, seed: int) -> None:
+    case, done = spoilt(frame_lost, method, 1, seed)
+    assert any(case.names[0] in where for where in codes(done).values())
+    assert done.rig.quality.verdict == "not-valid" or not judged(done, case.reference).wrong
+
+
+@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("size", [0.3, 30.0])
+def test_a_camera_that_was_knocked_is_named(method: str, size: float) -> None:
+    case, done = spoilt(moved, method, size)
+    assert done.rig.quality.verdict == "not-valid" and codes(done)["camera-moved"][0] == case.names[0]
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_exchanged_cameras_are_named(method: str) -> None:
+    case, done = spoilt(exchanged_halfway, method, 1)
+    assert done.rig.quality.verdict == "not-valid" and set(case.names) <= set(codes(done)["cameras-swapped"])
+
+
+def test_a_mirrored_camera_is_named() -> None:
+    case, done = spoilt(mirrored, "board", 1)
+    assert done.rig.quality.verdict == "not-valid" and codes(done)["mirrored"] == case.names
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_fixed_lenses_are_tested_for_every_method(method: str) -> None:
+    done = spoilt(fixed_intrinsics, method, 0.01)[1]
+    assert done.rig.quality.verdict == "not-valid" and "fixed-intrinsics-contradicted" in codes(done)
+    right = spoilt(fixed_intrinsics, method, 0.0)[1]
+    assert right.rig.quality.verdict == "valid"
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_lenses_beyond_their_model_widen_the_uncertainty(method: str) -> None:
+    case, done = spoilt(skew, method, 1)
+    plain = calibrate(replace(case.session, observations=world(method).record(np.random.default_rng(2))), case.settings)
+    assert done.rig.length_map is not None and plain.rig.length_map is not None
+    wide, usual = done.rig.length_map.typical_mm, plain.rig.length_map.typical_mm
+    assert wide is not None and usual is not None and wide > 2 * usual
+    assert not judged(done, case.reference).lengths_wrong
+
+
+@pytest.mark.parametrize(("name", "code"), [("shifted", "camera-late"), ("dropped", "camera-late")])
+def test_public_recordings_out_of_step(shared_data: Path, name: str, code: str) -> None:
+    folder = shared_data / "foreign" / "board-unsynchronised" / name
+    if not folder.is_dir():
+        pytest.skip(f"no recording at {folder}")
+    done = calibrate(read_session(folder), CalibrationSettings(method="board"))
+    where = codes(done)[code]
+    assert where[0] == "cam1" and (name == "shifted" or where[2] == "0006")
+    assert "not-converged" not in codes(done) and done.rig.quality.rms_px < 0.1
+
+
+def test_a_public_recording_of_twin_cameras(shared_data: Path) -> None:
+    folder = shared_data / "foreign" / "board-twin-cameras" / "session"
+    if not folder.is_dir():
+        pytest.skip(f"no recording at {folder}")
+    done = calibrate(read_session(folder), CalibrationSettings(method="board"))
+    assert done.rig.quality.verdict == "not-valid" and codes(done)["image-repeated"] == ("cam1", "cam2")
+
+
+def test_the_least_lag_that_explains_a_pair_is_taken() -> None:
+    random = np.random.default_rng(1)
+    errors = {lag: random.uniform(50, 500, (4, 12)) for lag in range(-3, 4)}
+    assert least_error(errors, True)[0] > AGREE_PX
+    errors[-1][2] = 0.3
+    found = least_error(errors, True)
+    assert found[0] < 1 and (found[1] == -1).all()
+    errors[-1][2, :7] = 300.0
+    errors[0][2, :7] = 0.3
+    found = least_error(errors, True)
+    assert found[0] < 1 and found[1].tolist() == [0] * 7 + [-1] * 5

@@ -18,7 +18,7 @@ from spherecal.data.session import Session
 from spherecal.initialise.spherical_projection import project_to_spheres
 from spherecal.steps.start_values import StartValues
 from spherecal_sim.truth import Truth
-from spherecal_study.identity_damping import minimise_with_identity
+from spherecal.adjust.identity_damping import minimise_with_identity
 
 PERCENT = (10, 15, 20, 25)
 # Converged: within this of the optimum's rms, the rest of a few slow steps; other minima are ten times off and more.

@@ -4,7 +4,7 @@ import time
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
@@ -18,18 +18,17 @@ from spherecal.data.rig import Calibration
 from spherecal.data.session import Session
 from spherecal.detect.session_images import observed
 from spherecal.initialise.camera_path import BASE, Search, find_paths
-from spherecal.initialise.chain import chain_points, chain_poses
-from spherecal.initialise.incremental import grow
+from spherecal.initialise.chain import chain_poses
 from spherecal.initialise.local import LocalNetwork, reconstruct_locally
 from spherecal.initialise.view_graph import EdgeWeights, build_graph
 from spherecal.steps.settings import CalibrationSettings, Method
-from spherecal.steps.start_values import StartValues, describe_network
+from spherecal.steps.start_values import describe_network
 from spherecal_sim.rigs import Layout, TrueCamera
 from spherecal_sim.simulate_session import simulate_session
 from spherecal_sim.simulated_boards import simulate_board, simulate_waved_bar
 from spherecal_sim.truth import SimulationOptions, Truth
 from spherecal_study.batch_of_sessions import calibrate_session
-from spherecal_study.displacement import displaced_cases
+from spherecal_study.displacement import displaced_cases, published_cases
 from spherecal_study.measures import bar_figures, calibration_only, outcome, residual_figures
 from spherecal_study.recorded_trials import detected, recorded
 from spherecal_study.rendered import render, rendered_ball, rendered_bars, rendered_board, rendered_waved_bar
@@ -196,19 +195,37 @@ def recorded_paths(session: str, fingerprint: str, search: Search) -> dict[str, 
     return path_figures(detected(Path(session)), search)
 
 
-def displaced(preset: str, seed: int, sigma_px: float, damping: str, known: bool = False) -> dict[str, Any]:
-    """How adjustments end whose start points are displaced, [Tao21] (22); see displacement.py.
+def displaced(
+    preset: str, seed: int, sigma_px: float | None, damping: Literal["diagonal", "identity"], known: bool = False
+) -> dict[str, Any]:
+    """How the paper's adjustment ends from displaced start points, [Tao21] (22); see displacement.py.
 
-    `sigma_px` None takes rendered images; `damping`: `diagonal` or `identity-mm` (`displaced_cases`).
+    `sigma_px` None takes rendered images.
     """
     session, truth = _session(preset, seed, sigma_px, 4, "spread")
-    session = _with_known(session, truth.cameras) if known else session
-    session = observed(session, Context())
-    network, local, intrinsics = _local(session, "opt")
-    poses = grow(local, network, intrinsics, local.keep, Context())
-    rotation, translation = poses.state.rotation, poses.state.translation
-    points = chain_points(local.paths, local.triples, local.graph.scale, rotation, translation, network.n_features)
-    return displaced_cases(session, truth, StartValues(network, local, poses, points), seed, damping)
+    session = observed(_with_known(session, truth.cameras) if known else session, Context())
+    return displaced_cases(session, truth, seed, CalibrationSettings(method="tao2021", damping=damping))
+
+
+def published(
+    preset: str,
+    seed: int,
+    sigma_px: float | None,
+    known: bool = False,
+    th_pt: int | None = None,
+    paths: PathNumbers | None = None,
+) -> dict[str, Any]:
+    """How the paper's adjustment ends from every variant of its start, and how our robust start ends.
+
+    `sigma_px` None takes rendered images; `th_pt` None and `paths` None: as the method has them.
+    """
+    session, truth = _session(preset, seed, sigma_px, 4, "spread")
+    session = observed(_with_known(session, truth.cameras) if known else session, Context())
+    settings = CalibrationSettings(method="tao2021", **_of_paths(paths))
+    done = published_cases(session, truth, settings if th_pt is None else replace(settings, th_pt=th_pt))
+    ours, cpu_s = _timed(session, CalibrationSettings(method="free"))
+    quality = ours.rig.quality
+    return {**done, "ours": {"rms_px": quality.rms_px, "cameras": len(ours.rig.cameras), "cpu_s": cpu_s}}
 
 
 def _timed(session: Session, settings: CalibrationSettings) -> tuple[Calibration, float]:
@@ -316,6 +333,7 @@ def _local(
 
 KINDS: dict[str, Callable[..., dict[str, Any]]] = {
     "ball": ball, "board": board, "bar": bar, "wand": wand, "paths": paths, "displaced": displaced,
+    "published": published,
     "session": calibrate_session,
     "render": render,
     "recorded": recorded,

@@ -12,7 +12,6 @@ from spherecal.adjust.bundle import Adjustment, datum_defect
 from spherecal.adjust.identity_damping import minimise_with_identity
 from spherecal.adjust.least_squares import minimise
 from spherecal.adjust.levenberg import Settings
-from spherecal.adjust.network import Network
 from spherecal.adjust.state import State
 from spherecal.ball.fit import finished_solution
 from spherecal.ball.selection import ModelChoice
@@ -208,12 +207,9 @@ def spherical_projection(recording: Recording, start: StartValues) -> StartValue
 
 def bundle_adjustment(start: StartValues, settings: CalibrationSettings, context: Context) -> Adjustment:
     """All poses, intrinsics and points at once by Levenberg-Marquardt, from exactly the start's values."""
-    assert start.points is not None
     network, placed = start.network, start.poses.placed
-    used = observed_points(network, start)
-    state = replace(start.poses.state, points=np.where(np.isfinite(start.points), start.points, 0.0))
-    state = replace(state, rotation=np.where(placed[:, None, None], state.rotation, np.eye(3)))
-    state = replace(state, translation=np.where(placed[:, None], state.translation, 0.0))
+    used = observed_points(start)
+    state = plain_state(start)
     problem, rows = network.problem(used, network.free, placed, weighted=True)
     if settings.damping == "identity":
         minimum = minimise_with_identity(problem, state, most_steps=MOST_STEPS)
@@ -229,8 +225,18 @@ def bundle_adjustment(start: StartValues, settings: CalibrationSettings, context
     return Adjustment(final, problem, rows, used, minimum, redundancy)
 
 
-def observed_points(network: Network, start: StartValues) -> BoolArray:
+def plain_state(start: StartValues) -> State:
+    """The start's values, with numbers also where a camera or a point has none: those take no part."""
+    state, placed = start.poses.state, start.poses.placed
+    assert start.points is not None
+    rotation = np.where(placed[:, None, None], state.rotation, np.eye(3))
+    translation = np.where(placed[:, None], state.translation, 0.0)
+    return State(rotation, translation, state.intrinsics, np.nan_to_num(start.points))
+
+
+def observed_points(start: StartValues) -> BoolArray:
     """Observations (n,) of cameras with a pose, of points with a start value that two such cameras see."""
     assert start.points is not None
+    network = start.network
     used = start.candidates & np.isfinite(start.points[network.feature, 0])
     return used & (network.views(used) >= 2)[network.feature]

@@ -50,7 +50,7 @@ def published_cases(session: Session, truth: Truth, settings: CalibrationSetting
         recording = Recording.of(session)
         local = local_reconstruction(recording, chosen, Context())
         local_s = time.process_time() - began
-        recording, local, _ = grouped_points(recording, local)
+        recording, local, _ = grouped_points(recording, local, chosen)
         start = optimal_path_transformation(recording, local, chosen)
         best = best or _optimum(start, truth, chosen)
         start = spherical_projection(recording, start) if spo else start
@@ -73,7 +73,7 @@ def displaced_cases(session: Session, truth: Truth, seed: int, settings: Calibra
     The start is the paper's, in millimetres: by the ball's true radius over that of the spheres fitted to the points.
     """
     recording = Recording.of(session)
-    recording, local, _ = grouped_points(recording, local_reconstruction(recording, settings, Context()))
+    recording, local, _ = grouped_points(recording, local_reconstruction(recording, settings, Context()), settings)
     start = optimal_path_transformation(recording, local, settings)
     assert start.points is not None
     radius = truth.options.ball_radius_mm

@@ -8,21 +8,17 @@ from typing import Any, Literal
 
 import numpy as np
 
-from spherecal.adjust.network import Network
-from spherecal.adjust.state import State
-from spherecal.base.arrays import FloatArray
 from spherecal.base.context import Context
 from spherecal.calibrate import calibrate
 from spherecal.data.recording import Recording
 from spherecal.data.rig import Calibration
 from spherecal.data.session import Session
 from spherecal.detect.session_images import observed
-from spherecal.initialise.camera_path import BASE, Search, find_paths
-from spherecal.initialise.chain import chain_poses
-from spherecal.initialise.local import LocalNetwork, reconstruct_locally
-from spherecal.initialise.view_graph import EdgeWeights, build_graph
+from spherecal.initialise.camera_path import Search, find_paths
+from spherecal.initialise.local import LocalNetwork
+from spherecal.initialise.view_graph import EdgeWeights
 from spherecal.steps.settings import CalibrationSettings, Method
-from spherecal.steps.start_values import describe_network
+from spherecal.steps.tao2021 import adjacency, local_reconstruction, optimal_path_transformation, plain_state
 from spherecal_sim.rigs import Layout, TrueCamera
 from spherecal_sim.simulate_session import simulate_session
 from spherecal_sim.simulated_boards import simulate_board, simulate_waved_bar
@@ -155,27 +151,22 @@ def paths(
 
 
 def path_figures(session: Session, search: Search, numbers: PathNumbers | None = None) -> dict[str, Any]:
-    """The result of `paths` for a session with observations, but for the cameras' places.
+    """The result of `paths` for a session with observations, but for the cameras' places; by the paper's own pipeline.
 
     `count_share`: the median share of the term xi2 / N in an edge's weight, [Tao21] (12). `changed_by_count`: of how
     many cameras the path is another one without that term. A path over an edge that the graph refuses has no length.
 
     `numbers`: xi1, xi2, TH_er in px (None: by the data) and b; None leaves all to the method.
     """
-    network, local, known = _local(session, search, numbers)
-    rotation, translation = chain_poses(local.paths, local.triples, local.graph.scale, len(known))
-    placed = np.isfinite(translation[:, 0])
-    chained = State(
-        np.where(placed[:, None, None], rotation, np.eye(3)),
-        np.where(placed[:, None], translation, 0.0),
-        known,
-        np.zeros((network.n_features, 3)),
-    )
-    triangulated = network.triangulated(chained, local.keep & placed[network.camera])
+    settings = CalibrationSettings(method="tao2021", search=search, **_of_paths(numbers))
+    recording = Recording.of(session)
+    local = local_reconstruction(recording, settings, Context())
+    start = optimal_path_transformation(recording, local, settings)
+    triangulated = start.network.triangulated(plain_state(start), start.candidates)
     size = np.linalg.norm(triangulated.residual, axis=1)
     size = size[np.isfinite(size)]
     graph = local.graph
-    of_count, changed = _part_of_count(local, search, numbers)
+    of_count, changed = _part_of_count(local, settings)
     return {
         "count_share": of_count,
         "changed_by_count": changed,
@@ -278,18 +269,17 @@ def some_cameras(session: Session, truth: Truth, count: int) -> tuple[Session, T
     return replace(session, cameras=cameras, observations=own), truth
 
 
-def _part_of_count(local: LocalNetwork, search: Search, numbers: PathNumbers | None) -> tuple[float, int]:
+def _part_of_count(local: LocalNetwork, settings: CalibrationSettings) -> tuple[float, int]:
     """The median share of xi2 / N in the edges' weights, and how many paths are others without it."""
-    weights = _of_paths(numbers).get("weights", EdgeWeights())
-    base = _of_paths(numbers).get("base", BASE)
+    weights = settings.weights
     shares = [
         weights.count / local.counts[a, b] / edge.weight
         for a, edges in enumerate(local.graph.edges)
         for b, edge in edges.items()
         if a < b
     ]
-    plain = build_graph(local.triples, local.counts, replace(weights, count=0.0))
-    other = find_paths(plain, local.triples, search, base) if local.triples else {}
+    plain = adjacency(local.triples, local.counts, replace(weights, count=0.0))
+    other = find_paths(plain, local.triples, settings.search, settings.base) if local.triples else {}
     changed = sum(other.get(c) is None or other[c].cameras != path.cameras for c, path in local.paths.items())
     return float(np.median(shares)) if shares else 0.0, changed
 
@@ -318,17 +308,6 @@ def by_camera(calibration: Calibration) -> dict[str, Any]:
         "camera_mean_abs_px": {name: np.abs(r).mean(axis=0).tolist() for name, r in residuals.items()},
         "camera_sd_px": {name: r.std(axis=0).tolist() for name, r in residuals.items()},
     }
-
-
-def _local(
-    session: Session, search: Search, numbers: PathNumbers | None = None
-) -> tuple[Network, LocalNetwork, FloatArray]:
-    recording = Recording.of(session)
-    settings = CalibrationSettings(method="free", search=search, **_of_paths(numbers))
-    network = describe_network(recording, settings)
-    known = recording.priors
-    local = reconstruct_locally(recording.observations, recording.features, known, settings.paths, 0, Context())
-    return network, local, known
 
 
 KINDS: dict[str, Callable[..., dict[str, Any]]] = {

@@ -23,7 +23,7 @@ from spherecal.data.observations import find_features, seen_matrix
 from spherecal.data.recording import Recording
 from spherecal.data.rig import Calibration
 from spherecal.geometry.camera import undistort_views
-from spherecal.initialise.camera_path import Path, find_paths
+from spherecal.initialise.camera_path import find_paths
 from spherecal.initialise.chain import chain_poses
 from spherecal.initialise.incremental import InitialPoses
 from spherecal.initialise.local import LocalNetwork, lasting_reference
@@ -57,7 +57,7 @@ def calibrate_as_published(
     watch.lap("local reconstruction")
     if len(local.paths) < 2:
         return build_failed_result(recording, local, settings.method, watch.seconds)
-    recording, local, ungrouped = grouped_points(recording, local)
+    recording, local, ungrouped = grouped_points(recording, local, settings)
     start = optimal_path_transformation(recording, local, settings)
     if settings.spherical_projection:
         start = spherical_projection(recording, start)
@@ -123,22 +123,32 @@ def adjacency(groups: list[Triple], counts: IntArray, weights: EdgeWeights) -> C
     """
     edges: list[dict[int, Edge]] = [{} for _ in counts]
     shared = np.zeros(len(counts), dtype=int)
-    threshold = TH_ER_PX if weights.threshold_px is None else weights.threshold_px
     for number, group in enumerate(groups):
         shared[list(group.cameras)] += 1
-        for a, b in ((0, 1), (0, 2), (1, 2)):
-            j, g = group.cameras[a], group.cameras[b]
-            weight = edge_weight(group.error_px[a], group.error_px[b], int(counts[j, g]), threshold, weights)
+        for j, g, weight in edges_of(group, counts, weights):
             if np.isfinite(weight) and (g not in edges[j] or weight < edges[j][g].weight):
                 edges[j][g] = edges[g][j] = Edge(number, weight)
     return CameraGraph(tuple(edges), shared, np.ones(len(groups)))
 
 
-def grouped_points(recording: Recording, local: LocalNetwork) -> tuple[Recording, LocalNetwork, tuple[Finding, ...]]:
-    """The recording of the points that some group holds, and what it leaves out: points that two cameras alone see."""
+def edges_of(group: Triple, counts: IntArray, weights: EdgeWeights) -> list[tuple[int, int, float]]:
+    """A group's three pairs of cameras with their weights (10)-(12)."""
+    threshold = TH_ER_PX if weights.threshold_px is None else weights.threshold_px
+    pairs = [(a, b, int(counts[group.cameras[a], group.cameras[b]])) for a, b in ((0, 1), (0, 2), (1, 2))]
+    error = group.error_px
+    return [
+        (group.cameras[a], group.cameras[b], edge_weight(error[a], error[b], common, threshold, weights))
+        for a, b, common in pairs
+    ]
+
+
+def grouped_points(
+    recording: Recording, local: LocalNetwork, settings: CalibrationSettings
+) -> tuple[Recording, LocalNetwork, tuple[Finding, ...]]:
+    """The recording of the points that some group gives, and what it leaves out: points that two cameras alone see."""
     o, features = recording.observations, recording.features
     grouped = np.zeros(len(features), dtype=bool)
-    for group in local.triples:
+    for group, _ in point_sources(local, settings):
         grouped[group.features] = True
     keep, index = grouped[features.of_observation], np.cumsum(grouped) - 1
     if keep.all():
@@ -163,12 +173,11 @@ def optimal_path_transformation(
 ) -> StartValues:
     """Poses and points in the reference camera's frame, chained along the paths."""
     intrinsics, features = recording.priors, recording.features
-    network = describe_network(recording, settings)
+    network = replace(describe_network(recording, settings), sigma=np.ones((len(recording.observations), 2)))
     rotation, translation = chain_poses(local.paths, local.triples, local.graph.scale, len(intrinsics))
     placed = np.isfinite(translation[:, 0])
-    by_weight = settings.search in ("opt", "dijkstra")
     points = np.full((len(features), 3), np.nan)
-    for group, camera in point_sources(local, by_weight):
+    for group, camera in point_sources(local, settings):
         j = group.cameras.index(camera)
         in_camera = group.points @ group.rotation[j].T + group.translation[j]
         new = np.isnan(points[group.features, 0])
@@ -177,19 +186,24 @@ def optimal_path_transformation(
     return StartValues(network, local, InitialPoses(state, placed), points)
 
 
-def point_sources(local: LocalNetwork, by_weight: bool) -> list[tuple[Triple, int]]:
-    """The groups that give points, best first, each with its camera of the shortest path, along which (17) chains.
+def point_sources(local: LocalNetwork, settings: CalibrationSettings) -> list[tuple[Triple, int]]:
+    """The groups that give points, first the one to believe, and the camera along whose path (17) chains them.
 
-    `by_weight` False (none-OPT): in the order of the list.
+    OPT believes the lightest group (12) and refuses those beyond TH_er; none-OPT takes them as they are listed. The
+    camera is the one with the shortest path.
     """
 
     def length(camera: int) -> tuple[float, int]:
-        path: Path = local.paths[camera]
-        return path.length, len(path.cameras)
+        return local.paths[camera].length, len(local.paths[camera].cameras)
+
+    def weight(group: Triple) -> float:
+        return sum(w for _, _, w in edges_of(group, local.counts, settings.weights))
 
     groups = [g for g in local.triples if np.isfinite(g.error_px).all() and any(c in local.paths for c in g.cameras)]
-    if by_weight:
-        groups.sort(key=lambda g: g.error_px.mean())
+    if settings.search == "first-listed":
+        groups.sort(key=lambda g: g.cameras)
+    elif settings.search != "first":
+        groups = sorted((g for g in groups if np.isfinite(weight(g))), key=weight)
     return [(g, min((c for c in g.cameras if c in local.paths), key=length)) for g in groups]
 
 

@@ -16,11 +16,13 @@ from spherecal.base.context import Context
 from spherecal.data.recording import Recording
 from spherecal.data.session import Session
 from spherecal.geometry.sphere import fit_sphere_geometrically
-from spherecal.initialise.camera_path import Search
+from spherecal.initialise.camera_path import Path, Search
+from spherecal.initialise.local import LocalNetwork
 from spherecal.steps.settings import CalibrationSettings
 from spherecal.steps.start_values import StartValues
 from spherecal.steps.tao2021 import (
     bundle_adjustment,
+    edges_of,
     grouped_points,
     local_reconstruction,
     optimal_path_transformation,
@@ -54,7 +56,7 @@ def published_cases(session: Session, truth: Truth, settings: CalibrationSetting
         start = optimal_path_transformation(recording, local, chosen)
         best = best or _optimum(start, truth, chosen)
         start = spherical_projection(recording, start) if spo else start
-        lengths = [path.length for camera, path in local.paths.items() if camera != local.graph.reference]
+        lengths = [path_length(local, path, chosen) for path in local.paths.values() if path.triples]
         known = {
             "search": search,
             "spo": spo,
@@ -65,6 +67,15 @@ def published_cases(session: Session, truth: Truth, settings: CalibrationSetting
         cases.append({**known, **_ended(start, best, chosen)})
     assert best is not None
     return {"cases": cases, "best_rms_px": best["rms_px"], "cameras": len(session.cameras)}
+
+
+def path_length(local: LocalNetwork, path: Path, settings: CalibrationSettings) -> float:
+    """The sum of the weights (12) of the groups' edges that a path really takes; none-OPT does not take the lightest."""
+    length = 0.0
+    for a, b, number in zip(path.cameras, path.cameras[1:], path.triples, strict=False):
+        edges = edges_of(local.triples[number], local.counts, settings.weights)
+        length += next(weight for j, g, weight in edges if {j, g} == {a, b})
+    return length
 
 
 def displaced_cases(session: Session, truth: Truth, seed: int, settings: CalibrationSettings) -> dict[str, Any]:

@@ -68,8 +68,8 @@ def page(listed: list[Trial], results: Results, options: Options) -> StudyPage:
         [
             f"{options.rig_words(_RIG)}: start points are displaced by a % of the ball's radius times a normal number "
             "within (-1, 1) in every coordinate; with SPO they are then moved onto their placements' spheres. The "
-            "start is the paper's own (`--method tao2021`: poses and points chained along OPT's paths). The adjustment is "
-            "plain, all unknowns at once, 200 steps at most: damped by the identity with lengths in millimetres "
+            "start is the paper's own (`--method tao2021`: poses and points chained along OPT's paths). The adjustment "
+            "is plain, all unknowns at once, 200 steps at most: damped by the identity with lengths in millimetres "
             "(Levenberg), or by the diagonal (Marquardt). Rig B has wide baselines and weak groups. Converged: the "
             "optimum's rms within 5 %.",
         ],

@@ -24,7 +24,7 @@ from spherecal_sim.simulate_session import simulate_session
 from spherecal_sim.simulated_boards import simulate_board, simulate_waved_bar
 from spherecal_sim.truth import SimulationOptions, Truth
 from spherecal_study.batch_of_sessions import calibrate_session
-from spherecal_study.displacement import displaced_cases, published_cases
+from spherecal_study.displacement import displaced_cases, path_length, published_cases
 from spherecal_study.measures import bar_figures, calibration_only, outcome, residual_figures
 from spherecal_study.recorded_trials import detected, recorded
 from spherecal_study.rendered import render, rendered_ball, rendered_bars, rendered_board, rendered_waved_bar
@@ -165,14 +165,14 @@ def path_figures(session: Session, search: Search, numbers: PathNumbers | None =
     triangulated = start.network.triangulated(plain_state(start), start.candidates)
     size = np.linalg.norm(triangulated.residual, axis=1)
     size = size[np.isfinite(size)]
-    graph = local.graph
+    graph, lengths = local.graph, {c: path_length(local, path, settings) for c, path in local.paths.items()}
     of_count, changed = _part_of_count(local, settings)
     return {
         "count_share": of_count,
         "changed_by_count": changed,
         "start_px": float(np.median(size)) if len(size) else None,
         "start_mean_px": float(np.minimum(size, 1000.0).mean()) if len(size) else None,
-        "lengths": {str(c): path.length if np.isfinite(path.length) else None for c, path in local.paths.items()},
+        "lengths": {str(c): length if np.isfinite(length) else None for c, length in lengths.items()},
         "paths": {str(c): list(path.cameras) for c, path in local.paths.items()},
         "edges": [[a, b, edge.weight] for a, edges in enumerate(graph.edges) for b, edge in edges.items() if a < b],
         "reference": graph.reference,

@@ -60,7 +60,8 @@ def fit_sphere_geometrically(points: FloatArray) -> Sphere | None:
         ray = points - x[:3]
         return np.column_stack([-ray / np.linalg.norm(ray, axis=1)[:, None], -np.ones(len(ray))])
 
-    fit = least_squares(distances, [*start.centre, start.radius], jac=derivatives, method="lm")  # type: ignore[arg-type]
+    exact = {"ftol": 1e-14, "xtol": 1e-14, "gtol": 1e-14}
+    fit = least_squares(distances, [*start.centre, start.radius], derivatives, method="lm", **exact)  # type: ignore[arg-type]
     centre, radius = fit.x[:3], float(fit.x[3])
     if not (np.isfinite(fit.x).all() and radius > 0):
         return None

@@ -24,7 +24,7 @@ from spherecal.data.recording import Recording
 from spherecal.data.rig import Calibration
 from spherecal.geometry.camera import undistort_views
 from spherecal.initialise.camera_path import find_paths
-from spherecal.initialise.chain import chain_poses
+from spherecal.initialise.chain import chain_points, chain_poses
 from spherecal.initialise.incremental import InitialPoses
 from spherecal.initialise.local import LocalNetwork, lasting_reference
 from spherecal.initialise.spherical_projection import project_to_spheres
@@ -176,12 +176,7 @@ def optimal_path_transformation(
     network = replace(describe_network(recording, settings), sigma=np.ones((len(recording.observations), 2)))
     rotation, translation = chain_poses(local.paths, local.triples, local.graph.scale, len(intrinsics))
     placed = np.isfinite(translation[:, 0])
-    points = np.full((len(features), 3), np.nan)
-    for group, camera in point_sources(local, settings):
-        j = group.cameras.index(camera)
-        in_camera = group.points @ group.rotation[j].T + group.translation[j]
-        new = np.isnan(points[group.features, 0])
-        points[group.features[new]] = ((in_camera - translation[camera]) @ rotation[camera])[new]
+    points = chain_points(point_sources(local, settings), rotation, translation, len(features))
     state = State(rotation, translation, intrinsics, points)
     return StartValues(network, local, InitialPoses(state, placed), points)
 

@@ -1,0 +1,116 @@
+"""The paper's method, held against an implementation of its own (tests/published_method.py), and what it is worth."""
+
+from dataclasses import replace
+
+import numpy as np
+import published_method as plain
+import pytest
+from networks import simulated
+
+from spherecal.base.context import Context
+from spherecal.data.recording import Recording
+from spherecal.steps import tao2021
+from spherecal.steps.settings import CalibrationSettings
+
+PAPER = CalibrationSettings(method="tao2021")
+NAMES = ("rigA", "rigB")
+TARGETS = {"rigA": 100, "rigB": 200}  # with fewer, half of rig B's cameras have no path
+
+
+def recorded(preset, seed, known):
+    session, truth = simulated(preset, seed, targets=TARGETS[preset])
+    if known:
+        priors = {camera.id: camera.intrinsics for camera in truth.cameras}
+        session = replace(session, cameras=tuple(replace(c, prior=priors[c.id]) for c in session.cameras))
+    return Recording.of(session), truth
+
+
+def started(recording, settings):
+    local = tao2021.local_reconstruction(recording, settings, Context())
+    recording, local, _ = tao2021.grouped_points(recording, local, settings)
+    return recording, local, tao2021.optimal_path_transformation(recording, local, settings)
+
+
+def seen_from_first(rotation, translation, points):
+    relative = rotation @ rotation[0].T
+    return relative, translation - relative @ translation[0], points @ rotation[0].T + translation[0]
+
+
+class Plain:
+    """Every stage up to the start by the other implementation."""
+
+    def __init__(self, recording):
+        o, f = recording.observations, recording.features
+        self.n, intrinsics = len(o.cameras), recording.priors
+        xy = plain.normalised(o.uv, o.camera, intrinsics)
+        found, self.common = plain.groups(xy, o.camera, f.of_observation, self.n, intrinsics[:, 0], 20)
+        self.found, self.reference = found, plain.reference(found, self.n)
+        self.lightest = plain.adjacency(found, self.common, tao2021.TH_ER_PX)
+        self.paths = {self.reference: (0.0, (self.reference,))}
+        for c in range(self.n):
+            if c != self.reference and (path := plain.shortest(self.lightest, c, self.reference, 1.1, self.n)):
+                self.paths[c] = path
+        self.poses = plain.chained(found, self.lightest, self.paths)
+        self.points = plain.points(found, self.common, self.paths, self.poses, tao2021.TH_ER_PX, len(f))
+        self.projected = plain.projected(self.points, f.placement)
+
+
+@pytest.mark.parametrize("known", [False, True], ids=["nominal", "known"])
+@pytest.mark.parametrize("preset", NAMES)
+@pytest.mark.parametrize("seed", range(1, 11))
+def test_every_stage_equals_another_implementation(preset, seed, known):
+    recording, _ = recorded(preset, seed, known)
+    other = Plain(recording)
+    local = tao2021.local_reconstruction(recording, PAPER, Context())
+    assert {g.cameras for g in local.triples} == other.found.keys()
+    for one in local.triples:
+        features, rotation, translation, points, error = other.found[one.cameras]
+        assert one.features.tolist() == features.tolist()
+        if error.max() > tao2021.TH_ER_PX:  # a failed group: its points are near infinity
+            continue
+        np.testing.assert_allclose(one.error_px, error, rtol=1e-5)
+        # in the first camera's frame: a group's own is that of its factorisation
+        ours, theirs = (
+            seen_from_first(*g) for g in ((one.rotation, one.translation, one.points), (rotation, translation, points))
+        )
+        for a, b in zip(ours, theirs, strict=True):
+            np.testing.assert_allclose(a, b, atol=1e-6 * np.abs(b).max())
+    assert local.graph.reference == other.reference
+    edges = {(a, b): edge for a, row in enumerate(local.graph.edges) for b, edge in row.items() if a < b}
+    assert edges.keys() == other.lightest.keys()
+    for pair, edge in edges.items():
+        weight, cameras = other.lightest[pair]
+        assert edge.weight == pytest.approx(weight, rel=1e-6)
+        assert local.triples[edge.triple].cameras == cameras
+    assert {c: path.cameras for c, path in local.paths.items()} == {c: p for c, (_, p) in other.paths.items()}
+    start = tao2021.optimal_path_transformation(recording, local, PAPER)
+    for c, pose in other.poses.items():
+        np.testing.assert_allclose(start.poses.state.rotation[c], pose[:3, :3], atol=1e-5)
+        np.testing.assert_allclose(
+            start.poses.state.translation[c], pose[:3, 3], atol=1e-5 * np.abs(pose[:3, 3]).max(initial=1.0)
+        )
+    size = np.nanmax(np.abs(other.points))
+    np.testing.assert_allclose(start.points, other.points, atol=1e-5 * size)
+    moved = tao2021.spherical_projection(recording, start).points
+    np.testing.assert_allclose(moved, other.projected, atol=1e-5 * size)
+
+
+@pytest.mark.parametrize("known", [False, True], ids=["nominal", "known"])
+@pytest.mark.parametrize("preset", NAMES)
+def test_the_adjustment_ends_where_another_one_does(preset, known):
+    recording, _, start = started(recorded(preset, 1, known)[0], PAPER)
+    start = tao2021.spherical_projection(recording, start)
+    ours = tao2021.bundle_adjustment(start, PAPER, Context())
+    used, state = tao2021.observed_points(start), tao2021.plain_state(start)
+    poses = np.tile(np.eye(4), (len(state.rotation), 1, 1))
+    poses[:, :3, :3], poses[:, :3, 3] = state.rotation, state.translation
+    seen, feature = np.unique(start.network.feature[used], return_inverse=True)
+    o = recording.observations
+    cost, _, lens, _ = plain.adjusted(poses, state.intrinsics, state.points[seen], o.camera[used], feature, o.uv[used])
+    assert ours.minimum.converged
+    assert ours.minimum.cost == pytest.approx(cost, rel=1e-7)
+    np.testing.assert_allclose(ours.state.intrinsics[:, :4], lens[:, :4], rtol=1e-4)
+    # and the identity's damping ends there too, in more steps
+    levenberg = tao2021.bundle_adjustment(start, replace(PAPER, damping="identity"), Context())
+    assert levenberg.minimum.cost == pytest.approx(cost, rel=1e-4)
+    assert preset == "rigB" or levenberg.minimum.iterations > ours.minimum.iterations

@@ -28,7 +28,9 @@ def project(intrinsics, x):
     r2 = a * a + b * b
     i = intrinsics.T
     radial = 1 + r2 * (i[4] + r2 * (i[5] + r2 * i[8]))
-    return np.stack([i[0] * (a * radial + i[12] * r2) + i[2], i[1] * (b * radial + i[14] * r2) + i[3]], axis=1)
+    u = a * radial + 2 * i[6] * a * b + i[7] * (r2 + 2 * a * a) + i[12] * r2 + i[13] * r2**2
+    v = b * radial + i[6] * (r2 + 2 * b * b) + 2 * i[7] * a * b + i[14] * r2 + i[15] * r2**2
+    return np.stack([i[0] * u + i[2], i[1] * v + i[3]], axis=1)
 
 
 # --- (3)-(9) ----------------------------------------------------------------------------------------------------------
@@ -237,8 +239,10 @@ def projected(x, placement):
             while cost(s + step) > cost(s) and np.linalg.norm(step) > 1e-15 * s[3]:
                 step = step / 2
             s = s + step
-            if np.linalg.norm(step) < 1e-14 * s[3]:
+            if np.linalg.norm(step) < 1e-14 * s[3] or s[3] > 1e3:
                 break
+        if s[3] > 10 * np.linalg.norm(own - own.mean(axis=0), axis=1).max():
+            continue  # a plane
         ray = own - s[:3]
         out[rows] = s[:3] + ray * (s[3] / np.linalg.norm(ray, axis=1))[:, None]
     return out

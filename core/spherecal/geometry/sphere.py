@@ -7,6 +7,10 @@ from scipy.optimize import least_squares
 
 from spherecal.base.arrays import FloatArray
 
+# Where points scatter by more than their cap is deep, the nearest sphere may be a plane, of radius without end (chained
+# points of rig A, nominal intrinsics, 100 targets). A ball's caps have radii of 1 to 2 times their extent.
+MOST_RADII = 10.0
+
 
 @dataclass(frozen=True)
 class Sphere:
@@ -44,7 +48,7 @@ def fit_sphere(points: FloatArray) -> Sphere | None:
 
 
 def fit_sphere_geometrically(points: FloatArray) -> Sphere | None:
-    """The sphere (n, 3) with the least sum of squared distances, from the linear one; None where that fails.
+    """The sphere (n, 3) with the least sum of squared distances, from the linear one; None where that is a plane.
 
     Where points cover a cap and scatter, the linear fit is small: on caps of 60 degrees with 25 % noise its centre is
     0.3 radii off, this one's 0.04 (docs/decisions/0005-sphere-by-linear-least-squares.md).
@@ -63,6 +67,7 @@ def fit_sphere_geometrically(points: FloatArray) -> Sphere | None:
     exact = {"ftol": 1e-14, "xtol": 1e-14, "gtol": 1e-14}
     fit = least_squares(distances, [*start.centre, start.radius], derivatives, method="lm", **exact)  # type: ignore[arg-type]
     centre, radius = fit.x[:3], float(fit.x[3])
-    if not (np.isfinite(fit.x).all() and radius > 0):
+    extent = np.linalg.norm(points - points.mean(axis=0), axis=1).max()
+    if not 0 < radius <= MOST_RADII * extent:
         return None
     return Sphere(centre, radius, float(np.sqrt((fit.fun**2).sum() / max(len(points) - 4, 1))))

@@ -136,12 +136,12 @@ def groups(xy, camera, feature, n_cameras, focal, th_pt):
 
 
 def weight(e, n, th_er, xi1=1.0, xi2=1.0):
-    """(10)-(12)."""
+    """(11)-(13) of the errors (10)."""
     return xi1 * (e[0] + e[1]) / 2 + xi2 / n if max(e) <= th_er else np.inf
 
 
 def adjacency(found, common, th_er):
-    """(13): pair -> (weight, group)."""
+    """The lightest of (13): pair -> (weight, group)."""
     lightest = {}
     for cameras, (_, _, _, _, error) in found.items():
         for a, b in combinations(range(3), 2):

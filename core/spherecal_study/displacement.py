@@ -70,7 +70,7 @@ def published_cases(session: Session, truth: Truth, settings: CalibrationSetting
 
 
 def path_length(local: LocalNetwork, path: Path, settings: CalibrationSettings) -> float:
-    """The sum of the weights (12) of the edges that a path really takes; none-OPT does not take the lightest."""
+    """The sum of the weights (13) of the edges that a path really takes; none-OPT does not take the lightest."""
     length = 0.0
     for a, b, number in zip(path.cameras, path.cameras[1:], path.triples, strict=False):
         edges = edges_of(local.triples[number], local.counts, settings.weights)

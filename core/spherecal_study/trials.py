@@ -153,7 +153,7 @@ def paths(
 def path_figures(session: Session, search: Search, numbers: PathNumbers | None = None) -> dict[str, Any]:
     """The result of `paths` for a session with observations, but for the cameras' places; by the paper's own pipeline.
 
-    `count_share`: the median share of the term xi2 / N in an edge's weight, [Tao21] (12). `changed_by_count`: of how
+    `count_share`: the median share of the term xi2 / N in an edge's weight, [Tao21] (13). `changed_by_count`: of how
     many cameras the path is another one without that term. A path over an edge that the graph refuses has no length.
 
     `numbers`: xi1, xi2, TH_er in px (None: by the data) and b; None leaves all to the method.

@@ -76,7 +76,7 @@ def calibrate_as_published(
 
 
 def local_reconstruction(recording: Recording, settings: CalibrationSettings, context: Context) -> LocalNetwork:
-    """All groups of three cameras with TH_pt common points, the adjacency (13), and every camera's path (14)-(15)."""
+    """All groups of three cameras with TH_pt common points, the adjacency, and every camera's path (14)-(15)."""
     observations, features, intrinsics = recording.observations, recording.features, recording.priors
     xy, usable = undistort_views(observations.uv, observations.camera, intrinsics)
     table = np.full((len(observations.cameras), len(features)), -1)
@@ -115,7 +115,7 @@ def reconstructed_group(cameras: IntArray, common: IntArray, xy: FloatArray, foc
 
 
 def adjacency(groups: list[Triple], counts: IntArray, weights: EdgeWeights) -> CameraGraph:
-    """The lightest reconstruction of every pair (10)-(13), and how many groups share each camera.
+    """The lightest reconstruction of every pair, and how many groups share each camera.
 
     Groups keep the scale that their factorisation gives them.
 
@@ -132,7 +132,7 @@ def adjacency(groups: list[Triple], counts: IntArray, weights: EdgeWeights) -> C
 
 
 def edges_of(group: Triple, counts: IntArray, weights: EdgeWeights) -> list[tuple[int, int, float]]:
-    """A group's three pairs of cameras with their weights (10)-(12)."""
+    """A group's three pairs of cameras with their weights (10)-(13)."""
     threshold = TH_ER_PX if weights.threshold_px is None else weights.threshold_px
     pairs = [(a, b, int(counts[group.cameras[a], group.cameras[b]])) for a, b in ((0, 1), (0, 2), (1, 2))]
     error = group.error_px
@@ -184,7 +184,7 @@ def optimal_path_transformation(
 def point_sources(local: LocalNetwork, settings: CalibrationSettings) -> list[tuple[Triple, int]]:
     """The groups that give points, first the one to believe, and the camera along whose path (17) chains them.
 
-    OPT believes the lightest group (12) and refuses those beyond TH_er; none-OPT takes them as they are listed. The
+    OPT believes the lightest group (13) and refuses those beyond TH_er; none-OPT takes them as they are listed. The
     camera is the one with the shortest path.
     """
 

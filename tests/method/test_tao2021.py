@@ -10,7 +10,7 @@ from networks import simulated
 from spherecal.base.context import Context
 from spherecal.data.recording import Recording
 from spherecal.steps import tao2021
-from spherecal.steps.settings import CalibrationSettings
+from spherecal.steps.settings import TH_PT, CalibrationSettings
 
 PAPER = CalibrationSettings(method="tao2021")
 NAMES = ("rigA", "rigB")
@@ -43,7 +43,7 @@ class Plain:
         o, f = recording.observations, recording.features
         self.n, intrinsics = len(o.cameras), recording.priors
         xy = plain.normalised(o.uv, o.camera, intrinsics)
-        found, self.common = plain.groups(xy, o.camera, f.of_observation, self.n, intrinsics[:, 0], 20)
+        found, self.common = plain.groups(xy, o.camera, f.of_observation, self.n, intrinsics[:, 0], TH_PT)
         self.found, self.reference = found, plain.reference(found, self.n)
         self.lightest = plain.adjacency(found, self.common, tao2021.TH_ER_PX)
         self.paths = {self.reference: (0.0, (self.reference,))}

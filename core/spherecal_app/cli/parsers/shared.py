@@ -107,8 +107,8 @@ def search(to: To) -> None:
     flag(to, "--no-opt-listed", "none-OPT in the literal order of Algorithm 3: triples by number")
     flag(to, "--dijkstra", "use shortest paths instead of A*")
     flag(to, "--no-spo", "none-SPO: no spherical projection (affects only --method tao2021)")
-    text = "TH_pt: points that a group of three cameras needs in common (only --method tao2021; default 20)"
-    number(to, "--th-pt", "N", text, between(int, 8, 1_000_000, "must be 8 or more"), default=20)
+    text = "TH_pt: points that a group of three cameras needs in common (only --method tao2021; default 12)"
+    number(to, "--th-pt", "N", text, between(int, 8, 1_000_000, "must be 8 or more"), default=12)
     text = "its damping: of the diagonal (Marquardt) or by the identity (Levenberg); only --method tao2021"
     choice(to, "--damping", ("diagonal", "identity"), text, "diagonal")
 

@@ -301,7 +301,7 @@ _PROFILE = _document(
     validity={"ageing_hours": 5.0, "stale_hours": 12.0, "ageing_kelvin": 1.0, "stale_kelvin": 2.0},
 )
 _ENTRY = _document(
-    "profile-entry", saved_at=TIME, calibrated_at=TIME, note="n",
+    "profile-entry", saved_at=TIME, calibrated_at=TIME, note="n", method="tao2021",
     quality={"valid": True, "verdict": "valid", "care": "", "rms_px": 0.05, "sigma0": 1.0},
     scale={"source": "bar", "artefact": "B", "relative_uncertainty": 1e-5}, sphere_diameter_mm=500.0, temperature_c=20.0,  # noqa: E501
     volume_mm=[[0, 0, 0], [1, 1, 1]], verification={"verdict": "consistent", "mean_error_mm": -0.01, "max_abs_error_mm": 0.1},  # noqa: E501

@@ -18,8 +18,8 @@ from spherecal.steps.repairs import Repairs
 
 Method = Literal["auto", "tao2021", "free", "soft", "rigid", "board", "bar"]
 
-# TH_pt of [Tao21], which gives no value. On rig B 20 common points leave cameras without a path in 8 of 12 runs, 16 in 2,
-# 12 in none; with 8, from groups that hardly hold together, 8 of 12 adjustments end in the optimum instead of 11.
+# TH_pt of [Tao21], which gives no value. On rig B 20 common points leave cameras without a path in 8 of 12 runs, 16 in
+# 2, 12 in none; with 8, from groups that hardly hold together, 8 of 12 adjustments end in the optimum instead of 11.
 TH_PT = 12
 
 

@@ -205,6 +205,7 @@ def _against_paper(document: Document, cases: Any, options: Options) -> StudyPag
             ),
             *wide,
         ],
+        "tao2021",
     )
 
 

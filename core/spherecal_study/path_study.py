@@ -307,7 +307,7 @@ def _against_paper(
                 bars.n,
             ),
         ]
-    return paper_table(document, [*rows, *ends])
+    return paper_table(document, [*rows, *ends], "tao2021")
 
 
 def _over(one: float | None, other: float | None) -> float | None:

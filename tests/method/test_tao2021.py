@@ -9,6 +9,7 @@ from networks import simulated
 
 from spherecal.base.context import Context
 from spherecal.data.recording import Recording
+from spherecal.geometry.sphere import fit_sphere, fit_sphere_geometrically
 from spherecal.steps import tao2021
 from spherecal.steps.settings import TH_PT, CalibrationSettings
 
@@ -130,3 +131,55 @@ def test_rig_b_is_at_its_minimum_by_another_one_too(known):
     assert ours.minimum.converged
     state = replace(ours.state, points=np.nan_to_num(ours.state.points))
     assert by_the_other(recording, start, state, 3)[0] == pytest.approx(ours.minimum.cost, rel=1e-6)
+
+
+def ends(preset, seed, known=False):
+    """The start's points and the rms (px) at which the adjustment ends, by search and whether points are projected."""
+    recording, _ = recorded(preset, seed, known)
+    found = {}
+    for search in ("opt", "first-listed"):
+        settings = replace(PAPER, search=search)
+        of_groups, _, start = started(recording, settings)
+        for spo in (True, False):
+            begun = tao2021.spherical_projection(of_groups, start) if spo else start
+            adjusted = tao2021.bundle_adjustment(begun, settings, Context())
+            found[search, spo] = begun.points, np.sqrt(2 * adjusted.minimum.cost / len(adjusted.problem.uv))
+    return found
+
+
+def test_opt_and_spo_decide_where_rig_b_ends() -> None:
+    """Of eight recordings: OPT with SPO ends right in 8, OPT alone in 7, none-OPT in its literal order in 2."""
+    found = [ends("rigB", seed) for seed in range(1, 9)]
+    right = {way: sum(one[way][1] < 0.05 for one in found) for way in found[0]}
+    assert right["opt", True] >= 7
+    assert right["first-listed", True] <= 5 and right["first-listed", False] <= 5
+    assert found[1]["opt", True][1] < 0.05 < 0.3 < found[1]["opt", False][1]  # SPO alone makes the difference
+
+
+@pytest.mark.parametrize("known", [False, True], ids=["nominal", "known"])
+def test_opt_and_spo_change_only_the_start_where_rig_a_converges_anyway(known) -> None:
+    found = ends("rigA", 2, known)
+    points, rms = zip(*found.values(), strict=True)
+    assert max(rms) < 0.05 and max(rms) == pytest.approx(min(rms), rel=1e-6)
+    size = np.nanstd(points[0])
+    for a, b in ((0, 1), (0, 2), (1, 3)):
+        assert np.nanmax(np.linalg.norm(points[a] - points[b], axis=1)) > 0.05 * size
+
+
+def test_a_cap_with_noise_has_its_sphere_and_a_plane_none() -> None:
+    """Where points cover a cap and scatter, the linear sphere is small; the geometric one is right, or there is none."""
+    rng, linear, geometric = np.random.default_rng(0), [], []
+    for _ in range(30):
+        way = rng.normal(size=(400, 3))
+        way /= np.linalg.norm(way, axis=1)[:, None]
+        cap = way[way[:, 2] > 0.2]
+        noisy = cap + 0.1 * rng.normal(size=cap.shape)
+        linear.append(fit_sphere(noisy))
+        geometric.append(fit_sphere_geometrically(noisy))
+    radius = [np.mean([one.radius for one in some]) for some in (linear, geometric)]
+    centre = [np.mean([np.linalg.norm(one.centre) for one in some]) for some in (linear, geometric)]
+    assert radius[0] < 0.97 < radius[1] < 1.05 and centre[1] < 0.6 * centre[0]
+    flat = np.column_stack(
+        [np.stack(np.meshgrid(*[np.linspace(-1, 1, 9)] * 2), -1).reshape(-1, 2), rng.normal(0, 0.3, 81)]
+    )
+    assert fit_sphere_geometrically(np.vstack([flat, flat * [1, 1, -1]])) is None

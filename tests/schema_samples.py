@@ -301,7 +301,7 @@ _PROFILE = _document(
     validity={"ageing_hours": 5.0, "stale_hours": 12.0, "ageing_kelvin": 1.0, "stale_kelvin": 2.0},
 )
 _ENTRY = _document(
-    "profile-entry", saved_at=TIME, calibrated_at=TIME, note="n", method="tao2021",
+    "profile-entry", saved_at=TIME, calibrated_at=TIME, note="n",
     quality={"valid": True, "verdict": "valid", "care": "", "rms_px": 0.05, "sigma0": 1.0},
     scale={"source": "bar", "artefact": "B", "relative_uncertainty": 1e-5}, sphere_diameter_mm=500.0, temperature_c=20.0,  # noqa: E501
     volume_mm=[[0, 0, 0], [1, 1, 1]], verification={"verdict": "consistent", "mean_error_mm": -0.01, "max_abs_error_mm": 0.1},  # noqa: E501
@@ -354,7 +354,7 @@ _WIZARD = _document(
     },
     calibrated=_RUN, accepted=_RUN, verified=_RUN, saved=_RUN, checked=_RUN, repaired=_RUN, failures={"solve": "no"},
     repairs=[["--leave-out", "C05"]], masks=[{"camera": "C01", "rectangle": [0, 0, 1, 1]}], limit="0.1", bar_celsius=20.0,  # noqa: E501
-    pose_bars=[["A1", "A"]], note="n",
+    pose_bars=[["A1", "A"]], note="n", method="tao2021",
     flaws=[{"set": "P1", "taken": TIME, "code": "taken moving", "cameras": ["C01"], "kept": True}],
 )  # fmt: skip
 

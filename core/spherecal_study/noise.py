@@ -58,6 +58,7 @@ def _cases(options: Options) -> list[tuple[str, str, bool, str, str]]:
 
 
 _Cases = list[dict[str, Any]]
+_USUAL_STEPS = 50
 
 
 def page(listed: list[Trial], results: Results, options: Options) -> StudyPage:
@@ -91,7 +92,7 @@ def page(listed: list[Trial], results: Results, options: Options) -> StudyPage:
             rows += [_row(f"{name}, {text}", p, cases(rig, damping, known, way, p)) for p in PERCENT]
     table(
         document,
-        ("start and adjustment", "a", "converged", "95 %", "start px", "steps", "final px"),
+        ("start and adjustment", "a", "converged", "95 %", "in 50 steps", "start px", "steps", "final px"),
         rows,
     )
     series = {
@@ -111,9 +112,15 @@ def _row(name: str, percent: int, chosen: _Cases) -> list[str]:
     steps, px = estimate([c["iterations"] for c in chosen]), estimate([c["mean_px"] for c in chosen])
     at = f"{percent} %"
     if not n:
-        return [name, at, *"-----"]
+        return [name, at, *"------"]
     start = f"{np.median([c['start_px'] for c in chosen]):.0f}"
-    return [name, at, f"{count} of {n}", f"{100 * low:.0f} to {100 * high:.0f} %", start, steps.words(1), px.words(4)]
+    share, soon = f"{100 * low:.0f} to {100 * high:.0f} %", f"{sum(_is_soon(c) for c in chosen)} of {n}"
+    return [name, at, f"{count} of {n}", share, soon, start, steps.words(1), px.words(4)]
+
+
+def _is_soon(case: dict[str, Any]) -> bool:
+    """Whether it converged and stopped by itself within the steps that programs of the paper's time have as a limit."""
+    return case["converged"] and case["settled"] and case["iterations"] <= _USUAL_STEPS
 
 
 def _share(chosen: _Cases) -> float:
@@ -154,6 +161,22 @@ def _against_paper(document: Document, cases: Any, options: Options) -> StudyPag
     steps = {way: estimate([c["iterations"] for c in cases(_RIG, "identity", options.known, way)]) for way, _ in _WAYS}
     lost = [c for c in cases(_RIG, "identity", options.known, "none", 20, 25) if not c["converged"]]
     by_steps = sum(not c["settled"] for c in lost)
+    within = []
+    for way, name in _WAYS:
+        for percents in ((10, 15), (20, 25)):
+            found = cases(_RIG, "identity", options.known, way, *percents)
+            of = " and ".join(f"{p} %" for p in percents)
+            within.append(
+                PaperComparison(
+                    f"{name}, {of}, identity in millimetres: stopped by itself within {_USUAL_STEPS} steps",
+                    "does not converge" if (way, percents) == ("none", (20, 25)) else "converges",
+                    f"{sum(_is_soon(c) for c in found)} of {len(found)} cases",
+                    None,
+                    f"{sum(c['converged'] for c in found)} reach the optimum within 200 steps.",
+                    "",
+                    len(found) // 2,
+                )
+            )
     wide = []
     for known in (False, True):
         with_spo, without = (runs(_WIDE, "diagonal", known, way, 25) for way in ("spo", "none"))
@@ -203,6 +226,7 @@ def _against_paper(document: Document, cases: Any, options: Options) -> StudyPag
                 "",
                 n,
             ),
+            *within,
             *wide,
         ],
         "tao2021",

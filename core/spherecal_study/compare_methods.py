@@ -374,7 +374,7 @@ def _rivals(found: _Found) -> list[PaperComparison]:
             "computing time",
             lambda r: float(r["cpu_s"]),
             "s",
-            "handling by hand, most of 168.71, 319.20 and 237.89 s, was not measured.",
+            "handling by hand, most of 168.71 s (ball), 319.20 s (1-D) and 237.89 s (2-D), was not measured.",
         ),
     ):
         lines.append(_compared(f"{what} of the three methods", values, found, value, unit, [], why))

@@ -90,6 +90,7 @@ class CalibratePage(Page):
         row.addLayout(right, 3)
         column.addWidget(self._work, 1)
         self._method_line = self._make_method_line()
+        self._method_line.hide()
         self.details.toggled.connect(self._show_method)
         column.addWidget(self._method_line)
         if self.course.stages:  # a window made again, in another language say
